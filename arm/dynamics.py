@@ -1,0 +1,118 @@
+"""Rigid-body dynamics of the nominal arm, by pinocchio, over whole time series."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from arm.errors import InputError
+from arm.nominal import NominalArm
+
+INERTIAL_PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+"""Order of the ten inertial parameters of a link, expressed in the frame of the joint that moves it (pinocchio)."""
+
+
+def _urdf_text(path: Path) -> str:
+    """URDF as text, with continuous joints turned into revolute ones (pinocchio would give them two coordinates)."""
+    try:
+        root = ET.parse(path).getroot()
+    except FileNotFoundError:
+        raise InputError("no such file", "check the robot: entry of the case", file=path) from None
+    except ET.ParseError as error:
+        raise InputError(f"is not valid XML ({error})", file=path) from None
+    if root.tag != "robot":
+        raise InputError(f"root element is <{root.tag}>, expected <robot>", "give a URDF file", file=path)
+    for joint in root.iter("joint"):
+        if joint.get("type") == "continuous":
+            joint.set("type", "revolute")
+            limit = joint.find("limit")
+            if limit is None:
+                limit = ET.SubElement(joint, "limit", effort="0", velocity="0")
+            limit.set("lower", "-1e9")
+            limit.set("upper", "1e9")
+    return ET.tostring(root, encoding="unicode")
+
+
+def actuated_joints(path: Path) -> list[str]:
+    """Names of the movable joints of a URDF in kinematic order."""
+    model = _build(path)
+    return list(model.names)[1:]
+
+
+def _build(path: Path) -> pin.Model:
+    try:
+        return pin.buildModelFromXML(_urdf_text(path))
+    except (ValueError, RuntimeError) as error:
+        raise InputError(f"cannot be read as a robot ({error})", file=path) from None
+
+
+class RigidBody:
+    """Rigid-body model of a nominal arm, without armature and friction.
+
+    All methods take q [rad], dq [rad/s], ddq [rad/s^2] of shape (N, n) in the arm's joint order and return
+    joint-side torque [N m].
+
+    Raises:
+        InputError: the URDF lacks one of the arm's joints.
+    """
+
+    def __init__(self, arm: NominalArm) -> None:
+        full = _build(arm.urdf)
+        names = list(full.names)[1:]
+        missing = [name for name in arm.joints if name not in names]
+        if missing:
+            raise InputError(
+                f"has no movable joint {', '.join(missing)}; it has {', '.join(names)}",
+                "name the joints of the recording's columns in joints:, or give the URDF of the recorded arm",
+                file=arm.urdf,
+            )
+        locked = [full.getJointId(name) for name in names if name not in arm.joints]
+        self.model = pin.buildReducedModel(full, locked, np.zeros(full.nq)) if locked else full
+        self.model.gravity = pin.Motion(np.array(arm.gravity), np.zeros(3))
+        self.model.armature = np.zeros(self.model.nv)
+        if self.model.nq != self.model.nv or self.model.nv != arm.n_joints:
+            raise InputError("has joints with more than one degree of freedom", file=arm.urdf)
+        self._data = self.model.createData()
+        self.links = np.array([self.model.getJointId(name) for name in arm.joints])
+        columns = np.array([self.model.joints[int(link)].idx_v for link in self.links])
+        self._to_model = np.argsort(columns)
+        self._to_arm = columns
+        self.n_joints = arm.n_joints
+        self.last_link = int(self._to_model[-1])
+
+    def inverse_dynamics(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+        """tau = M(q) ddq + C(q, dq) dq + g(q), shape (N, n)."""
+        q, dq, ddq = (np.ascontiguousarray(x[:, self._to_model]) for x in (q, dq, ddq))
+        model, data, rnea = self.model, self._data, pin.rnea
+        out = np.empty_like(q)
+        for i in range(len(q)):
+            out[i] = rnea(model, data, q[i], dq[i], ddq[i])
+        return out[:, self._to_arm]
+
+    def position_sensitivity(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+        """d tau_i / d q_j of the inverse dynamics [N m/rad], shape (N, n, n)."""
+        q, dq, ddq = (np.ascontiguousarray(x[:, self._to_model]) for x in (q, dq, ddq))
+        model, data = self.model, self._data
+        out = np.empty((len(q), self.n_joints, self.n_joints))
+        for i in range(len(q)):
+            pin.computeRNEADerivatives(model, data, q[i], dq[i], ddq[i])
+            out[i] = data.dtau_dq
+        return out[:, self._to_arm][:, :, self._to_arm]
+
+    def regressor(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+        """Y with tau = Y pi, shape (N, n, 10 n); pi stacks ``INERTIAL_PARAMETERS`` of each link, in joint order."""
+        q, dq, ddq = (np.ascontiguousarray(x[:, self._to_model]) for x in (q, dq, ddq))
+        model, data = self.model, self._data
+        n = self.n_joints
+        out = np.empty((len(q), n, 10 * n))
+        for i in range(len(q)):
+            out[i] = pin.computeJointTorqueRegressor(model, data, q[i], dq[i], ddq[i])
+        by_link = out.reshape(len(q), n, n, 10)[:, self._to_arm][:, :, self._to_arm]
+        return by_link.reshape(len(q), n, 10 * n)
+
+    def inertial_parameters(self) -> np.ndarray:
+        """Inertial parameters pi of the links in joint order, shape (10 n,); units kg, kg m, kg m^2."""
+        return np.concatenate([self.model.inertias[int(link)].toDynamicParameters() for link in self.links])

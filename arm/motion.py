@@ -1,0 +1,27 @@
+"""A motion as the inverse dynamics wants it: positions with their derivatives on a uniform grid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Joint motion on a uniform time grid, N samples of n joints.
+
+    Attributes:
+        t: time [s], shape (N,), uniform.
+        q, dq, ddq: position [rad], velocity [rad/s], acceleration [rad/s^2] as the encoders see them, (N, n).
+    """
+
+    t: np.ndarray
+    q: np.ndarray
+    dq: np.ndarray
+    ddq: np.ndarray
+
+    @property
+    def rate(self) -> float:
+        """Sampling rate [Hz]."""
+        return float((len(self.t) - 1) / (self.t[-1] - self.t[0]))
