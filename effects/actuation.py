@@ -37,6 +37,10 @@ OFFSET = Path(
     parameters=(Parameter("torque", "o", "N m", (-200.0, 200.0), (0.1, 3.5)),),
     looks_like="a constant torque",
     reference="gautier1992",
+    confused_with=(
+        ("encoder_offset", "static poses over the whole range of the joint"),
+        ("coulomb_friction", "slow motion in both directions"),
+    ),
     inverse=offset_inverse,
 )
 
@@ -48,6 +52,10 @@ SCALE = Path(
     parameters=(Parameter("scale", "s", "1", (-0.8, 4.0), (0.1, 0.3)),),
     looks_like="a gap proportional to the whole torque of the joint",
     reference="gautier2014",
+    confused_with=(
+        ("payload", "the same motion with a known payload"),
+        ("load_friction", "slow motion in both directions under load"),
+    ),
     inverse=scale_inverse,
 )
 
@@ -59,5 +67,9 @@ DELAY = Path(
     parameters=(Parameter("delay", "T", "s", (0.0, 0.2), (0.002, 0.02)),),
     looks_like="a phase lag of the torque that grows linearly with frequency",
     reference="hwangbo2019",
+    confused_with=(
+        ("armature", "a chirp above 10 Hz"),
+        ("viscous_friction", "a chirp above 10 Hz"),
+    ),
     inverse=delay_inverse,
 )

@@ -50,8 +50,7 @@ class CorrectedArm:
         torque = body.inverse_dynamics(q, motion.dq, motion.ddq)
         payload = self.payload()
         if payload.any():
-            last = slice(10 * body.last_link, 10 * body.last_link + 10)
-            torque = torque + body.regressor(q, motion.dq, motion.ddq)[:, :, last] @ payload
+            torque = torque + body.last_link_regressor(q, motion.dq, motion.ddq) @ payload
         return torque
 
     def needed_torque(self, rigid: np.ndarray, motion: Motion) -> np.ndarray:

@@ -45,6 +45,7 @@ class Effect:
         parameters: its parameters.
         looks_like: what gives it away in data.
         reference: source of the form or of the typical values; a key of ``docs/references.md``.
+        confused_with: names of effects that look alike, each with the recording that separates the two.
     """
 
     name: str
@@ -54,19 +55,18 @@ class Effect:
     parameters: tuple[Parameter, ...]
     looks_like: str
     reference: str
+    confused_with: tuple[tuple[str, str], ...] = ()
 
     def parameter(self, name: str) -> Parameter:
         """The parameter called ``name``; raises ``KeyError`` if there is none."""
-        return next(p for p in self.parameters if p.name == name) if name in self.names else _missing(self, name)
+        if name not in self.names:
+            raise KeyError(f"{self.name} has no parameter {name!r}; it has {', '.join(self.names)}")
+        return next(p for p in self.parameters if p.name == name)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters."""
         return tuple(p.name for p in self.parameters)
-
-
-def _missing(effect: Effect, name: str) -> Parameter:
-    raise KeyError(f"{effect.name} has no parameter {name!r}; it has {', '.join(effect.names)}")
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,10 @@ COULOMB = TorqueLaw(
     parameters=(Parameter("torque", "c", "N m", (-200.0, 200.0), (0.1, 14.0), increment=True),),
     looks_like="an odd step of the torque at v = 0",
     reference="gaz2019",
+    confused_with=(
+        ("load_friction", "the same motion with two payloads"),
+        ("viscous_friction", "the same path at a tenth of the speed"),
+    ),
     law=coulomb,
 )
 
@@ -47,6 +51,10 @@ VISCOUS = TorqueLaw(
     parameters=(Parameter("coefficient", "b", "N m s/rad", (-200.0, 200.0), (0.03, 15.0), increment=True),),
     looks_like="a torque linear and odd in velocity",
     reference="swevers2007",
+    confused_with=(
+        ("coulomb_friction", "the same path at a tenth of the speed"),
+        ("armature", "slow and fast runs of the same path"),
+    ),
     law=viscous,
 )
 
@@ -58,5 +66,9 @@ LOAD = TorqueLaw(
     parameters=(Parameter("coefficient", "mu", "1", (0.0, 0.8), (0.03, 0.31)),),
     looks_like="a friction loop whose width grows with the load",
     reference="hamon2010",
+    confused_with=(
+        ("coulomb_friction", "the same motion with two payloads"),
+        ("torque_scale", "static poses under load, then slow reversals"),
+    ),
     law=load_dependent,
 )

@@ -25,6 +25,10 @@ ARMATURE = Inertial(
     parameters=(Parameter("inertia", "I", "kg m^2", (-10.0, 50.0), (0.02, 1.3), increment=True),),
     looks_like="a torque proportional to the joint's own acceleration only",
     reference="swevers2007",
+    confused_with=(
+        ("actuator_delay", "a chirp above 10 Hz"),
+        ("payload", "fast motion of this joint alone, arm stretched and folded"),
+    ),
 )
 
 PAYLOAD = Inertial(
@@ -38,4 +42,8 @@ PAYLOAD = Inertial(
     ),
     looks_like="coherent gravity and inertia torque on all joints",
     reference="hollerbach2008",
+    confused_with=(
+        ("torque_scale", "the same motion with a known payload"),
+        ("encoder_offset", "static poses over the whole range of every joint"),
+    ),
 )

@@ -20,5 +20,9 @@ ENCODER_OFFSET = Sensing(
     parameters=(Parameter("offset", "delta", "rad", (-0.8, 0.8), (0.0175, 0.0873)),),
     looks_like="an error periodic with gravity, on this joint and those before it",
     reference="hollerbach2008",
+    confused_with=(
+        ("torque_offset", "static poses over the whole range of the joint"),
+        ("payload", "static poses with and without a known payload"),
+    ),
     true=remove_offset,
 )

@@ -1,0 +1,120 @@
+"""The main job: a case goes in, a diagnosis comes out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from arm.case import Case
+from arm.dynamics import RigidBody
+from arm.errors import GapscopeError
+from diagnosis.findings import document
+from diagnosis.gap import TorqueGap, healthy, torque_gap, torque_scale
+from diagnosis.judge import Judge
+from diagnosis.pictures import signatures, spectrum, traces
+from diagnosis.result import Diagnosis
+from diagnosis.search import Search, search
+from effects.applied import AppliedEffect
+from effects.corrected import CorrectedArm
+from ident.conditioning import TORQUE_CUTOFF, Segment, blocks, condition, position_cutoff
+
+BLOCKS = 4
+"""Folds into which a single recording is cut."""
+
+
+@dataclass(frozen=True)
+class Study:
+    """Everything that the findings of one case are read from.
+
+    Attributes:
+        case, body: the case and the dynamics of its nominal arm.
+        cutoff: cut-off of the positions [Hz].
+        found: result of the search.
+        effects: the effects found, with values fitted to all that may be fitted.
+        judge: predicts unseen data.
+        before, after: gap on unseen data without and with the effects.
+        floor: RMS that a healthy arm of this kind would leave [N m], (n,).
+        left: RMS of the gap that is left once the errors of the nominal inertials are allowed for as well [N m], (n,).
+    """
+
+    case: Case
+    body: RigidBody
+    cutoff: float
+    found: Search
+    effects: tuple[AppliedEffect, ...]
+    judge: Judge
+    before: TorqueGap
+    after: TorqueGap
+    floor: np.ndarray
+    left: np.ndarray
+
+
+def diagnose(case: Case, progress: Callable[[str], None] = lambda message: None) -> Diagnosis:
+    """Find where the gap of a case lies, which effects cause it, and how far it shrinks with them.
+
+    Args:
+        case: the nominal arm and its recordings.
+        progress: called with a few words at each step.
+
+    Raises:
+        GapscopeError: no recording carries a torque that can be trusted.
+        InputError: a recording has no stretch without gaps that is long enough.
+    """
+    study = _study(case, progress)
+    progress("writes the findings")
+    corrected = CorrectedArm(case.arm, study.effects)
+    return Diagnosis(
+        document=document(study),
+        effects=study.effects,
+        traces=traces(corrected, study.body, study.judge.segments),
+        signatures=signatures(corrected, study.body, study.judge.segments),
+        spectrum=spectrum(study.before, study.after, study.judge.segments[0].motion.rate),
+    )
+
+
+def _study(case: Case, progress: Callable[[str], None]) -> Study:
+    _check_torque(case)
+    progress("conditions the signals")
+    body = RigidBody(case.arm)
+    cutoff = position_cutoff((*case.recordings, *case.judged))
+    fitted = [condition(r, cutoff) for r in case.recordings if r.tau is not None]
+    judged = [s for r in case.judged if r.tau is not None for s in condition(r, cutoff)]
+    folds = fitted if len(fitted) > 1 else [[b] for s in fitted[0] for b in blocks(s, BLOCKS)]
+    progress("searches for effects")
+    found = search(case.arm, body, folds, min(TORQUE_CUTOFF, cutoff), progress)
+    progress("judges on unseen data")
+    judge = Judge(case.arm, body, found, folds, judged)
+    effects = found.evidence.terms.effects(found.fit.theta, found.fit.terms)
+    before, after = judge.gap(frozenset()), judge.gap(found.fit.terms)
+    floor, left = _floor(CorrectedArm(case.arm, effects), body, judge.segments, found)
+    return Study(case, body, cutoff, found, effects, judge, before, after, floor, left)
+
+
+def _check_torque(case: Case) -> None:
+    if any(recording.tau is not None for recording in case.recordings):
+        return
+    why = "; ".join((*case.warnings, *(note for r in case.recordings for note in r.notes))) or "none has a torque column"
+    raise GapscopeError(
+        f"{case.name}: no recording carries a torque that can be trusted ({why})",
+        "give torque with its sign in column tau1.., or map it in the case's import: section",
+    )
+
+
+def _floor(
+    corrected: CorrectedArm, body: RigidBody, segments: list[Segment], found: Search
+) -> tuple[np.ndarray, np.ndarray]:
+    """RMS of a healthy arm [N m], (n,), with its inertials a little wrong; and what is left above all of it.
+
+    What is left is the gap with values fitted to all that may be fitted: values fitted to slow recordings alone may
+    fail on a fast one although nothing is missing from the model.
+    """
+    gap = torque_gap(corrected, body, segments)
+    floors = np.array([healthy(corrected, body, s).floor for s in segments])
+    noise2 = np.average(floors**2, axis=0, weights=np.diff(gap.edges))
+    evidence, terms = found.evidence, found.fit.terms
+    plain, allowed = ((evidence.unseen(terms, corrected=c) * evidence.rows).sum(axis=0) for c in (False, True))
+    nominal2 = np.clip(plain - allowed, 0.0, None) / evidence.rows.sum(axis=0)
+    nominal2 *= (torque_scale(gap.measured) / found.scale) ** 2
+    return np.sqrt(noise2 + nominal2), np.sqrt(np.clip(gap.rmse**2 - nominal2, 0.0, None))

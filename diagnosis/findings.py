@@ -1,0 +1,198 @@
+"""The content of ``diagnosis.json``: findings read from a study of a case."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from diagnosis.gap import TIMING, torque_scale
+from diagnosis.rivals import rivals, separated_by
+from diagnosis.rows import Rows, stack
+from diagnosis.where import Region, regions
+from effects.applied import AppliedEffect
+
+if TYPE_CHECKING:
+    from diagnosis.diagnose import Study
+
+UNEXPLAINED_RATIO = 1.6
+"""A joint's gap is above the floor when it exceeds the floor by this factor..."""
+UNEXPLAINED_NRMSE = 0.012
+"""...and by this much torque NRMSE."""
+EXPLAINED = 0.7
+"""With this share of the gap above the floor closed, effects are found even if some is left."""
+OPEN = 0.05
+"""A rival with this probability leaves the question open."""
+
+
+def document(study: Study) -> dict[str, Any]:
+    """``diagnosis.json`` of a study, without NaN, as plain Python values."""
+    scale = torque_scale(study.before.measured)
+    floor, left = study.floor / scale, study.left / scale
+    rows = stack(study.judge.segments)
+    effects = _effects(study, rows)
+    above = left > np.maximum(UNEXPLAINED_RATIO * floor, floor + UNEXPLAINED_NRMSE)
+    before, after = study.before.nrmse, study.after.nrmse
+    closed = float((before - after).sum() / max((before - floor).sum(), 1e-9))
+    verdict = _verdict(bool(effects), bool(above.any()), closed)
+    open_joints = [int(j) + 1 for j in np.flatnonzero(above)]
+    return {
+        "schema": 1,
+        "case": study.case.name,
+        "verdict": verdict,
+        "gap": {
+            "before": {"torque_nrmse": _list(before), "replay_rmse": [None] * len(scale), "floor": _list(floor)},
+            "after": {"torque_nrmse": _list(after), "replay_rmse": [None] * len(scale)},
+        },
+        "effects": effects,
+        "unexplained": {
+            "share": float(np.clip((left**2 - floor**2).clip(0).sum() / max((before**2).sum(), 1e-12), 0, 1)),
+            "above_floor": bool(above.any()),
+            "where": [_region(r) for r in _regions(study, study.after.error, rows, open_joints)],
+        },
+        "next_recording": _next(effects, open_joints),
+        **_context(study, rows),
+    }
+
+
+def _verdict(found: bool, above: bool, closed: float) -> str:
+    if found and (not above or closed >= EXPLAINED):
+        return "effects_found"
+    return "unexplained" if above else "no_gap"
+
+
+def _effects(study: Study, rows: Rows) -> list[dict[str, Any]]:
+    """Findings on the effects, those with the largest share first."""
+    shares = study.judge.shares()
+    draws = study.found.evidence.bootstrap(study.found.fit.terms, np.random.default_rng(0))
+    return [
+        {
+            **_finding(study, applied, rows),
+            "parameters": _parameters(study, applied, draws),
+            "share": float(np.clip(shares[applied.name], 0.0, 1.0)),
+        }
+        for applied in sorted(study.effects, key=lambda e: shares[e.name], reverse=True)
+    ]
+
+
+def _finding(study: Study, applied: AppliedEffect, rows: Rows) -> dict[str, Any]:
+    evidence, fit = study.found.evidence, study.found.fit
+    mine = frozenset(t for t in fit.terms if t.effect == applied.name)
+    only, without = study.judge.gap(mine), study.judge.gap(fit.terms - mine)
+    probability, others = rivals(evidence, fit, applied.name)
+    gained = np.sqrt(np.clip(without.error**2 - study.after.error**2, 0.0, None))
+    joints = applied.joints or tuple(int(j) + 1 for j in np.argsort(-(gained**2).sum(axis=0))[:2])
+    return {
+        "effect": applied.name,
+        "joints": list(applied.joints),
+        "probability": probability,
+        "gap_with_only_this": {"torque_nrmse": _list(only.nrmse)},
+        "gap_without_this": {"torque_nrmse": _list(without.nrmse)},
+        "where": [_region(r) for r in _regions(study, gained, rows, list(joints), most=1)],
+        "alternatives": [
+            {
+                "effect": r.effect, "joints": list(r.joints), "probability": r.probability,
+                "separated_by": separated_by(applied.name, r.effect),
+            }
+            for r in others if r.probability > 1e-3
+        ],
+    }  # fmt: skip
+
+
+def _parameters(study: Study, applied: AppliedEffect, draws: np.ndarray) -> dict[str, Any]:
+    """Values with standard deviations from a block bootstrap; a delay is uncertain by the sampling skew as well."""
+    terms = study.found.evidence.terms
+    if applied.name == "payload":
+        mass, moment = draws[:, terms.payload[0]], draws[:, terms.payload[1:]]
+        samples = {"mass": mass, "com": moment / np.where(np.abs(mass) > 1e-6, mass, 1e-6)[:, None]}
+    else:
+        columns = np.arange(len(draws[0]))[terms.block(applied.effect)][np.array(applied.joints) - 1]
+        samples = {applied.effect.names[0]: draws[:, columns]}
+    skew = TIMING if applied.name == "actuator_delay" else 0.0
+    return {
+        name: {
+            "unit": applied.effect.parameter(name).unit,
+            "value": applied.parameters[name].tolist(),
+            "std": np.hypot(values.std(axis=0), skew).tolist(),
+        }
+        for name, values in samples.items()
+    }
+
+
+def _regions(study: Study, error: np.ndarray, rows: Rows, joints: list[int], most: int = 2) -> list[Region]:
+    return regions(error, rows, study.before.predicted, study.judge.segments[0].motion.rate, joints, most)
+
+
+def _region(region: Region) -> dict[str, Any]:
+    return {
+        "joint": region.joint, "kind": region.kind, "regime": region.regime, "share": region.share,
+        "coverage": region.coverage, "enrichment": region.enrichment,
+    }  # fmt: skip
+
+
+def _next(effects: list[dict[str, Any]], open_joints: list[int]) -> str | None:
+    for effect in effects:
+        for rival in effect["alternatives"]:
+            if rival["probability"] >= OPEN:
+                return f"to tell {effect['effect']} from {rival['effect']}: {rival['separated_by']}"
+    if open_joints:
+        joints = ", ".join(map(str, open_joints))
+        return f"to place what is unexplained on joint {joints}: that joint alone, the same path at half and double speed"
+    return None
+
+
+def _context(study: Study, rows: Rows) -> dict[str, Any]:
+    """What a reader wants to know beside the findings."""
+    case, joints = study.case, list(range(1, study.case.arm.n_joints + 1))
+    notes = [f"{r.name}: {note}" for r in (*case.recordings, *case.judged) for note in r.notes]
+    roles = [(r, "fit") for r in case.recordings] + [(r, "judge") for r in case.judged]
+    if case.judged:
+        judged_on = "recordings set aside for judging"
+    elif len(case.recordings) > 1:
+        judged_on = "each recording, with the values fitted to the others"
+    else:
+        judged_on = "blocks of the one recording, each with the values fitted to the rest"
+    return {
+        "arm": {"robot": case.arm.name, "joints": list(case.arm.joints)},
+        "recordings": [{"name": r.name, "duration": r.duration, "rate": r.rate, "role": role} for r, role in roles],
+        "conditioning": {
+            "rate": study.judge.segments[0].motion.rate,
+            "position_cutoff": study.cutoff,
+            "torque_cutoff": 12.0,
+            "how": "zero-phase Butterworth, order 4, on both sides; positions cut at twice the frequency where their "
+            "spectrum meets its noise; floor from the gap's power density above the band, timing and form of friction",
+            "nominal_inertials_std": study.found.evidence.sigma,
+        },
+        "judged_on": judged_on,
+        "warnings": [*case.warnings, *notes],
+        "where": [_region(r) for r in _regions(study, study.before.error, rows, joints)],
+        "considered": _considered(study),
+    }
+
+
+def _considered(study: Study) -> list[dict[str, Any]]:
+    """The best rivals at each step of the search, and why they lost."""
+    scale = study.found.scale
+    evidence = study.found.evidence
+    out: list[dict[str, Any]] = []
+    for winner, loser in study.found.considered:
+        terms = loser.terms - winner.terms
+        if not terms:
+            continue
+        name = next(iter(terms)).effect
+        gap = [np.sqrt((f.unseen * evidence.rows).sum(axis=0) / evidence.rows.sum(axis=0)) / scale for f in (winner, loser)]
+        lost = {t.effect for t in winner.terms - loser.terms}
+        out.append(
+            {
+                "effect": name,
+                "joints": sorted(t.joint for t in terms if t.joint),
+                "log_evidence": float(loser.score - winner.score),
+                "gap_closed": float((gap[1] - gap[0]).sum()),
+                "reason": f"{', '.join(sorted(lost))} predicts the unseen recordings better",
+            }
+        )
+    return out
+
+
+def _list(values: np.ndarray) -> list[float]:
+    return [float(v) for v in values]

@@ -1,0 +1,113 @@
+"""The torque gap: what the arm predicts against what was recorded, per joint, and the floor under it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import welch
+
+from effects.corrected import CorrectedArm
+from arm.dynamics import RigidBody
+from ident.conditioning import TORQUE_CUTOFF, Segment, low_pass
+
+TIMING = 3e-4
+"""Skew between torque and motion that sampling alone leaves on a healthy arm [s]: about a third of a 1 kHz tick."""
+STICKING = 0.02
+"""Below this speed dry friction is not determined by velocity: bristles bend, the joint sticks [rad/s]."""
+FRICTION_FORM = 0.03
+"""Share of the dry friction by which a healthy arm's differs in form from c sgn v when it slides."""
+
+
+def torque_scale(torque: np.ndarray) -> np.ndarray:
+    """Normalisation of the torque gap [N m], shape (n,): standard deviation, at least 5 % of the largest joint's."""
+    deviation = torque.std(axis=0)
+    return np.maximum(deviation, 0.05 * deviation.max())
+
+
+@dataclass(frozen=True)
+class TorqueGap:
+    """Gap of several segments, filtered at 12 Hz and trimmed, stacked over time; n joints.
+
+    Attributes:
+        measured, predicted: torque [N m], shape (M, n).
+        edges: row at which each segment begins, and the end.
+    """
+
+    measured: np.ndarray
+    predicted: np.ndarray
+    edges: tuple[int, ...]
+
+    @property
+    def error(self) -> np.ndarray:
+        """Recorded minus predicted torque [N m], (M, n)."""
+        return self.measured - self.predicted
+
+    @property
+    def rmse(self) -> np.ndarray:
+        """Root mean square of the gap [N m], (n,)."""
+        return np.sqrt((self.error**2).mean(axis=0))
+
+    @property
+    def nrmse(self) -> np.ndarray:
+        """``torque_nrmse`` [1], (n,)."""
+        return self.rmse / torque_scale(self.measured)
+
+
+def torque_gap(corrected: CorrectedArm, body: RigidBody, segments: list[Segment]) -> TorqueGap:
+    """Torque gap of an arm on segments that carry a torque."""
+    measured, predicted = [], []
+    for segment in segments:
+        prediction = corrected.predict(body, segment.motion)
+        measured.append(filtered_torque(segment))
+        predicted.append(low_pass(prediction, segment.motion.rate, TORQUE_CUTOFF)[segment.inner])
+    edges = np.concatenate([[0], np.cumsum([len(m) for m in measured])])
+    return TorqueGap(np.vstack(measured), np.vstack(predicted), tuple(int(e) for e in edges))
+
+
+def filtered_torque(segment: Segment) -> np.ndarray:
+    """Recorded torque of a segment as the gap sees it: filtered at 12 Hz and trimmed [N m], (M, n)."""
+    assert segment.torque is not None
+    return low_pass(segment.torque, segment.motion.rate, TORQUE_CUTOFF)[segment.inner]
+
+
+@dataclass(frozen=True)
+class Healthy:
+    """What a healthy arm of this kind would leave on one segment after the 12 Hz filter, n joints.
+
+    Attributes:
+        steady: RMS of noise and sampling skew [N m], (n,).
+        friction: size of the doubt about dry friction at each trimmed sample [N m], (M, n).
+    """
+
+    steady: np.ndarray
+    friction: np.ndarray
+
+    @property
+    def floor(self) -> np.ndarray:
+        """RMS over all samples [N m], (n,)."""
+        return np.sqrt(self.steady**2 + (self.friction**2).mean(axis=0))
+
+
+def healthy(corrected: CorrectedArm, body: RigidBody, segment: Segment) -> Healthy:
+    """Estimate what a healthy arm would leave on a segment, from the segment itself.
+
+    *Noise*: the power density of the unfiltered gap just above the band (median over 13 to 25 Hz, or the top third of
+    the band where the rate is lower), taken as flat below. *Timing*: ``TIMING`` times the RMS rate of the torque.
+    *Dry friction*, of size L = c + mu |tau|: L (1 - |tanh(v / STICKING)|) while the joint may stick, and
+    ``FRICTION_FORM`` L while it slides.
+    """
+    assert segment.torque is not None
+    rate = segment.motion.rate
+    gap = segment.torque - corrected.predict(body, segment.motion)
+    frequency, density = welch(gap[segment.inner], rate, nperseg=min(len(gap), int(2 * rate)), axis=0)
+    nyquist = rate / 2
+    low, high = (13.0, 25.0) if nyquist > 25 else (0.67 * nyquist, 0.95 * nyquist)
+    band = (frequency >= low) & (frequency <= high)
+    noise = np.median(density[band], axis=0) * min(TORQUE_CUTOFF, nyquist)
+    torque = filtered_torque(segment)
+    timing = TIMING * np.sqrt((np.gradient(torque, 1 / rate, axis=0) ** 2).mean(axis=0))
+    dry = np.abs(corrected.arm.coulomb + corrected.value("coulomb_friction", "torque"))
+    dry = dry + np.abs(corrected.value("load_friction", "coefficient")) * np.abs(torque)
+    stuck = 1.0 - np.abs(np.tanh(segment.motion.dq[segment.inner] / STICKING))
+    return Healthy(np.sqrt(noise + timing**2), dry * np.hypot(stuck, FRICTION_FORM))

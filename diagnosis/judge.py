@@ -1,0 +1,86 @@
+"""How far: the gap of sets of terms on data that they were not fitted to, and the share of each effect."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from math import factorial
+
+import numpy as np
+
+from arm.dynamics import RigidBody
+from arm.nominal import NominalArm
+from diagnosis.gap import TorqueGap, torque_gap
+from diagnosis.search import Search, nrmse
+from diagnosis.terms import Term
+from effects.corrected import CorrectedArm
+from ident.conditioning import Segment
+
+
+class Judge:
+    """Predicts unseen data with sets of terms.
+
+    Args:
+        arm, body: the nominal arm and its dynamics.
+        found: result of the search.
+        folds: segments per fold; each is predicted with values fitted to the others.
+        judged: segments set aside for judging; where there are any, they alone are predicted, with all folds fitted.
+    """
+
+    def __init__(
+        self, arm: NominalArm, body: RigidBody, found: Search, folds: list[list[Segment]], judged: list[Segment]
+    ) -> None:
+        self.arm, self.body, self.found, self.folds, self.judged = arm, body, found, folds, judged
+
+    @property
+    def segments(self) -> list[Segment]:
+        """The segments that are predicted."""
+        return self.judged or [segment for fold in self.folds for segment in fold]
+
+    def gap(self, terms: frozenset[Term]) -> TorqueGap:
+        """Gap on unseen data of the nominal arm plus some of the terms, fitted anew."""
+        evidence = self.found.evidence
+        if self.judged:
+            return torque_gap(self._corrected(evidence.fit(terms).theta, terms), self.body, self.judged)
+        values = evidence.left_out(terms)
+        gaps = [
+            torque_gap(self._corrected(theta, terms), self.body, fold)
+            for theta, fold in zip(values, self.folds, strict=True)
+        ]
+        lengths = np.cumsum([0, *(b - a for g in gaps for a, b in zip(g.edges, g.edges[1:], strict=False))])
+        return TorqueGap(
+            np.vstack([g.measured for g in gaps]), np.vstack([g.predicted for g in gaps]), tuple(int(x) for x in lengths)
+        )
+
+    def _corrected(self, theta: np.ndarray, terms: frozenset[Term]) -> CorrectedArm:
+        known = self.found.evidence.terms
+        return CorrectedArm(self.arm, known.effects(known.clipped(theta), terms))
+
+    def shares(self) -> dict[str, float]:
+        """Share of each effect in the gap closed, by Shapley's value over all orders of adding them.
+
+        The worth of a set is the sum over joints of the unseen torque NRMSE that it closes; shares add up to the
+        closed part of the gap above the floor, at most 1.
+        """
+        chosen = self.found.fit.terms
+        names = sorted({t.effect for t in chosen})
+        worth = {
+            subset: -float(self._summed(frozenset(t for t in chosen if t.effect in subset)))
+            for size in range(len(names) + 1)
+            for subset in combinations(names, size)
+        }
+        floor = np.sqrt((self.found.evidence.floor2 * self.found.evidence.rows).sum(axis=0) / self.found.evidence.rows.sum(axis=0))
+        above = max(-worth[()] - float((floor / self.found.scale).sum()), worth[tuple(names)] - worth[()], 1e-12)
+        values = {}
+        for name in names:
+            others = [n for n in names if n != name]
+            values[name] = sum(
+                factorial(k) * factorial(len(names) - k - 1) / factorial(len(names))
+                * (worth[tuple(sorted((*subset, name)))] - worth[subset])
+                for k in range(len(others) + 1)
+                for subset in combinations(others, k)
+            )  # fmt: skip
+        return {name: value / above for name, value in values.items()}
+
+    def _summed(self, terms: frozenset[Term]) -> float:
+        evidence = self.found.evidence
+        return float(nrmse(evidence, evidence.unseen(terms, corrected=False), self.found.scale).sum())

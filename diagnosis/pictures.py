@@ -1,0 +1,85 @@
+"""The curves that a report draws: torque over time, the shape of the gap, its spectrum."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.signal import welch
+
+from arm.dynamics import RigidBody
+from diagnosis.gap import TorqueGap, torque_gap
+from diagnosis.result import Signature, Spectrum, Trace
+from diagnosis.rows import Rows, stack
+from effects.applied import AppliedEffect
+from effects.corrected import CorrectedArm
+from ident.conditioning import Segment
+
+POINTS = 1500
+"""Most points of a curve."""
+
+
+def traces(corrected: CorrectedArm, body: RigidBody, segments: list[Segment]) -> tuple[Trace, ...]:
+    """Measured, nominal and corrected torque of each segment."""
+    nominal = CorrectedArm(corrected.arm)
+    out = []
+    for segment in segments:
+        before, after = (torque_gap(arm, body, [segment]) for arm in (nominal, corrected))
+        step = max(1, len(before.measured) // POINTS)
+        t = segment.motion.t[segment.inner]
+        out.append(
+            Trace(segment.recording, t[::step], before.measured[::step], before.predicted[::step], after.predicted[::step])
+        )
+    return tuple(out)
+
+
+def spectrum(before: TorqueGap, after: TorqueGap, rate: float) -> Spectrum:
+    """Amplitude spectrum of the gap up to 12 Hz."""
+    length = min(len(before.error), int(4 * rate))
+    frequency, power = welch(before.error, rate, nperseg=length, axis=0)
+    _, left = welch(after.error, rate, nperseg=length, axis=0)
+    inside = frequency <= 12.0
+    return Spectrum(frequency[inside], np.sqrt(power[inside]), np.sqrt(left[inside]))
+
+
+def signatures(corrected: CorrectedArm, body: RigidBody, segments: list[Segment]) -> tuple[Signature, ...]:
+    """For each effect, on up to seven joints, the gap without it against the quantity that drives it."""
+    full = torque_gap(corrected, body, segments)
+    rows = stack(segments)
+    step = max(1, len(rows.t) // POINTS)
+    out = []
+    for applied in corrected.effects:
+        rest = CorrectedArm(corrected.arm, tuple(e for e in corrected.effects if e is not applied))
+        without = torque_gap(rest, body, segments)
+        explained = full.predicted - without.predicted
+        for joint in _joints(applied, explained, without):
+            axis, unit, x = _axis(applied.name, rows, without, explained, joint - 1)
+            out.append(
+                Signature(
+                    applied.name, joint, axis, unit, x[::step], without.error[::step, joint - 1], explained[::step, joint - 1]
+                )
+            )  # fmt: skip
+    return tuple(out)
+
+
+def _joints(applied: AppliedEffect, explained: np.ndarray, gap: TorqueGap) -> list[int]:
+    """Joints to show: those of the effect, or the three on which an effect of many joints weighs most."""
+    if applied.joints and applied.name != "encoder_offset":
+        return list(applied.joints[:7])
+    weight = np.sqrt((explained**2).mean(axis=0)) / np.maximum(gap.measured.std(axis=0), 1e-9)
+    return sorted(int(j) + 1 for j in np.argsort(-weight)[:3])
+
+
+def _axis(effect: str, rows: Rows, gap: TorqueGap, explained: np.ndarray, j: int) -> tuple[str, str, np.ndarray]:
+    """Name, unit and values of the quantity that drives an effect on joint j (from 0)."""
+    if effect in ("coulomb_friction", "viscous_friction"):
+        return "velocity", "rad/s", rows.dq[:, j]
+    if effect == "load_friction":
+        return "load torque in the direction of motion", "N m", np.abs(gap.measured[:, j]) * np.sign(rows.dq[:, j])
+    if effect == "armature":
+        return "acceleration", "rad/s²", rows.ddq[:, j]
+    if effect == "torque_scale":
+        return "recorded torque", "N m", gap.measured[:, j]
+    if effect == "torque_offset":
+        return "time", "s", rows.t
+    if effect == "actuator_delay":
+        return "rate of the torque", "N m/s", np.gradient(gap.predicted[:, j], np.median(np.diff(rows.t)))
+    return "torque that the effect predicts", "N m", explained[:, j]

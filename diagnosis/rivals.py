@@ -1,0 +1,65 @@
+"""What else could explain the gap: rivals of each effect found, with probabilities."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from diagnosis.evidence import Evidence, Fit
+from diagnosis.terms import Term
+from effects.catalogue import CATALOGUE
+
+TEMPER = 0.2
+"""Evidence counts this much in probabilities: folds of the same few motions say less than their nats."""
+
+
+@dataclass(frozen=True)
+class Rival:
+    """An effect in the place of another.
+
+    Attributes:
+        effect: its name; ``none`` for leaving the place empty.
+        joints: its joints.
+        log_evidence: its score less that of the diagnosis [nats]; negative where it lost.
+        probability: probability that it, and not the effect named, is the cause.
+    """
+
+    effect: str
+    joints: tuple[int, ...]
+    log_evidence: float
+    probability: float
+
+
+def rivals(evidence: Evidence, found: Fit, effect: str) -> tuple[float, list[Rival]]:
+    """Probability of an effect found, and its rivals in falling order of probability."""
+    mine = frozenset(t for t in found.terms if t.effect == effect)
+    joints = {t.joint for t in mine} - {0}
+    options: dict[str, frozenset[Term]] = {"none": frozenset()}
+    for other in CATALOGUE.values():
+        if any(t.effect == other.name for t in found.terms):
+            continue
+        same = [t for t in evidence.terms.all if t.effect == other.name]
+        options[other.name] = frozenset(t for t in same if t.joint in joints or other.scope == "arm" or not joints)
+    scores = {}
+    for name, terms in options.items():
+        if name == "none" or terms:
+            scores[name] = evidence.fit((found.terms - mine) | terms).score - found.score
+    weights = {name: float(np.exp(np.clip(TEMPER * score, -700, 0))) for name, score in scores.items()}
+    total = 1.0 + sum(weights.values())
+    ranked = sorted(scores, key=lambda name: scores[name], reverse=True)
+    return 1.0 / total, [
+        Rival(name, tuple(sorted(t.joint for t in options[name] if t.joint)), float(scores[name]), weights[name] / total)
+        for name in ranked
+    ]
+
+
+def separated_by(effect: str, rival: str) -> str:
+    """The recording that separates two effects, in words."""
+    if rival == "none":
+        return "a longer recording with more of the motion on which the effect acts"
+    for one, other in ((effect, rival), (rival, effect)):
+        for name, recording in CATALOGUE[one].confused_with:
+            if name == other:
+                return recording
+    return "the same path at half and at double speed, and with a known payload"

@@ -1,0 +1,105 @@
+"""Where a gap lies: by regime of motion, by position, in time and by frequency."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import welch
+
+from diagnosis.rows import Rows
+
+LEAST_SHARE = 0.25
+"""A region must hold this share of a joint's squared gap to be named."""
+LEAST_ENRICHMENT = 1.6
+"""A region must hold this many times the share of the gap that its share of the time would give."""
+BANDS = ((0.0, 0.5), (0.5, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 8.0), (8.0, 12.0))
+"""Frequency bands [Hz]."""
+
+
+@dataclass(frozen=True)
+class Region:
+    """A region that holds more of a joint's gap than its size explains.
+
+    Attributes:
+        joint: joint from 1.
+        kind: ``regime``, ``position``, ``time`` or ``frequency``.
+        regime: what the region is, in words.
+        share: its share of the joint's squared gap, 0..1.
+        coverage: its share of the samples, or of the band, 0..1.
+    """
+
+    joint: int
+    kind: str
+    regime: str
+    share: float
+    coverage: float
+
+    @property
+    def enrichment(self) -> float:
+        """Share over coverage."""
+        return self.share / max(self.coverage, 1e-9)
+
+
+def regions(error: np.ndarray, rows: Rows, load: np.ndarray, rate: float, joints: list[int], most: int = 2) -> list[Region]:
+    """The regions where the gap of some joints is concentrated, the strongest first.
+
+    Args:
+        error: gap [N m], (M, n).
+        rows: motion of the same rows.
+        load: torque that the nominal arm predicts [N m], (M, n).
+        rate: sampling rate of the rows [Hz].
+        joints: joints to look at, from 1.
+        most: regions per joint.
+    """
+    found = []
+    for joint in joints:
+        square = error[:, joint - 1] ** 2
+        if square.sum() == 0:
+            continue
+        candidates = [
+            Region(joint, kind, text, float(square[mask].sum() / square.sum()), float(mask.mean()))
+            for kind, text, mask in _masks(rows, load, joint - 1)
+        ]
+        candidates += _bands(error[:, joint - 1], rate, joint)
+        named = [r for r in candidates if r.share >= LEAST_SHARE and r.enrichment >= LEAST_ENRICHMENT]
+        found += sorted(named, key=lambda r: r.share * np.log(r.enrichment), reverse=True)[:most]
+    return found
+
+
+def _masks(rows: Rows, load: np.ndarray, j: int) -> list[tuple[str, str, np.ndarray]]:
+    """Regions of joint j (from 0) as kind, words and mask over the rows."""
+    q, v, a, torque = rows.q[:, j], np.abs(rows.dq[:, j]), np.abs(rows.ddq[:, j]), np.abs(load[:, j])
+    speed, slow = np.quantile(v, 0.8), np.quantile(v, 0.2)
+    strong, heavy = np.quantile(a, 0.8), np.quantile(torque, 0.8)
+    masks = [
+        ("regime", f"near velocity reversal, |dq| below {slow:.2g} rad/s", v <= slow),
+        ("regime", f"high speed, |dq| above {speed:.2g} rad/s", v >= speed),
+        ("regime", f"high acceleration, |ddq| above {strong:.2g} rad/s²", a >= strong),
+        ("regime", f"high load, nominal torque above {heavy:.2g} N m", torque >= heavy),
+        ("regime", "moving forward", rows.dq[:, j] > slow),
+        ("regime", "moving backward", rows.dq[:, j] < -slow),
+    ]
+    edges = np.linspace(q.min(), q.max(), 6)
+    for low, high in zip(edges, edges[1:], strict=False):
+        masks.append(("position", f"position {low:.2f} to {high:.2f} rad", (q >= low) & (q <= high)))
+    for segment in np.unique(rows.segment):
+        inside = rows.segment == segment
+        t = rows.t[inside]
+        cuts = np.linspace(t[0], t[-1], 6)
+        for low, high in zip(cuts, cuts[1:], strict=False):
+            text = f"recording {segment + 1}, {low:.1f} to {high:.1f} s"
+            masks.append(("time", text, inside & (rows.t >= low) & (rows.t <= high)))
+    return [m for m in masks if m[2].any()]
+
+
+def _bands(error: np.ndarray, rate: float, joint: int) -> list[Region]:
+    frequency, density = welch(error, rate, nperseg=min(len(error), int(4 * rate)))
+    inside = frequency <= min(12.0, rate / 2)
+    total, span = density[inside].sum(), inside.sum()
+    out = []
+    for low, high in BANDS:
+        band = inside & (frequency >= low) & (frequency < high)
+        if band.any() and total > 0:
+            out.append(Region(joint, "frequency", f"{low:g} to {high:g} Hz", float(density[band].sum() / total), float(band.sum() / span)))
+    return out

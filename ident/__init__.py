@@ -1,0 +1,1 @@
+"""From conditioned signals to parameters: regressor, base parameters, excitation, estimators."""
