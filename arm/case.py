@@ -2,12 +2,29 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from arm.case_file import read_case_file
 from arm.controller import Controller
+from arm.errors import InputError
+from arm.importing import Import, parse_import
 from arm.nominal import NominalArm
+from arm.plausibility import UNSIGNED
+from arm.reading import load_recording
 from arm.recording import Recording
+from arm.robots import load_nominal_arm
+
+SHORTEST = 1.0
+"""Duration of the shortest recording that a case may hold [s]; both ends are trimmed by 0.3 s for the gap."""
+
+DATA_ROOT = "GAPSCOPE_DATA"
+"""Environment variable with the folder that ``${GAPSCOPE_DATA}`` in a path of a case stands for."""
 
 
 @dataclass(frozen=True)
@@ -22,6 +39,7 @@ class Case:
         judged: what may only be judged on; empty where the case does not set any aside.
         controller: the controller, where known.
         warnings: what was noticed about the whole case while reading.
+        importing: how its logs are read, where they are not in the columns of the case format.
     """
 
     name: str
@@ -31,3 +49,124 @@ class Case:
     judged: tuple[Recording, ...] = ()
     controller: Controller | None = None
     warnings: tuple[str, ...] = ()
+    importing: Import | None = None
+
+
+def load_case(path: str | Path, *, data_root: Path | None = None, read_recordings: bool = True) -> Case:
+    """Read a case.
+
+    A path in it may start with ``${GAPSCOPE_DATA}``: the folder ``data_root``, else the environment variable of that
+    name, else ``shared/data`` beside the repository that holds the case file two folders below its top.
+
+    Args:
+        path: case folder, or the case file in it.
+        data_root: folder that ``${GAPSCOPE_DATA}`` stands for.
+        read_recordings: whether to read the recordings; without them ``recordings`` and ``judged`` are empty.
+
+    Raises:
+        InputError: the case file, the URDF or a recording cannot be used; names the file and the line or field.
+    """
+    file = Path(path)
+    file = file / "case.yaml" if file.is_dir() else file
+    content = read_case_file(file)
+    paths = _Paths(file, data_root)
+    arm = load_nominal_arm(
+        paths.expand(content["robot"], "robot"),
+        folder=file.parent,
+        joints=content.get("joints"),
+        gravity=content.get("gravity"),
+        sheet=content.get("nominal"),
+        source=file,
+    )
+    section = content.get("import")
+    importing = parse_import(section, arm.n_joints, file) if section else None
+    fit = importing.fit if importing else ()
+    judge = importing.judge if importing else ()
+    recordings: list[Recording] = []
+    judged: list[Recording] = []
+    if read_recordings:
+        entries = [paths.entry(entry, "recordings") for entry in content["recordings"]]
+        recordings = [_read(entry, arm, importing, rows) for entry in entries for rows in fit or (None,)]
+        judged = [_read(entry, arm, importing, rows) for entry in entries for rows in judge]
+        judged += [_read(paths.entry(entry, "judge"), arm, importing, None) for entry in content.get("judge", [])]
+    return Case(
+        name=content["name"],
+        folder=file.parent,
+        arm=arm,
+        recordings=tuple(recordings),
+        judged=tuple(judged),
+        controller=_controller(content.get("controller"), arm, file),
+        warnings=_warnings([*recordings, *judged]),
+        importing=importing,
+    )
+
+
+@dataclass(frozen=True)
+class _Paths:
+    """Paths of a case file, from their text."""
+
+    file: Path
+    data_root: Path | None
+
+    def expand(self, text: str, field: str) -> Path:
+        """A path with ``${GAPSCOPE_DATA}`` filled in; relative ones stay relative to the case's folder."""
+        mark = "${" + DATA_ROOT + "}"
+        if mark not in text:
+            return Path(text)
+        beside = self.file.resolve().parent.parent.parent.parent / "shared" / "data"
+        root = Path(self.data_root or os.environ.get(DATA_ROOT) or beside)
+        if not root.is_dir():
+            raise InputError(
+                f"{mark} stands for {root}, which is no folder",
+                f"set the environment variable {DATA_ROOT} to the folder with the data sets",
+                file=self.file,
+                where=f"field {field}",
+            )
+        return Path(text.replace(mark, str(root.resolve())))
+
+    def entry(self, entry: str | Mapping[str, str], field: str) -> Path | dict[str, Path]:
+        """Path of a recording, or the paths of its files by label."""
+        if isinstance(entry, str):
+            return self.file.parent / self.expand(entry, field)
+        return {label: self.file.parent / self.expand(text, field) for label, text in entry.items()}
+
+
+def _read(
+    entry: Path | dict[str, Path], arm: NominalArm, importing: Import | None, rows: tuple[int, int] | None
+) -> Recording:
+    """One recording of a case."""
+    recording = load_recording(entry, arm, importing, rows=rows, complete=True)
+    if recording.duration < SHORTEST:
+        file = entry if isinstance(entry, Path) else next(iter(entry.values()))
+        raise InputError(
+            f"lasts {recording.duration:.3g} s ({len(recording.t)} samples), expected at least {SHORTEST:g} s",
+            "record a longer motion; ten seconds in which all joints move are a good start",
+            file=file,
+        )
+    return recording
+
+
+def _controller(section: Mapping[str, Any] | None, arm: NominalArm, source: Path) -> Controller | None:
+    if section is None:
+        return None
+    for key in ("kp", "kd"):
+        if len(section[key]) != arm.n_joints:
+            raise InputError(
+                f"expected {arm.n_joints} numbers, one per joint, got {len(section[key])}",
+                file=source,
+                where=f"field controller.{key}",
+            )
+    velocity = section.get("velocity_filter") or {}
+    return Controller(
+        rate=float(section["rate"]),
+        kp=np.array(section["kp"], dtype=float),
+        kd=np.array(section["kd"], dtype=float),
+        feedforward=section.get("feedforward", "none"),
+        velocity_cutoff=velocity.get("cutoff"),
+        velocity_damping=velocity.get("damping", 0.9),
+    )
+
+
+def _warnings(recordings: list[Recording]) -> tuple[str, ...]:
+    unsigned = [recording.name for recording in recordings if UNSIGNED in recording.notes]
+    return (f"{', '.join(unsigned)}: {UNSIGNED}",) if unsigned else ()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from copy import copy
 from pathlib import Path
 
 import numpy as np
@@ -52,8 +53,8 @@ def _build(path: Path) -> pin.Model:
 class RigidBody:
     """Rigid-body model of a nominal arm, without armature and friction.
 
-    All methods take q [rad], dq [rad/s], ddq [rad/s^2] of shape (N, n) in the arm's joint order and return
-    joint-side torque [N m].
+    Unless they say otherwise, methods take q [rad], dq [rad/s], ddq [rad/s^2] of shape (N, n) in the arm's joint order
+    and return joint-side torque [N m].
 
     Raises:
         InputError: the URDF lacks one of the arm's joints.
@@ -92,6 +93,39 @@ class RigidBody:
             out[i] = rnea(model, data, q[i], dq[i], ddq[i])
         return out[:, self._to_arm]
 
+    def mass_matrix(self, q: np.ndarray) -> np.ndarray:
+        """M(q) of one sample q [rad] of shape (n,); kg m^2, shape (n, n)."""
+        mass = pin.crba(self.model, self._data, np.ascontiguousarray(q[self._to_model]))
+        return mass[self._to_arm][:, self._to_arm]
+
+    def bias(self, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+        """h = C(q, dq) dq + g(q) [N m] of one sample; q, dq and h of shape (n,)."""
+        q, dq = np.ascontiguousarray(q[self._to_model]), np.ascontiguousarray(dq[self._to_model])
+        return pin.nonLinearEffects(self.model, self._data, q, dq)[self._to_arm]
+
+    def loaded(self, parameters: np.ndarray) -> RigidBody:
+        """This arm with ten inertial parameters added to its last link, in the frame of the joint that moves it.
+
+        Args:
+            parameters: in the order of ``INERTIAL_PARAMETERS``, shape (10,); kg, kg m, kg m^2.
+        """
+        other = copy(self)
+        other.model = self.model.copy()
+        other._data = other.model.createData()
+        if np.any(parameters):
+            link = int(self.links[self.last_link])
+            total = self.model.inertias[link].toDynamicParameters() + parameters
+            other.model.inertias[link] = pin.Inertia.FromDynamicParameters(total)
+        return other
+
+    def position_limits(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper position limits of the URDF [rad], each of shape (n,); about 1e9 where there are none."""
+        return self.model.lowerPositionLimit[self._to_arm], self.model.upperPositionLimit[self._to_arm]
+
+    def velocity_limits(self) -> np.ndarray:
+        """Velocity limits of the URDF [rad/s], shape (n,); 0 where there are none."""
+        return self.model.velocityLimit[self._to_arm]
+
     def position_sensitivity(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         """d tau_i / d q_j of the inverse dynamics [N m/rad], shape (N, n, n)."""
         q, dq, ddq = (np.ascontiguousarray(x[:, self._to_model]) for x in (q, dq, ddq))
@@ -112,6 +146,11 @@ class RigidBody:
             out[i] = pin.computeJointTorqueRegressor(model, data, q[i], dq[i], ddq[i])
         by_link = out.reshape(len(q), n, n, 10)[:, self._to_arm][:, :, self._to_arm]
         return by_link.reshape(len(q), n, 10 * n)
+
+    def last_link_regressor(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+        """The ten columns of the regressor that belong to the last link, shape (N, n, 10)."""
+        last = 10 * self.last_link
+        return self.regressor(q, dq, ddq)[:, :, last : last + 10]
 
     def inertial_parameters(self) -> np.ndarray:
         """Inertial parameters pi of the links in joint order, shape (10 n,); units kg, kg m, kg m^2."""

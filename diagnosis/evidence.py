@@ -5,7 +5,9 @@ Score of a set S, in nats, over folds f (one recording left out each) and joints
     score = -1/2 sum_fj n_fj log(1 + mse_fj / floor_fj^2) - charge(S) - 1/2 (|delta / sigma|^2 + log det)
 
 with n the effective number of samples, mse the mean square of the unseen gap, and delta the errors of the nominal
-inertials, a nuisance that every model may use and pays for by its size relative to sigma.
+inertials, a nuisance that every model may use and pays for by its size relative to sigma. A second nuisance is the skew
+between torque and motion that sampling leaves, the same on all joints: a torque held from one tick of the controller to
+the next acts half a tick late on average.
 """
 
 from __future__ import annotations
@@ -22,6 +24,12 @@ NEW_EFFECT = 5.0
 """Charge for each different effect [nats]: about the logarithm of the number of ways to name one."""
 NOMINAL_ERROR = (0.003, 0.01, 0.03, 0.06)
 """Relative errors sigma of the nominal inertials that are tried; the evidence chooses."""
+SKEWS = (0.0, 2.5e-4, 5e-4)
+"""Skews of sampling that are tried [s]; half a tick is 0.5 ms at 1 kHz."""
+LEAST_DELAY = 1e-3
+"""Delays shorter than this are taken for a skew of sampling and not named [s]."""
+SKEW_CHARGE = 3.0
+"""What a skew costs [nats]."""
 
 
 @dataclass(frozen=True)
@@ -71,13 +79,16 @@ class Evidence:
         linearisation: normal equations per fold and joint.
         unseen: mean square of the gap per fold and joint under the model so far, for the weights, (F, n).
         sigma: relative error of the nominal inertials.
+        skew: skew of sampling [s].
     """
 
-    def __init__(self, linearisation: Linearisation, unseen: np.ndarray, sigma: float) -> None:
-        self.linear, self.sigma = linearisation, sigma
+    def __init__(self, linearisation: Linearisation, unseen: np.ndarray, sigma: float, skew: float) -> None:
+        self.linear, self.sigma, self.skew = linearisation, sigma, skew
         self.terms = linearisation.terms
         folds = linearisation.folds
-        self.gram = np.array([fold.gram.sum(axis=0) for fold in folds])
+        raw = np.array([fold.gram.sum(axis=0) for fold in folds])
+        self.gram = _with_skew(raw, skew)
+        self._plain = _with_skew(raw, 0.0)
         self.rows = np.array([fold.rows.sum(axis=0) for fold in folds])
         self.floor2 = np.array([fold.floor for fold in folds]) ** 2
         self.independent = np.array([fold.independent for fold in folds])
@@ -107,7 +118,7 @@ class Evidence:
         theta, delta = self._all.solve(columns, self.terms.size)
         unseen = self.unseen(terms)
         score = -0.5 * float((self.independent * np.log1p(unseen / self.floor2)).sum())
-        score -= self.charge(terms) + 0.5 * float(delta @ delta) / self.sigma**2 + self._log_det
+        score -= self.charge(terms) + SKEW_CHARGE * (self.skew > 0) + 0.5 * float(delta @ delta) / self.sigma**2 + self._log_det
         if not self.terms.feasible(theta, terms, self.lowest):
             score = -np.inf
         return Fit(terms, score, theta, delta, unseen)
@@ -119,7 +130,7 @@ class Evidence:
     def bootstrap(self, terms: frozenset[Term], rng: np.random.Generator, draws: int = 200) -> np.ndarray:
         """Values of the terms on pieces of the data drawn with replacement, shape (draws, P): a block bootstrap."""
         pieces = np.concatenate(
-            [np.einsum("bjxy,j->bxy", fold.gram, w) for fold, w in zip(self.linear.folds, self.weights, strict=True)]
+            [np.einsum("bjxy,j->bxy", _with_skew(fold.gram, self.skew), w) for fold, w in zip(self.linear.folds, self.weights, strict=True)]
         )
         values = np.empty((draws, self.terms.size))
         for draw in range(draws):
@@ -135,7 +146,7 @@ class Evidence:
     def unseen(self, terms: frozenset[Term], *, corrected: bool = True) -> np.ndarray:
         """Mean square of the gap on each fold under values fitted to the others [N^2 m^2], (F, n).
 
-        ``corrected`` says whether the errors of the nominal inertials, fitted alongside, are taken out as well.
+        ``corrected`` says whether the nuisances, the errors of the nominal inertials and the skew, are taken out as well.
         """
         return self._mean_square(terms, self._without, corrected)
 
@@ -145,10 +156,11 @@ class Evidence:
 
     def _mean_square(self, terms: frozenset[Term], normals: list[_Normal], corrected: bool) -> np.ndarray:
         out = np.empty_like(self.rows)
+        gram = self.gram if corrected else self._plain
         for f, normal in enumerate(normals):
             theta, delta = normal.solve(_columns(terms), self.terms.size)
             z = np.concatenate([-theta, -delta * corrected, [1.0]])
-            out[f] = np.maximum(np.einsum("a,jab,b->j", z, self.gram[f], z, optimize=True), 0.0) / self.rows[f]
+            out[f] = np.maximum(np.einsum("a,jab,b->j", z, gram[f], z, optimize=True), 0.0) / self.rows[f]
         return out
 
 
@@ -156,8 +168,20 @@ def _columns(terms: frozenset[Term]) -> np.ndarray:
     return np.array(sorted(c for t in terms for c in t.columns), dtype=int)
 
 
+def _with_skew(gram: np.ndarray, skew: float) -> np.ndarray:
+    """Normal equations of [A, N, y - skew d] from those of [A, N, d, y]; over the last two axes."""
+    size = gram.shape[-1]
+    to = np.zeros((size, size - 1))
+    to[:-2, :-1] = np.eye(size - 2)
+    to[-2, -1], to[-1, -1] = -skew, 1.0
+    return to.T @ gram @ to
+
+
 def _lowest(linearisation: Linearisation) -> np.ndarray:
-    """Lowest possible values: friction and armature may not fall below zero in total, nor the last link's mass."""
+    """Lowest values: friction, armature and the last link's mass may not fall below zero in total.
+
+    A delay must be longer than what sampling explains.
+    """
     arm, terms = linearisation.arm, linearisation.terms
     lowest = np.full(terms.size, -np.inf)
     believed = {"coulomb_friction": arm.coulomb, "viscous_friction": arm.viscous, "armature": arm.armature}
@@ -166,11 +190,17 @@ def _lowest(linearisation: Linearisation) -> np.ndarray:
         lowest[block] = effect.parameters[0].bounds[0]
         if effect.name in believed:
             lowest[block] = -believed[effect.name] - 1e-9
+        if effect.name == "actuator_delay":
+            lowest[block] = LEAST_DELAY
     lowest[terms.payload[0]] = -linearisation.body.inertial_parameters()[10 * linearisation.body.last_link]
     return lowest
 
 
-def best_sigma(linearisation: Linearisation, unseen: np.ndarray, terms: frozenset[Term]) -> Evidence:
-    """The evidence under the relative error of the nominal inertials that explains the data best."""
-    candidates = [Evidence(linearisation, unseen, sigma) for sigma in NOMINAL_ERROR]
-    return max(candidates, key=lambda evidence: evidence.fit(terms).score)
+def best_evidence(linearisation: Linearisation, unseen: np.ndarray, terms: frozenset[Term]) -> Evidence:
+    """The evidence under the skew, then the error of the nominal inertials, that explain the data best."""
+
+    def best(candidates: list[Evidence]) -> Evidence:
+        return max(candidates, key=lambda evidence: evidence.fit(terms).score)
+
+    skew = best([Evidence(linearisation, unseen, NOMINAL_ERROR[1], skew) for skew in SKEWS]).skew
+    return best([Evidence(linearisation, unseen, sigma, skew) for sigma in NOMINAL_ERROR])

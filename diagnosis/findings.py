@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from diagnosis.gap import TIMING, torque_scale
+from diagnosis.evidence import SKEWS
+from diagnosis.gap import torque_scale
 from diagnosis.rivals import rivals, separated_by
 from diagnosis.rows import Rows, stack
 from diagnosis.where import Region, regions
@@ -108,7 +109,7 @@ def _parameters(study: Study, applied: AppliedEffect, draws: np.ndarray) -> dict
     else:
         columns = np.arange(len(draws[0]))[terms.block(applied.effect)][np.array(applied.joints) - 1]
         samples = {applied.effect.names[0]: draws[:, columns]}
-    skew = TIMING if applied.name == "actuator_delay" else 0.0
+    skew = SKEWS[1] if applied.name == "actuator_delay" else 0.0
     return {
         name: {
             "unit": applied.effect.parameter(name).unit,
@@ -162,6 +163,7 @@ def _context(study: Study, rows: Rows) -> dict[str, Any]:
             "how": "zero-phase Butterworth, order 4, on both sides; positions cut at twice the frequency where their "
             "spectrum meets its noise; floor from the gap's power density above the band, timing and form of friction",
             "nominal_inertials_std": study.found.evidence.sigma,
+            "sampling_skew": study.found.evidence.skew,
         },
         "judged_on": judged_on,
         "warnings": [*case.warnings, *notes],

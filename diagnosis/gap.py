@@ -11,8 +11,8 @@ from effects.corrected import CorrectedArm
 from arm.dynamics import RigidBody
 from ident.conditioning import TORQUE_CUTOFF, Segment, low_pass
 
-TIMING = 3e-4
-"""Skew between torque and motion that sampling alone leaves on a healthy arm [s]: about a third of a 1 kHz tick."""
+TIMING = 1e-4
+"""Skew between torque and motion that differs from joint to joint on a healthy arm [s]."""
 STICKING = 0.02
 """Below this speed dry friction is not determined by velocity: bristles bend, the joint sticks [rad/s]."""
 FRICTION_FORM = 0.03
@@ -94,8 +94,8 @@ def healthy(corrected: CorrectedArm, body: RigidBody, segment: Segment) -> Healt
 
     *Noise*: the power density of the unfiltered gap just above the band (median over 13 to 25 Hz, or the top third of
     the band where the rate is lower), taken as flat below. *Timing*: ``TIMING`` times the RMS rate of the torque.
-    *Dry friction*, of size L = c + mu |tau|: L (1 - |tanh(v / STICKING)|) while the joint may stick, and
-    ``FRICTION_FORM`` L while it slides.
+    *Dry friction*, of size L = c + mu |tau|: anywhere in -L..L, so RMS L / sqrt 3, while the joint sticks, which it does
+    to the degree 1 - |tanh(v / STICKING)|; ``FRICTION_FORM`` L while it slides.
     """
     assert segment.torque is not None
     rate = segment.motion.rate
@@ -109,5 +109,5 @@ def healthy(corrected: CorrectedArm, body: RigidBody, segment: Segment) -> Healt
     timing = TIMING * np.sqrt((np.gradient(torque, 1 / rate, axis=0) ** 2).mean(axis=0))
     dry = np.abs(corrected.arm.coulomb + corrected.value("coulomb_friction", "torque"))
     dry = dry + np.abs(corrected.value("load_friction", "coefficient")) * np.abs(torque)
-    stuck = 1.0 - np.abs(np.tanh(segment.motion.dq[segment.inner] / STICKING))
+    stuck = (1.0 - np.abs(np.tanh(segment.motion.dq[segment.inner] / STICKING))) / np.sqrt(3.0)
     return Healthy(np.sqrt(noise + timing**2), dry * np.hypot(stuck, FRICTION_FORM))

@@ -1,8 +1,8 @@
 """The corrected arm's torque, linearised in the parameters of all terms, as normal equations.
 
-Around theta_0 the gap of joint j is  y_j = r_j(theta_0) + A_j theta_0 = A_j theta + N_j delta + noise,  with r the gap at
-theta_0, A the derivatives of the predicted torque, N the nominal arm's inertial regressor and delta the errors of the
-nominal inertials. Everything later needs only A^T A and its like per block of data, so a log's length does not matter.
+Around theta_0 the gap of joint j is  y_j = r_j(theta_0) + A_j theta_0 = A_j theta + N_j delta + d_j T + noise,  with r the gap at
+theta_0, A the derivatives of the predicted torque, N the nominal arm's inertial regressor, delta the errors of the
+nominal inertials, d the rate of the predicted torque and T a skew of sampling common to all joints. Everything later needs only A^T A and its like per block of data, so a log's length does not matter.
 """
 
 from __future__ import annotations
@@ -33,11 +33,13 @@ MOST_PIECES = 60
 
 @dataclass(frozen=True)
 class Fold:
-    """Normal equations of one fold of the data, B pieces in time, n joints: P parameters, then K nuisances.
+    """Normal equations of one fold of the data, B pieces in time, n joints.
+
+    X = [A, N, d, y] has P columns for the parameters, K for the nominal inertials, one for the skew, one for the gap.
 
     Attributes:
-        gram: X^T W X of X = [A, N, y] per piece and joint, shape (B, n, P + K + 1, P + K + 1); W weighs rows down by
-            the doubt about dry friction.
+        gram: X^T W X per piece and joint, shape (B, n, P + K + 2, P + K + 2); W weighs rows down by the doubt about
+            dry friction.
         rows: weight of the rows of each piece, decimated to about twice the filter's cut-off, shape (B, n).
         floor: RMS of a healthy arm on this fold where its friction is not in doubt [N m], (n,).
         independent: effective number of independent samples in the gap at theta_0, (n,).
@@ -87,7 +89,7 @@ class Linearisation:
         self.folds = [self._fold(fold, nuisance) for fold, nuisance in zip(data.folds, data.nuisance, strict=True)]
 
     def _fold(self, segments: list[Segment], nuisance: list[np.ndarray]) -> Fold:
-        gaps, columns, doubts = zip(*(self._segment(s) for s in segments), strict=True)
+        gaps, columns, rates, doubts = zip(*(self._segment(s) for s in segments), strict=True)
         lengths = [len(g) for g in gaps]
         floor2 = np.average(np.array([d.steady for d in doubts]) ** 2, axis=0, weights=lengths)
         weight = 1.0 / (1.0 + np.vstack([d.friction for d in doubts]) ** 2 / floor2)
@@ -95,7 +97,7 @@ class Linearisation:
         count = int(np.clip(seconds / PIECE, 2, max(2, MOST_PIECES // len(self.data.folds))))
         gap, x = np.vstack(gaps), np.vstack(columns)
         y = gap + x @ self.theta
-        full = (np.concatenate([x, np.vstack(nuisance), y[:, :, None]], axis=2) * np.sqrt(weight)[:, :, None]).transpose(1, 0, 2)
+        full = (np.concatenate([x, np.vstack(nuisance), np.vstack(rates)[:, :, None], y[:, :, None]], axis=2) * np.sqrt(weight)[:, :, None]).transpose(1, 0, 2)
         cuts = np.linspace(0, len(y), count + 1).astype(int)
         spans = list(zip(cuts, cuts[1:], strict=False))
         gram = np.array([full[:, a:b].transpose(0, 2, 1) @ full[:, a:b] for a, b in spans])
@@ -103,15 +105,16 @@ class Linearisation:
         independent = sum(effective_samples(g) for g in gaps) * weight.mean(axis=0)
         return Fold(gram, rows, np.sqrt(floor2), independent)
 
-    def _segment(self, segment: Segment) -> tuple[np.ndarray, np.ndarray, Healthy]:
-        """Gap (M, n), columns (M, n, P) and doubts of one segment, filtered, trimmed and decimated."""
+    def _segment(self, segment: Segment) -> tuple[np.ndarray, np.ndarray, np.ndarray, Healthy]:
+        """Gap (M, n), columns (M, n, P), rate (M, n) and doubts of one segment, filtered, trimmed and decimated."""
         assert segment.torque is not None
         corrected = CorrectedArm(self.arm, self.terms.effects(self.theta))
         predicted, columns = self._derivatives(corrected, segment)
         doubt = healthy(corrected, self.body, segment)
         gap = self.data.thin(segment.torque - predicted, segment)
         friction = doubt.friction[:: self.data.step(segment)]
-        return gap, self.data.thin(columns, segment), Healthy(doubt.steady, friction)
+        rate = np.gradient(predicted, segment.motion.t, axis=0)
+        return gap, self.data.thin(columns, segment), self.data.thin(rate, segment), Healthy(doubt.steady, friction)
 
     def _derivatives(self, corrected: CorrectedArm, segment: Segment) -> tuple[np.ndarray, np.ndarray]:
         """Predicted torque (N, n), and its derivatives by theta (N, n, P)."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from arm.dynamics import RigidBody
 from arm.nominal import NominalArm
-from diagnosis.evidence import Evidence, Fit, best_sigma
+from diagnosis.evidence import Evidence, Fit, best_evidence
 from diagnosis.gap import filtered_torque, torque_scale
 from diagnosis.linear import Data, Linearisation
 from diagnosis.terms import Term, Terms
@@ -86,7 +86,7 @@ class _State:
         self.linear = Linearisation(self.data, terms, np.zeros(terms.size))
         self.scale = torque_scale(np.vstack([filtered_torque(s) for fold in folds for s in fold]))
         gap = np.array([fold.gram[:, :, -1, -1].sum(axis=0) / fold.rows.sum(axis=0) for fold in self.linear.folds])
-        self.evidence = best_sigma(self.linear, gap, frozenset())
+        self.evidence = best_evidence(self.linear, gap, frozenset())
         self.fit = self.evidence.fit(frozenset())
 
     def accept(self, terms: frozenset[Term]) -> None:
@@ -96,7 +96,7 @@ class _State:
             if np.isneginf(fit.score):
                 break
             self.linear = Linearisation(self.data, self.terms, fit.theta)
-            self.evidence = best_sigma(self.linear, fit.unseen, terms)
+            self.evidence = best_evidence(self.linear, fit.unseen, terms)
             self.fit = self.evidence.fit(terms)
             if np.allclose(fit.theta, self.fit.theta, rtol=0.01, atol=1e-4):
                 break

@@ -1,0 +1,53 @@
+# After setup every recipe uses the environment in .venv, never the python of PATH.
+PYTHON ?= python3
+PIP_INSTALL := -m pip --disable-pip-version-check install --quiet -c constraints.txt
+
+.DEFAULT_GOAL := help
+.PHONY: help setup setup-learn demo test lint types wheel check clean
+
+help: ## list the targets
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 20
+
+setup: .venv/.setup ## create .venv with the command and the tools in it
+
+setup-learn: .venv/.learn ## add what the agents need (torch, stable-baselines3, ...)
+
+.venv/.setup: pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || \
+		{ echo "Python 3.10 or newer is needed: make setup PYTHON=/path/to/python3"; exit 2; }
+	@$(PYTHON) -c 'import ensurepip' || \
+		{ echo "this Python cannot create environments: install its venv package (Debian: apt install python3-venv)"; exit 2; }
+	$(PYTHON) -m venv --clear .venv
+	@echo "installing the pinned packages into .venv, about a minute"
+	.venv/bin/python $(PIP_INSTALL) -e '.[dev]'
+	@touch $@
+
+.venv/.learn: .venv/.setup
+	.venv/bin/python $(PIP_INSTALL) -e '.[learn]'
+	@touch $@
+
+demo: setup ## record and diagnose a mystery arm
+	.venv/bin/gapscope demo --out out/demo
+
+test: setup ## run the tests
+	.venv/bin/python -m pytest
+
+lint: setup ## check style and format
+	.venv/bin/python -m ruff check
+	.venv/bin/python -m ruff format --check
+
+types: setup ## check types
+	.venv/bin/python -m mypy
+
+wheel: setup ## build the wheel, check what it holds, run it in a fresh environment
+	rm -rf dist out/wheel
+	.venv/bin/python -m build --quiet --outdir dist
+	.venv/bin/python .ci/check_wheel.py dist/gapscope-*.whl
+	.venv/bin/python -m venv out/wheel/venv
+	out/wheel/venv/bin/python $(PIP_INSTALL) dist/gapscope-*.whl
+	cd out/wheel && venv/bin/gapscope demo --out demo
+
+check: test lint types wheel ## all of these checks
+
+clean: ## remove everything that was made here
+	rm -rf .venv build dist out *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

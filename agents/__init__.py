@@ -1,0 +1,1 @@
+"""Feedforward controllers, training, and evaluation of agents by tracking reward."""

@@ -1,0 +1,124 @@
+/* Draws the figures of the report from the curves that the page carries. */
+"use strict";
+
+const curves = JSON.parse(document.getElementById("curves").textContent);
+const style = getComputedStyle(document.documentElement);
+const colour = (name) => style.getPropertyValue("--" + name).trim();
+const font = { family: getComputedStyle(document.body).fontFamily, size: 13, color: colour("ink") };
+const shown = { joint: curves.worst, recording: 0 };
+
+function decode(text) {
+  return new Float32Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
+}
+
+function axis(title, more) {
+  return { title: { text: title, standoff: 8 }, gridcolor: "#e6e9ed", zerolinecolor: "#aab2bc", automargin: true, ...more };
+}
+
+function draw(element, traces, layout, buttons = ["zoom2d", "pan2d", "resetScale2d", "toImage"]) {
+  const common = {
+    font, margin: { l: 62, r: 14, t: 34, b: 46 }, paper_bgcolor: "#fff", plot_bgcolor: "#fff", hovermode: "closest",
+    hoverlabel: { font }, legend: { orientation: "h", x: 0, y: 1, yanchor: "bottom", xanchor: "left" },
+  };
+  // Named one by one: by default there is a button that sends the data to a server.
+  const config = { responsive: true, displaylogo: false, plotlyServerURL: "", modeBarButtons: [buttons] };
+  return Plotly.react(element, traces, { ...common, ...layout }, config);
+}
+
+function line(x, y, name, colourName, more) {
+  return { type: "scatter", mode: "lines", x, y, name, line: { color: colour(colourName), width: 1.6 }, ...more };
+}
+
+function drawTorque() {
+  const recording = curves.recordings[shown.recording];
+  const raw = recording.joints[shown.joint];
+  const [t, measured, nominal, corrected] = ["t", "measured", "nominal", "corrected"].map((key) => decode(raw[key]));
+  const gap = (predicted) => measured.map((value, i) => value - predicted[i]);
+  const hover = (unit) => ({ hovertemplate: "%{y:.4~g} " + unit + "<extra>%{fullData.name}</extra>" });
+  const below = { yaxis: "y2", ...hover("N m") };
+  draw("torque-figure", [
+    line(t, measured, "recorded", "measured", { ...hover("N m"), line: { color: colour("measured"), width: 2 } }),
+    line(t, nominal, "nominal arm", "nominal", hover("N m")),
+    line(t, corrected, "corrected arm", "corrected", { ...hover("N m"), line: { color: colour("corrected"), width: 1.6, dash: "5px,2px" } }),
+    line(t, gap(nominal), "gap before", "nominal", { ...below, showlegend: false }),
+    line(t, gap(corrected), "gap after", "corrected", { ...below, showlegend: false }),
+  ], {
+    hovermode: "x unified",
+    xaxis: axis("time [s]", { anchor: "y2", range: [t[0], t[t.length - 1]], hoverformat: ".3f", uirevision: recording.name }),
+    yaxis: axis("torque [N m]", { domain: [0.44, 1], uirevision: shown.joint }),
+    yaxis2: axis("gap [N m]", { domain: [0, 0.37], anchor: "x", uirevision: shown.joint }),
+  });
+}
+
+function drawSpectrum() {
+  const element = document.getElementById("spectrum-figure");
+  if (!element) return;
+  const frequency = decode(curves.spectrum.frequency);
+  const hover = { hovertemplate: "%{y:.3~g} N m/√Hz<extra>%{fullData.name}</extra>" };
+  draw(element, [
+    line(frequency, decode(curves.spectrum.before[shown.joint]), "gap before", "nominal", hover),
+    line(frequency, decode(curves.spectrum.after[shown.joint]), "gap after", "corrected", hover),
+  ], {
+    hovermode: "x unified",
+    xaxis: axis("frequency [Hz]", { rangemode: "tozero" }),
+    yaxis: axis("amplitude [N m/√Hz]", { type: "log", tickformat: "~g" }),
+  });
+}
+
+function drawSignature(element) {
+  const signature = curves.signatures[Number(element.dataset.signature)];
+  const [x, gap, explained] = [signature.x, signature.gap, signature.explained].map(decode);
+  const unit = signature.unit && signature.unit !== "1" ? " [" + signature.unit + "]" : "";
+  const points = (y, name, colourName, size, opacity) => ({
+    type: "scatter", mode: "markers", x, y, name, marker: { color: colour(colourName), size, opacity },
+    hovertemplate: "%{x:.3~g}, %{y:.3~g} N m<extra>" + name + "</extra>",
+  });
+  const overlay = signature.line ? line(x, explained, "explained", "corrected") : points(explained, "explained", "corrected", 4, 0.9);
+  draw(element, [points(gap, "gap", "nominal", 4, 0.45), overlay], {
+    title: { text: "J" + (signature.joint + 1), x: 1, xanchor: "right", xref: "paper", y: 0.98, yanchor: "top", font: { size: 14 } },
+    xaxis: axis(signature.axis + unit), yaxis: axis("torque gap [N m]"),
+  }, []);
+}
+
+function select(change) {
+  Object.assign(shown, change);
+  document.querySelectorAll("#joint-tabs button").forEach((button, i) => button.setAttribute("aria-pressed", i === shown.joint));
+  drawTorque();
+  drawSpectrum();
+}
+
+function addSelectors() {
+  const tabs = document.getElementById("joint-tabs");
+  curves.joints.forEach((label, joint) => {
+    const button = document.createElement("button");
+    button.type = "button";
+    button.textContent = label;
+    button.addEventListener("click", () => select({ joint }));
+    tabs.append(button);
+  });
+  const list = document.getElementById("recording");
+  curves.recordings.forEach((recording, i) => {
+    const role = { fit: " (fitted)", judge: " (unseen)" }[recording.role] || "";
+    list.add(new Option(recording.name + role, String(i)));
+  });
+  const unseen = curves.recordings.findIndex((recording) => recording.role === "judge");
+  shown.recording = Math.max(0, unseen);
+  list.value = String(shown.recording);
+  list.addEventListener("change", () => select({ recording: Number(list.value) }));
+}
+
+function drawSignaturesWhenSeen() {
+  const pending = new Set(document.querySelectorAll(".signature"));
+  const drawOnce = (element) => pending.delete(element) && drawSignature(element);
+  const observer = new IntersectionObserver((entries) => {
+    entries.filter((entry) => entry.isIntersecting).forEach((entry) => drawOnce(entry.target));
+  }, { rootMargin: "400px" });
+  pending.forEach((element) => observer.observe(element));
+  window.addEventListener("beforeprint", () => pending.forEach(drawOnce));
+}
+
+if (curves.recordings.length) {
+  addSelectors();
+  select({});
+}
+drawSignaturesWhenSeen();

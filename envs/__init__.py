@@ -1,0 +1,1 @@
+"""The Gymnasium environment, whose effects can be switched on and off."""

@@ -1,0 +1,1 @@
+"""The engines that step the environment; only here is a physics engine imported."""

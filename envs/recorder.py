@@ -1,0 +1,149 @@
+"""The recorder: a simulated arm with effects follows a reference under its controller, and is recorded."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from arm.controller import Controller
+from arm.dynamics import RigidBody
+from arm.errors import GapscopeError, InputError
+from arm.feedforward import feedforward
+from arm.nominal import NominalArm
+from arm.recording import Recording
+from arm.trajectory import Reference
+from effects.applied import AppliedEffect
+from envs.engines.pybullet import PyBulletEngine
+
+LONGEST_STEP = 1e-3
+"""The simulation's time step is the controller's period, divided until it is no longer than this [s]."""
+UNSTABLE_SPEED = 50.0
+"""A joint faster than this [rad/s] has lost its controller."""
+
+
+class VelocityFilter:
+    """Second-order low-pass differentiator, w^2 s / (s^2 + 2 zeta w s + w^2), discretised by the bilinear rule.
+
+    Without a cut-off it is the backward difference. Delay at low frequency: 2 zeta / w, or half a period.
+
+    Args:
+        rate: sampling rate [Hz].
+        cutoff: w / 2 pi [Hz], or ``None``.
+        damping: zeta [1].
+        position: position at the start [rad], shape (n,).
+        velocity: velocity until the start [rad/s], shape (n,).
+    """
+
+    def __init__(
+        self, rate: float, cutoff: float | None, damping: float, position: np.ndarray, velocity: np.ndarray
+    ) -> None:
+        self._q1 = position - velocity / rate
+        self._q2 = position - 2 * velocity / rate
+        self._v1 = self._v2 = np.array(velocity, dtype=float)
+        if cutoff is None:
+            self._gain = (rate, -rate, 0.0, 0.0, 0.0)
+            return
+        w, k = 2 * np.pi * cutoff, 2 * rate
+        lead = k**2 + 2 * damping * w * k + w**2
+        gain = w**2 * k / lead
+        self._gain = (gain, 0.0, -gain, 2 * (k**2 - w**2) / lead, -(k**2 - 2 * damping * w * k + w**2) / lead)
+
+    def __call__(self, q: np.ndarray) -> np.ndarray:
+        """Filtered velocity [rad/s] for the next position q [rad], each of shape (n,)."""
+        b0, b1, b2, a1, a2 = self._gain
+        v = b0 * q + b1 * self._q1 + b2 * self._q2 + a1 * self._v1 + a2 * self._v2
+        self._q1, self._q2, self._v1, self._v2 = q, self._q1, v, self._v1
+        return v
+
+
+def record(
+    arm: NominalArm,
+    effects: tuple[AppliedEffect, ...],
+    reference: Reference,
+    controller: Controller,
+    *,
+    duration: float,
+    rng: np.random.Generator,
+    rate: float = 250.0,
+    encoder_step: float | None = None,
+    torque_noise: np.ndarray | float = 0.0,
+    settle: float = 0.5,
+    name: str = "recording",
+) -> Recording:
+    """Record a simulated arm; columns t, q, dq (filtered), tau (commanded), q_ref and dq_ref.
+
+    At each tick of the controller tau = feedforward + kp (q_ref - q) + kd (dq_ref - dq), clipped at the torque limit,
+    is computed from the quantised encoders and held until the next tick. Row i holds the encoders' positions at t[i]
+    and the torque commanded at t[i]. A reference that starts at rest is held for ``settle`` seconds before t = 0, so
+    that the arm rests where its effects let it rest; one that starts in motion is met in motion.
+
+    Args:
+        arm: the nominal arm, which is also what the feedforward believes.
+        effects: what the simulated arm has beyond it.
+        reference: the motion to follow.
+        controller: its rate [Hz] is a multiple of ``rate``.
+        duration: of the recording [s].
+        rng: source of the noise.
+        rate: of the recording [Hz].
+        encoder_step: quantisation of the encoders [rad]; that of the data sheet where ``None``, none where 0.
+        torque_noise: standard deviation of white noise on the recorded torque [N m], a number or shape (n,).
+        settle: time at the reference's start before t = 0 [s].
+        name: name of the recording.
+
+    Raises:
+        InputError: ``rate`` does not divide the controller's rate, or the engine cannot simulate an effect.
+        GapscopeError: the simulated arm became unstable.
+    """
+    every = round(controller.rate / rate)
+    if abs(every * rate - controller.rate) > 1e-6 * rate:
+        raise InputError(f"{rate} Hz does not divide the controller's {controller.rate} Hz", where="rate")
+    command = _Command(arm, reference, controller, duration, settle)
+    step = (arm.encoder_step or 0.0) if encoder_step is None else encoder_step
+    q, dq, tau = _run(arm, effects, controller, command, step)
+    speed = np.abs(np.diff(q, axis=0)).max(axis=0) * controller.rate
+    if not (speed < UNSTABLE_SPEED).all():
+        raise GapscopeError(
+            f"the simulated arm became unstable at joint {int(speed.argmax()) + 1}",
+            "lower the controller's gains, or the severity of the effects",
+        )
+    rows = np.arange(command.first, len(command.t), every)
+    tau = tau[rows] + rng.standard_normal((len(rows), arm.n_joints)) * torque_noise
+    return Recording(name, command.t[rows], q[rows], tau, dq=dq[rows], q_ref=command.q[rows], dq_ref=command.dq[rows])
+
+
+class _Command:
+    """Reference and feedforward at every tick, those before t = 0 included; ``first`` is the tick of t = 0."""
+
+    def __init__(
+        self, arm: NominalArm, reference: Reference, controller: Controller, duration: float, settle: float
+    ) -> None:
+        rests = np.abs(reference.velocity(np.zeros(1))).max() < 1e-9
+        self.first = round(settle * controller.rate) if rests else 0
+        ticks = np.arange(-self.first, round(duration * controller.rate) + 1)
+        self.t = ticks / controller.rate
+        held = np.maximum(self.t, 0.0)
+        self.q, self.dq = reference.position(held), reference.velocity(held)
+        ddq = np.where(ticks[:, None] < 0, 0.0, reference.acceleration(held))
+        self.torque = feedforward(arm, RigidBody(arm), controller.feedforward, self.q, self.dq, ddq)
+
+
+def _run(
+    arm: NominalArm, effects: tuple[AppliedEffect, ...], controller: Controller, command: _Command, encoder_step: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions as the encoders gave them, filtered velocities and commanded torques at every tick, each (N, n)."""
+    steps = max(1, int(np.ceil(1.0 / (controller.rate * LONGEST_STEP) - 1e-9)))
+    limit = np.inf if arm.torque_limit is None else arm.torque_limit
+    q, dq, tau = (np.empty_like(command.q) for _ in range(3))
+    filtered = VelocityFilter(
+        controller.rate, controller.velocity_cutoff, controller.velocity_damping, command.q[0], command.dq[0]
+    )
+    with PyBulletEngine(arm, effects, 1.0 / (controller.rate * steps)) as engine:
+        engine.reset(command.q[0] - engine.encoder_offset, command.dq[0])
+        for i in range(len(command.t)):
+            seen = engine.encoders()
+            q[i] = np.round(seen / encoder_step) * encoder_step if encoder_step else seen
+            dq[i] = filtered(q[i])
+            pd = controller.kp * (command.q[i] - q[i]) + controller.kd * (command.dq[i] - dq[i])
+            tau[i] = np.clip(command.torque[i] + pd, -limit, limit)
+            for _ in range(steps):
+                engine.step(tau[i])
+    return q, dq, tau

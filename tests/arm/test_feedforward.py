@@ -1,0 +1,38 @@
+"""The feedforward law, on a pendulum worked by hand."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from arm.dynamics import RigidBody
+from arm.errors import InputError
+from arm.feedforward import feedforward
+from arm.nominal import NominalArm
+
+URDF = """<robot name="pendulum"><link name="base"/>
+<link name="rod"><inertial><origin xyz="0.5 0 0"/><mass value="2"/>
+<inertia ixx="0.01" iyy="0.05" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="hinge" type="continuous"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint></robot>"""
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> NominalArm:
+    """2 kg at 0.5 m, inertia 0.55 kg m^2 about the hinge."""
+    path = tmp_path / "pendulum.urdf"
+    path.write_text(URDF)
+    sheet = {"armature": np.array([0.2]), "coulomb": np.array([3.0]), "viscous": np.array([0.7])}
+    return NominalArm("pendulum", path, ("hinge",), **sheet)
+
+
+def test_laws_by_hand(arm: NominalArm) -> None:
+    q, dq, ddq = np.array([[0.0]]), np.array([[0.005]]), np.array([[2.0]])
+    gravity = -9.81  # the rod points along x, gravity turns it about +y
+    nominal = gravity + (0.55 + 0.2) * 2.0 + 3.0 * np.tanh(1.0) + 0.7 * 0.005
+    for kind, expected in (("none", 0.0), ("gravity", gravity), ("nominal", nominal)):
+        np.testing.assert_allclose(feedforward(arm, RigidBody(arm), kind, q, dq, ddq), [[expected]], rtol=1e-12)
+
+
+def test_unknown_kind(arm: NominalArm) -> None:
+    with pytest.raises(InputError, match=r"controller\.feedforward"):
+        feedforward(arm, RigidBody(arm), "magic", *np.zeros((3, 1, 1)))

@@ -1,0 +1,85 @@
+"""What is written is read back the same, in every format."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from arm.errors import GapscopeError, InputError
+from arm.nominal import NominalArm
+from arm.reading import load_recording
+from arm.recording import CHANNELS, Recording
+from arm.writing import write_recording
+
+FORMATS = ("csv", "parquet", "npz")
+
+
+def assert_same(one: Recording, other: Recording) -> None:
+    """All samples of two recordings are equal to the last bit."""
+    np.testing.assert_array_equal(one.t, other.t)
+    for name in CHANNELS:
+        a, b = getattr(one, name), getattr(other, name)
+        assert (a is None) == (b is None), name
+        if a is not None:
+            np.testing.assert_array_equal(a, b, err_msg=name)
+
+
+@pytest.mark.parametrize("ending", FORMATS)
+def test_round_trip(ending: str, recording: Recording, arm: NominalArm, tmp_path: Path) -> None:
+    path = write_recording(recording, tmp_path / f"motion.{ending}")
+    back = load_recording(path, arm, complete=True)
+    assert_same(recording, back)
+    assert back.name == f"motion.{ending}" and back.notes == ()
+    assert [file.name for file in tmp_path.glob(".*")] == []
+
+
+@pytest.mark.parametrize("ending", FORMATS)
+def test_positions_alone_are_a_recording_but_not_a_complete_one(
+    ending: str, recording: Recording, arm: NominalArm, tmp_path: Path
+) -> None:
+    path = write_recording(Recording("motion", recording.t, recording.q), tmp_path / f"motion.{ending}")
+    assert load_recording(path, arm).tau is None
+    with pytest.raises(InputError, match="has no column tau1; it has t, q1, q2"):
+        load_recording(path, arm, complete=True)
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    q=arrays(float, (40, 2), elements=st.floats(-2, 2)),
+    tau=arrays(float, (40, 2), elements=st.floats(-1e6, 1e6)),
+    ending=st.sampled_from(FORMATS),
+)
+def test_any_recording_survives(q: np.ndarray, tau: np.ndarray, ending: str) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        urdf = Path(folder) / "two.urdf"
+        urdf.write_text('<robot name="two"/>')
+        arm = NominalArm("two", urdf, ("a", "b"))
+        tau[0] = -1.0
+        recording = Recording("motion", np.arange(40) / 100, q, tau)
+        path = write_recording(recording, Path(folder) / f"motion.{ending}")
+        assert_same(recording, load_recording(path, arm, every_row=True))
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+def test_delimiters(delimiter: str, arm: NominalArm, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    rows = [f"{i / 100},{np.sin(i)},{np.cos(i)}" for i in range(30)]
+    path.write_text("\ufeff" + "\n".join([" t ,q1, q2", *rows, ""]).replace(",", delimiter), encoding="utf-8")
+    np.testing.assert_array_equal(load_recording(path, arm).q[:, 1], np.cos(np.arange(30)))
+
+
+def test_no_format_to_write(recording: Recording, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="'.xls' names no format"):
+        write_recording(recording, tmp_path / "motion.xls")
+
+
+def test_a_folder_that_is_not_there(recording: Recording, tmp_path: Path) -> None:
+    with pytest.raises(GapscopeError, match="cannot be written") as caught:
+        write_recording(recording, tmp_path / "absent" / "motion.csv")
+    assert caught.value.exit_code == 1

@@ -1,0 +1,148 @@
+"""The report: one file that says what was found, loads nothing, escapes names, and draws offline."""
+
+from __future__ import annotations
+
+import base64
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import documents
+import numpy as np
+import pytest
+
+from diagnosis.report import SummaryRow, render, render_summary
+from diagnosis.report.figures import POINTS_PER_CURVE, encode, keep_extremes, payload
+from diagnosis.result import Spectrum
+from diagnosis.wording import verdict_sentence
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+EVIL = "<script>alert('x')</script><img src=http://evil.example/x.png>"
+
+
+class Page(HTMLParser):
+    """Addresses and scripts of a page, and its text."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.addresses: list[str] = []
+        self.tags: list[str] = []
+        self.words: list[str] = []
+        self.feed(html)
+        self.text = re.sub(r"\s+", " ", " ".join(self.words))
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.addresses += [value or "" for name, value in attrs if name in ("src", "href", "srcset", "action")]
+
+    def handle_data(self, data: str) -> None:
+        if self.tags and self.tags[-1] not in ("script", "style"):
+            self.words.append(data)
+
+
+def rendered(document: dict[str, Any], folder: Path) -> Page:
+    render(documents.diagnosis(document), folder / "report.html")
+    return Page((folder / "report.html").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("make", [documents.two_effects, documents.no_gap, documents.unexplained])
+def test_one_file_that_loads_nothing(make: Callable[[], dict[str, Any]], tmp_path: Path) -> None:
+    page = rendered(make(), tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
+    assert all(address.startswith("#") for address in page.addresses)
+    assert "link" not in page.tags and "iframe" not in page.tags
+    assert verdict_sentence(make()) in page.text
+
+
+def test_anchors_lead_somewhere(tmp_path: Path) -> None:
+    page = rendered(documents.two_effects(), tmp_path)
+    html = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert page.addresses and all(f'id="{address[1:]}"' in html for address in page.addresses)
+
+
+def test_the_findings_are_in_the_report(tmp_path: Path) -> None:
+    text = rendered(documents.two_effects(), tmp_path).text
+    for expected in (
+        *("8.80 ± 0.20", "14.60 ± 0.30", "+1.051 ± 0.013", "−1.2 ± 1.0", "98 %", "78 %", "96 %", "0.655", "0.066"),
+        *("acceleration reversals above 2 Hz", "a chirp above 10 Hz", "a lag bends it", "−14.2", "500 Hz", "1.9°"),
+        *("3 samples repeat their time stamp", "A chirp on joints 4 and 5", "Torque NRMSE", "panda_joint7"),
+    ):
+        assert expected in text, expected
+
+
+def test_without_optional_keys_and_without_curves(tmp_path: Path) -> None:
+    document = documents.two_effects()
+    full = documents.diagnosis(document)
+    for key in ("arm", "recordings", "conditioning", "warnings", "where", "considered", "judged_on"):
+        del document[key]
+    document["next_recording"] = None
+    document["gap"]["before"]["replay_rmse"] = document["gap"]["after"]["replay_rmse"] = None
+    empty = Spectrum(np.zeros(0), np.zeros((0, 7)), np.zeros((0, 7)))
+    render(type(full)(document, full.effects, (), (), empty), tmp_path / "report.html")
+    text = Page((tmp_path / "report.html").read_text(encoding="utf-8")).text
+    assert "Torque over time" not in text and "Replay RMSE before" not in text and "None needed" in text
+
+
+def test_effects_outside_the_catalogue_are_shown(tmp_path: Path) -> None:
+    document = documents.two_effects()
+    document["effects"][0]["effect"] = "joint_swap"
+    assert "Joint swap" in rendered(document, tmp_path).text
+
+
+def test_names_are_escaped(tmp_path: Path) -> None:
+    document = documents.two_effects() | {"case": EVIL, "warnings": [EVIL], "next_recording": EVIL, "judged_on": EVIL}
+    document["arm"] = {"robot": EVIL, "joints": [EVIL + str(number) for number in range(7)]}
+    document["recordings"][0]["name"] = document["where"][0]["regime"] = document["considered"][0]["reason"] = EVIL
+    page = rendered(document, tmp_path)
+    assert EVIL not in (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "img" not in page.tags and page.tags.count("script") == 3
+    render_summary([SummaryRow(EVIL, EVIL, document), SummaryRow(EVIL, "b", None, EVIL)], tmp_path / "summary.html")
+    summary = Page((tmp_path / "summary.html").read_text(encoding="utf-8"))
+    assert "script" not in summary.tags and "img" not in summary.tags
+
+
+def test_curves_are_thinned_but_keep_their_peaks() -> None:
+    series = np.sin(np.linspace(0.0, 9.0, 60_000))
+    series[41_234] = 7.0
+    keep = keep_extremes([series, -series], 1000)
+    assert len(keep) <= 1000 and series[keep].max() == 7.0 and np.all(np.diff(keep) > 0)
+    assert np.array_equal(keep_extremes([series[:9]], 1000), np.arange(9))
+    curves = payload(documents.diagnosis(documents.two_effects()))["recordings"][0]["joints"][3]
+    t = np.frombuffer(base64.b64decode(curves["t"]), "<f4")
+    assert 500 < len(t) <= POINTS_PER_CURVE and len(base64.b64decode(curves["nominal"])) == t.nbytes
+
+
+def test_curves_survive_the_encoding() -> None:
+    values = np.array([0.1, -3e5, np.nan])
+    assert np.array_equal(np.frombuffer(base64.b64decode(encode(values)), "<f4"), values.astype("f4"), equal_nan=True)
+
+
+def test_the_summary_has_one_row_per_case(tmp_path: Path) -> None:
+    made = [documents.two_effects(), documents.no_gap(), documents.unexplained()]
+    rows = [SummaryRow(document["case"], f"cell {document['case']}", document) for document in made]
+    render_summary([*rows, SummaryRow("broken", "broken", None, "a.csv, line 12: not a number")], tmp_path / "s.html")
+    page = Page((tmp_path / "s.html").read_text(encoding="utf-8"))
+    assert page.addresses == [f"./cell%20{document['case']}/report.html" for document in made]
+    for expected in ("4 cases", "Actuator delay", "joints 4 and 5", "96 %", "0.219", "No gap", "Failed", "line 12"):
+        assert expected in page.text
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium on the PATH")
+@pytest.mark.parametrize(("make", "figures"), [(documents.two_effects, 6), (documents.no_gap, 2)])
+def test_a_browser_draws_the_figures_offline(make: Callable[[], Any], figures: int, tmp_path: Path) -> None:
+    rendered(make(), tmp_path)
+    command = [
+        *(str(CHROMIUM), "--headless", "--no-sandbox", "--disable-gpu", "--window-size=1280,6000"),
+        *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+        *("--virtual-time-budget=5000", "--host-resolver-rules=MAP * ~NOTFOUND", "--enable-logging=stderr"),
+        *(f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", (tmp_path / "report.html").as_uri()),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    drawn = re.findall(r'class="figure[^"]*js-plotly-plot"', done.stdout)
+    assert len(drawn) == figures
+    assert len(re.findall(r'<g class="trace scatter', done.stdout)) >= 2 * figures
+    assert [line for line in done.stderr.splitlines() if "CONSOLE" in line] == []

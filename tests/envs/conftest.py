@@ -1,0 +1,48 @@
+"""Arms that several tests simulate."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from arm.nominal import NominalArm
+from envs.mystery import iiwa
+
+PENDULUM = """<robot name="pendulum">
+  <link name="base"/>
+  <link name="rod"><inertial><origin xyz="0.5 0 0"/><mass value="2"/>
+    <inertia ixx="0.01" iyy="0.05" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="hinge" type="continuous"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint>
+</robot>"""
+"""A rod about a horizontal axis: inertia 0.05 + 2 * 0.5^2 = 0.55 kg m^2, gravity torque -9.81 cos q N m."""
+
+
+@pytest.fixture(scope="session")
+def data_sheet_arm() -> NominalArm:
+    """A KUKA iiwa with armature and friction."""
+    return iiwa()
+
+
+@pytest.fixture(scope="session")
+def bare_arm(data_sheet_arm: NominalArm) -> NominalArm:
+    """The same without armature, friction and torque limits."""
+    return NominalArm("bare", data_sheet_arm.urdf, data_sheet_arm.joints)
+
+
+@pytest.fixture(scope="session")
+def pendulum_urdf(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The pendulum's URDF file."""
+    path = tmp_path_factory.mktemp("pendulum") / "pendulum.urdf"
+    path.write_text(PENDULUM)
+    return path
+
+
+@pytest.fixture
+def pendulum(pendulum_urdf: Path):
+    """Makes a pendulum with the given data sheet."""
+
+    def make(**sheet: float) -> NominalArm:
+        values = {name: np.array([value]) for name, value in sheet.items()}
+        return NominalArm("pendulum", pendulum_urdf, ("hinge",), **values)
+
+    return make
