@@ -28,6 +28,7 @@ class InputError(GapscopeError):
     Attributes:
         file: the file at fault, or ``None`` when the input is no file.
         where: the line, column or field at fault.
+        problem: what is wrong, without the place.
         exit_code: 2, bad input.
     """
 
@@ -36,5 +37,6 @@ class InputError(GapscopeError):
     def __init__(self, message: str, remedy: str = "", *, file: Path | str | None = None, where: str = "") -> None:
         self.file = None if file is None else Path(file)
         self.where = where
+        self.problem = message
         place = ", ".join(part for part in (str(file) if file is not None else "", where) if part)
         super().__init__(f"{place}: {message}" if place else message, remedy)

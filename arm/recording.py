@@ -58,7 +58,9 @@ class Recording:
             value = getattr(self, name)
             if value is not None and value.shape != self.q.shape:
                 raise InputError(
-                    f"has shape {value.shape}, expected {self.q.shape} as q has", file=self.name, where=f"channel {name}"
+                    f"has shape {value.shape}, expected {self.q.shape} as q has",
+                    file=self.name,
+                    where=f"channel {name}",
                 )
         if len(self.t) != len(self.q):
             raise InputError(f"t has {len(self.t)} rows, q has {len(self.q)}", file=self.name)

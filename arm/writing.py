@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import os
 import re
 import shutil
 import tempfile
@@ -19,6 +18,7 @@ from arm.controller import Controller
 from arm.errors import GapscopeError, InputError
 from arm.nominal import NominalArm
 from arm.recording import CHANNELS, Recording
+from arm.whole import written_whole
 
 
 def write_recording(recording: Recording, path: str | Path) -> Path:
@@ -37,19 +37,13 @@ def write_recording(recording: Recording, path: str | Path) -> Path:
         raise InputError(
             f"the ending {path.suffix!r} names no format to write", "end it in .csv, .parquet or .npz", file=path
         )
-    aside = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
-    try:
+    with written_whole(path) as aside:
         if path.suffix == ".npz":
             np.savez_compressed(aside, allow_pickle=False, **_channels(recording))
         elif path.suffix == ".csv":
             _write_csv(_columns(recording), aside)
         else:
             _write_parquet(_columns(recording), aside)
-        aside.replace(path)
-    except OSError as error:
-        raise GapscopeError(f"{path}: cannot be written ({error})", "check the folder and its rights") from None
-    finally:
-        aside.unlink(missing_ok=True)
     return path
 
 
@@ -65,6 +59,16 @@ def _columns(recording: Recording) -> dict[str, np.ndarray]:
     for name, array in _channels(recording).items():
         columns |= {name: array} if array.ndim == 1 else {f"{name}{j + 1}": x for j, x in enumerate(array.T)}
     return columns
+
+
+def write_columns(columns: dict[str, np.ndarray], path: str | Path) -> None:
+    """Write columns of equal length as CSV, without loss.
+
+    Raises:
+        GapscopeError: the file cannot be written.
+    """
+    with written_whole(path) as aside:
+        _write_csv(columns, aside)
 
 
 def _write_csv(columns: dict[str, np.ndarray], path: Path) -> None:

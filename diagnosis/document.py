@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib import resources
@@ -16,6 +15,7 @@ from jsonschema import Draft202012Validator
 from jsonschema.exceptions import best_match
 
 from arm.errors import GapscopeError
+from arm.whole import written_whole
 
 
 @cache
@@ -54,26 +54,9 @@ def write_document(document: Mapping[str, Any], path: Path | str) -> None:
         GapscopeError: the document is not valid, or ``path`` cannot be written.
     """
     validate(document)
-    write_whole(path, json.dumps(plain(document), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
-
-
-def write_whole(path: Path | str, text: str) -> None:
-    """Write a text file under a temporary name and rename it; makes the folder.
-
-    Raises:
-        GapscopeError: ``path`` cannot be written.
-    """
-    path = Path(path)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            temporary.write_text(text, encoding="utf-8")
-            os.replace(temporary, path)
-        finally:
-            temporary.unlink(missing_ok=True)
-    except OSError as error:
-        raise GapscopeError(f"{path}: cannot be written ({error.strerror})", "choose another folder") from error
+    with written_whole(path) as aside:
+        text = json.dumps(plain(document), indent=2, ensure_ascii=False, allow_nan=False)
+        aside.write_text(text + "\n", encoding="utf-8")
 
 
 def _problems(content: Any) -> Iterator[tuple[str, str]]:

@@ -20,8 +20,9 @@ from scipy.linalg import cho_factor, cho_solve
 from diagnosis.linear import Linearisation
 from diagnosis.terms import Term, count_effects
 
-NEW_EFFECT = 5.0
-"""Charge for each different effect [nats]: about the logarithm of the number of ways to name one."""
+NEW_EFFECT = 20.0
+"""Charge for each different effect [nats]: the logarithm of the number of ways to name one, and a margin for what the
+effective number of samples overstates."""
 NOMINAL_ERROR = (0.003, 0.01, 0.03, 0.06)
 """Relative errors sigma of the nominal inertials that are tried; the evidence chooses."""
 SKEWS = (0.0, 2.5e-4, 5e-4)
@@ -110,7 +111,9 @@ class Evidence:
         cross = total[p:-1, :p]
         right = total[p:-1, -1]
         reduced = cho_solve(factor, np.column_stack([cross, right]))
-        return _Normal(total[:p, :p] - cross.T @ reduced[:, :-1], total[:p, -1] - cross.T @ reduced[:, -1], factor, cross, right)
+        return _Normal(
+            total[:p, :p] - cross.T @ reduced[:, :-1], total[:p, -1] - cross.T @ reduced[:, -1], factor, cross, right
+        )
 
     def fit(self, terms: frozenset[Term]) -> Fit:
         """Fit and score a set of terms; the score is minus infinity where a value could not be."""
@@ -118,7 +121,12 @@ class Evidence:
         theta, delta = self._all.solve(columns, self.terms.size)
         unseen = self.unseen(terms)
         score = -0.5 * float((self.independent * np.log1p(unseen / self.floor2)).sum())
-        score -= self.charge(terms) + SKEW_CHARGE * (self.skew > 0) + 0.5 * float(delta @ delta) / self.sigma**2 + self._log_det
+        score -= (
+            self.charge(terms)
+            + SKEW_CHARGE * (self.skew > 0)
+            + 0.5 * float(delta @ delta) / self.sigma**2
+            + self._log_det
+        )
         if not self.terms.feasible(theta, terms, self.lowest):
             score = -np.inf
         return Fit(terms, score, theta, delta, unseen)
@@ -130,7 +138,10 @@ class Evidence:
     def bootstrap(self, terms: frozenset[Term], rng: np.random.Generator, draws: int = 200) -> np.ndarray:
         """Values of the terms on pieces of the data drawn with replacement, shape (draws, P): a block bootstrap."""
         pieces = np.concatenate(
-            [np.einsum("bjxy,j->bxy", _with_skew(fold.gram, self.skew), w) for fold, w in zip(self.linear.folds, self.weights, strict=True)]
+            [
+                np.einsum("bjxy,j->bxy", _with_skew(fold.gram, self.skew), w)
+                for fold, w in zip(self.linear.folds, self.weights, strict=True)
+            ]
         )
         values = np.empty((draws, self.terms.size))
         for draw in range(draws):

@@ -138,7 +138,9 @@ def _next(effects: list[dict[str, Any]], open_joints: list[int]) -> str | None:
                 return f"to tell {effect['effect']} from {rival['effect']}: {rival['separated_by']}"
     if open_joints:
         joints = ", ".join(map(str, open_joints))
-        return f"to place what is unexplained on joint {joints}: that joint alone, the same path at half and double speed"
+        return (
+            f"to place what is unexplained on joint {joints}: that joint alone, the same path at half and double speed"
+        )
     return None
 
 
@@ -182,7 +184,9 @@ def _considered(study: Study) -> list[dict[str, Any]]:
         if not terms:
             continue
         name = next(iter(terms)).effect
-        gap = [np.sqrt((f.unseen * evidence.rows).sum(axis=0) / evidence.rows.sum(axis=0)) / scale for f in (winner, loser)]
+        gap = [
+            np.sqrt((f.unseen * evidence.rows).sum(axis=0) / evidence.rows.sum(axis=0)) / scale for f in (winner, loser)
+        ]
         lost = {t.effect for t in winner.terms - loser.terms}
         out.append(
             {

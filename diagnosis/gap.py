@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import welch
 
-from effects.corrected import CorrectedArm
 from arm.dynamics import RigidBody
+from effects.corrected import CorrectedArm
 from ident.conditioning import TORQUE_CUTOFF, Segment, low_pass
 
 TIMING = 1e-4
@@ -92,22 +92,35 @@ class Healthy:
 def healthy(corrected: CorrectedArm, body: RigidBody, segment: Segment) -> Healthy:
     """Estimate what a healthy arm would leave on a segment, from the segment itself.
 
-    *Noise*: the power density of the unfiltered gap just above the band (median over 13 to 25 Hz, or the top third of
-    the band where the rate is lower), taken as flat below. *Timing*: ``TIMING`` times the RMS rate of the torque.
+    *Noise*: the power density of the unfiltered gap above the band, taken as flat below. *Timing*: ``TIMING`` times the RMS rate of the torque.
     *Dry friction*, of size L = c + mu |tau|: anywhere in -L..L, so RMS L / sqrt 3, while the joint sticks, which it does
     to the degree 1 - |tanh(v / STICKING)|; ``FRICTION_FORM`` L while it slides.
     """
     assert segment.torque is not None
     rate = segment.motion.rate
     gap = segment.torque - corrected.predict(body, segment.motion)
-    frequency, density = welch(gap[segment.inner], rate, nperseg=min(len(gap), int(2 * rate)), axis=0)
-    nyquist = rate / 2
-    low, high = (13.0, 25.0) if nyquist > 25 else (0.67 * nyquist, 0.95 * nyquist)
-    band = (frequency >= low) & (frequency <= high)
-    noise = np.median(density[band], axis=0) * min(TORQUE_CUTOFF, nyquist)
+    noise = _noise_density(gap[segment.inner], rate) * min(TORQUE_CUTOFF, rate / 2)
     torque = filtered_torque(segment)
     timing = TIMING * np.sqrt((np.gradient(torque, 1 / rate, axis=0) ** 2).mean(axis=0))
     dry = np.abs(corrected.arm.coulomb + corrected.value("coulomb_friction", "torque"))
     dry = dry + np.abs(corrected.value("load_friction", "coefficient")) * np.abs(torque)
     stuck = (1.0 - np.abs(np.tanh(segment.motion.dq[segment.inner] / STICKING))) / np.sqrt(3.0)
     return Healthy(np.sqrt(noise + timing**2), dry * np.hypot(stuck, FRICTION_FORM))
+
+
+def _noise_density(gap: np.ndarray, rate: float) -> np.ndarray:
+    """Power density of the noise in a gap [(N m)^2/Hz], shape (n,).
+
+    The lowest of the median densities in 13 to 25, 25 to 50 and 50 to 100 Hz, as far as the rate goes (or the top third
+    of the band); the median over stretches of time keeps impacts out.
+    """
+    frequency, density = welch(gap, rate, nperseg=min(len(gap), int(rate)), axis=0, average="median")
+    top = 0.9 * rate / 2
+    bands = [
+        (low, min(high, top)) for low, high in ((13.0, 25.0), (25.0, 50.0), (50.0, 100.0)) if min(high, top) > low + 5
+    ]
+    levels = [
+        np.median(density[(frequency >= low) & (frequency <= high)], axis=0)
+        for low, high in bands or [(0.67 * rate / 2, rate / 2)]
+    ]
+    return np.min(levels, axis=0)

@@ -48,7 +48,9 @@ class Judge:
         ]
         lengths = np.cumsum([0, *(b - a for g in gaps for a, b in zip(g.edges, g.edges[1:], strict=False))])
         return TorqueGap(
-            np.vstack([g.measured for g in gaps]), np.vstack([g.predicted for g in gaps]), tuple(int(x) for x in lengths)
+            np.vstack([g.measured for g in gaps]),
+            np.vstack([g.predicted for g in gaps]),
+            tuple(int(x) for x in lengths),
         )
 
     def _corrected(self, theta: np.ndarray, terms: frozenset[Term]) -> CorrectedArm:
@@ -68,7 +70,9 @@ class Judge:
             for size in range(len(names) + 1)
             for subset in combinations(names, size)
         }
-        floor = np.sqrt((self.found.evidence.floor2 * self.found.evidence.rows).sum(axis=0) / self.found.evidence.rows.sum(axis=0))
+        floor = np.sqrt(
+            (self.found.evidence.floor2 * self.found.evidence.rows).sum(axis=0) / self.found.evidence.rows.sum(axis=0)
+        )
         above = max(-worth[()] - float((floor / self.found.scale).sum()), worth[tuple(names)] - worth[()], 1e-12)
         values = {}
         for name in names:

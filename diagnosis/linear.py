@@ -42,7 +42,7 @@ class Fold:
             dry friction.
         rows: weight of the rows of each piece, decimated to about twice the filter's cut-off, shape (B, n).
         floor: RMS of a healthy arm on this fold where its friction is not in doubt [N m], (n,).
-        independent: effective number of independent samples in the gap at theta_0, (n,).
+        independent: effective number of independent samples, (n,), in what is left when every term is fitted.
     """
 
     gram: np.ndarray
@@ -97,12 +97,16 @@ class Linearisation:
         count = int(np.clip(seconds / PIECE, 2, max(2, MOST_PIECES // len(self.data.folds))))
         gap, x = np.vstack(gaps), np.vstack(columns)
         y = gap + x @ self.theta
-        full = (np.concatenate([x, np.vstack(nuisance), np.vstack(rates)[:, :, None], y[:, :, None]], axis=2) * np.sqrt(weight)[:, :, None]).transpose(1, 0, 2)
+        full = (
+            np.concatenate([x, np.vstack(nuisance), np.vstack(rates)[:, :, None], y[:, :, None]], axis=2)
+            * np.sqrt(weight)[:, :, None]
+        ).transpose(1, 0, 2)
         cuts = np.linspace(0, len(y), count + 1).astype(int)
         spans = list(zip(cuts, cuts[1:], strict=False))
         gram = np.array([full[:, a:b].transpose(0, 2, 1) @ full[:, a:b] for a, b in spans])
         rows = np.array([weight[a:b].sum(axis=0) for a, b in spans])
-        independent = sum(effective_samples(g) for g in gaps) * weight.mean(axis=0)
+        explaining = np.concatenate([full[:, :, : self.terms.size], full[:, :, -1:]], axis=2)
+        independent = effective_samples(_richest_residual(explaining)) * weight.mean(axis=0)
         return Fold(gram, rows, np.sqrt(floor2), independent)
 
     def _segment(self, segment: Segment) -> tuple[np.ndarray, np.ndarray, np.ndarray, Healthy]:
@@ -149,6 +153,20 @@ class Linearisation:
 
 def _motion(segment: Segment) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return segment.motion.q, segment.motion.dq, segment.motion.ddq
+
+
+def _richest_residual(full: np.ndarray) -> np.ndarray:
+    """What is left of y when all its columns are fitted, (M, n), from X of shape (n, M, columns + 1).
+
+    A gap that some effect explains leaves noise, many independent samples; one that nothing explains leaves its own slow
+    structure, few samples, and so little evidence for anything.
+    """
+    residual = np.empty(full.shape[:2])
+    for j, x in enumerate(full):
+        used = x[:, :-1][:, np.ptp(x[:, :-1], axis=0) > 0]
+        scaled = used / np.linalg.norm(used, axis=0)
+        residual[j] = x[:, -1] - scaled @ np.linalg.lstsq(scaled, x[:, -1], rcond=1e-6)[0]
+    return residual.T
 
 
 def effective_samples(series: np.ndarray) -> np.ndarray:

@@ -26,7 +26,9 @@ def traces(corrected: CorrectedArm, body: RigidBody, segments: list[Segment]) ->
         step = max(1, len(before.measured) // POINTS)
         t = segment.motion.t[segment.inner]
         out.append(
-            Trace(segment.recording, t[::step], before.measured[::step], before.predicted[::step], after.predicted[::step])
+            Trace(
+                segment.recording, t[::step], before.measured[::step], before.predicted[::step], after.predicted[::step]
+            )
         )
     return tuple(out)
 

@@ -49,7 +49,9 @@ def rivals(evidence: Evidence, found: Fit, effect: str) -> tuple[float, list[Riv
     total = 1.0 + sum(weights.values())
     ranked = sorted(scores, key=lambda name: scores[name], reverse=True)
     return 1.0 / total, [
-        Rival(name, tuple(sorted(t.joint for t in options[name] if t.joint)), float(scores[name]), weights[name] / total)
+        Rival(
+            name, tuple(sorted(t.joint for t in options[name] if t.joint)), float(scores[name]), weights[name] / total
+        )
         for name in ranked
     ]
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Callable
 
 import numpy as np
 
@@ -81,7 +81,9 @@ def _describe(terms: frozenset[Term]) -> str:
 class _State:
     """The model so far: its terms, the linearisation around its values, and the evidence on it."""
 
-    def __init__(self, arm: NominalArm, body: RigidBody, terms: Terms, folds: list[list[Segment]], cutoff: float) -> None:
+    def __init__(
+        self, arm: NominalArm, body: RigidBody, terms: Terms, folds: list[list[Segment]], cutoff: float
+    ) -> None:
         self.terms, self.data = terms, Data(arm, body, folds, cutoff)
         self.linear = Linearisation(self.data, terms, np.zeros(terms.size))
         self.scale = torque_scale(np.vstack([filtered_torque(s) for fold in folds for s in fold]))
@@ -167,7 +169,7 @@ def _groups(state: _State) -> list[Fit]:
         singles = sorted((state.evidence.fit(state.fit.terms | {t}) for t in free), key=lambda f: -f.score)
         for single in singles:
             extended = state.evidence.fit(best.terms | single.terms)
-            if extended.score > best.score or best is state.fit and extended.score > best.score - 1e-9:
+            if extended.score > best.score or (best is state.fit and extended.score > best.score - 1e-9):
                 best = extended
         if best is not state.fit:
             groups.append(best)

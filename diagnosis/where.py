@@ -41,7 +41,9 @@ class Region:
         return self.share / max(self.coverage, 1e-9)
 
 
-def regions(error: np.ndarray, rows: Rows, load: np.ndarray, rate: float, joints: list[int], most: int = 2) -> list[Region]:
+def regions(
+    error: np.ndarray, rows: Rows, load: np.ndarray, rate: float, joints: list[int], most: int = 2
+) -> list[Region]:
     """The regions where the gap of some joints is concentrated, the strongest first.
 
     Args:
@@ -101,5 +103,13 @@ def _bands(error: np.ndarray, rate: float, joint: int) -> list[Region]:
     for low, high in BANDS:
         band = inside & (frequency >= low) & (frequency < high)
         if band.any() and total > 0:
-            out.append(Region(joint, "frequency", f"{low:g} to {high:g} Hz", float(density[band].sum() / total), float(band.sum() / span)))
+            out.append(
+                Region(
+                    joint,
+                    "frequency",
+                    f"{low:g} to {high:g} Hz",
+                    float(density[band].sum() / total),
+                    float(band.sum() / span),
+                )
+            )
     return out

@@ -5,7 +5,7 @@ Convention: applied = (1 + s) recorded(t - T) + offset, and applied is what the 
 
 from __future__ import annotations
 
-from typing import Callable
+from collections.abc import Callable
 
 import numpy as np
 

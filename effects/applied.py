@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Mapping
 
 import numpy as np
 
@@ -39,13 +39,19 @@ class AppliedEffect:
                 where=self.name,
             )
         if (definition.scope == "joint") != bool(self.joints):
-            raise InputError(f"an effect of scope {definition.scope}, but joints are {list(self.joints)}", where=self.name)
+            raise InputError(
+                f"an effect of scope {definition.scope}, but joints are {list(self.joints)}", where=self.name
+            )
         if any(joint < 1 for joint in self.joints) or len(set(self.joints)) != len(self.joints):
             raise InputError(f"joints count from 1 and occur once, got {list(self.joints)}", where=self.name)
         values = {}
         for parameter in definition.parameters:
             value = np.array(self.parameters[parameter.name], dtype=float)
-            expected = (len(self.joints),) if definition.scope == "joint" else (() if parameter.size == 1 else (parameter.size,))
+            expected = (
+                (len(self.joints),)
+                if definition.scope == "joint"
+                else (() if parameter.size == 1 else (parameter.size,))
+            )
             if definition.scope == "joint" and value.ndim == 0:
                 value = np.full(expected, float(value))
             if value.shape != expected:
@@ -55,7 +61,8 @@ class AppliedEffect:
             low, high = parameter.bounds
             if not (np.isfinite(value).all() and (value >= low).all() and (value <= high).all()):
                 raise InputError(
-                    f"value {value.tolist()} outside {low} .. {high} {parameter.unit}", where=f"{self.name}.{parameter.name}"
+                    f"value {value.tolist()} outside {low} .. {high} {parameter.unit}",
+                    where=f"{self.name}.{parameter.name}",
                 )
             value.setflags(write=False)
             values[parameter.name] = value

@@ -10,8 +10,7 @@ from effects.rigid_body import ARMATURE, PAYLOAD
 from effects.sensing import ENCODER_OFFSET
 
 CATALOGUE: dict[str, Effect] = {
-    effect.name: effect
-    for effect in (COULOMB, VISCOUS, LOAD, PAYLOAD, ARMATURE, SCALE, OFFSET, DELAY, ENCODER_OFFSET)
+    effect.name: effect for effect in (COULOMB, VISCOUS, LOAD, PAYLOAD, ARMATURE, SCALE, OFFSET, DELAY, ENCODER_OFFSET)
 }
 
 

@@ -35,7 +35,9 @@ class CorrectedArm:
     def payload(self) -> np.ndarray:
         """Ten inertial parameters that the payload adds to the last link, shape (10,)."""
         found = [e for e in self.effects if e.name == "payload"]
-        return sum((point_mass_parameters(float(e.parameters["mass"]), e.parameters["com"]) for e in found), np.zeros(10))
+        return sum(
+            (point_mass_parameters(float(e.parameters["mass"]), e.parameters["com"]) for e in found), np.zeros(10)
+        )
 
     def true_position(self, q: np.ndarray) -> np.ndarray:
         """Position of the joints [rad] from the recorded one, shape (N, n): sensing effects undone."""
@@ -60,7 +62,9 @@ class CorrectedArm:
         torque = rigid + inertia * motion.ddq + arm.coulomb * smooth_sign(motion.dq) + arm.viscous * motion.dq
         laws = [(e.effect, _values(e, arm.n_joints)) for e in self.effects if isinstance(e.effect, TorqueLaw)]
         for law, values in sorted(laws, key=lambda item: item[0].name == "load_friction"):
-            torque = torque + law.law(motion.dq, torque, *values)  # load friction last: it acts on the whole motor torque
+            torque = torque + law.law(
+                motion.dq, torque, *values
+            )  # load friction last: it acts on the whole motor torque
         return torque
 
     def recorded_torque(self, needed: np.ndarray, motion: Motion) -> np.ndarray:

@@ -10,8 +10,9 @@ from pathlib import Path
 import jinja2
 from markupsafe import Markup
 
+from arm.whole import written_whole
 from diagnosis import quantities
-from diagnosis.document import plain, validate, write_whole
+from diagnosis.document import plain, validate
 from diagnosis.report import figures, sections
 from diagnosis.result import Diagnosis
 from diagnosis.wording import acts_on, capital, effect_name
@@ -37,7 +38,8 @@ def render(diagnosis: Diagnosis, path: Path | str) -> None:
             **{section.__name__: section(diagnosis) for section in sections.SECTIONS},
         )
     )
-    write_whole(path, html)
+    with written_whole(path) as aside:
+        aside.write_text(html, encoding="utf-8")
 
 
 @cache

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from diagnosis.document import write_whole
+from arm.whole import written_whole
 from diagnosis.report.page import environment
 from diagnosis.wording import VERDICTS, acts_on, effect_name, gap_closed
 
@@ -77,4 +77,5 @@ def render_summary(rows: Sequence[SummaryRow], path: Path | str) -> None:
     """
     counts = {label: sum(row.kind == kind for row in rows) for kind, label in _COUNTED.items()}
     html = environment().get_template("summary.html").render(rows=rows, counts=counts)
-    write_whole(path, html)
+    with written_whole(path) as aside:
+        aside.write_text(html, encoding="utf-8")

@@ -1,0 +1,154 @@
+"""The command line: ``gapscope COMMAND``; commands import what they need when they run."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Optional
+
+import typer
+from rich.console import Console
+
+from arm.errors import GapscopeError
+
+if TYPE_CHECKING:
+    from rich.status import Status
+
+app = typer.Typer(
+    help="Finds out why a simulated robot arm and a real one disagree.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+)
+_console = Console()
+_log = Console(stderr=True)
+
+CasePath = Annotated[Path, typer.Argument(help="folder of the case, or its case file", metavar="CASE")]
+Model = Annotated[Optional[Path], typer.Option(help="corrected.yaml of a diagnosis; default: the nominal arm")]  # noqa: UP045
+
+
+class _Progress:
+    """What is being done: a spinner on a terminal, a line each elsewhere; on standard error."""
+
+    def __init__(self, label: str) -> None:
+        self.label = label
+        self._status: Status | None = _log.status(label) if _log.is_terminal else None
+
+    def __enter__(self) -> _Progress:
+        if self._status:
+            self._status.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._status:
+            self._status.stop()
+
+    def __call__(self, message: str) -> None:
+        text = f"{self.label}: {message}"
+        if self._status:
+            self._status.update(text)
+        else:
+            _log.print(text, highlight=False)
+
+
+@app.command()
+def diagnose(
+    cases: Annotated[list[Path], typer.Argument(help="folders of cases, or case files", metavar="CASE...")],
+    out: Annotated[Path, typer.Option(help="folder for the results", metavar="DIR")],
+    jobs: Annotated[int, typer.Option(min=1, help="cases at a time, where there are several")] = 1,
+    backend: Annotated[str, typer.Option(help="local, or ray (needs ray installed)")] = "local",
+) -> None:
+    """Find where the gap lies, which effect causes it, and how far it shrinks."""
+    if len(cases) == 1:
+        from arm.case import load_case
+        from diagnosis.terminal import print_summary
+        from gapscope.run import diagnose_case
+
+        with _Progress(cases[0].name or str(cases[0])) as progress:
+            progress("reads the case")
+            result = diagnose_case(load_case(cases[0]), out, progress)
+        print_summary(result.document, _console)
+        _wrote(out / "report.html", out / "diagnosis.json", out / "corrected.yaml")
+        return
+    from gapscope.batch import diagnose_all
+
+    with _Progress(f"{len(cases)} cases") as progress:
+        code = diagnose_all(cases, out, jobs, backend, progress, _console)
+    _wrote(out / "summary.html")
+    raise typer.Exit(code)
+
+
+@app.command()
+def predict(
+    case: CasePath,
+    recording: Annotated[Path, typer.Option(help="recording with t, q1..; other columns are not used", metavar="FILE")],
+    out: Annotated[Path, typer.Option(help="CSV to write: t, tau1..", metavar="FILE.csv")],
+    model: Model = None,
+) -> None:
+    """Predict the torque that would be recorded, at every sample of a recording."""
+    from arm.writing import write_columns
+    from diagnosis.predict import predict_torque
+    from gapscope.run import corrected_arm, load_for_prediction
+
+    with _Progress(recording.name) as progress:
+        progress("reads")
+        arm, motion = load_for_prediction(case, recording)
+        progress("predicts")
+        torque = predict_torque(corrected_arm(arm, model), motion)
+        write_columns({"t": motion.t, **{f"tau{j + 1}": torque[:, j] for j in range(arm.n_joints)}}, out)
+    _wrote(out)
+
+
+@app.command()
+def gap(
+    case: CasePath,
+    model: Model = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print JSON to standard output")] = False,
+) -> None:
+    """Measure the gap alone, per joint, of the nominal or the corrected arm."""
+    from arm.case import load_case
+    from gapscope.run import corrected_arm
+    from gapscope.show import gap_document, gap_table
+
+    with _Progress(case.name or str(case)) as progress:
+        progress("measures the gap")
+        loaded = load_case(case)
+        measured = gap_document(loaded, corrected_arm(loaded.arm, model))
+    if as_json:
+        sys.stdout.write(json.dumps(measured, indent=2, allow_nan=False) + "\n")
+    else:
+        _console.print(gap_table(measured, loaded.arm.joints))
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(help="folder for the case and the results", metavar="DIR")] = Path(
+        "gapscope-demo"
+    ),
+    seed: Annotated[Optional[int], typer.Option(help="draw the same mystery arm again")] = None,  # noqa: UP045
+) -> None:
+    """Record a mystery arm, diagnose it, and open the truth beside the verdict."""
+    from gapscope.mystery import play
+
+    with _Progress("mystery arm") as progress:
+        paths = play(out, seed, progress, _console)
+    _wrote(*paths)
+
+
+def _wrote(*paths: Path) -> None:
+    for path in paths:
+        _console.print(f"wrote {path}", highlight=False, soft_wrap=True)
+
+
+def main(arguments: list[str] | None = None) -> Any:
+    """Run a command; the process ends with 0, 1 (the work failed, said why) or 2 (bad input)."""
+    try:
+        app(args=arguments)
+    except GapscopeError as error:
+        _log.print(f"gapscope: {error}", style="red", highlight=False, markup=False, soft_wrap=True)
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        _log.print("gapscope: interrupted; what was written is whole, run the command again for the rest")
+        sys.exit(130)

@@ -1,0 +1,74 @@
+"""One case from its files to its results."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from arm.case import Case, load_case
+from arm.errors import GapscopeError
+from arm.nominal import NominalArm
+from arm.reading import load_recording
+from arm.recording import Recording
+from diagnosis.diagnose import diagnose
+from diagnosis.document import write_document
+from diagnosis.report import render
+from diagnosis.report.summary import SummaryRow
+from diagnosis.result import Diagnosis
+from effects.corrected import CorrectedArm
+from effects.corrected_file import read_corrected, write_corrected
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder that can be written to, before any work is done for it.
+
+    Raises:
+        GapscopeError: it cannot be made or written to.
+    """
+    probe = folder / f".gapscope-{os.getpid()}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise GapscopeError(
+            f"{folder}: cannot be written to ({error.strerror})", "choose another folder with --out, or mend its rights"
+        ) from None
+
+
+def diagnose_case(case: Case, out: Path, progress: Callable[[str], None] = lambda message: None) -> Diagnosis:
+    """Diagnose a case and write ``corrected.yaml``, ``report.html`` and, as the last, ``diagnosis.json``."""
+    make_folder(out)
+    (out / "diagnosis.json").unlink(missing_ok=True)
+    result = diagnose(case, progress)
+    progress("writes the report")
+    write_corrected(case.name, result.effects, out / "corrected.yaml")
+    render(result, out / "report.html")
+    write_document(result.document, out / "diagnosis.json")
+    return result
+
+
+def diagnose_path(path: str, out: Path, folder: str) -> tuple[SummaryRow, int]:
+    """Diagnose the case at a path as one of several: its row of the summary, and its exit code."""
+    try:
+        case = load_case(path)
+        return SummaryRow(case.name, folder, diagnose_case(case, out / folder).document), 0
+    except GapscopeError as error:
+        return SummaryRow(folder, folder, failure=str(error)), error.exit_code
+
+
+def corrected_arm(arm: NominalArm, model: Path | None) -> CorrectedArm:
+    """The nominal arm, or the corrected one where a ``corrected.yaml`` is given."""
+    effects = read_corrected(model) if model is not None else ()
+    corrected = CorrectedArm(arm, effects)
+    for applied in effects:
+        for name in applied.effect.names if applied.joints else ():
+            applied.per_joint(name, arm.n_joints)  # raises where a joint does not exist
+    return corrected
+
+
+def load_for_prediction(case_path: Path, file: Path) -> tuple[NominalArm, Recording]:
+    """The nominal arm of a case, and every row of a recording that may hold no more than t and q."""
+    case = load_case(case_path, read_recordings=False)
+    return case.arm, load_recording(file, case.arm, case.importing, every_row=True)
