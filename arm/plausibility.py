@@ -103,7 +103,7 @@ def repeated_rows(t: np.ndarray, values: dict[str, np.ndarray]) -> tuple[np.ndar
         measured = np.hstack([values[name] for name in ("q", "dq", "tau", "tau_sensor") if name in values])
         same = np.r_[False, (np.diff(measured, axis=0) == 0).all(axis=1)]
         edges = np.flatnonzero(np.diff(np.r_[False, same, False].astype(int)))
-        for start, stop in zip(edges[::2], edges[1::2]):
+        for start, stop in zip(edges[::2], edges[1::2], strict=True):
             stale[start:stop] = stop - start <= 3 and stop < len(t)
         stale &= ~stamp
     if stale.any():

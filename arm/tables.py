@@ -48,7 +48,7 @@ def read_csv(path: Path) -> Table:
         raise InputError(f"is not valid CSV ({error})", file=path, where=f"line {reader.line_num}") from None
     if not rows:
         raise InputError("has a header and no rows", "give a file with samples", file=path)
-    return Table(path, dict(zip(names, zip(*rows))), lines, "line")
+    return Table(path, dict(zip(names, zip(*rows, strict=True), strict=True)), lines, "line")
 
 
 def _check_header(names: list[str], path: Path) -> None:

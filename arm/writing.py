@@ -75,7 +75,7 @@ def _write_csv(columns: dict[str, np.ndarray], path: Path) -> None:
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
-        writer.writerows(zip(*(column.tolist() for column in columns.values())))
+        writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
 
 
 def _write_parquet(columns: dict[str, np.ndarray], path: Path) -> None:
@@ -124,7 +124,7 @@ def _fill(case: Case, folder: Path) -> None:
     """Write all files of a case into an empty folder."""
     shutil.copyfile(case.arm.urdf, folder / "robot.urdf")
     names = _file_names([recording.name for recording in (*case.recordings, *case.judged)])
-    for recording, name in zip((*case.recordings, *case.judged), names):
+    for recording, name in zip((*case.recordings, *case.judged), names, strict=True):
         write_recording(recording, folder / name)
     content: dict[str, Any] = {
         "name": case.name,

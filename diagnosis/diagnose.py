@@ -95,9 +95,8 @@ def _study(case: Case, progress: Callable[[str], None]) -> Study:
 def _check_torque(case: Case) -> None:
     if any(recording.tau is not None for recording in case.recordings):
         return
-    why = (
-        "; ".join((*case.warnings, *(note for r in case.recordings for note in r.notes))) or "none has a torque column"
-    )
+    noticed = (*case.warnings, *(note for r in case.recordings for note in r.notes))
+    why = "; ".join(dict.fromkeys(noticed)) or "none has a torque column"
     raise GapscopeError(
         f"{case.name}: no recording carries a torque that can be trusted ({why})",
         "give torque with its sign in column tau1.., or map it in the case's import: section",

@@ -157,7 +157,7 @@ class Evidence:
     def unseen(self, terms: frozenset[Term], *, corrected: bool = True) -> np.ndarray:
         """Mean square of the gap on each fold under values fitted to the others [N^2 m^2], (F, n).
 
-        ``corrected`` says whether the nuisances, the errors of the nominal inertials and the skew, are taken out as well.
+        ``corrected`` says whether the nuisances, errors of the nominal inertials and skew, are taken out as well.
         """
         return self._mean_square(terms, self._without, corrected)
 

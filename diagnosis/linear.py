@@ -1,12 +1,17 @@
 """The corrected arm's torque, linearised in the parameters of all terms, as normal equations.
 
-Around theta_0 the gap of joint j is  y_j = r_j(theta_0) + A_j theta_0 = A_j theta + N_j delta + d_j T + noise,  with r the gap at
-theta_0, A the derivatives of the predicted torque, N the nominal arm's inertial regressor, delta the errors of the
-nominal inertials, d the rate of the predicted torque and T a skew of sampling common to all joints. Everything later needs only A^T A and its like per block of data, so a log's length does not matter.
+Around theta_0 the gap of joint j is
+
+    y_j = r_j(theta_0) + A_j theta_0 = A_j theta + N_j delta + d_j T + noise
+
+with r the gap at theta_0, A the derivatives of the predicted torque, N the nominal arm's inertial regressor, delta the
+errors of the nominal inertials, d the rate of the predicted torque and T a skew of sampling common to all joints.
+Everything later needs only A^T A and its like per piece of the data, so a log's length does not matter.
 """
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -102,7 +107,7 @@ class Linearisation:
             * np.sqrt(weight)[:, :, None]
         ).transpose(1, 0, 2)
         cuts = np.linspace(0, len(y), count + 1).astype(int)
-        spans = list(zip(cuts, cuts[1:], strict=False))
+        spans = list(itertools.pairwise(cuts))
         gram = np.array([full[:, a:b].transpose(0, 2, 1) @ full[:, a:b] for a, b in spans])
         rows = np.array([weight[a:b].sum(axis=0) for a, b in spans])
         explaining = np.concatenate([full[:, :, : self.terms.size], full[:, :, -1:]], axis=2)
@@ -158,8 +163,8 @@ def _motion(segment: Segment) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _richest_residual(full: np.ndarray) -> np.ndarray:
     """What is left of y when all its columns are fitted, (M, n), from X of shape (n, M, columns + 1).
 
-    A gap that some effect explains leaves noise, many independent samples; one that nothing explains leaves its own slow
-    structure, few samples, and so little evidence for anything.
+    A gap that some effect explains leaves noise, many independent samples; one that nothing explains leaves its own
+    slow structure, few samples, and so little evidence for anything.
     """
     residual = np.empty(full.shape[:2])
     for j, x in enumerate(full):
@@ -188,7 +193,7 @@ def _moved(corrected: CorrectedArm, effect: str, parameter: str, step: float) ->
 
 def _payload_tangent(payload: np.ndarray) -> np.ndarray:
     """Derivative of the payload's ten inertial parameters by mass and first moment, shape (10, 4)."""
-    mass, moment = payload[0], payload[1:]
+    mass = payload[0]
     tangent = np.eye(10, 4)
     if abs(mass) < 1e-3:
         return tangent

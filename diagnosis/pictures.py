@@ -54,11 +54,8 @@ def signatures(corrected: CorrectedArm, body: RigidBody, segments: list[Segment]
         explained = full.predicted - without.predicted
         for joint in _joints(applied, explained, without):
             axis, unit, x = _axis(applied.name, rows, without, explained, joint - 1)
-            out.append(
-                Signature(
-                    applied.name, joint, axis, unit, x[::step], without.error[::step, joint - 1], explained[::step, joint - 1]
-                )
-            )  # fmt: skip
+            gap, part = without.error[::step, joint - 1], explained[::step, joint - 1]
+            out.append(Signature(applied.name, joint, axis, unit, x[::step], gap, part))
     return tuple(out)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from diagnosis.evidence import Evidence, Fit
-from diagnosis.terms import Term
+from diagnosis.terms import EXPLAINED, Term
 from effects.catalogue import CATALOGUE
 
 TEMPER = 0.2
@@ -36,7 +36,7 @@ def rivals(evidence: Evidence, found: Fit, effect: str) -> tuple[float, list[Riv
     mine = frozenset(t for t in found.terms if t.effect == effect)
     joints = {t.joint for t in mine} - {0}
     options: dict[str, frozenset[Term]] = {"none": frozenset()}
-    for other in CATALOGUE.values():
+    for other in (CATALOGUE[name] for name in EXPLAINED):
         if any(t.effect == other.name for t in found.terms):
             continue
         same = [t for t in evidence.terms.all if t.effect == other.name]

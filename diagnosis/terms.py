@@ -11,6 +11,19 @@ from effects.applied import AppliedEffect
 from effects.catalogue import CATALOGUE
 from effects.effect import Effect
 
+EXPLAINED = (
+    "coulomb_friction",
+    "viscous_friction",
+    "load_friction",
+    "payload",
+    "armature",
+    "torque_scale",
+    "torque_offset",
+    "actuator_delay",
+    "encoder_offset",
+)
+"""Effects that a diagnosis can find; each joint effect among them has one parameter."""
+
 
 @dataclass(frozen=True)
 class Term:
@@ -35,7 +48,7 @@ class Terms:
 
     def __init__(self, n_joints: int) -> None:
         self.n_joints = n_joints
-        self.joint_effects = [e for e in CATALOGUE.values() if e.scope == "joint"]
+        self.joint_effects = [CATALOGUE[name] for name in EXPLAINED if CATALOGUE[name].scope == "joint"]
         terms = [
             Term(effect.name, joint + 1, (k * n_joints + joint,))
             for k, effect in enumerate(self.joint_effects)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,13 +84,13 @@ def _masks(rows: Rows, load: np.ndarray, j: int) -> list[tuple[str, str, np.ndar
         ("regime", "moving backward", rows.dq[:, j] < -slow),
     ]
     edges = np.linspace(q.min(), q.max(), 6)
-    for low, high in zip(edges, edges[1:], strict=False):
+    for low, high in itertools.pairwise(edges):
         masks.append(("position", f"position {low:.2f} to {high:.2f} rad", (q >= low) & (q <= high)))
     for segment in np.unique(rows.segment):
         inside = rows.segment == segment
         t = rows.t[inside]
         cuts = np.linspace(t[0], t[-1], 6)
-        for low, high in zip(cuts, cuts[1:], strict=False):
+        for low, high in itertools.pairwise(cuts):
             text = f"recording {segment + 1}, {low:.1f} to {high:.1f} s"
             masks.append(("time", text, inside & (rows.t >= low) & (rows.t <= high)))
     return [m for m in masks if m[2].any()]

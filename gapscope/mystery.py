@@ -54,7 +54,7 @@ def _comparison(truth: tuple[AppliedEffect, ...], found: tuple[AppliedEffect, ..
     hidden, said = _values(truth), _values(found)
     for key in [*hidden, *(k for k in said if k not in hidden)]:
         name, joint, parameter, unit = key
-        values = [v[key] if key in v else None for v in (hidden, said)]
+        values = [v.get(key, None) for v in (hidden, said)]
         factor, label = display_unit(unit, max(abs(v) for v in values if v is not None))
         texts = ["–" if v is None else f"{significant(v * factor)} {label}" for v in values]
         table.add_row(effect_name(name), joint, parameter, *texts)

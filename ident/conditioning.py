@@ -6,6 +6,7 @@ takes from the other.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,7 +90,7 @@ def pieces(recording: Recording) -> list[slice]:
     step = 1.0 / recording.rate
     cuts = np.flatnonzero(np.diff(recording.t) > GAP_STEPS * step) + 1
     edges = [0, *cuts.tolist(), len(recording.t)]
-    spans = [slice(a, b) for a, b in zip(edges, edges[1:], strict=False)]
+    spans = [slice(a, b) for a, b in itertools.pairwise(edges)]
     return [s for s in spans if recording.t[s.stop - 1] - recording.t[s.start] >= SHORTEST]
 
 
@@ -112,7 +113,7 @@ def blocks(segment: Segment, count: int) -> list[Segment]:
     """A segment cut into blocks of equal length, which overlap only by what trimming takes from their ends."""
     n, edge = len(segment.motion.t), int(np.ceil(TRIM * segment.motion.rate))
     cuts = np.linspace(edge, n - edge, count + 1).astype(int)
-    spans = [slice(a - edge, b + edge) for a, b in zip(cuts, cuts[1:], strict=False)]
+    spans = [slice(a - edge, b + edge) for a, b in itertools.pairwise(cuts)]
     m = segment.motion
     return [
         Segment(

@@ -28,7 +28,7 @@ class DryFriction:
 
     def reset(self) -> None:
         """Forget the step before: all joints rest."""
-        self._direction = np.zeros(len(self._identity))
+        self._direction: np.ndarray = np.zeros(len(self._identity))
 
     def solve(self, inertia: np.ndarray, momentum: np.ndarray, limit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Velocity v [rad/s] after the step and friction impulse p [N m s], each of shape (n,).
@@ -42,7 +42,7 @@ class DryFriction:
             ArithmeticError: no solution found, which a positive definite W rules out.
         """
         dry = limit > 0
-        direction = self._direction
+        direction: np.ndarray = self._direction
         for trial in range(TRIALS):
             stuck = dry & (direction == 0)
             known = direction * limit

@@ -19,7 +19,7 @@ A, B = np.sin(np.arange(N)), np.cos(np.arange(N))
 
 def write(path: Path, **columns: Any) -> Path:
     """A CSV file with these columns."""
-    rows = zip(*columns.values())
+    rows = zip(*columns.values(), strict=True)
     lines = [
         ",".join(columns),
         *(",".join(f'"{x}"' if isinstance(x, list) else repr(float(x)) for x in row) for row in rows),
@@ -89,7 +89,7 @@ def test_files_side_by_side_by_row(arm: NominalArm, tmp_path: Path) -> None:
 )
 def test_commands_with_their_own_time(join: str, expected: list[float], arm: NominalArm, tmp_path: Path) -> None:
     t = np.arange(N) * 10.0
-    state = write(tmp_path / "s.csv", time=t, pos=[[float(a), float(b)] for a, b in zip(A, B)])
+    state = write(tmp_path / "s.csv", time=t, pos=[[float(a), float(b)] for a, b in zip(A, B, strict=True)])
     command = write(tmp_path / "c.csv", time=t[::2] + 20, pos=[[k / 10, -k / 10] for k in range(N // 2)])
     section = imported(
         arm,

@@ -79,7 +79,8 @@ def test_no_format_to_write(recording: Recording, tmp_path: Path) -> None:
         write_recording(recording, tmp_path / "motion.xls")
 
 
-def test_a_folder_that_is_not_there(recording: Recording, tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_made(recording: Recording, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
     with pytest.raises(GapscopeError, match="cannot be written") as caught:
-        write_recording(recording, tmp_path / "absent" / "motion.csv")
+        write_recording(recording, tmp_path / "file" / "motion.csv")
     assert caught.value.exit_code == 1
