@@ -14,6 +14,7 @@ from diagnosis.findings import document
 from diagnosis.gap import TorqueGap, healthy, torque_gap, torque_scale
 from diagnosis.judge import Judge
 from diagnosis.pictures import signatures, spectrum, traces
+from diagnosis.refusal import Refusal, refuse
 from diagnosis.result import Diagnosis
 from diagnosis.search import Search, search
 from effects.applied import AppliedEffect
@@ -31,7 +32,8 @@ class Study:
     Attributes:
         case, body: the case and the dynamics of its nominal arm.
         cutoff: cut-off of the positions [Hz].
-        found: result of the search.
+        found: result of the search, less what was refused.
+        refusals: what was found and taken back.
         effects: the effects found, with values fitted to all that may be fitted.
         judge: predicts unseen data.
         before, after: gap on unseen data without and with the effects.
@@ -43,6 +45,7 @@ class Study:
     body: RigidBody
     cutoff: float
     found: Search
+    refusals: list[Refusal]
     effects: tuple[AppliedEffect, ...]
     judge: Judge
     before: TorqueGap
@@ -85,11 +88,12 @@ def _study(case: Case, progress: Callable[[str], None]) -> Study:
     progress("searches for effects")
     found = search(case.arm, body, folds, min(TORQUE_CUTOFF, cutoff), progress)
     progress("judges on unseen data")
+    found, refusals = refuse(Judge(case.arm, body, found, folds, judged))
     judge = Judge(case.arm, body, found, folds, judged)
     effects = found.evidence.terms.effects(found.fit.theta, found.fit.terms)
     before, after = judge.gap(frozenset()), judge.gap(found.fit.terms)
     floor, left = _floor(CorrectedArm(case.arm, effects), body, judge.segments, found)
-    return Study(case, body, cutoff, found, effects, judge, before, after, floor, left)
+    return Study(case, body, cutoff, found, refusals, effects, judge, before, after, floor, left)
 
 
 def _check_torque(case: Case) -> None:

@@ -13,11 +13,12 @@ the next acts half a tick late on average.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from diagnosis.linear import Linearisation
+from diagnosis.normal import Normal, quadratic
 from diagnosis.terms import Term, count_effects
 
 NEW_EFFECT = 20.0
@@ -41,36 +42,15 @@ class Fit:
         terms: the set.
         score: evidence [nats].
         theta: values fitted to all folds, shape (P,).
-        delta: errors of the nominal inertials in their units, shape (K,).
         unseen: mean square of the gap per fold and joint, each fold predicted from the others [N^2 m^2], (F, n).
+        impossible: terms whose values cannot be; the score is minus infinity where there are any.
     """
 
     terms: frozenset[Term]
     score: float
     theta: np.ndarray
-    delta: np.ndarray
     unseen: np.ndarray
-
-
-@dataclass(frozen=True)
-class _Normal:
-    """Weighted normal equations of some folds, the nuisance eliminated."""
-
-    schur: np.ndarray
-    right: np.ndarray
-    nuisance: tuple[np.ndarray, bool]
-    cross: np.ndarray
-    nuisance_right: np.ndarray
-
-    def solve(self, columns: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
-        """Values of the terms in ``columns`` (zeros elsewhere), and of the nuisance."""
-        theta = np.zeros(size)
-        if len(columns):
-            block = self.schur[np.ix_(columns, columns)]
-            scale = 1.0 / np.sqrt(np.maximum(np.diag(block), 1e-12))
-            scaled = block * scale[:, None] * scale + 1e-9 * np.eye(len(columns))
-            theta[columns] = scale * np.linalg.solve(scaled, scale * self.right[columns])
-        return theta, cho_solve(self.nuisance, self.nuisance_right - self.cross @ theta)
+    impossible: frozenset[Term] = frozenset()
 
 
 class Evidence:
@@ -96,40 +76,24 @@ class Evidence:
         self.weights = self.independent / self.rows / (unseen + self.floor2)
         weighted = (self.gram * self.weights[:, :, None, None]).sum(axis=1)
         total = weighted.sum(axis=0)
-        self._all = self._normal(total)
-        self._without = [self._normal(total - w) for w in weighted] if len(weighted) > 1 else [self._all]
+        self._all = Normal(total, self.terms.size, sigma)
+        rest = [Normal(total - w, self.terms.size, sigma) for w in weighted]
+        self._without = rest if len(rest) > 1 else [self._all]
         self.lowest = _lowest(linearisation)
         k = self.gram.shape[-1] - 1 - self.terms.size
         information = total[self.terms.size : -1, self.terms.size : -1] * sigma**2
         self._log_det = 0.5 * float(np.linalg.slogdet(np.eye(k) + information)[1])
         self.per_parameter = 0.5 * float(np.log(self.independent.sum()))
 
-    def _normal(self, total: np.ndarray) -> _Normal:
-        p = self.terms.size
-        nuisance = total[p:-1, p:-1] + np.eye(total.shape[0] - 1 - p) / self.sigma**2
-        factor = cho_factor(nuisance, lower=True)
-        cross = total[p:-1, :p]
-        right = total[p:-1, -1]
-        reduced = cho_solve(factor, np.column_stack([cross, right]))
-        return _Normal(
-            total[:p, :p] - cross.T @ reduced[:, :-1], total[:p, -1] - cross.T @ reduced[:, -1], factor, cross, right
-        )
-
     def fit(self, terms: frozenset[Term]) -> Fit:
         """Fit and score a set of terms; the score is minus infinity where a value could not be."""
-        columns = _columns(terms)
-        theta, delta = self._all.solve(columns, self.terms.size)
+        theta = self._all.solve(_columns(terms))
         unseen = self.unseen(terms)
-        score = -0.5 * float((self.independent * np.log1p(unseen / self.floor2)).sum())
-        score -= (
-            self.charge(terms)
-            + SKEW_CHARGE * (self.skew > 0)
-            + 0.5 * float(delta @ delta) / self.sigma**2
-            + self._log_det
-        )
-        if not self.terms.feasible(theta, terms, self.lowest):
-            score = -np.inf
-        return Fit(terms, score, theta, delta, unseen)
+        delta = self._all.delta @ np.append(theta, 1.0)
+        score = -0.5 * float((self.independent * np.log1p(unseen / self.floor2)).sum()) - self.charge(terms)
+        score -= SKEW_CHARGE * (self.skew > 0) + 0.5 * float(delta @ delta) / self.sigma**2 + self._log_det
+        impossible = self.terms.impossible(theta, terms, self.lowest)
+        return Fit(terms, -np.inf if impossible else score, theta, unseen, impossible)
 
     def charge(self, terms: frozenset[Term]) -> float:
         """What a set costs [nats]: half the logarithm of the samples per parameter, and so much per effect named."""
@@ -147,32 +111,36 @@ class Evidence:
         for draw in range(draws):
             counts = np.bincount(rng.integers(len(pieces), size=len(pieces)), minlength=len(pieces)).astype(float)
             total = np.tensordot(counts, pieces, axes=1)
-            values[draw] = self._normal(total).solve(_columns(terms), self.terms.size)[0]
+            values[draw] = Normal(total, self.terms.size, self.sigma).solve(_columns(terms))
         return values
 
     def left_out(self, terms: frozenset[Term]) -> list[np.ndarray]:
         """Values of the terms fitted without each of the folds, F arrays of shape (P,)."""
-        return [normal.solve(_columns(terms), self.terms.size)[0] for normal in self._without]
+        return [normal.solve(_columns(terms)) for normal in self._without]
 
     def unseen(self, terms: frozenset[Term], *, corrected: bool = True) -> np.ndarray:
         """Mean square of the gap on each fold under values fitted to the others [N^2 m^2], (F, n).
 
         ``corrected`` says whether the nuisances, errors of the nominal inertials and skew, are taken out as well.
         """
-        return self._mean_square(terms, self._without, corrected)
+        return self._mean_square(terms, self._without, self._corrected_forms if corrected else self._plain_forms)
 
     def seen(self, terms: frozenset[Term]) -> np.ndarray:
-        """Mean square of the gap on each fold under values fitted to all folds [N^2 m^2], (F, n)."""
-        return self._mean_square(terms, [self._all] * len(self.rows), False)
+        """Mean square of the gap on each fold under values fitted to all folds [N^2 m^2], nuisances left in, (F, n)."""
+        return self._mean_square(terms, [self._all] * len(self.rows), self._plain_forms)
 
-    def _mean_square(self, terms: frozenset[Term], normals: list[_Normal], corrected: bool) -> np.ndarray:
-        out = np.empty_like(self.rows)
-        gram = self.gram if corrected else self._plain
-        for f, normal in enumerate(normals):
-            theta, delta = normal.solve(_columns(terms), self.terms.size)
-            z = np.concatenate([-theta, -delta * corrected, [1.0]])
-            out[f] = np.maximum(np.einsum("a,jab,b->j", z, gram[f], z, optimize=True), 0.0) / self.rows[f]
-        return out
+    def _mean_square(self, terms: frozenset[Term], normals: list[Normal], forms: list[np.ndarray]) -> np.ndarray:
+        columns = _columns(terms)
+        squares = [quadratic(form, normal.solve(columns), columns) for form, normal in zip(forms, normals, strict=True)]
+        return np.array(squares) / self.rows
+
+    @cached_property
+    def _corrected_forms(self) -> list[np.ndarray]:
+        return [n.forms(g, corrected=True) for n, g in zip(self._without, self.gram, strict=True)]
+
+    @cached_property
+    def _plain_forms(self) -> list[np.ndarray]:
+        return [n.forms(g, corrected=False) for n, g in zip(self._without, self._plain, strict=True)]
 
 
 def _columns(terms: frozenset[Term]) -> np.ndarray:
@@ -181,11 +149,11 @@ def _columns(terms: frozenset[Term]) -> np.ndarray:
 
 def _with_skew(gram: np.ndarray, skew: float) -> np.ndarray:
     """Normal equations of [A, N, y - skew d] from those of [A, N, d, y]; over the last two axes."""
-    size = gram.shape[-1]
-    to = np.zeros((size, size - 1))
-    to[:-2, :-1] = np.eye(size - 2)
-    to[-2, -1], to[-1, -1] = -skew, 1.0
-    return to.T @ gram @ to
+    out = np.delete(np.delete(gram, -2, axis=-1), -2, axis=-2)
+    out[..., :-1, -1] -= skew * gram[..., :-2, -2]
+    out[..., -1, :-1] = out[..., :-1, -1]
+    out[..., -1, -1] += skew**2 * gram[..., -2, -2] - 2 * skew * gram[..., -2, -1]
+    return out
 
 
 def _lowest(linearisation: Linearisation) -> np.ndarray:

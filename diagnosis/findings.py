@@ -175,10 +175,19 @@ def _context(study: Study, rows: Rows) -> dict[str, Any]:
 
 
 def _considered(study: Study) -> list[dict[str, Any]]:
-    """The best rivals at each step of the search, and why they lost."""
+    """What was found and taken back, then the best rivals at each step of the search; and why they lost."""
     scale = study.found.scale
     evidence = study.found.evidence
-    out: list[dict[str, Any]] = []
+    out: list[dict[str, Any]] = [
+        {
+            "effect": next(iter(refusal.terms)).effect,
+            "joints": sorted(t.joint for t in refusal.terms if t.joint),
+            "log_evidence": None,
+            "gap_closed": -refusal.cost,
+            "reason": refusal.reason,
+        }
+        for refusal in study.refusals
+    ]
     for winner, loser in study.found.considered:
         terms = loser.terms - winner.terms
         if not terms:

@@ -15,6 +15,8 @@ TIMING = 1e-4
 """Skew between torque and motion that differs from joint to joint on a healthy arm [s]."""
 STICKING = 0.02
 """Below this speed dry friction is not determined by velocity: bristles bend, the joint sticks [rad/s]."""
+MODEL_FORM = 0.004
+"""Share of its torque's deviation that the model of a healthy arm leaves even on data without noise."""
 FRICTION_FORM = 0.03
 """Share of the dry friction by which a healthy arm's differs in form from c sgn v when it slides."""
 
@@ -76,24 +78,24 @@ class Healthy:
     """What a healthy arm of this kind would leave on one segment after the 12 Hz filter, n joints.
 
     Attributes:
-        steady: RMS of noise and sampling skew [N m], (n,).
-        friction: size of the doubt about dry friction at each trimmed sample [N m], (M, n).
+        steady: RMS of what is there all the time [N m], (n,): noise, sampling skew, form of the model.
+        sticking: size of the doubt about dry friction at each trimmed sample [N m], (M, n), while the joint may stick.
     """
 
     steady: np.ndarray
-    friction: np.ndarray
+    sticking: np.ndarray
 
     @property
     def floor(self) -> np.ndarray:
         """RMS over all samples [N m], (n,)."""
-        return np.sqrt(self.steady**2 + (self.friction**2).mean(axis=0))
+        return np.sqrt(self.steady**2 + (self.sticking**2).mean(axis=0))
 
 
 def healthy(corrected: CorrectedArm, body: RigidBody, segment: Segment) -> Healthy:
     """Estimate what a healthy arm would leave on a segment, from the segment itself.
 
     *Noise*: the power density of the unfiltered gap above the band, taken as flat below. *Timing*: ``TIMING`` times
-    the RMS rate of the torque. *Dry friction*, of size L = c + mu |tau|: anywhere in -L..L, so RMS L / sqrt 3, while
+    the RMS rate of the torque. *Form*: ``MODEL_FORM`` times the torque's deviation. *Dry friction*, of size L = c + mu |tau|: anywhere in -L..L, so RMS L / sqrt 3, while
     the joint sticks, which it does to the degree 1 - |tanh(v / STICKING)|; ``FRICTION_FORM`` L while it slides.
     """
     assert segment.torque is not None
@@ -104,8 +106,9 @@ def healthy(corrected: CorrectedArm, body: RigidBody, segment: Segment) -> Healt
     timing = TIMING * np.sqrt((np.gradient(torque, 1 / rate, axis=0) ** 2).mean(axis=0))
     dry = np.abs(corrected.arm.coulomb + corrected.value("coulomb_friction", "torque"))
     dry = dry + np.abs(corrected.value("load_friction", "coefficient")) * np.abs(torque)
+    form = np.hypot(MODEL_FORM * torque_scale(torque), FRICTION_FORM * np.sqrt((dry**2).mean(axis=0)))
     stuck = (1.0 - np.abs(np.tanh(segment.motion.dq[segment.inner] / STICKING))) / np.sqrt(3.0)
-    return Healthy(np.sqrt(noise + timing**2), dry * np.hypot(stuck, FRICTION_FORM))
+    return Healthy(np.sqrt(noise + timing**2 + form**2), dry * stuck)
 
 
 def _noise_density(gap: np.ndarray, rate: float) -> np.ndarray:

@@ -97,7 +97,7 @@ class Linearisation:
         gaps, columns, rates, doubts = zip(*(self._segment(s) for s in segments), strict=True)
         lengths = [len(g) for g in gaps]
         floor2 = np.average(np.array([d.steady for d in doubts]) ** 2, axis=0, weights=lengths)
-        weight = 1.0 / (1.0 + np.vstack([d.friction for d in doubts]) ** 2 / floor2)
+        weight = 1.0 / (1.0 + np.vstack([d.sticking for d in doubts]) ** 2 / floor2)
         seconds = sum(float(s.motion.t[-1] - s.motion.t[0]) for s in segments)
         count = int(np.clip(seconds / PIECE, 2, max(2, MOST_PIECES // len(self.data.folds))))
         gap, x = np.vstack(gaps), np.vstack(columns)
@@ -121,9 +121,9 @@ class Linearisation:
         predicted, columns = self._derivatives(corrected, segment)
         doubt = healthy(corrected, self.body, segment)
         gap = self.data.thin(segment.torque - predicted, segment)
-        friction = doubt.friction[:: self.data.step(segment)]
+        sticking = doubt.sticking[:: self.data.step(segment)]
         rate = np.gradient(predicted, segment.motion.t, axis=0)
-        return gap, self.data.thin(columns, segment), self.data.thin(rate, segment), Healthy(doubt.steady, friction)
+        return gap, self.data.thin(columns, segment), self.data.thin(rate, segment), Healthy(doubt.steady, sticking)
 
     def _derivatives(self, corrected: CorrectedArm, segment: Segment) -> tuple[np.ndarray, np.ndarray]:
         """Predicted torque (N, n), and its derivatives by theta (N, n, P)."""

@@ -57,17 +57,19 @@ def search(
     terms = Terms(arm.n_joints)
     state = _State(arm, body, terms, folds, cutoff)
     considered: list[tuple[Fit, Fit]] = []
-    tried = {state.fit.terms}
+    been = {state.fit.terms}
     for _ in range(MOST_STEPS):
-        groups = [fit for fit in _groups(state) if fit.terms not in tried and state.visible(fit.terms)]
+        groups = [fit for fit in _groups(state) if state.visible(fit.terms)]
         groups.sort(key=lambda fit: fit.score, reverse=True)
         if not groups or groups[0].score < state.fit.score + LEAST_GAIN:
             break
         considered += [(groups[0], rival) for rival in groups[1:4]]
         progress("adds " + _describe(groups[0].terms - state.fit.terms))
-        tried.add(groups[0].terms)
         state.accept(groups[0].terms)
         state.refine()
+        if state.fit.terms in been:
+            break
+        been.add(state.fit.terms)
     state.prune()
     state.polish()
     return Search(state.scale, state.fit, state.evidence, state.evidence.fit(frozenset()), tuple(considered))
@@ -92,16 +94,26 @@ class _State:
         self.fit = self.evidence.fit(frozenset())
 
     def accept(self, terms: frozenset[Term]) -> None:
-        """Take a set of terms: linearise around its values until they settle, and weigh the data anew."""
+        """Take a set of terms, less those whose values turn out impossible.
+
+        Linearises around the values until they settle, and weighs the data anew each time.
+        """
         for _ in range(MOST_LINEARISATIONS):
-            fit = self.evidence.fit(terms)
-            if np.isneginf(fit.score):
-                break
+            fit = self._possible(terms)
+            terms = fit.terms
             self.linear = Linearisation(self.data, self.terms, fit.theta)
             self.evidence = best_evidence(self.linear, fit.unseen, terms)
-            self.fit = self.evidence.fit(terms)
+            self.fit = self._possible(terms)
+            terms = self.fit.terms
             if np.allclose(fit.theta, self.fit.theta, rtol=0.01, atol=1e-4):
                 break
+
+    def _possible(self, terms: frozenset[Term]) -> Fit:
+        """Fit of a set of terms, less those whose values are impossible."""
+        fit = self.evidence.fit(terms)
+        while fit.impossible:
+            fit = self.evidence.fit(fit.terms - fit.impossible)
+        return fit
 
     def refine(self) -> None:
         """Remove and swap terms while that raises the evidence."""

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from arm.errors import InputError
 from effects.applied import AppliedEffect
 from effects.catalogue import CATALOGUE
 from effects.effect import Effect
@@ -95,16 +94,15 @@ class Terms:
         out[self.payload[1:]] = np.clip(out[self.payload[1:]], -abs(m) * com[1], abs(m) * com[1])
         return out
 
-    def feasible(self, theta: np.ndarray, terms: frozenset[Term], lowest: np.ndarray) -> bool:
-        """Whether the values of the terms can be: inside their bounds, and at least ``lowest``."""
-        places = [c for t in terms for c in t.columns]
-        if (theta[places] < lowest[places]).any():
-            return False
-        try:
-            self.effects(theta, terms)
-        except InputError:
-            return False
-        return True
+    def impossible(self, theta: np.ndarray, terms: frozenset[Term], lowest: np.ndarray) -> frozenset[Term]:
+        """Those of the terms whose values cannot be: outside their bounds, or below ``lowest``."""
+        inside = self.clipped(theta)
+        return frozenset(
+            t
+            for t in terms
+            for places in [list(t.columns)]
+            if (theta[places] < lowest[places]).any() or not np.allclose(theta[places], inside[places], rtol=1e-9)
+        )
 
 
 def count_effects(terms: frozenset[Term]) -> int:

@@ -49,7 +49,7 @@ SCALE = Path(
     family="actuation",
     scope="joint",
     equation="applied = (1 + s) recorded",
-    parameters=(Parameter("scale", "s", "1", (-0.8, 4.0), (0.1, 0.3)),),
+    parameters=(Parameter("scale", "s", "1", (-0.6, 1.5), (0.1, 0.3)),),
     looks_like="a gap proportional to the whole torque of the joint",
     reference="gautier2014",
     confused_with=(

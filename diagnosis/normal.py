@@ -1,0 +1,62 @@
+"""Weighted normal equations of the terms, the nominal arm's errors eliminated."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+
+class Normal:
+    """Normal equations of some folds for P parameters of terms, with K nuisances under a Gaussian prior.
+
+    For given parameters the best nuisance is affine in them, delta = D [theta; 1], so that everything that is asked of
+    a set of terms can be asked of matrices over [theta; 1] alone.
+
+    Args:
+        total: X^T W X of X = [A, N, y], shape (P + K + 1, P + K + 1).
+        size: P.
+        sigma: standard deviation of the nuisances, in their units.
+
+    Attributes:
+        delta: D, shape (K, P + 1).
+    """
+
+    def __init__(self, total: np.ndarray, size: int, sigma: float) -> None:
+        self.size = size
+        nuisance = total[size:-1, size:-1] + np.eye(len(total) - 1 - size) / sigma**2
+        cross, right = total[size:-1, :size], total[size:-1, -1]
+        reduced = cho_solve(cho_factor(nuisance, lower=True), np.column_stack([cross, right]))
+        self.delta = reduced * np.append(-np.ones(size), 1.0)
+        self._schur = total[:size, :size] - cross.T @ reduced[:, :-1]
+        self._right = total[:size, -1] - cross.T @ reduced[:, -1]
+
+    def solve(self, columns: np.ndarray) -> np.ndarray:
+        """Values of the terms in ``columns``, zeros elsewhere, shape (P,)."""
+        theta = np.zeros(self.size)
+        if len(columns):
+            block = self._schur[np.ix_(columns, columns)]
+            scale = 1.0 / np.sqrt(np.maximum(np.diag(block), 1e-12))
+            scaled = block * scale[:, None] * scale + 1e-9 * np.eye(len(columns))
+            theta[columns] = scale * np.linalg.solve(scaled, scale * self._right[columns])
+        return theta
+
+    def forms(self, gram: np.ndarray, *, corrected: bool) -> np.ndarray:
+        """Matrices Q with [theta; 1]^T Q [theta; 1] = |y - A theta - N delta|^2, shape (n, P + 1, P + 1).
+
+        Args:
+            gram: X^T X per joint, shape (n, P + K + 1, P + K + 1).
+            corrected: whether the nuisances are taken out; otherwise delta counts as zero.
+        """
+        to = np.zeros((gram.shape[-1], self.size + 1))
+        to[: self.size, : self.size] = -np.eye(self.size)
+        to[-1, -1] = 1.0
+        if corrected:
+            to[self.size : -1] = -self.delta
+        return to.T @ gram @ to
+
+
+def quadratic(forms: np.ndarray, theta: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Values of quadratic forms (n, P + 1, P + 1) at theta, which is zero outside ``columns``; shape (n,), >= 0."""
+    places = np.append(columns, forms.shape[-1] - 1)
+    z = np.append(theta[columns], 1.0)
+    return np.maximum(forms[:, places[:, None], places] @ z @ z, 0.0)
