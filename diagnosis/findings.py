@@ -21,7 +21,9 @@ UNEXPLAINED_RATIO = 1.6
 UNEXPLAINED_NRMSE = 0.012
 """...and by this much torque NRMSE."""
 EXPLAINED = 0.7
-"""With this share of the gap above the floor closed, effects are found even if some is left."""
+"""With this share of the gap above the floor closed, effects are found even if some is left..."""
+EXPLAINED_JOINT = 0.4
+"""...unless some joint above the floor has less than this share of its own gap closed."""
 OPEN = 0.05
 """A rival with this probability leaves the question open."""
 
@@ -35,7 +37,9 @@ def document(study: Study) -> dict[str, Any]:
     above = left > np.maximum(UNEXPLAINED_RATIO * floor, floor + UNEXPLAINED_NRMSE)
     before, after = study.before.nrmse, study.after.nrmse
     closed = float((before - after).sum() / max((before - floor).sum(), 1e-9))
-    verdict = _verdict(bool(effects), bool(above.any()), closed)
+    own = (before - after) / np.maximum(before - floor, 1e-9)
+    explained = closed >= EXPLAINED and bool((own[above] >= EXPLAINED_JOINT).all())
+    verdict = _verdict(bool(effects), bool(above.any()), explained)
     open_joints = [int(j) + 1 for j in np.flatnonzero(above)]
     return {
         "schema": 1,
@@ -56,8 +60,8 @@ def document(study: Study) -> dict[str, Any]:
     }
 
 
-def _verdict(found: bool, above: bool, closed: float) -> str:
-    if found and (not above or closed >= EXPLAINED):
+def _verdict(found: bool, above: bool, explained: bool) -> str:
+    if found and (not above or explained):
         return "effects_found"
     return "unexplained" if above else "no_gap"
 

@@ -95,8 +95,9 @@ def healthy(corrected: CorrectedArm, body: RigidBody, segment: Segment) -> Healt
     """Estimate what a healthy arm would leave on a segment, from the segment itself.
 
     *Noise*: the power density of the unfiltered gap above the band, taken as flat below. *Timing*: ``TIMING`` times
-    the RMS rate of the torque. *Form*: ``MODEL_FORM`` times the torque's deviation. *Dry friction*, of size L = c + mu |tau|: anywhere in -L..L, so RMS L / sqrt 3, while
-    the joint sticks, which it does to the degree 1 - |tanh(v / STICKING)|; ``FRICTION_FORM`` L while it slides.
+    the RMS rate of the torque. *Form of the model*: ``MODEL_FORM`` times the torque's deviation. *Dry friction*, of
+    size L = c + mu |tau|: anywhere in -L..L, so RMS L / sqrt 3, while the joint sticks, which it does to the degree
+    1 - |tanh(v / STICKING)|; ``FRICTION_FORM`` L while it slides.
     """
     assert segment.torque is not None
     rate = segment.motion.rate

@@ -1,0 +1,5 @@
+"""``python -m gapscope`` runs the command line."""
+
+from gapscope.cli import main
+
+main()

@@ -1,0 +1,102 @@
+"""Where a gap lies: regions of constructed gaps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import synthetic
+from scipy.signal import butter, sosfiltfilt
+
+from diagnosis.rows import Rows, stack
+from diagnosis.where import LEAST_ENRICHMENT, LEAST_SHARE, Region, regions
+from ident.conditioning import condition
+
+RATE = 250.0
+N = 5000
+
+
+@pytest.fixture
+def rows() -> Rows:
+    """Twenty seconds of two joints in two recordings, speeds that vary."""
+    t = np.arange(N) / RATE
+    q = np.column_stack([np.sin(2 * t) + 0.4 * np.sin(3.1 * t), np.cos(1.7 * t)])
+    dq, step = np.gradient(q, 1 / RATE, axis=0), np.repeat([0, 1], N // 2)
+    return Rows(np.tile(t[: N // 2], 2), q, dq, np.gradient(dq, 1 / RATE, axis=0), step)
+
+
+def noise(seed: int = 0) -> np.ndarray:
+    return 0.05 * np.random.default_rng(seed).standard_normal((N, 2))
+
+
+def load(rows: Rows) -> np.ndarray:
+    return 10 * np.cos(rows.q)
+
+
+def strongest(error: np.ndarray, rows: Rows, joint: int = 1) -> Region:
+    return regions(error, rows, load(rows), RATE, [joint])[0]
+
+
+def test_near_velocity_reversal(rows: Rows) -> None:
+    slow = np.abs(rows.dq) <= np.quantile(np.abs(rows.dq), 0.2, axis=0)
+    white = np.random.default_rng(1).standard_normal((N, 2))
+    region = strongest(noise() + slow * white, rows)
+    assert region.joint == 1 and region.kind == "regime" and region.regime.startswith("near velocity reversal")
+    assert region.share > 0.9 and region.coverage == pytest.approx(0.2, abs=0.01)
+    assert region.enrichment == pytest.approx(region.share / region.coverage)
+
+
+@pytest.mark.parametrize(("low", "high"), [(1.0, 2.0), (2.0, 4.0), (4.0, 8.0), (8.0, 12.0)])
+def test_one_frequency_band(rows: Rows, low: float, high: float) -> None:
+    band = butter(4, [1.2 * low, 0.9 * high], "bandpass", output="sos", fs=RATE)
+    error = sosfiltfilt(band, np.random.default_rng(2).standard_normal((N, 2)), axis=0)
+    region = strongest(error, rows, joint=2)
+    assert (region.joint, region.kind, region.regime) == (2, "frequency", f"{low:g} to {high:g} Hz")
+    assert region.share > 0.8
+
+
+def test_one_interval_of_time(rows: Rows) -> None:
+    """From 4 to 6 s of the second recording."""
+    pushed = (rows.segment == 1) & (rows.t >= 4) & (rows.t <= 6)
+    region = strongest(noise() + pushed[:, None] * np.random.default_rng(3).standard_normal((N, 2)), rows)
+    assert region.kind == "time" and region.regime.startswith("recording 2, 4.0 to 6.0 s")
+
+
+def test_one_range_of_positions(rows: Rows) -> None:
+    white = np.random.default_rng(4).standard_normal((N, 2))
+    region = strongest(noise() + (rows.q > 0.8 * rows.q.max(axis=0)) * white, rows)
+    assert region.kind in ("position", "regime") and region.share > 0.5
+    named = regions(noise() + (np.abs(rows.q) < 0.2) * white, rows, load(rows), RATE, [1], most=5)
+    assert "position" in [r.kind for r in named]
+
+
+def test_one_direction_of_motion(rows: Rows) -> None:
+    white = np.random.default_rng(5).standard_normal((N, 2))
+    named = regions(noise() + (rows.dq > 0.05) * white, rows, load(rows), RATE, [1], most=5)
+    assert "moving forward" in [r.regime for r in named] and "moving backward" not in [r.regime for r in named]
+
+
+def test_even_gap_has_no_region_in_time_or_regime(rows: Rows) -> None:
+    error = np.random.default_rng(6).standard_normal((N, 2))
+    assert [r for r in regions(error, rows, load(rows), RATE, [1, 2], most=9) if r.kind != "frequency"] == []
+
+
+def test_regions_are_large_enriched_and_few(rows: Rows) -> None:
+    error = noise() + (np.abs(rows.dq) > 1.5) * np.random.default_rng(7).standard_normal((N, 2))
+    found = regions(error, rows, load(rows), RATE, [1, 2], most=2)
+    assert found and all(r.share >= LEAST_SHARE and r.enrichment >= LEAST_ENRICHMENT for r in found)
+    assert all(sum(r.joint == joint for r in found) <= 2 for joint in (1, 2))
+    assert all(0 <= r.share <= 1 and 0 < r.coverage <= 1 for r in found)
+
+
+def test_no_gap_no_region(rows: Rows) -> None:
+    assert regions(np.zeros((N, 2)), rows, load(rows), RATE, [1, 2]) == []
+
+
+def test_stacked_rows_are_the_trimmed_samples() -> None:
+    segments = [s for r in synthetic.recordings(synthetic.Truth(), duration=4.0) for s in condition(r, 20.0)]
+    rows = stack(segments)
+    assert len(rows.t) == sum(len(s.motion.t[s.inner]) for s in segments)
+    np.testing.assert_array_equal(np.unique(rows.segment), [0, 1, 2])
+    second = rows.segment == 1
+    np.testing.assert_array_equal(rows.q[second], segments[1].motion.q[segments[1].inner])
+    assert rows.t[second][0] == pytest.approx(0.3, abs=0.005)

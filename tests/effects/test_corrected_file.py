@@ -1,0 +1,146 @@
+"""The file corrected.yaml: it comes back as it was written, and each fault is told with file and field."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from arm.errors import GapscopeError, InputError
+from effects.applied import AppliedEffect
+from effects.catalogue import CATALOGUE
+from effects.corrected_file import read_corrected, write_corrected
+
+
+@st.composite
+def applied_effects(draw: st.DrawFn) -> AppliedEffect:
+    definition = draw(st.sampled_from(list(CATALOGUE.values())))
+    joints = draw(st.lists(st.integers(1, 7), min_size=1, unique=True)) if definition.scope == "joint" else []
+
+    def value(size: int, bounds: tuple[float, float]) -> list[float]:
+        return draw(st.lists(st.floats(*bounds), min_size=size, max_size=size))
+
+    values = {}
+    for p in definition.parameters:
+        drawn = value(len(joints) or p.size, p.bounds)
+        values[p.name] = np.array(drawn if joints or p.size > 1 else drawn[0])
+    return AppliedEffect(definition.name, tuple(joints), values)
+
+
+@settings(deadline=None, max_examples=60)
+@given(effects=st.lists(applied_effects(), max_size=4), name=st.text(st.characters(codec="utf-8"), max_size=20))
+def test_round_trip(effects: list[AppliedEffect], name: str) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "corrected.yaml"
+        write_corrected(name, tuple(effects), path)
+        found = read_corrected(path)
+        assert yaml.safe_load(path.read_text(encoding="utf-8"))["schema"] == 1
+        assert [entry.name for entry in Path(folder).iterdir()] == ["corrected.yaml"]
+    assert [(e.name, e.joints) for e in found] == [(e.name, e.joints) for e in effects]
+    for read, written in zip(found, effects, strict=True):
+        for key, value in written.parameters.items():
+            np.testing.assert_array_equal(read.parameters[key], value)
+
+
+def test_the_example_of_the_format(tmp_path: Path) -> None:
+    path = tmp_path / "corrected.yaml"
+    path.write_text(
+        """schema: 1
+case: case005                     # informative
+effects:
+  - effect: actuator_delay
+    joints: [4, 5]
+    parameters: {delay: [0.0088, 0.0146]}        # names and units of EFFECTS.md
+  - effect: payload
+    parameters: {mass: 1.05, com: [0.01, 0.0, 0.05]}
+"""
+    )
+    delay, payload = read_corrected(str(path))
+    assert (delay.name, delay.joints) == ("actuator_delay", (4, 5))
+    np.testing.assert_array_equal(delay.parameters["delay"], [0.0088, 0.0146])
+    assert (payload.name, payload.joints, float(payload.parameters["mass"])) == ("payload", (), 1.05)
+    np.testing.assert_array_equal(payload.parameters["com"], [0.01, 0.0, 0.05])
+
+
+def entry(text: str) -> str:
+    return f"schema: 1\neffects:\n  - {{effect: payload, parameters: {{mass: 1, com: [0, 0, 0]}}}}\n  - {text}\n"
+
+
+COULOMB = "effect: coulomb_friction"
+BAD = {
+    "not YAML": ("effects: [", "is not valid YAML"),
+    "a list": ("[1, 2]", "expected the keys schema: 1 and effects"),
+    "empty": ("", "expected the keys schema: 1 and effects"),
+    "no schema": ("effects: []", "expected the keys schema: 1 and effects"),
+    "another schema": ("schema: 2\neffects: []", "expected the keys schema: 1"),
+    "effects is no list": ("schema: 1\neffects: {}", "effects: \\[...\\]"),
+    "unknown key": ("schema: 1\neffects: []\nefects: []", "unknown key 'efects'"),
+    "residual": ("schema: 1\neffects: []\nresidual: net.npz", "residual: residual networks cannot be used yet"),
+    "entry is a name": (entry("coulomb_friction"), r"effects\[1\]: expected effect:, joints: and parameters:"),
+    "no parameters": (entry(f"{{{COULOMB}, joints: [1]}}"), r"effects\[1\]: expected effect:"),
+    "unknown effect": (
+        entry("{effect: stiction, joints: [1], parameters: {torque: 1}}"), r"effects\[1\]: unknown effect 'stiction'",
+    ),
+    "missing parameter": (
+        entry(f"{{{COULOMB}, joints: [1], parameters: {{}}}}"), r"effects\[1\], coulomb_friction: expected the param",
+    ),
+    "wrong count": (
+        entry(f"{{{COULOMB}, joints: [1, 2], parameters: {{torque: [1]}}}}"),
+        r"effects\[1\], coulomb_friction.torque: expected 2 values",
+    ),
+    "out of bounds": (
+        entry(f"{{{COULOMB}, joints: [1], parameters: {{torque: [999]}}}}"),
+        r"effects\[1\], coulomb_friction.torque: value \[999.0\] outside",
+    ),
+    "joint 0": (
+        entry(f"{{{COULOMB}, joints: [0], parameters: {{torque: [1]}}}}"), r"effects\[1\], coulomb_friction: joints",
+    ),
+    "joint by name": (entry(f"{{{COULOMB}, joints: [elbow], parameters: {{torque: [1]}}}}"), r"effects\[1\]"),
+    "joints is a number": (entry(f"{{{COULOMB}, joints: 1, parameters: {{torque: [1]}}}}"), r"effects\[1\]"),
+    "text for a value": (
+        entry(f"{{{COULOMB}, joints: [1], parameters: {{torque: [much]}}}}"), r"effects\[1\]: .*not a number",
+    ),
+    "nothing for a value": (
+        entry(f"{{{COULOMB}, joints: [1], parameters: {{torque: [null]}}}}"), r"effects\[1\], coulomb_friction.torque",
+    ),
+    "lists of unequal length": (
+        entry("{effect: payload, parameters: {mass: 1, com: [0, [1, 2], 0]}}"), r"effects\[1\]",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "message"), BAD.values(), ids=BAD)
+def test_fault_names_file_and_field(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "found.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message) as caught:
+        read_corrected(path)
+    assert caught.value.file == path and str(path) in str(caught.value)
+
+
+def test_no_such_file(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be read"):
+        read_corrected(tmp_path / "none.yaml")
+
+
+def test_not_text(tmp_path: Path) -> None:
+    path = tmp_path / "found.yaml"
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InputError, match="is not valid YAML"):
+        read_corrected(path)
+
+
+def test_written_whole_or_not_at_all(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(GapscopeError, match="cannot be written"):
+        write_corrected("case", (), tmp_path / "file" / "corrected.yaml")
+    write_corrected("old", (), tmp_path / "corrected.yaml")
+    with pytest.raises(AttributeError):
+        write_corrected("new", (None,), tmp_path / "corrected.yaml")
+    assert yaml.safe_load((tmp_path / "corrected.yaml").read_text())["case"] == "old"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["corrected.yaml", "file"]

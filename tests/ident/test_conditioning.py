@@ -1,0 +1,261 @@
+"""Signal conditioning: what passes, what is cut, and that nothing is invented between the samples."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import butter, sosfiltfilt
+
+from arm.errors import InputError
+from arm.recording import Recording
+from ident.conditioning import TRIM, blocks, condition, low_pass, pieces, position_cutoff, uniform
+
+
+def sine(
+    frequency: float = 1.0, *, rate: float = 250.0, duration: float = 6.0, start: float = 0.0, torque: bool = True
+) -> Recording:
+    """Two joints a quarter period apart, and a torque in phase with the first."""
+    t = np.arange(round(duration * rate) + 1) / rate
+    phase = 2 * np.pi * frequency * t
+    q = np.column_stack([np.sin(phase), np.cos(phase)])
+    return Recording("sine.csv", start + t, q, 3 * q if torque else None)
+
+
+def without(recording: Recording, keep: np.ndarray) -> Recording:
+    assert recording.tau is not None
+    return Recording(recording.name, recording.t[keep], recording.q[keep], recording.tau[keep])
+
+
+def at(frequency: float, series: np.ndarray, t: np.ndarray) -> complex:
+    """Complex amplitude of a series at a frequency, by least squares against sine and cosine."""
+    phase = 2 * np.pi * frequency * t
+    a, b, _ = np.linalg.lstsq(np.column_stack([np.sin(phase), np.cos(phase), np.ones_like(t)]), series, rcond=None)[0]
+    return complex(a, b)
+
+
+class TestLowPass:
+    @pytest.mark.parametrize("frequency", [0.5, 3.0, 12.0, 20.0])
+    def test_sine_keeps_its_phase_and_shrinks_as_the_formula_says(self, frequency: float) -> None:
+        """Forward and backward: |H|^2 = 1 / (1 + (tan(pi f / fs) / tan(pi fc / fs))^8), no phase."""
+        t = np.arange(2500) / 250
+        out = low_pass(np.sin(2 * np.pi * frequency * t)[:, None], 250.0, 12.0)
+        amplitude = at(frequency, out[250:-250, 0], t[250:-250])
+        ratio = np.tan(np.pi * frequency / 250) / np.tan(np.pi * 12.0 / 250)
+        assert amplitude.real == pytest.approx(1 / (1 + ratio**8), abs=2e-3)
+        assert abs(amplitude.imag) < 2e-3
+
+    def test_is_linear_so_that_both_sides_of_an_equation_may_pass_it(self) -> None:
+        rng = np.random.default_rng(0)
+        a, b = rng.standard_normal((2, 500, 3))
+        np.testing.assert_allclose(
+            low_pass(2 * a - 3 * b, 250.0, 12.0),
+            2 * low_pass(a, 250.0, 12.0) - 3 * low_pass(b, 250.0, 12.0),
+            atol=1e-12,
+        )
+
+    def test_is_the_filter_of_the_definition(self) -> None:
+        x = np.random.default_rng(1).standard_normal((1000, 2))
+        expected = sosfiltfilt(butter(4, 12.0, output="sos", fs=250.0), x, axis=0)
+        np.testing.assert_allclose(low_pass(x, 250.0, 12.0)[75:-75], expected[75:-75], atol=0.02)
+
+    def test_constant_stays(self) -> None:
+        np.testing.assert_allclose(low_pass(np.full((400, 1), 7.0), 250.0, 12.0), 7.0, atol=1e-9)
+
+    @pytest.mark.parametrize("rate", [20.0, 25.0, 30.0])
+    def test_cutoff_above_nyquist_becomes_095_of_nyquist(self, rate: float) -> None:
+        x = np.random.default_rng(2).standard_normal((200, 1))
+        np.testing.assert_array_equal(low_pass(x, rate, 200.0), low_pass(x, rate, 0.95 * rate / 2))
+
+    def test_series_shorter_than_its_padding(self) -> None:
+        assert np.isfinite(low_pass(np.ones((5, 2)), 250.0, 5.0)).all()
+
+
+class TestCondition:
+    def test_derivatives_of_a_sine(self) -> None:
+        (segment,) = condition(sine(1.5), 30.0)
+        m, inner = segment.motion, segment.inner
+        phase = 2 * np.pi * 1.5 * m.t[inner]
+        w = 2 * np.pi * 1.5
+        np.testing.assert_allclose(m.q[inner], np.column_stack([np.sin(phase), np.cos(phase)]), atol=1e-4)
+        np.testing.assert_allclose(m.dq[inner], w * np.column_stack([np.cos(phase), -np.sin(phase)]), atol=2e-3)
+        np.testing.assert_allclose(m.ddq[inner], -(w**2) * np.column_stack([np.sin(phase), np.cos(phase)]), atol=0.05)
+
+    def test_torque_stays_unfiltered_at_the_working_rate(self) -> None:
+        recording = sine(40.0)
+        (segment,) = condition(recording, 10.0)
+        np.testing.assert_array_equal(segment.torque, recording.tau)
+        np.testing.assert_array_equal(segment.motion.t, recording.t)
+
+    def test_inner_trims_both_ends(self) -> None:
+        (segment,) = condition(sine(duration=6.0), 20.0)
+        t = segment.motion.t[segment.inner]
+        assert t[0] == pytest.approx(TRIM, abs=0.005) and t[-1] == pytest.approx(6.0 - TRIM, abs=0.005)
+
+    def test_gap_is_cut_and_not_bridged(self) -> None:
+        whole = sine(0.5, duration=8.0)
+        recording = without(whole, (whole.t < 3.0) | (whole.t > 3.5))
+        first, second = condition(recording, 20.0)
+        assert first.motion.t[-1] < 3.0 and second.motion.t[0] > 3.5
+        assert len(first.motion.t) + len(second.motion.t) == len(recording.t)
+        for segment in (first, second):
+            expected = np.pi * np.cos(np.pi * segment.motion.t)
+            np.testing.assert_allclose(segment.motion.dq[segment.inner, 0], expected[segment.inner], atol=5e-3)
+
+    def test_short_stretches_between_gaps_are_left_out(self) -> None:
+        whole = sine(duration=8.0)
+        keep = (whole.t < 3.0) | ((whole.t > 3.5) & (whole.t < 4.5)) | (whole.t > 5.0)
+        recording = without(whole, keep)
+        assert [(recording.t[s][0], recording.t[s][-1]) for s in pieces(recording)] == [
+            (0.0, pytest.approx(2.996)), (pytest.approx(5.004), 8.0),
+        ]  # fmt: skip
+        assert len(condition(recording, 20.0)) == 2
+
+    def test_a_lost_sample_is_no_gap(self) -> None:
+        whole = sine(1.0)
+        (segment,) = condition(without(whole, np.arange(len(whole.t)) % 200 != 100), 20.0)
+        assert len(whole.t) - 2 <= len(segment.motion.t) <= len(whole.t)
+        expected = 2 * np.pi * np.cos(2 * np.pi * segment.motion.t)
+        np.testing.assert_allclose(segment.motion.dq[segment.inner, 0], expected[segment.inner], atol=0.02)
+
+    def test_jitter_is_resampled(self) -> None:
+        t = np.arange(1500) / 250
+        jittered = t + np.random.default_rng(3).uniform(-0.3, 0.3, len(t)) / 250
+        phase = 2 * np.pi * jittered[:, None] + [0.0, np.pi / 2]
+        recording = Recording("jitter.csv", jittered, np.sin(phase), 3 * np.sin(phase))
+        (segment,) = condition(recording, 15.0)
+        steps = np.diff(segment.motion.t)
+        assert np.ptp(steps) < 1e-9
+        expected = np.sin(2 * np.pi * segment.motion.t[:, None] + [0.0, np.pi / 2])
+        np.testing.assert_allclose(segment.motion.q[segment.inner], expected[segment.inner], atol=1e-3)
+        np.testing.assert_allclose(segment.torque[segment.inner], 3 * expected[segment.inner], atol=5e-3)
+
+    def test_uniform_time_keeps_its_samples(self) -> None:
+        recording = sine()
+        t, q = uniform(recording.t, recording.q, recording.rate)
+        assert t is recording.t and q is recording.q
+
+    @pytest.mark.parametrize("rate", [1000.0, 5000.0])
+    def test_fast_log_is_decimated_and_keeps_the_torque_band(self, rate: float) -> None:
+        """Sines of up to 12 Hz stay, and what lies far above the new Nyquist does not fold into the band."""
+        t = np.arange(round(6 * rate)) / rate
+        q = np.column_stack([np.sin(t), np.cos(t)])
+        for frequency, expected in ((2.0, 1.0), (12.0, 1.0), (0.4 * rate + 3.0, 0.0)):
+            tau = np.sin(2 * np.pi * frequency * t)
+            (segment,) = condition(Recording("fast.csv", t, q, np.column_stack([tau, tau])), 20.0)
+            torque, time = segment.torque[segment.inner, 0], segment.motion.t[segment.inner]
+            assert len(time) < len(t) / 2
+            assert np.abs(torque - expected * np.sin(2 * np.pi * frequency * time)).max() < 1e-3
+
+    def test_phase_of_a_decimated_log(self) -> None:
+        """Position and torque of a 5 kHz log stay on the same clock."""
+        (segment,) = condition(sine(3.0, rate=5000.0), 30.0)
+        time = segment.motion.t[segment.inner]
+        for series in (segment.motion.q[segment.inner, 0], segment.torque[segment.inner, 0] / 3):
+            assert at(3.0, series, time) == pytest.approx(1.0, abs=1e-3)
+
+    def test_5_khz_log_is_worked_on_at_250_hz(self) -> None:
+        assert condition(sine(rate=5000.0), 10.0)[0].motion.rate == pytest.approx(250.0)
+
+    @pytest.mark.xfail(
+        strict=True,
+        reason="ident/conditioning.py _segment: rate // WORKING_RATE of 999.99999999999 Hz is 3, so that this 1 kHz "
+        "log is worked on at 333 Hz and another one of the same case may be at 250 Hz",
+    )
+    def test_1_khz_log_is_worked_on_at_250_hz(self) -> None:
+        recording = sine(rate=1000.0)
+        assert recording.rate == pytest.approx(1000.0)
+        assert condition(recording, 10.0)[0].motion.rate == pytest.approx(250.0)
+
+    @pytest.mark.parametrize(("rate", "working"), [(30.0, 30.0), (125.0, 125.0), (499.0, 499.0), (600.0, 300.0)])
+    def test_rate_is_decimated_to_no_less_than_250(self, rate: float, working: float) -> None:
+        (segment,) = condition(sine(rate=rate), 10.0)
+        assert segment.motion.rate == pytest.approx(working, rel=1e-3)
+
+    def test_without_torque_but_with_sensor(self) -> None:
+        recording = sine(torque=False)
+        (segment,) = condition(recording, 10.0)
+        assert segment.torque is None and segment.torque_sensor is None
+        with_sensor = Recording("s.csv", recording.t, recording.q, tau_sensor=2 * recording.q)
+        np.testing.assert_array_equal(condition(with_sensor, 10.0)[0].torque_sensor, 2 * recording.q)
+
+    def test_too_short_a_recording_is_an_input_error(self) -> None:
+        with pytest.raises(
+            InputError, match=r"sine\.csv: no stretch without a gap lasts 1\.5 s(.|\n)*remedy"
+        ) as caught:
+            condition(sine(duration=1.2), 10.0)
+        assert caught.value.exit_code == 2
+
+    def test_gaps_everywhere_are_an_input_error(self) -> None:
+        whole = sine(duration=8.0)
+        with pytest.raises(InputError, match="no stretch without a gap"):
+            condition(without(whole, (whole.t % 1.0) < 0.8), 10.0)
+
+
+class TestCutoff:
+    def noisy(self, noise: float, seed: int = 0) -> Recording:
+        t = np.arange(2500) / 250
+        q = sum(np.sin(2 * np.pi * f * t + f) / f for f in (0.3, 0.9, 2.5))[:, None] * [1.0, 0.5]
+        return Recording("n.csv", t, q + noise * np.random.default_rng(seed).standard_normal(q.shape))
+
+    def test_the_noisier_the_lower(self) -> None:
+        cutoffs = [position_cutoff((self.noisy(noise),)) for noise in (1e-7, 1e-4, 3e-2)]
+        assert cutoffs[0] > cutoffs[1] >= cutoffs[2]
+
+    @pytest.mark.parametrize("seed", range(5))
+    def test_twice_the_highest_frequency_of_the_motion(self, seed: int) -> None:
+        """The motion ends at 2.5 Hz; the window of the spectrum widens a line by about 2 Hz."""
+        assert 5.0 <= position_cutoff((self.noisy(1e-3, seed),)) <= 10.0
+
+    def test_between_5_and_40_hz(self) -> None:
+        t = np.arange(2500) / 250
+        still = Recording("still.csv", t, 1e-3 * np.random.default_rng(0).standard_normal((2500, 2)))
+        assert position_cutoff((still,)) < 40.0 and position_cutoff((still,)) >= 5.0
+        chirp = Recording("chirp.csv", t, np.sin(2 * np.pi * 3 * t**2)[:, None] + 1e-6 * still.q)
+        assert position_cutoff((chirp,)) == 40.0
+
+    def test_below_nyquist_of_the_slowest(self) -> None:
+        slow = sine(1.0, rate=20.0)
+        assert position_cutoff((sine(9.0), slow)) <= 8.0 + 1e-9
+
+    def test_the_fastest_recording_counts(self) -> None:
+        slow, fast = self.noisy(1e-3), sine(6.0, duration=10.0)
+        noise = 1e-3 * np.random.default_rng(1).standard_normal(fast.q.shape)
+        fast = Recording("fast.csv", fast.t, fast.q + noise)
+        assert position_cutoff((slow, fast)) == position_cutoff((fast,)) > position_cutoff((slow,))
+
+    def test_arm_that_stands_perfectly_still(self) -> None:
+        t = np.arange(1000) / 250
+        assert position_cutoff((Recording("still.csv", t, np.ones((1000, 2))),)) >= 5.0
+
+
+class TestBlocks:
+    @pytest.mark.parametrize("count", [2, 4, 7])
+    @pytest.mark.parametrize("rate", [125.0, 250.0])
+    def test_disjoint_after_trimming_and_nothing_lost(self, count: int, rate: float) -> None:
+        self.check(count, rate, 0.0)
+
+    @pytest.mark.xfail(
+        strict=True,
+        reason="ident/conditioning.py Segment.inner and blocks(): ceil(TRIM * rate) of 250.0000000001 Hz is 76, of "
+        "250 Hz 75, so that the blocks of one segment trim unequally and lose samples",
+    )
+    @pytest.mark.parametrize(("count", "rate", "start"), [(4, 30.0, 0.0), (7, 250.0, 12.345), (4, 250.0, 1.7e9)])
+    def test_disjoint_whatever_the_rounding_of_time(self, count: int, rate: float, start: float) -> None:
+        self.check(count, rate, start)
+
+    def check(self, count: int, rate: float, start: float) -> None:
+        (segment,) = condition(sine(rate=rate, duration=12.0, start=start), 8.0)
+        parts = blocks(segment, count)
+        assert len(parts) == count
+        times = np.concatenate([b.motion.t[b.inner] for b in parts])
+        np.testing.assert_array_equal(times, segment.motion.t[segment.inner])
+        assert np.ptp([len(b.motion.t) for b in parts]) <= 1
+
+    def test_blocks_hold_the_samples_of_the_segment(self) -> None:
+        (segment,) = condition(sine(), 20.0)
+        for block in blocks(segment, 3):
+            rows = np.searchsorted(segment.motion.t, block.motion.t)
+            for name in ("q", "dq", "ddq"):
+                np.testing.assert_array_equal(getattr(block.motion, name), getattr(segment.motion, name)[rows])
+            np.testing.assert_array_equal(block.torque, segment.torque[rows])
+            assert block.recording == segment.recording
