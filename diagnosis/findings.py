@@ -23,7 +23,11 @@ UNEXPLAINED_NRMSE = 0.012
 EXPLAINED = 0.7
 """With this share of the gap above the floor closed, effects are found even if some is left..."""
 EXPLAINED_JOINT = 0.4
-"""...unless some joint above the floor has less than this share of its own gap closed."""
+"""...unless some joint above the floor has less than this share of its own gap closed..."""
+LEFT_RATIO = 3.0
+"""...or is left with this many times the floor..."""
+LEFT_NRMSE = 0.05
+"""...and at least this torque NRMSE."""
 OPEN = 0.05
 """A rival with this probability leaves the question open."""
 
@@ -38,7 +42,8 @@ def document(study: Study) -> dict[str, Any]:
     before, after = study.before.nrmse, study.after.nrmse
     closed = float((before - after).sum() / max((before - floor).sum(), 1e-9))
     own = (before - after) / np.maximum(before - floor, 1e-9)
-    explained = closed >= EXPLAINED and bool((own[above] >= EXPLAINED_JOINT).all())
+    open_gap = above & ((own < EXPLAINED_JOINT) | (left > np.maximum(LEFT_RATIO * floor, LEFT_NRMSE)))
+    explained = closed >= EXPLAINED and not open_gap.any()
     verdict = _verdict(bool(effects), bool(above.any()), explained)
     open_joints = [int(j) + 1 for j in np.flatnonzero(above)]
     return {
@@ -56,7 +61,8 @@ def document(study: Study) -> dict[str, Any]:
             "where": [_region(r) for r in _regions(study, study.after.error, rows, open_joints)],
         },
         "next_recording": _next(effects, open_joints),
-        **_context(study, rows),
+        "where": [_region(r) for r in _before(study, rows, floor)],
+        **_context(study),
     }
 
 
@@ -128,6 +134,13 @@ def _regions(study: Study, error: np.ndarray, rows: Rows, joints: list[int], mos
     return regions(error, rows, study.before.predicted, study.judge.segments[0].motion.rate, joints, most)
 
 
+def _before(study: Study, rows: Rows, floor: np.ndarray) -> list[Region]:
+    """Where the gap of the nominal arm lies, on joints where it is above the floor, the widest first."""
+    nrmse = study.before.nrmse
+    joints = [int(j) + 1 for j in np.argsort(-nrmse) if nrmse[j] > floor[j]]
+    return _regions(study, study.before.error, rows, joints)
+
+
 def _region(region: Region) -> dict[str, Any]:
     return {
         "joint": region.joint, "kind": region.kind, "regime": region.regime, "share": region.share,
@@ -148,9 +161,9 @@ def _next(effects: list[dict[str, Any]], open_joints: list[int]) -> str | None:
     return None
 
 
-def _context(study: Study, rows: Rows) -> dict[str, Any]:
+def _context(study: Study) -> dict[str, Any]:
     """What a reader wants to know beside the findings."""
-    case, joints = study.case, list(range(1, study.case.arm.n_joints + 1))
+    case = study.case
     notes = [f"{r.name}: {note}" for r in (*case.recordings, *case.judged) for note in r.notes]
     roles = [(r, "fit") for r in case.recordings] + [(r, "judge") for r in case.judged]
     if case.judged:
@@ -173,7 +186,6 @@ def _context(study: Study, rows: Rows) -> dict[str, Any]:
         },
         "judged_on": judged_on,
         "warnings": [*case.warnings, *notes],
-        "where": [_region(r) for r in _regions(study, study.before.error, rows, joints)],
         "considered": _considered(study),
     }
 

@@ -12,6 +12,8 @@ from effects.catalogue import CATALOGUE
 
 TEMPER = 0.2
 """Evidence counts this much in probabilities: folds of the same few motions say less than their nats."""
+SUREST = 0.999
+"""No effect is given a higher probability: what is in no catalogue is never ruled out."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,7 @@ def rivals(evidence: Evidence, found: Fit, effect: str) -> tuple[float, list[Riv
     weights = {name: float(np.exp(np.clip(TEMPER * score, -700, 0))) for name, score in scores.items()}
     total = 1.0 + sum(weights.values())
     ranked = sorted(scores, key=lambda name: scores[name], reverse=True)
-    return 1.0 / total, [
+    return min(1.0 / total, SUREST), [
         Rival(
             name, tuple(sorted(t.joint for t in options[name] if t.joint)), float(scores[name]), weights[name] / total
         )

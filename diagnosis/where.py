@@ -27,7 +27,7 @@ class Region:
         kind: ``regime``, ``position``, ``time`` or ``frequency``.
         regime: what the region is, in words.
         share: its share of the joint's squared gap, 0..1.
-        coverage: its share of the samples, or of the band, 0..1.
+        coverage: its share of the samples; of a frequency band, its share of the power of the nominal torque, 0..1.
     """
 
     joint: int
@@ -39,7 +39,7 @@ class Region:
     @property
     def enrichment(self) -> float:
         """Share over coverage."""
-        return self.share / max(self.coverage, 1e-9)
+        return self.share / max(self.coverage, 1e-3)
 
 
 def regions(
@@ -64,7 +64,7 @@ def regions(
             Region(joint, kind, text, float(square[mask].sum() / square.sum()), float(mask.mean()))
             for kind, text, mask in _masks(rows, load, joint - 1)
         ]
-        candidates += _bands(error[:, joint - 1], rate, joint)
+        candidates += _bands(error[:, joint - 1], load[:, joint - 1], rate, joint)
         named = [r for r in candidates if r.share >= LEAST_SHARE and r.enrichment >= LEAST_ENRICHMENT]
         found += sorted(named, key=lambda r: r.share * np.log(r.enrichment), reverse=True)[:most]
     return found
@@ -96,21 +96,16 @@ def _masks(rows: Rows, load: np.ndarray, j: int) -> list[tuple[str, str, np.ndar
     return [m for m in masks if m[2].any()]
 
 
-def _bands(error: np.ndarray, rate: float, joint: int) -> list[Region]:
-    frequency, density = welch(error, rate, nperseg=min(len(error), int(4 * rate)))
+def _bands(error: np.ndarray, load: np.ndarray, rate: float, joint: int) -> list[Region]:
+    """Frequency bands of one joint; what a band covers is its share of the power of the nominal torque."""
+    length = min(len(error), int(4 * rate))
+    frequency, density = welch(error, rate, nperseg=length)
+    _, expected = welch(load, rate, nperseg=length)
     inside = frequency <= min(12.0, rate / 2)
-    total, span = density[inside].sum(), inside.sum()
     out = []
     for low, high in BANDS:
         band = inside & (frequency >= low) & (frequency < high)
-        if band.any() and total > 0:
-            out.append(
-                Region(
-                    joint,
-                    "frequency",
-                    f"{low:g} to {high:g} Hz",
-                    float(density[band].sum() / total),
-                    float(band.sum() / span),
-                )
-            )
+        if band.any():
+            share, coverage = (float(d[band].sum() / max(d[inside].sum(), 1e-300)) for d in (density, expected))
+            out.append(Region(joint, "frequency", f"{low:g} to {high:g} Hz", share, coverage))
     return out

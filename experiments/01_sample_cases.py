@@ -4,8 +4,8 @@ The diagnosing commands see the case folders alone; the labels are opened here, 
 
     .venv/bin/python experiments/01_sample_cases.py [--data ../shared/data] [--out out/sample_cases]
 
-Prints, per case: verdict, effects with joints beside the labels, the share of the gap above the floor that closes on
-``recording_d.csv`` (sum over joints of before - after, over sum of before - floor, the floor of the label), and the time.
+Prints, per case: verdict, effects with joints beside the labels, the time, and the share of the gap above the floor
+that closes on ``recording_d.csv``: sum over joints of before - after, over sum of before - floor, floor of the label.
 """
 
 from __future__ import annotations
@@ -70,7 +70,9 @@ def main() -> None:
         floor = np.array(label["floor"])
         closed = (before - after).sum() / (before - floor).sum() if document["effects"] else np.nan
         found, truth = ("; ".join(f"{e['effect']} {e['joints']}" for e in x["effects"]) for x in (document, label))
-        print(f"{label['case']:8} {document['verdict']:13} {closed:7.1%} {elapsed:5.1f}s  {found or 'none'} | {truth or 'none'}")
+        print(
+            f"{label['case']:8} {document['verdict']:13} {closed:7.1%} {elapsed:5.1f}s  {found or 'none'} | {truth or 'none'}"
+        )
 
 
 if __name__ == "__main__":
