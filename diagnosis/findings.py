@@ -44,7 +44,7 @@ def document(study: Study) -> dict[str, Any]:
     own = (before - after) / np.maximum(before - floor, 1e-9)
     open_gap = above & ((own < EXPLAINED_JOINT) | (left > np.maximum(LEFT_RATIO * floor, LEFT_NRMSE)))
     explained = closed >= EXPLAINED and not open_gap.any()
-    verdict = _verdict(bool(effects), bool(above.any()), explained)
+    verdict = _verdict(bool(effects), bool(above.any()) or bool(study.refusals), explained)
     open_joints = [int(j) + 1 for j in np.flatnonzero(above)]
     return {
         "schema": 1,
@@ -67,6 +67,7 @@ def document(study: Study) -> dict[str, Any]:
 
 
 def _verdict(found: bool, above: bool, explained: bool) -> str:
+    """The verdict; an effect taken back leaves a gap open, if only on the recordings that it was fitted to."""
     if found and (not above or explained):
         return "effects_found"
     return "unexplained" if above else "no_gap"

@@ -70,9 +70,8 @@ def main() -> None:
         floor = np.array(label["floor"])
         closed = (before - after).sum() / (before - floor).sum() if document["effects"] else np.nan
         found, truth = ("; ".join(f"{e['effect']} {e['joints']}" for e in x["effects"]) for x in (document, label))
-        print(
-            f"{label['case']:8} {document['verdict']:13} {closed:7.1%} {elapsed:5.1f}s  {found or 'none'} | {truth or 'none'}"
-        )
+        verdict = f"{label['case']:8} {document['verdict']:13} {closed:7.1%} {elapsed:5.1f}s"
+        print(f"{verdict}  {found or 'none'} | {truth or 'none'}")
 
 
 if __name__ == "__main__":

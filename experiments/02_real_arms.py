@@ -56,9 +56,8 @@ def tx40_errors(case: Case, found: Diagnosis, cutoff: float) -> None:
     fit, judged = (condition(r, cutoff)[0] for r in (case.recordings[0], case.judged[0]))
     x, y = (low_pass(z, fit.motion.rate, cutoff)[fit.inner] for z in (features(body, fit), fit.torque))
     parameters = np.linalg.lstsq(x.reshape(-1, x.shape[2]), y.ravel(), rcond=1e-9)[0]
-    print(
-        f"  both sides at {cutoff:g} Hz: in-sample least squares {relative(y - x @ parameters, y, np.full(y.shape, True)):.1%}"
-    )
+    in_sample = relative(y - x @ parameters, y, np.full(y.shape, True))
+    print(f"  both sides at {cutoff:g} Hz: in-sample least squares {in_sample:.1%}")
     models = {
         "nominal": CorrectedArm(case.arm).predict(body, judged.motion),
         "with the effects found": CorrectedArm(case.arm, found.effects).predict(body, judged.motion),
