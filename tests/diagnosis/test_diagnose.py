@@ -103,11 +103,6 @@ class TestJudgedRecordings:
         shaken = aside.q + 0.01 * np.sin(2 * np.pi * 25 * aside.t)[:, None]
         assert values(diagnose(replace(judged, judged=(replace(aside, q=shaken),)))) == values(found)
 
-    @pytest.mark.xfail(
-        strict=True,
-        reason="diagnosis/refusal.py: effects are taken back by the judged recordings, so that the gap of the fitted ones "
-        "(0.19) ends as no_gap where the arm was healthy again while the judged one was made",
-    )
     def test_healthy_judged_recording_does_not_undo_what_was_fitted(self, judged: Case, found: Diagnosis) -> None:
         result = diagnose(replace(judged, judged=synthetic.case(Truth(), seed=7, judged=True).judged))
         assert result.document["verdict"] != "no_gap"
