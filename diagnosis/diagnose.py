@@ -68,12 +68,14 @@ def diagnose(case: Case, progress: Callable[[str], None] = lambda message: None)
     study = _study(case, progress)
     progress("writes the findings")
     corrected = CorrectedArm(case.arm, study.effects)
+    content = document(study)
+    order = [finding["effect"] for finding in content["effects"]]
     return Diagnosis(
-        document=document(study),
-        effects=study.effects,
+        document=content,
+        effects=tuple(sorted(study.effects, key=lambda applied: order.index(applied.name))),
         traces=traces(corrected, study.body, study.judge.segments),
         signatures=signatures(corrected, study.body, study.judge.segments),
-        spectrum=spectrum(study.before, study.after, study.judge.segments[0].motion.rate),
+        spectrum=spectrum(study.before, study.after, tuple(s.motion.rate for s in study.judge.segments)),
     )
 
 
@@ -81,7 +83,7 @@ def _study(case: Case, progress: Callable[[str], None]) -> Study:
     _check_torque(case)
     progress("conditions the signals")
     body = RigidBody(case.arm)
-    cutoff = position_cutoff((*case.recordings, *case.judged))
+    cutoff = position_cutoff(case.recordings)
     fitted = [condition(r, cutoff) for r in case.recordings if r.tau is not None]
     judged = [s for r in case.judged if r.tau is not None for s in condition(r, cutoff)]
     folds = fitted if len(fitted) > 1 else [[b] for s in fitted[0] for b in blocks(s, BLOCKS)]

@@ -13,10 +13,10 @@ the next acts half a tick late on average.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
+from diagnosis.gap import MODEL_FORM
 from diagnosis.linear import Linearisation
 from diagnosis.normal import Normal, quadratic
 from diagnosis.terms import Term, count_effects
@@ -24,8 +24,8 @@ from diagnosis.terms import Term, count_effects
 NEW_EFFECT = 20.0
 """Charge for each different effect [nats]: the logarithm of the number of ways to name one, and a margin for what the
 effective number of samples overstates."""
-NOMINAL_ERROR = (0.003, 0.01, 0.03, 0.06)
-"""Relative errors sigma of the nominal inertials that are tried; the evidence chooses."""
+NOMINAL_ERROR = {0.003: 0.0, 0.01: 5.0, 0.03: 15.0, 0.06: 30.0}
+"""Relative errors sigma of the nominal inertials that are tried, and what each costs [nats]; the evidence chooses."""
 SKEWS = (0.0, 2.5e-4, 5e-4)
 """Skews of sampling that are tried [s]; half a tick is 0.5 ms at 1 kHz."""
 LEAST_DELAY = 1e-3
@@ -65,6 +65,8 @@ class Evidence:
 
     def __init__(self, linearisation: Linearisation, unseen: np.ndarray, sigma: float, skew: float) -> None:
         self.linear, self.sigma, self.skew = linearisation, sigma, skew
+        self._unseen_before = unseen
+        self._forms: dict[tuple[int, int, bool], np.ndarray] = {}
         self.terms = linearisation.terms
         folds = linearisation.folds
         raw = np.array([fold.gram.sum(axis=0) for fold in folds])
@@ -91,16 +93,29 @@ class Evidence:
         unseen = self.unseen(terms)
         delta = self._all.delta @ np.append(theta, 1.0)
         score = -0.5 * float((self.independent * np.log1p(unseen / self.floor2)).sum()) - self.charge(terms)
-        score -= SKEW_CHARGE * (self.skew > 0) + 0.5 * float(delta @ delta) / self.sigma**2 + self._log_det
+        score -= (
+            SKEW_CHARGE * (self.skew > 0)
+            + NOMINAL_ERROR[self.sigma]
+            + 0.5 * float(delta @ delta) / self.sigma**2
+            + self._log_det
+        )
         impossible = self.terms.impossible(theta, terms, self.lowest)
         return Fit(terms, -np.inf if impossible else score, theta, unseen, impossible)
+
+    def believing(self, sigma: float) -> Evidence:
+        """The same evidence under another relative error of the nominal inertials."""
+        return self if sigma == self.sigma else Evidence(self.linear, self._unseen_before, sigma, self.skew)
 
     def charge(self, terms: frozenset[Term]) -> float:
         """What a set costs [nats]: half the logarithm of the samples per parameter, and so much per effect named."""
         return self.per_parameter * sum(len(t.columns) for t in terms) + NEW_EFFECT * count_effects(terms)
 
     def bootstrap(self, terms: frozenset[Term], rng: np.random.Generator, draws: int = 200) -> np.ndarray:
-        """Values of the terms on pieces of the data drawn with replacement, shape (draws, P): a block bootstrap."""
+        """Values of the terms on pieces of the data drawn with replacement, shape (draws, P): a block bootstrap.
+
+        To each draw an error is added that pieces of the same data cannot show: what the form of the model, wrong by
+        ``MODEL_FORM``, may shift a value by, were half of it proportional to the term's own column.
+        """
         pieces = np.concatenate(
             [
                 np.einsum("bjxy,j->bxy", _with_skew(fold.gram, self.skew), w)
@@ -112,7 +127,14 @@ class Evidence:
             counts = np.bincount(rng.integers(len(pieces), size=len(pieces)), minlength=len(pieces)).astype(float)
             total = np.tensordot(counts, pieces, axes=1)
             values[draw] = Normal(total, self.terms.size, self.sigma).solve(_columns(terms))
-        return values
+        return values + rng.normal(size=values.shape) * self._systematic()
+
+    def _systematic(self) -> np.ndarray:
+        """Standard deviation that the form of the model adds to each value, (P,)."""
+        power = np.diagonal(self.gram, axis1=2, axis2=3)[:, :, : self.terms.size].sum(axis=0)
+        column = np.sqrt(power / self.rows.sum(axis=0)[:, None])
+        torque = self.linear.data.torque_deviation[:, None]
+        return (0.5 * MODEL_FORM * torque / np.maximum(column, 1e-12)).min(axis=0)
 
     def left_out(self, terms: frozenset[Term]) -> list[np.ndarray]:
         """Values of the terms fitted without each of the folds, F arrays of shape (P,)."""
@@ -123,24 +145,22 @@ class Evidence:
 
         ``corrected`` says whether the nuisances, errors of the nominal inertials and skew, are taken out as well.
         """
-        return self._mean_square(terms, self._without, self._corrected_forms if corrected else self._plain_forms)
+        return self._mean_square(terms, self._without, corrected)
 
-    def seen(self, terms: frozenset[Term]) -> np.ndarray:
-        """Mean square of the gap on each fold under values fitted to all folds [N^2 m^2], nuisances left in, (F, n)."""
-        return self._mean_square(terms, [self._all] * len(self.rows), self._plain_forms)
+    def seen(self, terms: frozenset[Term], *, corrected: bool = True) -> np.ndarray:
+        """Mean square of the gap on each fold under values fitted to all folds [N^2 m^2], (F, n)."""
+        return self._mean_square(terms, [self._all] * len(self.rows), corrected)
 
-    def _mean_square(self, terms: frozenset[Term], normals: list[Normal], forms: list[np.ndarray]) -> np.ndarray:
+    def _mean_square(self, terms: frozenset[Term], normals: list[Normal], corrected: bool) -> np.ndarray:
         columns = _columns(terms)
-        squares = [quadratic(form, normal.solve(columns), columns) for form, normal in zip(forms, normals, strict=True)]
+        gram = self.gram if corrected else self._plain
+        squares = []
+        for fold, normal in enumerate(normals):
+            key = (fold, id(normal), corrected)
+            if key not in self._forms:
+                self._forms[key] = normal.forms(gram[fold], corrected=corrected)
+            squares.append(quadratic(self._forms[key], normal.solve(columns), columns))
         return np.array(squares) / self.rows
-
-    @cached_property
-    def _corrected_forms(self) -> list[np.ndarray]:
-        return [n.forms(g, corrected=True) for n, g in zip(self._without, self.gram, strict=True)]
-
-    @cached_property
-    def _plain_forms(self) -> list[np.ndarray]:
-        return [n.forms(g, corrected=False) for n, g in zip(self._without, self._plain, strict=True)]
 
 
 def _columns(terms: frozenset[Term]) -> np.ndarray:
@@ -181,5 +201,5 @@ def best_evidence(linearisation: Linearisation, unseen: np.ndarray, terms: froze
     def best(candidates: list[Evidence]) -> Evidence:
         return max(candidates, key=lambda evidence: evidence.fit(terms).score)
 
-    skew = best([Evidence(linearisation, unseen, NOMINAL_ERROR[1], skew) for skew in SKEWS]).skew
-    return best([Evidence(linearisation, unseen, sigma, skew) for sigma in NOMINAL_ERROR])
+    skewed = best([Evidence(linearisation, unseen, 0.01, skew) for skew in SKEWS])
+    return best([skewed.believing(sigma) for sigma in NOMINAL_ERROR])

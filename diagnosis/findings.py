@@ -132,7 +132,7 @@ def _parameters(study: Study, applied: AppliedEffect, draws: np.ndarray) -> dict
 
 
 def _regions(study: Study, error: np.ndarray, rows: Rows, joints: list[int], most: int = 2) -> list[Region]:
-    return regions(error, rows, study.before.predicted, study.judge.segments[0].motion.rate, joints, most)
+    return regions(error, rows, study.before.predicted, joints, most)
 
 
 def _before(study: Study, rows: Rows, floor: np.ndarray) -> list[Region]:
@@ -167,7 +167,7 @@ def _context(study: Study) -> dict[str, Any]:
     case = study.case
     notes = [f"{r.name}: {note}" for r in (*case.recordings, *case.judged) for note in r.notes]
     roles = [(r, "fit") for r in case.recordings] + [(r, "judge") for r in case.judged]
-    if case.judged:
+    if study.judge.judged:
         judged_on = "recordings set aside for judging"
     elif len(case.recordings) > 1:
         judged_on = "each recording, with the values fitted to the others"

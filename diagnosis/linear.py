@@ -18,7 +18,7 @@ import numpy as np
 
 from arm.dynamics import RigidBody
 from arm.nominal import NominalArm
-from diagnosis.gap import Healthy, healthy
+from diagnosis.gap import Healthy, filtered_torque, healthy, torque_scale
 from diagnosis.terms import Terms
 from effects.applied import AppliedEffect
 from effects.corrected import CorrectedArm
@@ -63,10 +63,14 @@ class Data:
         arm, body: the nominal arm and its dynamics.
         folds: segments per fold.
         cutoff: cut-off of the fit's filter, on both sides [Hz].
+
+    Attributes:
+        torque_deviation: normalisation of the torque gap over all folds [N m], (n,).
     """
 
     def __init__(self, arm: NominalArm, body: RigidBody, folds: list[list[Segment]], cutoff: float) -> None:
         self.arm, self.body, self.folds, self.cutoff = arm, body, folds, cutoff
+        self.torque_deviation = torque_scale(np.vstack([filtered_torque(s) for fold in folds for s in fold]))
         units = _nuisance_units(body)
         self.nuisance = [[self.thin(body.regressor(*_motion(s)) * units, s) for s in fold] for fold in folds]
 
@@ -146,7 +150,7 @@ class Linearisation:
                 out[:, j, block.start + j] = change[:, j]
         q = corrected.true_position(motion.q)
         offset = terms.block(next(e for e in terms.joint_effects if isinstance(e, Sensing)))
-        by_position = self.body.position_sensitivity(q, motion.dq, motion.ddq)
+        by_position = self.body.loaded(corrected.payload()).position_sensitivity(q, motion.dq, motion.ddq)
         last = self.body.last_link_regressor(q, motion.dq, motion.ddq)
         columns = np.concatenate([-by_position, last @ _payload_tangent(self.theta[terms.payload])], axis=2)
         gain = (recorded(corrected, rigid + 1e-3) - recorded(corrected, rigid - 1e-3)) / 2e-3

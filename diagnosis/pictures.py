@@ -33,13 +33,16 @@ def traces(corrected: CorrectedArm, body: RigidBody, segments: list[Segment]) ->
     return tuple(out)
 
 
-def spectrum(before: TorqueGap, after: TorqueGap, rate: float) -> Spectrum:
-    """Amplitude spectrum of the gap up to 12 Hz."""
-    length = min(len(before.error), int(4 * rate))
-    frequency, power = welch(before.error, rate, nperseg=length, axis=0)
-    _, left = welch(after.error, rate, nperseg=length, axis=0)
-    inside = frequency <= 12.0
-    return Spectrum(frequency[inside], np.sqrt(power[inside]), np.sqrt(left[inside]))
+def spectrum(before: TorqueGap, after: TorqueGap, rates: tuple[float, ...]) -> Spectrum:
+    """Amplitude spectrum of the gap up to 12 Hz, mean power over the segments, sampled at ``rates`` [Hz]."""
+    frequency = np.arange(0.0, 12.01, 0.25)
+    powers = [np.zeros((len(frequency), before.error.shape[1])) for _ in range(2)]
+    for power, error in zip(powers, (before.error, after.error), strict=True):
+        for a, b, rate in zip(before.edges, before.edges[1:], rates, strict=False):
+            grid, density = welch(error[a:b], rate, nperseg=min(b - a, int(4 * rate)), axis=0)
+            share = (b - a) / before.edges[-1]
+            power += share * np.column_stack([np.interp(frequency, grid, column) for column in density.T])
+    return Spectrum(frequency, np.sqrt(powers[0]), np.sqrt(powers[1]))
 
 
 def signatures(corrected: CorrectedArm, body: RigidBody, segments: list[Segment]) -> tuple[Signature, ...]:

@@ -17,6 +17,7 @@ class Rows:
         t: time since the start of its recording [s], (M,).
         q, dq, ddq: motion [rad], [rad/s], [rad/s^2], (M, n).
         segment: index of the segment of each row, (M,).
+        rates: sampling rate of each segment [Hz].
     """
 
     t: np.ndarray
@@ -24,6 +25,7 @@ class Rows:
     dq: np.ndarray
     ddq: np.ndarray
     segment: np.ndarray
+    rates: tuple[float, ...]
 
 
 def stack(segments: list[Segment]) -> Rows:
@@ -36,4 +38,5 @@ def stack(segments: list[Segment]) -> Rows:
         dq=np.vstack([m.dq[i] for m, i in parts]),
         ddq=np.vstack([m.ddq[i] for m, i in parts]),
         segment=np.repeat(np.arange(len(parts)), lengths),
+        rates=tuple(m.rate for m, _ in parts),
     )

@@ -14,6 +14,8 @@ LEAST_SHARE = 0.25
 """A region must hold this share of a joint's squared gap to be named."""
 LEAST_ENRICHMENT = 1.6
 """A region must hold this many times the share of the gap that its share of the time would give."""
+LEAST_BAND = 0.02
+"""A frequency band counts as this share of the torque's power at least."""
 BANDS = ((0.0, 0.5), (0.5, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 8.0), (8.0, 12.0))
 """Frequency bands [Hz]."""
 
@@ -42,16 +44,13 @@ class Region:
         return self.share / max(self.coverage, 1e-3)
 
 
-def regions(
-    error: np.ndarray, rows: Rows, load: np.ndarray, rate: float, joints: list[int], most: int = 2
-) -> list[Region]:
+def regions(error: np.ndarray, rows: Rows, load: np.ndarray, joints: list[int], most: int = 2) -> list[Region]:
     """The regions where the gap of some joints is concentrated, the strongest first.
 
     Args:
         error: gap [N m], (M, n).
         rows: motion of the same rows.
         load: torque that the nominal arm predicts [N m], (M, n).
-        rate: sampling rate of the rows [Hz].
         joints: joints to look at, from 1.
         most: regions per joint.
     """
@@ -64,7 +63,7 @@ def regions(
             Region(joint, kind, text, float(square[mask].sum() / square.sum()), float(mask.mean()))
             for kind, text, mask in _masks(rows, load, joint - 1)
         ]
-        candidates += _bands(error[:, joint - 1], load[:, joint - 1], rate, joint)
+        candidates += _bands(error[:, joint - 1], load[:, joint - 1], rows, joint)
         named = [r for r in candidates if r.share >= LEAST_SHARE and r.enrichment >= LEAST_ENRICHMENT]
         found += sorted(named, key=lambda r: r.share * np.log(r.enrichment), reverse=True)[:most]
     return found
@@ -96,16 +95,22 @@ def _masks(rows: Rows, load: np.ndarray, j: int) -> list[tuple[str, str, np.ndar
     return [m for m in masks if m[2].any()]
 
 
-def _bands(error: np.ndarray, load: np.ndarray, rate: float, joint: int) -> list[Region]:
+def _bands(error: np.ndarray, load: np.ndarray, rows: Rows, joint: int) -> list[Region]:
     """Frequency bands of one joint; what a band covers is its share of the power of the nominal torque."""
-    length = min(len(error), int(4 * rate))
-    frequency, density = welch(error, rate, nperseg=length)
-    _, expected = welch(load, rate, nperseg=length)
-    inside = frequency <= min(12.0, rate / 2)
-    out = []
-    for low, high in BANDS:
-        band = inside & (frequency >= low) & (frequency < high)
-        if band.any():
-            share, coverage = (float(d[band].sum() / max(d[inside].sum(), 1e-300)) for d in (density, expected))
-            out.append(Region(joint, "frequency", f"{low:g} to {high:g} Hz", share, coverage))
-    return out
+    gap, expected = (band_powers(series, rows) for series in (error, load))
+    return [
+        Region(joint, "frequency", f"{low:g} to {high:g} Hz", float(share), max(float(coverage), LEAST_BAND))
+        for (low, high), share, coverage in zip(BANDS, gap, expected, strict=True)
+    ]
+
+
+def band_powers(series: np.ndarray, rows: Rows) -> np.ndarray:
+    """Share of the power of a series (M,) in each of ``BANDS``, over all segments; shape (len(BANDS),)."""
+    powers = np.zeros(len(BANDS))
+    for segment, rate in enumerate(rows.rates):
+        part = series[rows.segment == segment]
+        frequency, density = welch(part, rate, nperseg=min(len(part), int(4 * rate)))
+        for k, (low, high) in enumerate(BANDS):
+            band = (frequency >= low) & (frequency < high)
+            powers[k] += density[band].sum() * (frequency[1] - frequency[0]) * len(part) / rate
+    return powers / max(powers.sum(), 1e-300)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from numbers import Integral
 
 import numpy as np
 
@@ -42,7 +43,9 @@ class AppliedEffect:
             raise InputError(
                 f"an effect of scope {definition.scope}, but joints are {list(self.joints)}", where=self.name
             )
-        if any(joint < 1 for joint in self.joints) or len(set(self.joints)) != len(self.joints):
+        if any(not isinstance(joint, Integral) or joint < 1 for joint in self.joints) or len(set(self.joints)) != len(
+            self.joints
+        ):
             raise InputError(f"joints count from 1 and occur once, got {list(self.joints)}", where=self.name)
         values = {}
         for parameter in definition.parameters:

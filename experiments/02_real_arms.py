@@ -22,7 +22,7 @@ from arm.errors import GapscopeError
 from arm.nominal import smooth_sign
 from diagnosis.result import Diagnosis
 from effects.corrected import CorrectedArm
-from gapscope.run import diagnose_case
+from gapscope.run import diagnose_path
 from ident.conditioning import Segment, condition, low_pass
 
 CASES = Path(__file__).parent / "cases"
@@ -71,9 +71,8 @@ def tx40_errors(case: Case, found: Diagnosis, cutoff: float) -> None:
         first = np.zeros_like(every)
         first[:, :4] = True
         figures = [relative(error, torque, rows) for rows in (every, moving, moving & first)]
-        print(
-            f"    {name:23} all judged rows {figures[0]:6.1%}  moving {figures[1]:6.1%}  its joints 1-4 {figures[2]:6.1%}"
-        )
+        row = "  ".join(f"{figure:6.1%}" for figure in figures)
+        print(f"    {name:23} all judged rows, moving, moving joints 1-4: {row}")
 
 
 def tx40_parameters(case: Case, found: Diagnosis) -> None:
@@ -97,7 +96,7 @@ def main() -> None:
     for path in sorted(CASES.glob("*.yaml")):
         try:
             case = load_case(path)
-            found = diagnose_case(case, out / case.name)
+            found = diagnose_path(path, out / case.name)
         except GapscopeError as error:
             print(f"{path.stem}: {error}\n")
             continue

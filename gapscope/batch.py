@@ -10,7 +10,7 @@ from rich.console import Console
 
 from arm.errors import GapscopeError, InputError
 from diagnosis.report.summary import SummaryRow, render_summary
-from gapscope.run import diagnose_path, make_folder
+from gapscope.run import diagnose_one_of_many, make_folder
 
 
 def diagnose_all(
@@ -30,7 +30,9 @@ def diagnose_all(
     rows: list[SummaryRow] = []
     codes = [0]
     with parallel_config(backend=_backend(backend), n_jobs=jobs):
-        work = (delayed(diagnose_path)(str(case), out, folder) for case, folder in zip(cases, folders, strict=True))
+        work = (
+            delayed(diagnose_one_of_many)(str(case), out, folder) for case, folder in zip(cases, folders, strict=True)
+        )
         for row, code in Parallel(return_as="generator")(work):
             rows.append(row)
             codes.append(code)

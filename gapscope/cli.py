@@ -62,13 +62,11 @@ def diagnose(
 ) -> None:
     """Find where the gap lies, which effect causes it, and how far it shrinks."""
     if len(cases) == 1:
-        from arm.case import load_case
         from diagnosis.terminal import print_summary
-        from gapscope.run import diagnose_case
+        from gapscope.run import diagnose_path
 
         with _Progress(cases[0].name or str(cases[0])) as progress:
-            progress("reads the case")
-            result = diagnose_case(load_case(cases[0]), out, progress)
+            result = diagnose_path(cases[0], out, progress)
         print_summary(result.document, _console)
         _wrote(out / "report.html", out / "diagnosis.json", out / "corrected.yaml")
         return

@@ -10,7 +10,6 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from arm.case import load_case
 from arm.writing import write_case
 from diagnosis.quantities import display_unit, significant
 from diagnosis.terminal import print_summary
@@ -18,7 +17,7 @@ from diagnosis.wording import effect_name
 from effects.applied import AppliedEffect
 from effects.corrected_file import write_corrected
 from envs.mystery import mystery_arm
-from gapscope.run import diagnose_case, make_folder
+from gapscope.run import diagnose_path, make_folder
 
 CAVEAT = (
     "This is a recovery check: recorded and explained with the same definitions of the effects. "
@@ -35,7 +34,7 @@ def play(out: Path, seed: int | None, progress: Callable[[str], None], console: 
     case, truth = mystery_arm(np.random.default_rng(seed))
     write_case(case, out / "case", overwrite=True)
     progress("diagnoses the recordings; the truth stays closed")
-    result = diagnose_case(load_case(out / "case"), out / "diagnosis", progress)
+    result = diagnose_path(out / "case", out / "diagnosis", progress)
     write_corrected(case.name, truth, out / "truth.yaml")
     print_summary(result.document, console)
     console.print(_comparison(truth, result.effects))

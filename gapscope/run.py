@@ -6,8 +6,8 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from arm.case import Case, load_case
-from arm.errors import GapscopeError
+from arm.case import load_case
+from arm.errors import GapscopeError, InputError
 from arm.nominal import NominalArm
 from arm.reading import load_recording
 from arm.recording import Recording
@@ -37,10 +37,18 @@ def make_folder(folder: Path) -> None:
         ) from None
 
 
-def diagnose_case(case: Case, out: Path, progress: Callable[[str], None] = lambda message: None) -> Diagnosis:
-    """Diagnose a case and write ``corrected.yaml``, ``report.html`` and, as the last, ``diagnosis.json``."""
+def diagnose_path(path: Path, out: Path, progress: Callable[[str], None] = lambda message: None) -> Diagnosis:
+    """Diagnose the case at a path and write ``corrected.yaml``, ``report.html`` and, as the last, ``diagnosis.json``.
+
+    A ``diagnosis.json`` of an earlier run is removed first, so that one that is there is whole and of this run.
+    """
     make_folder(out)
-    (out / "diagnosis.json").unlink(missing_ok=True)
+    try:
+        (out / "diagnosis.json").unlink(missing_ok=True)
+    except OSError as error:
+        raise GapscopeError(f"{out / 'diagnosis.json'}: cannot be replaced ({error.strerror})", "remove it") from None
+    progress("reads the case")
+    case = load_case(path)
     result = diagnose(case, progress)
     progress("writes the report")
     write_corrected(case.name, result.effects, out / "corrected.yaml")
@@ -49,23 +57,31 @@ def diagnose_case(case: Case, out: Path, progress: Callable[[str], None] = lambd
     return result
 
 
-def diagnose_path(path: str, out: Path, folder: str) -> tuple[SummaryRow, int]:
+def diagnose_one_of_many(path: str, out: Path, folder: str) -> tuple[SummaryRow, int]:
     """Diagnose the case at a path as one of several: its row of the summary, and its exit code."""
     try:
-        case = load_case(path)
-        return SummaryRow(case.name, folder, diagnose_case(case, out / folder).document), 0
+        document = diagnose_path(Path(path), out / folder).document
     except GapscopeError as error:
         return SummaryRow(folder, folder, failure=str(error)), error.exit_code
+    return SummaryRow(str(document["case"]), folder, document), 0
 
 
 def corrected_arm(arm: NominalArm, model: Path | None) -> CorrectedArm:
-    """The nominal arm, or the corrected one where a ``corrected.yaml`` is given."""
+    """The nominal arm, or the corrected one where a ``corrected.yaml`` is given.
+
+    Raises:
+        InputError: the file cannot be used, or names a joint that the arm does not have.
+    """
     effects = read_corrected(model) if model is not None else ()
-    corrected = CorrectedArm(arm, effects)
-    for applied in effects:
-        for name in applied.effect.names if applied.joints else ():
-            applied.per_joint(name, arm.n_joints)  # raises where a joint does not exist
-    return corrected
+    for i, applied in enumerate(effects):
+        if max(applied.joints, default=0) > arm.n_joints:
+            raise InputError(
+                f"joint {max(applied.joints)} of an arm with {arm.n_joints} joints",
+                "joints count from 1, in the case's order",
+                file=model,
+                where=f"effects[{i}], {applied.name}",
+            )
+    return CorrectedArm(arm, effects)
 
 
 def load_for_prediction(case_path: Path, file: Path) -> tuple[NominalArm, Recording]:

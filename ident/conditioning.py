@@ -48,8 +48,13 @@ class Segment:
     @property
     def inner(self) -> slice:
         """The samples that are left when both ends are trimmed by ``TRIM``."""
-        edge = int(np.ceil(TRIM * self.motion.rate))
+        edge = _edge(self.motion.rate)
         return slice(edge, len(self.motion.t) - edge)
+
+
+def _edge(rate: float) -> int:
+    """Samples that trimming takes from each end."""
+    return int(np.ceil(round(TRIM * rate, 1)))
 
 
 def low_pass(series: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
@@ -81,7 +86,7 @@ def uniform(t: np.ndarray, series: np.ndarray, rate: float) -> tuple[np.ndarray,
     steps = np.diff(t)
     if np.abs(steps * rate - 1).max(initial=0.0) < 0.01:
         return t, series
-    grid = t[0] + np.arange(int(np.floor((t[-1] - t[0]) * rate)) + 1) / rate
+    grid = t[0] + np.arange(int((t[-1] - t[0]) * rate + 1e-6) + 1) / rate
     return grid, make_interp_spline(t, series, k=1)(grid)
 
 
@@ -111,7 +116,7 @@ def condition(recording: Recording, cutoff: float) -> list[Segment]:
 
 def blocks(segment: Segment, count: int) -> list[Segment]:
     """A segment cut into blocks of equal length, which overlap only by what trimming takes from their ends."""
-    n, edge = len(segment.motion.t), int(np.ceil(TRIM * segment.motion.rate))
+    n, edge = len(segment.motion.t), _edge(segment.motion.rate)
     cuts = np.linspace(edge, n - edge, count + 1).astype(int)
     spans = [slice(a - edge, b + edge) for a, b in itertools.pairwise(cuts)]
     m = segment.motion
@@ -129,7 +134,7 @@ def blocks(segment: Segment, count: int) -> list[Segment]:
 def _segment(recording: Recording, span: slice, cutoff: float) -> Segment:
     rate = recording.rate
     t, q = uniform(recording.t[span], recording.q[span], rate)
-    step = max(1, int(rate // WORKING_RATE))
+    step = max(1, int(rate / WORKING_RATE + 1e-6))
     q = low_pass(q, rate, cutoff)
     spline = make_interp_spline(t[::step], q[::step], k=5)
     grid = t[::step]

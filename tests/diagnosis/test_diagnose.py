@@ -93,11 +93,6 @@ class TestJudgedRecordings:
         assert result.document["gap"]["after"]["torque_nrmse"][0] > 0.1
         assert result.document["verdict"] == "unexplained"
 
-    @pytest.mark.xfail(
-        strict=True,
-        reason="diagnosis/diagnose.py _study: position_cutoff is taken over the judged recordings as well, so that "
-        "they move the values fitted",
-    )
     def test_motion_of_a_judged_recording_changes_no_value(self, judged: Case, found: Diagnosis) -> None:
         (aside,) = judged.judged
         shaken = aside.q + 0.01 * np.sin(2 * np.pi * 25 * aside.t)[:, None]
@@ -107,11 +102,6 @@ class TestJudgedRecordings:
         result = diagnose(replace(judged, judged=synthetic.case(Truth(), seed=7, judged=True).judged))
         assert result.document["verdict"] != "no_gap"
 
-    @pytest.mark.xfail(
-        strict=True,
-        reason="diagnosis/findings.py _context: with judged recordings that carry no torque, gaps are measured on "
-        "the fitted ones, but judged_on says otherwise",
-    )
     def test_judged_recording_without_torque_is_not_said_to_be_judged_on(self, judged: Case) -> None:
         silent = tuple(replace(r, tau=None) for r in judged.judged)
         document = diagnose(replace(judged, judged=silent)).document
@@ -190,11 +180,6 @@ def test_a_joint_that_never_moves() -> None:
     assert [(e.name, e.joints) for e in result.effects] == [("coulomb_friction", (2,))]
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="diagnosis/findings.py _regions and diagnosis/diagnose.py (spectrum): the rate of the first segment is "
-    "taken for the rows of all, so that 5 Hz at 250 Hz is called 2.5 Hz where the first recording has 125 Hz",
-)
 def test_recordings_of_different_rates() -> None:
     """A sine of 5 Hz is found in its band although the recordings have 125, 250 and 250 Hz."""
 

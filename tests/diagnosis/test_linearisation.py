@@ -102,11 +102,6 @@ def test_columns_equal_finite_differences(names: tuple[str, ...]) -> None:
     compare(names, [name for name in EXPLAINED if "payload" not in names or name != "encoder_offset"])
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="diagnosis/linear.py _derivatives: the columns of encoder_offset come from the nominal body, so that beside "
-    "a payload the part of the payload's torque is missing in them",
-)
 @pytest.mark.parametrize("names", [("payload",), ("payload", "encoder_offset")])
 def test_columns_of_encoder_offset_beside_a_payload(names: tuple[str, ...]) -> None:
     compare(names, list(EXPLAINED))

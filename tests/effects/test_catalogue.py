@@ -133,7 +133,6 @@ def test_joint_too_large() -> None:
         applied.per_joint("torque", 6)
 
 
-@pytest.mark.xfail(strict=True, reason="effects/applied.py: joint 1.5 is accepted, and later cut to joint 1")
 def test_joint_that_is_no_whole_number() -> None:
     with pytest.raises(InputError):
         AppliedEffect("coulomb_friction", (1.5,), {"torque": [1.0]})

@@ -129,11 +129,6 @@ class TestDiagnose:
         assert gapscope("diagnose", sick, "--out", out).code == 2
         assert not (out / "diagnosis.json").exists()
 
-    @pytest.mark.xfail(
-        strict=True,
-        reason="gapscope/cli.py diagnose and gapscope/run.py diagnose_path: the case is read before the diagnosis.json "
-        "of an earlier run is removed, so that it stays and looks like the result of this run",
-    )
     def test_unreadable_case_leaves_no_diagnosis_of_an_earlier_run(
         self, gapscope: Command, sick: Path, tmp_path: Path
     ) -> None:
@@ -225,11 +220,6 @@ class TestUnwritable:
         (tmp_path / "file").touch()
         assert gapscope("demo", "--out", tmp_path / "file" / "demo", "--seed", 1).code == 1
 
-    @pytest.mark.xfail(
-        strict=True,
-        raises=IsADirectoryError,
-        reason="gapscope/run.py diagnose_case: an OSError of unlink() ends in a traceback",
-    )
     def test_diagnosis_json_is_a_folder(self, gapscope: Command, sick: Path, tmp_path: Path) -> None:
         (tmp_path / "out" / "diagnosis.json").mkdir(parents=True)
         done = gapscope("diagnose", sick, "--out", tmp_path / "out")
@@ -266,11 +256,6 @@ class TestModel:
         done = gapscope(command, sick, "--model", model, *more)
         assert f"{model}, effects[0]" in done.err
 
-    @pytest.mark.xfail(
-        strict=True,
-        reason="gapscope/run.py corrected_arm: a joint that the arm does not have is told without the file and "
-        "the entry",
-    )
     def test_joint_that_does_not_exist_names_the_model_file(
         self, gapscope: Command, sick: Path, tmp_path: Path
     ) -> None:
@@ -390,11 +375,6 @@ class TestBatch:
         verdicts = {c: json.loads((out / c / "diagnosis.json").read_text())["verdict"] for c in ("sick", "healthy")}
         assert verdicts == {"sick": "effects_found", "healthy": "no_gap"}
 
-    @pytest.mark.xfail(
-        strict=True,
-        reason="gapscope/cli.py diagnose and gapscope/run.py diagnose_path: the case is read before the diagnosis.json "
-        "of an earlier run is removed, so that it stays and looks like the result of this run",
-    )
     def test_failed_case_leaves_no_diagnosis_of_an_earlier_run(
         self, gapscope: Command, sick: Path, healthy: Path, tmp_path: Path
     ) -> None:

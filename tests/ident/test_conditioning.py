@@ -156,11 +156,6 @@ class TestCondition:
     def test_5_khz_log_is_worked_on_at_250_hz(self) -> None:
         assert condition(sine(rate=5000.0), 10.0)[0].motion.rate == pytest.approx(250.0)
 
-    @pytest.mark.xfail(
-        strict=True,
-        reason="ident/conditioning.py _segment: rate // WORKING_RATE of 999.99999999999 Hz is 3, so that this 1 kHz "
-        "log is worked on at 333 Hz and another one of the same case may be at 250 Hz",
-    )
     def test_1_khz_log_is_worked_on_at_250_hz(self) -> None:
         recording = sine(rate=1000.0)
         assert recording.rate == pytest.approx(1000.0)
@@ -234,11 +229,6 @@ class TestBlocks:
     def test_disjoint_after_trimming_and_nothing_lost(self, count: int, rate: float) -> None:
         self.check(count, rate, 0.0)
 
-    @pytest.mark.xfail(
-        strict=True,
-        reason="ident/conditioning.py Segment.inner and blocks(): ceil(TRIM * rate) of 250.0000000001 Hz is 76, of "
-        "250 Hz 75, so that the blocks of one segment trim unequally and lose samples",
-    )
     @pytest.mark.parametrize(("count", "rate", "start"), [(4, 30.0, 0.0), (7, 250.0, 12.345), (4, 250.0, 1.7e9)])
     def test_disjoint_whatever_the_rounding_of_time(self, count: int, rate: float, start: float) -> None:
         self.check(count, rate, start)
