@@ -103,20 +103,59 @@ class RigidBody:
         q, dq = np.ascontiguousarray(q[self._to_model]), np.ascontiguousarray(dq[self._to_model])
         return pin.nonLinearEffects(self.model, self._data, q, dq)[self._to_arm]
 
-    def loaded(self, parameters: np.ndarray) -> RigidBody:
-        """This arm with ten inertial parameters added to its last link, in the frame of the joint that moves it.
+    def changed(self, increments: np.ndarray, gravity: np.ndarray | None = None) -> RigidBody:
+        """This arm with other inertial parameters, and under another gravity.
 
         Args:
-            parameters: in the order of ``INERTIAL_PARAMETERS``, shape (10,); kg, kg m, kg m^2.
+            increments: added to the links' parameters, shape (n, 10) in joint order, columns in the order of
+                ``INERTIAL_PARAMETERS``; kg, kg m, kg m^2.
+            gravity: in the base frame [m/s^2], shape (3,); unchanged where ``None``.
         """
         other = copy(self)
         other.model = self.model.copy()
         other._data = other.model.createData()
-        if np.any(parameters):
-            link = int(self.links[self.last_link])
-            total = self.model.inertias[link].toDynamicParameters() + parameters
-            other.model.inertias[link] = pin.Inertia.FromDynamicParameters(total)
+        for link, increment in zip(self.links, increments, strict=True):
+            if np.any(increment):
+                total = self.model.inertias[int(link)].toDynamicParameters() + increment
+                other.model.inertias[int(link)] = pin.Inertia.FromDynamicParameters(total)
+        if gravity is not None:
+            other.model.gravity = pin.Motion(np.array(gravity), np.zeros(3))
         return other
+
+    @property
+    def gravity(self) -> np.ndarray:
+        """Gravity in the base frame [m/s^2], shape (3,)."""
+        return np.array(self.model.gravity.linear)
+
+    @property
+    def order(self) -> np.ndarray:
+        """Position of each model joint among the arm's joints, shape (n,): ``q[order]`` is in kinematic order."""
+        return self._to_model
+
+    @property
+    def places(self) -> np.ndarray:
+        """Position of each of the arm's joints in kinematic order, shape (n,), the inverse of ``order``."""
+        return self._to_arm
+
+    def force_torque(self, q: np.ndarray, force: np.ndarray) -> np.ndarray:
+        """J^T f [N m], shape (N, n): joint torque of a force on the arm at the last link's centre of mass.
+
+        Args:
+            q: joint positions [rad], shape (N, n).
+            force: in the base frame [N], shape (3,) or (N, 3).
+        """
+        q = np.ascontiguousarray(np.atleast_2d(q)[:, self._to_model])
+        forces = np.broadcast_to(force, (len(q), 3))
+        model, data = self.model, self._data
+        last = int(self.links[self.last_link])
+        lever = model.inertias[last].lever
+        out = np.empty_like(q)
+        for i in range(len(q)):
+            pin.computeJointJacobians(model, data, q[i])
+            jacobian = pin.getJointJacobian(model, data, last, pin.LOCAL_WORLD_ALIGNED)
+            arm_of_force = data.oMi[last].rotation @ lever
+            out[i] = jacobian[:3].T @ forces[i] + jacobian[3:].T @ np.cross(arm_of_force, forces[i])
+        return out[:, self._to_arm]
 
     def position_limits(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper position limits of the URDF [rad], each of shape (n,); about 1e9 where there are none."""
@@ -125,6 +164,10 @@ class RigidBody:
     def velocity_limits(self) -> np.ndarray:
         """Velocity limits of the URDF [rad/s], shape (n,); 0 where there are none."""
         return self.model.velocityLimit[self._to_arm]
+
+    def effort_limits(self) -> np.ndarray:
+        """Torque limits of the URDF [N m], shape (n,); 0 where there are none."""
+        return self.model.effortLimit[self._to_arm]
 
     def position_sensitivity(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         """d tau_i / d q_j of the inverse dynamics [N m/rad], shape (N, n, n)."""
