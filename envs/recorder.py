@@ -12,7 +12,7 @@ from arm.nominal import NominalArm
 from arm.recording import Recording
 from arm.trajectory import Reference
 from effects.applied import AppliedEffect
-from envs.engines.pybullet import PyBulletEngine
+from envs.simulated_arm import SimulatedArm
 
 LONGEST_STEP = 1e-3
 """The simulation's time step is the controller's period, divided until it is no longer than this [s]."""
@@ -68,6 +68,7 @@ def record(
     torque_noise: np.ndarray | float = 0.0,
     settle: float = 0.5,
     name: str = "recording",
+    engine: str = "pybullet",
 ) -> Recording:
     """Record a simulated arm; columns t, q, dq (filtered), tau (commanded), q_ref and dq_ref.
 
@@ -88,9 +89,10 @@ def record(
         torque_noise: standard deviation of white noise on the recorded torque [N m], a number or shape (n,).
         settle: time at the reference's start before t = 0 [s].
         name: name of the recording.
+        engine: ``pybullet``, ``mujoco`` or ``dart``.
 
     Raises:
-        InputError: ``rate`` does not divide the controller's rate, or the engine cannot simulate an effect.
+        InputError: ``rate`` does not divide the controller's rate, or an effect cannot be simulated on this arm.
         GapscopeError: the simulated arm became unstable.
     """
     every = round(controller.rate / rate)
@@ -98,7 +100,7 @@ def record(
         raise InputError(f"{rate} Hz does not divide the controller's {controller.rate} Hz", where="rate")
     command = _Command(arm, reference, controller, duration, settle)
     step = (arm.encoder_step or 0.0) if encoder_step is None else encoder_step
-    q, dq, tau = _run(arm, effects, controller, command, step)
+    q, dq, tau = _run(arm, effects, controller, command, step, engine)
     speed = np.abs(np.diff(q, axis=0)).max(axis=0) * controller.rate
     if not (speed < UNSTABLE_SPEED).all():
         raise GapscopeError(
@@ -127,7 +129,12 @@ class _Command:
 
 
 def _run(
-    arm: NominalArm, effects: tuple[AppliedEffect, ...], controller: Controller, command: _Command, encoder_step: float
+    arm: NominalArm,
+    effects: tuple[AppliedEffect, ...],
+    controller: Controller,
+    command: _Command,
+    encoder_step: float,
+    engine: str,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Positions as the encoders gave them, filtered velocities and commanded torques at every tick, each (N, n)."""
     steps = max(1, int(np.ceil(1.0 / (controller.rate * LONGEST_STEP) - 1e-9)))
@@ -136,14 +143,13 @@ def _run(
     filtered = VelocityFilter(
         controller.rate, controller.velocity_cutoff, controller.velocity_damping, command.q[0], command.dq[0]
     )
-    with PyBulletEngine(arm, effects, 1.0 / (controller.rate * steps)) as engine:
-        engine.reset(command.q[0] - engine.encoder_offset, command.dq[0])
+    dt = 1.0 / (controller.rate * steps)
+    with SimulatedArm(arm, effects, dt, engine=engine, encoder_step=encoder_step) as simulated:
+        simulated.start(command.q[0], command.dq[0], command.t[0])
         for i in range(len(command.t)):
-            seen = engine.encoders()
-            q[i] = np.round(seen / encoder_step) * encoder_step if encoder_step else seen
+            q[i] = simulated.encoders()
             dq[i] = filtered(q[i])
             pd = controller.kp * (command.q[i] - q[i]) + controller.kd * (command.dq[i] - dq[i])
             tau[i] = np.clip(command.torque[i] + pd, -limit, limit)
-            for _ in range(steps):
-                engine.step(tau[i])
+            simulated.step(tau[i], steps)
     return q, dq, tau

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from envs.engines.path import TorquePath
+from envs.drive.path import TorquePath
 
 ZERO = np.zeros(1)
 

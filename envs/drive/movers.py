@@ -1,0 +1,101 @@
+"""The two ways in which an engine takes the steps of ``RigidStep``."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from arm.dynamics import RigidBody
+from envs.drive.rigid_step import RigidStep
+from envs.engines.engine import Engine, RotorEngine
+
+NEAR_LIMIT = 0.1
+"""Distance from a joint's limit [rad] within which the engine is asked for its state after every step."""
+
+
+class Predicted(RigidStep):
+    """For an engine without rotors: the step is solved first, and M a + h, the torque that makes it, is given on.
+
+    Away from limits the engine's next state is the one solved for, to rounding, and is read by ``take_over`` only.
+    """
+
+    def __init__(
+        self,
+        engine: Engine,
+        body: RigidBody,
+        rotors: np.ndarray,
+        viscous: np.ndarray,
+        dry: np.ndarray,
+        dt: float,
+        limits: np.ndarray,
+    ) -> None:
+        """As ``RigidStep``; ``limits`` are the joints' lower and upper limits [rad], shape (2, n)."""
+        self._engine = engine
+        self._lowest, self._highest = limits[0] + NEAR_LIMIT, limits[1] - NEAR_LIMIT
+        super().__init__(body, rotors, viscous, dry, dt)
+
+    def reset(self) -> None:
+        """Take the engine's state and forget the step before."""
+        super().reset()
+        self.take_over()
+
+    def take_over(self) -> None:
+        """Take the engine's state, which knows of joint limits."""
+        self._engine.read()
+        np.copyto(self.q, self._engine.q)
+        np.copyto(self.dq, self._engine.dq)
+        self._near = bool(((self.q < self._lowest) | (self.q > self._highest)).any())
+
+    def _set_rotors(self, rotors: np.ndarray) -> None:
+        self._forward.set_rotors(rotors)
+
+    def _try(self, torque: np.ndarray) -> np.ndarray:
+        acceleration = self._forward.acceleration(self.q, self.dq, torque)
+        np.multiply(acceleration, self._dt, self._velocity)
+        np.add(self._velocity, self.dq, self._velocity)
+        return acceleration
+
+    def _accept(self) -> None:
+        np.subtract(self._out, self._taken, self._out)
+        self._engine.step(self._out)
+        if self._near:
+            self.take_over()
+            return
+        np.copyto(self.dq, self._velocity)
+        np.multiply(self.dq, self._dt, self._work)
+        np.add(self.q, self._work, self.q)
+
+    def _reject(self) -> None:
+        """Nothing: it was only thought."""
+
+
+class Native(RigidStep):
+    """For an engine with rotors: it makes the step itself, and takes it back where the guess was wrong."""
+
+    def __init__(
+        self,
+        engine: RotorEngine,
+        body: RigidBody,
+        rotors: np.ndarray,
+        viscous: np.ndarray,
+        dry: np.ndarray,
+        dt: float,
+    ) -> None:
+        """As ``RigidStep``."""
+        self._engine = engine
+        super().__init__(body, rotors, viscous, dry, dt)
+        self.q, self.dq, self._velocity = engine.position, engine.velocity, engine.velocity
+
+    def take_over(self) -> None:
+        """Nothing: the state is the engine's."""
+
+    def _set_rotors(self, rotors: np.ndarray) -> None:
+        self._engine.set_rotors(rotors)
+
+    def _try(self, torque: np.ndarray) -> np.ndarray:
+        return self._engine.advance(torque)
+
+    def _accept(self) -> None:
+        """Nothing: it is done."""
+
+    def _reject(self) -> None:
+        self._engine.undo()
