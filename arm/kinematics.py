@@ -50,7 +50,13 @@ class Kinematics:
         return jacobian[:, self._to_arm]
 
     def skeleton(self, q: np.ndarray) -> np.ndarray:
-        """Base, origins of the joints from the base on, and tool [m], shape (n + 2, 3)."""
+        """Base, origins of the joints from the base on, and tip [m], shape (n + 2, 3).
+
+        The tip is the tool, or the centre of mass of the last link where the tool lies on the last joint.
+        """
         pin.framesForwardKinematics(self._model, self._data, q[self._to_model])
         joints = [self._data.oMi[index].translation for index in range(1, self._model.njoints)]
-        return np.array([np.zeros(3), *joints, self._data.oMf[self._tool].translation])
+        tip = self._data.oMf[self._tool].translation
+        if np.abs(tip - joints[-1]).max() < 1e-3:
+            tip = self._data.oMi[len(joints)].act(self._model.inertias[len(joints)].lever)
+        return np.array([np.zeros(3), *joints, tip])

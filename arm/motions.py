@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from difflib import get_close_matches
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +11,7 @@ from arm.chain import Chain, Reversed, Timed
 from arm.dynamics import RigidBody
 from arm.errors import GapscopeError, InputError
 from arm.kinematics import Kinematics
+from arm.nearest import check_known
 from arm.point_to_point import PointToPoint
 from arm.posture import working_posture
 from arm.trajectory import Fourier, Limits, Reference, urdf_limits
@@ -21,6 +21,8 @@ ACCELERATION = 5.0
 """Limit of the joints' acceleration, which a URDF does not give [rad/s^2]."""
 SPEED = 1.5
 """Joints move no faster than this, whatever the URDF allows [rad/s]."""
+MARGIN = 0.1
+"""Distance kept from the position limits, more than an encoder is usually off [rad]."""
 ROOM = 0.35
 """Share of the room about the working posture in which postures are drawn [1]."""
 DWELL = 0.3
@@ -49,7 +51,7 @@ def workspace(body: RigidBody, limits: Limits | None = None, posture: np.ndarray
         InputError: the posture has another number of joints, or lies outside the limits.
     """
     if limits is None:
-        limits = urdf_limits(body, ACCELERATION)
+        limits = urdf_limits(body, ACCELERATION, margin=MARGIN)
         limits = limits._replace(velocity=np.minimum(limits.velocity, SPEED))
     kinematics = Kinematics(body)
     posture = working_posture(kinematics, limits) if posture is None else np.asarray(posture, dtype=float)
@@ -79,20 +81,26 @@ def draw_motion(name: str, rng: np.random.Generator, space: Workspace, duration:
         InputError: unknown name, or a straight line asked of an arm with fewer than three joints.
         GapscopeError: no straight line was found that keeps the limits.
     """
-    possible = motions_for(space.kinematics.n_joints)
+    check_motion_name(name, space.kinematics.n_joints)
     if name == "random":
-        name = str(rng.choice(possible))
-    if name not in MOTIONS:
-        close = get_close_matches(name, [*MOTIONS, "random"], n=1)
-        hint = f"did you mean {close[0]!r}? " if close else ""
-        raise InputError(f"unknown motion {name!r}", f"{hint}known are {', '.join(MOTIONS)} and random", where="motion")
-    if name not in possible:
+        name = str(rng.choice(motions_for(space.kinematics.n_joints)))
+    return MOTIONS[name](rng, space, duration)
+
+
+def check_motion_name(name: str, n_joints: int) -> None:
+    """Check that there is such a motion, and that an arm of n joints can follow it.
+
+    Raises:
+        InputError: unknown name, or a straight line asked of an arm with fewer than three joints.
+    """
+    check_known("motion", name, [*MOTIONS, "random"], where="motion")
+    possible = motions_for(n_joints)
+    if name not in possible and name != "random":
         raise InputError(
-            f"{name} needs at least three joints, the arm has {space.kinematics.n_joints}",
+            f"{name} needs at least three joints, the arm has {n_joints}",
             f"use {' or '.join(possible)}",
             where="motion",
         )
-    return MOTIONS[name](rng, space, duration)
 
 
 def motions_for(n_joints: int) -> tuple[str, ...]:

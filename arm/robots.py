@@ -13,6 +13,7 @@ import numpy as np
 
 from arm.dynamics import actuated_joints
 from arm.errors import InputError
+from arm.nearest import nearest
 from arm.nominal import NominalArm
 
 
@@ -105,7 +106,9 @@ def _locate(robot: str | Path, folder: Path) -> tuple[Path, tuple[str, ...] | No
     known = KNOWN_ROBOTS.get(str(robot))
     if known is None:
         raise InputError(
-            "no such URDF file", f"give a URDF, or one of the known robots {', '.join(KNOWN_ROBOTS)}", file=path
+            "no such URDF file",
+            f"{nearest(str(robot), KNOWN_ROBOTS)}give a URDF, or one of the known robots {', '.join(KNOWN_ROBOTS)}",
+            file=path,
         )
     package = find_spec("pybullet_data")
     if package is None or not package.submodule_search_locations:
