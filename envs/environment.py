@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -166,14 +167,14 @@ class ArmTracking(gymnasium.Env):
             ResetNeeded: the episode has ended, or has not begun.
         """
         course = self._running
-        action = np.clip(np.asarray(action, dtype=float), -1.0, 1.0)
+        action = np.minimum(np.maximum(np.asarray(action, dtype=float), -1.0), 1.0)
         done = self._plant.act(self._count, action)
         self._count += 1
         error = course.q[self._count] - self._plant.position
         parts = self._reward(error, self._plant.load, action - self._action)
         self._action = action
         info: dict[str, Any] = {f"reward_{name}": value for name, value in parts._asdict().items()}
-        info["tracking_rms"] = float(np.sqrt(np.mean(error**2)))
+        info["tracking_rms"] = math.sqrt(error @ error / len(error))
         info |= self._endings(done)
         if self._debug:
             info |= self._truth()

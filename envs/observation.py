@@ -70,4 +70,4 @@ class Layout:
     def assemble(self, measured: tuple[np.ndarray, ...], planned: np.ndarray) -> np.ndarray:
         """The observation from the four measured quantities, each (n,), and the planned ones in one row."""
         row = np.concatenate([*measured, planned]).astype(np.float32)
-        return np.clip(row, -self._bound, self._bound)
+        return np.minimum(np.maximum(row, -self._bound), self._bound)

@@ -12,10 +12,12 @@ from envs.divergence import diverged
 from envs.recorder import VelocityFilter
 from envs.simulated_arm import SimulatedArm
 
-SENSOR_PERIOD = 4e-3
+SENSOR_PERIOD = 10e-3
 """The encoders are read at least this often [s], and at every step where a PD loop runs."""
 VELOCITY_CUTOFF = 80.0
-"""Cut-off of the velocity estimate [Hz]; at most a fifth of the rate at which the encoders are read."""
+"""Cut-off of the velocity estimate [Hz]; at most ``WIDEST`` of the rate at which the encoders are read."""
+WIDEST = 0.4
+"""Largest cut-off over that rate [1]."""
 VELOCITY_DAMPING = 0.9
 """Damping ratio of the velocity estimate [1]."""
 
@@ -65,18 +67,21 @@ class Plant:
         self._course = course
         self.simulated.start(course.q[0], course.dq)
         rate = 1.0 / (self._timing.dt * self._chunk)
-        self._estimate = VelocityFilter(rate, min(VELOCITY_CUTOFF, rate / 5), VELOCITY_DAMPING, course.q[0], course.dq)
+        self._estimate = VelocityFilter(
+            rate, min(VELOCITY_CUTOFF, WIDEST * rate), VELOCITY_DAMPING, course.q[0], course.dq
+        )
         self.position, self.velocity = self.simulated.encoders(), course.dq
         self.torque, self.load = np.zeros(len(course.dq)), 0.0
 
     def act(self, number: int, action: np.ndarray) -> int:
-        """Carry out an action, shape (n,), numbered from 0; returns the steps done before the arm diverged, if it did."""
+        """Carry out an action, shape (n,), numbered from 0; returns the steps done, fewer if it diverged."""
         control = self._control
         added = control.scale * action
         if control.gains is not None:
             return self._track(number * self._timing.sub_steps, added, control.gains)
-        self.torque = np.clip(added, -control.limit, control.limit)
-        self.load = float(np.mean((self.torque / control.rated) ** 2))
+        self.torque = np.minimum(np.maximum(added, -control.limit), control.limit)
+        share = self.torque / control.rated
+        self.load = float(share @ share) / len(share)
         for done in range(0, self._timing.sub_steps, self._chunk):
             if not self._step():
                 return done
@@ -102,10 +107,11 @@ class Plant:
     def _step(self) -> bool:
         """Hold the torque until the encoders are read again; whether the arm has not diverged."""
         self.simulated.step(self.torque, self._chunk)
-        if diverged(self.simulated.dq):
+        position = self.simulated.encoders()
+        velocity = self._estimate(position)
+        if diverged(velocity):
             return False
-        self.position = self.simulated.encoders()
-        self.velocity = self._estimate(self.position)
+        self.position, self.velocity = position, velocity
         return True
 
     def _simulate(self, effects: tuple[AppliedEffect, ...]) -> SimulatedArm:
