@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from copy import copy
 from pathlib import Path
 
@@ -16,16 +17,23 @@ INERTIAL_PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz",
 """Order of the ten inertial parameters of a link, expressed in the frame of the joint that moves it (pinocchio)."""
 
 
-def _urdf_text(path: Path) -> str:
-    """URDF as text, with continuous joints turned into revolute ones (pinocchio would give them two coordinates)."""
+def _root(path: Path) -> ET.Element:
+    """Root element of a URDF, <robot>, or of an MJCF file, <mujoco>."""
     try:
         root = ET.parse(path).getroot()
     except FileNotFoundError:
         raise InputError("no such file", "check the robot: entry of the case", file=path) from None
     except ET.ParseError as error:
         raise InputError(f"is not valid XML ({error})", file=path) from None
-    if root.tag != "robot":
-        raise InputError(f"root element is <{root.tag}>, expected <robot>", "give a URDF file", file=path)
+    if root.tag not in ("robot", "mujoco"):
+        raise InputError(
+            f"root element is <{root.tag}>, expected <robot> or <mujoco>", "give a URDF or MJCF file", file=path
+        )
+    return root
+
+
+def _urdf_text(root: ET.Element) -> str:
+    """URDF as text, with continuous joints turned into revolute ones (pinocchio would give them two coordinates)."""
     for joint in root.iter("joint"):
         if joint.get("type") == "continuous":
             joint.set("type", "revolute")
@@ -38,14 +46,28 @@ def _urdf_text(path: Path) -> str:
 
 
 def actuated_joints(path: Path) -> list[str]:
-    """Names of the movable joints of a URDF in kinematic order."""
+    """Names of the movable joints of a URDF or MJCF file in kinematic order."""
     model = _build(path)
     return list(model.names)[1:]
 
 
+def joint_entries(path: Path, joints: Sequence[str]) -> dict[str, np.ndarray]:
+    """What an MJCF file says about these joints beyond inertia, as a data sheet; nothing for a URDF.
+
+    armature [kg m^2], coulomb [N m] (its ``frictionloss``) and viscous [N m s/rad] (its ``damping``), each (n,).
+    """
+    if _root(path).tag == "robot":
+        return {}
+    model = _build(path)
+    columns = [model.joints[model.getJointId(name)].idx_v for name in joints]
+    values = {"armature": model.armature, "coulomb": model.upperDryFrictionLimit, "viscous": model.damping}
+    return {name: np.array(value)[columns] for name, value in values.items()}
+
+
 def _build(path: Path) -> pin.Model:
+    root = _root(path)
     try:
-        return pin.buildModelFromXML(_urdf_text(path))
+        return pin.buildModelFromMJCF(str(path)) if root.tag == "mujoco" else pin.buildModelFromXML(_urdf_text(root))
     except (ValueError, RuntimeError) as error:
         raise InputError(f"cannot be read as a robot ({error})", file=path) from None
 

@@ -19,7 +19,7 @@ class Divergence:
 
     Attributes:
         joint: the fastest joint, counted from 1.
-        time: since the start of the episode [s].
+        time: until which all was well, since the start of the episode [s].
         speed: of that joint [rad/s].
         causes: what lets it run away, the most likely first, each with what to change.
     """

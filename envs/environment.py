@@ -17,9 +17,9 @@ from arm.feedforward import KINDS as FEEDFORWARDS
 from arm.motions import draw_motion, workspace
 from arm.nearest import check_known
 from arm.nominal import NominalArm
-from arm.robots import position_limits
 from arm.trajectory import Limits, Reference
 from effects.applied import AppliedEffect
+from effects.severity import ArmScale
 from envs.actions import control
 from envs.arguments import Effects, checked_motion, chosen_effects, chosen_robot, described, positive, whole
 from envs.course import Course, Timing
@@ -107,8 +107,9 @@ class ArmTracking(gymnasium.Env):
         self._control = control(self.arm, self.body, self.space, action, share, bandwidth)
         self._given = chosen_effects(effects, self.arm)
         self._plant = Plant(self.arm, engine, self._given, self._control, self._timing)
+        self._scale = ArmScale.of(self.arm)
         self._reward, self._debug = reward or Reward(), debug
-        self._stops = position_limits(self.arm) + np.array([NEAR_STOP, -NEAR_STOP])
+        self._stops = _stops(self.body)
         self._course: Course | None = None
         self.render_mode = render_mode
         self.metadata = self.metadata | {"render_fps": max(1, round(1 / self._timing.period))}
@@ -146,7 +147,7 @@ class ArmTracking(gymnasium.Env):
         for name in options:
             check_known("option", name, ("motion", "effects", "randomisation"), where="reset")
         if randomisation is not None:
-            drawn = draw_effects(np.random.default_rng(seeds[1]), self.arm, randomisation, self._control.limit, effects)
+            drawn = draw_effects(np.random.default_rng(seeds[1]), self.arm, randomisation, self._scale, effects)
             effects = (*effects, *drawn)
         if isinstance(reference, str):
             length = self._timing.duration
@@ -205,13 +206,13 @@ class ArmTracking(gymnasium.Env):
         """Why the episode ends early, if it does, after the steps of an action that were done."""
         timing, simulated = self._timing, self._plant.simulated
         if done < timing.sub_steps:
-            time = ((self._count - 1) * timing.sub_steps + done + 1) * timing.dt
+            time = ((self._count - 1) * timing.sub_steps + done) * timing.dt
             divergence = explain(
                 self.arm, self.body, self._control, timing.dt, time, self._plant.position, simulated.dq
             )
             return {"divergence": divergence.as_info()}
-        q = simulated.q
-        stopped = (q <= self._stops[:, 0]) | (q >= self._stops[:, 1])
+        q, (lowest, highest) = simulated.q, self._stops
+        stopped = (q <= lowest) | (q >= highest)
         if not stopped.any():
             return {}
         joint = int(stopped.argmax())
@@ -244,3 +245,10 @@ class ArmTracking(gymnasium.Env):
     def _title(self) -> str:
         names = ", ".join(applied.name.replace("_", " ") for applied in self._plant.effects)
         return f"{self.arm.name}: {names or 'no effects'}"
+
+
+def _stops(body: RigidBody) -> tuple[np.ndarray, np.ndarray]:
+    """Positions at which a joint has come to its stop [rad], each (n,); infinite where there is none."""
+    lower, upper = body.position_limits()
+    none = lower >= upper
+    return np.where(none, -np.inf, lower + NEAR_STOP), np.where(none, np.inf, upper - NEAR_STOP)

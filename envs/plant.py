@@ -107,11 +107,10 @@ class Plant:
     def _step(self) -> bool:
         """Hold the torque until the encoders are read again; whether the arm has not diverged."""
         self.simulated.step(self.torque, self._chunk)
-        position = self.simulated.encoders()
-        velocity = self._estimate(position)
-        if diverged(velocity):
+        if diverged(self.simulated.dq):  # the true one: a fast oscillation hardly shows in the estimate
             return False
-        self.position, self.velocity = position, velocity
+        self.position = self.simulated.encoders()
+        self.velocity = self._estimate(self.position)
         return True
 
     def _simulate(self, effects: tuple[AppliedEffect, ...]) -> SimulatedArm:
