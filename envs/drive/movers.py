@@ -8,6 +8,8 @@ from arm.dynamics import RigidBody
 from envs.drive.rigid_step import RigidStep
 from envs.engines.engine import Engine, RotorEngine
 
+READ_EVERY = 20
+"""Steps after which the engine is asked for its state: rounding would grow, since the torque given is no feedback."""
 NEAR_LIMIT = 0.1
 """Distance from a joint's limit [rad] within which the engine is asked for its state after every step."""
 
@@ -15,7 +17,7 @@ NEAR_LIMIT = 0.1
 class Predicted(RigidStep):
     """For an engine without rotors: the step is solved first, and M a + h, the torque that makes it, is given on.
 
-    Away from limits the engine's next state is the one solved for, to rounding, and is read by ``take_over`` only.
+    Away from limits the engine's next state is the one solved for, to rounding, and is read now and then only.
     """
 
     def __init__(
@@ -43,6 +45,7 @@ class Predicted(RigidStep):
         self._engine.read()
         np.copyto(self.q, self._engine.q)
         np.copyto(self.dq, self._engine.dq)
+        self._unread = 0
         self._near = bool(((self.q < self._lowest) | (self.q > self._highest)).any())
 
     def _set_rotors(self, rotors: np.ndarray) -> None:
@@ -57,7 +60,8 @@ class Predicted(RigidStep):
     def _accept(self) -> None:
         np.subtract(self._out, self._taken, self._out)
         self._engine.step(self._out)
-        if self._near:
+        self._unread += 1
+        if self._near or self._unread == READ_EVERY:
             self.take_over()
             return
         np.copyto(self.dq, self._velocity)

@@ -19,7 +19,7 @@ from arm.dynamics import RigidBody
 from arm.forward import ForwardDynamics
 from envs.drive.dry_friction import DryFriction
 
-HOLD = 1e9
+HOLD = 1e10
 """Inertia that holds a sticking joint [kg m^2]; what it takes of the torque is the friction."""
 GUESSES = 6
 """Guesses at the sticking joints before the mass matrix is formed and the search is made sure to end."""
