@@ -14,7 +14,7 @@ from envs.engines.engine import Engine
 
 
 class PyBulletEngine(Engine):
-    """Rigid bodies in a PyBullet world of their own.
+    """Rigid bodies in a PyBullet world of their own. PyBullet lets no joint turn faster than 100 rad/s.
 
     Args:
         links: the moving bodies, parents before children.

@@ -37,7 +37,7 @@ def test_formulas_are_those_of_the_catalogue(data_sheet_arm: NominalArm) -> None
         limit = data_sheet_arm.coulomb + sum(
             law.amplitude(velocity, applied, *values) for law, values in arm.of_kind(DryLaw) if isinstance(law, DryLaw)
         )
-        factor = [law.factor(t, *values) for law, values in arm.of_kind(Drift) if isinstance(law, Drift)][0]
+        factor = next(law.factor(t, *values) for law, values in arm.of_kind(Drift) if isinstance(law, Drift))
         np.testing.assert_allclose(friction.limit(velocity), limit * factor, rtol=1e-12)
         np.testing.assert_allclose(friction.viscous, data_sheet_arm.viscous * factor, rtol=1e-12)
 
