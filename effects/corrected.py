@@ -88,7 +88,7 @@ class CorrectedArm:
         increments = self.inertial_increments(body)
         torque = self._body_torque(body, increments, motion)
         if self.arm.encoder == "motor" and self.of_kind(Transmission):
-            torque = self._body_torque(body, increments, self._moved(motion, self._deflection(torque), -1.0))
+            torque = self._body_torque(body, increments, self._moved(motion, self._deflection(torque, motion), -1.0))
         return torque
 
     def _body_torque(self, body: RigidBody, increments: np.ndarray, motion: Motion) -> np.ndarray:
@@ -105,12 +105,12 @@ class CorrectedArm:
                 torque[active] -= body.force_torque(motion.q[active], self.base_rotation().T @ force)
         return torque
 
-    def _deflection(self, torque: np.ndarray) -> np.ndarray:
+    def _deflection(self, torque: np.ndarray, motion: Motion) -> np.ndarray:
         """Theta - q [rad], (N, n), under the torque through the transmission [N m]."""
         out = np.zeros_like(torque)
         for effect, values in self.of_kind(Transmission):
             assert isinstance(effect, Transmission)
-            out += effect.deflection(torque, *values)
+            out += MotionSeries(motion).lagged(effect.deflection(torque, *values), effect.lag(*values))
         return out
 
     @staticmethod
@@ -133,7 +133,7 @@ class CorrectedArm:
         true = self.true_position(motion.q) if self.of_kind(TorqueLaw) or self.of_kind(Transmission) else motion.q
         motor = replace(motion, q=true)
         if arm.encoder == "joint" and self.of_kind(Transmission):
-            motor = self._moved(motor, self._deflection(rigid), 1.0)
+            motor = self._moved(motor, self._deflection(rigid, motion), 1.0)
         laws = [(law, values) for law, values in self.of_kind(TorqueLaw) if isinstance(law, TorqueLaw)]
         torque = rigid + (arm.armature + self.value("armature", "inertia")) * motor.ddq
         for law, values in laws:

@@ -152,10 +152,11 @@ class Transmission(Effect):
     """Play or compliance between motor and joint, a two-mass joint in the simulator.
 
     ``deflection(torque, *values)`` is how far the motor leads the joint, theta - q [rad], when the torque through the
-    transmission [N m] changes slowly.
+    transmission [N m] changes slowly; it lags behind the torque by the time constant ``lag(*values)`` [s].
     """
 
     deflection: Law = field(kw_only=True)
+    lag: Law = field(kw_only=True)
 
 
 @dataclass(frozen=True)

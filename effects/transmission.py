@@ -16,6 +16,16 @@ def elastic_deflection(torque: np.ndarray, stiffness: np.ndarray, damping: np.nd
     return np.where(stiffness > 0, torque / np.where(stiffness > 0, stiffness, 1.0), 0.0)
 
 
+def elastic_lag(stiffness: np.ndarray, damping: np.ndarray) -> np.ndarray:
+    """D / k [s]: with the damper d beside it, the spring follows the torque late."""
+    return np.where(stiffness > 0, damping / np.where(stiffness > 0, stiffness, 1.0), 0.0)
+
+
+def no_lag(width: np.ndarray) -> np.ndarray:
+    """0 s: free play is crossed at once."""
+    return np.zeros_like(width)
+
+
 def elastic_torque(twist: np.ndarray, rate: np.ndarray, stiffness: np.ndarray, damping: np.ndarray) -> np.ndarray:
     """Tau = k (theta - q) + d (dtheta - dq) [N m]; twist in rad, rate in rad/s."""
     return stiffness * twist + damping * rate
@@ -52,6 +62,7 @@ ELASTICITY = Transmission(
         ("actuator_lag", "a chirp past the resonance, or an encoder on the link"),
     ),
     deflection=elastic_deflection,
+    lag=elastic_lag,
 )
 
 BACKLASH = Transmission(
@@ -67,6 +78,7 @@ BACKLASH = Transmission(
         ("stribeck_friction", "slow ramps in both directions"),
     ),
     deflection=backlash_deflection,
+    lag=no_lag,
 )
 
 SPRING = TorqueLaw(

@@ -131,7 +131,8 @@ def test_force_on_the_last_link_by_hand(tmp_path) -> None:
     urdf.write_text(
         '<robot name="rod"><link name="base"/><link name="rod"><inertial><origin xyz="0.5 0 0"/><mass value="2"/>'
         '<inertia ixx="0.01" iyy="0.05" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-        '<joint name="hinge" type="continuous"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint></robot>'
+        '<joint name="hinge" type="continuous"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint>'
+        "</robot>"
     )
     arm = NominalArm("rod", urdf, ("hinge",))
     body = RigidBody(arm)
