@@ -9,8 +9,8 @@ from effects.applied import AppliedEffect
 from envs.actions import Control, Gains
 from envs.course import Course, Timing
 from envs.divergence import diverged
-from envs.recorder import VelocityFilter
 from envs.simulated_arm import SimulatedArm
+from envs.velocity_filter import VelocityFilter
 
 SENSOR_PERIOD = 10e-3
 """The encoders are read at least this often [s], and at every step where a PD loop runs."""

@@ -13,46 +13,12 @@ from arm.recording import Recording
 from arm.trajectory import Reference
 from effects.applied import AppliedEffect
 from envs.simulated_arm import SimulatedArm
+from envs.velocity_filter import VelocityFilter
 
 LONGEST_STEP = 1e-3
 """The simulation's time step is the controller's period, divided until it is no longer than this [s]."""
 UNSTABLE_SPEED = 50.0
 """A joint faster than this [rad/s] has lost its controller."""
-
-
-class VelocityFilter:
-    """Second-order low-pass differentiator, w^2 s / (s^2 + 2 zeta w s + w^2), discretised by the bilinear rule.
-
-    Without a cut-off it is the backward difference. Delay at low frequency: 2 zeta / w, or half a period.
-
-    Args:
-        rate: sampling rate [Hz].
-        cutoff: w / 2 pi [Hz], or ``None``.
-        damping: zeta [1].
-        position: position at the start [rad], shape (n,).
-        velocity: velocity until the start [rad/s], shape (n,).
-    """
-
-    def __init__(
-        self, rate: float, cutoff: float | None, damping: float, position: np.ndarray, velocity: np.ndarray
-    ) -> None:
-        self._q1 = position - velocity / rate
-        self._q2 = position - 2 * velocity / rate
-        self._v1 = self._v2 = np.array(velocity, dtype=float)
-        if cutoff is None:
-            self._gain = (rate, -rate, 0.0, 0.0, 0.0)
-            return
-        w, k = 2 * np.pi * cutoff, 2 * rate
-        lead = k**2 + 2 * damping * w * k + w**2
-        gain = w**2 * k / lead
-        self._gain = (gain, 0.0, -gain, 2 * (k**2 - w**2) / lead, -(k**2 - 2 * damping * w * k + w**2) / lead)
-
-    def __call__(self, q: np.ndarray) -> np.ndarray:
-        """Filtered velocity [rad/s] for the next position q [rad], each of shape (n,)."""
-        b0, b1, b2, a1, a2 = self._gain
-        v = b0 * q + b1 * self._q1 + b2 * self._q2 + a1 * self._v1 + a2 * self._v2
-        self._q1, self._q2, self._v1, self._v2 = q, self._q1, v, self._v1
-        return v
 
 
 def record(

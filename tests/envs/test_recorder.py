@@ -19,7 +19,8 @@ from arm.trajectory import Fourier, urdf_limits
 from effects.applied import AppliedEffect
 from effects.corrected import CorrectedArm
 from envs.mystery import HIDDEN, POSTURE, position_controller
-from envs.recorder import VelocityFilter, record
+from envs.recorder import record
+from envs.velocity_filter import VelocityFilter
 
 DURATION = 5.0
 RATE = 250.0
