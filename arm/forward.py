@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 import pinocchio as pin
 
@@ -14,20 +17,22 @@ class ForwardDynamics:
     Args:
         body: the rigid bodies.
         rotors: inertia added to the diagonal of the mass matrix [kg m^2], shape (n,).
+
+    Attributes:
+        acceleration: of (q, dq, torque), (M + I)^-1 (torque - C dq - g) [rad/s^2]; valid until the next call.
     """
+
+    acceleration: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
     def __init__(self, body: RigidBody, rotors: np.ndarray) -> None:
         self._model = body.model.copy()
         self._data = self._model.createData()
+        self.acceleration = partial(pin.aba, self._model, self._data)
         self.set_rotors(rotors)
 
     def set_rotors(self, rotors: np.ndarray) -> None:
         """Change the inertia on the diagonal [kg m^2]."""
         self._model.armature = rotors
-
-    def acceleration(self, q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
-        """(M + I)^-1 (torque - C dq - g) [rad/s^2]; valid until the next call."""
-        return pin.aba(self._model, self._data, q, dq, torque)
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """M(q) + I [kg m^2], shape (n, n); valid until the next call."""

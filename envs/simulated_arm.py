@@ -93,7 +93,7 @@ class SimulatedArm:
         else:
             limits = np.array([link.limits or (-np.inf, np.inf) for link in links]).T
             self._step = Predicted(self._engine, *stepped, limits)
-        self._q, self._dq, self._u = self._step.q, self._step.dq, np.zeros(len(links))
+        self._q, self._u = self._step.q, np.zeros(len(links))
         self._advance = self._advance_two_mass if self._two_mass else self._advance_rigid
         self.reset(np.zeros(arm.n_joints))
 
@@ -148,7 +148,7 @@ class SimulatedArm:
     @property
     def dq(self) -> np.ndarray:
         """True joint velocities [rad/s], shape (n,)."""
-        return self._dq[self._places]
+        return self._step.dq[self._places]
 
     @property
     def motor_q(self) -> np.ndarray:
@@ -177,7 +177,7 @@ class SimulatedArm:
             self._u = self._path(command)
             self._engine.step(self._u, count)
             self._count += count
-            self._take_over()
+            self._step.read()
             return
         constant = self._path.constant
         if constant:
@@ -197,19 +197,19 @@ class SimulatedArm:
     def _advance_rigid(self) -> None:
         """One step of rigid joints."""
         torque = self._u + self._loads(self.time, self._q) if self._loads.present else self._u
-        self._step.advance(torque, self._friction.limit(self._dq))
+        self._step.advance(torque, self._friction.limit(self._step.dq))
 
     def _advance_two_mass(self) -> None:
         """One step with motors of their own: their friction and rotors act on them, not on the links."""
         motors, rigid, torque = self._motors, self._rigid, self._u
         limit = self._friction.limit(motors.velocity)
-        through = motors.torque(self._q, self._dq)
+        through = motors.torque(self._q, self._step.dq)
         on_links = np.where(rigid, torque, through)
         if self._loads.present:
             on_links += self._loads(self.time, self._q)
         self._step.advance(on_links, limit * rigid)
         motors.step(torque, through, limit, self._friction.viscous, self._h)
-        motors.follow(self._q, self._dq)
+        motors.follow(self._q, self._step.dq)
 
     def _drift(self) -> None:
         """Bring the drift of friction up to date."""
@@ -220,4 +220,4 @@ class SimulatedArm:
         """Take the engine's state, which knows of joint limits."""
         self._step.take_over()
         if self._two_mass:
-            self._motors.follow(self._q, self._dq)
+            self._motors.follow(self._q, self._step.dq)

@@ -1,7 +1,7 @@
 """Speed of the simulated arm against bare engine loops, in one run: steps of 1 ms, at 20, 4 and 1 sub-steps per action.
 
 The bare PyBullet loop sets torques, steps and reads joint states; the bare MuJoCo loop sets torque, steps and copies
-the state. All loops play the torque of the same Fourier motion; ratios are of the best of several rounds.
+the state. All loops play the torque of the same Fourier motion; ratios are of the best of many rounds.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from envs.simulated_arm import SimulatedArm
 
 JOINTS = (1, 2, 3, 4, 5, 6, 7)
 POSTURE = np.array([0.0, 0.6, 0.0, -1.2, 0.0, 0.8, 0.0])
-DURATION, DT, ROUNDS = 5.0, 1e-3, 5
+DURATION, DT, ROUNDS = 2.0, 1e-3, 15
 SCALE = np.array([3.0, 3.5, 2.0, 2.5, 1.2, 0.8, 0.5])
 FRICTION = (
     AppliedEffect("coulomb_friction", JOINTS, {"torque": SCALE}),
@@ -51,14 +51,15 @@ def torques(arm: NominalArm, effects: tuple[AppliedEffect, ...]) -> np.ndarray:
     return CorrectedArm(arm, effects).predict(RigidBody(arm), series)
 
 
-def best(loop: Callable[[], None], steps: int) -> float:
-    """Shortest time per step of several rounds [us]."""
-    times = []
+def best(loops: list[Callable[[], None]], steps: int) -> list[float]:
+    """Shortest time per step of each loop [us]; they take turns, so that a busy machine slows all of them."""
+    times = np.full(len(loops), np.inf)
     for _ in range(ROUNDS):
-        start = time.perf_counter()
-        loop()
-        times.append((time.perf_counter() - start) / steps)
-    return 1e6 * min(times)
+        for i, loop in enumerate(loops):
+            start = time.perf_counter()
+            loop()
+            times[i] = min(times[i], (time.perf_counter() - start) / steps)
+    return (1e6 * times).tolist()
 
 
 def bare_pybullet(simulated: SimulatedArm, torque: np.ndarray) -> Callable[[], None]:
@@ -121,11 +122,8 @@ def main() -> None:
         free, rough = torques(arm, ()), torques(arm, FRICTION)
         for substeps in (20, 4, 1):
             with SimulatedArm(arm, engine=name) as simple, SimulatedArm(arm, FRICTION, engine=name) as full:
-                floor = best(bare(simple, free), len(free))
-                times = [
-                    best(ours(simulated, tau, substeps), len(free))
-                    for simulated, tau in ((simple, free), (full, rough))
-                ]
+                loops = [bare(simple, free), ours(simple, free, substeps), ours(full, rough, substeps)]
+                floor, *times = best(loops, len(free))
             ratios = [floor / value for value in times]
             columns = [f"{value:16.2f} {ratio:5.2f}" for value, ratio in zip(times, ratios, strict=True)]
             print(f"{name:9} {substeps:9d} {floor:10.2f} {columns[0]}      {columns[1]}")

@@ -58,6 +58,7 @@ class Friction:
             value("load_friction", "coefficient")[order],
             peak[order],
         )
+        self._drifted_peak = self._peak
         self._exponent = -1.0 / np.where(speed > 0, speed, 1.0)[order] ** 2
         self._amplitude = value("friction_drift", "amplitude")[order]
         self._time = np.where(self._amplitude != 0, value("friction_drift", "time_constant")[order], 1.0)
@@ -77,6 +78,7 @@ class Friction:
         """Bring the drift up to date at a time t [s]."""
         self._factor = 1.0 + self._amplitude * np.exp(-t / self._time)
         self.viscous = self._factor * self._base_viscous
+        self._drifted_peak = self._factor * self._peak
 
     def load(self, applied: np.ndarray) -> None:
         """Take over the applied motor torque [N m], shape (n,)."""
@@ -97,8 +99,6 @@ class Friction:
         np.multiply(velocity, velocity, limit)
         limit *= self._exponent
         np.exp(limit, limit)
-        limit *= self._peak
-        if self._drifts:
-            limit *= self._factor
+        limit *= self._drifted_peak
         limit += self._at_rest
         return limit

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy import add, multiply, subtract
 
 from arm.dynamics import RigidBody
 from envs.drive.rigid_step import RigidStep
@@ -31,21 +32,26 @@ class Predicted(RigidStep):
         limits: np.ndarray,
     ) -> None:
         """As ``RigidStep``; ``limits`` are the joints' lower and upper limits [rad], shape (2, n)."""
-        self._engine = engine
+        self._engine, self._unread = engine, 0
         self._lowest, self._highest = limits[0] + NEAR_LIMIT, limits[1] - NEAR_LIMIT
         super().__init__(body, rotors, viscous, dry, dt)
 
     def reset(self) -> None:
         """Take the engine's state and forget the step before."""
         super().reset()
-        self.take_over()
+        self.read()
 
     def take_over(self) -> None:
+        """Take the engine's state, unless it is known."""
+        if self._unread:
+            self.read()
+
+    def read(self) -> None:
         """Take the engine's state, which knows of joint limits."""
         self._engine.read()
         np.copyto(self.q, self._engine.q)
         np.copyto(self.dq, self._engine.dq)
-        self._unread = 0
+        self._unread, self._at_rest = 0, False
         self._near = bool(((self.q < self._lowest) | (self.q > self._highest)).any())
 
     def _set_rotors(self, rotors: np.ndarray) -> None:
@@ -53,20 +59,22 @@ class Predicted(RigidStep):
 
     def _try(self, torque: np.ndarray) -> np.ndarray:
         acceleration = self._forward.acceleration(self.q, self.dq, torque)
-        np.multiply(acceleration, self._dt, self._velocity)
-        np.add(self._velocity, self.dq, self._velocity)
+        multiply(acceleration, self._steps, self._velocity)
+        add(self._velocity, self.dq, self._velocity)
         return acceleration
 
-    def _accept(self) -> None:
-        np.subtract(self._out, self._taken, self._out)
-        self._engine.step(self._out)
+    def _accept(self, acceleration: np.ndarray) -> None:
+        work = self._work
+        multiply(self._all, acceleration, work)
+        subtract(self._out, work, work)
+        self._engine.step(work)
         self._unread += 1
         if self._near or self._unread == READ_EVERY:
-            self.take_over()
+            self.read()
             return
-        np.copyto(self.dq, self._velocity)
-        np.multiply(self.dq, self._dt, self._work)
-        np.add(self.q, self._work, self.q)
+        self.dq, self._velocity = self._velocity, self.dq
+        multiply(self.dq, self._steps, work)
+        add(self.q, work, self.q)
 
     def _reject(self) -> None:
         """Nothing: it was only thought."""
@@ -92,13 +100,16 @@ class Native(RigidStep):
     def take_over(self) -> None:
         """Nothing: the state is the engine's."""
 
+    def read(self) -> None:
+        """Nothing: the state is the engine's."""
+
     def _set_rotors(self, rotors: np.ndarray) -> None:
         self._engine.set_rotors(rotors)
 
     def _try(self, torque: np.ndarray) -> np.ndarray:
         return self._engine.advance(torque)
 
-    def _accept(self) -> None:
+    def _accept(self, acceleration: np.ndarray) -> None:
         """Nothing: it is done."""
 
     def _reject(self) -> None:

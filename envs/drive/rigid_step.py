@@ -14,6 +14,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 
 import numpy as np
+from numpy import absolute, add, greater, multiply, sign, subtract
 
 from arm.dynamics import RigidBody
 from arm.forward import ForwardDynamics
@@ -30,7 +31,8 @@ class RigidStep(ABC):
 
     Guess which joints stick and which way the others slide: as in the step before. One pass of forward dynamics then
     gives dq+ and the friction, since that of sliding joints is known, and sticking joints are held by a huge inertia
-    whose torque it is. Joints that contradict the guess change sides, and after a few guesses ``DryFriction`` decides.
+    whose torque it is, HOLD (a + dq / dt): they do not keep a velocity, they stop. Joints that contradict the guess
+    change sides, and after a few guesses ``DryFriction`` decides.
 
     Args:
         body: the loaded arm.
@@ -48,12 +50,14 @@ class RigidStep(ABC):
         self.q, self.dq = np.zeros((2, n))
         self._forward = ForwardDynamics(body, rotors)
         self._rotors, self._dt, self._any_dry = rotors, dt, bool(dry.any())
-        self._dry, self._dry_mask = dry, dry.astype(float)
+        self._dry, self._dry_mask, self._all_dry = dry, dry.astype(float), bool(dry.all())
         self._friction, self._direction = DryFriction(n), np.zeros(n)
-        self._out, self._work, self._velocity, self._taken, self._bound, self._braking = np.zeros((6, n))
-        self._over = np.zeros(n, dtype=bool)
+        self._out, self._work, self._velocity, self._bound, self._braking = np.zeros((5, n))
+        self._over, self._sticking = np.zeros((2, n), dtype=bool)
+        self._steps = np.full(n, dt)
         self._nothing = self._over.tobytes()
         self.set_viscous(viscous)
+        self._assume(self._direction)
 
     @abstractmethod
     def _set_rotors(self, rotors: np.ndarray) -> None:
@@ -64,8 +68,8 @@ class RigidStep(ABC):
         """Acceleration [rad/s^2] under a torque [N m]; fills ``_velocity`` with dq+."""
 
     @abstractmethod
-    def _accept(self) -> None:
-        """Make the step that was tried last; ``_taken`` holds what rotors and sticking joints take of ``_out``."""
+    def _accept(self, acceleration: np.ndarray) -> None:
+        """Make the step that was tried last, with its acceleration [rad/s^2]."""
 
     @abstractmethod
     def _reject(self) -> None:
@@ -80,11 +84,13 @@ class RigidStep(ABC):
         """Change b [N m s/rad]."""
         self._viscous = viscous
         self._effective = self._rotors + self._dt * viscous
-        self._assume(self._direction)
+        self._all = self._effective + HOLD * self._sticking
+        self._set_rotors(self._all)
 
     def _assume(self, direction: np.ndarray) -> None:
         """Guess the directions of the joints with dry friction, 0 where they stick."""
         sticks = self._dry & (direction == 0)
+        self._sticking, self._at_rest = sticks, False
         self._direction, self._signs = direction, direction.tobytes()
         self._sticks = bool(sticks.any())
         self._free, self._unbounded = 1.0 - sticks, np.where(sticks, 0.0, np.inf)
@@ -94,47 +100,58 @@ class RigidStep(ABC):
     def advance(self, torque: np.ndarray, limit: np.ndarray) -> None:
         """One step under u [N m], all that acts on the joints but friction and rotors; limit of dry friction [N m]."""
         if not self._any_dry:
-            self._pass(torque, limit)
-            self._accept()
+            multiply(self._viscous, self.dq, self._work)
+            subtract(torque, self._work, self._out)
+            self._accept(self._try(self._out))
             return
         for _ in range(GUESSES):
-            self._pass(torque, limit)
-            if self._confirmed(limit):
-                self._accept()
+            acceleration = self._pass(torque, limit)
+            if self._sticks:
+                confirmed = self._still_sticks(acceleration, limit)
+            else:
+                confirmed = sign(self._slid(), self._work).tobytes() == self._signs
+                if not confirmed:
+                    self._assume(np.where(self._direction == self._work, self._direction, 0.0))
+            if confirmed:
+                self._at_rest = True
+                self._accept(acceleration)
                 return
             self._reject()
         self._search(torque, limit)
-        self._pass(torque, limit)
+        acceleration = self._pass(torque, limit)
         self._velocity *= self._free
-        self._accept()
+        self._accept(acceleration)
 
-    def _pass(self, torque: np.ndarray, limit: np.ndarray) -> None:
-        """One pass of forward dynamics as guessed."""
-        out, work = self._out, self._work
-        np.multiply(self._viscous, self.dq, work)
-        np.subtract(torque, work, out)
-        if self._any_dry:
-            np.multiply(self._direction, limit, work)
-            np.subtract(out, work, out)
-            if self._sticks:  # HOLD (a + dq / dt) = friction: the joint does not keep its velocity, it stops
-                np.multiply(self._brake, self.dq, self._braking)
-                np.subtract(out, self._braking, out)
-        np.multiply(self._all, self._try(out), self._taken)
+    def _pass(self, torque: np.ndarray, limit: np.ndarray) -> np.ndarray:
+        """One pass of forward dynamics as guessed; the acceleration [rad/s^2]."""
+        out, work, dq = self._out, self._work, self.dq
+        multiply(self._viscous, dq, work)
+        subtract(torque, work, out)
+        multiply(self._direction, limit, work)
+        subtract(out, work, out)
+        if self._sticks and not self._at_rest:
+            multiply(self._brake, dq, self._braking)
+            subtract(out, self._braking, out)
+        return self._try(out)
 
-    def _confirmed(self, limit: np.ndarray) -> bool:
-        """Whether the solution is as guessed; otherwise the next guess is made."""
-        work, velocity, over = self._work, self._velocity, False
-        if self._sticks:
-            np.multiply(velocity, self._free, velocity)
-            np.add(self._taken, self._braking, self._braking)
-            np.abs(self._braking, work)
-            np.add(limit, self._unbounded, self._bound)
-            over = np.greater(work, self._bound, self._over).tobytes() != self._nothing
-        np.multiply(velocity, self._dry_mask, work)
-        if np.sign(work, work).tobytes() == self._signs and not over:
+    def _slid(self) -> np.ndarray:
+        """Velocities of the joints with dry friction, 0 elsewhere [rad/s]."""
+        return self._velocity if self._all_dry else multiply(self._velocity, self._dry_mask, self._work)
+
+    def _still_sticks(self, acceleration: np.ndarray, limit: np.ndarray) -> bool:
+        """Whether a solution with sticking joints is as guessed; otherwise the next guess is made."""
+        work, velocity, friction = self._work, self._velocity, self._braking
+        multiply(velocity, self._free, velocity)
+        if self._at_rest:
+            multiply(self._all, acceleration, friction)
+        else:
+            add(multiply(self._all, acceleration, work), friction, friction)
+        add(limit, self._unbounded, self._bound)
+        over = greater(absolute(friction, work), self._bound, self._over).tobytes() != self._nothing
+        if sign(self._slid(), work).tobytes() == self._signs and not over:
             return True
         direction = np.where(self._direction == work, self._direction, 0.0)
-        self._assume(np.where(self._over, np.sign(self._braking), direction) if over else direction)
+        self._assume(np.where(self._over, np.sign(friction), direction))
         return False
 
     def _search(self, torque: np.ndarray, limit: np.ndarray) -> None:
