@@ -31,7 +31,9 @@ def record(
     rng: np.random.Generator,
     rate: float = 250.0,
     encoder_step: float | None = None,
+    encoder_noise: np.ndarray | float = 0.0,
     torque_noise: np.ndarray | float = 0.0,
+    read_back: bool = False,
     settle: float = 0.5,
     name: str = "recording",
     engine: str = "pybullet",
@@ -52,7 +54,10 @@ def record(
         rng: source of the noise.
         rate: of the recording [Hz].
         encoder_step: quantisation of the encoders [rad]; that of the data sheet where ``None``, none where 0.
+        encoder_noise: standard deviation of white noise on the encoders [rad], a number or shape (n,).
         torque_noise: standard deviation of white noise on the recorded torque [N m], a number or shape (n,).
+        read_back: record the torque that reached the joints, as position control reads it back from its drives, in
+            place of the one commanded; row i holds what is applied from t[i] on.
         settle: time at the reference's start before t = 0 [s].
         name: name of the recording.
         engine: ``pybullet``, ``mujoco`` or ``dart``.
@@ -66,7 +71,11 @@ def record(
         raise InputError(f"{rate} Hz does not divide the controller's {controller.rate} Hz", where="rate")
     command = _Command(arm, reference, controller, duration, settle)
     step = (arm.encoder_step or 0.0) if encoder_step is None else encoder_step
-    q, dq, tau = _run(arm, effects, controller, command, step, engine)
+    dt, steps = _steps(controller)
+    with SimulatedArm(
+        arm, effects, dt, engine=engine, encoder_step=step, encoder_noise=encoder_noise, rng=rng
+    ) as simulated:
+        q, dq, tau = _run(simulated, controller, command, steps, read_back)
     speed = np.abs(np.diff(q, axis=0)).max(axis=0) * controller.rate
     if not (speed < UNSTABLE_SPEED).all():
         raise GapscopeError(
@@ -94,28 +103,29 @@ class _Command:
         self.torque = feedforward(arm, RigidBody(arm), controller.feedforward, self.q, self.dq, ddq)
 
 
-def _run(
-    arm: NominalArm,
-    effects: tuple[AppliedEffect, ...],
-    controller: Controller,
-    command: _Command,
-    encoder_step: float,
-    engine: str,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Positions as the encoders gave them, filtered velocities and commanded torques at every tick, each (N, n)."""
+def _steps(controller: Controller) -> tuple[float, int]:
+    """Time step of the simulation [s], and steps per tick of the controller."""
     steps = max(1, int(np.ceil(1.0 / (controller.rate * LONGEST_STEP) - 1e-9)))
+    return 1.0 / (controller.rate * steps), steps
+
+
+def _run(
+    simulated: SimulatedArm, controller: Controller, command: _Command, steps: int, read_back: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions as the encoders gave them, filtered velocities and torques at every tick, each (N, n)."""
+    arm = simulated.arm
     limit = np.inf if arm.torque_limit is None else arm.torque_limit
     q, dq, tau = (np.empty_like(command.q) for _ in range(3))
     filtered = VelocityFilter(
         controller.rate, controller.velocity_cutoff, controller.velocity_damping, command.q[0], command.dq[0]
     )
-    dt = 1.0 / (controller.rate * steps)
-    with SimulatedArm(arm, effects, dt, engine=engine, encoder_step=encoder_step) as simulated:
-        simulated.start(command.q[0], command.dq[0], command.t[0])
-        for i in range(len(command.t)):
-            q[i] = simulated.encoders()
-            dq[i] = filtered(q[i])
-            pd = controller.kp * (command.q[i] - q[i]) + controller.kd * (command.dq[i] - dq[i])
-            tau[i] = np.clip(command.torque[i] + pd, -limit, limit)
-            simulated.step(tau[i], steps)
+    simulated.start(command.q[0], command.dq[0], command.t[0])
+    for i in range(len(command.t)):
+        q[i] = simulated.encoders()
+        dq[i] = filtered(q[i])
+        pd = controller.kp * (command.q[i] - q[i]) + controller.kd * (command.dq[i] - dq[i])
+        tau[i] = np.clip(command.torque[i] + pd, -limit, limit)
+        simulated.step(tau[i], steps)
+        if read_back:
+            tau[i] = simulated.applied
     return q, dq, tau

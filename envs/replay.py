@@ -154,7 +154,7 @@ def _tracked(
             wanted += controller.kd * (command.dq[i] - velocity(now))
             tau[i] = np.minimum(np.maximum(wanted, -limit), limit)
             simulated.step(tau[i], steps)
-            _check(simulated, command.t[i])
+            _check(simulated, command.t[i], "check the controller's gains and units, and the effects of the model")
     t = recording.t[rows]
     tick = ((t - t[0]) * controller.rate + 1e-6).astype(int)
     return _between(command.t, q, t), tau[tick]
@@ -180,18 +180,17 @@ def _driven(
             for i, held in enumerate(torque):
                 positions[i] = simulated.encoders()
                 simulated.step(held)
-                _check(simulated, grid[i])
+                _check(simulated, grid[i], "give armature and friction in nominal:, or a model with them")
             q[window] = _between(grid, positions, t[window])
     return q, tau
 
 
-def _check(simulated: SimulatedArm, time: float) -> None:
+def _check(simulated: SimulatedArm, time: float, remedy: str) -> None:
     """Stop an arm that runs away."""
     speed = np.abs(simulated.dq)
     if not speed.max() < UNSTABLE_SPEED:
         raise GapscopeError(
-            f"the replayed arm ran away at joint {int(speed.argmax()) + 1}, {time:.3g} s into the recording",
-            "check the controller's gains and units in the case file, or the effects of the model",
+            f"the replayed arm ran away at joint {int(speed.argmax()) + 1}, at t = {time:.3g} s", remedy
         )
 
 

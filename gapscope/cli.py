@@ -102,6 +102,27 @@ def predict(
 
 
 @app.command()
+def replay(
+    case: CasePath,
+    recording: Annotated[Path, typer.Option(help="recording with q_ref1.., or tau1.. without", metavar="FILE")],
+    out: Annotated[Path, typer.Option(help="CSV to write: t, q1.., tau1..", metavar="FILE.csv")],
+    model: Model = None,
+    engine: Annotated[str, typer.Option(help="pybullet, mujoco or dart")] = "pybullet",
+) -> None:
+    """Move the simulated arm under the same commands as a recording."""
+    from arm.writing import write_columns
+    from gapscope.run import replay_file
+    from gapscope.show import replay_line
+
+    with _Progress(recording.name) as progress:
+        replayed = replay_file(case, recording, model, engine, progress)
+        columns = {f"{name}{j + 1}": x for name in ("q", "tau") for j, x in enumerate(getattr(replayed, name).T)}
+        write_columns({"t": replayed.t, **columns}, out)
+    _console.print(replay_line(replayed), highlight=False, soft_wrap=True)
+    _wrote(out)
+
+
+@app.command()
 def gap(
     case: CasePath,
     model: Model = None,
@@ -110,7 +131,7 @@ def gap(
     """Measure the gap alone, per joint, of the nominal or the corrected arm."""
     from arm.case import load_case
     from gapscope.run import corrected_arm
-    from gapscope.show import gap_document, gap_table
+    from gapscope.show import gap_document, gap_tables
 
     with _Progress(case.name or str(case)) as progress:
         progress("measures the gap")
@@ -119,7 +140,7 @@ def gap(
     if as_json:
         sys.stdout.write(json.dumps(measured, indent=2, allow_nan=False) + "\n")
     else:
-        _console.print(gap_table(measured, loaded.arm.joints))
+        _console.print(gap_tables(measured, loaded.arm.joints))
 
 
 @app.command()
