@@ -64,6 +64,7 @@ class SimulatedArm:
         nominal = RigidBody(arm)
         self.arm, self.dt, self.body = arm, dt, with_effects.body(nominal)
         self._order, self._places = nominal.order, nominal.places
+        self._ordered = bool((nominal.order == np.arange(arm.n_joints)).all())
         order, masses = self._order, mass_matrices(self.body)
         links = moving_links(self.body)
         rotors = total(arm.armature + with_effects.value("armature", "inertia"), "armature", "kg m^2")[order]
@@ -143,12 +144,12 @@ class SimulatedArm:
     @property
     def q(self) -> np.ndarray:
         """True joint positions [rad], shape (n,)."""
-        return self._q[self._places]
+        return self._q.copy() if self._ordered else self._q[self._places]
 
     @property
     def dq(self) -> np.ndarray:
         """True joint velocities [rad/s], shape (n,)."""
-        return self._step.dq[self._places]
+        return self._step.dq.copy() if self._ordered else self._step.dq[self._places]
 
     @property
     def motor_q(self) -> np.ndarray:
@@ -167,11 +168,14 @@ class SimulatedArm:
 
     def encoders(self) -> np.ndarray:
         """Positions as the encoders read them [rad], shape (n,); each call draws its own noise."""
-        return self._encoders(self.motor_q, self.q)
+        joint = self.q
+        return self._encoders(self.motor_q if self._two_mass else joint, joint)
 
     def step(self, torque: np.ndarray, steps: int = 1) -> None:
         """Hold the commanded torque [N m], shape (n,), for ``steps`` time steps."""
-        command = np.asarray(torque, dtype=float)[self._order]
+        command = np.asarray(torque, dtype=float)
+        if not self._ordered:
+            command = command[self._order]
         count = steps * self.parts
         if self._direct and not self._two_mass:
             self._u = self._path(command)

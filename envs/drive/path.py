@@ -41,7 +41,7 @@ class TorquePath:
         steps = np.asarray(delay) / dt
         self._whole = np.floor(steps + 1e-9).astype(int)
         self._fraction = np.clip(steps - self._whole, 0.0, 1.0)
-        self._gain, self._offset = 1.0 + scale, offset
+        self._gain, self._offset, self._changes = 1.0 + scale, offset, bool(np.any(scale) or np.any(offset))
         self._columns = np.arange(len(steps))
         self._length = int(self._whole.max()) + 2
         self._held = np.zeros((self._length, len(steps)))
@@ -84,7 +84,7 @@ class TorquePath:
         u = commanded if self._limit is None else saturate(commanded, None, self._limit)
         if self._late or self._lag is not None:
             u = self._through_time(u)
-        u = self._gain * u + self._offset
+        u = self._gain * u + self._offset if self._changes else np.array(u)
         if self._ripple is not None and position is not None:
             u += ripple_torque(position, *self._ripple)
         return u

@@ -14,7 +14,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 
 import numpy as np
-from numpy import absolute, add, greater, multiply, sign, subtract
+from numpy import multiply, sign, subtract
 
 from arm.dynamics import RigidBody
 from arm.forward import ForwardDynamics
@@ -52,10 +52,9 @@ class RigidStep(ABC):
         self._rotors, self._dt, self._any_dry = rotors, dt, bool(dry.any())
         self._dry, self._dry_mask, self._all_dry = dry, dry.astype(float), bool(dry.all())
         self._friction, self._direction = DryFriction(n), np.zeros(n)
-        self._out, self._work, self._velocity, self._bound, self._braking = np.zeros((5, n))
-        self._over, self._sticking = np.zeros((2, n), dtype=bool)
+        self._out, self._work, self._velocity, self._braking = np.zeros((4, n))
+        self._sticking = np.zeros(n, dtype=bool)
         self._steps = np.full(n, dt)
-        self._nothing = self._over.tobytes()
         self.set_viscous(viscous)
         self._assume(self._direction)
 
@@ -93,8 +92,9 @@ class RigidStep(ABC):
         self._sticking, self._at_rest = sticks, False
         self._direction, self._signs = direction, direction.tobytes()
         self._sticks = bool(sticks.any())
-        self._free, self._unbounded = 1.0 - sticks, np.where(sticks, 0.0, np.inf)
+        self._free = 1.0 - sticks
         self._all, self._brake = self._effective + HOLD * sticks, HOLD / self._dt * sticks
+        self._stuck = [(joint, self._all.item(joint)) for joint in np.flatnonzero(sticks).tolist()]
         self._set_rotors(self._all)
 
     def advance(self, torque: np.ndarray, limit: np.ndarray) -> None:
@@ -139,19 +139,24 @@ class RigidStep(ABC):
         return self._velocity if self._all_dry else multiply(self._velocity, self._dry_mask, self._work)
 
     def _still_sticks(self, acceleration: np.ndarray, limit: np.ndarray) -> bool:
-        """Whether a solution with sticking joints is as guessed; otherwise the next guess is made."""
-        work, velocity, friction = self._work, self._velocity, self._braking
-        multiply(velocity, self._free, velocity)
-        if self._at_rest:
-            multiply(self._all, acceleration, friction)
-        else:
-            add(multiply(self._all, acceleration, work), friction, friction)
-        add(limit, self._unbounded, self._bound)
-        over = greater(absolute(friction, work), self._bound, self._over).tobytes() != self._nothing
-        if sign(self._slid(), work).tobytes() == self._signs and not over:
+        """Whether a solution with sticking joints is as guessed; otherwise the next guess is made.
+
+        Of the few joints that stick, one at a time: for them numbers are faster than arrays.
+        """
+        velocity, over = self._velocity, {}
+        for joint, inertia in self._stuck:
+            friction = inertia * acceleration.item(joint)
+            if not self._at_rest:
+                friction += self._braking.item(joint)
+            velocity[joint] = 0.0
+            if abs(friction) > limit.item(joint):
+                over[joint] = 1.0 if friction > 0 else -1.0
+        if sign(self._slid(), self._work).tobytes() == self._signs and not over:
             return True
-        direction = np.where(self._direction == work, self._direction, 0.0)
-        self._assume(np.where(self._over, np.sign(friction), direction))
+        direction = np.where(self._direction == self._work, self._direction, 0.0)
+        for joint, way in over.items():
+            direction[joint] = way
+        self._assume(direction)
         return False
 
     def _search(self, torque: np.ndarray, limit: np.ndarray) -> None:
