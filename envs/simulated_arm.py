@@ -78,7 +78,7 @@ class SimulatedArm:
         self._path = TorquePath.of(with_effects, order, self._h)
         self._rigid = ~elastic
         self._two_mass = bool(elastic.any())
-        self._direct = not (self._friction.present or rotors.any() or self._loads.present) and self._path.constant
+        self._direct = not (self._friction.present or rotors.any() or self._loads.present or self._two_mass)
         self._encoders = Encoders(with_effects, encoder_step, encoder_noise, rng)
         self._engine = make_engine(engine, links, np.asarray(self.body.gravity), self._h)
         stepped = (
@@ -177,24 +177,41 @@ class SimulatedArm:
         if not self._ordered:
             command = command[self._order]
         count = steps * self.parts
-        if self._direct and not self._two_mass:
-            self._u = self._path(command)
+        if not self._path.constant:
+            self._hold_command(command, count)
+            return
+        self._u = self._path(command)
+        if self._direct:
             self._engine.step(self._u, count)
             self._count += count
             self._step.read()
             return
-        constant = self._path.constant
-        if constant:
-            self._u = self._path(command)
-            self._friction.load(self._u)
-        advance, drifts = self._advance, self._friction.drifts
-        for _ in range(count):
-            if drifts(self._count):
+        self._friction.load(self._u)
+        if self._two_mass or self._loads.present:
+            for _ in range(count):
                 self._drift()
-            if not constant:
-                self._u = self._path(command, self._motors.position if self._two_mass else self._q)
-                self._friction.load(self._u)
-            advance()
+                self._advance()
+                self._count += 1
+        else:
+            self._hold_torque(count)
+        self._take_over()
+
+    def _hold_torque(self, count: int) -> None:
+        """Steps under a torque that does not change, of rigid joints on which nothing else acts."""
+        friction, solver, torque = self._friction, self._step, self._u
+        for _ in range(count):
+            if friction.drifting:
+                self._drift()
+            solver.advance(torque, friction.limit(solver.dq))
+            self._count += 1
+
+    def _hold_command(self, command: np.ndarray, count: int) -> None:
+        """Steps under a command whose torque changes on its way to the joints."""
+        for _ in range(count):
+            self._drift()
+            self._u = self._path(command, self._motors.position if self._two_mass else self._q)
+            self._friction.load(self._u)
+            self._advance()
             self._count += 1
         self._take_over()
 
@@ -216,9 +233,10 @@ class SimulatedArm:
         motors.follow(self._q, self._step.dq)
 
     def _drift(self) -> None:
-        """Bring the drift of friction up to date."""
-        self._friction.drift(self.time)
-        self._step.set_viscous(self._friction.viscous * self._rigid)
+        """Bring the drift of friction up to date where that is due."""
+        if self._friction.drifts(self._count):
+            self._friction.drift(self.time)
+            self._step.set_viscous(self._friction.viscous * self._rigid)
 
     def _take_over(self) -> None:
         """Take the engine's state, which knows of joint limits."""

@@ -1,7 +1,8 @@
 """Speed of the simulated arm against bare engine loops, in one run: steps of 1 ms, at 20, 4 and 1 sub-steps per action.
 
 The bare PyBullet loop sets torques, steps and reads joint states; the bare MuJoCo loop sets torque, steps and copies
-the state. All loops play the torque of the same Fourier motion; ratios are of the best of many rounds.
+the state. All loops play the torque of the same Fourier motion; a ratio is the median over
+rounds in which the loops take turns.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from envs.simulated_arm import SimulatedArm
 
 JOINTS = (1, 2, 3, 4, 5, 6, 7)
 POSTURE = np.array([0.0, 0.6, 0.0, -1.2, 0.0, 0.8, 0.0])
-DURATION, DT, ROUNDS = 2.0, 1e-3, 15
+DURATION, DT, ROUNDS = 2.0, 1e-3, 21
 SCALE = np.array([3.0, 3.5, 2.0, 2.5, 1.2, 0.8, 0.5])
 FRICTION = (
     AppliedEffect("coulomb_friction", JOINTS, {"torque": SCALE}),
@@ -51,15 +52,18 @@ def torques(arm: NominalArm, effects: tuple[AppliedEffect, ...]) -> np.ndarray:
     return CorrectedArm(arm, effects).predict(RigidBody(arm), series)
 
 
-def best(loops: list[Callable[[], None]], steps: int) -> list[float]:
-    """Shortest time per step of each loop [us]; they take turns, so that a busy machine slows all of them."""
-    times = np.full(len(loops), np.inf)
-    for _ in range(ROUNDS):
-        for i, loop in enumerate(loops):
+def timed(loops: list[Callable[[], None]], steps: int) -> np.ndarray:
+    """Time per step of each loop in each round [us], shape (ROUNDS, loops).
+
+    They take turns, so that a busy machine slows all of a round.
+    """
+    times = np.empty((ROUNDS, len(loops)))
+    for i in range(ROUNDS):
+        for j, loop in enumerate(loops):
             start = time.perf_counter()
             loop()
-            times[i] = min(times[i], (time.perf_counter() - start) / steps)
-    return (1e6 * times).tolist()
+            times[i, j] = (time.perf_counter() - start) / steps
+    return 1e6 * times
 
 
 def bare_pybullet(simulated: SimulatedArm, torque: np.ndarray) -> Callable[[], None]:
@@ -123,10 +127,11 @@ def main() -> None:
         for substeps in (20, 4, 1):
             with SimulatedArm(arm, engine=name) as simple, SimulatedArm(arm, FRICTION, engine=name) as full:
                 loops = [bare(simple, free), ours(simple, free, substeps), ours(full, rough, substeps)]
-                floor, *times = best(loops, len(free))
-            ratios = [floor / value for value in times]
-            columns = [f"{value:16.2f} {ratio:5.2f}" for value, ratio in zip(times, ratios, strict=True)]
-            print(f"{name:9} {substeps:9d} {floor:10.2f} {columns[0]}      {columns[1]}")
+                times = timed(loops, len(free))
+            floor, *ours_us = np.median(times, axis=0)
+            ratios = np.median(times[:, :1] / times[:, 1:], axis=0)
+            columns = [f"{value:16.2f} {ratio:5.2f}" for value, ratio in zip(ours_us, ratios, strict=True)]
+            print(f"{name:9} {substeps:9d} {floor:10.2f} {columns[0]}      {columns[1]}", flush=True)
 
 
 if __name__ == "__main__":

@@ -39,8 +39,8 @@ class Friction:
 
     Attributes:
         viscous: b F [N m s/rad], shape (n,).
-        constant: whether the limit depends on the applied torque alone.
         present: whether there is any friction.
+        drifting: whether it drifts.
         dry: mask of the joints with dry friction, shape (n,).
 
     Raises:
@@ -64,15 +64,14 @@ class Friction:
         self._time = np.where(self._amplitude != 0, value("friction_drift", "time_constant")[order], 1.0)
         self._base_viscous, self.viscous = viscous[order], viscous[order].copy()
         self._factor, self._every = np.ones(len(order)), max(1, round(DRIFT_PERIOD / dt))
-        self._drifts, self._loaded, self._stribeck = (bool(x.any()) for x in (self._amplitude, self._load, self._peak))
+        self.drifting, self._loaded, self._stribeck = (bool(x.any()) for x in (self._amplitude, self._load, self._peak))
         self._limit, self._at_rest = np.zeros((2, len(order)))
-        self.constant = not self._stribeck
         self.dry = (self._coulomb > 0) | (self._load > 0) | (self._peak != 0)
         self.present = bool(self.dry.any() or viscous.any())
 
     def drifts(self, step: int) -> bool:
         """Whether the drift has to be brought up to date at a step's number."""
-        return self._drifts and not step % self._every
+        return self.drifting and not step % self._every
 
     def drift(self, t: float) -> None:
         """Bring the drift up to date at a time t [s]."""
@@ -88,7 +87,7 @@ class Friction:
             self._at_rest += self._coulomb
         else:
             self._at_rest[:] = self._coulomb
-        if self._drifts:
+        if self.drifting:
             self._at_rest *= self._factor
 
     def limit(self, velocity: np.ndarray) -> np.ndarray:
