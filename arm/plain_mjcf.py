@@ -13,13 +13,14 @@ from arm.plain_urdf import Link, numbers
 def plain_mjcf(links: tuple[Link, ...], gravity: np.ndarray, dt: float) -> str:
     """MJCF text of the bodies: no shapes, no contacts, no damping, semi-implicit Euler with steps of dt [s].
 
+    An arm that diverges is left to diverge, not put back to its start.
     Masses and principal moments are written as 1, since a reader may refuse those that it finds odd; the engine sets
     ``Link.mass`` and ``Link.moments`` after loading. Joints are named as the links', bodies are not.
     """
     root = ET.Element("mujoco", model="arm")
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
     option = ET.SubElement(root, "option", timestep=repr(dt), integrator="Euler", gravity=numbers(gravity))
-    ET.SubElement(option, "flag", contact="disable", eulerdamp="disable")
+    ET.SubElement(option, "flag", contact="disable", eulerdamp="disable", autoreset="disable")
     bodies = {"": ET.SubElement(root, "worldbody")}
     for link in links:
         body = ET.SubElement(bodies[link.parent], "body")

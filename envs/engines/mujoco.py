@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import logging
+
 import mujoco
 import numpy as np
 
 from arm.plain_mjcf import plain_mjcf
 from arm.plain_urdf import Link
 from envs.engines.engine import RotorEngine
+
+_LOG = logging.getLogger(__name__)
+mujoco.set_mju_user_warning(_LOG.debug)  # otherwise warnings are written into a file in the current folder
 
 
 class MuJoCoEngine(RotorEngine):

@@ -130,6 +130,19 @@ def test_holding_a_torque_is_repeating_it(engines, data_sheet_arm: NominalArm, e
     np.testing.assert_allclose(states[0], states[1], atol=1e-11)
 
 
+@pytest.mark.parametrize("engine", ENGINES)
+def test_an_arm_that_diverges_is_seen_to_do_so(
+    engines, bare_arm: NominalArm, engine: str, tmp_path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No engine puts it back where it started, and none writes a file about it."""
+    monkeypatch.chdir(tmp_path)
+    with SimulatedArm(bare_arm, engine=engines(engine)) as simulated:
+        for _ in range(20):
+            simulated.step(np.full(7, 1e6), 10)
+        assert not np.abs(simulated.dq).max() < 50
+    assert not list(tmp_path.iterdir())
+
+
 def test_unknown_engine() -> None:
     with pytest.raises(InputError, match="unknown engine 'bullet'") as caught:
         make_engine("bullet", (), np.zeros(3), 1e-3)
