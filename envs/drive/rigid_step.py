@@ -91,10 +91,9 @@ class RigidStep(ABC):
         sticks = self._dry & (direction == 0)
         self._sticking, self._at_rest = sticks, False
         self._direction, self._signs = direction, direction.tobytes()
-        self._sticks = bool(sticks.any())
-        self._free = 1.0 - sticks
-        self._all, self._brake = self._effective + HOLD * sticks, HOLD / self._dt * sticks
-        self._stuck = [(joint, self._all.item(joint)) for joint in np.flatnonzero(sticks).tolist()]
+        hold = HOLD * sticks
+        self._all, self._brake = self._effective + hold, hold / self._dt
+        self._stuck = [(joint, self._all.item(joint)) for joint in sticks.nonzero()[0].tolist()]
         self._set_rotors(self._all)
 
     def advance(self, torque: np.ndarray, limit: np.ndarray) -> None:
@@ -106,10 +105,11 @@ class RigidStep(ABC):
             return
         for _ in range(GUESSES):
             acceleration = self._pass(torque, limit)
-            if self._sticks:
+            if self._stuck:
                 confirmed = self._still_sticks(acceleration, limit)
             else:
-                confirmed = sign(self._slid(), self._work).tobytes() == self._signs
+                slid = self._velocity if self._all_dry else self._slid()
+                confirmed = sign(slid, self._work).tobytes() == self._signs
                 if not confirmed:
                     self._assume(np.where(self._direction == self._work, self._direction, 0.0))
             if confirmed:
@@ -119,7 +119,7 @@ class RigidStep(ABC):
             self._reject()
         self._search(torque, limit)
         acceleration = self._pass(torque, limit)
-        self._velocity *= self._free
+        self._velocity[self._sticking] = 0.0
         self._accept(acceleration)
 
     def _pass(self, torque: np.ndarray, limit: np.ndarray) -> np.ndarray:
@@ -129,14 +129,14 @@ class RigidStep(ABC):
         subtract(torque, work, out)
         multiply(self._direction, limit, work)
         subtract(out, work, out)
-        if self._sticks and not self._at_rest:
+        if self._stuck and not self._at_rest:
             multiply(self._brake, dq, self._braking)
             subtract(out, self._braking, out)
         return self._try(out)
 
     def _slid(self) -> np.ndarray:
         """Velocities of the joints with dry friction, 0 elsewhere [rad/s]."""
-        return self._velocity if self._all_dry else multiply(self._velocity, self._dry_mask, self._work)
+        return multiply(self._velocity, self._dry_mask, self._work)
 
     def _still_sticks(self, acceleration: np.ndarray, limit: np.ndarray) -> bool:
         """Whether a solution with sticking joints is as guessed; otherwise the next guess is made.
