@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from copy import copy
 from pathlib import Path
 
@@ -16,16 +17,23 @@ INERTIAL_PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz",
 """Order of the ten inertial parameters of a link, expressed in the frame of the joint that moves it (pinocchio)."""
 
 
-def _urdf_text(path: Path) -> str:
-    """URDF as text, with continuous joints turned into revolute ones (pinocchio would give them two coordinates)."""
+def _root(path: Path) -> ET.Element:
+    """Root element of a URDF, <robot>, or of an MJCF file, <mujoco>."""
     try:
         root = ET.parse(path).getroot()
     except FileNotFoundError:
         raise InputError("no such file", "check the robot: entry of the case", file=path) from None
     except ET.ParseError as error:
         raise InputError(f"is not valid XML ({error})", file=path) from None
-    if root.tag != "robot":
-        raise InputError(f"root element is <{root.tag}>, expected <robot>", "give a URDF file", file=path)
+    if root.tag not in ("robot", "mujoco"):
+        raise InputError(
+            f"root element is <{root.tag}>, expected <robot> or <mujoco>", "give a URDF or MJCF file", file=path
+        )
+    return root
+
+
+def _urdf_text(root: ET.Element) -> str:
+    """URDF as text, with continuous joints turned into revolute ones (pinocchio would give them two coordinates)."""
     for joint in root.iter("joint"):
         if joint.get("type") == "continuous":
             joint.set("type", "revolute")
@@ -38,14 +46,28 @@ def _urdf_text(path: Path) -> str:
 
 
 def actuated_joints(path: Path) -> list[str]:
-    """Names of the movable joints of a URDF in kinematic order."""
+    """Names of the movable joints of a URDF or MJCF file in kinematic order."""
     model = _build(path)
     return list(model.names)[1:]
 
 
+def joint_entries(path: Path, joints: Sequence[str]) -> dict[str, np.ndarray]:
+    """What an MJCF file says about these joints beyond inertia, as a data sheet; nothing for a URDF.
+
+    armature [kg m^2], coulomb [N m] (its ``frictionloss``) and viscous [N m s/rad] (its ``damping``), each (n,).
+    """
+    if _root(path).tag == "robot":
+        return {}
+    model = _build(path)
+    columns = [model.joints[model.getJointId(name)].idx_v for name in joints]
+    values = {"armature": model.armature, "coulomb": model.upperDryFrictionLimit, "viscous": model.damping}
+    return {name: np.array(value)[columns] for name, value in values.items()}
+
+
 def _build(path: Path) -> pin.Model:
+    root = _root(path)
     try:
-        return pin.buildModelFromXML(_urdf_text(path))
+        return pin.buildModelFromMJCF(str(path)) if root.tag == "mujoco" else pin.buildModelFromXML(_urdf_text(root))
     except (ValueError, RuntimeError) as error:
         raise InputError(f"cannot be read as a robot ({error})", file=path) from None
 
@@ -103,20 +125,59 @@ class RigidBody:
         q, dq = np.ascontiguousarray(q[self._to_model]), np.ascontiguousarray(dq[self._to_model])
         return pin.nonLinearEffects(self.model, self._data, q, dq)[self._to_arm]
 
-    def loaded(self, parameters: np.ndarray) -> RigidBody:
-        """This arm with ten inertial parameters added to its last link, in the frame of the joint that moves it.
+    def changed(self, increments: np.ndarray, gravity: np.ndarray | None = None) -> RigidBody:
+        """This arm with other inertial parameters, and under another gravity.
 
         Args:
-            parameters: in the order of ``INERTIAL_PARAMETERS``, shape (10,); kg, kg m, kg m^2.
+            increments: added to the links' parameters, shape (n, 10) in joint order, columns in the order of
+                ``INERTIAL_PARAMETERS``; kg, kg m, kg m^2.
+            gravity: in the base frame [m/s^2], shape (3,); unchanged where ``None``.
         """
         other = copy(self)
         other.model = self.model.copy()
         other._data = other.model.createData()
-        if np.any(parameters):
-            link = int(self.links[self.last_link])
-            total = self.model.inertias[link].toDynamicParameters() + parameters
-            other.model.inertias[link] = pin.Inertia.FromDynamicParameters(total)
+        for link, increment in zip(self.links, increments, strict=True):
+            if np.any(increment):
+                total = self.model.inertias[int(link)].toDynamicParameters() + increment
+                other.model.inertias[int(link)] = pin.Inertia.FromDynamicParameters(total)
+        if gravity is not None:
+            other.model.gravity = pin.Motion(np.array(gravity), np.zeros(3))
         return other
+
+    @property
+    def gravity(self) -> np.ndarray:
+        """Gravity in the base frame [m/s^2], shape (3,)."""
+        return np.array(self.model.gravity.linear)
+
+    @property
+    def order(self) -> np.ndarray:
+        """Position of each model joint among the arm's joints, shape (n,): ``q[order]`` is in kinematic order."""
+        return self._to_model
+
+    @property
+    def places(self) -> np.ndarray:
+        """Position of each of the arm's joints in kinematic order, shape (n,), the inverse of ``order``."""
+        return self._to_arm
+
+    def force_torque(self, q: np.ndarray, force: np.ndarray) -> np.ndarray:
+        """J^T f [N m], shape (N, n): joint torque of a force on the arm at the last link's centre of mass.
+
+        Args:
+            q: joint positions [rad], shape (N, n).
+            force: in the base frame [N], shape (3,) or (N, 3).
+        """
+        q = np.ascontiguousarray(np.atleast_2d(q)[:, self._to_model])
+        forces = np.broadcast_to(force, (len(q), 3))
+        model, data = self.model, self._data
+        last = int(self.links[self.last_link])
+        lever = model.inertias[last].lever
+        out = np.empty_like(q)
+        for i in range(len(q)):
+            pin.computeJointJacobians(model, data, q[i])
+            jacobian = pin.getJointJacobian(model, data, last, pin.LOCAL_WORLD_ALIGNED)
+            arm_of_force = data.oMi[last].rotation @ lever
+            out[i] = jacobian[:3].T @ forces[i] + jacobian[3:].T @ np.cross(arm_of_force, forces[i])
+        return out[:, self._to_arm]
 
     def position_limits(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper position limits of the URDF [rad], each of shape (n,); about 1e9 where there are none."""
@@ -125,6 +186,10 @@ class RigidBody:
     def velocity_limits(self) -> np.ndarray:
         """Velocity limits of the URDF [rad/s], shape (n,); 0 where there are none."""
         return self.model.velocityLimit[self._to_arm]
+
+    def effort_limits(self) -> np.ndarray:
+        """Torque limits of the URDF [N m], shape (n,); 0 where there are none."""
+        return self.model.effortLimit[self._to_arm]
 
     def position_sensitivity(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         """d tau_i / d q_j of the inverse dynamics [N m/rad], shape (N, n, n)."""

@@ -90,13 +90,13 @@ def plain_urdf(links: tuple[Link, ...]) -> str:
     robot = ET.Element("robot", name="arm")
     _add_link(robot, "base", 1.0, (np.zeros(3), np.zeros(3)))
     for link in links:
-        _add_link(robot, _name(link.joint), link.mass, link.inertial)
+        _add_link(robot, link_name(link.joint), link.mass, link.inertial)
         kind = "continuous" if link.kind == "revolute" and link.limits is None else link.kind
         joint = ET.SubElement(robot, "joint", name=link.joint, type=kind)
-        ET.SubElement(joint, "parent", link=_name(link.parent))
-        ET.SubElement(joint, "child", link=_name(link.joint))
+        ET.SubElement(joint, "parent", link=link_name(link.parent))
+        ET.SubElement(joint, "child", link=link_name(link.joint))
         _add_origin(joint, link.origin)
-        ET.SubElement(joint, "axis", xyz=_numbers(link.axis))
+        ET.SubElement(joint, "axis", xyz=numbers(link.axis))
         if kind != "continuous":
             low, high = link.limits or (-UNLIMITED, UNLIMITED)
             ET.SubElement(joint, "limit", lower=repr(low), upper=repr(high), effort="1e9", velocity="1e9")
@@ -119,11 +119,12 @@ def _unphysical(joint: int, inertia: pin.Inertia) -> InputError:
     return InputError(
         f"the link moved by joint {joint + 1} has mass {inertia.mass:.4g} kg and moments of inertia {moments} kg m^2, "
         "which cannot be simulated",
-        "give the link a positive mass and inertia in the URDF, or correct the payload",
+        "give the link a positive mass and inertia in the URDF, or correct payload and link_inertia",
     )
 
 
-def _name(joint: str) -> str:
+def link_name(joint: str) -> str:
+    """Name of the link that a joint moves in the plain URDF; the base for an empty string."""
     return f"{joint}_link" if joint else "base"
 
 
@@ -135,8 +136,14 @@ def _add_link(robot: ET.Element, name: str, mass: float, frame: tuple[np.ndarray
 
 
 def _add_origin(element: ET.Element, frame: tuple[np.ndarray, np.ndarray]) -> None:
-    ET.SubElement(element, "origin", xyz=_numbers(frame[0]), rpy=_numbers(frame[1]))
+    ET.SubElement(element, "origin", xyz=numbers(frame[0]), rpy=numbers(frame[1]))
 
 
-def _numbers(values: np.ndarray) -> str:
+def rotation(frame: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """Rotation matrix of a pose (xyz [m], roll-pitch-yaw [rad]), shape (3, 3)."""
+    return pin.rpy.rpyToMatrix(frame[1])
+
+
+def numbers(values: np.ndarray) -> str:
+    """Numbers as an attribute of XML, without loss."""
     return " ".join(repr(float(value)) for value in values)

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from arm.dynamics import actuated_joints
+from arm.dynamics import actuated_joints, joint_entries
 from arm.errors import InputError
+from arm.nearest import nearest
 from arm.nominal import NominalArm
 
 
@@ -47,13 +48,14 @@ def load_nominal_arm(
     """Nominal arm from a URDF and a data sheet.
 
     Args:
-        robot: path of a URDF, relative to ``folder``, or one of ``KNOWN_ROBOTS``.
+        robot: path of a URDF or MJCF file, relative to ``folder``, or one of ``KNOWN_ROBOTS``.
         folder: folder that a relative path starts from; the current one by default.
         joints: order of the joints; by default the URDF's actuated joints.
         gravity: [m/s^2] in the base frame, shape (3,); default (0, 0, -9.81).
         sheet: the data sheet, the ``nominal:`` section of a case: armature [kg m^2], coulomb [N m], viscous
             [N m s/rad], torque_limit [N m], encoder, encoder_step [rad]. Where coulomb or viscous is absent, the
-            URDF's ``<dynamics friction= damping=>`` stands in, and zero where that is absent too.
+            URDF's ``<dynamics friction= damping=>`` stands in, and zero where that is absent too; of an MJCF file the
+            joints' ``armature``, ``frictionloss`` and ``damping``.
         source: the case file, for messages.
 
     Raises:
@@ -78,6 +80,7 @@ def load_nominal_arm(
                 file=source or urdf,
                 where=f"field nominal.{key}",
             )
+    values = {**joint_entries(urdf, names), **values}
     values.setdefault("viscous", _dynamics(urdf, names, "damping"))
     values.setdefault("coulomb", _dynamics(urdf, names, "friction"))
     if gravity is not None:
@@ -105,7 +108,9 @@ def _locate(robot: str | Path, folder: Path) -> tuple[Path, tuple[str, ...] | No
     known = KNOWN_ROBOTS.get(str(robot))
     if known is None:
         raise InputError(
-            "no such URDF file", f"give a URDF, or one of the known robots {', '.join(KNOWN_ROBOTS)}", file=path
+            "no such URDF file",
+            f"{nearest(str(robot), KNOWN_ROBOTS)}give a URDF, or one of the known robots {', '.join(KNOWN_ROBOTS)}",
+            file=path,
         )
     package = find_spec("pybullet_data")
     if package is None or not package.submodule_search_locations:
@@ -114,7 +119,8 @@ def _locate(robot: str | Path, folder: Path) -> tuple[Path, tuple[str, ...] | No
 
 
 def _robot_name(urdf: Path) -> str:
-    return ET.parse(urdf).getroot().get("name") or urdf.stem
+    root = ET.parse(urdf).getroot()
+    return root.get("name") or root.get("model") or urdf.stem
 
 
 def _dynamics(urdf: Path, joints: Sequence[str], attribute: str) -> np.ndarray:

@@ -85,19 +85,20 @@ def _write_parquet(columns: dict[str, np.ndarray], path: Path) -> None:
     pq.write_table(pa.table(columns), path)
 
 
-def write_case(case: Case, folder: str | Path, *, overwrite: bool = False) -> Path:
-    """Write a case as a folder of its own: ``case.yaml``, a copy of the URDF, and the recordings as CSV.
+def write_case(case: Case, folder: str | Path, *, overwrite: bool = False, ending: str = "csv") -> Path:
+    """Write a case as a folder of its own: ``case.yaml``, a copy of the URDF, and the recordings.
 
     Args:
         case: what to write; the recordings are written as they were understood, so no import section is needed.
         folder: folder to make.
         overwrite: whether a case that is there already may be replaced.
+        ending: of the recordings' files, ``csv``, ``parquet`` or ``npz``.
 
     Returns:
         Path of the case file.
 
     Raises:
-        InputError: the folder exists and is not to be replaced, or is something else than a case.
+        InputError: the folder exists and is not to be replaced, or is something else than a case; another ending.
         GapscopeError: the folder cannot be written.
     """
     folder = Path(folder)
@@ -111,7 +112,7 @@ def write_case(case: Case, folder: str | Path, *, overwrite: bool = False) -> Pa
         with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as aside:
             fresh, old = Path(aside) / "new", Path(aside) / "old"
             fresh.mkdir()
-            _fill(case, fresh)
+            _fill(case, fresh, ending)
             if folder.exists():
                 folder.rename(old)
             fresh.rename(folder)
@@ -120,10 +121,10 @@ def write_case(case: Case, folder: str | Path, *, overwrite: bool = False) -> Pa
     return folder / "case.yaml"
 
 
-def _fill(case: Case, folder: Path) -> None:
+def _fill(case: Case, folder: Path, ending: str) -> None:
     """Write all files of a case into an empty folder."""
     shutil.copyfile(case.arm.urdf, folder / "robot.urdf")
-    names = _file_names([recording.name for recording in (*case.recordings, *case.judged)])
+    names = _file_names([recording.name for recording in (*case.recordings, *case.judged)], ending)
     for recording, name in zip((*case.recordings, *case.judged), names, strict=True):
         write_recording(recording, folder / name)
     content: dict[str, Any] = {
@@ -145,14 +146,14 @@ def _fill(case: Case, folder: Path) -> None:
     (folder / "case.yaml").write_text(text, encoding="utf-8")
 
 
-def _file_names(labels: Iterable[str]) -> list[str]:
-    """A CSV file name for each recording, all different."""
+def _file_names(labels: Iterable[str], ending: str) -> list[str]:
+    """A file name for each recording, all different."""
     names: list[str] = []
     for label in labels:
         plain = re.sub(r"\.(csv|tsv|txt|parquet|npz|db3|mcap)\b", "", label)
         stem = re.sub(r"\W+", "_", plain).strip("_") or "recording"
-        same = sum(name == f"{stem}.csv" or name.startswith(f"{stem}__") for name in names)
-        names.append(f"{stem}__{same + 1}.csv" if same else f"{stem}.csv")
+        same = sum(name == f"{stem}.{ending}" or name.startswith(f"{stem}__") for name in names)
+        names.append(f"{stem}__{same + 1}.{ending}" if same else f"{stem}.{ending}")
     return names
 
 

@@ -15,6 +15,7 @@ from diagnosis.gap import TorqueGap, healthy, torque_gap, torque_scale
 from diagnosis.judge import Judge
 from diagnosis.pictures import signatures, spectrum, traces
 from diagnosis.refusal import Refusal, refuse
+from diagnosis.replay_gap import ReplayGap, replay_gap
 from diagnosis.result import Diagnosis
 from diagnosis.search import Search, search
 from effects.applied import AppliedEffect
@@ -39,6 +40,7 @@ class Study:
         before, after: gap on unseen data without and with the effects.
         floor: RMS that a healthy arm of this kind would leave [N m], (n,).
         left: RMS of the gap that is left once the errors of the nominal inertials are allowed for as well [N m], (n,).
+        replay: replay gap without and with the effects.
     """
 
     case: Case
@@ -52,6 +54,7 @@ class Study:
     after: TorqueGap
     floor: np.ndarray
     left: np.ndarray
+    replay: ReplayGap
 
 
 def diagnose(case: Case, progress: Callable[[str], None] = lambda message: None) -> Diagnosis:
@@ -95,7 +98,9 @@ def _study(case: Case, progress: Callable[[str], None]) -> Study:
     effects = found.evidence.terms.effects(found.fit.theta, found.fit.terms)
     before, after = judge.gap(frozenset()), judge.gap(found.fit.terms)
     floor, left = _floor(CorrectedArm(case.arm, effects), body, judge.segments, found)
-    return Study(case, body, cutoff, found, refusals, effects, judge, before, after, floor, left)
+    progress("replays a recording in the simulator")
+    replayed = replay_gap(case, judge)
+    return Study(case, body, cutoff, found, refusals, effects, judge, before, after, floor, left, replayed)
 
 
 def _check_torque(case: Case) -> None:

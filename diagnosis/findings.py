@@ -51,8 +51,12 @@ def document(study: Study) -> dict[str, Any]:
         "case": study.case.name,
         "verdict": verdict,
         "gap": {
-            "before": {"torque_nrmse": _list(before), "replay_rmse": [None] * len(scale), "floor": _list(floor)},
-            "after": {"torque_nrmse": _list(after), "replay_rmse": [None] * len(scale)},
+            "before": {
+                "torque_nrmse": _list(before),
+                "replay_rmse": _known(study.replay.before),
+                "floor": _list(floor),
+            },
+            "after": {"torque_nrmse": _list(after), "replay_rmse": _known(study.replay.after)},
         },
         "effects": effects,
         "unexplained": {
@@ -186,7 +190,7 @@ def _context(study: Study) -> dict[str, Any]:
             "sampling_skew": study.found.evidence.skew,
         },
         "judged_on": judged_on,
-        "warnings": [*case.warnings, *notes],
+        "warnings": [*case.warnings, *notes, *study.replay.warnings],
         "considered": _considered(study),
     }
 
@@ -228,3 +232,7 @@ def _considered(study: Study) -> list[dict[str, Any]]:
 
 def _list(values: np.ndarray) -> list[float]:
     return [float(v) for v in values]
+
+
+def _known(values: np.ndarray | None) -> list[float] | None:
+    return None if values is None else _list(values)

@@ -150,7 +150,7 @@ class Linearisation:
                 out[:, j, block.start + j] = change[:, j]
         q = corrected.true_position(motion.q)
         offset = terms.block(next(e for e in terms.joint_effects if isinstance(e, Sensing)))
-        by_position = self.body.loaded(corrected.payload()).position_sensitivity(q, motion.dq, motion.ddq)
+        by_position = corrected.body(self.body).position_sensitivity(q, motion.dq, motion.ddq)
         last = self.body.last_link_regressor(q, motion.dq, motion.ddq)
         columns = np.concatenate([-by_position, last @ _payload_tangent(self.theta[terms.payload])], axis=2)
         gain = (recorded(corrected, rigid + 1e-3) - recorded(corrected, rigid - 1e-3)) / 2e-3

@@ -10,7 +10,7 @@ import numpy as np
 
 from arm.errors import InputError
 from effects.catalogue import effect as by_name
-from effects.effect import Effect
+from effects.effect import Effect, Parameter
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class AppliedEffect:
     Attributes:
         name: name in the catalogue.
         joints: joints it acts on, counted from 1 in the case's order; empty for effects on the arm or a link.
-        parameters: per parameter an array with one entry per joint, or a number or 3-vector for the arm.
+        parameters: per parameter an array with one entry per joint, or a number or 3-vector for the arm or a link.
 
     Raises:
         InputError: unknown effect, missing or unknown parameter, wrong number of values, or a value out of bounds.
@@ -33,8 +33,7 @@ class AppliedEffect:
     def __post_init__(self) -> None:
         """Check names, sizes and bounds."""
         definition = by_name(self.name)
-        unknown = set(self.parameters) ^ set(definition.names)
-        if unknown:
+        if set(self.parameters) ^ set(definition.names):
             raise InputError(
                 f"expected the parameters {', '.join(definition.names)}; got {', '.join(self.parameters) or 'none'}",
                 where=self.name,
@@ -47,29 +46,31 @@ class AppliedEffect:
             self.joints
         ):
             raise InputError(f"joints count from 1 and occur once, got {list(self.joints)}", where=self.name)
-        values = {}
-        for parameter in definition.parameters:
-            value = np.array(self.parameters[parameter.name], dtype=float)
-            expected = (
-                (len(self.joints),)
-                if definition.scope == "joint"
-                else (() if parameter.size == 1 else (parameter.size,))
-            )
-            if definition.scope == "joint" and value.ndim == 0:
-                value = np.full(expected, float(value))
-            if value.shape != expected:
-                raise InputError(
-                    f"expected {int(np.prod(expected))} values, got {value.size}", where=f"{self.name}.{parameter.name}"
-                )
-            low, high = parameter.bounds
-            if not (np.isfinite(value).all() and (value >= low).all() and (value <= high).all()):
-                raise InputError(
-                    f"value {value.tolist()} outside {low} .. {high} {parameter.unit}",
-                    where=f"{self.name}.{parameter.name}",
-                )
-            value.setflags(write=False)
-            values[parameter.name] = value
+        values = {p.name: self._checked(p, definition.scope) for p in definition.parameters}
+        if definition.scope == "link" and values["link"] % 1:
+            raise InputError(f"a link is a whole number, got {float(values['link'])}", where=f"{self.name}.link")
         object.__setattr__(self, "parameters", values)
+
+    def _checked(self, parameter: Parameter, scope: str) -> np.ndarray:
+        """A parameter's values, as a read-only array of the right shape and within its bounds."""
+        value, where = np.array(self.parameters[parameter.name], dtype=float), f"{self.name}.{parameter.name}"
+        if scope == "joint":
+            expected: tuple[int, ...] = (len(self.joints),)
+            value = np.full(expected, float(value)) if value.ndim == 0 else value
+        else:
+            expected = () if parameter.size == 1 else (parameter.size,)
+        if value.shape != expected:
+            raise InputError(f"expected {int(np.prod(expected))} values, got {value.size}", where=where)
+        low, high = parameter.bounds
+        if not (np.isfinite(value).all() and (value >= low).all() and (value <= high).all()):
+            raise InputError(
+                f"value {value.tolist()} outside {low:g} .. {high:g} {parameter.unit}",
+                f"give {parameter.name} in {parameter.unit}; on real arms it lies near {parameter.typical[0]:g} .. "
+                f"{parameter.typical[1]:g}",
+                where=where,
+            )
+        value.setflags(write=False)
+        return value
 
     @property
     def effect(self) -> Effect:
@@ -77,9 +78,27 @@ class AppliedEffect:
         return by_name(self.name)
 
     def per_joint(self, parameter: str, n_joints: int) -> np.ndarray:
-        """Values of a parameter over all joints, zero where the effect does not act; shape (n,)."""
+        """Values of a parameter over all joints, zero where the effect does not act; shape (n,).
+
+        Raises:
+            InputError: the effect names a joint that an arm with n joints does not have.
+        """
+        self.check(n_joints)
         out = np.zeros(n_joints)
-        if max(self.joints, default=0) > n_joints:
-            raise InputError(f"joint {max(self.joints)} of an arm with {n_joints} joints", where=self.name)
         out[np.array(self.joints, dtype=int) - 1] = self.parameters[parameter]
         return out
+
+    def check(self, n_joints: int) -> None:
+        """Check that the joints, or the link, exist.
+
+        Raises:
+            InputError: they do not on an arm with n joints.
+        """
+        named = [*self.joints, int(self.parameters["link"])] if self.effect.scope == "link" else [*self.joints]
+        if max(named, default=0) > n_joints:
+            raise InputError(
+                f"joint {max(named)} of an arm with {n_joints} joints",
+                f"joints count from 1 to {n_joints} in the case's order; a link has the number of the joint that "
+                "moves it",
+                where=self.name,
+            )

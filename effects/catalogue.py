@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+from difflib import get_close_matches
+
 from arm.errors import InputError
-from effects.actuation import DELAY, OFFSET, SCALE
+from effects.actuation import DELAY, LAG, OFFSET, RIPPLE, SATURATION, SCALE
 from effects.effect import Effect
-from effects.friction import COULOMB, LOAD, VISCOUS
-from effects.rigid_body import ARMATURE, PAYLOAD
-from effects.sensing import ENCODER_OFFSET
+from effects.environment import BASE_TILT, EXTERNAL_FORCE
+from effects.friction import COULOMB, DRIFT, LOAD, STRIBECK, VISCOUS
+from effects.rigid_body import ARMATURE, LINK_INERTIA, PAYLOAD
+from effects.sensing import ENCODER_OFFSET, ENCODER_QUANTIZATION
+from effects.transmission import BACKLASH, ELASTICITY, SPRING
 
 CATALOGUE: dict[str, Effect] = {
-    effect.name: effect for effect in (COULOMB, VISCOUS, LOAD, PAYLOAD, ARMATURE, SCALE, OFFSET, DELAY, ENCODER_OFFSET)
+    effect.name: effect
+    for effect in (
+        *(COULOMB, VISCOUS, STRIBECK, LOAD, DRIFT),
+        *(PAYLOAD, LINK_INERTIA, ARMATURE, BASE_TILT),
+        *(ELASTICITY, BACKLASH, RIPPLE, SPRING),
+        *(SCALE, OFFSET, SATURATION, LAG, DELAY),
+        *(ENCODER_OFFSET, ENCODER_QUANTIZATION, EXTERNAL_FORCE),
+    )
 }
 
 
@@ -18,8 +29,10 @@ def effect(name: str) -> Effect:
     """The effect called ``name``.
 
     Raises:
-        InputError: the catalogue has no such effect.
+        InputError: the catalogue has no such effect; offers the nearest name.
     """
     if name not in CATALOGUE:
-        raise InputError(f"unknown effect {name!r}", f"use one of {', '.join(sorted(CATALOGUE))}")
+        near = get_close_matches(name, CATALOGUE, n=1, cutoff=0.5)
+        known = f"use one of {', '.join(sorted(CATALOGUE))}"
+        raise InputError(f"unknown effect {name!r}", f"did you mean {near[0]}? Or {known}" if near else known)
     return CATALOGUE[name]

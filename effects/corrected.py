@@ -1,18 +1,28 @@
-"""The corrected arm: the nominal arm plus the effects found; it predicts the torque that would be recorded."""
+"""The corrected arm: the nominal arm plus the effects found; it predicts the torque that would be recorded.
+
+From the motion that the encoders saw: sensing effects are undone; the links move as the encoders say, or behind the
+transmission by its deflection; the bodies, rotors, friction and springs need a torque; the way from the recorded torque
+to the joint is undone. What a series of t and q alone cannot give, the impact of backlash and the rounding of encoders,
+is left out.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+from scipy.signal import butter, sosfiltfilt
 
 from arm.dynamics import RigidBody
 from arm.motion import Motion
 from arm.nominal import NominalArm, smooth_sign
 from effects.applied import AppliedEffect
-from effects.effect import Path, Sensing, TorqueLaw
-from effects.rigid_body import point_mass_parameters
+from effects.effect import Drift, Effect, External, LinkChange, Path, Sensing, Signals, TorqueLaw, Transmission
+from effects.environment import tilt
+from effects.series import MotionSeries
+
+SLOW = 12.0
+"""Deflections of a transmission are followed up to this frequency [Hz]; their acceleration has no meaning above it."""
 
 
 @dataclass(frozen=True)
@@ -21,79 +31,138 @@ class CorrectedArm:
 
     Attributes:
         arm: the nominal arm.
-        effects: the effects, each of the catalogue at most once.
+        effects: the effects; ``link_inertia`` may occur once per link, the others once.
     """
 
     arm: NominalArm
     effects: tuple[AppliedEffect, ...] = ()
+
+    def check(self) -> None:
+        """Check that every joint and link named exists; raises ``InputError`` otherwise."""
+        for applied in self.effects:
+            applied.check(self.arm.n_joints)
 
     def value(self, name: str, parameter: str) -> np.ndarray:
         """Values of a joint effect's parameter over all joints, zeros where it does not act; shape (n,)."""
         n = self.arm.n_joints
         return sum((e.per_joint(parameter, n) for e in self.effects if e.name == name), np.zeros(n))
 
-    def payload(self) -> np.ndarray:
-        """Ten inertial parameters that the payload adds to the last link, shape (10,)."""
-        found = [e for e in self.effects if e.name == "payload"]
-        return sum(
-            (point_mass_parameters(float(e.parameters["mass"]), e.parameters["com"]) for e in found), np.zeros(10)
-        )
+    def of_kind(self, kind: type[Effect]) -> list[tuple[Effect, list[np.ndarray]]]:
+        """Effects of a kind on joints, each with its parameters over all joints, in their order, shape (n,)."""
+        n = self.arm.n_joints
+        chosen = [e for e in self.effects if isinstance(e.effect, kind) and e.joints]
+        return [(e.effect, [e.per_joint(name, n) for name in e.effect.names]) for e in chosen]
+
+    def inertial_increments(self, body: RigidBody) -> np.ndarray:
+        """Inertial parameters that payload and link errors add to the nominal links, shape (n, 10), joint order."""
+        n = self.arm.n_joints
+        own, out = body.inertial_parameters().reshape(n, 10), np.zeros((n, 10))
+        for applied in self.effects:
+            if isinstance(applied.effect, LinkChange):
+                applied.check(n)
+                link = int(applied.parameters["link"]) - 1 if "link" in applied.parameters else body.last_link
+                out[link] += applied.effect.change(own[link], *applied.parameters.values())
+        return out
+
+    def base_rotation(self) -> np.ndarray:
+        """R from the base to the world frame, shape (3, 3)."""
+        found = [e for e in self.effects if e.name == "base_tilt"]
+        return tilt(*(float(found[0].parameters[name]) for name in ("roll", "pitch"))) if found else np.eye(3)
+
+    def body(self, nominal: RigidBody) -> RigidBody:
+        """Rigid bodies with payload, link errors and tilt, for a simulator."""
+        return nominal.changed(self.inertial_increments(nominal), self.base_rotation().T @ self.arm.gravity)
 
     def true_position(self, q: np.ndarray) -> np.ndarray:
-        """Position of the joints [rad] from the recorded one, shape (N, n): sensing effects undone."""
-        for applied in self.effects:
-            if isinstance(applied.effect, Sensing):
-                q = applied.effect.true(q, *_values(applied, self.arm.n_joints))
+        """Position [rad] of what the encoders sit on from the recorded one, shape (N, n): sensing effects undone."""
+        for effect, values in self.of_kind(Sensing):
+            assert isinstance(effect, Sensing)
+            q = effect.true(q, *values)
         return q
 
     def rigid_torque(self, body: RigidBody, motion: Motion) -> np.ndarray:
-        """Torque of the bodies and the payload [N m], shape (N, n), without rotor inertia and friction."""
-        q = self.true_position(motion.q)
-        torque = body.inverse_dynamics(q, motion.dq, motion.ddq)
-        payload = self.payload()
-        if payload.any():
-            torque = torque + body.last_link_regressor(q, motion.dq, motion.ddq) @ payload
+        """Torque of the bodies, against a force from outside too [N m], (N, n), without rotors and friction."""
+        motion = replace(motion, q=self.true_position(motion.q))
+        if any(e.name == "base_tilt" for e in self.effects):
+            body = body.changed(np.zeros((self.arm.n_joints, 10)), self.base_rotation().T @ self.arm.gravity)
+        increments = self.inertial_increments(body)
+        torque = self._body_torque(body, increments, motion)
+        if self.arm.encoder == "motor" and self.of_kind(Transmission):
+            torque = self._body_torque(body, increments, self._moved(motion, self._deflection(torque, motion), -1.0))
         return torque
 
-    def needed_torque(self, rigid: np.ndarray, motion: Motion) -> np.ndarray:
-        """Torque that must reach the joints [N m], (N, n): rigid bodies, rotors, and friction, nominal and found."""
-        arm = self.arm
-        inertia = arm.armature + self.value("armature", "inertia")
-        torque = rigid + inertia * motion.ddq + arm.coulomb * smooth_sign(motion.dq) + arm.viscous * motion.dq
-        laws = [(e.effect, _values(e, arm.n_joints)) for e in self.effects if isinstance(e.effect, TorqueLaw)]
-        for law, values in sorted(laws, key=lambda item: item[0].name == "load_friction"):
-            torque = torque + law.law(
-                motion.dq, torque, *values
-            )  # load friction last: it acts on the whole motor torque
+    def _body_torque(self, body: RigidBody, increments: np.ndarray, motion: Motion) -> np.ndarray:
+        """Inverse dynamics of the links' motion [N m], (N, n), less what a force from outside does."""
+        torque = body.inverse_dynamics(motion.q, motion.dq, motion.ddq)
+        if increments[body.last_link].any() and not np.delete(increments, body.last_link, axis=0).any():
+            torque = torque + body.last_link_regressor(motion.q, motion.dq, motion.ddq) @ increments[body.last_link]
+        elif increments.any():
+            torque = torque + body.regressor(motion.q, motion.dq, motion.ddq) @ increments.ravel()
+        for applied in self.effects:
+            if isinstance(applied.effect, External):
+                force, start, end = applied.parameters.values()
+                active = applied.effect.active(motion.t, start, end) > 0
+                torque[active] -= body.force_torque(motion.q[active], self.base_rotation().T @ force)
         return torque
+
+    def _deflection(self, torque: np.ndarray, motion: Motion) -> np.ndarray:
+        """Theta - q [rad], (N, n), under the torque through the transmission [N m]."""
+        out = np.zeros_like(torque)
+        for effect, values in self.of_kind(Transmission):
+            assert isinstance(effect, Transmission)
+            out += MotionSeries(motion).lagged(effect.deflection(torque, *values), effect.lag(*values))
+        return out
+
+    @staticmethod
+    def _moved(motion: Motion, deflection: np.ndarray, sign: float) -> Motion:
+        """The motion plus ``sign`` times the slow part of a deflection [rad], (N, n), with its derivatives."""
+        sos = butter(4, min(SLOW, 0.4 * motion.rate), output="sos", fs=motion.rate)
+        slow = sosfiltfilt(sos, deflection, axis=0, padlen=min(len(motion.t) - 1, int(3 * motion.rate / SLOW)))
+        rates = [slow]
+        for _ in range(2):
+            rates.append(np.gradient(rates[-1], motion.t, axis=0))
+        q, dq, ddq = (x + sign * rate for x, rate in zip((motion.q, motion.dq, motion.ddq), rates, strict=True))
+        return Motion(motion.t, q, dq, ddq)
+
+    def needed_torque(self, rigid: np.ndarray, motion: Motion) -> np.ndarray:
+        """Torque that must reach the joints [N m], (N, n): rigid bodies, rotors, springs and friction.
+
+        Rotors and friction turn with the motors, springs with the joints; nominal and found values add up.
+        """
+        arm = self.arm
+        true = self.true_position(motion.q) if self.of_kind(TorqueLaw) or self.of_kind(Transmission) else motion.q
+        motor = replace(motion, q=true)
+        if arm.encoder == "joint" and self.of_kind(Transmission):
+            motor = self._moved(motor, self._deflection(rigid, motion), 1.0)
+        laws = [(law, values) for law, values in self.of_kind(TorqueLaw) if isinstance(law, TorqueLaw)]
+        torque = rigid + (arm.armature + self.value("armature", "inertia")) * motor.ddq
+        for law, values in laws:
+            if law.family != "friction":
+                torque = torque + law.law(Signals(motion.t[:, None], true, motor.dq, torque), *values)
+        factor = self._drift(motion.t)
+        torque = torque + factor * (arm.coulomb * smooth_sign(motor.dq) + arm.viscous * motor.dq)
+        friction = [(law, values) for law, values in laws if law.family == "friction"]
+        for law, values in sorted(friction, key=lambda item: item[0].name == "load_friction"):
+            # load friction last: it acts on the whole motor torque
+            torque = torque + factor * law.law(Signals(motion.t[:, None], true, motor.dq, torque), *values)
+        return torque
+
+    def _drift(self, t: np.ndarray) -> np.ndarray | float:
+        """Factor of all friction at times t [s] of shape (N,); 1 or shape (N, n)."""
+        factor: np.ndarray | float = 1.0
+        for effect, values in self.of_kind(Drift):
+            assert isinstance(effect, Drift)
+            factor = factor * effect.factor(t[:, None], *values)
+        return factor
 
     def recorded_torque(self, needed: np.ndarray, motion: Motion) -> np.ndarray:
         """Torque that would be recorded [N m], (N, n): the way to the joint undone, nearest to the joint first."""
-        shift = _Shift(motion.t)
-        order = ("torque_offset", "torque_scale", "actuator_delay")
-        path = [(e.effect, _values(e, self.arm.n_joints)) for e in self.effects if isinstance(e.effect, Path)]
-        for effect, values in sorted(path, key=lambda item: order.index(item[0].name)):
-            needed = effect.inverse(needed, *values, shift)
+        path = [(effect, values) for effect, values in self.of_kind(Path) if isinstance(effect, Path)]
+        series = MotionSeries(replace(motion, q=self.true_position(motion.q)) if path else motion)
+        for effect, values in sorted(path, key=lambda item: -item[0].place):
+            needed = effect.inverse(needed, series, *values)
         return needed
 
     def predict(self, body: RigidBody, motion: Motion) -> np.ndarray:
         """Torque that would be recorded on this motion [N m], shape (N, n)."""
         return self.recorded_torque(self.needed_torque(self.rigid_torque(body, motion), motion), motion)
-
-
-def _values(applied: AppliedEffect, n_joints: int) -> list[np.ndarray]:
-    return [applied.per_joint(name, n_joints) for name in applied.effect.names]
-
-
-class _Shift:
-    """Evaluates series on the grid t at t + T, T per joint; constant beyond the ends."""
-
-    def __init__(self, t: np.ndarray) -> None:
-        self.t = t
-
-    def __call__(self, series: np.ndarray, delay: np.ndarray) -> np.ndarray:
-        out = np.array(series)
-        for joint in np.flatnonzero(delay):
-            spline = make_interp_spline(self.t, series[:, joint], k=3)
-            out[:, joint] = spline(np.clip(self.t + delay[joint], self.t[0], self.t[-1]))
-        return out

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from effects.effect import Inertial, Parameter
+from effects.effect import Inertial, LinkChange, Parameter
+
+_UPPER = ([0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2])
+"""Rows and columns of Ixx, Ixy, Iyy, Ixz, Iyz, Izz, the order of ``arm.dynamics.INERTIAL_PARAMETERS``."""
 
 
 def point_mass_parameters(mass: float, com: np.ndarray) -> np.ndarray:
@@ -14,7 +17,27 @@ def point_mass_parameters(mass: float, com: np.ndarray) -> np.ndarray:
     """
     c = np.asarray(com, dtype=float)
     inertia = mass * (c @ c * np.eye(3) - np.outer(c, c))
-    return np.concatenate([[mass], mass * c, inertia[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
+    return np.concatenate([[mass], mass * c, inertia[_UPPER]])
+
+
+def payload_change(own: np.ndarray, mass: np.ndarray, com: np.ndarray) -> np.ndarray:
+    """A point mass m [kg] at c [m] in the frame of the joint that moves the last link; shape (10,)."""
+    return point_mass_parameters(float(mass), com)
+
+
+def link_change(own: np.ndarray, link: np.ndarray, mass: np.ndarray, com: np.ndarray) -> np.ndarray:
+    """Ten parameters that a link with ``own`` gains when its mass is off by dm [kg] and its centre by dc [m].
+
+    m' = m + dm, c' = c + dc, and the inertia about the centre of mass scales with the mass, I' = I m' / m; one of a
+    massless link stays. Frame of the joint that moves the link.
+    """
+    old = float(own[0])
+    centre = own[1:4] / old if old != 0 else np.zeros(3)
+    about_centre = own - point_mass_parameters(old, centre)
+    new = old + float(mass)
+    moved = point_mass_parameters(new, centre + com)
+    moved[4:] += about_centre[4:] * (new / old if old != 0 else 1.0)
+    return moved - own
 
 
 ARMATURE = Inertial(
@@ -31,7 +54,7 @@ ARMATURE = Inertial(
     ),
 )
 
-PAYLOAD = Inertial(
+PAYLOAD = LinkChange(
     name="payload",
     family="rigid_body",
     scope="arm",
@@ -46,4 +69,24 @@ PAYLOAD = Inertial(
         ("torque_scale", "the same motion with a known payload"),
         ("encoder_offset", "static poses over the whole range of every joint"),
     ),
+    change=payload_change,
+)
+
+LINK_INERTIA = LinkChange(
+    name="link_inertia",
+    family="rigid_body",
+    scope="link",
+    equation="Y_link(q, dq, ddq) (pi(m + dm, c + dc, I (m + dm) / m) - pi(m, c, I))",
+    parameters=(
+        Parameter("link", "l", "1", (1.0, 100.0), (1.0, 7.0)),
+        Parameter("mass", "dm", "kg", (-100.0, 100.0), (-2.0, 2.0), increment=True),
+        Parameter("com", "dc", "m", (-1.0, 1.0), (-0.03, 0.03), size=3, increment=True),
+    ),
+    looks_like="gravity and inertia torque on the joints that carry this link, and on none beyond it",
+    reference="hollerbach2008",
+    confused_with=(
+        ("payload", "fast motion of the last joints alone"),
+        ("armature", "the same motion with the other joints in another posture"),
+    ),
+    change=link_change,
 )

@@ -16,9 +16,20 @@ from arm.robots import load_nominal_arm
 from arm.trajectory import Fourier, Limits, urdf_limits
 from effects.applied import AppliedEffect
 from effects.corrected import CorrectedArm
-from envs.engines.pybullet import SIMULATED
 from envs.recorder import record
 
+HIDDEN = (
+    "coulomb_friction",
+    "viscous_friction",
+    "load_friction",
+    "payload",
+    "armature",
+    "torque_scale",
+    "torque_offset",
+    "actuator_delay",
+    "encoder_offset",
+)
+"""Effects that the mystery arm may have: those that a diagnosis can find."""
 DATA_SHEET = {
     "armature": [0.6, 0.6, 0.35, 0.35, 0.2, 0.1, 0.08],
     "coulomb": [3.0, 3.5, 2.0, 2.5, 1.2, 0.8, 0.5],
@@ -96,7 +107,7 @@ def draw_effects(rng: np.random.Generator, arm: NominalArm, references: list[Fou
     for _ in range(DRAWS):
         if len(effects) == wanted:
             return tuple(effects)
-        names = [name for name in SIMULATED if name not in [e.name for e in effects]]
+        names = [name for name in HIDDEN if name not in [e.name for e in effects]]
         taken = {joint for e in effects for joint in e.joints}
         free = [joint for joint in range(1, arm.n_joints + 1) if joint not in taken]
         drawn = _draw(rng, str(rng.choice(names)), free, motion, scale)

@@ -12,47 +12,13 @@ from arm.nominal import NominalArm
 from arm.recording import Recording
 from arm.trajectory import Reference
 from effects.applied import AppliedEffect
-from envs.engines.pybullet import PyBulletEngine
+from envs.simulated_arm import SimulatedArm
+from envs.velocity_filter import VelocityFilter
 
 LONGEST_STEP = 1e-3
 """The simulation's time step is the controller's period, divided until it is no longer than this [s]."""
 UNSTABLE_SPEED = 50.0
 """A joint faster than this [rad/s] has lost its controller."""
-
-
-class VelocityFilter:
-    """Second-order low-pass differentiator, w^2 s / (s^2 + 2 zeta w s + w^2), discretised by the bilinear rule.
-
-    Without a cut-off it is the backward difference. Delay at low frequency: 2 zeta / w, or half a period.
-
-    Args:
-        rate: sampling rate [Hz].
-        cutoff: w / 2 pi [Hz], or ``None``.
-        damping: zeta [1].
-        position: position at the start [rad], shape (n,).
-        velocity: velocity until the start [rad/s], shape (n,).
-    """
-
-    def __init__(
-        self, rate: float, cutoff: float | None, damping: float, position: np.ndarray, velocity: np.ndarray
-    ) -> None:
-        self._q1 = position - velocity / rate
-        self._q2 = position - 2 * velocity / rate
-        self._v1 = self._v2 = np.array(velocity, dtype=float)
-        if cutoff is None:
-            self._gain = (rate, -rate, 0.0, 0.0, 0.0)
-            return
-        w, k = 2 * np.pi * cutoff, 2 * rate
-        lead = k**2 + 2 * damping * w * k + w**2
-        gain = w**2 * k / lead
-        self._gain = (gain, 0.0, -gain, 2 * (k**2 - w**2) / lead, -(k**2 - 2 * damping * w * k + w**2) / lead)
-
-    def __call__(self, q: np.ndarray) -> np.ndarray:
-        """Filtered velocity [rad/s] for the next position q [rad], each of shape (n,)."""
-        b0, b1, b2, a1, a2 = self._gain
-        v = b0 * q + b1 * self._q1 + b2 * self._q2 + a1 * self._v1 + a2 * self._v2
-        self._q1, self._q2, self._v1, self._v2 = q, self._q1, v, self._v1
-        return v
 
 
 def record(
@@ -65,9 +31,12 @@ def record(
     rng: np.random.Generator,
     rate: float = 250.0,
     encoder_step: float | None = None,
+    encoder_noise: np.ndarray | float = 0.0,
     torque_noise: np.ndarray | float = 0.0,
+    read_back: bool = False,
     settle: float = 0.5,
     name: str = "recording",
+    engine: str = "pybullet",
 ) -> Recording:
     """Record a simulated arm; columns t, q, dq (filtered), tau (commanded), q_ref and dq_ref.
 
@@ -85,12 +54,16 @@ def record(
         rng: source of the noise.
         rate: of the recording [Hz].
         encoder_step: quantisation of the encoders [rad]; that of the data sheet where ``None``, none where 0.
+        encoder_noise: standard deviation of white noise on the encoders [rad], a number or shape (n,).
         torque_noise: standard deviation of white noise on the recorded torque [N m], a number or shape (n,).
+        read_back: record the torque that reached the joints, as position control reads it back from its drives, in
+            place of the one commanded; row i holds what is applied from t[i] on.
         settle: time at the reference's start before t = 0 [s].
         name: name of the recording.
+        engine: ``pybullet``, ``mujoco`` or ``dart``.
 
     Raises:
-        InputError: ``rate`` does not divide the controller's rate, or the engine cannot simulate an effect.
+        InputError: ``rate`` does not divide the controller's rate, or an effect cannot be simulated on this arm.
         GapscopeError: the simulated arm became unstable.
     """
     every = round(controller.rate / rate)
@@ -98,7 +71,11 @@ def record(
         raise InputError(f"{rate} Hz does not divide the controller's {controller.rate} Hz", where="rate")
     command = _Command(arm, reference, controller, duration, settle)
     step = (arm.encoder_step or 0.0) if encoder_step is None else encoder_step
-    q, dq, tau = _run(arm, effects, controller, command, step)
+    dt, steps = _steps(controller)
+    with SimulatedArm(
+        arm, effects, dt, engine=engine, encoder_step=step, encoder_noise=encoder_noise, rng=rng
+    ) as simulated:
+        q, dq, tau = _run(simulated, controller, command, steps, read_back)
     speed = np.abs(np.diff(q, axis=0)).max(axis=0) * controller.rate
     if not (speed < UNSTABLE_SPEED).all():
         raise GapscopeError(
@@ -126,24 +103,29 @@ class _Command:
         self.torque = feedforward(arm, RigidBody(arm), controller.feedforward, self.q, self.dq, ddq)
 
 
-def _run(
-    arm: NominalArm, effects: tuple[AppliedEffect, ...], controller: Controller, command: _Command, encoder_step: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Positions as the encoders gave them, filtered velocities and commanded torques at every tick, each (N, n)."""
+def _steps(controller: Controller) -> tuple[float, int]:
+    """Time step of the simulation [s], and steps per tick of the controller."""
     steps = max(1, int(np.ceil(1.0 / (controller.rate * LONGEST_STEP) - 1e-9)))
+    return 1.0 / (controller.rate * steps), steps
+
+
+def _run(
+    simulated: SimulatedArm, controller: Controller, command: _Command, steps: int, read_back: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions as the encoders gave them, filtered velocities and torques at every tick, each (N, n)."""
+    arm = simulated.arm
     limit = np.inf if arm.torque_limit is None else arm.torque_limit
     q, dq, tau = (np.empty_like(command.q) for _ in range(3))
     filtered = VelocityFilter(
         controller.rate, controller.velocity_cutoff, controller.velocity_damping, command.q[0], command.dq[0]
     )
-    with PyBulletEngine(arm, effects, 1.0 / (controller.rate * steps)) as engine:
-        engine.reset(command.q[0] - engine.encoder_offset, command.dq[0])
-        for i in range(len(command.t)):
-            seen = engine.encoders()
-            q[i] = np.round(seen / encoder_step) * encoder_step if encoder_step else seen
-            dq[i] = filtered(q[i])
-            pd = controller.kp * (command.q[i] - q[i]) + controller.kd * (command.dq[i] - dq[i])
-            tau[i] = np.clip(command.torque[i] + pd, -limit, limit)
-            for _ in range(steps):
-                engine.step(tau[i])
+    simulated.start(command.q[0], command.dq[0], command.t[0])
+    for i in range(len(command.t)):
+        q[i] = simulated.encoders()
+        dq[i] = filtered(q[i])
+        pd = controller.kp * (command.q[i] - q[i]) + controller.kd * (command.dq[i] - dq[i])
+        tau[i] = np.clip(command.torque[i] + pd, -limit, limit)
+        simulated.step(tau[i], steps)
+        if read_back:
+            tau[i] = simulated.applied
     return q, dq, tau

@@ -1,5 +1,9 @@
-"""The front door: the command line, and the few names that a user imports."""
+"""The front door: the command line, the few names that a user imports, and the environment's name in Gymnasium."""
 
 from importlib.metadata import version
 
+from envs.registration import register_environment
+
 __version__ = version("gapscope")
+
+register_environment()

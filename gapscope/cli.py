@@ -100,6 +100,27 @@ def predict(
 
 
 @app.command()
+def replay(
+    case: CasePath,
+    recording: Annotated[Path, typer.Option(help="recording with q_ref1.., or tau1.. without", metavar="FILE")],
+    out: Annotated[Path, typer.Option(help="CSV to write: t, q1.., tau1..", metavar="FILE.csv")],
+    model: Model = None,
+    engine: Annotated[str, typer.Option(help="pybullet, mujoco or dart")] = "pybullet",
+) -> None:
+    """Move the simulated arm under the same commands as a recording."""
+    from arm.writing import write_columns
+    from gapscope.run import replay_file
+    from gapscope.show import replay_line
+
+    with _Progress(recording.name) as progress:
+        replayed = replay_file(case, recording, model, engine, progress)
+        columns = {f"{name}{j + 1}": x for name in ("q", "tau") for j, x in enumerate(getattr(replayed, name).T)}
+        write_columns({"t": replayed.t, **columns}, out)
+    _console.print(replay_line(replayed), highlight=False, soft_wrap=True)
+    _wrote(out)
+
+
+@app.command()
 def gap(
     case: CasePath,
     model: Model = None,
@@ -108,7 +129,7 @@ def gap(
     """Measure the gap alone, per joint, of the nominal or the corrected arm."""
     from arm.case import load_case
     from gapscope.run import corrected_arm
-    from gapscope.show import gap_document, gap_table
+    from gapscope.show import gap_document, gap_tables
 
     with _Progress(case.name or str(case)) as progress:
         progress("measures the gap")
@@ -117,7 +138,47 @@ def gap(
     if as_json:
         sys.stdout.write(json.dumps(measured, indent=2, allow_nan=False) + "\n")
     else:
-        _console.print(gap_table(measured, loaded.arm.joints))
+        _console.print(gap_tables(measured, loaded.arm.joints))
+
+
+@app.command()
+def record(
+    robot: Annotated[str, typer.Argument(help="kuka_iiwa, ..., a URDF, or a case with a data sheet", metavar="ROBOT")],
+    effects: Annotated[Path, typer.Option(help="effects, in the form of corrected.yaml", metavar="FILE")],
+    out: Annotated[Path, typer.Option(help="folder of the case to make", metavar="CASE")],
+    trajectory: Annotated[
+        str, typer.Option(help="fourier, point_to_point, weld_seam, pick, place, random")
+    ] = "fourier",
+    recordings: Annotated[int, typer.Option(help="how many, from slow to fast")] = 4,
+    duration: Annotated[float, typer.Option(help="of each [s]")] = 10.0,
+    rate: Annotated[float, typer.Option(help="samples per second [Hz]")] = 250.0,
+    controller: Annotated[str, typer.Option(help="pd: with nominal feedforward, or as the case ROBOT has it")] = "pd",
+    torque_control: Annotated[
+        bool, typer.Option(help="record the torque commanded, not the applied one that position control reads back")
+    ] = False,
+    noise: Annotated[float, typer.Option(help="noise of the torque, as a share of its standard deviation")] = 0.01,
+    encoder_noise: Annotated[float, typer.Option(help="noise of the encoders [rad]")] = 0.0,
+    file_format: Annotated[str, typer.Option("--format", help="csv, parquet or npz")] = "csv",
+    engine: Annotated[str, typer.Option(help="pybullet, mujoco or dart")] = "pybullet",
+    seed: Annotated[Optional[int], typer.Option(min=0, help="draw the same motions and noise again")] = None,  # noqa: UP045
+    sealed: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option(help="folder for the truth, outside the case", metavar="DIR"),
+    ] = None,
+) -> None:
+    """Record a simulated arm with effects: makes a case, and keeps the truth in truth.yaml."""
+    from envs.session import Plan
+    from gapscope.recording import record_files
+
+    plan = Plan(trajectory, recordings, duration, rate, torque_control, noise, encoder_noise, engine)
+    with _Progress(out.name or str(out)) as progress:
+        paths, note = record_files(
+            robot, effects, out, plan, controller=controller, seed=seed, ending=file_format, sealed=sealed,
+            progress=progress,
+        )  # fmt: skip
+    if note:
+        _log.print(f"note: {note}", highlight=False, markup=False, soft_wrap=True)
+    _wrote(*paths)
 
 
 @app.command()

@@ -18,6 +18,7 @@ from diagnosis.report.summary import SummaryRow
 from diagnosis.result import Diagnosis
 from effects.corrected import CorrectedArm
 from effects.corrected_file import read_corrected, write_corrected
+from envs.replay import Replay, replay
 
 
 def make_folder(folder: Path) -> None:
@@ -88,3 +89,15 @@ def load_for_prediction(case_path: Path, file: Path) -> tuple[NominalArm, Record
     """The nominal arm of a case, and every row of a recording that may hold no more than t and q."""
     case = load_case(case_path, read_recordings=False)
     return case.arm, load_recording(file, case.arm, case.importing, every_row=True)
+
+
+def replay_file(
+    case_path: Path, file: Path, model: Path | None, engine: str, progress: Callable[[str], None]
+) -> Replay:
+    """Replay a recording of a case on its nominal arm, or on the corrected one."""
+    progress("reads")
+    case = load_case(case_path, read_recordings=False)
+    recording = load_recording(file, case.arm, case.importing)
+    effects = corrected_arm(case.arm, model).effects
+    progress(f"replays {recording.duration:.3g} s in {engine}")
+    return replay(case.arm, effects, recording, case.controller, engine=engine)

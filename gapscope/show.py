@@ -4,18 +4,25 @@ from __future__ import annotations
 
 from typing import Any
 
+from rich.console import Group
 from rich.table import Table
+from rich.text import Text
 
 from arm.case import Case
 from arm.dynamics import RigidBody
 from arm.errors import GapscopeError
 from diagnosis.gap import torque_gap
+from diagnosis.replay_gap import attempt
 from effects.corrected import CorrectedArm
+from envs.replay import HORIZON, Replay
 from ident.conditioning import condition, position_cutoff
 
 
 def gap_document(case: Case, corrected: CorrectedArm) -> dict[str, Any]:
-    """Torque gap per recording and joint: ``torque_nrmse`` [1] and ``torque_rmse`` [N m]; ``replay_rmse`` is null.
+    """Both gaps per recording and joint: ``torque_nrmse`` [1], ``torque_rmse`` [N m] and ``replay_rmse`` [rad].
+
+    ``replayed`` says how: through the ``controller`` where it and the reference are known, else under the recorded
+    ``torque`` over short horizons, or why not; ``replay_rmse`` is null then.
 
     Raises:
         GapscopeError: no recording carries a torque.
@@ -29,24 +36,46 @@ def gap_document(case: Case, corrected: CorrectedArm) -> dict[str, Any]:
     rows = []
     for recording, role in measured:
         found = torque_gap(corrected, body, condition(recording, cutoff))
+        replayed, problem = attempt(case, corrected.effects, recording)
+        through = "torque" if case.controller is None or recording.q_ref is None else "controller"
         rows.append(
             {
                 "recording": recording.name,
                 "role": role,
                 "torque_nrmse": found.nrmse.tolist(),
                 "torque_rmse": found.rmse.tolist(),
-                "replay_rmse": None,
+                "replay_rmse": None if replayed is None else replayed.tolist(),
+                "replayed": problem or through,
             }
         )
     return {"schema": 1, "case": case.name, "joints": list(case.arm.joints), "recordings": rows}
 
 
-def gap_table(document: dict[str, Any], joints: tuple[str, ...]) -> Table:
-    """The torque NRMSE as a table, one row per recording."""
-    table = Table(title=f"torque NRMSE of {document['case']}", title_justify="left")
+def gap_tables(document: dict[str, Any], joints: tuple[str, ...]) -> Group:
+    """Torque NRMSE and replay gap as tables, one row per recording, and why a recording was not replayed."""
+    torque = _table(f"torque NRMSE of {document['case']}", joints)
+    replays = _table("replay gap in mrad", joints)
+    notes = []
+    for row in document["recordings"]:
+        torque.add_row(row["recording"], *(f"{value:.3f}" for value in row["torque_nrmse"]))
+        if row["replay_rmse"] is None:
+            notes.append(Text(f"{row['recording']} was not replayed: {row['replayed']}"))
+        else:
+            replays.add_row(row["recording"], *(f"{1e3 * value:.3g}" for value in row["replay_rmse"]))
+    return Group(torque, *([replays] if replays.row_count else []), *notes)
+
+
+def _table(title: str, joints: tuple[str, ...]) -> Table:
+    """An empty table with a column per joint."""
+    table = Table(title=title, title_justify="left")
     table.add_column("recording")
     for number in range(1, len(joints) + 1):
         table.add_column(f"J{number}", justify="right")
-    for row in document["recordings"]:
-        table.add_row(row["recording"], *(f"{value:.3f}" for value in row["torque_nrmse"]))
     return table
+
+
+def replay_line(replayed: Replay) -> str:
+    """One line on a replay: its gap per joint, and what moved the arm."""
+    how = "through the controller" if replayed.through_controller else f"recorded torque, every {HORIZON:g} s anew"
+    gaps = ", ".join(f"J{j} {1e3 * gap:.3g}" for j, gap in enumerate(replayed.rmse, 1))
+    return f"replay gap in mrad, {how}: {gaps}"

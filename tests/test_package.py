@@ -30,6 +30,7 @@ ONLY_IN = {
     "pybullet": ("envs/engines/",),
     "pybullet_data": ("envs/engines/",),
     "mujoco": ("envs/engines/",),
+    "dartpy": ("envs/engines/",),
 }
 """The only places that may import a library."""
 

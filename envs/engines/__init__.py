@@ -1,1 +1,55 @@
-"""The engines that step the environment; only here is a physics engine imported."""
+"""The engines that move rigid bodies; only here is a physics engine imported."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.util import find_spec
+from typing import NamedTuple
+
+import numpy as np
+
+from arm.errors import InputError
+from arm.plain_urdf import Link
+from envs.engines.engine import Engine
+
+
+class _Kind(NamedTuple):
+    """Where an engine is: its class, the library that it needs, and how to install that."""
+
+    module: str
+    name: str
+    library: str
+    install: str
+
+
+ENGINES = {
+    "pybullet": _Kind("envs.engines.pybullet", "PyBulletEngine", "pybullet", "pip install pybullet"),
+    "mujoco": _Kind("envs.engines.mujoco", "MuJoCoEngine", "mujoco", "pip install 'gapscope[mujoco]'"),
+    "dart": _Kind("envs.engines.dart", "DartEngine", "dartpy", "pip install 'gapscope[dart]'"),
+}
+"""The engines by name."""
+
+
+def installed(name: str) -> bool:
+    """Whether the library of an engine is installed."""
+    return find_spec(ENGINES[name].library) is not None
+
+
+def make_engine(name: str, links: tuple[Link, ...], gravity: np.ndarray, dt: float) -> Engine:
+    """The engine called ``name`` with an arm in it.
+
+    Args:
+        name: one of ``ENGINES``.
+        links: the moving bodies, parents before children.
+        gravity: in the base frame [m/s^2], shape (3,).
+        dt: time step [s].
+
+    Raises:
+        InputError: no such engine, or it is not installed.
+    """
+    if name not in ENGINES:
+        raise InputError(f"unknown engine {name!r}", f"use one of {', '.join(ENGINES)}", where="engine")
+    if not installed(name):
+        raise InputError(f"the engine {name} is not installed", ENGINES[name].install, where="engine")
+    engine: Engine = getattr(import_module(ENGINES[name].module), ENGINES[name].name)(links, gravity, dt)
+    return engine

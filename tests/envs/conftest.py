@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from arm.nominal import NominalArm
+from envs.engines import ENGINES, installed
 from envs.mystery import iiwa
 
 PENDULUM = """<robot name="pendulum">
@@ -46,3 +47,15 @@ def pendulum(pendulum_urdf: Path):
         return NominalArm("pendulum", pendulum_urdf, ("hinge",), **values)
 
     return make
+
+
+@pytest.fixture(scope="session")
+def engines():
+    """Gives the name of an engine back where it is installed, and skips otherwise."""
+
+    def check(name: str) -> str:
+        if not installed(name):
+            pytest.skip(f"the engine {name} is not installed: {ENGINES[name].install}")
+        return name
+
+    return check

@@ -1,4 +1,4 @@
-"""The PyBullet engine against pinocchio, conservation laws and hand-worked cases."""
+"""The simulated arm on PyBullet against pinocchio, conservation laws and hand-worked cases."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -11,14 +11,14 @@ from arm.dynamics import RigidBody
 from arm.errors import InputError
 from arm.nominal import NominalArm
 from effects.applied import AppliedEffect
-from envs.engines.pybullet import PyBulletEngine
+from envs.simulated_arm import SimulatedArm
 
 PAYLOAD = AppliedEffect("payload", (), {"mass": 3.0, "com": [0.05, 0.02, 0.1]})
 
 TOOL = AppliedEffect("payload", (), {"mass": 3.0, "com": [0.0, 0.0, 0.1]})
 
 
-def _accelerations(engine: PyBulletEngine, rng: np.random.Generator, samples: int = 40):
+def _accelerations(engine: SimulatedArm, rng: np.random.Generator, samples: int = 40):
     """Random states, torques and the accelerations that the engine makes of them."""
     for _ in range(samples):
         q, dq = rng.uniform(-1.5, 1.5, engine.arm.n_joints), rng.uniform(-2, 2, engine.arm.n_joints)
@@ -38,7 +38,7 @@ def _loaded_model(arm: NominalArm) -> pin.Model:
 
 def test_without_effects_it_is_pinocchios_inverse_dynamics(bare_arm: NominalArm) -> None:
     body = RigidBody(bare_arm)
-    with PyBulletEngine(bare_arm) as engine:
+    with SimulatedArm(bare_arm) as engine:
         for q, dq, torque, ddq in _accelerations(engine, np.random.default_rng(1)):
             np.testing.assert_allclose(body.inverse_dynamics(q[None], dq[None], ddq[None])[0], torque, atol=1e-9)
 
@@ -46,7 +46,7 @@ def test_without_effects_it_is_pinocchios_inverse_dynamics(bare_arm: NominalArm)
 def test_payload_is_the_inverse_dynamics_of_the_loaded_model(bare_arm: NominalArm) -> None:
     model = _loaded_model(bare_arm)
     data = model.createData()
-    with PyBulletEngine(bare_arm, (PAYLOAD,)) as engine:
+    with SimulatedArm(bare_arm, (PAYLOAD,)) as engine:
         for q, dq, torque, ddq in _accelerations(engine, np.random.default_rng(2)):
             np.testing.assert_allclose(pin.rnea(model, data, q, dq, ddq), torque, atol=1e-9)
 
@@ -56,13 +56,13 @@ def test_armature_adds_to_the_mass_matrix(data_sheet_arm: NominalArm, bare_arm: 
     extra = AppliedEffect("armature", (2, 6), {"inertia": [0.7, 0.05]})
     total = arm.armature + extra.per_joint("inertia", 7)
     body = RigidBody(arm)
-    with PyBulletEngine(arm, (extra,)) as engine:
+    with SimulatedArm(arm, (extra,)) as engine:
         for q, dq, torque, ddq in _accelerations(engine, np.random.default_rng(3)):
             expected = np.linalg.solve(body.mass_matrix(q) + np.diag(total), torque - body.bias(q, dq))
             np.testing.assert_allclose(ddq, expected, rtol=1e-9, atol=1e-9)
 
 
-def _energy(engine: PyBulletEngine) -> tuple[float, float]:
+def _energy(engine: SimulatedArm) -> tuple[float, float]:
     model = engine.body.model
     data = model.createData()
     return pin.computeKineticEnergy(model, data, engine.q, engine.dq), pin.computePotentialEnergy(model, data, engine.q)
@@ -77,7 +77,7 @@ def test_free_swing_keeps_its_energy(
     free = tmp_path / "free.urdf"  # without limits: the wrist swings past them
     free.write_text(bare_arm.urdf.read_text().replace('type="revolute"', 'type="continuous"'))
     hanging = replace(bare_arm, urdf=free, gravity=np.array([0.0, 0.0, 9.81]))
-    with PyBulletEngine(hanging, effects, dt) as engine:
+    with SimulatedArm(hanging, effects, dt) as engine:
         engine.reset(np.array([0.15, 0.2, 0.1, -0.25, 0.05, 0.2, 0.0]))
         start = sum(_energy(engine))
         energies = []
@@ -92,7 +92,7 @@ def test_friction_holds_the_arm_on_a_slope(data_sheet_arm: NominalArm) -> None:
     """Gravity below Coulomb friction at every joint: not a step of drift, not a trace of chatter."""
     arm = replace(data_sheet_arm, coulomb=np.full(7, 60.0))
     q = np.array([0.2, 0.5, -0.3, -0.9, 0.3, 0.6, 0.1])
-    with PyBulletEngine(arm) as engine:
+    with SimulatedArm(arm) as engine:
         engine.reset(q)
         speeds = []
         for _ in range(1000):
@@ -105,7 +105,7 @@ def test_friction_holds_the_arm_on_a_slope(data_sheet_arm: NominalArm) -> None:
 def test_friction_stops_a_moving_joint_and_never_turns_it_round(pendulum) -> None:
     """0.55 kg m^2 at 1 rad/s against 11 N m without gravity: stops after 0.05 s and 0.025 rad, and stays."""
     arm = replace(pendulum(coulomb=11.0), gravity=np.zeros(3))
-    with PyBulletEngine(arm) as engine:
+    with SimulatedArm(arm) as engine:
         engine.reset(np.zeros(1), np.ones(1))
         path = []
         for _ in range(200):
@@ -120,7 +120,7 @@ def test_friction_stops_a_moving_joint_and_never_turns_it_round(pendulum) -> Non
 def test_load_friction_sticks_up_to_its_share_of_the_motor_torque(pendulum, torque: float, moves: int) -> None:
     """mu = 0.5 under a gravity torque of 9.81 N m: up beyond 9.81 / (1 - mu), down below 9.81 / (1 + mu) N m."""
     friction = AppliedEffect("load_friction", (1,), {"coefficient": [0.5]})
-    with PyBulletEngine(pendulum(), (friction,)) as engine:
+    with SimulatedArm(pendulum(), (friction,)) as engine:
         for _ in range(100):
             engine.step(np.array([-torque]))
         assert (-np.sign(engine.q[0]) if abs(engine.q[0]) > 1e-6 else 0) == moves
@@ -128,7 +128,7 @@ def test_load_friction_sticks_up_to_its_share_of_the_motor_torque(pendulum, torq
 
 def test_viscous_friction_limits_the_speed(pendulum) -> None:
     arm = replace(pendulum(viscous=4.0), gravity=np.zeros(3))
-    with PyBulletEngine(arm, (AppliedEffect("viscous_friction", (1,), {"coefficient": [1.0]}),)) as engine:
+    with SimulatedArm(arm, (AppliedEffect("viscous_friction", (1,), {"coefficient": [1.0]}),)) as engine:
         for _ in range(2000):
             engine.step(np.array([10.0]))
         assert engine.dq[0] == pytest.approx(2.0, rel=1e-6)
@@ -137,7 +137,7 @@ def test_viscous_friction_limits_the_speed(pendulum) -> None:
 def test_delay_shifts_the_response(bare_arm: NominalArm) -> None:
     delay = AppliedEffect("actuator_delay", (1,), {"delay": [0.01]})
     torque = np.zeros(7)
-    with PyBulletEngine(bare_arm, (delay,)) as engine:
+    with SimulatedArm(bare_arm, (delay,)) as engine:
         engine.step(torque)
         torque[0] = 5.0
         speeds = []
@@ -149,7 +149,7 @@ def test_delay_shifts_the_response(bare_arm: NominalArm) -> None:
 
 def test_joint_limits_hold_under_gravity(bare_arm: NominalArm) -> None:
     _, upper = RigidBody(bare_arm).position_limits()
-    with PyBulletEngine(bare_arm) as engine:
+    with SimulatedArm(bare_arm) as engine:
         engine.reset(np.array([0.0, 0.4, 0.0, 0.3, 0.0, 0.3, 0.0]))
         worst = 0.0
         for _ in range(3000):
@@ -159,11 +159,11 @@ def test_joint_limits_hold_under_gravity(bare_arm: NominalArm) -> None:
 
 
 def test_worlds_do_not_disturb_each_other(bare_arm: NominalArm) -> None:
-    with PyBulletEngine(bare_arm) as first, PyBulletEngine(bare_arm, (PAYLOAD,)) as second:
+    with SimulatedArm(bare_arm) as first, SimulatedArm(bare_arm, (PAYLOAD,)) as second:
         for _ in range(10):
             first.step(np.zeros(7))
             second.step(np.zeros(7))
-        with PyBulletEngine(bare_arm) as alone:
+        with SimulatedArm(bare_arm) as alone:
             for _ in range(10):
                 alone.step(np.zeros(7))
             np.testing.assert_array_equal(first.q, alone.q)
@@ -171,14 +171,14 @@ def test_worlds_do_not_disturb_each_other(bare_arm: NominalArm) -> None:
 
 
 def test_close_may_be_called_twice(bare_arm: NominalArm) -> None:
-    engine = PyBulletEngine(bare_arm)
+    engine = SimulatedArm(bare_arm)
     engine.close()
     engine.close()
 
 
 def test_negative_total_friction_is_refused(data_sheet_arm: NominalArm) -> None:
     with pytest.raises(InputError, match="joint 3"):
-        PyBulletEngine(data_sheet_arm, (AppliedEffect("coulomb_friction", (3,), {"torque": [-9.0]}),))
+        SimulatedArm(data_sheet_arm, (AppliedEffect("coulomb_friction", (3,), {"torque": [-9.0]}),))
 
 
 def test_massless_link_is_refused(pendulum_urdf: Path, tmp_path: Path) -> None:
@@ -186,13 +186,13 @@ def test_massless_link_is_refused(pendulum_urdf: Path, tmp_path: Path) -> None:
     text = pendulum_urdf.read_text()
     broken.write_text(text[: text.index("<inertial>")] + text[text.index("</inertial>") + 11 :])
     with pytest.raises(InputError, match="joint 1 has mass 0"):
-        PyBulletEngine(NominalArm("broken", broken, ("hinge",)))
+        SimulatedArm(NominalArm("broken", broken, ("hinge",)))
 
 
 def test_payload_that_leaves_a_negative_mass_is_refused(bare_arm: NominalArm) -> None:
     less = AppliedEffect("payload", (), {"mass": -0.5, "com": [0.0, 0.0, 0.0]})  # the last link has 0.3 kg
     with pytest.raises(InputError, match=r"joint 7 has mass -0\.2 kg"):
-        PyBulletEngine(bare_arm, (less,))
+        SimulatedArm(bare_arm, (less,))
 
 
 @pytest.mark.parametrize("moments", ["0.4 0.05 0.05 0.02", "0.05 0.05 0.4 0.01"])
@@ -204,7 +204,7 @@ def test_inertia_that_pybullet_would_zero_is_kept(pendulum_urdf: Path, tmp_path:
     file.write_text(pendulum_urdf.read_text().replace(old, f'ixx="{ixx}" iyy="{iyy}" izz="{izz}" ixy="{ixy}"'))
     arm = NominalArm("odd", file, ("hinge",))
     body = RigidBody(arm)
-    with PyBulletEngine(arm) as engine:
+    with SimulatedArm(arm) as engine:
         for q, dq, torque, ddq in _accelerations(engine, np.random.default_rng(4), 5):
             np.testing.assert_allclose(body.inverse_dynamics(q[None], dq[None], ddq[None])[0], torque, atol=1e-9)
 
@@ -213,6 +213,6 @@ def test_columns_in_another_order_and_locked_joints(bare_arm: NominalArm) -> Non
     """Five of the seven joints, backwards: the others are locked and their mass stays."""
     arm = NominalArm("part", bare_arm.urdf, tuple(reversed(bare_arm.joints[:5])))
     body = RigidBody(arm)
-    with PyBulletEngine(arm) as engine:
+    with SimulatedArm(arm) as engine:
         for q, dq, torque, ddq in _accelerations(engine, np.random.default_rng(5), 10):
             np.testing.assert_allclose(body.inverse_dynamics(q[None], dq[None], ddq[None])[0], torque, atol=1e-9)

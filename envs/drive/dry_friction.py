@@ -7,6 +7,7 @@ of the present velocity it chatters about v = 0; here the velocity *after* the s
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg.lapack import dgesv
 
 TRIALS = 100
 """Changes of the set of sticking joints before the solver gives up."""
@@ -20,6 +21,10 @@ class DryFriction:
     W [kg m^2] is symmetric positive definite, so that the solution is unique; v [rad/s] is the velocity after the step,
     p [N m s] the friction's impulse. It is found by block principal pivoting on the set of sticking joints,
     starting from the set of the step before.
+
+    Attributes:
+        direction: sign of each joint's velocity in the last solution, 0 where it sticks, shape (n,).
+        sticks: which joints stuck in it, shape (n,).
     """
 
     def __init__(self, n_joints: int) -> None:
@@ -28,7 +33,8 @@ class DryFriction:
 
     def reset(self) -> None:
         """Forget the step before: all joints rest."""
-        self._direction: np.ndarray = np.zeros(len(self._identity))
+        self.direction: np.ndarray = np.zeros(len(self._identity))
+        self.sticks = np.ones(len(self._identity), dtype=bool)
 
     def solve(self, inertia: np.ndarray, momentum: np.ndarray, limit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Velocity v [rad/s] after the step and friction impulse p [N m s], each of shape (n,).
@@ -42,15 +48,16 @@ class DryFriction:
             ArithmeticError: no solution found, which a positive definite W rules out.
         """
         dry = limit > 0
-        direction: np.ndarray = self._direction
+        direction = self.direction
         for trial in range(TRIALS):
             stuck = dry & (direction == 0)
             known = direction * limit
             # unknowns: the velocity of moving joints, the impulse of stuck ones
-            x = np.linalg.solve(np.where(stuck, self._identity, inertia), momentum - known)
+            x = dgesv(np.where(stuck, self._identity, inertia), momentum - known)[2]
             wrong = np.where(stuck, np.abs(x) > limit, dry & (x * direction < 0))
             if not wrong.any():
-                self._direction = direction
+                self.sticks = stuck
+                self.direction = np.where(dry, direction, np.sign(x))
                 return np.where(stuck, 0.0, x), np.where(stuck, x, known)
             if trial >= BLOCK_TRIALS:
                 wrong = wrong & (np.cumsum(wrong) == 1)

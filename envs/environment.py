@@ -1,0 +1,254 @@
+"""The Gymnasium environment: a simulated arm with effects follows a reference motion."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.spaces import Box
+
+from arm.dynamics import RigidBody
+from arm.feedforward import KINDS as FEEDFORWARDS
+from arm.motions import draw_motion, workspace
+from arm.nearest import check_known
+from arm.nominal import NominalArm
+from arm.trajectory import Limits, Reference
+from effects.applied import AppliedEffect
+from effects.severity import ArmScale
+from envs.actions import control
+from envs.arguments import Effects, checked_motion, chosen_effects, chosen_robot, described, positive, whole
+from envs.course import Course, Timing
+from envs.divergence import explain
+from envs.observation import Layout
+from envs.plant import Plant
+from envs.randomisation import Randomisation, draw_effects
+from envs.rendering.screen import Screen
+from envs.reward import Reward
+
+NEAR_STOP = 1e-3
+"""A joint within this distance of its stop has come to it [rad]."""
+
+
+class ArmTracking(gymnasium.Env):
+    """An arm with effects, n joints, that is to follow a reference motion.
+
+    An action is a vector of n numbers in -1 .. 1, in parts of ``torque_scale`` [N m]. Observation: see
+    ``envs.observation.Layout``; reward: see ``envs.reward.Reward``. An episode is terminated when the arm diverges
+    (``info["divergence"]``) or a joint comes to its stop (``info["limit"]``), and truncated at its end.
+
+    Args:
+        robot: a name of ``arm.robots.KNOWN_ROBOTS``, a path of a URDF, or a nominal arm.
+        effects: what the simulated arm has beyond the nominal arm; records, or the path of a ``corrected.yaml``.
+        engine: name of the engine that steps the simulation.
+        sheet: data sheet of the nominal arm, as ``nominal:`` in a case; not with a nominal arm as ``robot``.
+        action: ``residual``: torque added to a low-gain PD with feedforward, which runs at every step of the
+            simulation; ``torque``: the commanded torque itself.
+        feedforward: ``none``, ``gravity`` or ``nominal``; with ``torque`` it is observed only.
+        motion: a name of ``arm.motions.MOTIONS``, ``random``, or a reference motion.
+        posture: about which motions are drawn [rad], shape (n,); limits: of motions drawn.
+        time_step: of the simulation [s]; sub_steps: steps of the simulation per action.
+        episode_length: [s], rounded up to whole actions.
+        look_ahead: how far ahead the reference is observed [s].
+        action_share: torque of an action of 1 over the rated torque; by default 0.2 for ``residual``, 1 for ``torque``.
+        bandwidth: of the PD loop [Hz].
+        reward: its tolerance and weights.
+        randomisation: effects to draw at each reset, beyond ``effects``.
+        debug: put what no controller would know into ``info``: true motion, torque, and the effects.
+        render_mode: ``rgb_array``, ``human`` or ``None``.
+
+    Raises:
+        InputError: an argument that cannot be used; says what to do.
+    """
+
+    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 50}  # noqa: RUF012 (Gymnasium's form)
+
+    def __init__(
+        self,
+        robot: str | Path | NominalArm = "kuka_iiwa",
+        *,
+        effects: Effects = None,
+        engine: str = "pybullet",
+        sheet: Mapping[str, Any] | None = None,
+        action: str = "residual",
+        feedforward: str = "nominal",
+        motion: str | Reference = "random",
+        posture: Sequence[float] | None = None,
+        limits: Limits | None = None,
+        time_step: float = 1e-3,
+        sub_steps: int = 20,
+        episode_length: float = 10.0,
+        look_ahead: Sequence[float] = (0.02, 0.1, 0.2),
+        action_share: float | None = None,
+        bandwidth: float = 2.0,
+        reward: Reward | None = None,
+        randomisation: Randomisation | None = None,
+        debug: bool = False,
+        render_mode: str | None = None,
+    ) -> None:
+        self.arm = chosen_robot(robot, sheet)
+        self.body = RigidBody(self.arm)
+        self._feedforward = check_known("feedforward", feedforward, FEEDFORWARDS, where="feedforward")
+        self._motion, self._randomisation = checked_motion(motion, self.arm.n_joints), randomisation
+        self._timing = Timing(
+            positive("time_step", time_step, "s"),
+            whole("sub_steps", sub_steps),
+            positive("episode_length", episode_length, "s"),
+            look_ahead,
+        )
+        self.layout = Layout(self.arm.n_joints, look_ahead)
+        self.space = workspace(self.body, limits, None if posture is None else np.asarray(posture, dtype=float))
+        share = None if action_share is None else positive("action_share", action_share, "1")
+        bandwidth = positive("bandwidth", bandwidth, "Hz")
+        self._control = control(self.arm, self.body, self.space, action, share, bandwidth)
+        self._given = chosen_effects(effects, self.arm)
+        self._plant = Plant(self.arm, engine, self._given, self._control, self._timing)
+        self._scale = ArmScale.of(self.arm)
+        self._reward, self._debug = reward or Reward(), debug
+        self._stops = _stops(self.body)
+        self._course: Course | None = None
+        self.render_mode = render_mode
+        self.metadata = self.metadata | {"render_fps": max(1, round(1 / self._timing.period))}
+        self._screen = None if render_mode is None else Screen(self.space.kinematics, render_mode, self._timing.period)
+        self.observation_space = self.layout.space
+        self.action_space = Box(-1.0, 1.0, (self.arm.n_joints,), dtype=np.float32)
+
+    @property
+    def torque_scale(self) -> np.ndarray:
+        """Torque that an action of 1 stands for [N m], shape (n,)."""
+        return self._control.scale
+
+    @property
+    def effects(self) -> tuple[AppliedEffect, ...]:
+        """Effects of this episode, drawn ones included."""
+        return self._plant.effects
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Draw a motion and effects, and put the arm at the motion's start.
+
+        ``options`` may hold ``motion``, ``effects`` and ``randomisation`` for this episode, as in the constructor. The
+        motion does not depend on whether effects are drawn.
+
+        Raises:
+            InputError: an option that cannot be used.
+        """
+        super().reset(seed=seed)
+        options = dict(options or {})
+        seeds = self.np_random.integers(2**63, size=2)
+        reference = checked_motion(options.pop("motion", self._motion), self.arm.n_joints)
+        effects = chosen_effects(options.pop("effects"), self.arm) if "effects" in options else self._given
+        randomisation = options.pop("randomisation", self._randomisation)
+        for name in options:
+            check_known("option", name, ("motion", "effects", "randomisation"), where="reset")
+        if randomisation is not None:
+            drawn = draw_effects(np.random.default_rng(seeds[1]), self.arm, randomisation, self._scale, effects)
+            effects = (*effects, *drawn)
+        if isinstance(reference, str):
+            length = self._timing.duration
+            reference = draw_motion(reference, np.random.default_rng(seeds[0]), self.space, length)
+        self._course = Course(self.arm, self.body, self._feedforward, reference, self._timing, self._control)
+        self._plant.reset(effects, self._course)
+        self._count = 0
+        self._action: np.ndarray = np.zeros(self.arm.n_joints)
+        if self._screen is not None:
+            self._screen.begin(self._title(), self._course.q)
+        self._show({})
+        return self._observation(), self._truth() if self._debug else {}
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Carry out an action in -1 .. 1, shape (n,); what exceeds these bounds is clipped.
+
+        Raises:
+            ResetNeeded: the episode has ended, or has not begun.
+        """
+        course = self._running
+        action = np.minimum(np.maximum(np.asarray(action, dtype=float), -1.0), 1.0)
+        done = self._plant.act(self._count, action)
+        self._count += 1
+        error = course.q[self._count] - self._plant.position
+        parts = self._reward(error, self._plant.load, action - self._action)
+        self._action = action
+        info: dict[str, Any] = {f"reward_{name}": value for name, value in parts._asdict().items()}
+        info["tracking_rms"] = math.sqrt(error @ error / len(error))
+        info |= self._endings(done)
+        if self._debug:
+            info |= self._truth()
+        terminated, truncated = "divergence" in info or "limit" in info, self._count >= self._timing.actions
+        observation = self._observation()
+        self._show(info)
+        if terminated or truncated:
+            self._course = None
+        return observation, parts.total, terminated, truncated, info
+
+    def render(self) -> np.ndarray | None:
+        """The picture of the episode so far, uint8, shape (height, width, 3), with ``rgb_array``; else nothing."""
+        return None if self._screen is None else self._screen.picture()
+
+    def close(self) -> None:
+        """Free the engine and close the window; a second call does nothing."""
+        self._plant.close()
+        if self._screen is not None:
+            self._screen.close()
+
+    def _observation(self) -> np.ndarray:
+        course, plant = self._running, self._plant
+        error = course.q[self._count] - plant.position
+        measured = (plant.position, plant.velocity, error, self._action)
+        return self.layout.assemble(measured, course.planned[self._count])
+
+    def _endings(self, done: int) -> dict[str, Any]:
+        """Why the episode ends early, if it does, after the steps of an action that were done."""
+        timing, simulated = self._timing, self._plant.simulated
+        if done < timing.sub_steps:
+            time = ((self._count - 1) * timing.sub_steps + done) * timing.dt
+            divergence = explain(
+                self.arm, self.body, self._control, timing.dt, time, self._plant.position, simulated.dq
+            )
+            return {"divergence": divergence.as_info()}
+        q, (lowest, highest) = simulated.q, self._stops
+        stopped = (q <= lowest) | (q >= highest)
+        if not stopped.any():
+            return {}
+        joint = int(stopped.argmax())
+        return {"limit": f"joint {joint + 1} ({self.arm.joints[joint]}) came to its stop at {q[joint]:.4g} rad"}
+
+    def _truth(self) -> dict[str, Any]:
+        """What no controller would know."""
+        simulated = self._plant.simulated
+        return {
+            "q_true": simulated.q.copy(),
+            "dq_true": simulated.dq.copy(),
+            "torque_commanded": self._plant.torque.copy(),
+            "torque_applied": simulated.applied.copy(),
+            "effects": [described(applied) for applied in self._plant.effects],
+        }
+
+    def _show(self, info: dict[str, Any]) -> None:
+        if self._screen is not None:
+            plant = self._plant
+            error = self._running.q[self._count] - plant.position
+            ending = info.get("limit") or info.get("divergence", {}).get("message", "").split("\n")[0]
+            self._screen.add(plant.simulated.q, error, plant.torque / self._control.rated, ending)
+
+    @property
+    def _running(self) -> Course:
+        if self._course is None:
+            raise ResetNeeded("the episode has ended or not begun: call reset() first")
+        return self._course
+
+    def _title(self) -> str:
+        names = ", ".join(applied.name.replace("_", " ") for applied in self._plant.effects)
+        return f"{self.arm.name}: {names or 'no effects'}"
+
+
+def _stops(body: RigidBody) -> tuple[np.ndarray, np.ndarray]:
+    """Positions at which a joint has come to its stop [rad], each (n,); infinite where there is none."""
+    lower, upper = body.position_limits()
+    none = lower >= upper
+    return np.where(none, -np.inf, lower + NEAR_STOP), np.where(none, np.inf, upper - NEAR_STOP)

@@ -1,0 +1,73 @@
+"""The observation: what a controller of the arm would know."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from gymnasium.spaces import Box
+
+from arm.errors import InputError
+
+FASTEST = 50.0
+"""Bound of observed velocities [rad/s]."""
+FURTHEST = 4 * np.pi
+"""Bound of observed positions and errors [rad]."""
+
+
+class Layout:
+    """Where each quantity stands in the observation, a vector of float32.
+
+    ============== =========== ===== ==================================================================
+    name           length      unit  quantity
+    ============== =========== ===== ==================================================================
+    position       n           rad   encoders, quantised as the data sheet says
+    velocity       n           rad/s estimate from them, a second-order low-pass differentiator
+    error          n           rad   reference minus encoders
+    action         n           1     the action before
+    reference      n           rad   position of the reference
+    reference_rate n           rad/s its velocity
+    look_ahead     n per time  rad   reference at later times minus reference now, first time first
+    feedforward    n           1     feedforward torque over the rated torque
+    ============== =========== ===== ==================================================================
+
+    What exceeds the bounds of the space is clipped.
+
+    Attributes:
+        slices: slice of each quantity, by name.
+        measured: slice of the first four, known only once the arm has moved.
+        planned: slice of the last four, known from the start.
+        space: the observation space.
+
+    Raises:
+        InputError: times to look ahead that are not above zero.
+    """
+
+    def __init__(self, n_joints: int, look_ahead: Sequence[float]) -> None:
+        if not all(time > 0 for time in look_ahead):
+            raise InputError(f"expected times above zero [s], got {list(look_ahead)}", where="look_ahead")
+        n = n_joints
+        lengths = {
+            "position": (n, FURTHEST),
+            "velocity": (n, FASTEST),
+            "error": (n, FURTHEST),
+            "action": (n, 1.0),
+            "reference": (n, FURTHEST),
+            "reference_rate": (n, FASTEST),
+            "look_ahead": (n * len(look_ahead), FURTHEST),
+            "feedforward": (n, 10.0),
+        }
+        ends = np.cumsum([length for length, _ in lengths.values()])
+        self.slices = {
+            name: slice(int(end) - length, int(end))
+            for (name, (length, _)), end in zip(lengths.items(), ends, strict=True)
+        }
+        self.measured, self.planned = slice(0, 4 * n), slice(4 * n, int(ends[-1]))
+        bound = np.repeat([b for _, b in lengths.values()], [length for length, _ in lengths.values()])
+        self._bound = bound.astype(np.float32)
+        self.space = Box(-self._bound, self._bound, dtype=np.float32)
+
+    def assemble(self, measured: tuple[np.ndarray, ...], planned: np.ndarray) -> np.ndarray:
+        """The observation from the four measured quantities, each (n,), and the planned ones in one row."""
+        row = np.concatenate([*measured, planned]).astype(np.float32)
+        return np.minimum(np.maximum(row, -self._bound), self._bound)

@@ -1,0 +1,1 @@
+"""Pictures of a tracked arm, drawn from its kinematics: alike on every engine, with and without a display."""

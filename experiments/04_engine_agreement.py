@@ -1,0 +1,82 @@
+"""How far the engines differ on the same case: RMSE between joint positions over 10 s of a tracked Fourier motion.
+
+One table with effects off and on, for steps of 1 ms and 0.5 ms, each engine against PyBullet; and PyBullet at these
+steps against itself at 0.125 ms, which is what the step size alone explains. The controller ticks at 1 kHz throughout.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from arm.dynamics import RigidBody
+from arm.feedforward import feedforward
+from arm.nominal import NominalArm
+from arm.trajectory import Fourier, urdf_limits
+from effects.applied import AppliedEffect
+from envs.engines import ENGINES, installed
+from envs.mystery import POSTURE, iiwa, position_controller
+from envs.simulated_arm import SimulatedArm
+
+DURATION, RATE = 10.0, 1000.0
+CASES: dict[str, tuple[AppliedEffect, ...]] = {
+    "none": (),
+    "Stribeck and load friction, joints 2 and 4": (
+        AppliedEffect("stribeck_friction", (2, 4), {"torque": [2.0, 1.5], "velocity": [0.1, 0.1]}),
+        AppliedEffect("load_friction", (2, 4), {"coefficient": [0.15, 0.1]}),
+    ),
+    "payload 2 kg, base tilt 3 deg": (
+        AppliedEffect("payload", (), {"mass": 2.0, "com": [0.03, -0.02, 0.08]}),
+        AppliedEffect("base_tilt", (), {"roll": 0.05, "pitch": -0.03}),
+    ),
+    "delay 8 ms and lag 10 ms, joints 1 and 4": (
+        AppliedEffect("actuator_delay", (1, 4), {"delay": [0.008, 0.008]}),
+        AppliedEffect("actuator_lag", (1, 4), {"time_constant": [0.01, 0.01]}),
+    ),
+    "elasticity 1e4 N m/rad, joint 2": (
+        AppliedEffect("joint_elasticity", (2,), {"stiffness": [1e4], "damping": [20.0]}),
+    ),
+    "backlash 0.3 deg, joint 4": (AppliedEffect("backlash", (4,), {"width": [0.005]}),),
+}
+
+
+def follow(
+    arm: NominalArm, effects: tuple[AppliedEffect, ...], engine: str, parts: int, duration: float = DURATION
+) -> np.ndarray:
+    """True positions [rad] at every tick of the controller, shape (N, n), with ``parts`` steps per tick."""
+    limits = urdf_limits(RigidBody(arm), 5.0)._replace(velocity=np.full(arm.n_joints, 1.2))
+    motion = Fourier.random(np.random.default_rng(1), limits, duration=DURATION, centre=POSTURE, frequency=0.15)
+    t = np.arange(0.0, duration, 1.0 / RATE)
+    q, dq, ddq = motion.position(t), motion.velocity(t), motion.acceleration(t)
+    torque = feedforward(arm, RigidBody(arm), "nominal", q, dq, ddq)
+    controller = position_controller(arm, POSTURE)
+    out = np.empty_like(q)
+    with SimulatedArm(arm, effects, 1.0 / RATE / parts, engine=engine) as simulated:
+        simulated.start(q[0], dq[0])
+        last = simulated.encoders()
+        for i in range(len(t)):
+            seen, out[i] = simulated.encoders(), simulated.q
+            velocity, last = (seen - last) * RATE, seen
+            simulated.step(torque[i] + controller.kp * (q[i] - seen) + controller.kd * (dq[i] - velocity), parts)
+    return out
+
+
+def rmse(first: np.ndarray, second: np.ndarray) -> float:
+    """Largest RMSE of a joint [rad]."""
+    return float(np.sqrt(np.mean((first - second) ** 2, axis=0)).max())
+
+
+def main() -> None:
+    """Print the table."""
+    arm = iiwa()
+    others = [name for name in ENGINES if name != "pybullet" and installed(name)]
+    print("largest RMSE of a joint [rad]".ljust(46), *(f"{name:>20}" for name in others), f"{'step size alone':>20}")
+    for label, effects in CASES.items():
+        fine = follow(arm, effects, "pybullet", 8)
+        for parts in (1, 2):
+            base = follow(arm, effects, "pybullet", parts)
+            row = [rmse(base, follow(arm, effects, name, parts)) for name in others] + [rmse(base, fine)]
+            print(f"{label:42} {1 / parts:3g}", *(f"{value:20.2e}" for value in row), flush=True)
+
+
+if __name__ == "__main__":
+    main()

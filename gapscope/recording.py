@@ -1,0 +1,102 @@
+"""A case from a simulated arm: files in, files out, with the truth beside it or sealed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from arm.case import load_case
+from arm.controller import Controller
+from arm.errors import InputError
+from arm.nearest import check_known
+from arm.nominal import NominalArm
+from arm.robots import load_nominal_arm
+from arm.writing import write_case
+from effects.corrected_file import read_corrected, write_corrected
+from envs.session import Plan, hidden_by_reading_back, record_case
+from gapscope.run import make_folder
+
+ENDINGS = ("csv", "parquet", "npz")
+"""Formats of the recordings."""
+CONTROLLERS = ("pd",)
+"""Controllers that the simulated arm may be under."""
+TRUTH = "truth.yaml"
+"""File with the effects of a recorded case."""
+
+
+def record_files(
+    robot: str,
+    effects: Path,
+    out: Path,
+    plan: Plan,
+    *,
+    controller: str = "pd",
+    seed: int | None = None,
+    ending: str = "csv",
+    sealed: Path | None = None,
+    progress: Callable[[str], None] = lambda message: None,
+) -> tuple[list[Path], str | None]:
+    """Record a simulated arm with effects as a case.
+
+    Args:
+        robot: a name or URDF; or a case, whose nominal arm and controller are taken.
+        effects: file of the form of ``corrected.yaml``.
+        out: folder of the case; must not hold one already.
+        plan: how to record.
+        controller: one of ``CONTROLLERS``.
+        seed: of motions and noise; by default another one each time. It is not written anywhere.
+        ending: one of ``ENDINGS``.
+        sealed: folder for the truth, outside the case; by default the truth lies in the case's folder.
+        progress: called with a few words at each step.
+
+    Returns:
+        The case file and the truth's file, and what the user should know about the torque recorded, or ``None``.
+
+    Raises:
+        InputError: an argument or file is at fault, or the case exists already.
+        GapscopeError: the arm became unstable, or something cannot be written.
+    """
+    check_known("format", ending, list(ENDINGS), where="format")
+    check_known("controller", controller, list(CONTROLLERS), where="controller")
+    truth = read_corrected(effects)
+    _check_places(effects, out, sealed)
+    arm, known = _arm(robot)
+    if sealed is not None:
+        make_folder(sealed)
+    case = record_case(
+        out.resolve().name, arm, truth, plan, np.random.default_rng(seed), controller=known, progress=progress
+    )
+    progress("writes the case")
+    file = write_case(case, out, ending=ending)
+    place = (sealed or out) / TRUTH
+    write_corrected(case.name, truth, place)
+    hidden = () if plan.torque_control else hidden_by_reading_back(truth)
+    note = (
+        f"{', '.join(hidden)}: torque that is read back behind the drive hardly shows this; --torque-control records "
+        "the torque commanded"
+    )
+    return [file, place], note if hidden else None
+
+
+def _check_places(effects: Path, out: Path, sealed: Path | None) -> None:
+    """Check, before any work, that the case can be made there and that a sealed truth stays out of it."""
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError("exists already", "choose a new folder with --out", file=out)
+    if sealed is None:
+        return
+    inside, folder = out.resolve(), sealed.resolve()
+    if folder == inside or inside in folder.parents:
+        raise InputError("lies in the case's folder, so the truth would not be sealed", "choose another", file=sealed)
+    if (sealed / TRUTH).exists() and (sealed / TRUTH).resolve() != effects.resolve():
+        raise InputError("exists already and would be lost", "choose another folder", file=sealed / TRUTH)
+
+
+def _arm(robot: str) -> tuple[NominalArm, Controller | None]:
+    """The nominal arm of a name or URDF; of a case, with its controller."""
+    path = Path(robot)
+    if path.suffix in (".yaml", ".yml") or path.is_dir():
+        case = load_case(path, read_recordings=False)
+        return case.arm, case.controller
+    return load_nominal_arm(robot), None

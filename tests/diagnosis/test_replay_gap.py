@@ -1,0 +1,84 @@
+"""The replay gap of a diagnosis: it shrinks with the effects found, and is null with a warning where it fails."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from arm.case import Case
+from diagnosis.findings import _known
+from diagnosis.replay_gap import MOST_TICKS, attempt, replay_gap
+from effects.applied import AppliedEffect
+from envs.mystery import iiwa
+from envs.session import Plan, record_case
+
+PAYLOAD = AppliedEffect("payload", (), {"mass": 3.0, "com": [0.0, 0.02, 0.06]})
+WRONG = AppliedEffect("payload", (), {"mass": 30.0, "com": [0.0, 0.02, 0.06]})
+
+
+@pytest.fixture(scope="module")
+def case() -> Case:
+    return record_case("loaded", iiwa(), (PAYLOAD,), Plan(recordings=2, duration=2.0), np.random.default_rng(1))
+
+
+def _judge(case: Case, judged: bool = False, start: float = 0.0) -> SimpleNamespace:
+    """What ``replay_gap`` asks of a judge: values fitted to all are right where some are set aside, else left out."""
+    times = [recording.t[recording.t >= start] for recording in case.recordings]
+    evidence = SimpleNamespace(
+        fit=lambda terms: SimpleNamespace(theta=PAYLOAD if judged else WRONG),
+        left_out=lambda terms: [WRONG, WRONG if judged else PAYLOAD],
+        terms=SimpleNamespace(clipped=lambda theta: theta, effects=lambda theta, terms: (theta,)),
+    )
+    folds = [[SimpleNamespace(motion=SimpleNamespace(t=t))] for t in times]
+    found = SimpleNamespace(evidence=evidence, fit=SimpleNamespace(terms=frozenset()))
+    return SimpleNamespace(judged=["some"] if judged else [], folds=folds, found=found)
+
+
+def test_the_effects_found_close_it(case: Case) -> None:
+    found = replay_gap(case, _judge(case))
+    assert found.warnings == () and found.before.shape == (7,)
+    assert found.after.max() < 1e-3 and found.after.mean() < 0.05 * found.before.mean()
+    assert _known(found.after) == found.after.tolist()
+
+
+def test_a_recording_set_aside_is_replayed_with_values_fitted_to_all_others(case: Case) -> None:
+    apart = replace(case, judged=case.recordings[:1])
+    found = replay_gap(apart, _judge(apart, judged=True))
+    assert found.after.mean() < 0.05 * found.before.mean()
+
+
+def test_a_block_of_a_recording_is_replayed_alone(case: Case) -> None:
+    whole, block = (replay_gap(case, _judge(case, start=start)) for start in (0.0, 1.0))
+    assert not np.allclose(whole.before, block.before)
+    assert block.after.mean() < 0.05 * block.before.mean()
+
+
+@pytest.mark.parametrize("unknown", ["controller", "reference"])
+def test_it_is_null_without_controller_or_reference(case: Case, unknown: str) -> None:
+    bare = tuple(replace(recording, q_ref=None) for recording in case.recordings)
+    less = replace(case, controller=None) if unknown == "controller" else replace(case, recordings=bare)
+    found = replay_gap(less, _judge(case))
+    assert found == (None, None, ()) and _known(found.before) is None
+
+
+def test_an_arm_that_runs_away_is_null_with_a_warning(case: Case) -> None:
+    assert case.controller is not None
+    gains = replace(case.controller, kp=np.full(7, 1e8))
+    found = replay_gap(replace(case, arm=replace(case.arm, torque_limit=None), controller=gains), _judge(case))
+    assert found.before is None and found.after is None
+    assert ["nominal arm" in found.warnings[0], "corrected arm" in found.warnings[1]] == [True, True]
+    assert all("ran away" in warning for warning in found.warnings)
+
+
+def test_an_effect_that_cannot_be_simulated_is_explained(case: Case) -> None:
+    lighter = AppliedEffect("armature", (1,), {"inertia": [-0.9]})
+    found, why = attempt(case, (lighter,), case.recordings[0])
+    assert found is None and why is not None and "armature" in why
+
+
+def test_time_is_bounded(case: Case) -> None:
+    """Only so many ticks of the controller are replayed: a fast controller sees a shorter part."""
+    assert case.controller is not None
+    fast = replace(case, controller=replace(case.controller, rate=MOST_TICKS / 0.5))
+    assert "0.5 s" in replay_gap(fast, _judge(case)).warnings[0]

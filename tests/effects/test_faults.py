@@ -1,0 +1,75 @@
+"""Setup faults made in recordings."""
+
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+
+from arm.errors import InputError
+from arm.recording import Recording
+from effects.faults import FAULTS, Fault, JointSwap, ShiftedInertials, SignFlip, TimeStamps, UnitMismatch, parameters
+
+
+@pytest.fixture
+def recording() -> Recording:
+    t = np.arange(0.0, 2.0, 0.004)
+    q = np.sin(np.outer(t, [1.0, 2.0, 3.0]))
+    return Recording("r", t, q, 10 * q + [1.0, 2.0, 3.0], dq=np.gradient(q, t, axis=0), q_ref=q)
+
+
+def _apply(fault: Fault, recording: Recording) -> Recording:
+    return fault.apply(recording, np.random.default_rng(0))
+
+
+def test_sign_flip(recording: Recording) -> None:
+    flipped = _apply(SignFlip((2,), "joint"), recording)
+    for channel in ("q", "dq", "tau", "q_ref"):
+        np.testing.assert_array_equal(getattr(flipped, channel), getattr(recording, channel) * [1, -1, 1])
+    np.testing.assert_array_equal(_apply(SignFlip((2,)), recording).q, recording.q)
+
+
+def test_joint_swap(recording: Recording) -> None:
+    np.testing.assert_array_equal(_apply(JointSwap((1, 3)), recording).tau, recording.tau[:, [2, 1, 0]])
+    np.testing.assert_array_equal(_apply(JointSwap((1, 3), "joint"), recording).q, recording.q[:, [2, 1, 0]])
+
+
+def test_units(recording: Recording) -> None:
+    np.testing.assert_allclose(_apply(UnitMismatch("degrees"), recording).q, np.rad2deg(recording.q))
+    assert _apply(UnitMismatch("milliseconds"), recording).t[-1] == pytest.approx(1996.0)
+    motor = _apply(UnitMismatch("motor_side", (2,), 50.0), recording)
+    np.testing.assert_allclose(motor.q, recording.q * [1, 50, 1])
+    np.testing.assert_allclose(motor.tau, recording.tau / [1, 50, 1])
+
+
+def test_time_stamps(recording: Recording) -> None:
+    assert _apply(TimeStamps("wrong_rate", 0.5), recording).rate == pytest.approx(500.0)
+    jitter = np.diff(_apply(TimeStamps("jitter", 0.2), recording).t)
+    assert jitter.min() > 0 and jitter.std() > 0.0005
+    gaps = np.diff(_apply(TimeStamps("gaps", 0.1), recording).t)
+    assert gaps.max() > 0.05
+    twice = _apply(TimeStamps("repeats", 0.05), recording)
+    assert (np.diff(twice.q, axis=0) == 0).all(axis=1).sum() == 25
+    np.testing.assert_array_equal(twice.t, recording.t)
+
+
+def test_shifted_inertials() -> None:
+    links = "".join(f'<link name="l{i}"><inertial><mass value="{i}"/></inertial></link>' for i in range(1, 4))
+    text = ShiftedInertials().urdf(f'<robot name="r"><link name="base"/>{links}</robot>')
+    masses = {link.get("name"): link.find("inertial/mass") for link in ET.fromstring(text).iter("link")}
+    values = {name: mass.get("value") for name, mass in masses.items() if mass is not None}
+    assert values == {"l1": "3", "l2": "1", "l3": "2"}
+
+
+@pytest.mark.parametrize(
+    "fault", [SignFlip((9,)), JointSwap((0, 1)), UnitMismatch("inches"), TimeStamps("lost", 0.1), SignFlip((1,), "tau")]
+)
+def test_what_cannot_be_is_refused(recording: Recording, fault: Fault) -> None:
+    with pytest.raises(InputError) as caught:
+        _apply(fault, recording)
+    assert caught.value.remedy and caught.value.where == fault.name
+
+
+def test_names_and_labels() -> None:
+    assert set(FAULTS) == {"sign_flip", "joint_swap", "unit_mismatch", "shifted_inertials", "time_stamps"}
+    assert parameters(SignFlip((3,))) == {"joints": (3,), "channel": "torque"}
+    assert all(fault.scope in ("joint", "arm") and fault.looks_like for fault in FAULTS.values())

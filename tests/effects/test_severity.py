@@ -1,0 +1,33 @@
+"""Severities drawn at random."""
+
+import numpy as np
+import pytest
+
+from arm.robots import load_nominal_arm
+from effects.catalogue import CATALOGUE
+from effects.severity import ArmScale, draw, possible
+
+
+@pytest.fixture(scope="module", params=["kuka_iiwa", "franka_panda", "xarm6"])
+def arm(request: pytest.FixtureRequest):
+    return load_nominal_arm(request.param)
+
+
+def test_every_effect_is_drawn_within_its_bounds_and_from_the_seed_alone(arm) -> None:
+    scale = ArmScale.of(arm)
+    for name in CATALOGUE:
+        first, second = ([draw(name, np.random.default_rng(seed), scale) for seed in range(20)] for _ in range(2))
+        for one, other in zip(first, second, strict=True):
+            assert one.joints == other.joints and len(one.joints) <= 2
+            for key in one.parameters:
+                np.testing.assert_array_equal(one.parameters[key], other.parameters[key])
+        key = "mass" if "mass" in first[0].parameters else CATALOGUE[name].names[0]
+        assert len({np.atleast_1d(one.parameters[key]).tolist()[0] for one in first}) > 3
+
+
+def test_joints_may_be_chosen(arm) -> None:
+    assert draw("backlash", np.random.default_rng(0), ArmScale.of(arm), joints=(5, 2)).joints == (2, 5)
+
+
+def test_a_motor_of_its_own_needs_rotors(arm) -> None:
+    assert set(CATALOGUE) - set(possible(arm)) == {"joint_elasticity", "backlash"}

@@ -1,0 +1,156 @@
+"""The engines against inverse dynamics, against each other, and against the conservation of energy."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from arm.dynamics import RigidBody
+from arm.errors import InputError
+from arm.feedforward import feedforward
+from arm.nominal import NominalArm
+from arm.robots import load_nominal_arm
+from arm.trajectory import Fourier, urdf_limits
+from effects.applied import AppliedEffect
+from envs.engines import ENGINES, make_engine
+from envs.mystery import POSTURE, position_controller
+from envs.simulated_arm import SimulatedArm
+
+EFFECTS = (
+    AppliedEffect("stribeck_friction", (2, 4), {"torque": [2.0, 1.5], "velocity": [0.1, 0.1]}),
+    AppliedEffect("load_friction", (3,), {"coefficient": [0.15]}),
+    AppliedEffect("payload", (), {"mass": 2.0, "com": [0.03, -0.02, 0.08]}),
+    AppliedEffect("actuator_delay", (1, 4), {"delay": [0.0083, 0.002]}),
+    AppliedEffect("base_tilt", (), {"roll": 0.04, "pitch": -0.03}),
+)
+
+
+@pytest.mark.parametrize("robot", ["kuka_iiwa", "franka_panda", "xarm6"])
+@pytest.mark.parametrize("engine", ENGINES)
+def test_without_effects_it_is_pinocchios_inverse_dynamics(engines, engine: str, robot: str) -> None:
+    """Torque to acceleration and back, relative to the torque: 1e-8."""
+    arm = load_nominal_arm(robot)
+    arm = replace(arm, coulomb=np.zeros(arm.n_joints), viscous=np.zeros(arm.n_joints))
+    body, rng = RigidBody(arm), np.random.default_rng(1)
+    low, high = (np.clip(limit, -2.0, 2.0) for limit in body.position_limits())
+    with SimulatedArm(arm, engine=engines(engine)) as simulated:
+        for _ in range(30):
+            q = low + rng.uniform(0.1, 0.9, arm.n_joints) * (high - low)
+            dq, wanted = rng.uniform(-2, 2, arm.n_joints), rng.uniform(-50, 50, arm.n_joints)
+            torque = body.inverse_dynamics(q[None], dq[None], wanted[None])[0]
+            simulated.reset(q, dq)
+            simulated.step(torque)
+            ddq = (simulated.dq - dq) / simulated.dt
+            needed = body.inverse_dynamics(q[None], dq[None], ddq[None])[0]
+            assert np.abs(needed - torque).max() < 1e-8 * np.abs(torque).max()
+
+
+def _follow(
+    arm: NominalArm, effects: tuple[AppliedEffect, ...], engine: str, parts: int, duration: float
+) -> np.ndarray:
+    limits = urdf_limits(RigidBody(arm), 5.0)._replace(velocity=np.full(arm.n_joints, 1.2))
+    motion = Fourier.random(np.random.default_rng(1), limits, duration=duration, centre=POSTURE, frequency=0.3)
+    t = np.arange(0.0, duration, 1e-3)
+    q, dq, ddq = motion.position(t), motion.velocity(t), motion.acceleration(t)
+    torque = feedforward(arm, RigidBody(arm), "nominal", q, dq, ddq)
+    controller = position_controller(arm, POSTURE)
+    out = np.empty_like(q)
+    with SimulatedArm(arm, effects, 1e-3 / parts, engine=engine) as simulated:
+        simulated.start(q[0], dq[0])
+        for i in range(len(t)):
+            out[i] = simulated.encoders()
+            pd = controller.kp * (q[i] - out[i]) + controller.kd * (dq[i] - simulated.dq)
+            simulated.step(torque[i] + pd, parts)
+    return out
+
+
+@pytest.mark.parametrize("effects", [(), EFFECTS], ids=["off", "on"])
+@pytest.mark.parametrize("engine", ["mujoco", "dart"])
+def test_same_case_gives_the_same_motion(
+    engines, data_sheet_arm: NominalArm, engine: str, effects: tuple[AppliedEffect, ...]
+) -> None:
+    """Joint RMSE against PyBullet far below the 1e-3 rad that a step of 1 ms might excuse."""
+    first, second = (_follow(data_sheet_arm, effects, name, 1, 3.0) for name in ("pybullet", engines(engine)))
+    assert np.sqrt(np.mean((first - second) ** 2, axis=0)).max() < 1e-6
+
+
+def test_error_halves_with_the_step(data_sheet_arm: NominalArm) -> None:
+    fine = _follow(data_sheet_arm, EFFECTS, "pybullet", 8, 2.0)
+    coarse, half = (_follow(data_sheet_arm, EFFECTS, "pybullet", parts, 2.0) for parts in (1, 2))
+    errors = [np.sqrt(np.mean((x - fine) ** 2)) for x in (coarse, half)]
+    assert errors[0] < 1e-3 and errors[1] < 0.65 * errors[0]
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_free_swing_keeps_its_energy(engines, bare_arm: NominalArm, tmp_path, engine: str) -> None:
+    """Hanging, 2 s: drift of the total energy over the greatest kinetic one; of first order in the step."""
+    free = tmp_path / "free.urdf"  # without limits: the wrist swings past them
+    free.write_text(bare_arm.urdf.read_text().replace('type="revolute"', 'type="continuous"'))
+    hanging = replace(bare_arm, urdf=free, gravity=np.array([0.0, 0.0, 9.81]))
+    drift = []
+    for dt in (1e-3, 5e-4):
+        with SimulatedArm(hanging, (), dt, engine=engines(engine)) as simulated:
+            simulated.reset(np.array([0.15, 0.2, 0.1, -0.25, 0.05, 0.2, 0.0]))
+            model = simulated.body.model
+            data = model.createData()
+            kinetic, total = [], []
+            for _ in range(round(2.0 / dt)):
+                kinetic.append(pin.computeKineticEnergy(model, data, simulated.q, simulated.dq))
+                total.append(kinetic[-1] + pin.computePotentialEnergy(model, data, simulated.q))
+                simulated.step(np.zeros(7))
+        drift.append(np.ptp(total) / max(kinetic))
+    assert drift[0] < 0.02 and drift[1] < 0.6 * drift[0]
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("friction", [0.0, 1.0])
+def test_joint_limits_hold_under_gravity(engines, bare_arm: NominalArm, engine: str, friction: float) -> None:
+    arm = replace(bare_arm, coulomb=np.full(7, friction), viscous=np.full(7, 0.2))
+    _, upper = RigidBody(arm).position_limits()
+    with SimulatedArm(arm, engine=engines(engine)) as simulated:
+        simulated.reset(np.array([0.0, 0.4, 0.0, 0.3, 0.0, 0.3, 0.0]))
+        beyond = 0.0
+        for _ in range(300):
+            simulated.step(np.zeros(7), 10)
+            beyond = max(beyond, float((np.abs(simulated.q) - upper).max()))
+    assert -0.01 < beyond < 0.03
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_holding_a_torque_is_repeating_it(engines, data_sheet_arm: NominalArm, engine: str) -> None:
+    torque = np.array([5.0, -40.0, 3.0, 20.0, 1.0, 1.0, 0.5])
+    states = []
+    for count in (1, 40):
+        with SimulatedArm(data_sheet_arm, EFFECTS, engine=engines(engine)) as simulated:
+            simulated.reset(POSTURE)
+            for _ in range(40 // count):
+                simulated.step(torque, count)
+            states.append(simulated.q)
+    np.testing.assert_allclose(states[0], states[1], atol=1e-11)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_an_arm_that_diverges_is_seen_to_do_so(
+    engines, bare_arm: NominalArm, engine: str, tmp_path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No engine puts it back where it started, and none writes a file about it."""
+    monkeypatch.chdir(tmp_path)
+    with SimulatedArm(bare_arm, engine=engines(engine)) as simulated:
+        for _ in range(20):
+            simulated.step(np.full(7, 1e6), 10)
+        assert not np.abs(simulated.dq).max() < 50
+    assert not list(tmp_path.iterdir())
+
+
+def test_unknown_engine() -> None:
+    with pytest.raises(InputError, match="unknown engine 'bullet'") as caught:
+        make_engine("bullet", (), np.zeros(3), 1e-3)
+    assert "pybullet" in caught.value.remedy
+
+
+def test_engine_that_is_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("envs.engines.installed", lambda name: False)
+    with pytest.raises(InputError, match="not installed") as caught:
+        make_engine("mujoco", (), np.zeros(3), 1e-3)
+    assert "gapscope[mujoco]" in caught.value.remedy

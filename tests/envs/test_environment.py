@@ -1,0 +1,323 @@
+"""The environment: Gymnasium's contract, tracking, effects, rewards, endings and bad arguments."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+gym = pytest.importorskip("gymnasium", reason="the environment needs gymnasium, a dependency of the package")
+
+import gapscope  # noqa: E402, F401 (registers the environment)
+from arm.errors import InputError  # noqa: E402
+from arm.motions import MOTIONS  # noqa: E402
+from arm.nominal import NominalArm  # noqa: E402
+from arm.point_to_point import PointToPoint  # noqa: E402
+from arm.robots import KNOWN_ROBOTS  # noqa: E402
+from effects.applied import AppliedEffect  # noqa: E402
+from effects.corrected_file import write_corrected  # noqa: E402
+from envs.actions import Gains  # noqa: E402
+from envs.divergence import longest_step  # noqa: E402
+from envs.engines import installed  # noqa: E402
+from envs.environment import ArmTracking  # noqa: E402
+from envs.reward import Reward  # noqa: E402
+
+NAME = "gapscope/ArmTracking-v0"
+ROOT = Path(__file__).parents[2]
+SHORT = {"episode_length": 0.4, "motion": "fourier"}
+COULOMB = AppliedEffect("coulomb_friction", (1, 4), {"torque": [3.0, 2.0]})
+
+
+def rollout(held: np.ndarray | None = None, seed: int = 0, **options: object) -> tuple[np.ndarray, np.ndarray, dict]:
+    """Observations, rewards, and the last info of one episode with a constant action, zero by default."""
+    env = gym.make(NAME, **options)
+    held = np.zeros(env.action_space.shape, np.float32) if held is None else held
+    observations, rewards, over = [env.reset(seed=seed)[0]], [], False
+    while not over:
+        observation, reward, terminated, truncated, info = env.step(held)
+        observations.append(observation)
+        rewards.append(reward)
+        over = terminated or truncated
+    env.close()
+    return np.array(observations), np.array(rewards), info | {"terminated": terminated}
+
+
+def errors(observations: np.ndarray, n: int = 7) -> np.ndarray:
+    return observations[:, 2 * n : 3 * n]
+
+
+@pytest.mark.parametrize("options", [{}, {"action": "torque"}, {"effects": (COULOMB,), "debug": True}])
+def test_gymnasium_checker_passes(options: dict, recwarn: pytest.WarningsRecorder) -> None:
+    from gymnasium.utils.env_checker import check_env
+
+    check_env(gym.make(NAME, **SHORT, **options).unwrapped)
+    assert [str(w.message) for w in recwarn if "gymnasium" in str(w.filename)] == []
+
+
+def test_stable_baselines_checker_and_vector_environment() -> None:
+    checker = pytest.importorskip("stable_baselines3.common.env_checker", reason="needs the extra learn")
+    from stable_baselines3.common.vec_env import DummyVecEnv
+
+    checker.check_env(gym.make(NAME, **SHORT))
+    vector = DummyVecEnv([lambda: gym.make(NAME, **SHORT)] * 2)
+    vector.reset()
+    for _ in range(25):
+        observation, _, done, info = vector.step(np.zeros((2, 7), np.float32))
+        if done.any():
+            assert "terminal_observation" in info[0]
+    assert observation.shape == (2, 70)
+    vector.close()
+
+
+@pytest.mark.parametrize("mode", ["sync", "async"])
+def test_eight_environments_in_vector_form(mode: str) -> None:
+    vector = gym.make_vec(NAME, num_envs=8, vectorization_mode=mode, **SHORT)
+    observation, _ = vector.reset(seed=0)
+    for _ in range(25):
+        after, reward, _, _, info = vector.step(np.zeros((8, 7), np.float32))
+    assert after.shape == (8, 70) and reward.shape == (8,) and info["reward_tracking"].shape == (8,)
+    assert len({row.tobytes() for row in observation}) == 8
+    vector.close()
+
+
+@pytest.mark.parametrize(
+    "code", ["import gapscope, gymnasium as gym; name = ''", "import gymnasium as gym; name = 'gapscope:'"]
+)
+def test_made_by_name_with_and_without_an_import(code: str) -> None:
+    code += f"\nenv = gym.make(name + {NAME!r}, episode_length=0.1); env.reset(); print(env.spec.id)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip().endswith(NAME)
+
+
+def test_import_is_light_and_works_without_gymnasium() -> None:
+    code = "import sys; sys.modules['gymnasium'] = None; import importlib.util as u; found = u.find_spec\n"
+    code += "u.find_spec = lambda name, *rest: None if name == 'gymnasium' else found(name, *rest)\n"
+    code += "import gapscope; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    assert not {"pybullet", "pinocchio", "PIL", "scipy", "torch"} & set(done.stdout.split())
+
+
+@pytest.mark.parametrize("action", ["residual", "torque"])
+def test_same_seed_same_episode_bit_by_bit(action: str) -> None:
+    options = {"action": action, "effects": (COULOMB,), "episode_length": 0.6}
+    first, second, other = (rollout(seed=seed, **options) for seed in (4, 4, 5))
+    np.testing.assert_array_equal(first[0], second[0])
+    np.testing.assert_array_equal(first[1], second[1])
+    assert not np.array_equal(first[0], other[0])
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("robot", KNOWN_ROBOTS)
+def test_pd_with_nominal_feedforward_tracks(robot: str, motion: str) -> None:
+    """Without effects and with zero action the arm keeps within 3 mrad of every motion."""
+    observations, rewards, info = rollout(robot=robot, motion=motion, episode_length=2.0, engine="pybullet")
+    assert np.abs(errors(observations, 6 if robot == "xarm6" else 7)).max() < 3e-3
+    assert rewards.min() > 0.9 and not info["terminated"]
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "dart"])
+def test_engines_agree(engine: str) -> None:
+    if not installed(engine):
+        pytest.skip(f"the engine {engine} is not installed")
+    options = {"motion": "fourier", "episode_length": 2.0, "effects": (COULOMB,)}
+    first, second = (rollout(engine=name, **options)[0][:, :7] for name in ("pybullet", engine))
+    assert np.sqrt(np.mean((first - second) ** 2)) < 1e-3
+
+
+MJCF = """<mujoco model="two_rods"><compiler angle="radian"/>
+<default><joint damping="0.3" armature="0.1" frictionloss="0.2"/></default>
+<worldbody><body name="upper"><inertial pos="0 0 0.2" mass="2" diaginertia="0.1 0.1 0.02"/>
+<joint name="shoulder" axis="0 1 0" range="-2 2"/><body name="lower" pos="0 0 0.4">
+<inertial pos="0 0 0.15" mass="1" diaginertia="0.05 0.05 0.01"/><joint name="elbow" axis="0 1 0"/>
+</body></body></worldbody></mujoco>"""
+
+
+def test_an_arm_from_an_mjcf_file(tmp_path: Path) -> None:
+    """Friction and rotors come with it, and it tracks as an arm from a URDF does."""
+    (tmp_path / "arm.xml").write_text(MJCF)
+    env = ArmTracking(tmp_path / "arm.xml")
+    assert env.arm.joints == ("shoulder", "elbow") and env.arm.name == "two_rods"
+    for values, expected in ((env.arm.armature, 0.1), (env.arm.coulomb, 0.2), (env.arm.viscous, 0.3)):
+        np.testing.assert_allclose(values, expected)
+    env.close()
+    observations, _, info = rollout(robot=tmp_path / "arm.xml", episode_length=2.0)
+    assert np.abs(errors(observations, 2)).max() < 3e-3 and not info["terminated"]
+
+
+EFFECTS = [
+    COULOMB,
+    AppliedEffect("payload", (), {"mass": 3.0, "com": [0.0, 0.0, 0.1]}),
+    AppliedEffect("torque_scale", (2, 4), {"scale": [-0.2, 0.15]}),
+    AppliedEffect("actuator_delay", (1, 4), {"delay": 0.02}),
+]
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)
+def test_effects_change_the_outcome(effect: AppliedEffect, tmp_path: Path) -> None:
+    """An effect makes tracking worse, and is the same from records as from a corrected.yaml."""
+    write_corrected("test", (effect,), tmp_path / "corrected.yaml")
+    options = {"motion": "fourier", "episode_length": 2.0}
+    clean, given, read = (
+        rollout(effects=effects, **options) for effects in (None, (effect,), tmp_path / "corrected.yaml")
+    )
+    assert np.abs(errors(given[0])).max() > 1.5 * np.abs(errors(clean[0])).max()
+    np.testing.assert_array_equal(given[0], read[0])
+
+
+def test_dry_friction_sticks_without_chatter() -> None:
+    """Pushed off its posture and let go, the arm comes to rest away from it, and for good."""
+    posture = np.array([0.0, 0.73, 0.0, -1.62, 0.0, 0.57, 0.0])
+    friction = AppliedEffect("coulomb_friction", tuple(range(1, 8)), {"torque": 2.0})
+    stand = PointToPoint(posture, posture, 1.0)
+    env = gym.make(NAME, effects=(friction,), motion=stand, feedforward="gravity", episode_length=4.0, debug=True)
+    env.reset(seed=0)
+    speeds = []
+    for step in range(200):
+        push = np.array([0.0, 0.2, 0.0, 0.2, 0.0, 0.0, 0.0], np.float32) * (step < 25)
+        info = env.step(push)[4]
+        speeds.append(np.abs(info["dq_true"]).max())
+    assert max(speeds[:25]) > 0.1 and max(speeds[150:]) < 1e-9
+    assert np.abs(info["q_true"] - posture).max() > 1e-3
+    env.close()
+
+
+def test_reward_by_hand() -> None:
+    """Errors of one tolerance on both joints give 1/2; half the rated torque 0.1 / 4; a jump of one 0.05."""
+    parts = Reward()(np.array([0.01, -0.01]), 0.25, np.array([1.0, 1.0]))
+    assert parts == pytest.approx((0.5, -0.025, -0.05))
+    assert parts.total == pytest.approx(0.425)
+
+
+def test_info_holds_the_parts_and_the_truth_only_for_debugging() -> None:
+    for debug in (False, True):
+        env = gym.make(NAME, debug=debug, effects=(COULOMB,), action="torque", **SHORT)
+        _, start = env.reset(seed=0)
+        _, reward, _, _, info = env.step(np.full(7, 0.1, np.float32))
+        parts = [info[f"reward_{part}"] for part in ("tracking", "effort", "smoothness")]
+        assert reward == pytest.approx(sum(parts)) and info["tracking_rms"] > 0
+        assert parts[1] == pytest.approx(-0.1 * 0.01) and parts[2] == pytest.approx(-0.05 * 0.01)
+        assert ("torque_applied" in info) == ("q_true" in info) == ("effects" in start) == debug
+        env.close()
+    np.testing.assert_allclose(info["torque_commanded"], 30.0, rtol=1e-6)
+    np.testing.assert_allclose(info["torque_applied"], 30.0, rtol=1e-6)
+
+
+def test_observation_holds_what_its_layout_says() -> None:
+    env = gym.make(NAME, motion="fourier", effects=None, look_ahead=(0.02, 0.1), action_share=0.05).unwrapped
+    observation, _ = env.reset(seed=1)
+    rows = [observation]
+    for _ in range(100):
+        rows.append(env.step(np.full(7, 0.5, np.float32))[0])
+    part = {name: np.array(rows, dtype=float)[:, where] for name, where in env.layout.slices.items()}
+    np.testing.assert_allclose(part["error"], part["reference"] - part["position"], atol=1e-6)
+    np.testing.assert_allclose(part["look_ahead"][:-1, :7], np.diff(part["reference"], axis=0), atol=1e-6)
+    np.testing.assert_allclose(part["look_ahead"][:-5, 7:], part["reference"][5:] - part["reference"][:-5], atol=1e-6)
+    np.testing.assert_array_equal(part["action"], [[0.0] * 7] + [[0.5] * 7] * 100)
+    slope = (part["position"][2:] - part["position"][:-2]) / 0.04
+    late = 0.5 * (part["velocity"][1:-1] + part["velocity"][2:])[20:]  # the estimate lags by about 4 ms
+    np.testing.assert_allclose(late, slope[20:], atol=0.08)
+    assert np.abs(part["feedforward"]).max() > 0.01
+    env.close()
+
+
+def test_a_motion_of_ones_own_and_options_for_one_episode() -> None:
+    to = PointToPoint(np.zeros(7), np.full(7, 0.3), 0.3)
+    env = gym.make(NAME, motion=to, episode_length=0.4)
+    where = env.unwrapped.layout.slices["reference"]
+    np.testing.assert_allclose(env.reset(seed=0)[0][where], 0.0)
+    start, _ = env.reset(options={"motion": PointToPoint(np.full(7, 0.1), np.zeros(7), 0.3), "effects": (COULOMB,)})
+    np.testing.assert_allclose(start[where], 0.1, atol=1e-7)
+    assert env.unwrapped.effects == (COULOMB,)
+    env.reset()
+    assert env.unwrapped.effects == ()
+    with pytest.raises(InputError, match="did you mean 'motion'"):
+        env.reset(options={"motions": to})
+    env.close()
+
+
+def test_divergence_is_noticed_at_once_and_explained(pendulum_urdf: Path) -> None:
+    """Too large a step; no torque limit and no damping."""
+    _, _, info = rollout(bandwidth=200.0, **SHORT)
+    assert info["terminated"] and "time_step below" in info["divergence"]["message"]
+    push = np.ones(1, np.float32)
+    _, rewards, info = rollout(push, robot=pendulum_urdf, action="torque", motion="fourier", action_share=100.0)
+    message = info["divergence"]["message"]
+    assert info["terminated"] and info["divergence"]["joint"] == 1
+    assert "no torque limit" in message and "no damping" in message and np.isfinite(rewards).all()
+    assert info["divergence"]["speed"] > 50.0 and info["divergence"]["time"] < 0.05
+
+
+def test_longest_stable_step_by_hand(pendulum) -> None:
+    """One joint: dt^2 w^2 + 2 dt c = 4 with w^2 = kp / M, c = kd / M."""
+    arm: NominalArm = pendulum()
+    gains = Gains(np.array([400.0]), np.array([8.0]))
+    mass = np.array([[0.55]])
+    w2, c = 400.0 / 0.55, 8.0 / 0.55
+    expected = (-c + np.sqrt(c**2 + 4 * w2)) / w2
+    assert longest_step(mass, arm, gains, 0.99 * expected) is None
+    assert longest_step(mass, arm, gains, 10 * expected) == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_joint_at_its_stop_ends_the_episode() -> None:
+    _, _, info = rollout(action="torque", motion="fourier")
+    assert info["terminated"] and "came to its stop" in info["limit"]
+
+
+def test_stepping_on_after_the_end_is_refused() -> None:
+    env = ArmTracking(episode_length=0.02)
+    for _ in range(2):
+        with pytest.raises(gym.error.ResetNeeded):
+            env.step(np.zeros(7))
+        env.reset(seed=0)
+        assert env.step(np.zeros(7))[3]
+    env.close()
+
+
+STRAY = AppliedEffect("coulomb_friction", (9,), {"torque": [1.0]})
+BAD = [
+    ({"robot": "kuka_iwa"}, "did you mean 'kuka_iiwa'"),
+    ({"engine": "pybulet"}, "pybullet"),
+    ({"effects": (STRAY,)}, "joint 9 of an arm with 7 joints(?s:.)*joints count from 1"),
+    ({"effects": ("coulomb_friction",)}, "give AppliedEffect"),
+    ({"effects": "missing.yaml"}, "missing.yaml"),
+    ({"action": "torqe"}, "did you mean 'torque'"),
+    ({"feedforward": "full"}, "nominal"),
+    ({"motion": "weld"}, "did you mean 'weld_seam'"),
+    ({"motion": 3}, "is no motion"),
+    ({"motion": PointToPoint(np.zeros(3), np.ones(3), 1.0)}, r"shape \(1, 3\)"),
+    ({"posture": [0.0] * 6}, "expected 7 numbers"),
+    ({"posture": [9.0] * 7}, "outside its limits"),
+    ({"episode_length": -1.0}, "episode_length: expected a number above zero"),
+    ({"time_step": 0.0}, "time_step"),
+    ({"time_step": float("nan")}, "time_step"),
+    ({"sub_steps": 2.5}, "sub_steps: expected a whole number"),
+    ({"look_ahead": [-0.1]}, "look_ahead"),
+    ({"bandwidth": 0}, "bandwidth"),
+    ({"action_share": -1}, "action_share"),
+    ({"render_mode": "ascii"}, "rgb_array"),
+    ({"sheet": {"torque_limit": [1.0]}}, "expected 7 numbers"),
+]
+
+
+@pytest.mark.parametrize(("options", "message"), BAD, ids=lambda value: str(value)[:40])
+def test_bad_arguments_are_refused_with_what_to_do(options: dict, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        ArmTracking(**options)
+
+
+def test_bad_rewards_are_refused() -> None:
+    for options in ({"tolerance": 0.0}, {"effort": -1.0}):
+        with pytest.raises(InputError, match="above zero"):
+            Reward(**options)
+    Reward(effort=0, smoothness=0.0)
+
+
+def test_the_example_of_the_documentation_runs(capsys: pytest.CaptureFixture) -> None:
+    text = (ROOT / "docs/environment.md").read_text(encoding="utf-8")
+    example = text.split("```python\n")[1].split("```")[0]
+    assert len(example.strip().splitlines()) <= 20
+    exec(compile(example, "docs/environment.md", "exec"), {})
+    assert "mrad" in capsys.readouterr().out

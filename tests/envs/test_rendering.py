@@ -1,0 +1,109 @@
+"""Rendering: what the picture shows, how fast, and where it goes without a display."""
+
+import io
+import time
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+pytest.importorskip("gymnasium", reason="the environment needs gymnasium, a dependency of the package")
+
+from effects.applied import AppliedEffect
+from envs.environment import ArmTracking
+from envs.rendering.canvas import ARM, GHOST, blend
+from envs.rendering.picture import HEIGHT, WIDTH
+from envs.rendering.viewer import TerminalViewer, open_viewer
+
+PAYLOAD = AppliedEffect("payload", (), {"mass": 6.0, "com": [0.0, 0.0, 0.1]})
+
+
+def _picture(steps: int = 40, **options: object) -> np.ndarray:
+    env = ArmTracking(render_mode="rgb_array", motion="pick", episode_length=2.0, **options)
+    env.reset(seed=0)
+    for _ in range(steps):
+        env.step(np.zeros(7))
+    picture = env.render()
+    env.close()
+    return picture
+
+
+def _count(picture: np.ndarray, colour: tuple[int, int, int]) -> int:
+    return int((np.abs(picture.astype(int) - colour).max(axis=2) < 8).sum())
+
+
+def test_picture_shows_arm_and_ghost_and_the_ghost_stands_out_when_the_arm_is_off() -> None:
+    good, bad = _picture(), _picture(effects=(PAYLOAD,))
+    ghost = blend(GHOST, 0.55)
+    for picture in (good, bad):
+        assert picture.shape == (HEIGHT, WIDTH, 3) and picture.dtype == np.uint8
+        assert _count(picture, ARM) > 3000 and _count(picture, ghost) > 500
+    assert _count(bad, ghost) > 1.1 * _count(good, ghost)
+
+
+def test_same_episode_same_picture() -> None:
+    np.testing.assert_array_equal(_picture(steps=5), _picture(steps=5))
+
+
+def test_more_than_five_pictures_per_second() -> None:
+    env = ArmTracking(render_mode="rgb_array", episode_length=1.0)
+    env.reset(seed=0)
+    env.render()
+    start = time.perf_counter()
+    for _ in range(5):
+        env.render()
+    assert (time.perf_counter() - start) / 5 < 0.2
+    env.close()
+
+
+def test_no_mode_no_picture_and_a_picture_before_the_first_step() -> None:
+    plain, drawn = ArmTracking(), ArmTracking(render_mode="rgb_array")
+    plain.reset(seed=0)
+    assert plain.render() is None and drawn.render() is None
+    drawn.reset(seed=0)
+    assert drawn.render() is not None
+    plain.close()
+    drawn.close()
+
+
+@pytest.mark.parametrize("robot", ["franka_panda", "xarm6"])
+def test_other_arms_and_early_endings(robot: str) -> None:
+    env = ArmTracking(robot, render_mode="rgb_array", action="torque")
+    env.reset(seed=0)
+    over = False
+    while not over:
+        *_, over, _, info = env.step(np.zeros(env.action_space.shape))
+    assert "limit" in info and env.render().std() > 10
+    env.close()
+
+
+def test_a_single_joint_can_be_drawn(pendulum_urdf) -> None:
+    env = ArmTracking(pendulum_urdf, render_mode="rgb_array", episode_length=0.2)
+    env.reset(seed=0)
+    env.step(np.zeros(1))
+    assert _count(env.render(), ARM) > 500
+    env.close()
+
+
+def test_human_mode_without_a_display_goes_to_the_terminal(monkeypatch, capsys) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.setattr("sys.platform", "linux")
+    assert isinstance(open_viewer("title", 0.02), TerminalViewer)
+    env = ArmTracking(render_mode="human", episode_length=0.1, effects=(PAYLOAD,))
+    env.reset(seed=0)
+    env.step(np.zeros(7))
+    assert env.render() is None
+    env.close()
+    assert "payload" in capsys.readouterr().out
+
+
+def test_terminal_shows_coloured_half_blocks() -> None:
+    out = io.StringIO()
+    viewer = TerminalViewer(Console(file=out, force_terminal=True, color_system="truecolor", width=100))
+    picture = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    picture[: HEIGHT // 2, :, 0] = 200
+    viewer.show(picture, "the caption")
+    viewer.show(picture, "too early")
+    text = out.getvalue()
+    assert text.count("▀") == 80 * 24 and "38;2;200;0;0" in text
+    assert "the caption" in text and "too early" not in text

@@ -1,0 +1,134 @@
+"""Replay: what a recording was made with closes its gap, with and without the controller."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from arm.case import load_case
+from arm.controller import Controller
+from arm.dynamics import RigidBody
+from arm.errors import GapscopeError, InputError
+from arm.nominal import NominalArm
+from arm.reading import load_recording
+from arm.recording import Recording
+from arm.trajectory import Fourier, urdf_limits
+from effects.applied import AppliedEffect
+from envs.mystery import POSTURE, position_controller
+from envs.recorder import record
+from envs.replay import HORIZON, TRIM, replay
+from envs.velocity_filter import RULES, VelocityFilter, rule_of
+
+EFFECTS = (
+    AppliedEffect("payload", (), {"mass": 2.0, "com": [0.0, 0.0, 0.05]}),
+    AppliedEffect("actuator_delay", (2, 4), {"delay": 0.005}),
+)
+SAMPLES = Path(__file__).parents[3] / "shared" / "data" / "sample_cases"
+
+
+def _motion(arm: NominalArm) -> Fourier:
+    limits = urdf_limits(RigidBody(arm), acceleration=5.0)._replace(velocity=np.full(arm.n_joints, 1.2))
+    return Fourier.random(np.random.default_rng(0), limits, duration=3.0, centre=POSTURE, frequency=0.4)
+
+
+@pytest.fixture(scope="module")
+def controller(data_sheet_arm: NominalArm) -> Controller:
+    return position_controller(data_sheet_arm, POSTURE)
+
+
+@pytest.fixture(scope="module")
+def recording(data_sheet_arm: NominalArm, controller: Controller) -> Recording:
+    arm = data_sheet_arm
+    return record(arm, EFFECTS, _motion(arm), controller, duration=3.0, rng=np.random.default_rng(0))
+
+
+def test_same_effects_close_the_gap(data_sheet_arm: NominalArm, controller: Controller, recording: Recording) -> None:
+    nominal = replay(data_sheet_arm, (), recording, controller)
+    same = replay(data_sheet_arm, EFFECTS, recording, controller)
+    assert same.through_controller and same.q.shape == same.tau.shape == recording.q.shape
+    assert nominal.rmse.max() > 1e-2
+    assert same.rmse.max() < 1e-4, same.rmse
+    inner = (recording.t >= TRIM) & (recording.t <= recording.t[-1] - TRIM)
+    np.testing.assert_allclose(same.rmse, np.sqrt(np.mean((same.q - recording.q)[inner] ** 2, axis=0)))
+    assert np.abs(same.tau - recording.tau)[inner].max() < 1.0
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "dart"])
+def test_engines_agree(
+    data_sheet_arm: NominalArm, controller: Controller, recording: Recording, engines, engine: str
+) -> None:
+    other = replay(data_sheet_arm, EFFECTS, recording, controller, engine=engines(engine))
+    assert other.rmse.max() < 1e-4, other.rmse
+
+
+def test_without_the_controller_the_recorded_torque_moves_the_arm(
+    data_sheet_arm: NominalArm, recording: Recording
+) -> None:
+    effect = (EFFECTS[0],)
+    arm, settings = data_sheet_arm, {"duration": 3.0, "rng": np.random.default_rng(0)}
+    loaded = record(arm, effect, _motion(arm), position_controller(arm, POSTURE), **settings)
+    nominal, same = (replay(arm, effects, loaded, None) for effects in ((), effect))
+    assert not same.through_controller
+    np.testing.assert_array_equal(same.tau, loaded.tau)
+    assert (same.rmse < 2e-3).all(), same.rmse
+    assert same.rmse.mean() < 0.3 * nominal.rmse.mean()
+    first = np.arange(0, len(loaded.t), round(HORIZON * loaded.rate))
+    assert np.abs(same.q - loaded.q)[first].max() < 1e-3  # each horizon starts where the arm was measured
+
+
+def test_reference_without_a_controller_that_is_known_is_no_command(
+    data_sheet_arm: NominalArm, recording: Recording
+) -> None:
+    with pytest.raises(InputError, match="no torque"):
+        replay(data_sheet_arm, (), replace(recording, tau=None), None)
+
+
+def test_replay_starts_anew_behind_a_gap(
+    data_sheet_arm: NominalArm, controller: Controller, recording: Recording
+) -> None:
+    keep = (recording.t < 1.0) | (recording.t > 1.5)
+    channels = ("t", "q", "tau", "dq", "q_ref", "dq_ref")
+    cut = Recording("cut", **{name: getattr(recording, name)[keep] for name in channels})
+    found = replay(data_sheet_arm, EFFECTS, cut, controller)
+    behind = int((recording.t < 1.0).sum())
+    np.testing.assert_allclose(found.q[behind], cut.q[behind], atol=1e-4)
+    assert found.rmse.max() < 1e-2
+
+
+def test_an_arm_that_runs_away_is_reported(data_sheet_arm: NominalArm, recording: Recording) -> None:
+    arm = replace(data_sheet_arm, torque_limit=None)
+    with pytest.raises(GapscopeError, match="ran away"):
+        replay(arm, (), recording, Controller(1000.0, kp=np.full(7, 1e7), kd=np.zeros(7)))
+
+
+@pytest.mark.parametrize("rule", sorted(RULES))
+def test_filter_rule_shows_in_a_recorded_velocity(recording: Recording, controller: Controller, rule: str) -> None:
+    t = np.arange(0, 3.0, 1e-3)
+    q = np.sin(4 * t)[:, None] * np.ones(7)
+    dq = 4 * np.cos(4 * t)[:, None] * np.ones(7)
+    filtered = VelocityFilter(1000.0, 80.0, 0.9, q[0], dq[0], rule)
+    v = np.array([filtered(x) for x in q])
+    assert rule_of(Recording("r", t[::4], q[::4], dq=v[::4]), controller) == rule
+
+
+@pytest.mark.parametrize("rule", sorted(RULES))
+def test_filter_goes_on_from_its_first_value(rule: str) -> None:
+    first, steady = np.array([0.3]), np.array([1.0])
+    filtered = VelocityFilter(1000.0, 80.0, 0.9, np.zeros(1), steady, rule, first)
+    out = np.array([filtered(steady * k * 1e-3) for k in range(100)])
+    np.testing.assert_allclose(out[0], first)
+    np.testing.assert_allclose(out[-1], steady, rtol=1e-6)
+
+
+@pytest.mark.shared_data
+@pytest.mark.skipif(not SAMPLES.is_dir(), reason="needs ../shared/data/sample_cases, which is not part of the project")
+@pytest.mark.parametrize("engine", ["pybullet", "mujoco"])
+def test_labelled_effects_close_a_case_of_another_simulator(engines, engine: str) -> None:
+    """Case 002, a payload; LuGre friction, noise and another integrator are what is left."""
+    case = load_case(SAMPLES / "case002", read_recordings=False)
+    recording = load_recording(SAMPLES / "case002" / "recording_d.csv", case.arm, None)
+    com = [0.012703327543075696, -0.006278319356075354, 0.004729334601673935]
+    payload = AppliedEffect("payload", (), {"mass": 1.04847529668176, "com": com})
+    before, after = (replay(case.arm, e, recording, case.controller, engine=engines(engine)) for e in ((), (payload,)))
+    assert after.rmse.mean() < 0.05 * before.rmse.mean(), (before.rmse, after.rmse)

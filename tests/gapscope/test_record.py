@@ -1,0 +1,198 @@
+"""The commands record, replay and gap: a case from a simulated arm, aligned, sealed where asked, and replayed."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from arm.case import Case, load_case
+from arm.dynamics import RigidBody
+from arm.nominal import NominalArm
+from arm.recording import Recording
+from effects.applied import AppliedEffect
+from effects.corrected_file import read_corrected, write_corrected
+from envs.mystery import iiwa
+from envs.session import Plan, hidden_by_reading_back, record_case
+from gapscope.cli import main
+
+PAYLOAD = AppliedEffect("payload", (), {"mass": 1.2345, "com": [0.0, 0.01, 0.05]})
+DELAY = AppliedEffect("actuator_delay", (2,), {"delay": [0.0087]})
+SEED = 918273
+
+
+@pytest.fixture
+def effects(tmp_path: Path) -> Path:
+    write_corrected("made", (PAYLOAD, DELAY), tmp_path / "effects.yaml")
+    return tmp_path / "effects.yaml"
+
+
+def _run(*arguments: object) -> int:
+    """Exit code of a command."""
+    with pytest.raises(SystemExit) as stopped:
+        main([str(argument) for argument in arguments])
+    return int(stopped.value.code or 0)
+
+
+def _record(effects: Path, out: Path, *options: object, robot: object = "kuka_iiwa") -> int:
+    short = ("--recordings", 2, "--duration", 1.5, "--seed", SEED)
+    return _run("record", robot, "--effects", effects, "--out", out, *short, *options)
+
+
+def _case(arm: NominalArm, *applied: AppliedEffect, **settings: object) -> Case:
+    plan = replace(Plan(recordings=1, duration=2.0), **settings)
+    return record_case("made", arm, applied, plan, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet", "npz"])
+def test_record_makes_a_case(effects: Path, tmp_path: Path, ending: str) -> None:
+    assert _record(effects, tmp_path / "case", "--format", ending) == 0
+    case = load_case(tmp_path / "case")
+    assert case.name == "case" and case.arm.n_joints == 7 and case.controller is not None
+    assert [recording.name for recording in case.recordings] == [f"recording_{i}.{ending}" for i in (1, 2)]
+    for recording in case.recordings:
+        assert recording.rate == pytest.approx(250.0) and recording.duration == pytest.approx(1.5)
+        assert recording.q_ref is not None and recording.dq_ref is not None and recording.dq is not None
+    slow, fast = (np.abs(recording.dq_ref).max() for recording in case.recordings)
+    assert slow < 0.7 * fast
+    assert [e.name for e in read_corrected(tmp_path / "case" / "truth.yaml")] == ["payload", "actuator_delay"]
+
+
+def test_a_case_lends_its_data_sheet_and_controller(effects: Path, tmp_path: Path) -> None:
+    assert _record(effects, tmp_path / "first") == 0
+    assert _record(effects, tmp_path / "second", "--torque-control", robot=tmp_path / "first") == 0
+    first, second = (load_case(tmp_path / name) for name in ("first", "second"))
+    np.testing.assert_array_equal(second.controller.kp, first.controller.kp)
+
+
+def test_sealed_truth_leaves_no_trace_in_the_case(effects: Path, tmp_path: Path) -> None:
+    assert _record(effects, tmp_path / "case", "--sealed", tmp_path / "safe") == 0
+    assert [e.name for e in read_corrected(tmp_path / "safe" / "truth.yaml")] == ["payload", "actuator_delay"]
+    files = sorted(path.name for path in (tmp_path / "case").rglob("*"))
+    assert files == ["case.yaml", "recording_1.csv", "recording_2.csv", "robot.urdf"]
+    text = (tmp_path / "case" / "case.yaml").read_text()
+    text += (tmp_path / "case" / "recording_1.csv").read_text().splitlines()[0]
+    for secret in ("payload", "delay", "1.2345", "0.0087", str(SEED), "seed", "safe"):
+        assert secret not in text
+
+
+def test_the_same_seed_records_the_same(effects: Path, tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        assert _record(effects, tmp_path / name) == 0
+    first, second = (tmp_path / name / "recording_2.csv" for name in ("a", "b"))
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_without_a_seed_each_session_differs() -> None:
+    plan, arm = Plan(recordings=1, duration=1.0), iiwa()
+    first, second = (record_case("made", arm, (), plan, np.random.default_rng()).recordings[0] for _ in range(2))
+    assert not np.allclose(first.q, second.q)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--trajectory", "fourrier"), "fourier"),
+        (("--engine", "ode"), "pybullet"),
+        (("--format", "xlsx"), "npz"),
+        (("--controller", "lqr"), "pd"),
+        (("--rate", 300), "divide"),
+        (("--duration", 0.2), "at least"),
+        (("--recordings", 0), "whole number"),
+    ],
+)
+def test_bad_options_are_named(effects: Path, tmp_path: Path, capsys, options: tuple, message: str) -> None:
+    assert _record(effects, tmp_path / "case", *options) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "case").exists()
+
+
+def test_the_seal_must_lie_outside_the_case(effects: Path, tmp_path: Path, capsys) -> None:
+    assert _record(effects, tmp_path / "case", "--sealed", tmp_path / "case" / "safe") == 2
+    assert "sealed" in capsys.readouterr().err
+
+
+def test_a_case_is_never_overwritten(effects: Path, tmp_path: Path) -> None:
+    assert _record(effects, tmp_path / "case") == 0
+    before = (tmp_path / "case" / "recording_1.csv").read_bytes()
+    assert _record(effects, tmp_path / "case", "--noise", 0.5) == 2
+    assert (tmp_path / "case" / "recording_1.csv").read_bytes() == before
+
+
+@pytest.mark.parametrize("torque_control", [False, True])
+def test_torque_and_motion_belong_to_the_same_instant(torque_control: bool) -> None:
+    """Inverse dynamics of central differences against the torque of the same row, not of the one before or after."""
+    dt, known = 1e-3, iiwa()
+    bare = NominalArm("bare", known.urdf, known.joints)
+    made = _case(bare, rate=1.0 / dt, noise=0.0, torque_control=torque_control).recordings[0]
+    q, torque = made.q, made.tau
+    ddq, dq = (q[2:] - 2 * q[1:-1] + q[:-2]) / dt**2, (q[2:] - q[:-2]) / (2 * dt)
+    needed = RigidBody(bare).inverse_dynamics(q[1:-1], dq, ddq)
+    rate = (torque[2:] - torque[:-2]) / (2 * dt)
+    skew = ((needed - torque[1:-1]) * rate).sum(axis=0) / (rate**2).sum(axis=0)
+    assert np.abs(skew).max() < 0.1 * dt, skew / dt
+
+
+def test_torque_control_records_the_command_and_position_control_what_was_applied() -> None:
+    """With a delay of 20 ms the torque that is read back lags the one commanded by just that."""
+    arm, delay = iiwa(), AppliedEffect("actuator_delay", (1, 2), {"delay": [0.02, 0.02]})
+    applied, commanded = (_case(arm, delay, noise=0.0, torque_control=kind).recordings[0] for kind in (False, True))
+    np.testing.assert_array_equal(applied.q, commanded.q)
+    np.testing.assert_allclose(applied.tau[5:, :2], commanded.tau[:-5, :2], atol=1e-9)
+    np.testing.assert_allclose(applied.tau[:, 2:], commanded.tau[:, 2:], atol=1e-9)
+    assert hidden_by_reading_back((delay, PAYLOAD)) == ("actuator_delay",)
+
+
+def test_noise_is_a_share_of_the_torque() -> None:
+    clean, noisy = (_case(iiwa(), noise=share).recordings[0] for share in (0.0, 0.05))
+    np.testing.assert_array_equal(clean.q, noisy.q)
+    share = (noisy.tau - clean.tau).std(axis=0)[1] / clean.tau.std(axis=0)[1]
+    assert share == pytest.approx(0.05, rel=0.2)
+    assert not np.array_equal(_case(iiwa(), encoder_noise=1e-4).recordings[0].q, clean.q)
+
+
+def _columns(path: Path) -> Recording:
+    table = np.genfromtxt(path, delimiter=",", names=True)
+    q, tau = (np.stack([table[f"{name}{j}"] for j in range(1, 8)], axis=1) for name in ("q", "tau"))
+    return Recording(path.name, table["t"], q, tau)
+
+
+@pytest.mark.parametrize("engine", ["pybullet", "mujoco"])
+def test_replay_with_the_truth_follows_the_recording(effects: Path, tmp_path: Path, engine: str, capsys) -> None:
+    pytest.importorskip(engine)
+    case, out = tmp_path / "case", tmp_path / "replayed.csv"
+    assert _record(effects, case) == 0
+    common = ("replay", case, "--recording", case / "recording_2.csv", "--engine", engine, "--out", out)
+    recording = load_case(case).recordings[1]
+    misses = []
+    for model in ((), ("--model", case / "truth.yaml")):
+        assert _run(*common, *model) == 0
+        replayed = _columns(out)
+        np.testing.assert_allclose(replayed.t, recording.t)
+        misses.append(np.sqrt(np.mean((replayed.q - recording.q) ** 2)))
+    assert misses[1] < 1e-3 and misses[1] < 0.1 * misses[0]
+    assert "wrote" in capsys.readouterr().out
+
+
+def test_gap_gives_the_replay_gap_too(effects: Path, tmp_path: Path, capsys) -> None:
+    case = tmp_path / "case"
+    assert _record(effects, case, "--torque-control") == 0
+    capsys.readouterr()
+    gaps = []
+    for model in ((), ("--model", case / "truth.yaml")):
+        assert _run("gap", case, "--json", *model) == 0
+        row = json.loads(capsys.readouterr().out)["recordings"][1]
+        assert row["replayed"] == "controller" and len(row["replay_rmse"]) == 7
+        gaps.append(np.mean(row["replay_rmse"]))
+    assert gaps[1] < 1e-3 and gaps[1] < 0.1 * gaps[0]
+    assert _run("gap", case) == 0
+    assert "replay gap in mrad" in capsys.readouterr().out
+
+
+def test_replay_names_what_is_wrong(effects: Path, tmp_path: Path, capsys) -> None:
+    case = tmp_path / "case"
+    assert _record(effects, case) == 0
+    wrong = ("replay", case, "--recording", case / "none.csv", "--out", tmp_path / "out.csv")
+    assert _run(*wrong) == 2
+    assert "none.csv" in capsys.readouterr().err
