@@ -1,5 +1,6 @@
 """Replay: what a recording was made with closes its gap, with and without the controller."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -121,14 +122,33 @@ def test_filter_goes_on_from_its_first_value(rule: str) -> None:
     np.testing.assert_allclose(out[-1], steady, rtol=1e-6)
 
 
+def _labelled(name: str, arm: NominalArm) -> tuple[AppliedEffect, ...]:
+    """Effects of a sample case's label; an elastic joint's damper from its damping ratio of 0.05."""
+    labels = json.loads((SAMPLES / "labels.json").read_text())
+    effects = next(label["effects"] for label in labels if label["case"] == name)
+    values = [{key: entry["value"] for key, entry in effect["parameters"].items()} for effect in effects]
+    for effect, given in zip(effects, values, strict=True):
+        if effect["effect"] == "joint_elasticity":
+            given["damping"] = [
+                _damper(arm, j - 1, k) for j, k in zip(effect["joints"], given["stiffness"], strict=True)
+            ]
+    return tuple(AppliedEffect(e["effect"], tuple(e["joints"]), v) for e, v in zip(effects, values, strict=True))
+
+
+def _damper(arm: NominalArm, joint: int, stiffness: float, ratio: float = 0.05) -> float:
+    """d = 2 zeta sqrt(k J), J the rotor's and the straight arm's inertia in series [N m s/rad]."""
+    link, rotor = RigidBody(arm).mass_matrix(np.zeros(arm.n_joints))[joint, joint], arm.armature[joint]
+    return float(2 * ratio * np.sqrt(stiffness / (1 / link + 1 / rotor)))
+
+
 @pytest.mark.shared_data
 @pytest.mark.skipif(not SAMPLES.is_dir(), reason="needs ../shared/data/sample_cases, which is not part of the project")
+@pytest.mark.parametrize("name", [f"case00{i}" for i in (0, 1, 2, 3, 4, 5, 7)])
 @pytest.mark.parametrize("engine", ["pybullet", "mujoco"])
-def test_labelled_effects_close_a_case_of_another_simulator(engines, engine: str) -> None:
-    """Case 002, a payload; LuGre friction, noise and another integrator are what is left."""
-    case = load_case(SAMPLES / "case002", read_recordings=False)
-    recording = load_recording(SAMPLES / "case002" / "recording_d.csv", case.arm, None)
-    com = [0.012703327543075696, -0.006278319356075354, 0.004729334601673935]
-    payload = AppliedEffect("payload", (), {"mass": 1.04847529668176, "com": com})
-    before, after = (replay(case.arm, e, recording, case.controller, engine=engines(engine)) for e in ((), (payload,)))
-    assert after.rmse.mean() < 0.05 * before.rmse.mean(), (before.rmse, after.rmse)
+def test_labelled_effects_close_a_case_of_another_simulator(engines, engine: str, name: str) -> None:
+    """By at least 80 %; LuGre friction, noise and another integrator are what is left."""
+    case = load_case(SAMPLES / name, read_recordings=False)
+    recording = load_recording(SAMPLES / name / "recording_d.csv", case.arm, None)
+    truth = _labelled(name, case.arm)
+    before, after = (replay(case.arm, e, recording, case.controller, engine=engines(engine)) for e in ((), truth))
+    assert after.rmse.mean() < 0.2 * before.rmse.mean(), (before.rmse, after.rmse)
