@@ -33,6 +33,8 @@ def with_values(definition: Effect, which: int) -> AppliedEffect:
         p.name: np.full(p.size, p.typical[which]) if joints or p.size > 1 else p.typical[which]
         for p in definition.parameters
     }
+    if definition.scope == "link":
+        values["link"] = 2
     return AppliedEffect(definition.name, joints, values)
 
 
@@ -67,6 +69,10 @@ def test_records_are_frozen(definition: Effect) -> None:
                 setattr(record, field.name, None)
 
 
+UNSEEN = {"encoder_quantization", "external_force", "torque_saturation", "backlash"}
+"""What a prediction from motion need not show: rounding, a push at another time, a limit out of reach, free play."""
+
+
 @every_effect
 @pytest.mark.parametrize("which", [0, 1], ids=["least", "most"])
 def test_typical_values_predict_a_finite_torque_that_differs(
@@ -76,10 +82,10 @@ def test_typical_values_predict_a_finite_torque_that_differs(
     nominal = CorrectedArm(two).predict(body, motion)
     predicted = CorrectedArm(two, (applied,)).predict(body, motion)
     assert predicted.shape == nominal.shape and np.isfinite(predicted).all()
-    assert np.abs(predicted - nominal).max() > 1e-4
-    assert (
-        np.abs(predicted - nominal)[:, 0].max() < 1e-9 or definition.scope != "joint" or definition.family == "sensing"
-    )
+    if definition.name not in UNSEEN:
+        assert np.abs(predicted - nominal).max() > 1e-4
+    if definition.scope == "joint" and definition.family not in ("sensing", "transmission"):
+        assert np.abs(predicted - nominal)[:, 0].max() < 1e-9
     rest = Motion(motion.t, motion.q, np.zeros_like(motion.q), np.zeros_like(motion.q))
     assert np.isfinite(CorrectedArm(two, (applied,)).predict(body, rest)).all()
 

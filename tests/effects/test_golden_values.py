@@ -14,6 +14,7 @@ from arm.nominal import NominalArm
 from effects.applied import AppliedEffect
 from effects.catalogue import effect
 from effects.corrected import CorrectedArm
+from effects.effect import Signals
 from effects.rigid_body import point_mass_parameters
 
 
@@ -77,6 +78,11 @@ def test_delay_moves_a_sine_forward_by_its_delay(pendulum: NominalArm) -> None:
     np.testing.assert_allclose(delayed[-1], needed[-1], atol=1e-9)  # nothing is known beyond the end
 
 
+def signals(velocity: float, load: float) -> Signals:
+    """One sample of one joint at the origin."""
+    return Signals(0.0, np.zeros(1), np.array([velocity]), np.array([load]))
+
+
 @pytest.mark.parametrize("mu", [0.05, 0.3, 0.7])
 @pytest.mark.parametrize("load", [-30.0, -1.0, 0.0, 12.0])
 @pytest.mark.parametrize("direction", [-1.0, 0.0, 1.0])
@@ -85,7 +91,7 @@ def test_load_friction_solves_its_own_equation(mu: float, load: float, direction
     tau = load
     for _ in range(300):
         tau = load + mu * abs(tau) * direction
-    law = effect("load_friction").law(np.array([direction]), np.array([load]), np.array([mu]))
+    law = effect("load_friction").law(signals(direction, load), np.array([mu]))
     np.testing.assert_allclose(law, tau - load, atol=1e-9)
 
 
@@ -128,6 +134,6 @@ def test_friction_takes_energy_and_is_odd(velocity: float, load: float, name: st
     """law(v) v >= 0 with the load, and turning the world round turns the torque round."""
     definition = effect(name)
     value = part * definition.parameters[0].bounds[1]
-    forth, back = (definition.law(np.array([s * velocity]), np.array([s * load]), value)[0] for s in (1, -1))
+    forth, back = (definition.law(signals(s * velocity, s * load), value)[0] for s in (1, -1))
     assert forth * velocity >= 0
     assert forth == pytest.approx(-back)
