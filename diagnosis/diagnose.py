@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from arm.case import Case
 from arm.dynamics import RigidBody
@@ -68,10 +69,11 @@ def diagnose(case: Case, progress: Callable[[str], None] = lambda message: None)
         GapscopeError: no recording carries a torque that can be trusted.
         InputError: a recording has no stretch without gaps that is long enough.
     """
-    study = _study(case, progress)
-    progress("writes the findings")
+    with threadpool_limits(1):  # many small matrices: threads would only wait for each other
+        study = _study(case, progress)
+        progress("writes the findings")
+        content = document(study)
     corrected = CorrectedArm(case.arm, study.effects)
-    content = document(study)
     order = [finding["effect"] for finding in content["effects"]]
     return Diagnosis(
         document=content,
