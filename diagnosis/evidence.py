@@ -24,8 +24,8 @@ from diagnosis.terms import Term, count_effects
 NEW_EFFECT = 20.0
 """Charge for each different effect [nats]: the logarithm of the number of ways to name one, and a margin for what the
 effective number of samples overstates."""
-NOMINAL_ERROR = {0.003: 0.0, 0.01: 5.0, 0.03: 15.0, 0.06: 30.0}
-"""Relative errors sigma of the nominal inertials that are tried, and what each costs [nats]; the evidence chooses."""
+NOMINAL_ERROR = (0.003, 0.01, 0.03, 0.06)
+"""Relative errors sigma of the nominal inertials that are tried; the evidence chooses."""
 SKEWS = (0.0, 2.5e-4, 5e-4)
 """Skews of sampling that are tried [s]; half a tick is 0.5 ms at 1 kHz."""
 LEAST_DELAY = 1e-3
@@ -65,7 +65,6 @@ class Evidence:
 
     def __init__(self, linearisation: Linearisation, unseen: np.ndarray, sigma: float, skew: float) -> None:
         self.linear, self.sigma, self.skew = linearisation, sigma, skew
-        self._unseen_before = unseen
         self._forms: dict[tuple[int, int, bool], np.ndarray] = {}
         self.terms = linearisation.terms
         folds = linearisation.folds
@@ -93,18 +92,9 @@ class Evidence:
         unseen = self.unseen(terms)
         delta = self._all.delta @ np.append(theta, 1.0)
         score = -0.5 * float((self.independent * np.log1p(unseen / self.floor2)).sum()) - self.charge(terms)
-        score -= (
-            SKEW_CHARGE * (self.skew > 0)
-            + NOMINAL_ERROR[self.sigma]
-            + 0.5 * float(delta @ delta) / self.sigma**2
-            + self._log_det
-        )
+        score -= SKEW_CHARGE * (self.skew > 0) + 0.5 * float(delta @ delta) / self.sigma**2 + self._log_det
         impossible = self.terms.impossible(theta, terms, self.lowest)
         return Fit(terms, -np.inf if impossible else score, theta, unseen, impossible)
-
-    def believing(self, sigma: float) -> Evidence:
-        """The same evidence under another relative error of the nominal inertials."""
-        return self if sigma == self.sigma else Evidence(self.linear, self._unseen_before, sigma, self.skew)
 
     def charge(self, terms: frozenset[Term]) -> float:
         """What a set costs [nats]: half the logarithm of the samples per parameter, and so much per effect named."""
@@ -201,5 +191,5 @@ def best_evidence(linearisation: Linearisation, unseen: np.ndarray, terms: froze
     def best(candidates: list[Evidence]) -> Evidence:
         return max(candidates, key=lambda evidence: evidence.fit(terms).score)
 
-    skewed = best([Evidence(linearisation, unseen, 0.01, skew) for skew in SKEWS])
-    return best([skewed.believing(sigma) for sigma in NOMINAL_ERROR])
+    skew = best([Evidence(linearisation, unseen, 0.01, skew) for skew in SKEWS]).skew
+    return best([Evidence(linearisation, unseen, sigma, skew) for sigma in NOMINAL_ERROR])

@@ -9,7 +9,7 @@ import numpy as np
 
 from arm.dynamics import RigidBody
 from arm.nominal import NominalArm
-from diagnosis.evidence import NOMINAL_ERROR, Evidence, Fit, best_evidence
+from diagnosis.evidence import Evidence, Fit, best_evidence
 from diagnosis.linear import Data, Linearisation
 from diagnosis.terms import EXPLAINED, Term, Terms
 from ident.conditioning import Segment
@@ -177,28 +177,18 @@ def _by_term(terms: frozenset[Term]) -> list[frozenset[Term]]:
 
 
 def _groups(state: _State) -> list[Fit]:
-    """For each effect the best group of joints to add it on, if any raises the evidence.
-
-    Each is tried under every error of the nominal inertials, and its best score counts: an effect must not stay hidden
-    because, before it was known, large errors of the inertials had to stand in for it.
-    """
-    groups: dict[frozenset[Term], Fit] = {}
-    for evidence in (state.evidence.believing(sigma) for sigma in NOMINAL_ERROR):
-        for effect in EXPLAINED:
-            found = _group(evidence, state, effect)
-            if found is not None and found.score > groups.get(found.terms, state.fit).score:
-                groups[found.terms] = found
-    return list(groups.values())
+    """For each effect the best group of joints to add it on, if any raises the evidence."""
+    found = (_group(state, effect) for effect in EXPLAINED)
+    return [group for group in found if group is not None]
 
 
-def _group(evidence: Evidence, state: _State, effect: str) -> Fit | None:
-    """The best group of joints for one effect under one evidence: joints are added in the order of their own gain."""
-    start = evidence.fit(state.fit.terms)
+def _group(state: _State, effect: str) -> Fit | None:
+    """The best group of joints for one effect; joints are added in the order of their own gain."""
     best = None
-    free = [t for t in state.terms.all if t.effect == effect and t not in start.terms]
-    for single in sorted((evidence.fit(start.terms | {t}) for t in free), key=lambda f: -f.score):
-        known = best or start
-        extended = evidence.fit(known.terms | single.terms)
+    free = [t for t in state.terms.all if t.effect == effect and t not in state.fit.terms]
+    for single in sorted((state.evidence.fit(state.fit.terms | {t}) for t in free), key=lambda f: -f.score):
+        known = best or state.fit
+        extended = state.evidence.fit(known.terms | single.terms)
         if extended.score > known.score:
             best = extended
     return best
