@@ -58,7 +58,7 @@ def attempt(
     """Replay gap [rad], (n,), or ``None`` and why: an effect that cannot be simulated, an arm that runs away."""
     try:
         return replay(case.arm, effects, recording, case.controller).rmse, None
-    except (GapscopeError, np.linalg.LinAlgError) as error:
+    except (GapscopeError, ArithmeticError, ValueError) as error:  # LinAlgError is a ValueError
         return None, str(error)
 
 

@@ -57,6 +57,11 @@ RULES: dict[str, Callable[[float, float, float], Gains]] = {
 """How controllers discretise the filter; a case does not say which, but a recorded velocity does."""
 
 
+def stable(gains: Gains) -> bool:
+    """Whether both roots of z^2 - a1 z - a2 lie inside the unit circle."""
+    return abs(gains.a2) < 1 and abs(gains.a1) < 1 - gains.a2
+
+
 class VelocityFilter:
     """Second-order low-pass differentiator, w^2 s / (s^2 + 2 zeta w s + w^2), discretised by one of ``RULES``.
 
@@ -102,7 +107,10 @@ class VelocityFilter:
 
 
 def rule_of(recording: Recording, controller: Controller) -> str:
-    """The rule whose velocity, from the recorded positions, comes nearest to the recorded one; else ``bilinear``."""
+    """The rule whose velocity, from the recorded positions, comes nearest to the recorded one; else ``bilinear``.
+
+    A rule that would be unstable at this rate and cut-off cannot be the controller's.
+    """
     too_short = recording.duration < 3 * SETTLING
     if recording.dq is None or controller.velocity_cutoff is None or too_short or recording.rate < 20.0:
         return "bilinear"
@@ -112,7 +120,10 @@ def rule_of(recording: Recording, controller: Controller) -> str:
     settled = recording.t > recording.t[0] + SETTLING
     miss = {}
     for name, rule in RULES.items():
-        b0, b1, b2, a1, a2 = rule(controller.rate, controller.velocity_cutoff, controller.velocity_damping)
+        gains = rule(controller.rate, controller.velocity_cutoff, controller.velocity_damping)
+        if not stable(gains):
+            continue
+        b0, b1, b2, a1, a2 = gains
         v = make_interp_spline(t, lfilter([b0, b1, b2], [1.0, -a1, -a2], q, axis=0), k=1)(recording.t[settled])
         miss[name] = float(np.mean((v - recording.dq[settled]) ** 2))
     return min(miss, key=lambda name: miss[name])
