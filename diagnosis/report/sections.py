@@ -83,7 +83,7 @@ def where(diagnosis: Diagnosis) -> dict[str, Any]:
     return {
         "joints": joints,
         "scale": max([*values, FLOOR_SCALE * max(floors, default=0.0)], default=0.0) or 1.0,
-        "regions": diagnosis.document.get("where", []),
+        "regions": list({r["joint"]: r for r in reversed(diagnosis.document.get("where", []))}.values())[::-1],
         "replayed": any(joint.replay_before != MISSING for joint in joints),
     }
 
