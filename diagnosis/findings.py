@@ -44,7 +44,7 @@ def document(study: Study) -> dict[str, Any]:
     own = (before - after) / np.maximum(before - floor, 1e-9)
     open_gap = above & ((own < EXPLAINED_JOINT) | (left > np.maximum(LEFT_RATIO * floor, LEFT_NRMSE)))
     explained = closed >= EXPLAINED and not open_gap.any()
-    verdict = _verdict(bool(effects), bool(above.any()) or bool(study.refusals), explained)
+    verdict = _verdict(bool(effects), bool(above.any() or (study.refusals and not effects)), explained)
     open_joints = [int(j) + 1 for j in np.flatnonzero(above)]
     return {
         "schema": 1,

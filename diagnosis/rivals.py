@@ -23,13 +23,11 @@ class Rival:
     Attributes:
         effect: its name; ``none`` for leaving the place empty.
         joints: its joints.
-        log_evidence: its score less that of the diagnosis [nats]; negative where it lost.
         probability: probability that it, and not the effect named, is the cause.
     """
 
     effect: str
     joints: tuple[int, ...]
-    log_evidence: float
     probability: float
 
 
@@ -51,10 +49,7 @@ def rivals(evidence: Evidence, found: Fit, effect: str) -> tuple[float, list[Riv
     total = 1.0 + sum(weights.values())
     ranked = sorted(scores, key=lambda name: scores[name], reverse=True)
     return min(1.0 / total, SUREST), [
-        Rival(
-            name, tuple(sorted(t.joint for t in options[name] if t.joint)), float(scores[name]), weights[name] / total
-        )
-        for name in ranked
+        Rival(name, tuple(sorted(t.joint for t in options[name] if t.joint)), weights[name] / total) for name in ranked
     ]
 
 

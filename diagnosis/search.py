@@ -34,14 +34,12 @@ class Search:
         scale: normalisation of the torque gap over all folds [N m], (n,).
         fit: the best set of terms, fitted at its own linearisation.
         evidence: the evidence that scored it.
-        nothing: the nominal arm alone, scored by the same evidence.
         considered: gain of the best group of each effect over what was chosen, in nats: the rivals at each step.
     """
 
     scale: np.ndarray
     fit: Fit
     evidence: Evidence
-    nothing: Fit
     considered: tuple[tuple[Fit, Fit], ...]
 
 
@@ -71,7 +69,7 @@ def search(
         been.add(state.fit.terms)
     state.prune()
     state.polish()
-    return Search(state.scale, state.fit, state.evidence, state.evidence.fit(frozenset()), tuple(considered))
+    return Search(state.scale, state.fit, state.evidence, tuple(considered))
 
 
 def _describe(terms: frozenset[Term]) -> str:
