@@ -201,16 +201,25 @@ class RigidBody:
             out[i] = data.dtau_dq
         return out[:, self._to_arm][:, :, self._to_arm]
 
-    def regressor(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
-        """Y with tau = Y pi, shape (N, n, 10 n); pi stacks ``INERTIAL_PARAMETERS`` of each link, in joint order."""
-        q, dq, ddq = (np.ascontiguousarray(x[:, self._to_model]) for x in (q, dq, ddq))
-        model, data = self.model, self._data
+    def regressor(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """Y with tau = Y pi, shape (N, n, 10 n); pi stacks ``INERTIAL_PARAMETERS`` of each link, in joint order.
+
+        Args:
+            q, dq, ddq: motion, shape (N, n) each.
+            out: array that Y is written into, shape (N, n, 10 n), such as the leading columns of a wider one.
+        """
         n = self.n_joints
-        out = np.empty((len(q), n, 10 * n))
-        for i in range(len(q)):
-            out[i] = pin.computeJointTorqueRegressor(model, data, q[i], dq[i], ddq[i])
-        by_link = out.reshape(len(q), n, n, 10)[:, self._to_arm][:, :, self._to_arm]
-        return by_link.reshape(len(q), n, 10 * n)
+        q, dq, ddq = (np.ascontiguousarray(x[:, self._to_model]) for x in (q, dq, ddq))
+        model, data, fill = self.model, self._data, pin.computeJointTorqueRegressor
+        out = np.empty((len(q), n, 10 * n)) if out is None else out
+        if np.array_equal(self._to_arm, np.arange(n)):
+            for row, *sample in zip(out, q, dq, ddq, strict=True):
+                row[...] = fill(model, data, *sample)
+            return out
+        columns = (10 * self._to_arm[:, None] + np.arange(10)).ravel()
+        for row, *sample in zip(out, q, dq, ddq, strict=True):
+            row[...] = fill(model, data, *sample)[self._to_arm][:, columns]
+        return out
 
     def last_link_regressor(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         """The ten columns of the regressor that belong to the last link, shape (N, n, 10)."""

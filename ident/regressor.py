@@ -38,9 +38,7 @@ class Regressor:
         InputError: an effect has no such column.
     """
 
-    def __init__(
-        self, arm: NominalArm, body: RigidBody | None = None, effects: Sequence[str] = JOINT_COLUMNS
-    ) -> None:
+    def __init__(self, arm: NominalArm, body: RigidBody | None = None, effects: Sequence[str] = JOINT_COLUMNS) -> None:
         for name in effects:
             if name not in JOINT_COLUMNS:
                 raise InputError(
@@ -55,15 +53,33 @@ class Regressor:
         units = ["kg", *["kg m"] * 3, *["kg m^2"] * 6] * arm.n_joints
         self.units = (*units, *(p.unit for p in parameters for _ in joints))
 
-    def matrix(self, motion: Motion) -> np.ndarray:
-        """Y of a motion of N samples, shape (N, n, p)."""
+    def matrix(self, motion: Motion, out: np.ndarray | None = None) -> np.ndarray:
+        """Y of a motion of N samples, shape (N, n, p).
+
+        Args:
+            motion: the motion.
+            out: array that Y is written into, shape (N, n, p), such as one that chunks of a long motion share.
+        """
         n, links = self.arm.n_joints, 10 * self.arm.n_joints
-        out = np.zeros((len(motion.t), n, len(self.names)))
-        out[:, :, :links] = self.body.regressor(motion.q, motion.dq, motion.ddq)
+        shape = (len(motion.t), n, len(self.names))
+        out = np.empty(shape) if out is None else out
+        self.body.regressor(motion.q, motion.dq, motion.ddq, out[:, :, :links])
+        out[:, :, links:] = 0.0
         for k, name in enumerate(self.effects):
             diagonal = np.einsum("ijj->ij", out[:, :, links + k * n : links + (k + 1) * n])
             diagonal[:] = self._unit_torque(name, motion)
         return out
+
+    @property
+    def support(self) -> np.ndarray:
+        """Columns that can be other than zero in each joint's rows, boolean, shape (n, p).
+
+        A joint's torque depends on the links that it carries, none of which comes before it in kinematic order, and on
+        its own effects.
+        """
+        n = self.arm.n_joints
+        carried = self.body.places[None, :] >= self.body.places[:, None]
+        return np.hstack([np.repeat(carried, 10, axis=1), *[np.eye(n, dtype=bool)] * len(self.effects)])
 
     def nominal(self) -> np.ndarray:
         """The pi of the nominal arm and its data sheet, shape (p,)."""
