@@ -81,7 +81,7 @@ class Plant:
             return self._track(number * self._timing.sub_steps, added, control.gains)
         self.torque = np.minimum(np.maximum(added, -control.limit), control.limit)
         share = self.torque / control.rated
-        self.load = float(share @ share) / len(share)
+        self.load = float(share.dot(share)) / len(share)
         for done in range(0, self._timing.sub_steps, self._chunk):
             if not self._step():
                 return done

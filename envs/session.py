@@ -19,6 +19,7 @@ from effects.applied import AppliedEffect
 from effects.corrected import CorrectedArm
 from effects.effect import Path as TorquePath
 from envs.arguments import positive, whole
+from envs.engines import check_engine
 from envs.mystery import position_controller
 from envs.recorder import record
 
@@ -35,27 +36,28 @@ class Plan:
         recordings: how many, the first the slowest.
         duration: of each [s].
         rate: sampling rate [Hz], which divides the controller's.
-        torque_control: the recorded torque is the command that is sent to the arm; otherwise it is read back from the
-            drives of an arm under position control, which is what reached the joints.
+        read_back: record the torque that reached the joints, as it is read back from the drives of an arm under
+            position control; otherwise the torque recorded is the one that the controller commands.
         noise: standard deviation of the recorded torque's noise over that of the joint's torque [1].
         encoder_noise: standard deviation of the encoders' noise [rad].
         engine: ``pybullet``, ``mujoco`` or ``dart``.
 
     Raises:
-        InputError: a number that is not above zero, or a duration shorter than a case may hold.
+        InputError: a number that is not above zero, a duration shorter than a case may hold, or no such engine.
     """
 
     motion: str = "fourier"
     recordings: int = 4
     duration: float = 10.0
     rate: float = 250.0
-    torque_control: bool = False
+    read_back: bool = False
     noise: float = 0.01
     encoder_noise: float = 0.0
     engine: str = "pybullet"
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
+        """Check the numbers and the engine."""
+        check_engine(self.engine)
         whole("recordings", self.recordings)
         positive("rate", self.rate, "Hz")
         if positive("duration", self.duration, "s") < SHORTEST:
@@ -105,7 +107,7 @@ def record_case(
             rng=rng,
             rate=plan.rate,
             encoder_noise=plan.encoder_noise,
-            read_back=not plan.torque_control,
+            read_back=plan.read_back,
             name=f"recording_{i + 1}",
             engine=plan.engine,
         )
