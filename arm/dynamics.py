@@ -11,10 +11,13 @@ import numpy as np
 import pinocchio as pin
 
 from arm.errors import InputError
+from arm.inertials import check_inertials
 from arm.nominal import NominalArm
 
 INERTIAL_PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 """Order of the ten inertial parameters of a link, expressed in the frame of the joint that moves it (pinocchio)."""
+UNLIMITED = 1e6
+"""Position limits beyond this [rad or m] are none."""
 
 
 def _root(path: Path) -> ET.Element:
@@ -24,7 +27,9 @@ def _root(path: Path) -> ET.Element:
     except FileNotFoundError:
         raise InputError("no such file", "check the robot: entry of the case", file=path) from None
     except ET.ParseError as error:
-        raise InputError(f"is not valid XML ({error})", file=path) from None
+        raise InputError(
+            f"is not valid XML ({error})", "give a complete URDF or MJCF file; was it cut short?", file=path
+        ) from None
     if root.tag not in ("robot", "mujoco"):
         raise InputError(
             f"root element is <{root.tag}>, expected <robot> or <mujoco>", "give a URDF or MJCF file", file=path
@@ -66,6 +71,8 @@ def joint_entries(path: Path, joints: Sequence[str]) -> dict[str, np.ndarray]:
 
 def _build(path: Path) -> pin.Model:
     root = _root(path)
+    if root.tag == "robot":
+        check_inertials(root, path)
     try:
         return pin.buildModelFromMJCF(str(path)) if root.tag == "mujoco" else pin.buildModelFromXML(_urdf_text(root))
     except (ValueError, RuntimeError) as error:
@@ -78,11 +85,15 @@ class RigidBody:
     Unless they say otherwise, methods take q [rad], dq [rad/s], ddq [rad/s^2] of shape (N, n) in the arm's joint order
     and return joint-side torque [N m].
 
+    Attributes:
+        file, joints: where the bodies come from, and the names of the joints that move them.
+
     Raises:
         InputError: the URDF lacks one of the arm's joints.
     """
 
     def __init__(self, arm: NominalArm) -> None:
+        self.file, self.joints = arm.urdf, arm.joints
         full = _build(arm.urdf)
         names = list(full.names)[1:]
         missing = [name for name in arm.joints if name not in names]
@@ -180,8 +191,10 @@ class RigidBody:
         return out[:, self._to_arm]
 
     def position_limits(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper position limits of the URDF [rad], each of shape (n,); about 1e9 where there are none."""
-        return self.model.lowerPositionLimit[self._to_arm], self.model.upperPositionLimit[self._to_arm]
+        """Lower and upper position limits of the URDF [rad or m], each of shape (n,); infinite where it sets none."""
+        lower, upper = self.model.lowerPositionLimit[self._to_arm], self.model.upperPositionLimit[self._to_arm]
+        none = (lower >= upper) | (lower <= -UNLIMITED) | (upper >= UNLIMITED)
+        return np.where(none, -np.inf, lower), np.where(none, np.inf, upper)
 
     def velocity_limits(self) -> np.ndarray:
         """Velocity limits of the URDF [rad/s], shape (n,); 0 where there are none."""

@@ -33,6 +33,11 @@ class Sampled:
         if len(t) < 2 or t[0] != 0 or not (np.diff(t) > 0).all():
             raise InputError("a motion needs two or more samples whose time starts at 0 and rises", where="t")
 
+    def slower(self, speed: float) -> Sampled:
+        """The same path at ``speed`` times the speed [1]."""
+        m = self.motion
+        return Sampled(Motion(m.t / speed, m.q, speed * m.dq, speed**2 * m.ddq))
+
     @property
     def duration(self) -> float:
         """Time of the last sample [s]."""

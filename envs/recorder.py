@@ -13,9 +13,9 @@ from arm.feedforward import feedforward
 from arm.nominal import NominalArm
 from arm.recording import Recording
 from arm.trajectory import Reference
+from arm.velocity_filter import VelocityFilter
 from effects.applied import AppliedEffect
 from envs.simulated_arm import SimulatedArm
-from envs.velocity_filter import VelocityFilter
 
 LONGEST_STEP = 1e-3
 """The simulation's time step is the controller's period, divided until it is no longer than this [s]."""
@@ -71,9 +71,7 @@ def record(
         InputError: ``rate`` does not divide the controller's rate, or an effect cannot be simulated on this arm.
         GapscopeError: the simulated arm became unstable.
     """
-    every = round(controller.rate / rate)
-    if abs(every * rate - controller.rate) > 1e-6 * rate:
-        raise InputError(f"{rate} Hz does not divide the controller's {controller.rate} Hz", where="rate")
+    every = _ticks_per_row(controller, rate)
     command = _Command(arm, reference, controller, duration, settle)
     step = (arm.encoder_step or 0.0) if encoder_step is None else encoder_step
     dt, steps = _steps(controller)
@@ -86,15 +84,33 @@ def record(
             for acting in ((effects, following) if later else (effects,))
         ]
         q, dq, tau = _run(arms, change, controller, command, steps, read_back)
+    _check_stable(q, controller)
+    rows = np.arange(command.first, len(command.t), every)
+    tau = tau[rows] + rng.standard_normal((len(rows), arm.n_joints)) * torque_noise
+    return Recording(name, command.t[rows], q[rows], tau, dq=dq[rows], q_ref=command.q[rows], dq_ref=command.dq[rows])
+
+
+def _ticks_per_row(controller: Controller, rate: float) -> int:
+    """Ticks of the controller per row of the recording."""
+    ticks = round(controller.rate / rate)
+    if abs(ticks * rate - controller.rate) > 1e-6 * rate:
+        near = controller.rate / max(1, ticks)
+        raise InputError(
+            f"{rate:g} Hz does not divide the controller's {controller.rate:g} Hz",
+            f"record at {near:g} Hz, or another whole part of the controller's rate",
+            where="rate",
+        )
+    return ticks
+
+
+def _check_stable(q: np.ndarray, controller: Controller) -> None:
+    """Check that the arm followed its controller, at positions q [rad] of every tick, shape (N, n)."""
     speed = np.abs(np.diff(q, axis=0)).max(axis=0) * controller.rate
     if not (speed < UNSTABLE_SPEED).all():
         raise GapscopeError(
             f"the simulated arm became unstable at joint {int(speed.argmax()) + 1}",
             "lower the controller's gains, or the severity of the effects",
         )
-    rows = np.arange(command.first, len(command.t), every)
-    tau = tau[rows] + rng.standard_normal((len(rows), arm.n_joints)) * torque_noise
-    return Recording(name, command.t[rows], q[rows], tau, dq=dq[rows], q_ref=command.q[rows], dq_ref=command.dq[rows])
 
 
 class _Command:

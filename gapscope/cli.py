@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import sys
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 from rich.console import Console
 
-from arm.errors import GapscopeError
+from arm.errors import GapscopeError, ModelWarning
 
 if TYPE_CHECKING:
     from rich.status import Status
@@ -24,6 +25,7 @@ app = typer.Typer(
 )
 _console = Console()
 _log = Console(stderr=True)
+_python_warning = warnings.showwarning
 
 CasePath = Annotated[Path, typer.Argument(help="folder of the case, or its case file", metavar="CASE")]
 Model = Annotated[Optional[Path], typer.Option(help="corrected.yaml of a diagnosis; default: the nominal arm")]  # noqa: UP045
@@ -175,14 +177,26 @@ def record(
     effects: Annotated[Path, typer.Option(help="effects, in the form of corrected.yaml", metavar="FILE")],
     out: Annotated[Path, typer.Option(help="folder of the case to make", metavar="CASE")],
     trajectory: Annotated[
-        str, typer.Option(help="fourier, point_to_point, weld_seam, pick, place, random")
+        str, typer.Option(help="fourier, point_to_point, weld_seam, pick, place, random, or a CSV that excite wrote")
     ] = "fourier",
     recordings: Annotated[int, typer.Option(help="how many, from slow to fast")] = 4,
     duration: Annotated[float, typer.Option(help="of each [s]")] = 10.0,
     rate: Annotated[float, typer.Option(help="samples per second [Hz]")] = 250.0,
-    controller: Annotated[str, typer.Option(help="pd: with nominal feedforward, or as the case ROBOT has it")] = "pd",
-    torque_control: Annotated[
-        bool, typer.Option(help="record the torque commanded, not the applied one that position control reads back")
+    controller: Annotated[
+        str,
+        typer.Option(
+            help="pd (as the case ROBOT has it, else with nominal feedforward), or a YAML file in the form of the "
+            "controller: section of a case",
+            metavar="KIND|FILE",
+        ),
+    ] = "pd",
+    read_back: Annotated[
+        bool,
+        typer.Option(
+            "--read-back",
+            help="record the torque that reached the joints, read back from the drives, in place of "
+            "the torque commanded",
+        ),
     ] = False,
     noise: Annotated[float, typer.Option(help="noise of the torque, as a share of its standard deviation")] = 0.01,
     encoder_noise: Annotated[float, typer.Option(help="noise of the encoders [rad]")] = 0.0,
@@ -198,7 +212,7 @@ def record(
     from envs.session import Plan
     from gapscope.recording import record_files
 
-    plan = Plan(trajectory, recordings, duration, rate, torque_control, noise, encoder_noise, engine)
+    plan = Plan(trajectory, recordings, duration, rate, read_back, noise, encoder_noise, engine)
     with _Progress(out.name or str(out)) as progress:
         paths, note = record_files(
             robot, effects, out, plan, controller=controller, seed=seed, ending=file_format, sealed=sealed,
@@ -272,8 +286,17 @@ def _wrote(*paths: Path) -> None:
         _console.print(f"wrote {path}", highlight=False, soft_wrap=True)
 
 
+def _show_warning(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+    """What is odd about a model as a note; other warnings as Python shows them."""
+    if issubclass(category, ModelWarning):
+        _log.print(f"note: {message}", highlight=False, markup=False, soft_wrap=True)
+    else:
+        _python_warning(message, category, *place, **more)
+
+
 def main(arguments: list[str] | None = None) -> Any:
     """Run a command; the process ends with 0, 1 (the work failed, said why) or 2 (bad input)."""
+    warnings.showwarning = _show_warning
     try:
         app(args=arguments)
     except GapscopeError as error:
