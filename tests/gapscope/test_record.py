@@ -63,7 +63,8 @@ def test_record_makes_a_case(effects: Path, tmp_path: Path, ending: str) -> None
 def test_a_trajectory_from_a_file_is_followed_and_slowed_down(effects: Path, tmp_path: Path, capsys) -> None:
     t = np.linspace(0.0, 2.0, 201)
     rise = 10 * (t / 2) ** 3 - 15 * (t / 2) ** 4 + 6 * (t / 2) ** 5
-    q = np.outer(rise, np.full(7, 0.3))
+    start = np.array([0.0, 0.6, 0.0, -1.2, 0.0, 0.8, 0.0])
+    q = start + np.outer(rise, np.full(7, 0.3))
     dq = np.gradient(q, t, axis=0)
     rows = np.column_stack([t, q, dq, np.gradient(dq, t, axis=0)])
     names = ["t", *(f"{name}{j}" for name in ("q_ref", "dq_ref", "ddq_ref") for j in range(1, 8))]
@@ -71,7 +72,7 @@ def test_a_trajectory_from_a_file_is_followed_and_slowed_down(effects: Path, tmp
     assert _record(effects, tmp_path / "case", "--trajectory", tmp_path / "motion.csv") == 0
     slow, fast = load_case(tmp_path / "case").recordings
     assert slow.duration == pytest.approx(2.0 / 0.4) and fast.duration == pytest.approx(2.0)
-    np.testing.assert_allclose(fast.q_ref[-1], 0.3, atol=1e-3)
+    np.testing.assert_allclose(fast.q_ref[-1], start + 0.3, atol=1e-3)
     np.testing.assert_allclose(np.abs(slow.dq_ref).max(), 0.4 * np.abs(fast.dq_ref).max(), rtol=0.02)
     (tmp_path / "cut.csv").write_text("t,q_ref1\n0,0\n")
     assert _record(effects, tmp_path / "other", "--trajectory", tmp_path / "cut.csv") == 2
