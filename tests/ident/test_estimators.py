@@ -19,7 +19,7 @@ from ident.estimators.truncated_svd import TruncatedSvd
 from ident.estimators.wls import WeightedLeastSquares
 from ident.problem import Problem
 from ident.solvable import unit_warnings
-from tests.ident.problems import (
+from problems import (
     SOLVABLE,
     TRUTH,
     constant_trajectory,
