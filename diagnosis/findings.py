@@ -10,6 +10,7 @@ from diagnosis.evidence import SKEWS
 from diagnosis.gap import torque_scale
 from diagnosis.rivals import rivals, separated_by
 from diagnosis.rows import Rows, stack
+from diagnosis.terms import Term
 from diagnosis.where import Region, regions
 from effects.applied import AppliedEffect
 
@@ -27,7 +28,9 @@ EXPLAINED_JOINT = 0.4
 LEFT_RATIO = 3.0
 """...or is left with this many times the floor..."""
 LEFT_NRMSE = 0.05
-"""...and at least this torque NRMSE."""
+"""...and at least this torque NRMSE..."""
+CLOSED_JOINT = 0.8
+"""...where not this share of its gap is closed: an effect that makes a joint ring leaves much even when it is found."""
 OPEN = 0.05
 """A rival with this probability leaves the question open."""
 
@@ -42,7 +45,8 @@ def document(study: Study) -> dict[str, Any]:
     before, after = study.before.nrmse, study.after.nrmse
     closed = float((before - after).sum() / max((before - floor).sum(), 1e-9))
     own = (before - after) / np.maximum(before - floor, 1e-9)
-    open_gap = above & ((own < EXPLAINED_JOINT) | (left > np.maximum(LEFT_RATIO * floor, LEFT_NRMSE)))
+    wide = (left > np.maximum(LEFT_RATIO * floor, LEFT_NRMSE)) & (own < CLOSED_JOINT)
+    open_gap = above & ((own < EXPLAINED_JOINT) | wide)
     explained = closed >= EXPLAINED and not open_gap.any()
     verdict = _verdict(bool(effects), bool(above.any() or (study.refusals and not effects)), explained)
     open_joints = [int(j) + 1 for j in np.flatnonzero(above)]
@@ -85,17 +89,17 @@ def _effects(study: Study, rows: Rows) -> list[dict[str, Any]]:
         {
             **_finding(study, applied, rows),
             "parameters": _parameters(study, applied, draws),
-            "share": float(np.clip(shares[applied.name], 0.0, 1.0)),
+            "share": float(np.clip(shares[_name(applied)], 0.0, 1.0)),
         }
-        for applied in sorted(study.effects, key=lambda e: shares[e.name], reverse=True)
+        for applied in sorted(study.effects, key=lambda e: shares[_name(e)], reverse=True)
     ]
 
 
 def _finding(study: Study, applied: AppliedEffect, rows: Rows) -> dict[str, Any]:
     evidence, fit = study.found.evidence, study.found.fit
-    mine = frozenset(t for t in fit.terms if t.effect == applied.name)
+    mine = frozenset(t for t in fit.terms if t.finding == _name(applied))
     only, without = study.judge.gap(mine), study.judge.gap(fit.terms - mine)
-    probability, others = rivals(evidence, fit, applied.name)
+    probability, others = rivals(study.found, _name(applied))
     gained = np.sqrt(np.clip(without.error**2 - study.after.error**2, 0.0, None))
     joints = applied.joints or tuple(int(j) + 1 for j in np.argsort(-(gained**2).sum(axis=0))[:2])
     return {
@@ -115,24 +119,46 @@ def _finding(study: Study, applied: AppliedEffect, rows: Rows) -> dict[str, Any]
     }  # fmt: skip
 
 
+def _name(applied: AppliedEffect) -> str:
+    """What the terms of an effect are named with."""
+    return f"{applied.name} {int(applied.parameters['link'])}" if "link" in applied.parameters else applied.name
+
+
 def _parameters(study: Study, applied: AppliedEffect, draws: np.ndarray) -> dict[str, Any]:
-    """Values with standard deviations from a block bootstrap; a delay is uncertain by the sampling skew as well."""
-    terms = study.found.evidence.terms
-    if applied.name == "payload":
-        mass, moment = draws[:, terms.payload[0]], draws[:, terms.payload[1:]]
-        samples = {"mass": mass, "com": moment / np.where(np.abs(mass) > 1e-6, mass, 1e-6)[:, None]}
-    else:
-        columns = np.arange(len(draws[0]))[terms.block(applied.effect)][np.array(applied.joints) - 1]
-        samples = {applied.effect.names[0]: draws[:, columns]}
-    skew = SKEWS[1] if applied.name == "actuator_delay" else 0.0
-    return {
-        name: {
-            "unit": applied.effect.parameter(name).unit,
-            "value": applied.parameters[name].tolist(),
-            "std": np.hypot(values.std(axis=0), skew).tolist(),
-        }
-        for name, values in samples.items()
-    }
+    """Values with standard deviations: of linear coordinates from a block bootstrap, of shapes from their scan.
+
+    A delay or lag is uncertain by the sampling skew as well.
+    """
+    found = study.found
+    mine = [t for t in found.evidence.terms.all if t in found.fit.terms and t.finding == _name(applied)]
+    c = mine[0].coordinates
+    shapes = [found.evidence.linear.shape(t) for t in mine]
+    values = [np.array(s.values) for s in shapes]
+    samples = [dict(c.values(*_coordinates(draw, mine, values))) for draw in draws]
+    skew = SKEWS[1] if applied.name in ("actuator_delay", "actuator_lag") else 0.0
+    out: dict[str, Any] = {}
+    for parameter in applied.effect.parameters:
+        value = applied.parameters[parameter.name]
+        if parameter.name in c.shape:
+            std = np.array([s.std[c.shape.index(parameter.name)] for s in shapes])
+        elif parameter.name == "link":
+            std = np.zeros(1)
+        else:
+            std = _spread(np.array([sample[parameter.name] for sample in samples]))
+        std = np.hypot(std, skew).reshape(value.shape)
+        out[parameter.name] = {"unit": parameter.unit, "value": value.tolist(), "std": std.tolist()}
+    return out
+
+
+def _coordinates(draw: np.ndarray, terms: list[Term], shapes: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Linear coordinates (linear, m) and shapes (s, m) of the terms of one finding."""
+    return np.array([draw[list(t.columns)] for t in terms]).T, np.array(shapes).T
+
+
+def _spread(samples: np.ndarray) -> np.ndarray:
+    """Half the distance between the 16th and the 84th percentile over the draws: a quotient has wild ones."""
+    low, high = np.percentile(samples, [15.87, 84.13], axis=0)
+    return 0.5 * (high - low)
 
 
 def _regions(study: Study, error: np.ndarray, rows: Rows, joints: list[int], most: int = 2) -> list[Region]:
@@ -202,7 +228,7 @@ def _considered(study: Study) -> list[dict[str, Any]]:
     out: list[dict[str, Any]] = [
         {
             "effect": next(iter(refusal.terms)).effect,
-            "joints": sorted(t.joint for t in refusal.terms if t.joint),
+            "joints": _joints(refusal.terms),
             "log_evidence": None,
             "gap_closed": -refusal.cost,
             "reason": refusal.reason,
@@ -221,13 +247,18 @@ def _considered(study: Study) -> list[dict[str, Any]]:
         out.append(
             {
                 "effect": name,
-                "joints": sorted(t.joint for t in terms if t.joint),
+                "joints": _joints(terms),
                 "log_evidence": float(loser.score - winner.score),
                 "gap_closed": float((gap[1] - gap[0]).sum()),
                 "reason": f"{', '.join(sorted(lost))} predicts the unseen recordings better",
             }
         )
     return out
+
+
+def _joints(terms: frozenset[Term]) -> list[int]:
+    """Joints of terms on joints; none of those on a link or the arm."""
+    return sorted(t.joint for t in terms if t.coordinates.effect.scope == "joint")
 
 
 def _list(values: np.ndarray) -> list[float]:

@@ -60,17 +60,21 @@ def torque_gap(corrected: CorrectedArm, body: RigidBody, segments: list[Segment]
     """Torque gap of an arm on segments that carry a torque."""
     measured, predicted = [], []
     for segment in segments:
-        prediction = corrected.predict(body, segment.motion)
-        measured.append(filtered_torque(segment))
+        prediction = corrected.unlimited.predict(body, segment.motion)
+        measured.append(filtered_torque(segment, corrected))
         predicted.append(low_pass(prediction, segment.motion.rate, TORQUE_CUTOFF)[segment.inner])
     edges = np.concatenate([[0], np.cumsum([len(m) for m in measured])])
     return TorqueGap(np.vstack(measured), np.vstack(predicted), tuple(int(e) for e in edges))
 
 
-def filtered_torque(segment: Segment) -> np.ndarray:
-    """Recorded torque of a segment as the gap sees it: filtered at 12 Hz and trimmed [N m], (M, n)."""
+def filtered_torque(segment: Segment, corrected: CorrectedArm | None = None) -> np.ndarray:
+    """Recorded torque of a segment as the gap sees it: filtered at 12 Hz and trimmed [N m], (M, n).
+
+    Of an arm with saturation it is the torque that saturation lets through.
+    """
     assert segment.torque is not None
-    return low_pass(segment.torque, segment.motion.rate, TORQUE_CUTOFF)[segment.inner]
+    torque = segment.torque if corrected is None else corrected.delivered(segment.torque)
+    return low_pass(torque, segment.motion.rate, TORQUE_CUTOFF)[segment.inner]
 
 
 @dataclass(frozen=True)
@@ -101,7 +105,7 @@ def healthy(corrected: CorrectedArm, body: RigidBody, segment: Segment) -> Healt
     """
     assert segment.torque is not None
     rate = segment.motion.rate
-    gap = segment.torque - corrected.predict(body, segment.motion)
+    gap = corrected.delivered(segment.torque) - corrected.unlimited.predict(body, segment.motion)
     noise = _noise_density(gap[segment.inner], rate) * min(TORQUE_CUTOFF, rate / 2)
     torque = filtered_torque(segment)
     timing = TIMING * np.sqrt((np.gradient(torque, 1 / rate, axis=0) ** 2).mean(axis=0))

@@ -12,28 +12,26 @@ Everything later needs only A^T A and its like per piece of the data, so a log's
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from arm.dynamics import RigidBody
 from arm.nominal import NominalArm
+from diagnosis.columns import Bodies, columns, link_tangent
 from diagnosis.gap import Healthy, filtered_torque, healthy, torque_scale
-from diagnosis.terms import Terms
-from effects.applied import AppliedEffect
+from diagnosis.shapes import Scan, Shape, force_window, ripple_candidates, search_shape, waves
+from diagnosis.terms import Term, Terms
 from effects.corrected import CorrectedArm
-from effects.effect import Sensing
-from effects.rigid_body import point_mass_parameters
 from ident.conditioning import Segment, low_pass
-
-STEP = {"actuator_delay": 1e-4, "torque_scale": 1e-3, "load_friction": 1e-3}
-"""Finite-difference steps of the parameters in which the torque is not linear; 1 for the others."""
-
 
 PIECE = 1.5
 """Length of the pieces in which normal equations are kept, for the bootstrap [s]."""
-MOST_PIECES = 60
+MOST_PIECES = 40
 """Pieces over all folds; on long logs they grow instead."""
+COMMON = ("torque_offset", "coulomb_friction", "viscous_friction", "armature", "torque_scale")
+"""Effects that are taken out of a joint's gap before a shape is searched on it."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,7 @@ class Fold:
 
 
 class Data:
-    """Folds of segments with what does not depend on the parameters: the filtered inertial regressor of each.
+    """Folds of segments with what does not depend on the parameters.
 
     Args:
         arm, body: the nominal arm and its dynamics.
@@ -66,22 +64,72 @@ class Data:
 
     Attributes:
         torque_deviation: normalisation of the torque gap over all folds [N m], (n,).
+        units: what a relative error of each inertial parameter would change it by, (10 n,).
+        nuisance: the filtered inertial regressor of each segment, per unit.
+        bodies: what the columns need of each segment's bodies.
     """
 
     def __init__(self, arm: NominalArm, body: RigidBody, folds: list[list[Segment]], cutoff: float) -> None:
         self.arm, self.body, self.folds, self.cutoff = arm, body, folds, cutoff
-        self.torque_deviation = torque_scale(np.vstack([filtered_torque(s) for fold in folds for s in fold]))
-        units = _nuisance_units(body)
-        self.nuisance = [[self.thin(body.regressor(*_motion(s)) * units, s) for s in fold] for fold in folds]
+        self.segments = [s for fold in folds for s in fold]
+        self.torque_deviation = torque_scale(np.vstack([filtered_torque(s) for s in self.segments]))
+        self.units = _nuisance_units(body)
+        self.nuisance, self.bodies = [], []
+        for s in self.segments:
+            regressor = body.regressor(s.motion.q, s.motion.dq, s.motion.ddq)
+            self.bodies.append(Bodies.of(body, s, regressor))
+            self.nuisance.append(self.thin(regressor * self.units, s))
+        self._ripples: dict[int, tuple[np.ndarray, np.ndarray]] = {}
 
     def thin(self, series: np.ndarray, segment: Segment) -> np.ndarray:
         """Series of a segment, filtered, trimmed, and decimated to about twice the filter's cut-off."""
         inner = segment.inner
-        return low_pass(series, segment.motion.rate, self.cutoff)[inner.start : inner.stop : self.step(segment)]
+        out = np.zeros((len(range(inner.start, inner.stop, self.step(segment))), *series.shape[1:]))
+        moving = series.any(axis=0)
+        if moving.any() or moving.ndim == 0:
+            kept = low_pass(series[:, moving], segment.motion.rate, self.cutoff)
+            out[:, moving] = kept[inner.start : inner.stop : self.step(segment)]
+        return out
+
+    def ripples(self, j: int) -> tuple[np.ndarray, np.ndarray]:
+        """Cycles of ripples to look for on a joint, (K,), and their columns on the rows of all segments, (M, 2 K)."""
+        if j not in self._ripples:
+            q = [s.motion.q[:, j, None] for s in self.segments]
+            cycles = ripple_candidates(q, np.concatenate([s.motion.dq[:, j] for s in self.segments]))
+            columns = [self._sparse(s, waves(cycles, x[:: self._stride(s)])) for s, x in zip(self.segments, q, strict=True)]
+            self._ripples[j] = cycles, np.vstack(columns).astype(np.float32)
+        return self._ripples[j]
+
+    def _stride(self, segment: Segment) -> int:
+        """Every how many samples many columns are computed: a divisor of ``step`` that leaves four times the band."""
+        step, most = self.step(segment), max(1, int(segment.motion.rate // (4 * self.cutoff)))
+        return max(k for k in range(1, most + 1) if step % k == 0)
+
+    def _sparse(self, segment: Segment, series: np.ndarray) -> np.ndarray:
+        """Rows of series that are given on every so many samples only."""
+        stride, inner = self._stride(segment), segment.inner
+        kept = low_pass(series, segment.motion.rate / stride, self.cutoff)
+        rows = np.arange(inner.start, inner.stop, self.step(segment)) / stride
+        return kept[np.minimum(np.round(rows).astype(int), len(kept) - 1)]
 
     def step(self, segment: Segment) -> int:
         """Every how many samples the rows are taken."""
         return max(1, int(segment.motion.rate // (2.5 * self.cutoff)))
+
+    def time(self, segment: Segment) -> np.ndarray:
+        """Time of a segment's rows since the start of its recording [s], (M,)."""
+        inner = segment.inner
+        return segment.motion.t[inner.start : inner.stop : self.step(segment)]
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Rows of one segment, M of them: gap and rate (M, n), columns (M, n, P), weight (M, n), and its healthy rest."""
+
+    gap: np.ndarray
+    columns: np.ndarray
+    rate: np.ndarray
+    doubt: Healthy
 
 
 class Linearisation:
@@ -89,25 +137,147 @@ class Linearisation:
 
     Args:
         data: the folds.
-        terms: all terms that may be added.
         theta: theta_0, shape (P,).
+        terms: all terms, with the shapes of those that theta_0 uses.
+
+    Attributes:
+        terms: all terms, with the shapes of those used, and for the others the most promising ones.
+        refined: for the terms used, the shapes that now explain most.
     """
 
-    def __init__(self, data: Data, terms: Terms, theta: np.ndarray) -> None:
-        self.data, self.arm, self.body, self.terms, self.theta = data, data.arm, data.body, terms, theta
-        self.folds = [self._fold(fold, nuisance) for fold, nuisance in zip(data.folds, data.nuisance, strict=True)]
+    def __init__(self, data: Data, theta: np.ndarray, terms: Terms) -> None:
+        self.data, self.arm, self.body, self.theta = data, data.arm, data.body, theta
+        self._used = frozenset(t for t in terms.shapes if theta[list(t.columns)].any())
+        known = {t: terms.shapes[t] for t in self._used}
+        self.terms = Terms(data.arm.n_joints, known)
+        self._corrected = CorrectedArm(self.arm, self.terms.effects(theta))
+        parts = [self._part(k) for k in range(len(data.segments))]
+        found = self._search(parts)
+        self.refined: Mapping[Term, Shape] = {t: found[t] for t in self._used}
+        proposed = {t: shape.values for t, shape in found.items() if t not in self._used}
+        self.terms = Terms(data.arm.n_joints, {**known, **proposed})
+        self._add_shaped(parts, frozenset(proposed))
+        self.folds = [self._fold(fold, parts) for fold in self._places()]
 
-    def _fold(self, segments: list[Segment], nuisance: list[np.ndarray]) -> Fold:
-        gaps, columns, rates, doubts = zip(*(self._segment(s) for s in segments), strict=True)
-        lengths = [len(g) for g in gaps]
-        floor2 = np.average(np.array([d.steady for d in doubts]) ** 2, axis=0, weights=lengths)
-        weight = 1.0 / (1.0 + np.vstack([d.sticking for d in doubts]) ** 2 / floor2)
+    def shape(self, term: Term) -> Shape:
+        """The shape of a term in use, with its standard deviations; empty where its effect has none."""
+        values = self.terms.shapes.get(term, ())
+        return Shape(values, self.refined[term].std if term in self.refined else (0.0,) * len(values))
+
+    def _places(self) -> list[list[int]]:
+        """Places of each fold's segments among all."""
+        ends = np.cumsum([len(fold) for fold in self.data.folds])
+        return [list(range(end - len(fold), end)) for fold, end in zip(self.data.folds, ends, strict=True)]
+
+    def _part(self, k: int) -> _Part:
+        segment, bodies = self.data.segments[k], self.data.bodies[k]
+        predicted, x = columns(self._corrected, self.body, segment, bodies, self.terms, self.theta)
+        doubt = healthy(self._corrected, self.body, segment)
+        assert segment.torque is not None
+        gap = self.data.thin(self._corrected.delivered(segment.torque) - predicted, segment)
+        rate = self.data.thin(np.gradient(predicted, segment.motion.t, axis=0), segment)
+        sticking = doubt.sticking[:: self.data.step(segment)]
+        x = self.data.thin(x, segment)
+        self._add_links(x, self.data.nuisance[k])
+        return _Part(gap, x, rate, Healthy(doubt.steady, sticking))
+
+    def _add_links(self, x: np.ndarray, nuisance: np.ndarray) -> None:
+        """Columns of link inertia from those of the inertial regressor."""
+        own = self.body.inertial_parameters().reshape(-1, 10)
+        by_link = nuisance.reshape(*nuisance.shape[:2], -1, 10)
+        gain = 1.0 / (1.0 + self._corrected.value("torque_scale", "scale"))
+        for link, places in enumerate(self.terms.block("link_inertia").T):
+            tangent = link_tangent(own[link], link, self.theta[places])
+            units = self.data.units[10 * link : 10 * link + 10]
+            scaled = np.divide(tangent.T, units, out=np.zeros((4, 10)), where=units > 0).T
+            x[:, :, places] = gain[:, None] * (by_link[:, :, link] @ scaled)
+
+    def _add_shaped(self, parts: list[_Part], proposed: frozenset[Term]) -> None:
+        """Columns of the terms whose shapes were proposed, into those of the parts."""
+        if not proposed:
+            return
+        names = {t.effect for t in proposed}
+        places = [c for t in proposed for c in t.columns]
+        for k, part in enumerate(parts):
+            segment, bodies = self.data.segments[k], self.data.bodies[k]
+            _, x = columns(self._corrected, self.body, segment, bodies, self.terms, self.theta, names)
+            part.columns[:, :, places] = self.data.thin(x[:, :, places], segment)
+
+    def _search(self, parts: list[_Part]) -> dict[Term, Shape]:
+        """The most promising shape of every term that has one."""
+        found = {}
+        residuals = []
+        for j in range(self.arm.n_joints):
+            scan = self._scan(parts, j)
+            residuals.append(scan.residual)
+            for term in (t for t in self.terms.all if t.coordinates.shape and t.joint == j + 1):
+                known = self.terms.shapes.get(term)
+                if term.effect == "torque_ripple" and known is None:
+                    found[term] = scan.best(*self.data.ripples(j), 2)
+                    continue
+                own = self._own(parts, term, j) if known else 0.0
+                with_own = Scan(scan.residual + own, scan.basis, scan.thin, scan.noise)
+                segments = self.data.segments
+                found[term] = search_shape(term, self._corrected, segments, with_own, known[0] if known else None)
+        window = self._window(parts, np.array(residuals).T)
+        if window is not None:
+            found[self.terms.of("external_force")[0]] = window
+        return found
+
+    def _scan(self, parts: list[_Part], j: int) -> Scan:
+        """What is left of joint j's gap."""
+        weight = [1.0 / np.sqrt(1.0 + (p.doubt.sticking[:, j] / p.doubt.steady[j]) ** 2) for p in parts]
+
+        def thin(series: Sequence[np.ndarray]) -> np.ndarray:
+            return np.vstack(
+                [w[:, None] * self.data.thin(x, s) for w, x, s in zip(weight, series, self.data.segments, strict=True)]
+            )
+
+        common = [self.terms.of(name)[j].columns[0] for name in COMMON]
+        known = np.vstack([w[:, None] * p.columns[:, j][:, common] for w, p in zip(weight, parts, strict=True)])
+        bodies = np.vstack([w[:, None] * x[:, j] for w, x in zip(weight, self.data.nuisance, strict=True)])
+        gap = np.concatenate([w * p.gap[:, j] for w, p in zip(weight, parts, strict=True)])
+        basis = _basis(np.hstack([known, bodies]))
+        residual = gap - basis @ (basis.T @ gap)
+        independent = effective_samples(residual[:, None])[0]
+        return Scan(residual, basis, thin, float(residual @ residual / independent))
+
+    def _own(self, parts: list[_Part], term: Term, j: int) -> np.ndarray:
+        """What a term contributes to joint j at theta_0 [N m], weighed, (M,)."""
+        places = list(term.columns)
+        return np.concatenate(
+            [
+                p.columns[:, j, places] @ self.theta[places] / np.sqrt(1.0 + (p.doubt.sticking[:, j] / p.doubt.steady[j]) ** 2)
+                for p in parts
+            ]
+        )
+
+    def _window(self, parts: list[_Part], residual: np.ndarray) -> Shape | None:
+        """The window in which a force from outside explains most."""
+        segments = self.data.segments
+        term = self.terms.of("external_force")[0]
+        rotation = self._corrected.base_rotation()
+        force = np.vstack([-self.data.thin(b.force @ rotation.T, s) for b, s in zip(self.data.bodies, segments, strict=True)])
+        if term in self._used:
+            residual = residual + np.vstack([p.columns[:, :, list(term.columns)] @ self.theta[list(term.columns)] for p in parts])
+        t = np.concatenate([self.data.time(s) for s in segments])
+        steady = np.array([p.doubt.steady for p in parts]) ** 2
+        weight = 1.0 / (steady.mean(axis=0) + (residual**2).mean(axis=0))
+        return force_window(t, residual, force, weight)
+
+    def _fold(self, places: list[int], parts: list[_Part]) -> Fold:
+        chosen = [parts[k] for k in places]
+        segments = [self.data.segments[k] for k in places]
+        lengths = [len(p.gap) for p in chosen]
+        floor2 = np.average(np.array([p.doubt.steady for p in chosen]) ** 2, axis=0, weights=lengths)
+        weight = 1.0 / (1.0 + np.vstack([p.doubt.sticking for p in chosen]) ** 2 / floor2)
         seconds = sum(float(s.motion.t[-1] - s.motion.t[0]) for s in segments)
         count = int(np.clip(seconds / PIECE, 2, max(2, MOST_PIECES // len(self.data.folds))))
-        gap, x = np.vstack(gaps), np.vstack(columns)
+        gap, x, rate = (np.vstack([getattr(p, name) for p in chosen]) for name in ("gap", "columns", "rate"))
+        nuisance = np.vstack([self.data.nuisance[k] for k in places])
         y = gap + x @ self.theta
         full = (
-            np.concatenate([x, np.vstack(nuisance), np.vstack(rates)[:, :, None], y[:, :, None]], axis=2)
+            np.concatenate([x, nuisance, rate[:, :, None], y[:, :, None]], axis=2)
             * np.sqrt(weight)[:, :, None]
         ).transpose(1, 0, 2)
         cuts = np.linspace(0, len(y), count + 1).astype(int)
@@ -118,50 +288,12 @@ class Linearisation:
         independent = effective_samples(_richest_residual(explaining)) * weight.mean(axis=0)
         return Fold(gram, rows, np.sqrt(floor2), independent)
 
-    def _segment(self, segment: Segment) -> tuple[np.ndarray, np.ndarray, np.ndarray, Healthy]:
-        """Gap (M, n), columns (M, n, P), rate (M, n) and doubts of one segment, filtered, trimmed and decimated."""
-        assert segment.torque is not None
-        corrected = CorrectedArm(self.arm, self.terms.effects(self.theta))
-        predicted, columns = self._derivatives(corrected, segment)
-        doubt = healthy(corrected, self.body, segment)
-        gap = self.data.thin(segment.torque - predicted, segment)
-        sticking = doubt.sticking[:: self.data.step(segment)]
-        rate = np.gradient(predicted, segment.motion.t, axis=0)
-        return gap, self.data.thin(columns, segment), self.data.thin(rate, segment), Healthy(doubt.steady, sticking)
 
-    def _derivatives(self, corrected: CorrectedArm, segment: Segment) -> tuple[np.ndarray, np.ndarray]:
-        """Predicted torque (N, n), and its derivatives by theta (N, n, P)."""
-        motion, terms, n = segment.motion, self.terms, self.arm.n_joints
-        rigid = corrected.rigid_torque(self.body, motion)
-
-        def recorded(arm: CorrectedArm, torque: np.ndarray) -> np.ndarray:
-            return arm.recorded_torque(arm.needed_torque(torque, motion), motion)
-
-        base = recorded(corrected, rigid)
-        out = np.zeros((len(motion.t), n, terms.size))
-        for effect in terms.joint_effects:
-            if isinstance(effect, Sensing):
-                continue
-            h = STEP.get(effect.name, 1.0)
-            moved = _moved(corrected, effect.name, effect.names[0], h)
-            change = (recorded(moved, rigid) - base) / h
-            block = terms.block(effect)
-            for j in range(n):
-                out[:, j, block.start + j] = change[:, j]
-        q = corrected.true_position(motion.q)
-        offset = terms.block(next(e for e in terms.joint_effects if isinstance(e, Sensing)))
-        by_position = corrected.body(self.body).position_sensitivity(q, motion.dq, motion.ddq)
-        last = self.body.last_link_regressor(q, motion.dq, motion.ddq)
-        columns = np.concatenate([-by_position, last @ _payload_tangent(self.theta[terms.payload])], axis=2)
-        gain = (recorded(corrected, rigid + 1e-3) - recorded(corrected, rigid - 1e-3)) / 2e-3
-        through = _delayed(corrected, columns, motion.t) * np.clip(gain, 0.2, 5.0)[:, :, None]
-        out[:, :, offset] = through[:, :, :n]
-        out[:, :, terms.payload] = through[:, :, n:]
-        return base, out
-
-
-def _motion(segment: Segment) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return segment.motion.q, segment.motion.dq, segment.motion.ddq
+def _basis(x: np.ndarray) -> np.ndarray:
+    """Orthonormal basis of the columns of x, those that hardly count left out."""
+    norms = np.linalg.norm(x, axis=0)
+    u, size, _ = np.linalg.svd(x[:, norms > 0] / norms[norms > 0], full_matrices=False)
+    return u[:, size > 1e-3 * size[0]]
 
 
 def _richest_residual(full: np.ndarray) -> np.ndarray:
@@ -187,30 +319,6 @@ def effective_samples(series: np.ndarray) -> np.ndarray:
     return np.maximum(len(series) * (1 - rho) / (1 + rho), 8.0)
 
 
-def _moved(corrected: CorrectedArm, effect: str, parameter: str, step: float) -> CorrectedArm:
-    """The same arm with one parameter moved by a step on all joints."""
-    n = corrected.arm.n_joints
-    others = tuple(e for e in corrected.effects if e.name != effect)
-    value = corrected.value(effect, parameter) + step
-    return CorrectedArm(corrected.arm, (*others, AppliedEffect(effect, tuple(range(1, n + 1)), {parameter: value})))
-
-
-def _payload_tangent(payload: np.ndarray) -> np.ndarray:
-    """Derivative of the payload's ten inertial parameters by mass and first moment, shape (10, 4)."""
-    mass = payload[0]
-    tangent = np.eye(10, 4)
-    if abs(mass) < 1e-3:
-        return tangent
-    h = 1e-4 * abs(mass)
-    for k in range(4):
-        step = h * np.eye(4)[k]
-        up, down = payload + step, payload - step
-        tangent[:, k] = (
-            point_mass_parameters(up[0], up[1:] / up[0]) - point_mass_parameters(down[0], down[1:] / down[0])
-        ) / (2 * h)
-    return tangent
-
-
 def _nuisance_units(body: RigidBody) -> np.ndarray:
     """Size of a nominal arm's inertial parameters, (10 n,): what a relative error of one would change them by.
 
@@ -221,11 +329,3 @@ def _nuisance_units(body: RigidBody) -> np.ndarray:
         moment = max(float(np.hypot(np.hypot(hx, hy), hz)), 0.05 * m)
         units.append([m, *[moment] * 3, *[0.5 * (xx + yy + zz)] * 6])
     return np.array(units).ravel()
-
-
-def _delayed(corrected: CorrectedArm, columns: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Columns (N, n, K) of the needed torque, each joint's shifted by its delay, to first order in the shift."""
-    delay = corrected.value("actuator_delay", "delay")
-    if not delay.any():
-        return columns
-    return columns + delay[:, None] * np.gradient(columns, t, axis=0)

@@ -68,9 +68,9 @@ def _harmful(judge: Judge) -> Refusal | None:
 
 
 def _improbable(found: Search) -> Refusal | None:
-    for name in sorted({t.effect for t in found.fit.terms}):
-        probability, others = rivals(found.evidence, found.fit, name)
+    for name in sorted({t.finding for t in found.fit.terms}):
+        probability, others = rivals(found, name)
         if probability < LEAST_PROBABILITY:
-            terms = frozenset(t for t in found.fit.terms if t.effect == name)
+            terms = frozenset(t for t in found.fit.terms if t.finding == name)
             return Refusal(terms, f"is improbable ({probability:.0%}); {others[0].effect} does as well", 0.0)
     return None

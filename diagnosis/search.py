@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from arm.dynamics import RigidBody
 from arm.nominal import NominalArm
+from diagnosis.coordinates import COORDINATES
 from diagnosis.evidence import Evidence, Fit, best_evidence
 from diagnosis.linear import Data, Linearisation
 from diagnosis.terms import EXPLAINED, Term, Terms
-from ident.conditioning import Segment
+from ident.conditioning import Segment, thinned
 
+SEARCH_RATE = 100.0
+"""The search works on segments decimated to no less than this [Hz]."""
 MOST_LINEARISATIONS = 3
 """Linearisations around the values of one set of terms."""
 LEAST_GAIN = 3.0
 """A move must raise the evidence by this much [nats]."""
 MOST_STEPS = 12
 """Forward steps before the search gives up."""
+CONTESTS = (("actuator_delay", "actuator_lag"),)
+"""Effects with the same column where they begin."""
 VISIBLE_EFFECT = 0.01
 """An effect must lower the unseen torque NRMSE of some joint by this much to be named."""
 VISIBLE_TERM = 0.004
@@ -34,6 +39,7 @@ class Search:
         scale: normalisation of the torque gap over all folds [N m], (n,).
         fit: the best set of terms, fitted at its own linearisation.
         evidence: the evidence that scored it.
+        contested: evidence of a rival less that of an effect found, each around its own values [nats].
         considered: gain of the best group of each effect over what was chosen, in nats: the rivals at each step.
     """
 
@@ -41,6 +47,7 @@ class Search:
     fit: Fit
     evidence: Evidence
     considered: tuple[tuple[Fit, Fit], ...]
+    contested: Mapping[tuple[str, str], float]
 
 
 def search(
@@ -51,8 +58,7 @@ def search(
     progress: Callable[[str], None] = lambda message: None,
 ) -> Search:
     """Find the terms that explain the gap of recordings, judged on recordings left out of the fit."""
-    terms = Terms(arm.n_joints)
-    state = _State(arm, body, terms, folds, cutoff)
+    state = _State(arm, body, [[thinned(s, SEARCH_RATE) for s in fold] for fold in folds], cutoff)
     considered: list[tuple[Fit, Fit]] = []
     been = {state.fit.terms}
     for _ in range(MOST_STEPS):
@@ -67,9 +73,10 @@ def search(
         if state.fit.terms in been:
             break
         been.add(state.fit.terms)
+    state.contest()
     state.prune()
     state.polish()
-    return Search(state.scale, state.fit, state.evidence, tuple(considered))
+    return Search(state.scale, state.fit, state.evidence, tuple(considered), state.contested)
 
 
 def _describe(terms: frozenset[Term]) -> str:
@@ -81,14 +88,16 @@ class _State:
     """The model so far: its terms, the linearisation around its values, and the evidence on it."""
 
     def __init__(
-        self, arm: NominalArm, body: RigidBody, terms: Terms, folds: list[list[Segment]], cutoff: float
+        self, arm: NominalArm, body: RigidBody, folds: list[list[Segment]], cutoff: float
     ) -> None:
-        self.terms, self.data = terms, Data(arm, body, folds, cutoff)
+        self.data = Data(arm, body, folds, cutoff)
         self.scale = self.data.torque_deviation
-        self.linear = Linearisation(self.data, terms, np.zeros(terms.size))
+        terms = Terms(arm.n_joints)
+        self.linear = Linearisation(self.data, np.zeros(terms.size), terms)
         gap = np.array([fold.gram[:, :, -1, -1].sum(axis=0) / fold.rows.sum(axis=0) for fold in self.linear.folds])
         self.evidence = best_evidence(self.linear, gap, frozenset())
         self.fit = self.evidence.fit(frozenset())
+        self.contested: dict[tuple[str, str], float] = {}
 
     def accept(self, terms: frozenset[Term]) -> None:
         """Take a set of terms, less those whose values turn out impossible.
@@ -98,12 +107,32 @@ class _State:
         for _ in range(MOST_LINEARISATIONS):
             fit = self._possible(terms)
             terms = fit.terms
-            self.linear = Linearisation(self.data, self.terms, fit.theta)
+            shapes = {**self.terms.shapes, **{t: shape.values for t, shape in self.linear.refined.items()}}
+            self.linear = Linearisation(self.data, _settled(fit), Terms(self.terms.n_joints, shapes))
             self.evidence = best_evidence(self.linear, fit.unseen, terms)
             self.fit = self._possible(terms)
             terms = self.fit.terms
             if np.allclose(fit.theta, self.fit.theta, rtol=0.01, atol=1e-4):
                 break
+
+    @property
+    def terms(self) -> Terms:
+        """All terms, with their shapes."""
+        return self.linear.terms
+
+    def contest(self) -> None:
+        """Give effects that look alike to first order the place of each other, each around its own values."""
+        for effect, rival in (*CONTESTS, *(pair[::-1] for pair in CONTESTS)):
+            mine = frozenset(t for t in self.fit.terms if t.effect == effect)
+            others = frozenset(t for t in self.terms.open if t.effect == rival and t.joint in {m.joint for m in mine})
+            if not mine or self.fit.terms & others:
+                continue
+            before = self.linear, self.evidence, self.fit
+            self.accept((self.fit.terms - mine) | others)
+            difference = self.fit.score - before[2].score
+            self.contested[(effect, rival) if difference < 0.5 else (rival, effect)] = -abs(difference)
+            if difference < 0.5:
+                self.linear, self.evidence, self.fit = before
 
     def _possible(self, terms: frozenset[Term]) -> Fit:
         """Fit of a set of terms, less those whose values are impossible."""
@@ -114,12 +143,16 @@ class _State:
 
     def refine(self) -> None:
         """Remove and swap terms while that raises the evidence."""
+        been = {self.fit.terms}
         for _ in range(20):
             moves = [self.evidence.fit(s) for s in _neighbours(self.fit.terms, self.terms)]
             best = max(moves, key=lambda fit: fit.score, default=None)
             if best is None or best.score < self.fit.score + 0.5:
                 break
             self.accept(best.terms)
+            if self.fit.terms in been:
+                break
+            been.add(self.fit.terms)
 
     def prune(self) -> None:
         """Take out, one by one, what no person could see: effects, then terms, whose loss hardly widens the gap."""
@@ -166,8 +199,15 @@ def nrmse(evidence: Evidence, unseen: np.ndarray, scale: np.ndarray) -> np.ndarr
     return np.sqrt((unseen * evidence.rows).sum(axis=0) / evidence.rows.sum(axis=0)) / scale
 
 
+def _settled(fit: Fit) -> np.ndarray:
+    """Values around which to linearise: saturation is there or not, how much of it is in its shape."""
+    theta = fit.theta.copy()
+    theta[[t.columns[0] for t in fit.terms if t.effect == "torque_saturation"]] = 1.0
+    return theta
+
+
 def _by_effect(terms: frozenset[Term]) -> list[frozenset[Term]]:
-    return [frozenset(t for t in terms if t.effect == name) for name in sorted({t.effect for t in terms})]
+    return [frozenset(t for t in terms if t.finding == name) for name in sorted({t.finding for t in terms})]
 
 
 def _by_term(terms: frozenset[Term]) -> list[frozenset[Term]]:
@@ -181,10 +221,11 @@ def _groups(state: _State) -> list[Fit]:
 
 
 def _group(state: _State, effect: str) -> Fit | None:
-    """The best group of joints for one effect; joints are added in the order of their own gain."""
+    """The best group of joints for one effect; joints are added in the order of their own gain, links one at a time."""
     best = None
-    free = [t for t in state.terms.all if t.effect == effect and t not in state.fit.terms]
-    for single in sorted((state.evidence.fit(state.fit.terms | {t}) for t in free), key=lambda f: -f.score):
+    free = [t for t in state.terms.open if t.effect == effect and not _clashes(t, state.fit.terms, state.terms)]
+    singles = sorted((state.evidence.fit(state.fit.terms | {t}) for t in free), key=lambda f: -f.score)
+    for single in singles if COORDINATES[effect].effect.scope == "joint" else singles[:1]:
         known = best or state.fit
         extended = state.evidence.fit(known.terms | single.terms)
         if extended.score > known.score:
@@ -192,17 +233,29 @@ def _group(state: _State, effect: str) -> Fit | None:
     return best
 
 
+def _clashes(term: Term, chosen: frozenset[Term], terms: Terms) -> bool:
+    """Whether a term is chosen already, or one that says the same of the same joint."""
+    return term in chosen or any(t.effect == _same(term) and t.joint == term.joint for t in chosen)
+
+
+def _same(term: Term) -> str | None:
+    """The effect that looks like a term's to first order, with which it is contested."""
+    return next((b if term.effect == a else a for a, b in CONTESTS if term.effect in (a, b)), None)
+
+
 def _neighbours(chosen: frozenset[Term], terms: Terms) -> list[frozenset[Term]]:
     """Sets one move away: a term or an effect removed, a term swapped on its joint, an effect renamed."""
     moves = [chosen - {t} for t in chosen]
-    effects = {t.effect for t in chosen}
-    for name in effects:
-        moves.append(chosen - {t for t in chosen if t.effect == name})
-        joints = {t.joint for t in chosen if t.effect == name}
-        for other in {t.effect for t in terms.all} - effects - {"payload"}:
-            renamed = {t for t in terms.all if t.effect == other and t.joint in joints}
-            moves.append((chosen - {t for t in chosen if t.effect == name}) | renamed)
+    of_joints = {t.effect for t in terms.open if t.coordinates.effect.scope == "joint"}
+    for name in {t.effect for t in chosen}:
+        mine = frozenset(t for t in chosen if t.effect == name)
+        moves.append(chosen - mine)
+        joints = {t.joint for t in mine}
+        for other in of_joints - {t.effect for t in chosen} - {_same(t) for t in mine}:
+            moves.append((chosen - mine) | {t for t in terms.open if t.effect == other and t.joint in joints})
     for term in chosen:
-        rivals = [t for t in terms.all if t not in chosen and (t.joint == term.joint or t.effect == "payload")]
+        rivals = [t for t in terms.open if t not in chosen and t.joint in (term.joint, 0) and t.effect != _same(term)]
         moves += [(chosen - {term}) | {rival} for rival in rivals]
+        if term.joint == 0:
+            moves += [(chosen - {term}) | {t} for t in terms.of("link_inertia")]
     return list(dict.fromkeys(moves))
