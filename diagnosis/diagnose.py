@@ -11,14 +11,17 @@ from threadpoolctl import threadpool_limits
 from arm.case import Case
 from arm.dynamics import RigidBody
 from arm.errors import GapscopeError
+from diagnosis.faults.found import FoundFault, repaired
 from diagnosis.findings import document
 from diagnosis.gap import TorqueGap, healthy, torque_gap, torque_scale
 from diagnosis.judge import Judge
 from diagnosis.pictures import signatures, spectrum, traces
+from diagnosis.quantization import find_quantization
 from diagnosis.refusal import Refusal, refuse
 from diagnosis.replay_gap import ReplayGap, replay_gap
 from diagnosis.result import Diagnosis
 from diagnosis.search import Search, search
+from diagnosis.setup import find_setup_faults
 from effects.applied import AppliedEffect
 from effects.corrected import CorrectedArm
 from ident.conditioning import TORQUE_CUTOFF, Segment, blocks, condition, position_cutoff
@@ -42,6 +45,8 @@ class Study:
         floor: RMS that a healthy arm of this kind would leave [N m], (n,).
         left: RMS of the gap that is left once the errors of the nominal inertials are allowed for as well [N m], (n,).
         replay: replay gap without and with the effects.
+        faults: what was wrong with the set-up, put right in the case before anything else, and what shows in the
+            recordings themselves.
     """
 
     case: Case
@@ -56,6 +61,7 @@ class Study:
     floor: np.ndarray
     left: np.ndarray
     replay: ReplayGap
+    faults: tuple[FoundFault, ...]
 
 
 def diagnose(case: Case, progress: Callable[[str], None] = lambda message: None) -> Diagnosis:
@@ -74,7 +80,7 @@ def diagnose(case: Case, progress: Callable[[str], None] = lambda message: None)
         progress("writes the findings")
         content = document(study)
     corrected = CorrectedArm(case.arm, study.effects)
-    order = [finding["effect"] for finding in content["effects"]]
+    order = [finding["effect"] for finding in content["effects"]]  # faults are not part of the arm
     return Diagnosis(
         document=content,
         effects=tuple(sorted(study.effects, key=lambda applied: order.index(applied.name))),
@@ -86,6 +92,12 @@ def diagnose(case: Case, progress: Callable[[str], None] = lambda message: None)
 
 def _study(case: Case, progress: Callable[[str], None]) -> Study:
     _check_torque(case)
+    progress("tests the set-up")
+    faults = find_setup_faults(case)
+    case = repaired(case, faults)
+    faults = (*faults, *find_quantization(case))
+    for fault in faults:
+        progress(f"finds {fault}")
     progress("conditions the signals")
     body = RigidBody(case.arm)
     cutoff = position_cutoff(case.recordings)
@@ -102,7 +114,7 @@ def _study(case: Case, progress: Callable[[str], None]) -> Study:
     floor, left = _floor(CorrectedArm(case.arm, effects), body, judge.segments, found)
     progress("replays a recording in the simulator")
     replayed = replay_gap(case, judge)
-    return Study(case, body, cutoff, found, refusals, effects, judge, before, after, floor, left, replayed)
+    return Study(case, body, cutoff, found, refusals, effects, judge, before, after, floor, left, replayed, faults)
 
 
 def _check_torque(case: Case) -> None:

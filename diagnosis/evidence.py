@@ -200,11 +200,11 @@ def _lowest(linearisation: Linearisation) -> np.ndarray:
     return lowest
 
 
-def best_evidence(linearisation: Linearisation, unseen: np.ndarray, terms: frozenset[Term]) -> Evidence:
-    """The evidence under the skew, then the error of the nominal inertials, that explain the data best."""
+def evidences(linearisation: Linearisation, unseen: np.ndarray, terms: frozenset[Term]) -> tuple[Evidence, ...]:
+    """The evidence under each error of the nominal inertials, best first, with the skew that explains the data best."""
 
-    def best(candidates: list[Evidence]) -> Evidence:
-        return max(candidates, key=lambda evidence: evidence.fit(terms).score)
+    def ranked(candidates: list[Evidence]) -> tuple[Evidence, ...]:
+        return tuple(sorted(candidates, key=lambda evidence: evidence.fit(terms).score, reverse=True))
 
-    skew = best([Evidence(linearisation, unseen, 0.01, skew) for skew in SKEWS]).skew
-    return best([Evidence(linearisation, unseen, sigma, skew) for sigma in NOMINAL_ERROR])
+    skew = ranked([Evidence(linearisation, unseen, 0.01, skew) for skew in SKEWS])[0].skew
+    return ranked([Evidence(linearisation, unseen, sigma, skew) for sigma in NOMINAL_ERROR])

@@ -43,11 +43,14 @@ def document(study: Study) -> dict[str, Any]:
     effects = _effects(study, rows)
     above = left > np.maximum(UNEXPLAINED_RATIO * floor, floor + UNEXPLAINED_NRMSE)
     before, after = study.before.nrmse, study.after.nrmse
+    faulty = next((f.gap_before for f in study.faults if f.gap_before is not None), None)
     closed = float((before - after).sum() / max((before - floor).sum(), 1e-9))
     own = (before - after) / np.maximum(before - floor, 1e-9)
     wide = (left > np.maximum(LEFT_RATIO * floor, LEFT_NRMSE)) & (own < CLOSED_JOINT)
     open_gap = above & ((own < EXPLAINED_JOINT) | wide)
     explained = closed >= EXPLAINED and not open_gap.any()
+    total = study.before.nrmse if faulty is None else faulty
+    effects = _with_faults(study, effects, total, after, floor)
     verdict = _verdict(bool(effects), bool(above.any() or (study.refusals and not effects)), explained)
     open_joints = [int(j) + 1 for j in np.flatnonzero(above)]
     return {
@@ -56,7 +59,7 @@ def document(study: Study) -> dict[str, Any]:
         "verdict": verdict,
         "gap": {
             "before": {
-                "torque_nrmse": _list(before),
+                "torque_nrmse": _list(total),
                 "replay_rmse": _known(study.replay.before),
                 "floor": _list(floor),
             },
@@ -93,6 +96,36 @@ def _effects(study: Study, rows: Rows) -> list[dict[str, Any]]:
         }
         for applied in sorted(study.effects, key=lambda e: shares[_name(e)], reverse=True)
     ]
+
+
+def _with_faults(
+    study: Study, effects: list[dict[str, Any]], before: np.ndarray, after: np.ndarray, floor: np.ndarray
+) -> list[dict[str, Any]]:
+    """Findings on effects and faults together, those with the largest share first.
+
+    A fault's share is what putting it right takes from the whole gap above the floor; the effects share the rest.
+    """
+    whole = max(float((before - floor).clip(0).sum()), float((before - after).sum()), 1e-9)
+    physical = float((study.before.nrmse - floor).clip(0).sum()) / whole
+    out = [{**effect, "share": effect["share"] * min(physical, 1.0)} for effect in effects]
+    for fault in study.faults:
+        only, without = (
+            before if gap is None else gap for gap in (fault.gap_with_only_this, fault.gap_without_this)
+        )
+        out.append(
+            {
+                "effect": fault.name,
+                "joints": list(fault.joints),
+                "probability": fault.probability,
+                **fault.document(),
+                "share": float(np.clip((before - only).sum() / whole, 0.0, 1.0)),
+                "gap_with_only_this": {"torque_nrmse": _list(only)},
+                "gap_without_this": {"torque_nrmse": _list(without)},
+                "where": [],
+                "alternatives": [],
+            }
+        )
+    return sorted(out, key=lambda finding: finding["share"], reverse=True)
 
 
 def _finding(study: Study, applied: AppliedEffect, rows: Rows) -> dict[str, Any]:

@@ -20,6 +20,11 @@ MODEL_FORM = 0.004
 FRICTION_FORM = 0.03
 """Share of the dry friction by which a healthy arm's differs in form from c sgn v when it slides."""
 
+EFFECT_FORM = 0.03
+"""Share of what an effect does to the torque by which the form of a real one differs from the catalogue's."""
+FORMS = ("viscous_friction", "parallel_spring", "torque_ripple", "friction_drift", "joint_elasticity", "backlash")
+"""Effects whose form the catalogue simplifies, beside dry friction; bodies, offsets and delays it gives exactly."""
+
 
 def torque_scale(torque: np.ndarray) -> np.ndarray:
     """Normalisation of the torque gap [N m], shape (n,): standard deviation, at least 5 % of the largest joint's."""
@@ -112,8 +117,21 @@ def healthy(corrected: CorrectedArm, body: RigidBody, segment: Segment) -> Healt
     dry = np.abs(corrected.arm.coulomb + corrected.value("coulomb_friction", "torque"))
     dry = dry + np.abs(corrected.value("load_friction", "coefficient")) * np.abs(torque)
     form = np.hypot(MODEL_FORM * torque_scale(torque), FRICTION_FORM * np.sqrt((dry**2).mean(axis=0)))
+    form = np.hypot(form, EFFECT_FORM * _simplified(corrected, body, segment))
     stuck = (1.0 - np.abs(np.tanh(segment.motion.dq[segment.inner] / STICKING))) / np.sqrt(3.0)
     return Healthy(np.sqrt(noise + timing**2 + form**2), dry * stuck)
+
+
+def _simplified(corrected: CorrectedArm, body: RigidBody, segment: Segment) -> np.ndarray:
+    """RMS of what the effects of simplified form do to the torque [N m], (n,)."""
+    power = np.zeros(corrected.arm.n_joints)
+    for effect in corrected.effects:
+        if effect.name in FORMS:
+            others = CorrectedArm(corrected.arm, tuple(e for e in corrected.effects if e is not effect))
+            with_it, without = (arm.unlimited.predict(body, segment.motion) for arm in (corrected, others))
+            does = low_pass(with_it - without, segment.motion.rate, TORQUE_CUTOFF)[segment.inner]
+            power += (does**2).mean(axis=0)
+    return np.sqrt(power)
 
 
 def _noise_density(gap: np.ndarray, rate: float) -> np.ndarray:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -206,22 +206,23 @@ class Linearisation:
     def _search(self, parts: list[_Part]) -> dict[Term, Shape]:
         """The most promising shape of every term that has one."""
         found = {}
+        force = self.terms.of("external_force")[0]
         residuals = []
         for j in range(self.arm.n_joints):
             scan = self._scan(parts, j)
-            residuals.append(scan.residual)
+            residuals.append(scan.residual + scan.left(self._own(parts, force, j)))
             for term in (t for t in self.terms.all if t.coordinates.shape and t.joint == j + 1):
                 known = self.terms.shapes.get(term)
                 if term.effect == "torque_ripple" and known is None:
                     found[term] = scan.best(*self.data.ripples(j), 2)
                     continue
-                own = self._own(parts, term, j) if known else 0.0
-                with_own = Scan(scan.residual + own, scan.basis, scan.thin, scan.noise)
+                own = self._own(parts, term, j)
+                with_own = replace(scan, residual=scan.residual + scan.left(own)) if known else scan
                 segments = self.data.segments
                 found[term] = search_shape(term, self._corrected, segments, with_own, known[0] if known else None)
         window = self._window(parts, np.array(residuals).T)
         if window is not None:
-            found[self.terms.of("external_force")[0]] = window
+            found[force] = window
         return found
 
     def _scan(self, parts: list[_Part], j: int) -> Scan:
@@ -255,11 +256,8 @@ class Linearisation:
     def _window(self, parts: list[_Part], residual: np.ndarray) -> Shape | None:
         """The window in which a force from outside explains most."""
         segments = self.data.segments
-        term = self.terms.of("external_force")[0]
         rotation = self._corrected.base_rotation()
         force = np.vstack([-self.data.thin(b.force @ rotation.T, s) for b, s in zip(self.data.bodies, segments, strict=True)])
-        if term in self._used:
-            residual = residual + np.vstack([p.columns[:, :, list(term.columns)] @ self.theta[list(term.columns)] for p in parts])
         t = np.concatenate([self.data.time(s) for s in segments])
         steady = np.array([p.doubt.steady for p in parts]) ** 2
         weight = 1.0 / (steady.mean(axis=0) + (residual**2).mean(axis=0))

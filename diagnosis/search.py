@@ -10,7 +10,7 @@ import numpy as np
 from arm.dynamics import RigidBody
 from arm.nominal import NominalArm
 from diagnosis.coordinates import COORDINATES
-from diagnosis.evidence import Evidence, Fit, best_evidence
+from diagnosis.evidence import Evidence, Fit, evidences
 from diagnosis.linear import Data, Linearisation
 from diagnosis.terms import EXPLAINED, Term, Terms
 from ident.conditioning import Segment, thinned
@@ -95,7 +95,7 @@ class _State:
         terms = Terms(arm.n_joints)
         self.linear = Linearisation(self.data, np.zeros(terms.size), terms)
         gap = np.array([fold.gram[:, :, -1, -1].sum(axis=0) / fold.rows.sum(axis=0) for fold in self.linear.folds])
-        self.evidence = best_evidence(self.linear, gap, frozenset())
+        self.evidences = evidences(self.linear, gap, frozenset())
         self.fit = self.evidence.fit(frozenset())
         self.contested: dict[tuple[str, str], float] = {}
 
@@ -109,11 +109,23 @@ class _State:
             terms = fit.terms
             shapes = {**self.terms.shapes, **{t: shape.values for t, shape in self.linear.refined.items()}}
             self.linear = Linearisation(self.data, _settled(fit), Terms(self.terms.n_joints, shapes))
-            self.evidence = best_evidence(self.linear, fit.unseen, terms)
+            self.evidences = evidences(self.linear, fit.unseen, terms)
             self.fit = self._possible(terms)
             terms = self.fit.terms
             if np.allclose(fit.theta, self.fit.theta, rtol=0.01, atol=1e-4):
                 break
+
+    @property
+    def evidence(self) -> Evidence:
+        """The evidence under the error of the nominal inertials that explains the data best."""
+        return self.evidences[0]
+
+    def best(self, terms: frozenset[Term]) -> Fit:
+        """Fit of a set of terms under the error of the nominal inertials that suits it best.
+
+        An effect that wide errors stood for until now needs narrow ones beside it.
+        """
+        return max((evidence.fit(terms) for evidence in self.evidences), key=lambda fit: fit.score)
 
     @property
     def terms(self) -> Terms:
@@ -127,12 +139,12 @@ class _State:
             others = frozenset(t for t in self.terms.open if t.effect == rival and t.joint in {m.joint for m in mine})
             if not mine or self.fit.terms & others:
                 continue
-            before = self.linear, self.evidence, self.fit
+            before = self.linear, self.evidences, self.fit
             self.accept((self.fit.terms - mine) | others)
             difference = self.fit.score - before[2].score
             self.contested[(effect, rival) if difference < 0.5 else (rival, effect)] = -abs(difference)
             if difference < 0.5:
-                self.linear, self.evidence, self.fit = before
+                self.linear, self.evidences, self.fit = before
 
     def _possible(self, terms: frozenset[Term]) -> Fit:
         """Fit of a set of terms, less those whose values are impossible."""
@@ -217,20 +229,22 @@ def _by_term(terms: frozenset[Term]) -> list[frozenset[Term]]:
 def _groups(state: _State) -> list[Fit]:
     """For each effect the best group of joints to add it on, if any raises the evidence."""
     found = (_group(state, effect) for effect in EXPLAINED)
-    return [group for group in found if group is not None]
+    return [group for group in found if group is not None and group.score > state.fit.score]
 
 
 def _group(state: _State, effect: str) -> Fit | None:
     """The best group of joints for one effect; joints are added in the order of their own gain, links one at a time."""
-    best = None
+    group = None
     free = [t for t in state.terms.open if t.effect == effect and not _clashes(t, state.fit.terms, state.terms)]
     singles = sorted((state.evidence.fit(state.fit.terms | {t}) for t in free), key=lambda f: -f.score)
-    for single in singles if COORDINATES[effect].effect.scope == "joint" else singles[:1]:
-        known = best or state.fit
+    if COORDINATES[effect].effect.scope != "joint":
+        return state.best(singles[0].terms) if singles else None
+    for single in singles:
+        known = group or state.fit
         extended = state.evidence.fit(known.terms | single.terms)
         if extended.score > known.score:
-            best = extended
-    return best
+            group = extended
+    return state.best((group or singles[0]).terms) if singles else None
 
 
 def _clashes(term: Term, chosen: frozenset[Term], terms: Terms) -> bool:

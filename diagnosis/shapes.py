@@ -19,6 +19,8 @@ from ident.conditioning import Segment
 
 MOST_CYCLES = 200.0
 """Ripples with more periods per revolution are not looked for."""
+LEAST_PERIODS = 1.5
+"""A ripple must be seen for this many of its periods in some recording; less is a bend that much else explains."""
 BIN = 0.1
 """Resolution of the windows in which a force may act [s]."""
 LEAST_WINDOW = 0.3
@@ -54,6 +56,10 @@ class Scan:
     basis: np.ndarray
     thin: Callable[[Sequence[np.ndarray]], np.ndarray]
     noise: float
+
+    def left(self, series: np.ndarray) -> np.ndarray:
+        """What the basis leaves of a series on the rows, (M,)."""
+        return series - self.basis @ (self.basis.T @ series)
 
     def gains(self, columns: np.ndarray, per_candidate: int) -> np.ndarray:
         """Sum of squares explained by each candidate's columns, which stand side by side, (M, K per_candidate)."""
@@ -110,7 +116,7 @@ def _stribeck(j: int, arm: CorrectedArm, segments: list[Segment], scan: Scan, kn
 def _drift(j: int, arm: CorrectedArm, segments: list[Segment], scan: Scan, known: float | None) -> Shape:
     length = max(float(s.motion.t[-1] - s.motion.t[0]) for s in segments)
     times = length * np.geomspace(0.05, 20.0, 16) if known is None else around(known, 0.02, 1e4)
-    series = []
+    arm, series = replace(arm, effects=tuple(e for e in arm.effects if e.name != "friction_drift")), []
     for s in segments:
         motion, none = s.motion, np.zeros_like(s.motion.q)
         friction = (arm.needed_torque(none, motion) - _without_friction(arm).needed_torque(none, motion))[:, j, None]
@@ -145,7 +151,8 @@ def waves(cycles: np.ndarray, q: np.ndarray) -> np.ndarray:
 def ripple_candidates(q: Sequence[np.ndarray], dq: np.ndarray) -> np.ndarray:
     """Cycles per revolution to look for on a joint, as far as its slow motion keeps them within the filter's band."""
     speed = float(np.quantile(np.abs(dq), 0.3))
-    return np.arange(2.0, max(min(MOST_CYCLES, 75.0 / max(speed, 1e-3)), 30.0), cycle_step(q))
+    least = max(2.0, LEAST_PERIODS * 2 * np.pi / max(float(np.ptp(x)) for x in q))
+    return np.arange(least, least + max(min(MOST_CYCLES, 75.0 / max(speed, 1e-3)), 30.0), cycle_step(q))
 
 
 def _saturation(j: int, arm: CorrectedArm, segments: list[Segment], scan: Scan, known: float | None) -> Shape:
