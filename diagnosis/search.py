@@ -25,6 +25,10 @@ MOST_STEPS = 12
 """Forward steps before the search gives up."""
 CONTESTS = (("actuator_delay", "actuator_lag"),)
 """Effects with the same column where they begin."""
+DECISIVE = 8.0
+"""Evidence that decides between effects that look alike [nats]..."""
+DECISIVE_NRMSE = 0.002
+"""...if the unseen torque NRMSE of some joint differs by this much, more than the form of the model explains."""
 VISIBLE_EFFECT = 0.01
 """An effect must lower the unseen torque NRMSE of some joint by this much to be named."""
 VISIBLE_TERM = 0.004
@@ -133,18 +137,27 @@ class _State:
         return self.linear.terms
 
     def contest(self) -> None:
-        """Give effects that look alike to first order the place of each other, each around its own values."""
-        for effect, rival in (*CONTESTS, *(pair[::-1] for pair in CONTESTS)):
-            mine = frozenset(t for t in self.fit.terms if t.effect == effect)
-            others = frozenset(t for t in self.terms.open if t.effect == rival and t.joint in {m.joint for m in mine})
-            if not mine or self.fit.terms & others:
+        """Give effects that look alike to first order the place of each other, each around its own values.
+
+        The second of a pair is named only where it is decisively better; where neither is, both stay open.
+        """
+        for first, second in CONTESTS:
+            held = {t.effect for t in self.fit.terms} & {first, second}
+            if len(held) != 1:
                 continue
-            before = self.linear, self.evidences, self.fit
-            self.accept((self.fit.terms - mine) | others)
-            difference = self.fit.score - before[2].score
-            self.contested[(effect, rival) if difference < 0.5 else (rival, effect)] = -abs(difference)
-            if difference < 0.5:
-                self.linear, self.evidences, self.fit = before
+            chosen = held.pop()
+            joints = {t.joint for t in self.fit.terms if t.effect == chosen}
+            states = {chosen: (self.linear, self.evidences, self.fit)}
+            other = second if chosen == first else first
+            rest = frozenset(t for t in self.fit.terms if t.effect != chosen)
+            self.accept(rest | {t for t in self.terms.open if t.effect == other and t.joint in joints})
+            states[other] = (self.linear, self.evidences, self.fit)
+            gain = states[second][2].score - states[first][2].score
+            left = {name: nrmse(state[1][0], state[2].unseen, self.scale) for name, state in states.items()}
+            decisive = abs(gain) > DECISIVE and np.abs(left[second] - left[first]).max() > DECISIVE_NRMSE
+            winner, loser = (second, first) if decisive and gain > 0 else (first, second)
+            self.contested[winner, loser] = -abs(gain) if decisive else -1.0
+            self.linear, self.evidences, self.fit = states[winner]
 
     def _possible(self, terms: frozenset[Term]) -> Fit:
         """Fit of a set of terms, less those whose values are impossible."""

@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 
 from arm.errors import GapscopeError
+from gapscope.blind import blind
 
 if TYPE_CHECKING:
     from rich.status import Status
@@ -22,6 +23,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
 )
+app.add_typer(blind, name="blind")
 _console = Console()
 _log = Console(stderr=True)
 
