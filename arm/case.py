@@ -7,12 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from arm.case_file import read_case_file
 from arm.controller import Controller
+from arm.controller_file import parse_controller
 from arm.errors import InputError
 from arm.importing import Import, parse_import
 from arm.nominal import NominalArm
@@ -100,7 +98,7 @@ def load_case(
         arm=arm,
         recordings=tuple(recordings),
         judged=tuple(judged),
-        controller=_controller(content.get("controller"), arm, file),
+        controller=parse_controller(content.get("controller"), arm.n_joints, file),
         warnings=_warnings([*recordings, *judged]),
         importing=importing,
     )
@@ -154,27 +152,6 @@ def _read(
             file=file,
         )
     return recording
-
-
-def _controller(section: Mapping[str, Any] | None, arm: NominalArm, source: Path) -> Controller | None:
-    if section is None:
-        return None
-    for key in ("kp", "kd"):
-        if len(section[key]) != arm.n_joints:
-            raise InputError(
-                f"expected {arm.n_joints} numbers, one per joint, got {len(section[key])}",
-                file=source,
-                where=f"field controller.{key}",
-            )
-    velocity = section.get("velocity_filter") or {}
-    return Controller(
-        rate=float(section["rate"]),
-        kp=np.array(section["kp"], dtype=float),
-        kd=np.array(section["kd"], dtype=float),
-        feedforward=section.get("feedforward", "none"),
-        velocity_cutoff=velocity.get("cutoff"),
-        velocity_damping=velocity.get("damping", 0.9),
-    )
 
 
 def _warnings(recordings: list[Recording]) -> tuple[str, ...]:

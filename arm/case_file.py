@@ -47,10 +47,27 @@ def read_case_file(path: Path) -> dict[str, Any]:
         InputError: there is no such file, it is not YAML, or it does not follow the case format; the error names the
             line or the field.
     """
+    content = read_yaml(path, "give a case folder, or its case.yaml")
+    check(content, path)
+    return content
+
+
+def read_yaml(path: Path, remedy: str) -> Any:
+    """Content of a YAML file, as plain data.
+
+    Args:
+        path: the file.
+        remedy: what to do where there is no such file.
+
+    Raises:
+        InputError: there is no such file, or it is not YAML; the error names the line.
+    """
     try:
-        content = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
+        return yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
     except FileNotFoundError:
-        raise InputError("no such file", "give a case folder, or its case.yaml", file=path) from None
+        raise InputError("no such file", remedy, file=path) from None
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})", remedy, file=path) from None
     except UnicodeDecodeError:
         raise InputError("is not a text in UTF-8", "give a YAML file", file=path) from None
     except yaml.MarkedYAMLError as error:
@@ -59,12 +76,10 @@ def read_case_file(path: Path) -> dict[str, Any]:
         raise InputError(f"is not valid YAML: {error.problem}", file=path, where=where) from None
     except yaml.YAMLError as error:
         raise InputError(f"is not valid YAML: {error}", file=path) from None
-    check(content, path)
-    return content
 
 
-def check(content: Any, path: Path) -> None:
-    """Compare ``content`` with the case schema.
+def check(content: Any, path: Path, section: str = "") -> None:
+    """Compare ``content`` with the case schema, or with what it says about one section of a case.
 
     Raises:
         InputError: the first fault, with its field.
@@ -73,6 +88,8 @@ def check(content: Any, path: Path) -> None:
     from jsonschema.exceptions import best_match
 
     schema = json.loads(files("arm").joinpath("case.schema.json").read_text(encoding="utf-8"))
+    if section:
+        schema = {"$defs": schema["$defs"], **schema["properties"][section]}
     error = best_match(Draft202012Validator(schema).iter_errors(content))
     if error is None:
         return

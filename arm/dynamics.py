@@ -11,10 +11,13 @@ import numpy as np
 import pinocchio as pin
 
 from arm.errors import InputError
+from arm.inertials import check_inertials
 from arm.nominal import NominalArm
 
 INERTIAL_PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 """Order of the ten inertial parameters of a link, expressed in the frame of the joint that moves it (pinocchio)."""
+UNLIMITED = 1e6
+"""Position limits beyond this [rad or m] are none."""
 
 
 def _root(path: Path) -> ET.Element:
@@ -24,7 +27,9 @@ def _root(path: Path) -> ET.Element:
     except FileNotFoundError:
         raise InputError("no such file", "check the robot: entry of the case", file=path) from None
     except ET.ParseError as error:
-        raise InputError(f"is not valid XML ({error})", file=path) from None
+        raise InputError(
+            f"is not valid XML ({error})", "give a complete URDF or MJCF file; was it cut short?", file=path
+        ) from None
     if root.tag not in ("robot", "mujoco"):
         raise InputError(
             f"root element is <{root.tag}>, expected <robot> or <mujoco>", "give a URDF or MJCF file", file=path
@@ -66,6 +71,8 @@ def joint_entries(path: Path, joints: Sequence[str]) -> dict[str, np.ndarray]:
 
 def _build(path: Path) -> pin.Model:
     root = _root(path)
+    if root.tag == "robot":
+        check_inertials(root, path)
     try:
         return pin.buildModelFromMJCF(str(path)) if root.tag == "mujoco" else pin.buildModelFromXML(_urdf_text(root))
     except (ValueError, RuntimeError) as error:
@@ -78,11 +85,15 @@ class RigidBody:
     Unless they say otherwise, methods take q [rad], dq [rad/s], ddq [rad/s^2] of shape (N, n) in the arm's joint order
     and return joint-side torque [N m].
 
+    Attributes:
+        file, joints: where the bodies come from, and the names of the joints that move them.
+
     Raises:
         InputError: the URDF lacks one of the arm's joints.
     """
 
     def __init__(self, arm: NominalArm) -> None:
+        self.file, self.joints = arm.urdf, arm.joints
         full = _build(arm.urdf)
         names = list(full.names)[1:]
         missing = [name for name in arm.joints if name not in names]
@@ -187,8 +198,10 @@ class RigidBody:
         return np.einsum("nij,nj->ni", jacobian, np.broadcast_to(force, (len(jacobian), 3)))
 
     def position_limits(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper position limits of the URDF [rad], each of shape (n,); about 1e9 where there are none."""
-        return self.model.lowerPositionLimit[self._to_arm], self.model.upperPositionLimit[self._to_arm]
+        """Lower and upper position limits of the URDF [rad or m], each of shape (n,); infinite where it sets none."""
+        lower, upper = self.model.lowerPositionLimit[self._to_arm], self.model.upperPositionLimit[self._to_arm]
+        none = (lower >= upper) | (lower <= -UNLIMITED) | (upper >= UNLIMITED)
+        return np.where(none, -np.inf, lower), np.where(none, np.inf, upper)
 
     def velocity_limits(self) -> np.ndarray:
         """Velocity limits of the URDF [rad/s], shape (n,); 0 where there are none."""
@@ -198,7 +211,9 @@ class RigidBody:
         """Torque limits of the URDF [N m], shape (n,); 0 where there are none."""
         return self.model.effortLimit[self._to_arm]
 
-    def sensitivities(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def sensitivities(
+        self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """d tau_i / d q_j [N m/rad], d tau_i / d dq_j [N m s/rad] and M_ij [kg m^2], each of shape (N, n, n)."""
         q, dq, ddq = (np.ascontiguousarray(x[:, self._to_model]) for x in (q, dq, ddq))
         model, data, n = self.model, self._data, self.n_joints
@@ -220,16 +235,25 @@ class RigidBody:
         columns = [self.changed(none, gravity).inverse_dynamics(q, still, still) for gravity in np.eye(3)]
         return np.stack(columns, axis=2)
 
-    def regressor(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
-        """Y with tau = Y pi, shape (N, n, 10 n); pi stacks ``INERTIAL_PARAMETERS`` of each link, in joint order."""
-        q, dq, ddq = (np.ascontiguousarray(x[:, self._to_model]) for x in (q, dq, ddq))
-        model, data = self.model, self._data
+    def regressor(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """Y with tau = Y pi, shape (N, n, 10 n); pi stacks ``INERTIAL_PARAMETERS`` of each link, in joint order.
+
+        Args:
+            q, dq, ddq: motion, shape (N, n) each.
+            out: array that Y is written into, shape (N, n, 10 n), such as the leading columns of a wider one.
+        """
         n = self.n_joints
-        out = np.empty((len(q), n, 10 * n))
-        for i in range(len(q)):
-            out[i] = pin.computeJointTorqueRegressor(model, data, q[i], dq[i], ddq[i])
-        by_link = out.reshape(len(q), n, n, 10)[:, self._to_arm][:, :, self._to_arm]
-        return by_link.reshape(len(q), n, 10 * n)
+        q, dq, ddq = (np.ascontiguousarray(x[:, self._to_model]) for x in (q, dq, ddq))
+        model, data, fill = self.model, self._data, pin.computeJointTorqueRegressor
+        out = np.empty((len(q), n, 10 * n)) if out is None else out
+        if np.array_equal(self._to_arm, np.arange(n)):
+            for row, *sample in zip(out, q, dq, ddq, strict=True):
+                row[...] = fill(model, data, *sample)
+            return out
+        columns = (10 * self._to_arm[:, None] + np.arange(10)).ravel()
+        for row, *sample in zip(out, q, dq, ddq, strict=True):
+            row[...] = fill(model, data, *sample)[self._to_arm][:, columns]
+        return out
 
     def last_link_regressor(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         """The ten columns of the regressor that belong to the last link, shape (N, n, 10)."""

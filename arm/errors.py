@@ -40,3 +40,12 @@ class InputError(GapscopeError):
         self.problem = message
         place = ", ".join(part for part in (str(file) if file is not None else "", where) if part)
         super().__init__(f"{place}: {message}" if place else message, remedy)
+
+    def at(self, file: Path, where: str = "") -> InputError:
+        """The same error with the file at fault, and the place in it before what it says itself."""
+        place = ", ".join(part for part in (where, self.where) if part)
+        return InputError(self.problem, self.remedy, file=file, where=place)
+
+
+class ModelWarning(UserWarning):
+    """Something odd in a model, which is used all the same; says how."""

@@ -34,6 +34,10 @@ class ForwardDynamics:
         """Change the inertia on the diagonal [kg m^2]."""
         self._model.armature = rotors
 
+    def set_link(self, link: int, parameters: np.ndarray) -> None:
+        """Change a link's inertial parameters, shape (10,); ``link`` counts from 0 in kinematic order."""
+        self._model.inertias[link + 1] = pin.Inertia.FromDynamicParameters(parameters)
+
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """M(q) + I [kg m^2], shape (n, n); valid until the next call."""
         return pin.crba(self._model, self._data, q)

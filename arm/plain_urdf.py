@@ -13,11 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from arm.dynamics import RigidBody
+from arm.dynamics import UNLIMITED, RigidBody
 from arm.errors import InputError
-
-UNLIMITED = 1e6
-"""Position limits beyond this [rad or m] are none."""
 
 
 @dataclass(frozen=True)
@@ -53,17 +50,18 @@ def moving_links(body: RigidBody) -> tuple[Link, ...]:
     Raises:
         InputError: a body has a negative mass, or the mass matrix is not positive definite.
     """
-    _check_mass(body)
+    check_inertia(body)
     model, data = body.model, body.model.createData()
     pin.computeJointJacobians(model, data, np.zeros(model.nq))
     links = []
+    lower, upper = (limit[body.order] for limit in body.position_limits())
     for index in range(1, model.njoints):
         column = pin.getJointJacobian(model, data, index, pin.LOCAL).reshape(6, -1)[:, model.joints[index].idx_v]
         turns = np.linalg.norm(column[3:]) > 0.5
         placement, inertia = model.jointPlacements[index], model.inertias[index]
         moments, axes = np.linalg.eigh(inertia.inertia)
         axes[:, 0] *= np.sign(np.linalg.det(axes))
-        low, high = (float(x[model.joints[index].idx_q]) for x in (model.lowerPositionLimit, model.upperPositionLimit))
+        low, high = float(lower[index - 1]), float(upper[index - 1])
         parent = int(model.parents[index])
         links.append(
             Link(
@@ -72,7 +70,7 @@ def moving_links(body: RigidBody) -> tuple[Link, ...]:
                 kind="revolute" if turns else "prismatic",
                 origin=(placement.translation.copy(), pin.rpy.matrixToRpy(placement.rotation)),
                 axis=column[3:] if turns else column[:3],
-                limits=None if low <= -UNLIMITED or high >= UNLIMITED or low >= high else (low, high),
+                limits=(low, high) if np.isfinite([low, high]).all() else None,
                 mass=float(inertia.mass),
                 inertial=(inertia.lever.copy(), pin.rpy.matrixToRpy(axes)),
                 moments=moments,
@@ -103,23 +101,33 @@ def plain_urdf(links: tuple[Link, ...]) -> str:
     return ET.tostring(robot, encoding="unicode")
 
 
-def _check_mass(body: RigidBody) -> None:
+def check_inertia(body: RigidBody, at_fault: str = "") -> None:
+    """Check that the bodies of an arm can be moved by a finite torque.
+
+    Args:
+        body: the arm.
+        at_fault: effects that made the bodies what they are; the file by default.
+
+    Raises:
+        InputError: a body has a negative mass, or the mass matrix is not positive definite.
+    """
     inertias = [body.model.inertias[int(link)] for link in body.links]
-    for joint, inertia in enumerate(inertias):
-        if inertia.mass < 0 or not np.isfinite(inertia.toDynamicParameters()).all():
-            raise _unphysical(joint, inertia)
-    values, vectors = np.linalg.eigh(body.mass_matrix(np.zeros(body.n_joints)))
-    if values[0] <= 1e-9 * values[-1]:
-        joint = int(np.abs(vectors[:, 0]).argmax())
-        raise _unphysical(joint, inertias[joint])
-
-
-def _unphysical(joint: int, inertia: pin.Inertia) -> InputError:
-    moments = np.array2string(np.diag(inertia.inertia), precision=4)
-    return InputError(
-        f"the link moved by joint {joint + 1} has mass {inertia.mass:.4g} kg and moments of inertia {moments} kg m^2, "
-        "which cannot be simulated",
-        "give the link a positive mass and inertia in the URDF, or correct payload and link_inertia",
+    bad = [i for i, x in enumerate(inertias) if x.mass < 0 or not np.isfinite(x.toDynamicParameters()).all()]
+    if not bad:
+        values, vectors = np.linalg.eigh(body.mass_matrix(np.zeros(body.n_joints)))
+        if values[0] > 1e-9 * values[-1]:
+            return
+        bad = [int(np.abs(vectors[:, 0]).argmax())]
+    joint = bad[0]
+    moments = ", ".join(f"{moment:.4g}" for moment in np.linalg.eigvalsh(inertias[joint].inertia))
+    raise InputError(
+        f"the link moved by joint {joint + 1} ({body.joints[joint]}) has mass {inertias[joint].mass:.4g} kg and "
+        f"principal moments of inertia {moments} kg m^2, which cannot be simulated",
+        "give an increment that leaves the link's mass and inertia above zero"
+        if at_fault
+        else "give the link, or one that is fixed to it, an <inertial> with positive mass and inertia",
+        file=None if at_fault else body.file,
+        where=at_fault,
     )
 
 

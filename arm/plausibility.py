@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from arm.dynamics import RigidBody
 from arm.errors import InputError
 from arm.importing import UNITS
 from arm.nominal import NominalArm
 from arm.recording import Recording
-from arm.robots import position_limits
 from arm.table import Table
 
 PLAUSIBLE_RATES = (10.0, 20_000.0)
@@ -66,16 +66,14 @@ def check_time(t: np.ndarray, table: Table, column: str, *, any_unit: bool = Fal
         )
 
 
-def check_positions(
-    recording: Recording, arm: NominalArm, table: Table, *, any_unit: bool = False
-) -> tuple[str, ...]:
+def check_positions(recording: Recording, arm: NominalArm, table: Table, *, any_unit: bool = False) -> tuple[str, ...]:
     """Positions have to be radians, unless ``any_unit``; a note for each joint that leaves the range of the URDF.
 
     Raises:
         InputError: a joint with limits moves far outside them and beyond 7 rad.
     """
     notes = []
-    for j, (lower, upper) in enumerate(position_limits(arm)):
+    for j, (lower, upper) in enumerate(zip(*RigidBody(arm).position_limits(), strict=True)):
         low, high = recording.q[:, j].min(), recording.q[:, j].max()
         reach, allowed = max(abs(low), abs(high)), max(abs(lower), abs(upper))
         seen = (

@@ -88,18 +88,6 @@ def load_nominal_arm(
     return NominalArm(name=_robot_name(urdf), urdf=urdf, joints=names, **values)
 
 
-def position_limits(arm: NominalArm) -> np.ndarray:
-    """Lower and upper position limit of each joint [rad], shape (n, 2); infinite where the URDF sets none."""
-    limits = np.full((arm.n_joints, 2), [-np.inf, np.inf])
-    for joint in ET.parse(arm.urdf).getroot().iter("joint"):
-        limit = joint.find("limit")
-        if joint.get("name") in arm.joints and joint.get("type") != "continuous" and limit is not None:
-            lower, upper = float(limit.get("lower", 0)), float(limit.get("upper", 0))
-            if upper > lower:
-                limits[arm.joints.index(joint.get("name", ""))] = lower, upper
-    return limits
-
-
 def _locate(robot: str | Path, folder: Path) -> tuple[Path, tuple[str, ...] | None]:
     """Path of the URDF, and the arm's joints where the project knows them."""
     path = folder / robot

@@ -46,7 +46,7 @@ def urdf_limits(body: RigidBody, acceleration: np.ndarray | float, *, margin: fl
     A joint without position limits moves within +-pi, one without a velocity limit within 1 rad/s.
     """
     lower, upper = body.position_limits()
-    free = (lower >= upper) | (upper - lower > 1e3)
+    free = upper - lower > 1e3
     velocity = body.velocity_limits()
     velocity = np.where((velocity > 0) & (velocity < 1e3), velocity, 1.0)
     return Limits(

@@ -132,7 +132,7 @@ def _bodily(
         twists = _twists(_transmitted(arm, segment), motion.t)
         for name, units in twists.items():
             used = np.array([theta[list(t.columns)].any() for t in terms.of(name)])
-            for i, (unit, places) in enumerate(zip(units, terms.block(name), strict=True)):
+            for unit, places in zip(units, terms.block(name), strict=True):
                 moved = slow_with_rates(unit, motion)
                 for j, place in enumerate(places):
                     out[int(place)] = (

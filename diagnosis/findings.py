@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from diagnosis.evidence import SKEWS
 from diagnosis.gap import torque_scale
+from diagnosis.parameters import finding_of, parameters
 from diagnosis.rivals import rivals, separated_by
 from diagnosis.rows import Rows, stack
 from diagnosis.terms import Term
@@ -91,10 +91,10 @@ def _effects(study: Study, rows: Rows) -> list[dict[str, Any]]:
     return [
         {
             **_finding(study, applied, rows),
-            "parameters": _parameters(study, applied, draws),
-            "share": float(np.clip(shares[_name(applied)], 0.0, 1.0)),
+            "parameters": parameters(study.found, applied, draws),
+            "share": float(np.clip(shares[finding_of(applied)], 0.0, 1.0)),
         }
-        for applied in sorted(study.effects, key=lambda e: shares[_name(e)], reverse=True)
+        for applied in sorted(study.effects, key=lambda e: shares[finding_of(e)], reverse=True)
     ]
 
 
@@ -109,9 +109,7 @@ def _with_faults(
     physical = float((study.before.nrmse - floor).clip(0).sum()) / whole
     out = [{**effect, "share": effect["share"] * min(physical, 1.0)} for effect in effects]
     for fault in study.faults:
-        only, without = (
-            before if gap is None else gap for gap in (fault.gap_with_only_this, fault.gap_without_this)
-        )
+        only, without = (before if gap is None else gap for gap in (fault.gap_with_only_this, fault.gap_without_this))
         out.append(
             {
                 "effect": fault.name,
@@ -129,10 +127,10 @@ def _with_faults(
 
 
 def _finding(study: Study, applied: AppliedEffect, rows: Rows) -> dict[str, Any]:
-    evidence, fit = study.found.evidence, study.found.fit
-    mine = frozenset(t for t in fit.terms if t.finding == _name(applied))
+    fit = study.found.fit
+    mine = frozenset(t for t in fit.terms if t.finding == finding_of(applied))
     only, without = study.judge.gap(mine), study.judge.gap(fit.terms - mine)
-    probability, others = rivals(study.found, _name(applied))
+    probability, others = rivals(study.found, finding_of(applied))
     gained = np.sqrt(np.clip(without.error**2 - study.after.error**2, 0.0, None))
     joints = applied.joints or tuple(int(j) + 1 for j in np.argsort(-(gained**2).sum(axis=0))[:2])
     return {
@@ -150,48 +148,6 @@ def _finding(study: Study, applied: AppliedEffect, rows: Rows) -> dict[str, Any]
             for r in others if r.probability > 1e-3
         ],
     }  # fmt: skip
-
-
-def _name(applied: AppliedEffect) -> str:
-    """What the terms of an effect are named with."""
-    return f"{applied.name} {int(applied.parameters['link'])}" if "link" in applied.parameters else applied.name
-
-
-def _parameters(study: Study, applied: AppliedEffect, draws: np.ndarray) -> dict[str, Any]:
-    """Values with standard deviations: of linear coordinates from a block bootstrap, of shapes from their scan.
-
-    A delay or lag is uncertain by the sampling skew as well.
-    """
-    found = study.found
-    mine = [t for t in found.evidence.terms.all if t in found.fit.terms and t.finding == _name(applied)]
-    c = mine[0].coordinates
-    shapes = [found.evidence.linear.shape(t) for t in mine]
-    values = [np.array(s.values) for s in shapes]
-    samples = [dict(c.values(*_coordinates(draw, mine, values))) for draw in draws]
-    skew = SKEWS[1] if applied.name in ("actuator_delay", "actuator_lag") else 0.0
-    out: dict[str, Any] = {}
-    for parameter in applied.effect.parameters:
-        value = applied.parameters[parameter.name]
-        if parameter.name in c.shape:
-            std = np.array([s.std[c.shape.index(parameter.name)] for s in shapes])
-        elif parameter.name == "link":
-            std = np.zeros(1)
-        else:
-            std = _spread(np.array([sample[parameter.name] for sample in samples]))
-        std = np.hypot(std, skew).reshape(value.shape)
-        out[parameter.name] = {"unit": parameter.unit, "value": value.tolist(), "std": std.tolist()}
-    return out
-
-
-def _coordinates(draw: np.ndarray, terms: list[Term], shapes: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Linear coordinates (linear, m) and shapes (s, m) of the terms of one finding."""
-    return np.array([draw[list(t.columns)] for t in terms]).T, np.array(shapes).T
-
-
-def _spread(samples: np.ndarray) -> np.ndarray:
-    """Half the distance between the 16th and the 84th percentile over the draws: a quotient has wild ones."""
-    low, high = np.percentile(samples, [15.87, 84.13], axis=0)
-    return 0.5 * (high - low)
 
 
 def _regions(study: Study, error: np.ndarray, rows: Rows, joints: list[int], most: int = 2) -> list[Region]:

@@ -23,7 +23,8 @@ class Judge:
     Args:
         arm, body: the nominal arm and its dynamics.
         found: result of the search.
-        folds: segments per fold; each half of one is predicted with values fitted to its other half and the other folds.
+        folds: segments per fold; each half of one is predicted with values fitted to its other half and to the
+            other folds.
         judged: segments set aside for judging; where there are any, they alone are predicted, with all folds fitted.
     """
 

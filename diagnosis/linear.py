@@ -17,14 +17,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from arm.dynamics import RigidBody
-from arm.nominal import NominalArm
-from diagnosis.columns import Bodies, columns, link_tangent
-from diagnosis.gap import Healthy, filtered_torque, healthy, torque_scale
-from diagnosis.shapes import Scan, Shape, force_window, ripple_candidates, search_shape, waves
+from diagnosis.columns import columns, link_tangent
+from diagnosis.data import Data
+from diagnosis.gap import Healthy, healthy
+from diagnosis.shapes import Scan, Shape, force_window, search_shape
 from diagnosis.terms import Term, Terms
 from effects.corrected import CorrectedArm
-from ident.conditioning import Segment, low_pass
 
 PIECE = 1.5
 """Length of the pieces in which normal equations are kept, for the bootstrap [s]."""
@@ -54,74 +52,6 @@ class Fold:
     independent: np.ndarray
 
 
-class Data:
-    """Folds of segments with what does not depend on the parameters.
-
-    Args:
-        arm, body: the nominal arm and its dynamics.
-        folds: segments per fold.
-        cutoff: cut-off of the fit's filter, on both sides [Hz].
-
-    Attributes:
-        torque_deviation: normalisation of the torque gap over all folds [N m], (n,).
-        units: what a relative error of each inertial parameter would change it by, (10 n,).
-        nuisance: the filtered inertial regressor of each segment, per unit.
-        bodies: what the columns need of each segment's bodies.
-    """
-
-    def __init__(self, arm: NominalArm, body: RigidBody, folds: list[list[Segment]], cutoff: float) -> None:
-        self.arm, self.body, self.folds, self.cutoff = arm, body, folds, cutoff
-        self.segments = [s for fold in folds for s in fold]
-        self.torque_deviation = torque_scale(np.vstack([filtered_torque(s) for s in self.segments]))
-        self.units = _nuisance_units(body)
-        self.nuisance, self.bodies = [], []
-        for s in self.segments:
-            regressor = body.regressor(s.motion.q, s.motion.dq, s.motion.ddq)
-            self.bodies.append(Bodies.of(body, s, regressor))
-            self.nuisance.append(self.thin(regressor * self.units, s))
-        self._ripples: dict[int, tuple[np.ndarray, np.ndarray]] = {}
-
-    def thin(self, series: np.ndarray, segment: Segment) -> np.ndarray:
-        """Series of a segment, filtered, trimmed, and decimated to about twice the filter's cut-off."""
-        inner = segment.inner
-        out = np.zeros((len(range(inner.start, inner.stop, self.step(segment))), *series.shape[1:]))
-        moving = series.any(axis=0)
-        if moving.any() or moving.ndim == 0:
-            kept = low_pass(series[:, moving], segment.motion.rate, self.cutoff)
-            out[:, moving] = kept[inner.start : inner.stop : self.step(segment)]
-        return out
-
-    def ripples(self, j: int) -> tuple[np.ndarray, np.ndarray]:
-        """Cycles of ripples to look for on a joint, (K,), and their columns on the rows of all segments, (M, 2 K)."""
-        if j not in self._ripples:
-            q = [s.motion.q[:, j, None] for s in self.segments]
-            cycles = ripple_candidates(q, np.concatenate([s.motion.dq[:, j] for s in self.segments]))
-            columns = [self._sparse(s, waves(cycles, x[:: self._stride(s)])) for s, x in zip(self.segments, q, strict=True)]
-            self._ripples[j] = cycles, np.vstack(columns).astype(np.float32)
-        return self._ripples[j]
-
-    def _stride(self, segment: Segment) -> int:
-        """Every how many samples many columns are computed: a divisor of ``step`` that leaves four times the band."""
-        step, most = self.step(segment), max(1, int(segment.motion.rate // (4 * self.cutoff)))
-        return max(k for k in range(1, most + 1) if step % k == 0)
-
-    def _sparse(self, segment: Segment, series: np.ndarray) -> np.ndarray:
-        """Rows of series that are given on every so many samples only."""
-        stride, inner = self._stride(segment), segment.inner
-        kept = low_pass(series, segment.motion.rate / stride, self.cutoff)
-        rows = np.arange(inner.start, inner.stop, self.step(segment)) / stride
-        return kept[np.minimum(np.round(rows).astype(int), len(kept) - 1)]
-
-    def step(self, segment: Segment) -> int:
-        """Every how many samples the rows are taken."""
-        return max(1, int(segment.motion.rate // (2.5 * self.cutoff)))
-
-    def time(self, segment: Segment) -> np.ndarray:
-        """Time of a segment's rows since the start of its recording [s], (M,)."""
-        inner = segment.inner
-        return segment.motion.t[inner.start : inner.stop : self.step(segment)]
-
-
 @dataclass(frozen=True)
 class _Part:
     """Rows of one segment, M of them: gap and rate (M, n), columns (M, n, P), weight (M, n), and its healthy rest."""
@@ -130,6 +60,10 @@ class _Part:
     columns: np.ndarray
     rate: np.ndarray
     doubt: Healthy
+
+    def trust(self, j: int) -> np.ndarray:
+        """Square root of the weight of joint j's rows, (M,): less where it may stick."""
+        return 1.0 / np.sqrt(1.0 + (self.doubt.sticking[:, j] / self.doubt.steady[j]) ** 2)
 
 
 class Linearisation:
@@ -227,7 +161,7 @@ class Linearisation:
 
     def _scan(self, parts: list[_Part], j: int) -> Scan:
         """What is left of joint j's gap."""
-        weight = [1.0 / np.sqrt(1.0 + (p.doubt.sticking[:, j] / p.doubt.steady[j]) ** 2) for p in parts]
+        weight = [p.trust(j) for p in parts]
 
         def thin(series: Sequence[np.ndarray]) -> np.ndarray:
             return np.vstack(
@@ -246,18 +180,15 @@ class Linearisation:
     def _own(self, parts: list[_Part], term: Term, j: int) -> np.ndarray:
         """What a term contributes to joint j at theta_0 [N m], weighed, (M,)."""
         places = list(term.columns)
-        return np.concatenate(
-            [
-                p.columns[:, j, places] @ self.theta[places] / np.sqrt(1.0 + (p.doubt.sticking[:, j] / p.doubt.steady[j]) ** 2)
-                for p in parts
-            ]
-        )
+        return np.concatenate([p.trust(j) * (p.columns[:, j, places] @ self.theta[places]) for p in parts])
 
     def _window(self, parts: list[_Part], residual: np.ndarray) -> Shape | None:
         """The window in which a force from outside explains most."""
         segments = self.data.segments
         rotation = self._corrected.base_rotation()
-        force = np.vstack([-self.data.thin(b.force @ rotation.T, s) for b, s in zip(self.data.bodies, segments, strict=True)])
+        force = np.vstack(
+            [-self.data.thin(b.force @ rotation.T, s) for b, s in zip(self.data.bodies, segments, strict=True)]
+        )
         t = np.concatenate([self.data.time(s) for s in segments])
         steady = np.array([p.doubt.steady for p in parts]) ** 2
         weight = 1.0 / (steady.mean(axis=0) + (residual**2).mean(axis=0))
@@ -275,8 +206,7 @@ class Linearisation:
         nuisance = np.vstack([self.data.nuisance[k] for k in places])
         y = gap + x @ self.theta
         full = (
-            np.concatenate([x, nuisance, rate[:, :, None], y[:, :, None]], axis=2)
-            * np.sqrt(weight)[:, :, None]
+            np.concatenate([x, nuisance, rate[:, :, None], y[:, :, None]], axis=2) * np.sqrt(weight)[:, :, None]
         ).transpose(1, 0, 2)
         cuts = np.linspace(0, len(y), count + 1).astype(int)
         spans = list(itertools.pairwise(cuts))
@@ -315,15 +245,3 @@ def effective_samples(series: np.ndarray) -> np.ndarray:
     rho = (centred[1:] * centred[:-1]).sum(axis=0) / np.where(power > 0, power, 1.0)
     rho = np.clip(rho, 0.0, 0.98)
     return np.maximum(len(series) * (1 - rho) / (1 + rho), 8.0)
-
-
-def _nuisance_units(body: RigidBody) -> np.ndarray:
-    """Size of a nominal arm's inertial parameters, (10 n,): what a relative error of one would change them by.
-
-    Mass m; first moments m max(|c|, 5 cm); inertia about the joint frame, its trace / 2.
-    """
-    units = []
-    for m, hx, hy, hz, xx, _, yy, _, _, zz in body.inertial_parameters().reshape(-1, 10):
-        moment = max(float(np.hypot(np.hypot(hx, hy), hz)), 0.05 * m)
-        units.append([m, *[moment] * 3, *[0.5 * (xx + yy + zz)] * 6])
-    return np.array(units).ravel()

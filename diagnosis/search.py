@@ -10,8 +10,9 @@ import numpy as np
 from arm.dynamics import RigidBody
 from arm.nominal import NominalArm
 from diagnosis.coordinates import COORDINATES
+from diagnosis.data import Data
 from diagnosis.evidence import Evidence, Fit, evidences
-from diagnosis.linear import Data, Linearisation
+from diagnosis.linear import Linearisation
 from diagnosis.terms import EXPLAINED, Term, Terms
 from ident.conditioning import Segment, thinned
 
@@ -91,9 +92,7 @@ def _describe(terms: frozenset[Term]) -> str:
 class _State:
     """The model so far: its terms, the linearisation around its values, and the evidence on it."""
 
-    def __init__(
-        self, arm: NominalArm, body: RigidBody, folds: list[list[Segment]], cutoff: float
-    ) -> None:
+    def __init__(self, arm: NominalArm, body: RigidBody, folds: list[list[Segment]], cutoff: float) -> None:
         self.data = Data(arm, body, folds, cutoff)
         self.scale = self.data.torque_deviation
         terms = Terms(arm.n_joints)

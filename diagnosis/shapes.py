@@ -90,7 +90,9 @@ def around(value: float, lowest: float, highest: float) -> np.ndarray:
     return np.clip(value * np.geomspace(0.6, 1 / 0.6, 13), lowest, highest)
 
 
-def search_shape(term: Term, corrected: CorrectedArm, segments: list[Segment], scan: Scan, known: float | None) -> Shape:
+def search_shape(
+    term: Term, corrected: CorrectedArm, segments: list[Segment], scan: Scan, known: float | None
+) -> Shape:
     """The best shape of a joint effect's term; near ``known``, where it has been found before.
 
     Raises:
@@ -107,8 +109,9 @@ def search_shape(term: Term, corrected: CorrectedArm, segments: list[Segment], s
 
 def _stribeck(j: int, arm: CorrectedArm, segments: list[Segment], scan: Scan, known: float | None) -> Shape:
     speeds = np.geomspace(0.01, 3.0, 16) if known is None else around(known, 5e-3, 10.0)
+    none = np.zeros(1)
     series = [
-        stribeck(Signals(0.0, 0.0, s.motion.dq[:, j, None], 0.0), np.ones(len(speeds)), speeds) for s in segments
+        stribeck(Signals(0.0, none, s.motion.dq[:, j, None], none), np.ones(len(speeds)), speeds) for s in segments
     ]
     return scan.best(speeds, scan.thin(series))
 
@@ -178,7 +181,8 @@ def force_window(t: np.ndarray, residual: np.ndarray, force: np.ndarray, weight:
     if count <= least:
         return None
     place = np.minimum(((t - t.min()) / BIN).astype(int), count - 1)
-    gram, right = np.zeros((count + 1, 3, 3)), np.zeros((count + 1, 3))
+    gram: np.ndarray = np.zeros((count + 1, 3, 3))
+    right: np.ndarray = np.zeros((count + 1, 3))
     np.add.at(gram, place + 1, np.einsum("mji,j,mjk->mik", force, weight, force))
     np.add.at(right, place + 1, np.einsum("mji,j,mj->mi", force, weight, residual))
     gram, right = gram.cumsum(axis=0), right.cumsum(axis=0)

@@ -102,9 +102,7 @@ class Terms:
         if c.effect.scope == "link":
             values = {"link": np.array(float(group[0].joint)), **values}
         bounded = {p.name: np.clip(values[p.name], *p.bounds) for p in c.effect.parameters}
-        return AppliedEffect(
-            c.effect.name, tuple(t.joint for t in group) if c.effect.scope == "joint" else (), bounded
-        )
+        return AppliedEffect(c.effect.name, tuple(t.joint for t in group) if c.effect.scope == "joint" else (), bounded)
 
     def clipped(self, theta: np.ndarray) -> np.ndarray:
         """Theta with the value of every effect that has a single parameter moved into its bounds."""

@@ -9,6 +9,7 @@ from numbers import Integral
 import numpy as np
 
 from arm.errors import InputError
+from arm.nearest import nearest
 from effects.catalogue import effect as by_name
 from effects.effect import Effect, Parameter
 
@@ -33,14 +34,12 @@ class AppliedEffect:
     def __post_init__(self) -> None:
         """Check names, sizes and bounds."""
         definition = by_name(self.name)
-        if set(self.parameters) ^ set(definition.names):
-            raise InputError(
-                f"expected the parameters {', '.join(definition.names)}; got {', '.join(self.parameters) or 'none'}",
-                where=self.name,
-            )
+        self._check_names(definition)
         if (definition.scope == "joint") != bool(self.joints):
             raise InputError(
-                f"an effect of scope {definition.scope}, but joints are {list(self.joints)}", where=self.name
+                f"an effect of scope {definition.scope}, but joints are {list(self.joints)}",
+                "say on which joints, joints: [1, ...]" if definition.scope == "joint" else "leave joints: out",
+                where=self.name,
             )
         if any(not isinstance(joint, Integral) or joint < 1 for joint in self.joints) or len(set(self.joints)) != len(
             self.joints
@@ -51,16 +50,40 @@ class AppliedEffect:
             raise InputError(f"a link is a whole number, got {float(values['link'])}", where=f"{self.name}.link")
         object.__setattr__(self, "parameters", values)
 
+    def _check_names(self, definition: Effect) -> None:
+        """Check that each parameter is given, and no other."""
+        known, given = definition.names, [str(name) for name in self.parameters]
+        unknown, missing = ([x for x in names if x not in others] for names, others in ((given, known), (known, given)))
+        if not (unknown or missing):
+            return
+        units = ", ".join(f"{p.name} in {p.unit}" for p in definition.parameters)
+        remedy = f"give {units}"
+        if unknown:
+            remedy = f"{unknown[0]!r} is unknown: {nearest(unknown[0], known)}{remedy}"
+        raise InputError(
+            f"expected the parameters {', '.join(known)}; got {', '.join(given) or 'none'}", remedy, where=self.name
+        )
+
     def _checked(self, parameter: Parameter, scope: str) -> np.ndarray:
         """A parameter's values, as a read-only array of the right shape and within its bounds."""
-        value, where = np.array(self.parameters[parameter.name], dtype=float), f"{self.name}.{parameter.name}"
+        where = f"{self.name}.{parameter.name}"
+        try:
+            value = np.array(self.parameters[parameter.name], dtype=float)
+        except (TypeError, ValueError):
+            raise InputError(
+                f"holds a value that is not a number, {self.parameters[parameter.name]!r}",
+                f"give numbers in {parameter.unit}",
+                where=where,
+            ) from None
         if scope == "joint":
             expected: tuple[int, ...] = (len(self.joints),)
             value = np.full(expected, float(value)) if value.ndim == 0 else value
         else:
             expected = () if parameter.size == 1 else (parameter.size,)
         if value.shape != expected:
-            raise InputError(f"expected {int(np.prod(expected))} values, got {value.size}", where=where)
+            per = "one value for each of the joints, or one number for all" if scope == "joint" else "x, y and z"
+            remedy = f"give {per}" if expected else "give one number"
+            raise InputError(f"expected {int(np.prod(expected))} values, got {value.size}", remedy, where=where)
         low, high = parameter.bounds
         if not (np.isfinite(value).all() and (value >= low).all() and (value <= high).all()):
             raise InputError(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -60,13 +62,37 @@ def read_corrected(path: Path | str) -> tuple[AppliedEffect, ...]:
     return tuple(_entry(entry, f"effects[{i}]", path) for i, entry in enumerate(content["effects"]))
 
 
+@contextmanager
+def blaming(path: Path | str | None, effects: Sequence[AppliedEffect]) -> Iterator[None]:
+    """Errors about one of the effects name the file that it comes from, and its place there.
+
+    Args:
+        path: the file, or ``None`` where there is none.
+        effects: its effects, in their order.
+    """
+    try:
+        yield
+    except InputError as error:
+        name = error.where.split(".")[0].split(",")[0]
+        place = next((i for i, applied in enumerate(effects) if applied.name == name), None)
+        if path is None or error.file is not None or place is None:
+            raise
+        raise error.at(Path(path), f"effects[{place}]") from None
+
+
 def _entry(entry: Any, where: str, path: Path) -> AppliedEffect:
     if not isinstance(entry, dict) or not isinstance(entry.get("parameters"), dict) or "effect" not in entry:
-        raise InputError("expected effect:, joints: and parameters:", file=path, where=where)
+        raise InputError(
+            "expected effect:, joints: and parameters:",
+            "write for instance {effect: coulomb_friction, joints: [2], parameters: {torque: [4.0]}}",
+            file=path,
+            where=where,
+        )
     try:
         return AppliedEffect(str(entry["effect"]), tuple(entry.get("joints") or ()), entry["parameters"])
     except InputError as error:
-        place = f"{where}, {error.where}" if error.where else where
-        raise InputError(error.problem, error.remedy, file=path, where=place) from None
+        raise error.at(path, where) from None
     except (TypeError, ValueError) as error:
-        raise InputError(f"holds a value that is not a number ({error})", file=path, where=where) from None
+        raise InputError(
+            f"holds a value that is not a number ({error})", "joints: takes a list of numbers", file=path, where=where
+        ) from None

@@ -25,8 +25,8 @@ def behind_elasticity(
         M delta'' + (C + D) delta' + (G + K) delta = tau
 
     with tau the torque as if delta were zero, C and G its derivatives by velocity and position, and K, D the springs
-    and dampers; the torque is tau - M delta'' - C delta' - G delta. Central differences, from rest, with more damping for the first
-    ``CALM`` seconds; joints without a spring have delta = 0.
+    and dampers; the torque is tau - M delta'' - C delta' - G delta. Central differences, from rest, with more
+    damping for the first ``CALM`` seconds; joints without a spring have delta = 0.
 
     Args:
         body: the bodies.

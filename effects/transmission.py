@@ -38,7 +38,7 @@ def backlash_deflection(torque: np.ndarray, width: np.ndarray) -> np.ndarray:
 
 def through_backlash(twist: np.ndarray, width: np.ndarray) -> np.ndarray:
     """What is left of a twist [rad] beyond free play of the whole width w [rad]; 0 inside it."""
-    return twist - np.clip(twist, -0.5 * width, 0.5 * width)
+    return twist - np.minimum(np.maximum(twist, -0.5 * width), 0.5 * width)
 
 
 def spring(signals: Signals, stiffness: np.ndarray, rest: np.ndarray) -> np.ndarray:

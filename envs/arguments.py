@@ -16,7 +16,8 @@ from arm.nominal import NominalArm
 from arm.robots import load_nominal_arm
 from arm.trajectory import Reference
 from effects.applied import AppliedEffect
-from effects.corrected_file import read_corrected
+from effects.corrected import CorrectedArm
+from effects.corrected_file import blaming, read_corrected
 
 Effects = Sequence[AppliedEffect] | Path | str | None
 """Effects as records, as a file of the form of ``corrected.yaml``, or none."""
@@ -94,12 +95,8 @@ def chosen_effects(effects: Effects, arm: NominalArm) -> tuple[AppliedEffect, ..
                 "give AppliedEffect records, or the path of a corrected.yaml",
                 where="effects",
             )
-        if max(applied.joints, default=0) > arm.n_joints:
-            raise InputError(
-                f"joint {max(applied.joints)} of an arm with {arm.n_joints} joints",
-                f"joints count from 1: {', '.join(f'{i} {name}' for i, name in enumerate(arm.joints, 1))}",
-                where=f"effects, {applied.name}",
-            )
+    with blaming(effects if isinstance(effects, (str, Path)) else None, found):
+        CorrectedArm(arm, found).check()
     return found
 
 

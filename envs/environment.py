@@ -28,8 +28,10 @@ from envs.observation import Layout
 from envs.plant import Plant
 from envs.randomisation import Randomisation, draw_effects
 from envs.rendering.screen import Screen
-from envs.reward import Reward
+from envs.reward import Reward, RewardParts
 
+REWARDS = tuple(f"reward_{name}" for name in RewardParts._fields)
+"""Where ``info`` holds the parts of the reward."""
 NEAR_STOP = 1e-3
 """A joint within this distance of its stop has come to it [rad]."""
 
@@ -109,13 +111,15 @@ class ArmTracking(gymnasium.Env):
         self._plant = Plant(self.arm, engine, self._given, self._control, self._timing)
         self._scale = ArmScale.of(self.arm)
         self._reward, self._debug = reward or Reward(), debug
-        self._stops = _stops(self.body)
+        lower, upper = self.body.position_limits()
+        self._stops = lower + NEAR_STOP, upper - NEAR_STOP
         self._course: Course | None = None
         self.render_mode = render_mode
         self.metadata = self.metadata | {"render_fps": max(1, round(1 / self._timing.period))}
         self._screen = None if render_mode is None else Screen(self.space.kinematics, render_mode, self._timing.period)
         self.observation_space = self.layout.space
         self.action_space = Box(-1.0, 1.0, (self.arm.n_joints,), dtype=np.float32)
+        self._lowest, self._highest = -np.ones(self.arm.n_joints), np.ones(self.arm.n_joints)
 
     @property
     def torque_scale(self) -> np.ndarray:
@@ -159,7 +163,8 @@ class ArmTracking(gymnasium.Env):
         if self._screen is not None:
             self._screen.begin(self._title(), self._course.q)
         self._show({})
-        return self._observation(), self._truth() if self._debug else {}
+        error = self._course.q[0] - self._plant.position
+        return self._observation(error), self._truth() if self._debug else {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Carry out an action in -1 .. 1, shape (n,); what exceeds these bounds is clipped.
@@ -168,19 +173,19 @@ class ArmTracking(gymnasium.Env):
             ResetNeeded: the episode has ended, or has not begun.
         """
         course = self._running
-        action = np.minimum(np.maximum(np.asarray(action, dtype=float), -1.0), 1.0)
+        action = np.minimum(np.maximum(np.asarray(action, dtype=float), self._lowest), self._highest)
         done = self._plant.act(self._count, action)
         self._count += 1
         error = course.q[self._count] - self._plant.position
         parts = self._reward(error, self._plant.load, action - self._action)
         self._action = action
-        info: dict[str, Any] = {f"reward_{name}": value for name, value in parts._asdict().items()}
-        info["tracking_rms"] = math.sqrt(error @ error / len(error))
+        info: dict[str, Any] = dict(zip(REWARDS, parts, strict=True))
+        info["tracking_rms"] = math.sqrt(error.dot(error) / len(error))
         info |= self._endings(done)
         if self._debug:
             info |= self._truth()
         terminated, truncated = "divergence" in info or "limit" in info, self._count >= self._timing.actions
-        observation = self._observation()
+        observation = self._observation(error)
         self._show(info)
         if terminated or truncated:
             self._course = None
@@ -196,11 +201,11 @@ class ArmTracking(gymnasium.Env):
         if self._screen is not None:
             self._screen.close()
 
-    def _observation(self) -> np.ndarray:
-        course, plant = self._running, self._plant
-        error = course.q[self._count] - plant.position
+    def _observation(self, error: np.ndarray) -> np.ndarray:
+        """The observation with the tracking error [rad], shape (n,)."""
+        plant = self._plant
         measured = (plant.position, plant.velocity, error, self._action)
-        return self.layout.assemble(measured, course.planned[self._count])
+        return self.layout.assemble(measured, self._running.planned[self._count])
 
     def _endings(self, done: int) -> dict[str, Any]:
         """Why the episode ends early, if it does, after the steps of an action that were done."""
@@ -213,7 +218,7 @@ class ArmTracking(gymnasium.Env):
             return {"divergence": divergence.as_info()}
         q, (lowest, highest) = simulated.q, self._stops
         stopped = (q <= lowest) | (q >= highest)
-        if not stopped.any():
+        if not np.count_nonzero(stopped):
             return {}
         joint = int(stopped.argmax())
         return {"limit": f"joint {joint + 1} ({self.arm.joints[joint]}) came to its stop at {q[joint]:.4g} rad"}
@@ -245,10 +250,3 @@ class ArmTracking(gymnasium.Env):
     def _title(self) -> str:
         names = ", ".join(applied.name.replace("_", " ") for applied in self._plant.effects)
         return f"{self.arm.name}: {names or 'no effects'}"
-
-
-def _stops(body: RigidBody) -> tuple[np.ndarray, np.ndarray]:
-    """Positions at which a joint has come to its stop [rad], each (n,); infinite where there is none."""
-    lower, upper = body.position_limits()
-    none = lower >= upper
-    return np.where(none, -np.inf, lower + NEAR_STOP), np.where(none, np.inf, upper - NEAR_STOP)

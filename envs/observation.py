@@ -64,10 +64,12 @@ class Layout:
         }
         self.measured, self.planned = slice(0, 4 * n), slice(4 * n, int(ends[-1]))
         bound = np.repeat([b for _, b in lengths.values()], [length for length, _ in lengths.values()])
-        self._bound = bound.astype(np.float32)
-        self.space = Box(-self._bound, self._bound, dtype=np.float32)
+        self._high = bound.astype(np.float32)
+        self._low = -self._high
+        self.space = Box(self._low, self._high, dtype=np.float32)
 
     def assemble(self, measured: tuple[np.ndarray, ...], planned: np.ndarray) -> np.ndarray:
         """The observation from the four measured quantities, each (n,), and the planned ones in one row."""
-        row = np.concatenate([*measured, planned]).astype(np.float32)
-        return np.minimum(np.maximum(row, -self._bound), self._bound)
+        row = np.concatenate((*measured, planned), dtype=np.float32)
+        np.maximum(row, self._low, row)
+        return np.minimum(row, self._high, row)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from arm.nominal import NominalArm
+from arm.velocity_filter import VelocityFilter
 from effects.applied import AppliedEffect
 from envs.actions import Control, Gains
 from envs.course import Course, Timing
 from envs.divergence import diverged
 from envs.simulated_arm import SimulatedArm
-from envs.velocity_filter import VelocityFilter
 
 SENSOR_PERIOD = 10e-3
 """The encoders are read at least this often [s], and at every step where a PD loop runs."""
@@ -81,7 +81,7 @@ class Plant:
             return self._track(number * self._timing.sub_steps, added, control.gains)
         self.torque = np.minimum(np.maximum(added, -control.limit), control.limit)
         share = self.torque / control.rated
-        self.load = float(share @ share) / len(share)
+        self.load = float(share.dot(share)) / len(share)
         for done in range(0, self._timing.sub_steps, self._chunk):
             if not self._step():
                 return done

@@ -38,7 +38,9 @@ class Randomisation:
 
     Attributes:
         names: effects of the catalogue to draw from.
-        joints: joints that joint effects may act on, counted from 1; all where ``None``.
+        joints: joints that joint effects may act on, counted from 1; all where ``None``. Effects on the arm or a link
+            (payload, base tilt, external force, link inertia) have no joints and are drawn all the same: leave them
+            out of ``names`` where they are not wanted.
         count: fewest and most effects in an episode.
         joint_count: fewest and most joints of one effect.
         severity: lowest and highest severity [1]; a limit or a stiffness is divided by it.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
+
 import numpy as np
 
 from arm.controller import Controller
@@ -11,9 +13,9 @@ from arm.feedforward import feedforward
 from arm.nominal import NominalArm
 from arm.recording import Recording
 from arm.trajectory import Reference
+from arm.velocity_filter import VelocityFilter
 from effects.applied import AppliedEffect
 from envs.simulated_arm import SimulatedArm
-from envs.velocity_filter import VelocityFilter
 
 LONGEST_STEP = 1e-3
 """The simulation's time step is the controller's period, divided until it is no longer than this [s]."""
@@ -37,6 +39,7 @@ def record(
     settle: float = 0.5,
     name: str = "recording",
     engine: str = "pybullet",
+    later: tuple[float, tuple[AppliedEffect, ...]] | None = None,
 ) -> Recording:
     """Record a simulated arm; columns t, q, dq (filtered), tau (commanded), q_ref and dq_ref.
 
@@ -61,30 +64,53 @@ def record(
         settle: time at the reference's start before t = 0 [s].
         name: name of the recording.
         engine: ``pybullet``, ``mujoco`` or ``dart``.
+        later: a time [s], and the effects that take the place of the others from then on, as when a payload is picked
+            up; position and velocity of the joints go on, what effects have as a state starts anew.
 
     Raises:
         InputError: ``rate`` does not divide the controller's rate, or an effect cannot be simulated on this arm.
         GapscopeError: the simulated arm became unstable.
     """
-    every = round(controller.rate / rate)
-    if abs(every * rate - controller.rate) > 1e-6 * rate:
-        raise InputError(f"{rate} Hz does not divide the controller's {controller.rate} Hz", where="rate")
+    every = _ticks_per_row(controller, rate)
     command = _Command(arm, reference, controller, duration, settle)
     step = (arm.encoder_step or 0.0) if encoder_step is None else encoder_step
     dt, steps = _steps(controller)
-    with SimulatedArm(
-        arm, effects, dt, engine=engine, encoder_step=step, encoder_noise=encoder_noise, rng=rng
-    ) as simulated:
-        q, dq, tau = _run(simulated, controller, command, steps, read_back)
+    change, following = later or (np.inf, effects)
+    with ExitStack() as stack:
+        arms = [
+            stack.enter_context(
+                SimulatedArm(arm, acting, dt, engine=engine, encoder_step=step, encoder_noise=encoder_noise, rng=rng)
+            )
+            for acting in ((effects, following) if later else (effects,))
+        ]
+        q, dq, tau = _run(arms, change, controller, command, steps, read_back)
+    _check_stable(q, controller)
+    rows = np.arange(command.first, len(command.t), every)
+    tau = tau[rows] + rng.standard_normal((len(rows), arm.n_joints)) * torque_noise
+    return Recording(name, command.t[rows], q[rows], tau, dq=dq[rows], q_ref=command.q[rows], dq_ref=command.dq[rows])
+
+
+def _ticks_per_row(controller: Controller, rate: float) -> int:
+    """Ticks of the controller per row of the recording."""
+    ticks = round(controller.rate / rate)
+    if abs(ticks * rate - controller.rate) > 1e-6 * rate:
+        near = controller.rate / max(1, ticks)
+        raise InputError(
+            f"{rate:g} Hz does not divide the controller's {controller.rate:g} Hz",
+            f"record at {near:g} Hz, or another whole part of the controller's rate",
+            where="rate",
+        )
+    return ticks
+
+
+def _check_stable(q: np.ndarray, controller: Controller) -> None:
+    """Check that the arm followed its controller, at positions q [rad] of every tick, shape (N, n)."""
     speed = np.abs(np.diff(q, axis=0)).max(axis=0) * controller.rate
     if not (speed < UNSTABLE_SPEED).all():
         raise GapscopeError(
             f"the simulated arm became unstable at joint {int(speed.argmax()) + 1}",
             "lower the controller's gains, or the severity of the effects",
         )
-    rows = np.arange(command.first, len(command.t), every)
-    tau = tau[rows] + rng.standard_normal((len(rows), arm.n_joints)) * torque_noise
-    return Recording(name, command.t[rows], q[rows], tau, dq=dq[rows], q_ref=command.q[rows], dq_ref=command.dq[rows])
 
 
 class _Command:
@@ -110,9 +136,13 @@ def _steps(controller: Controller) -> tuple[float, int]:
 
 
 def _run(
-    simulated: SimulatedArm, controller: Controller, command: _Command, steps: int, read_back: bool
+    arms: list[SimulatedArm], change: float, controller: Controller, command: _Command, steps: int, read_back: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Positions as the encoders gave them, filtered velocities and torques at every tick, each (N, n)."""
+    """Positions as the encoders gave them, filtered velocities and torques at every tick, each (N, n).
+
+    The last of the arms takes over from the first at time ``change`` [s].
+    """
+    simulated = arms[0]
     arm = simulated.arm
     limit = np.inf if arm.torque_limit is None else arm.torque_limit
     q, dq, tau = (np.empty_like(command.q) for _ in range(3))
@@ -121,6 +151,9 @@ def _run(
     )
     simulated.start(command.q[0], command.dq[0], command.t[0])
     for i in range(len(command.t)):
+        if simulated is not arms[-1] and command.t[i] >= change:
+            arms[-1].reset(simulated.q, simulated.dq, command.t[i])
+            simulated = arms[-1]
         q[i] = simulated.encoders()
         dq[i] = filtered(q[i])
         pd = controller.kp * (command.q[i] - q[i]) + controller.kd * (command.dq[i] - dq[i])

@@ -20,9 +20,9 @@ from arm.errors import GapscopeError, InputError
 from arm.feedforward import feedforward
 from arm.nominal import NominalArm
 from arm.recording import Recording
+from arm.velocity_filter import VelocityFilter, rule_of
 from effects.applied import AppliedEffect
 from envs.simulated_arm import SimulatedArm
-from envs.velocity_filter import VelocityFilter, rule_of
 
 TRIM = 0.3
 """Time cut from both ends of a stretch before the gap is measured [s]."""

@@ -60,5 +60,5 @@ class Reward:
             load: mean of (tau / tau_rated)^2 over joints and steps [1].
             jump: change of the action [1], shape (n,).
         """
-        tracking = 1.0 / (1.0 + float(error @ error) / (len(error) * self.tolerance**2))
-        return RewardParts(tracking, -self.effort * load, -self.smoothness * float(jump @ jump) / len(jump))
+        tracking = 1.0 / (1.0 + float(error.dot(error)) / (len(error) * self.tolerance**2))
+        return RewardParts(tracking, -self.effort * load, -self.smoothness * float(jump.dot(jump)) / len(jump))

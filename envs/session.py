@@ -14,11 +14,13 @@ from arm.dynamics import RigidBody
 from arm.errors import InputError
 from arm.motions import check_motion_name, draw_motion, workspace
 from arm.nominal import NominalArm
+from arm.sampled import Sampled, read_sampled
 from arm.trajectory import Reference
 from effects.applied import AppliedEffect
 from effects.corrected import CorrectedArm
 from effects.effect import Path as TorquePath
 from envs.arguments import positive, whole
+from envs.engines import check_engine
 from envs.mystery import position_controller
 from envs.recorder import record
 
@@ -31,31 +33,33 @@ class Plan:
     """How a session records.
 
     Attributes:
-        motion: kind of motion, one of ``arm.motions.MOTIONS`` or ``random``.
+        motion: kind of motion, one of ``arm.motions.MOTIONS``, ``random``, or a CSV with references, which have
+            their own duration.
         recordings: how many, the first the slowest.
         duration: of each [s].
         rate: sampling rate [Hz], which divides the controller's.
-        torque_control: the recorded torque is the command that is sent to the arm; otherwise it is read back from the
-            drives of an arm under position control, which is what reached the joints.
+        read_back: record the torque that reached the joints, as it is read back from the drives of an arm under
+            position control; otherwise the torque recorded is the one that the controller commands.
         noise: standard deviation of the recorded torque's noise over that of the joint's torque [1].
         encoder_noise: standard deviation of the encoders' noise [rad].
         engine: ``pybullet``, ``mujoco`` or ``dart``.
 
     Raises:
-        InputError: a number that is not above zero, or a duration shorter than a case may hold.
+        InputError: a number that is not above zero, a duration shorter than a case may hold, or no such engine.
     """
 
     motion: str = "fourier"
     recordings: int = 4
     duration: float = 10.0
     rate: float = 250.0
-    torque_control: bool = False
+    read_back: bool = False
     noise: float = 0.01
     encoder_noise: float = 0.0
     engine: str = "pybullet"
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
+        """Check the numbers and the engine."""
+        check_engine(self.engine)
         whole("recordings", self.recordings)
         positive("rate", self.rate, "Hz")
         if positive("duration", self.duration, "s") < SHORTEST:
@@ -101,11 +105,11 @@ def record_case(
             effects,
             motion,
             controller,
-            duration=plan.duration,
+            duration=motion.duration if isinstance(motion, Sampled) else plan.duration,
             rng=rng,
             rate=plan.rate,
             encoder_noise=plan.encoder_noise,
-            read_back=not plan.torque_control,
+            read_back=plan.read_back,
             name=f"recording_{i + 1}",
             engine=plan.engine,
         )
@@ -122,11 +126,14 @@ def hidden_by_reading_back(effects: tuple[AppliedEffect, ...]) -> tuple[str, ...
 
 
 def _motions(arm: NominalArm, plan: Plan, rng: np.random.Generator) -> list[Reference]:
-    """A motion for each recording, from slow to as fast as the limits allow."""
+    """A motion for each recording, from slow to as fast as the limits allow, or as the file of a motion has it."""
+    speeds = np.linspace(SLOWEST, 1.0, plan.recordings) if plan.recordings > 1 else np.ones(1)
+    if plan.motion.endswith(".csv"):
+        sampled = read_sampled(Path(plan.motion), arm.n_joints)
+        return [sampled.slower(speed) for speed in speeds]
     check_motion_name(plan.motion, arm.n_joints)
     space = workspace(RigidBody(arm))
-    speeds = np.linspace(SLOWEST, 1.0, plan.recordings) if plan.recordings > 1 else np.ones(1)
-    motions = []
+    motions: list[Reference] = []
     for speed in speeds:
         limits = space.limits
         slower = limits._replace(velocity=speed * limits.velocity, acceleration=speed**2 * limits.acceleration)

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 
 from arm.dynamics import RigidBody
+from arm.errors import ModelWarning
+from arm.inertials import odd_inertials
 from arm.nominal import NominalArm
-from arm.plain_urdf import moving_links
+from arm.plain_urdf import check_inertia, moving_links
 from effects.applied import AppliedEffect
 from effects.corrected import CorrectedArm
+from effects.effect import LinkChange
 from envs.drive.encoders import Encoders
 from envs.drive.friction import Friction, total
 from envs.drive.loads import Loads
@@ -62,10 +67,14 @@ class SimulatedArm:
         with_effects = CorrectedArm(arm, effects)
         with_effects.check()
         nominal = RigidBody(arm)
+        check_inertia(nominal)
+        for note in odd_inertials(nominal):
+            warnings.warn(note, ModelWarning, stacklevel=2)
         self.arm, self.dt, self.body = arm, dt, with_effects.body(nominal)
         self._order, self._places = nominal.order, nominal.places
         self._ordered = bool((nominal.order == np.arange(arm.n_joints)).all())
         order, masses = self._order, mass_matrices(self.body)
+        check_inertia(self.body, ", ".join(e.name for e in effects if isinstance(e.effect, LinkChange)))
         links = moving_links(self.body)
         rotors = total(arm.armature + with_effects.value("armature", "inertia"), "armature", "kg m^2")[order]
         self._loads = Loads(with_effects, nominal)
@@ -194,15 +203,15 @@ class SimulatedArm:
                 self._count += 1
         else:
             self._hold_torque(count)
-        self._take_over()
 
     def _hold_torque(self, count: int) -> None:
         """Steps under a torque that does not change, of rigid joints on which nothing else acts."""
-        friction, solver, torque = self._friction, self._step, self._u
+        friction, solver, torque, drifting = self._friction, self._step, self._u, self._friction.drifting
+        limit, advance = friction.limit, solver.advance
         for _ in range(count):
-            if friction.drifting:
+            if drifting:
                 self._drift()
-            solver.advance(torque, friction.limit(solver.dq))
+            advance(torque, limit(solver.dq))
             self._count += 1
 
     def _hold_command(self, command: np.ndarray, count: int) -> None:
@@ -213,7 +222,6 @@ class SimulatedArm:
             self._friction.load(self._u)
             self._advance()
             self._count += 1
-        self._take_over()
 
     def _advance_rigid(self) -> None:
         """One step of rigid joints."""
@@ -237,9 +245,3 @@ class SimulatedArm:
         if self._friction.drifts(self._count):
             self._friction.drift(self.time)
             self._step.set_viscous(self._friction.viscous * self._rigid)
-
-    def _take_over(self) -> None:
-        """Take the engine's state, which knows of joint limits."""
-        self._step.take_over()
-        if self._two_mass:
-            self._motors.follow(self._q, self._step.dq)

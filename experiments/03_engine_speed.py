@@ -1,19 +1,28 @@
-"""Speed of the simulated arm against bare engine loops, in one run: steps of 1 ms, at 20, 4 and 1 sub-steps per action.
+"""Speed of the simulated arm and of the environment against bare engine loops, in one run: steps of 1 ms.
 
 The bare PyBullet loop sets torques, steps and reads joint states; the bare MuJoCo loop sets torque, steps and copies
-the state. All loops play the torque of the same Fourier motion; a ratio is the median over
-rounds in which the loops take turns.
+the state. The simulated arm is reset and stepped directly; the environment is ``gapscope/ArmTracking-v0`` as
+``gymnasium.make`` gives it, with torque actions. All play the torque of the same Fourier motion, at 20, 4 and 1
+sub-steps per action. Then eight environments in vector form are compared with one. A ratio is the median over rounds
+in which the loops take turns; resets are not timed. Time is that of the processor, so that other work on the machine
+counts little; for environments in vector form, which have processes of their own, that of the clock.
+
+    python experiments/03_engine_speed.py [--rounds 21] [--part loops|vector]
 """
 
 from __future__ import annotations
 
+import argparse
 import time
 from collections.abc import Callable
+from typing import NamedTuple
 
+import gymnasium
 import mujoco
 import numpy as np
-import pybullet
+from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
 
+import gapscope  # noqa: F401 (makes the environment known)
 from arm.dynamics import RigidBody
 from arm.motion import Motion
 from arm.nominal import NominalArm
@@ -22,12 +31,12 @@ from arm.trajectory import Fourier, urdf_limits
 from effects.applied import AppliedEffect
 from effects.corrected import CorrectedArm
 from envs.engines.mujoco import MuJoCoEngine
-from envs.engines.pybullet import PyBulletEngine
+from envs.engines.pybullet import PyBulletEngine, pybullet
 from envs.simulated_arm import SimulatedArm
 
 JOINTS = (1, 2, 3, 4, 5, 6, 7)
 POSTURE = np.array([0.0, 0.6, 0.0, -1.2, 0.0, 0.8, 0.0])
-DURATION, DT, ROUNDS = 2.0, 1e-3, 21
+DURATION, DT, COPIES = 2.0, 1e-3, 8
 SCALE = np.array([3.0, 3.5, 2.0, 2.5, 1.2, 0.8, 0.5])
 FRICTION = (
     AppliedEffect("coulomb_friction", JOINTS, {"torque": SCALE}),
@@ -36,6 +45,13 @@ FRICTION = (
     AppliedEffect("load_friction", JOINTS, {"coefficient": np.full(7, 0.1)}),
     AppliedEffect("friction_drift", JOINTS, {"amplitude": np.full(7, 0.3), "time_constant": np.full(7, 300.0)}),
 )
+
+
+class Loop(NamedTuple):
+    """What is timed: ``run`` after ``prepare``."""
+
+    prepare: Callable[[], object]
+    run: Callable[[], None]
 
 
 def reference(arm: NominalArm) -> tuple[Fourier, np.ndarray]:
@@ -52,29 +68,29 @@ def torques(arm: NominalArm, effects: tuple[AppliedEffect, ...]) -> np.ndarray:
     return CorrectedArm(arm, effects).predict(RigidBody(arm), series)
 
 
-def timed(loops: list[Callable[[], None]], steps: int) -> np.ndarray:
-    """Time per step of each loop in each round [us], shape (ROUNDS, loops).
+def timed(loops: list[Loop], rounds: int, clock: Callable[[], float]) -> np.ndarray:
+    """Time of each loop in each round [s], shape (rounds, loops).
 
     They take turns, so that a busy machine slows all of a round.
     """
-    times = np.empty((ROUNDS, len(loops)))
-    for i in range(ROUNDS):
+    times = np.empty((rounds, len(loops)))
+    for i in range(rounds):
         for j, loop in enumerate(loops):
-            start = time.perf_counter()
-            loop()
-            times[i, j] = (time.perf_counter() - start) / steps
-    return 1e6 * times
+            loop.prepare()
+            start = clock()
+            loop.run()
+            times[i, j] = clock() - start
+    return times
 
 
-def bare_pybullet(simulated: SimulatedArm, torque: np.ndarray) -> Callable[[], None]:
+def bare_pybullet(simulated: SimulatedArm, torque: np.ndarray) -> Loop:
     """A loop without anything of the project around PyBullet."""
     engine = simulated._engine
     assert isinstance(engine, PyBulletEngine)
     robot, joints, client = engine._robot, engine._joints, engine._client
     forces = torque.tolist()
 
-    def loop() -> None:
-        simulated.reset(POSTURE)
+    def run() -> None:
         for force in forces:
             pybullet.setJointMotorControlArray(
                 robot, joints, pybullet.TORQUE_CONTROL, forces=force, physicsClientId=client
@@ -82,26 +98,25 @@ def bare_pybullet(simulated: SimulatedArm, torque: np.ndarray) -> Callable[[], N
             pybullet.stepSimulation(physicsClientId=client)
             pybullet.getJointStates(robot, joints, physicsClientId=client)
 
-    return loop
+    return Loop(lambda: simulated.reset(POSTURE), run)
 
 
-def bare_mujoco(simulated: SimulatedArm, torque: np.ndarray) -> Callable[[], None]:
+def bare_mujoco(simulated: SimulatedArm, torque: np.ndarray) -> Loop:
     """A loop without anything of the project around MuJoCo."""
     engine = simulated._engine
     assert isinstance(engine, MuJoCoEngine)
     model, data, state = engine._model, engine._data, np.empty(14)
 
-    def loop() -> None:
-        simulated.reset(POSTURE)
+    def run() -> None:
         for force in torque:
             data.qfrc_applied[:] = force
             mujoco.mj_step(model, data)
             state[:7], state[7:] = data.qpos, data.qvel
 
-    return loop
+    return Loop(lambda: simulated.reset(POSTURE), run)
 
 
-def ours(simulated: SimulatedArm, torque: np.ndarray, substeps: int) -> Callable[[], None]:
+def arm_loop(simulated: SimulatedArm, torque: np.ndarray, substeps: int) -> Loop:
     """The simulated arm, with the torque held for ``substeps`` and its state read after them.
 
     A weak feedback keeps the arm on its motion, away from its limits.
@@ -110,28 +125,112 @@ def ours(simulated: SimulatedArm, torque: np.ndarray, substeps: int) -> Callable
     rows = list(zip(torque[::substeps], *(x(t)[::substeps] for x in (motion.position, motion.velocity)), strict=True))
     gain = np.diag(simulated.body.mass_matrix(POSTURE))
 
-    def loop() -> None:
-        simulated.reset(POSTURE)
+    def run() -> None:
         for force, q, dq in rows:
             simulated.step(force + gain * (40.0 * (q - simulated.q) + 9.0 * (dq - simulated.dq)), substeps)
 
-    return loop
+    return Loop(lambda: simulated.reset(POSTURE), run)
+
+
+def make(arm: NominalArm, effects: tuple[AppliedEffect, ...], engine: str, substeps: int) -> gymnasium.Env:
+    """The environment with torque actions, which follows the same motion."""
+    return gymnasium.make(
+        "gapscope/ArmTracking-v0", robot=arm, effects=effects, engine=engine, action="torque",
+        motion=reference(arm)[0], sub_steps=substeps, time_step=DT, episode_length=DURATION,
+    )  # fmt: skip
+
+
+def actions(environment: gymnasium.Env, torque: np.ndarray, substeps: int) -> np.ndarray:
+    """Actions of the motion's torque with a weak feedback [1], shape (K, 7); the same actions give the same motion."""
+    inner = environment.unwrapped
+    gain, parts = np.diag(inner.body.mass_matrix(POSTURE)), inner.layout.slices
+    observation, _ = environment.reset(seed=0)
+    rows = []
+    for force in torque[::substeps]:
+        error, rate = observation[parts["error"]], observation[parts["reference_rate"]]
+        pd = gain * (40.0 * error + 9.0 * (rate - observation[parts["velocity"]]))
+        rows.append((force + pd) / inner.torque_scale)
+        observation, _, terminated, truncated, info = environment.step(rows[-1])
+        assert not terminated, info
+    assert truncated
+    return np.array(rows)
+
+
+def environment_loop(environment: gymnasium.Env, torque: np.ndarray, substeps: int) -> Loop:
+    """The environment through one episode."""
+    rows = list(actions(environment, torque, substeps))
+
+    def run() -> None:
+        for action in rows:
+            environment.step(action)
+
+    return Loop(lambda: environment.reset(seed=0), run)
+
+
+def against_bare_loops(arm: NominalArm, rounds: int) -> None:
+    """Print the first table: the simulated arm and the environment against the bare loop."""
+    print("time per simulated ms [us], and speed over that of the bare loop")
+    print("engine   sub-steps   bare    arm, no effects  arm, friction    env, no effects  env, friction")
+    free, rough = torques(arm, ()), torques(arm, FRICTION)
+    for name, bare in (("pybullet", bare_pybullet), ("mujoco", bare_mujoco)):
+        for substeps in (20, 4, 1):
+            arms = [SimulatedArm(arm, effects, DT, engine=name) for effects in ((), FRICTION)]
+            environments = [make(arm, effects, name, substeps) for effects in ((), FRICTION)]
+            loops = [bare(arms[0], free)]
+            loops += [arm_loop(x, torque, substeps) for x, torque in zip(arms, (free, rough), strict=True)]
+            pairs = zip(environments, (free, rough), strict=True)
+            loops += [environment_loop(x, torque, substeps) for x, torque in pairs]
+            times = timed(loops, rounds, time.process_time)
+            for x in (*arms, *environments):
+                x.close()
+            floor, *ours = 1e6 * np.median(times, axis=0) / len(free)
+            ratios = np.median(times[:, :1] / times[:, 1:], axis=0)
+            columns = "  ".join(f"{value:8.2f} {ratio:6.2f}" for value, ratio in zip(ours, ratios, strict=True))
+            print(f"{name:9} {substeps:8d} {floor:6.2f}  {columns}", flush=True)
+
+
+def in_vector_form(arm: NominalArm, rounds: int) -> None:
+    """Print the second table: environments in vector form against one."""
+    substeps = 20
+    print(f"environment steps per second, {COPIES} environments in vector form, {substeps} sub-steps per action")
+    print("engine    effects    one     SyncVectorEnv    AsyncVectorEnv")
+    for name in ("pybullet", "mujoco"):
+        for label, effects in (("none", ()), ("friction", FRICTION)):
+            one = make(arm, effects, name, substeps)
+            rows = actions(one, torques(arm, effects), substeps)[:-1]  # the last would end all episodes
+            makers = [lambda effects=effects, name=name: make(arm, effects, name, substeps)] * COPIES
+            many = [SyncVectorEnv(makers), AsyncVectorEnv(makers)]
+            stacked = np.repeat(rows[:, None], COPIES, axis=1).astype(np.float32)
+            times = timed([_stepping(one, rows), *(_stepping(x, stacked) for x in many)], rounds, time.perf_counter)
+            for x in (one, *many):
+                x.close()
+            speed = len(rows) * np.array([1, COPIES, COPIES]) / times
+            rates, ratios = np.median(speed, axis=0), np.median(speed[:, 1:] / speed[:, :1], axis=0)
+            columns = "  ".join(f"{rate:8.0f} {ratio:6.2f}" for rate, ratio in zip(rates[1:], ratios, strict=True))
+            print(f"{name:9} {label:9} {rates[0]:5.0f}  {columns}", flush=True)
+
+
+def _stepping(environment: gymnasium.Env | gymnasium.vector.VectorEnv, rows: np.ndarray) -> Loop:
+    """All actions in turn."""
+
+    def run() -> None:
+        for action in rows:
+            environment.step(action)
+
+    return Loop(lambda: environment.reset(seed=0), run)
 
 
 def main() -> None:
-    """Print the table."""
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--rounds", type=int, default=21)
+    parser.add_argument("--part", choices=("loops", "vector"))
+    options = parser.parse_args()
     arm = load_nominal_arm("kuka_iiwa", sheet={"coulomb": [0.0] * 7, "viscous": [0.0] * 7})
-    print("engine    sub-steps  bare [us]  no effects [us] ratio  friction family [us] ratio")
-    for name, bare in (("pybullet", bare_pybullet), ("mujoco", bare_mujoco)):
-        free, rough = torques(arm, ()), torques(arm, FRICTION)
-        for substeps in (20, 4, 1):
-            with SimulatedArm(arm, engine=name) as simple, SimulatedArm(arm, FRICTION, engine=name) as full:
-                loops = [bare(simple, free), ours(simple, free, substeps), ours(full, rough, substeps)]
-                times = timed(loops, len(free))
-            floor, *ours_us = np.median(times, axis=0)
-            ratios = np.median(times[:, :1] / times[:, 1:], axis=0)
-            columns = [f"{value:16.2f} {ratio:5.2f}" for value, ratio in zip(ours_us, ratios, strict=True)]
-            print(f"{name:9} {substeps:9d} {floor:10.2f} {columns[0]}      {columns[1]}", flush=True)
+    if options.part != "vector":
+        against_bare_loops(arm, options.rounds)
+    if options.part != "loops":
+        in_vector_form(arm, max(3, options.rounds // 3))
 
 
 if __name__ == "__main__":

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import sys
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 from rich.console import Console
 
-from arm.errors import GapscopeError
+from arm.errors import GapscopeError, ModelWarning
 from gapscope.blind import blind
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ app = typer.Typer(
 app.add_typer(blind, name="blind")
 _console = Console()
 _log = Console(stderr=True)
+_python_warning = warnings.showwarning
 
 CasePath = Annotated[Path, typer.Argument(help="folder of the case, or its case file", metavar="CASE")]
 Model = Annotated[Optional[Path], typer.Option(help="corrected.yaml of a diagnosis; default: the nominal arm")]  # noqa: UP045
@@ -144,19 +146,59 @@ def gap(
 
 
 @app.command()
+def identify(
+    case: CasePath,
+    out: Annotated[Path, typer.Option(help="folder for the results", metavar="DIR")],
+    cutoff: Annotated[
+        Optional[float],  # noqa: UP045
+        typer.Option(min=0.1, help="cut-off of both sides [Hz]; default: from the spectra of the positions"),
+    ] = None,
+    estimator: Annotated[str, typer.Option(help="consistent, wls, ols, irls, ridge, ...")] = "consistent",
+    judge: Annotated[
+        Optional[list[str]],  # noqa: UP045
+        typer.Option(help="name of a recording to judge on; default: the case's, or the last", metavar="NAME"),
+    ] = None,
+    any_torque: Annotated[
+        bool, typer.Option("--any-torque", help="go on where the torque seems to be in another unit")
+    ] = False,
+) -> None:
+    """Identify base parameters, friction and physical parameters, with intervals and validation."""
+    from gapscope.identify import identify_path, summary
+    from ident.identification import Settings
+
+    settings = Settings(cutoff, estimator, tuple(judge or ()), any_torque)
+    with _Progress(case.name or str(case)) as progress:
+        identified = identify_path(case, out, settings, progress)
+    _console.print(summary(identified))
+    _wrote(*identified.paths)
+
+
+@app.command()
 def record(
     robot: Annotated[str, typer.Argument(help="kuka_iiwa, ..., a URDF, or a case with a data sheet", metavar="ROBOT")],
     effects: Annotated[Path, typer.Option(help="effects, in the form of corrected.yaml", metavar="FILE")],
     out: Annotated[Path, typer.Option(help="folder of the case to make", metavar="CASE")],
     trajectory: Annotated[
-        str, typer.Option(help="fourier, point_to_point, weld_seam, pick, place, random")
+        str, typer.Option(help="fourier, point_to_point, weld_seam, pick, place, random, or a CSV that excite wrote")
     ] = "fourier",
     recordings: Annotated[int, typer.Option(help="how many, from slow to fast")] = 4,
     duration: Annotated[float, typer.Option(help="of each [s]")] = 10.0,
     rate: Annotated[float, typer.Option(help="samples per second [Hz]")] = 250.0,
-    controller: Annotated[str, typer.Option(help="pd: with nominal feedforward, or as the case ROBOT has it")] = "pd",
-    torque_control: Annotated[
-        bool, typer.Option(help="record the torque commanded, not the applied one that position control reads back")
+    controller: Annotated[
+        str,
+        typer.Option(
+            help="pd (as the case ROBOT has it, else with nominal feedforward), or a YAML file in the form of the "
+            "controller: section of a case",
+            metavar="KIND|FILE",
+        ),
+    ] = "pd",
+    read_back: Annotated[
+        bool,
+        typer.Option(
+            "--read-back",
+            help="record the torque that reached the joints, read back from the drives, in place of "
+            "the torque commanded",
+        ),
     ] = False,
     noise: Annotated[float, typer.Option(help="noise of the torque, as a share of its standard deviation")] = 0.01,
     encoder_noise: Annotated[float, typer.Option(help="noise of the encoders [rad]")] = 0.0,
@@ -172,7 +214,7 @@ def record(
     from envs.session import Plan
     from gapscope.recording import record_files
 
-    plan = Plan(trajectory, recordings, duration, rate, torque_control, noise, encoder_noise, engine)
+    plan = Plan(trajectory, recordings, duration, rate, read_back, noise, encoder_noise, engine)
     with _Progress(out.name or str(out)) as progress:
         paths, note = record_files(
             robot, effects, out, plan, controller=controller, seed=seed, ending=file_format, sealed=sealed,
@@ -180,6 +222,49 @@ def record(
         )  # fmt: skip
     if note:
         _log.print(f"note: {note}", highlight=False, markup=False, soft_wrap=True)
+    _wrote(*paths)
+
+
+@app.command()
+def excite(
+    robot: Annotated[str, typer.Argument(help="kuka_iiwa, ..., a URDF, or a case with a data sheet", metavar="ROBOT")],
+    out: Annotated[Path, typer.Option(help="CSV to write; .yaml for ROS and .html with plots beside", metavar="FILE")],
+    kind: Annotated[str, typer.Option(help="fourier, quintic (through way points) or multisine")] = "fourier",
+    order: Annotated[int, typer.Option(help="number of harmonics; half the number of way points")] = 5,
+    frequency: Annotated[float, typer.Option(help="of the first harmonic [Hz]")] = 0.1,
+    duration: Annotated[Optional[float], typer.Option(help="[s]; by default 10, or one period")] = None,  # noqa: UP045
+    rate: Annotated[float, typer.Option(help="samples per second [Hz]")] = 250.0,
+    criterion: Annotated[str, typer.Option(help="condition, d, e or separation (of --effects)")] = "condition",
+    effects: Annotated[str, typer.Option(help="effects to tell apart, with commas between them")] = "",
+    optimiser: Annotated[Optional[str], typer.Option(help="random, swarm, cma or gradient")] = None,  # noqa: UP045
+    evaluations: Annotated[int, typer.Option(help="candidates to judge; 8 for one with its gradient")] = 3000,
+    seconds: Annotated[Optional[float], typer.Option(help="time to search, at most [s]")] = None,  # noqa: UP045
+    velocity: Annotated[float, typer.Option(help="no joint moves faster [rad/s]")] = 1.5,
+    acceleration: Annotated[float, typer.Option(help="limit of every joint [rad/s^2]")] = 5.0,
+    torque: Annotated[float, typer.Option(help="share of the torque limits that may be used")] = 0.8,
+    margin: Annotated[float, typer.Option(help="distance from the position limits [rad]")] = 0.1,
+    singular: Annotated[float, typer.Option(help="least singular value of the tool's Jacobian; 0 for any")] = 0.02,
+    clearance: Annotated[float, typer.Option(help="least distance between bodies and to the surface [m]")] = 0.01,
+    surface: Annotated[float, typer.Option(help="height of the surface under the arm in the base frame [m]")] = 0.0,
+    collisions: Annotated[bool, typer.Option(help="check collisions with the meshes of the URDF")] = True,
+    seed: Annotated[Optional[int], typer.Option(min=0, help="find the same trajectory again")] = None,  # noqa: UP045
+) -> None:
+    """Find an exciting trajectory within limits: CSV, a ROS JointTrajectory, plots."""
+    from gapscope.excite import SearchProgress, excite_files, margin_lines, margin_table, summary
+    from ident.excitation.plan import LimitPlan, Plan
+    from ident.excitation.search import Budget
+
+    names = tuple(name.strip() for name in effects.split(",") if name.strip())
+    plan = Plan(
+        kind, order, frequency, duration, rate, criterion, names, optimiser=optimiser,
+        budget=Budget(evaluations, seconds),
+    )  # fmt: skip
+    limits = LimitPlan(velocity, acceleration, torque, margin, singular, clearance, surface, collisions)
+    with SearchProgress(robot, criterion, _log) as progress:
+        found, paths = excite_files(robot, out, plan, limits, seed=seed, progress=progress)
+    _console.print(margin_table(found))
+    for line in (*margin_lines(found), *summary(found, plan)):
+        _console.print(line, highlight=False, markup=False, soft_wrap=True)
     _wrote(*paths)
 
 
@@ -203,8 +288,17 @@ def _wrote(*paths: Path) -> None:
         _console.print(f"wrote {path}", highlight=False, soft_wrap=True)
 
 
+def _show_warning(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+    """What is odd about a model as a note; other warnings as Python shows them."""
+    if issubclass(category, ModelWarning):
+        _log.print(f"note: {message}", highlight=False, markup=False, soft_wrap=True)
+    else:
+        _python_warning(message, category, *place, **more)
+
+
 def main(arguments: list[str] | None = None) -> Any:
     """Run a command; the process ends with 0, 1 (the work failed, said why) or 2 (bad input)."""
+    warnings.showwarning = _show_warning
     try:
         app(args=arguments)
     except GapscopeError as error:

@@ -9,12 +9,13 @@ import numpy as np
 
 from arm.case import load_case
 from arm.controller import Controller
+from arm.controller_file import read_controller
 from arm.errors import InputError
-from arm.nearest import check_known
+from arm.nearest import check_known, nearest
 from arm.nominal import NominalArm
 from arm.robots import load_nominal_arm
 from arm.writing import write_case
-from effects.corrected_file import read_corrected, write_corrected
+from effects.corrected_file import blaming, read_corrected, write_corrected
 from envs.session import Plan, hidden_by_reading_back, record_case
 from gapscope.run import make_folder
 
@@ -45,7 +46,7 @@ def record_files(
         effects: file of the form of ``corrected.yaml``.
         out: folder of the case; must not hold one already.
         plan: how to record.
-        controller: one of ``CONTROLLERS``.
+        controller: one of ``CONTROLLERS``, or a YAML file in the form of the ``controller:`` section of a case.
         seed: of motions and noise; by default another one each time. It is not written anywhere.
         ending: one of ``ENDINGS``.
         sealed: folder for the truth, outside the case; by default the truth lies in the case's folder.
@@ -59,23 +60,23 @@ def record_files(
         GapscopeError: the arm became unstable, or something cannot be written.
     """
     check_known("format", ending, list(ENDINGS), where="format")
-    check_known("controller", controller, list(CONTROLLERS), where="controller")
     truth = read_corrected(effects)
     _check_places(effects, out, sealed)
     arm, known = _arm(robot)
+    known = _chosen_controller(controller, arm, known)
     if sealed is not None:
         make_folder(sealed)
-    case = record_case(
-        out.resolve().name, arm, truth, plan, np.random.default_rng(seed), controller=known, progress=progress
-    )
+    rng = np.random.default_rng(seed)
+    with blaming(effects, truth):
+        case = record_case(out.resolve().name, arm, truth, plan, rng, controller=known, progress=progress)
     progress("writes the case")
     file = write_case(case, out, ending=ending)
     place = (sealed or out) / TRUTH
     write_corrected(case.name, truth, place)
-    hidden = () if plan.torque_control else hidden_by_reading_back(truth)
+    hidden = hidden_by_reading_back(truth) if plan.read_back else ()
     note = (
-        f"{', '.join(hidden)}: torque that is read back behind the drive hardly shows this; --torque-control records "
-        "the torque commanded"
+        f"{', '.join(hidden)}: torque that is read back behind the drive hardly shows this; without --read-back the "
+        "torque commanded is recorded"
     )
     return [file, place], note if hidden else None
 
@@ -91,6 +92,21 @@ def _check_places(effects: Path, out: Path, sealed: Path | None) -> None:
         raise InputError("lies in the case's folder, so the truth would not be sealed", "choose another", file=sealed)
     if (sealed / TRUTH).exists() and (sealed / TRUTH).resolve() != effects.resolve():
         raise InputError("exists already and would be lost", "choose another folder", file=sealed / TRUTH)
+
+
+def _chosen_controller(controller: str, arm: NominalArm, known: Controller | None) -> Controller | None:
+    """The controller of a file, or the one known of a case; ``None`` for one that fits the arm."""
+    path = Path(controller)
+    if path.suffix in (".yaml", ".yml") or path.is_file():
+        return read_controller(path, arm.n_joints)
+    if controller not in CONTROLLERS:
+        raise InputError(
+            f"unknown controller {controller!r}",
+            f"{nearest(controller, CONTROLLERS)}give {', '.join(CONTROLLERS)}, or the path of a YAML file in the form "
+            "of the controller: section of a case",
+            where="controller",
+        )
+    return known
 
 
 def _arm(robot: str) -> tuple[NominalArm, Controller | None]:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from arm.case import load_case
-from arm.errors import GapscopeError, InputError
+from arm.errors import GapscopeError
 from arm.nominal import NominalArm
 from arm.reading import load_recording
 from arm.recording import Recording
@@ -17,7 +17,7 @@ from diagnosis.report import render
 from diagnosis.report.summary import SummaryRow
 from diagnosis.result import Diagnosis
 from effects.corrected import CorrectedArm
-from effects.corrected_file import read_corrected, write_corrected
+from effects.corrected_file import blaming, read_corrected, write_corrected
 from envs.replay import Replay, replay
 
 
@@ -74,15 +74,10 @@ def corrected_arm(arm: NominalArm, model: Path | None) -> CorrectedArm:
         InputError: the file cannot be used, or names a joint that the arm does not have.
     """
     effects = read_corrected(model) if model is not None else ()
-    for i, applied in enumerate(effects):
-        if max(applied.joints, default=0) > arm.n_joints:
-            raise InputError(
-                f"joint {max(applied.joints)} of an arm with {arm.n_joints} joints",
-                "joints count from 1, in the case's order",
-                file=model,
-                where=f"effects[{i}], {applied.name}",
-            )
-    return CorrectedArm(arm, effects)
+    corrected = CorrectedArm(arm, effects)
+    with blaming(model, effects):
+        corrected.check()
+    return corrected
 
 
 def load_for_prediction(case_path: Path, file: Path) -> tuple[NominalArm, Recording]:
@@ -100,4 +95,5 @@ def replay_file(
     recording = load_recording(file, case.arm, case.importing)
     effects = corrected_arm(case.arm, model).effects
     progress(f"replays {recording.duration:.3g} s in {engine}")
-    return replay(case.arm, effects, recording, case.controller, engine=engine)
+    with blaming(model, effects):
+        return replay(case.arm, effects, recording, case.controller, engine=engine)

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from arm.dynamics import RigidBody
 from arm.nominal import NominalArm
-from arm.robots import position_limits
 from diagnosis.faults.readings import Reading, flipped, scaled, shifted, swapped, timed
 from diagnosis.faults.samples import Samples
 
@@ -88,7 +88,8 @@ def of_units(arm: NominalArm, samples: Samples, reading: Reading) -> list[Candid
 def too_far(arm: NominalArm, samples: Samples, reading: Reading) -> tuple[int, ...]:
     """Joints, from 0, that travel more than a turn, or farther than their limits in the URDF are apart."""
     travel = np.ptp(reading.motion(samples.q, samples.dq, samples.ddq)[0], axis=0)
-    allowed = np.minimum(np.ptp(position_limits(arm), axis=1), 1.05 * TURN)
+    lower, upper = RigidBody(arm).position_limits()
+    allowed = np.minimum(upper - lower, 1.05 * TURN)
     return tuple(int(j) for j in np.flatnonzero(travel > allowed))
 
 

@@ -31,15 +31,17 @@ class Encoders:
         coarse = arm.value("encoder_quantization", "step")
         self.step = np.where(coarse > 0, coarse, step)
         self._noise, self._rng = noise, rng if np.any(noise) else None
-        self._rounded = bool((self.step > 0).all())
+        self._rounded, self._exact = bool((self.step > 0).all()), not self.step.any()
 
     def __call__(self, motor: np.ndarray, joint: np.ndarray) -> np.ndarray:
         """Reading [rad] for the true positions [rad] of motors and joints."""
         seen = (motor if self.on_motor else joint) + self.offset
         if self._rng is not None:
             seen += self._noise * self._rng.standard_normal(len(seen))
+        if self._exact:
+            return seen
         if self._rounded:  # as ``quantize``, but without a look at each step
             np.divide(seen, self.step, seen)
             np.rint(seen, seen)
             return np.multiply(seen, self.step, seen)
-        return quantize(seen, self.step) if self.step.any() else seen
+        return quantize(seen, self.step)

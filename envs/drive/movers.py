@@ -41,18 +41,13 @@ class Predicted(RigidStep):
         super().reset()
         self.read()
 
-    def take_over(self) -> None:
-        """Take the engine's state, unless it is known."""
-        if self._unread:
-            self.read()
-
     def read(self) -> None:
         """Take the engine's state, which knows of joint limits."""
         self._engine.read()
         np.copyto(self.q, self._engine.q)
         np.copyto(self.dq, self._engine.dq)
         self._unread, self._at_rest = 0, False
-        self._near = bool(((self.q < self._lowest) | (self.q > self._highest)).any())
+        self._near = bool(np.count_nonzero((self.q < self._lowest) | (self.q > self._highest)))
 
     def _set_rotors(self, rotors: np.ndarray) -> None:
         self._forward.set_rotors(rotors)
@@ -96,9 +91,6 @@ class Native(RigidStep):
         self._engine = engine
         super().__init__(body, rotors, viscous, dry, dt)
         self.q, self.dq, self._velocity = engine.position, engine.velocity, engine.velocity
-
-    def take_over(self) -> None:
-        """Nothing: the state is the engine's."""
 
     def read(self) -> None:
         """Nothing: the state is the engine's."""

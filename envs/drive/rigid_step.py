@@ -108,8 +108,7 @@ class RigidStep(ABC):
             if self._stuck:
                 confirmed = self._still_sticks(acceleration, limit)
             else:
-                slid = self._velocity if self._all_dry else self._slid()
-                confirmed = sign(slid, self._work).tobytes() == self._signs
+                confirmed = sign(self._slid(), self._work).tobytes() == self._signs
                 if not confirmed:
                     self._assume(np.where(self._direction == self._work, self._direction, 0.0))
             if confirmed:
@@ -136,7 +135,7 @@ class RigidStep(ABC):
 
     def _slid(self) -> np.ndarray:
         """Velocities of the joints with dry friction, 0 elsewhere [rad/s]."""
-        return multiply(self._velocity, self._dry_mask, self._work)
+        return self._velocity if self._all_dry else multiply(self._velocity, self._dry_mask, self._work)
 
     def _still_sticks(self, acceleration: np.ndarray, limit: np.ndarray) -> bool:
         """Whether a solution with sticking joints is as guessed; otherwise the next guess is made.

@@ -48,7 +48,7 @@ def substeps(
     Raises:
         InputError: more than ``MOST_SUBSTEPS`` are needed; names the joint and the step that would do.
     """
-    n, worst, joint = len(rotors), 0.0, 0
+    n, worst, joint, where = len(rotors), 0.0, 0, ""
     if not (elastic.any() or spring.any()):
         return 1
     motor = np.where(elastic, rotors, 1.0)
@@ -64,6 +64,8 @@ def substeps(
                 worst = float(rates[-1] ** power)
                 shape = np.abs(root.T @ modes[:, -1])
                 joint = int((shape[:n] + shape[n:] * elastic).argmax())
+                inside = "joint_elasticity.stiffness" if power == 0.5 else "joint_elasticity.damping"
+                where = inside if elastic[joint] else "parallel_spring.stiffness"
     parts = max(1, int(np.ceil(worst * dt / RESOLUTION - 1e-9)))
     if parts > MOST_SUBSTEPS:
         raise InputError(
@@ -71,6 +73,6 @@ def substeps(
             f"cannot hold, even in {MOST_SUBSTEPS} parts",
             f"use steps of at most {MOST_SUBSTEPS * RESOLUTION / worst:.2g} s, a lower stiffness or damping, or more "
             "rotor inertia",
-            where="stiffness",
+            where=where,
         )
     return parts

@@ -58,8 +58,9 @@ class TwoMass:
             together = inertia * link_inertia / np.maximum(inertia + link_inertia, 1e-300)
             k = np.where(rigid_gear, w**2 * together, k)
             d = np.where(rigid_gear, 2 * TOOTH_DAMPING * w * together, d)
-        self.stiffness, self.damping, self._inertia = k, d, inertia
-        self._plays = bool(self._width.any())
+        self.stiffness, self.damping, self._rigid = k, d, ~self.joints
+        self._inertia = np.where(self.joints, inertia, 1.0)
+        self._plays, self._tight = bool(self._width.any()), self._width == 0
         self.position, self.velocity = np.zeros((2, len(k)))
 
     def reset(self, q: np.ndarray, dq: np.ndarray, load: np.ndarray) -> None:
@@ -77,12 +78,11 @@ class TwoMass:
         if not self._plays:
             return elastic_torque(twist, rate, self.stiffness, self.damping)
         wound = through_backlash(twist, self._width)
-        closed = (wound != 0) | (self._width == 0)
-        torque = elastic_torque(wound, np.where(closed, rate, 0.0), self.stiffness, self.damping)
-        return np.where((self._width > 0) & (torque * wound < 0), 0.0, torque)
+        torque = elastic_torque(wound, rate * ((wound != 0) | self._tight), self.stiffness, self.damping)
+        return torque * ((torque * wound >= 0) | self._tight)
 
     def step(self, applied: np.ndarray, through: np.ndarray, limit: np.ndarray, viscous: np.ndarray, dt: float) -> None:
-        """Move the motors on by one step.
+        """Move the motors on by one step; those of rigid joints have to ``follow`` then.
 
         Args:
             applied: motor torque u [N m], shape (n,).
@@ -91,13 +91,16 @@ class TwoMass:
             viscous: b [N m s/rad].
             dt: time step [s].
         """
-        on, inertia = self.joints, self._inertia
-        momentum = inertia[on] * self.velocity[on] + dt * (applied[on] - through[on])
-        moving = np.sign(momentum) * np.maximum(np.abs(momentum) - dt * limit[on], 0.0)
-        self.velocity[on] = moving / (inertia[on] + dt * viscous[on])
-        self.position[on] += dt * self.velocity[on]
+        momentum = applied - through
+        momentum *= dt
+        momentum += self._inertia * self.velocity
+        moving = np.abs(momentum)
+        moving -= dt * limit
+        np.copysign(np.maximum(moving, 0.0, moving), momentum, self.velocity)
+        self.velocity /= self._inertia + dt * viscous
+        self.position += dt * self.velocity
 
     def follow(self, q: np.ndarray, dq: np.ndarray) -> None:
         """Motors of rigid joints are where the joints are."""
-        rigid = ~self.joints
-        self.position[rigid], self.velocity[rigid] = q[rigid], dq[rigid]
+        np.copyto(self.position, q, where=self._rigid)
+        np.copyto(self.velocity, dq, where=self._rigid)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from arm.errors import InputError
+from arm.nearest import check_known
 from arm.plain_urdf import Link
 from envs.engines.engine import Engine
 
@@ -35,6 +36,18 @@ def installed(name: str) -> bool:
     return find_spec(ENGINES[name].library) is not None
 
 
+def check_engine(name: str) -> str:
+    """The name, if there is such an engine and it is installed.
+
+    Raises:
+        InputError: no such engine, the nearest name is offered; or it is not installed.
+    """
+    check_known("engine", name, ENGINES, where="engine")
+    if not installed(name):
+        raise InputError(f"the engine {name} is not installed", ENGINES[name].install, where="engine")
+    return name
+
+
 def make_engine(name: str, links: tuple[Link, ...], gravity: np.ndarray, dt: float) -> Engine:
     """The engine called ``name`` with an arm in it.
 
@@ -47,9 +60,6 @@ def make_engine(name: str, links: tuple[Link, ...], gravity: np.ndarray, dt: flo
     Raises:
         InputError: no such engine, or it is not installed.
     """
-    if name not in ENGINES:
-        raise InputError(f"unknown engine {name!r}", f"use one of {', '.join(ENGINES)}", where="engine")
-    if not installed(name):
-        raise InputError(f"the engine {name} is not installed", ENGINES[name].install, where="engine")
+    check_engine(name)
     engine: Engine = getattr(import_module(ENGINES[name].module), ENGINES[name].name)(links, gravity, dt)
     return engine

@@ -7,10 +7,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-import pybullet
 
 from arm.plain_urdf import Link, plain_urdf
 from envs.engines.engine import Engine
+from envs.engines.quiet import quiet_errors
+
+with quiet_errors():  # it says there when it was built
+    import pybullet
 
 
 class PyBulletEngine(Engine):

@@ -31,9 +31,9 @@ class ArmView:
         self._axes = np.array([[-sa, ca, 0.0], [-ca * se, -sa * se, ce], [ca * ce, sa * ce, se]])
 
     @property
-    def across(self) -> np.ndarray:
-        """Right and up in the picture, in the base frame, shape (2, 3)."""
-        return self._axes[:2]
+    def axes(self) -> np.ndarray:
+        """Right, up and towards the eye, in the base frame, shape (3, 3)."""
+        return self._axes
 
     def begin(self, scene: Scene) -> None:
         """Work out the way of the tool, and a scale at which the whole motion fits."""

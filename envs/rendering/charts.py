@@ -54,7 +54,14 @@ def draw_joints(canvas: Canvas, scene: Scene, area: Area) -> None:
 
 
 def draw_tool_error(canvas: Canvas, offset: np.ndarray, area: Area) -> None:
-    """Where the tool is beside where it should be, across the line of sight; offset in m, shape (N, 2), last is now."""
+    """Where the tool is beside where it should be, across the line of sight; what is along it is written below.
+
+    Args:
+        canvas: to draw on.
+        offset: right, up and towards the eye [m], shape (N, 3), last is now.
+        area: of the circle.
+    """
+    depth, offset = 1e3 * float(offset[-1, 2]), offset[:, :2]
     left, top, right, bottom = area
     centre = np.array([(left + right) / 2, (top + bottom) / 2])
     radius = (right - left) / 2
@@ -69,10 +76,11 @@ def draw_tool_error(canvas: Canvas, offset: np.ndarray, area: Area) -> None:
     canvas.disc(centre, 4, GHOST, outline=INK)
     if len(pixels):
         canvas.disc(pixels[-1], 4, (200, 30, 45), outline=INK)
-    canvas.text(centre[0], bottom + 14, f"tool, circle of {span:g} mm", GREY, 11, anchor="ms")
+    canvas.text(left - 8, bottom + 14, f"tool as seen, circle of {span:g} mm;", GREY, 11)
+    canvas.text(left - 8, bottom + 27, f"{abs(depth):.1f} mm {'nearer' if depth > 0 else 'farther'}", GREY, 11)
 
 
 def _round_up(value: float) -> float:
-    """The next of 1, 2, 5, 10, ... times a power of ten."""
+    """The next of 1, 2, 3, 4, 6, 8, 10 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(value))
-    return float(next(step * power for step in (1, 2, 5, 10) if step * power >= value * (1 - 1e-9)))
+    return float(next(step * power for step in (1, 2, 3, 4, 6, 8, 10) if step * power >= value * (1 - 1e-9)))

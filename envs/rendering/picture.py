@@ -34,7 +34,7 @@ class Picture:
         draw_errors(canvas, scene, (620, 66, 940, 270))
         draw_joints(canvas, scene, (590, 336, 940, 500))
         offset = self._tool_offset(scene)
-        draw_tool_error(canvas, offset @ self._view.across.T, (24, 384, 136, 496))
+        draw_tool_error(canvas, offset @ self._view.axes.T, (24, 372, 136, 484))
         self._label(canvas, scene, float(np.linalg.norm(offset[-1])))
         return canvas.pixels()
 
@@ -47,10 +47,8 @@ class Picture:
     def _label(self, canvas: Canvas, scene: Scene, offset: float) -> None:
         rms = 1e3 * float(np.sqrt(np.mean(np.square(scene.error))))
         canvas.text(16, 26, scene.title, INK, 16)
-        facts = (
-            f"t = {scene.period * scene.now:.2f} s     error {rms:.2f} mrad RMS     tool off by {1e3 * offset:.2f} mm"
-        )
-        canvas.text(16, 46, facts, INK, 13)
+        facts = (f"t = {scene.period * scene.now:.2f} s", f"error so far {rms:.2f} mrad RMS")
+        canvas.text(16, 46, "     ".join([*facts, f"tool off by {1e3 * offset:.2f} mm"]), INK, 13)
         canvas.capsule(np.array([24, 534]), np.array([38, 534]), 6, ARM)
         canvas.text(52, 534, "arm", GREY, 12, anchor="lm")
         canvas.capsule(np.array([104, 534]), np.array([118, 534]), 6, blend(GHOST, 0.55))

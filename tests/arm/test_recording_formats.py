@@ -18,6 +18,8 @@ from arm.recording import CHANNELS, Recording
 from arm.writing import write_recording
 
 FORMATS = ("csv", "parquet", "npz")
+JOINT = '<joint name="{0}" type="continuous"><parent link="{1}"/><child link="{2}"/></joint><link name="{2}"/>'
+TWO = f'<robot name="two"><link name="base"/>{JOINT.format("a", "base", "u")}{JOINT.format("b", "u", "l")}</robot>'
 
 
 def assert_same(one: Recording, other: Recording) -> None:
@@ -58,7 +60,7 @@ def test_positions_alone_are_a_recording_but_not_a_complete_one(
 def test_any_recording_survives(q: np.ndarray, tau: np.ndarray, ending: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         urdf = Path(folder) / "two.urdf"
-        urdf.write_text('<robot name="two"/>')
+        urdf.write_text(TWO)
         arm = NominalArm("two", urdf, ("a", "b"))
         tau[0] = -1.0
         recording = Recording("motion", np.arange(40) / 100, q, tau)

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 import synthetic
 
+from diagnosis.data import Data
 from diagnosis.gap import healthy
-from diagnosis.linear import Data, Linearisation, effective_samples
+from diagnosis.linear import Linearisation, effective_samples
 from diagnosis.terms import EXPLAINED, Terms
 from effects.applied import AppliedEffect
 from effects.catalogue import CATALOGUE

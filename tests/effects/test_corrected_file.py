@@ -106,7 +106,8 @@ BAD = {
     "joint by name": (entry(f"{{{COULOMB}, joints: [elbow], parameters: {{torque: [1]}}}}"), r"effects\[1\]"),
     "joints is a number": (entry(f"{{{COULOMB}, joints: 1, parameters: {{torque: [1]}}}}"), r"effects\[1\]"),
     "text for a value": (
-        entry(f"{{{COULOMB}, joints: [1], parameters: {{torque: [much]}}}}"), r"effects\[1\]: .*not a number",
+        entry(f"{{{COULOMB}, joints: [1], parameters: {{torque: [much]}}}}"),
+        r"effects\[1\], coulomb_friction.torque: .*not a number",
     ),
     "nothing for a value": (
         entry(f"{{{COULOMB}, joints: [1], parameters: {{torque: [null]}}}}"), r"effects\[1\], coulomb_friction.torque",

@@ -1,5 +1,7 @@
 """The engines against inverse dynamics, against each other, and against the conservation of energy."""
 
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -154,3 +156,10 @@ def test_engine_that_is_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InputError, match="not installed") as caught:
         make_engine("mujoco", (), np.zeros(3), 1e-3)
     assert "gapscope[mujoco]" in caught.value.remedy
+
+
+def test_pybullet_is_loaded_in_silence() -> None:
+    """It says on standard error when it was built; what comes after it is heard."""
+    code = "import sys, envs.engines.pybullet; print('heard', file=sys.stderr)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr.split()) == (0, "", ["heard"])

@@ -16,11 +16,11 @@ from arm.motion import Motion
 from arm.nominal import NominalArm
 from arm.recording import Recording
 from arm.trajectory import Fourier, urdf_limits
+from arm.velocity_filter import VelocityFilter
 from effects.applied import AppliedEffect
 from effects.corrected import CorrectedArm
 from envs.mystery import HIDDEN, POSTURE, position_controller
 from envs.recorder import record
-from envs.velocity_filter import VelocityFilter
 
 DURATION = 5.0
 RATE = 250.0

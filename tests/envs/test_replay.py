@@ -15,11 +15,11 @@ from arm.nominal import NominalArm
 from arm.reading import load_recording
 from arm.recording import Recording
 from arm.trajectory import Fourier, urdf_limits
+from arm.velocity_filter import RULES, VelocityFilter, rule_of
 from effects.applied import AppliedEffect
 from envs.mystery import POSTURE, position_controller
 from envs.recorder import record
 from envs.replay import HORIZON, TRIM, replay
-from envs.velocity_filter import RULES, VelocityFilter, rule_of
 
 EFFECTS = (
     AppliedEffect("payload", (), {"mass": 2.0, "com": [0.0, 0.0, 0.05]}),

@@ -11,6 +11,8 @@ from effects.applied import AppliedEffect
 from effects.corrected import CorrectedArm
 from effects.effect import Drift, DryLaw
 from envs.drive.friction import Friction
+from envs.engines import ENGINES
+from envs.mystery import POSTURE
 from envs.simulated_arm import SimulatedArm
 
 ALL = (1, 2, 3, 4, 5, 6, 7)
@@ -127,3 +129,20 @@ def test_what_would_feed_energy_in_is_refused(data_sheet_arm: NominalArm, name: 
     with pytest.raises(InputError, match="joint 3") as caught:
         SimulatedArm(data_sheet_arm, (AppliedEffect(name, (3,), values),))
     assert caught.value.where == name and caught.value.remedy
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize(("share", "moves"), [(0.97, False), (1.03, True)])
+def test_joints_break_away_at_their_limit_on_every_engine(
+    engines, bare_arm: NominalArm, engine: str, share: float, moves: bool
+) -> None:
+    """Pushed beside its weight, each joint alone, for long enough that a sticking one has come to rest."""
+    limit = np.array([3.0, 3.5, 2.0, 2.5, 1.2, 0.8, 0.5])
+    arm = replace(bare_arm, coulomb=limit)
+    for joint in range(7):
+        with SimulatedArm(arm, engine=engines(engine)) as simulated:
+            simulated.reset(POSTURE)
+            push = simulated.body.bias(POSTURE, np.zeros(7))
+            push[joint] += share * limit[joint]
+            simulated.step(push, 50)
+            assert bool(abs(simulated.dq[joint]) > 0) is moves, joint

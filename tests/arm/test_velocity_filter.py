@@ -5,7 +5,7 @@ import pytest
 
 from arm.controller import Controller
 from arm.recording import Recording
-from envs.velocity_filter import RULES, VelocityFilter, rule_of, stable
+from arm.velocity_filter import RULES, VelocityFilter, rule_of, stable
 
 
 @pytest.mark.parametrize("rate", [200.0, 500.0, 1000.0])

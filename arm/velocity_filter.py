@@ -88,21 +88,22 @@ class VelocityFilter:
         rule: str = "bilinear",
         first: np.ndarray | None = None,
     ) -> None:
-        self._q1 = position - velocity / rate
-        self._q2 = position - 2 * velocity / rate
-        self._v1 = self._v2 = np.array(velocity, dtype=float)
-        self._gains = Gains(rate, -rate, 0.0, 0.0, 0.0) if cutoff is None else RULES[rule](rate, cutoff, damping)
-        if first is not None and self._gains.a2:
-            self._v2 = self._v1 + (first - self._preview(position)) / self._gains.a2
-
-    def _preview(self, q: np.ndarray) -> np.ndarray:
-        b0, b1, b2, a1, a2 = self._gains
-        return b0 * q + b1 * self._q1 + b2 * self._q2 + a1 * self._v1 + a2 * self._v2
+        gains = Gains(rate, -rate, 0.0, 0.0, 0.0) if cutoff is None else RULES[rule](rate, cutoff, damping)
+        self._gains = np.array(gains)
+        moved = np.asarray(velocity, dtype=float) / rate
+        # rows q[k], q[k-1], q[k-2], v[k-1], v[k-2], as the gains are ordered
+        self._past = np.array([position, position - moved, position - 2 * moved, velocity, velocity])
+        if first is not None and gains.a2:
+            self._past[4] += (first - self._gains @ self._past) / gains.a2
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
         """Filtered velocity [rad/s] for the next position q [rad], each of shape (n,)."""
-        v = self._preview(q)
-        self._q1, self._q2, self._v1, self._v2 = q, self._q1, v, self._v1
+        past = self._past
+        past[0] = q
+        v = self._gains.dot(past)
+        past[1:3] = past[:2]
+        past[4] = past[3]
+        past[3] = v
         return v
 
 

@@ -1,0 +1,87 @@
+"""The inertials of a URDF: what no body can have is refused, what is merely odd is used and told."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from arm.errors import InputError
+
+if TYPE_CHECKING:
+    from arm.dynamics import RigidBody
+
+MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+"""Attributes of ``<inertia>``."""
+EXCESS = 1e-3
+"""Share by which the largest moment may exceed the sum of the others, for rounding."""
+
+
+def check_inertials(root: ET.Element, path: Path) -> None:
+    """Check mass and moments of inertia of each link of a URDF that has any.
+
+    Raises:
+        InputError: a number is missing or none, a mass is negative, or a principal moment is; names the link.
+    """
+    for link in root.iter("link"):
+        inertial = link.find("inertial")
+        if inertial is None:
+            continue
+        where = f"link {link.get('name')}, <inertial>"
+        mass = _number(inertial, "mass", "value", path, where)
+        if mass < 0:
+            raise InputError(
+                f"<mass> is {mass:g} kg, expected zero or above", "correct its value", file=path, where=where
+            )
+        xx, xy, xz, yy, yz, zz = (_number(inertial, "inertia", name, path, where) for name in MOMENTS)
+        moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        if moments[0] < -1e-6 * abs(moments[2]):
+            raise InputError(
+                f"<inertia> has the principal moments {_listed(moments)} kg m^2, expected none below zero",
+                "correct ixx ... izz: moments about the centre of mass, in the axes of <origin>",
+                file=path,
+                where=where,
+            )
+
+
+def odd_inertials(body: RigidBody) -> tuple[str, ...]:
+    """What is odd about the moving bodies of an arm, merged with what is fixed to them; a sentence each."""
+    notes = []
+    for joint, (name, link) in enumerate(zip(body.joints, body.links, strict=True), 1):
+        inertia = body.model.inertias[int(link)]
+        moments = np.linalg.eigvalsh(inertia.inertia)
+        place = f"{body.file}: the link moved by joint {joint} ({name})"
+        if inertia.mass == 0 and not moments.any():
+            notes.append(f"{place} has no <inertial>: it is simulated without mass; give it one if it has any")
+        elif inertia.mass == 0:
+            notes.append(f"{place} has moments of inertia but no mass, which no body has; correct <mass>")
+        elif moments[2] > (1 + EXCESS) * (moments[0] + moments[1]):
+            notes.append(
+                f"{place} has the principal moments of inertia {_listed(moments)} kg m^2, of which no body has one "
+                "above the sum of the others: they are simulated as they are; correct <inertia> if you can"
+            )
+    return tuple(notes)
+
+
+def _number(inertial: ET.Element, tag: str, attribute: str, path: Path, where: str) -> float:
+    """A finite number of an inertial."""
+    element = inertial.find(tag)
+    text = None if element is None else element.get(attribute)
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise InputError(
+            f'expected <{tag} {attribute}="a number">, got {"none" if text is None else repr(text)}',
+            "give mass [kg] and inertia [kg m^2], or leave <inertial> out of a link that has no mass",
+            file=path,
+            where=where,
+        )
+    return value
+
+
+def _listed(moments: np.ndarray) -> str:
+    return ", ".join(f"{moment:.4g}" for moment in moments)

@@ -1,0 +1,199 @@
+"""Following a change: payloads picked up in mid-recording, recordings without change, and friction that warms up.
+
+A simulated KUKA iiwa with rotors, friction, noise on encoders and torque, and in every second recording Stribeck and
+load friction that the model lacks, follows another random Fourier motion of 10 s in each recording, in PyBullet and
+MuJoCo by turns. Base parameters are unknown to the search throughout.
+
+Tables: (1) per recording the moment and the mass of the pick-up, as the two-sided fit finds them, and when the
+sequential alarm sounds; (2) how near recordings without change come to the thresholds; (3) recursive against batch
+estimates; (4) the time constant of friction that warms up. ``--out FILE.md`` writes them.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track as progress
+
+from arm.dynamics import RigidBody
+from arm.recording import Recording
+from arm.trajectory import Fourier, urdf_limits
+from arm.whole import written_whole
+from effects.applied import AppliedEffect
+from envs.engines import installed
+from envs.mystery import POSTURE, iiwa, position_controller
+from envs.recorder import record
+from ident.assembly import Assembly
+from ident.base_parameters import structural_base
+from ident.estimators.wls import WeightedLeastSquares
+from ident.kalman.alarm import alarm
+from ident.kalman.change import Change, find_change, friction_hypothesis, payload_hypothesis
+from ident.kalman.drift import fit_warming
+from ident.kalman.recursive import Recursive
+from ident.regressor import Regressor
+
+ENGINES = tuple(name for name in ("pybullet", "mujoco") if installed(name))
+DURATION = 10.0
+WARMING = 40.0
+"""Length of a recording while friction warms up [s]."""
+LACKED = (
+    AppliedEffect("stribeck_friction", (1, 2, 3, 4), {"torque": [0.8, 0.8, 0.5, 0.5], "velocity": [0.1] * 4}),
+    AppliedEffect("load_friction", (2, 4), {"coefficient": [0.05, 0.05]}),
+)
+"""What the arm has in every second recording, and the model lacks."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One recording: what was done, and what was found."""
+
+    label: str
+    moment: float | None
+    mass: float
+    change: Change | None
+    heard: float | None
+    nearest: float
+    agreement: float
+
+
+class Bench:
+    """The arm, its model and what is looked for."""
+
+    def __init__(self) -> None:
+        self.arm = iiwa()
+        self.controller = position_controller(self.arm, POSTURE)
+        regressor = Regressor(self.arm)
+        self.base = structural_base(regressor, np.random.default_rng(0))
+        self.assembly = Assembly(regressor, self.base, position_cutoff=20.0, every=10)
+        self.payload = payload_hypothesis(self.base, self.arm.n_joints)
+        frictions = [friction_hypothesis(self.base, joint) for joint in range(1, self.arm.n_joints + 1)]
+        self.hypotheses = [self.payload, *frictions]
+
+    def recorded(
+        self,
+        rng: np.random.Generator,
+        engine: str,
+        effects: tuple[AppliedEffect, ...],
+        later: tuple[float, tuple[AppliedEffect, ...]] | None,
+        duration: float = DURATION,
+    ) -> Recording:
+        """A recording of another motion."""
+        limits = urdf_limits(RigidBody(self.arm), 6.0)._replace(velocity=np.full(self.arm.n_joints, 1.3))
+        frequency = rng.uniform(0.1, 0.25)
+        motion = Fourier.random(rng, limits, duration=duration, centre=POSTURE, frequency=frequency)
+        return record(
+            self.arm, effects, motion, self.controller, duration=duration, rng=rng, rate=500.0, encoder_noise=2e-5,
+            torque_noise=0.1, engine=engine, later=later,
+        )  # fmt: skip
+
+    def run(self, seed: int, pickup: bool) -> Run:
+        """Record, search, listen."""
+        rng = np.random.default_rng([seed, int(pickup)])
+        engine, lacked = ENGINES[seed // 2 % len(ENGINES)], LACKED if seed % 2 else ()
+        moment, mass = float(rng.uniform(2.5, 7.5)), float(rng.uniform(0.5, 3.0))
+        com = np.append(rng.uniform(-0.05, 0.05, 2), rng.uniform(0.0, 0.1))
+        load = AppliedEffect("payload", (), {"mass": np.array(mass), "com": com})
+        recording = self.recorded(rng, engine, lacked, (moment, (*lacked, load)) if pickup else None)
+        problem, t = self.assembly([recording]), self.assembly.times(recording)
+        batch = WeightedLeastSquares().estimate(problem)
+        recursive = Recursive(batch.residual).follow(problem, t)
+        heard = alarm(recursive, self.payload)
+        return Run(
+            f"{seed + 1}, {engine}{', lacks effects' if lacked else ''}",
+            moment if pickup else None,
+            mass,
+            find_change(problem, t, self.hypotheses),
+            heard.time,
+            float(heard.statistic.max()),
+            float((np.abs(recursive.value[-1] - batch.value) / batch.deviation).max()),
+        )
+
+    def warming(self, seed: int) -> list[str]:
+        """A row about friction that warms up."""
+        rng = np.random.default_rng([seed, 2])
+        joint, amplitude, constant = int(rng.integers(1, 5)), rng.uniform(0.4, 1.0), rng.uniform(5.0, 20.0)
+        drift = AppliedEffect("friction_drift", (joint,), {"amplitude": [amplitude], "time_constant": [constant]})
+        recording = self.recorded(rng, ENGINES[seed % len(ENGINES)], (drift,), None, WARMING)
+        problem, t = self.assembly([recording]), self.assembly.times(recording)
+        noise = WeightedLeastSquares().estimate(problem).residual
+        walk = {f"b{joint}": 0.1 * self.arm.viscous[joint - 1], f"c{joint}": 0.1 * self.arm.coulomb[joint - 1]}
+        value, _ = Recursive(noise, drift=walk).follow(problem, t).smoothed().of(f"b{joint}")
+        truth = self.arm.viscous[joint - 1] * (1 + amplitude * np.exp(-t / constant))
+        found = fit_warming(problem, t, tuple(walk), noise)
+        spread = np.sqrt(np.diag(found.covariance))
+        off = np.sqrt(np.mean((value - truth) ** 2)) / truth.mean()
+        return [
+            str(joint), f"{amplitude:.2f}", f"{found.amplitude:.2f} ± {spread[0]:.2f}", f"{constant:.1f}",
+            f"{found.time_constant:.1f} ± {spread[1]:.1f}", f"{off:.1%}",
+        ]  # fmt: skip
+
+
+def row(run: Run) -> list[str]:
+    """A recording with a pick-up."""
+    assert run.moment is not None
+    change = run.change
+    heard = "none" if run.heard is None else f"{run.heard - run.moment:+.2f}"
+    if change is None:
+        return [run.label, f"{run.moment:.2f}", "none", f"{run.mass:.2f}", "", "", heard]
+    what = "" if change.hypothesis.name == "payload" else f" ({change.hypothesis.name})"
+    return [
+        run.label, f"{run.moment:.2f}", f"{change.time - run.moment:+.2f}{what}", f"{run.mass:.2f}",
+        f"{change.size[0]:.2f}", f"{change.size[0] / run.mass - 1:+.1%}", heard,
+    ]  # fmt: skip
+
+
+def good(run: Run) -> bool:
+    """Whether a pick-up was found within 0.5 s and 10 % of its mass."""
+    change = run.change
+    if change is None or run.moment is None or change.hypothesis.name != "payload":
+        return False
+    return abs(change.time - run.moment) <= 0.5 and abs(change.size[0] / run.mass - 1) <= 0.1
+
+
+def table(head: list[str], rows: list[list[str]]) -> str:
+    """A table in Markdown."""
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    return "\n".join(lines + ["| " + " | ".join(cells) + " |" for cells in rows])
+
+
+def main() -> None:
+    """Run, print and write the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--recordings", type=int, default=20)
+    parser.add_argument("--first", type=int, default=0, help="number of the first recording")
+    parser.add_argument("--warming", type=int, default=4)
+    parser.add_argument("--out", type=Path, default=None)
+    options = parser.parse_args()
+    bench, console = Bench(), Console()
+    seeds = range(options.first, options.first + options.recordings)
+    picked = [bench.run(seed, True) for seed in progress(seeds, "pick-ups", console=console)]
+    still = [bench.run(seed, False) for seed in progress(seeds, "without change", console=console)]
+    warm = [bench.warming(seed) for seed in progress(range(options.warming), "warming", console=console)]
+    delays = [run.heard - run.moment for run in picked if run.heard is not None and run.moment is not None]
+    found, early = sum(map(good, picked)), sum(delay < -0.1 for delay in delays)
+    texts = [
+        table(["recording", "moment [s]", "found off by [s]", "mass [kg]", "found [kg]", "off by", "alarm after [s]"],
+              [row(run) for run in picked]),
+        f"{found} of {len(picked)} found within 0.5 s and 10 % of the mass. The sequential alarm sounded in "
+        f"{len(delays)}, {early} of them before the pick-up; median delay {np.median(delays):.2f} s.",
+        f"Without change: {sum(run.change is not None for run in still)} changes found and "
+        f"{sum(run.heard is not None for run in still)} alarms in {len(still)} recordings; the alarm's statistic "
+        f"reached {max(run.nearest for run in still):.0%} of its threshold.",
+        f"Recursive against batch (weighted least squares) without change: parameters differ by at most "
+        f"{max(run.agreement for run in still):.2f} standard errors.",
+        table(["joint", "amplitude", "found", "time constant [s]", "found", "viscous friction followed, off by"], warm),
+    ]  # fmt: skip
+    text = "\n\n".join(texts)
+    console.print(text, soft_wrap=True, highlight=False, markup=False)
+    if options.out:
+        with written_whole(options.out) as aside:
+            aside.write_text(text + "\n", encoding="utf-8")
+        console.print(f"wrote {options.out}")
+
+
+if __name__ == "__main__":
+    main()

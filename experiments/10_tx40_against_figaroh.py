@@ -1,0 +1,179 @@
+"""Identify the Stäubli TX40 and set the result beside FIGAROH's base-parameter fit on the same rows and filter.
+
+    .venv/bin/python experiments/10_tx40_against_figaroh.py [--out out/tx40]
+
+Rows 0-24749 of the published log are fitted, rows 29250-44999 judged; every row counts, and once more without 0.3 s at
+both ends, where the filter settles. Both sides pass a zero-phase Butterworth filter of order 4 at 10 and at 100 Hz. The
+error is the RMS residual over the RMS torque, stacked over joints and per joint; *moving* are samples with |dq| > 0.05
+rad/s. FIGAROH is installed in an environment of its own and runs as a child on the arrays that the project fits;
+``experiments/figaroh_fit.py`` says what of it is called. *Plain* is least squares of minimum norm on all columns.
+
+Then what is left on joint rows of the project's fit is explained by one effect after another, fitted to what is left
+of the fitted rows, and judged on what is left of the others.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from time import perf_counter, process_time
+
+import numpy as np
+
+from arm.case import Case, load_case
+from arm.nominal import smooth_sign
+from ident.conditioning import TRIM, Segment
+from ident.friction_law import FrictionLaw
+from ident.identification import Identification, Settings, identify
+from ident.model_columns import ModelColumns
+from ident.samples import Band
+from ident.validation import MOVING
+
+HERE = Path(__file__).parent
+ORDERS = (1, 2)
+"""Cycles of ripple per turn of a motor."""
+
+
+def environment(folder: Path) -> Path:
+    """Interpreter of an environment with FIGAROH, made where it is missing."""
+    python = folder / "bin" / "python"
+    if not (folder / "installed").exists():
+        subprocess.run([sys.executable, "-m", "venv", folder], check=True)
+        subprocess.run([python, "-m", "pip", "install", "--quiet", "figaroh"], check=True)
+        (folder / "installed").touch()
+    return python
+
+
+def without_meshes(urdf: Path, path: Path) -> Path:
+    """A copy of a URDF without shapes, whose meshes FIGAROH would look for."""
+    tree = ET.parse(urdf)
+    for link in tree.getroot().iter("link"):
+        for shape in [*link.findall("visual"), *link.findall("collision")]:
+            link.remove(shape)
+    tree.write(path)
+    return path
+
+
+def figaroh(python: Path, case: Case, fit: Segment, judged: Segment, cutoff: float, out: Path) -> dict[str, np.ndarray]:
+    """Torque that FIGAROH's fit gives on both segments [N m], (N, 6) each, number of parameters and seconds."""
+    motions = {key: np.stack([s.motion.q, s.motion.dq, s.motion.ddq]) for key, s in (("fit", fit), ("judged", judged))}
+    arrays, result = out / "arrays.npz", out / "figaroh.npz"
+    urdf = without_meshes(case.arm.urdf, out / "arm.urdf")
+    np.savez(arrays, **motions, torque=fit.torque, rate=fit.motion.rate, cutoff=cutoff, urdf=str(urdf.resolve()))
+    subprocess.run([python, HERE / "figaroh_fit.py", arrays, result], check=True, stderr=subprocess.DEVNULL)
+    return dict(np.load(result))
+
+
+def plain(columns: ModelColumns, fit: Segment, judged: Segment, band: Band) -> tuple[np.ndarray, np.ndarray]:
+    """Torque of the plain fit on both segments, in the band [N m]."""
+    law = FrictionLaw()
+    x, z = (band.filtered(columns.matrix(s.motion, law), s) for s in (fit, judged))
+    y = band.filtered(np.asarray(fit.torque), fit)
+    parameters = np.linalg.lstsq(x.reshape(-1, x.shape[2]), y.ravel(), rcond=1e-9)[0]
+    return x @ parameters, z @ parameters
+
+
+def relative(left: np.ndarray, torque: np.ndarray, rows: np.ndarray) -> list[float]:
+    """RMS residual over RMS torque on the chosen samples: of all joints, and of each."""
+    power = [(np.where(rows, x, 0.0) ** 2).sum(axis=0) for x in (left, torque)]
+    return [float(np.sqrt(power[0].sum() / power[1].sum())), *np.sqrt(power[0] / power[1]).tolist()]
+
+
+def table(name: str, fitted: np.ndarray, predicted: np.ndarray, fit: Segment, judged: Segment, band: Band) -> None:
+    """Print the errors of one model; predictions in the band on every row, (N, 6)."""
+    torque = [band.filtered(np.asarray(s.torque), s) for s in (fit, judged)]
+    moving = np.abs(judged.motion.dq) > MOVING
+    inner = np.zeros(moving.shape, dtype=bool)
+    inner[judged.inner] = True
+    rows = {
+        "fitted": (torque[0] - fitted, torque[0], np.full(fitted.shape, True)),
+        "judged, moving": (torque[1] - predicted, torque[1], moving),
+        "judged": (torque[1] - predicted, torque[1], np.full(moving.shape, True)),
+        f"judged, moving, less {TRIM} s": (torque[1] - predicted, torque[1], moving & inner),
+        f"judged, less {TRIM} s": (torque[1] - predicted, torque[1], inner),
+    }
+    for label, entry in rows.items():
+        total, *joints = relative(*entry)
+        print(f"  {name:9} {label:27} {total:6.1%}  joints " + " ".join(f"{x:6.1%}" for x in joints))
+
+
+def left_over(result: Identification, fit: Segment, judged: Segment, band: Band) -> None:
+    """Print which effect explains how much of what is left, joint by joint, and where it stands."""
+    left, rows = [], []
+    for segment in (fit, judged):
+        predicted = result.predict(segment.motion)
+        rate, after = (band.filtered(x, segment) for x in _derivatives(predicted, segment))
+        left.append(band.filtered(np.asarray(segment.torque) - predicted, segment))
+        rows.append(_effects(result, segment, band, predicted) | {"delay": [rate], "elasticity": [after]})
+    rest = np.abs(judged.motion.dq) <= MOVING
+    power = (left[1] ** 2).sum()
+    print(f"  of what is left on the judged rows, {(np.where(rest, left[1], 0) ** 2).sum() / power:.0%} at rest,")
+    print(f"  {(left[1][:, 4:] ** 2).sum() / power:.0%} on joints 5 and 6, whose residuals are correlated by "
+          f"{np.corrcoef(left[1][:, 4], left[1][:, 5])[0, 1]:+.2f}")  # fmt: skip
+    for name in rows[0]:
+        shares = []
+        for j in range(6):
+            x, z = (np.column_stack([column[:, j] for column in r[name]]) for r in rows)
+            solution = np.linalg.lstsq(x, left[0][:, j], rcond=1e-9)[0]
+            before = [(e[:, j] ** 2).sum() for e in left]
+            after = [((e[:, j] - c @ solution) ** 2).sum() for e, c in zip(left, (x, z), strict=True)]
+            shares.append([1 - a / b for a, b in zip(after, before, strict=True)])
+        fitted, unseen = (" ".join(f"{s[k]:6.1%}" for s in shares) for k in range(2))
+        print(f"    {name:20} explains of the fitted {fitted}   of the judged {unseen}")
+
+
+def _derivatives(torque: np.ndarray, segment: Segment) -> tuple[np.ndarray, np.ndarray]:
+    rate = np.gradient(torque, 1 / segment.motion.rate, axis=0)
+    return rate, np.gradient(rate, 1 / segment.motion.rate, axis=0)
+
+
+def _effects(
+    result: Identification, segment: Segment, band: Band, predicted: np.ndarray
+) -> dict[str, list[np.ndarray]]:
+    """Columns of effects that the model lacks, (N, 6) each."""
+    motion = segment.motion
+    sign = smooth_sign(motion.dq)
+    ratios = np.abs(np.diag(result.case.importing.transmission))  # type: ignore[union-attr]
+    angles = [k * ratios * motion.q for k in ORDERS]
+    found = {
+        "load friction": [np.abs(predicted) * sign],
+        "asymmetric friction": [np.abs(sign)],
+        "friction, v |v|": [motion.dq * np.abs(motion.dq)],
+        "ripple of the motor": [f(angle) for angle in angles for f in (np.sin, np.cos)],
+    }
+    return {name: [band.filtered(x, segment) for x in columns] for name, columns in found.items()}
+
+
+def main() -> None:
+    """Run both and print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--out", type=Path, default=Path("out/tx40"))
+    out = parser.parse_args().out
+    out.mkdir(parents=True, exist_ok=True)
+    python = environment(out / "figaroh_environment")
+    start = perf_counter()
+    case = load_case(HERE / "cases" / "staubli_tx40.yaml")
+    print(f"read in {perf_counter() - start:.2f} s")
+    for cutoff in (10.0, 100.0):
+        band = Band(cutoff, trim=False)
+        start, work = perf_counter(), process_time()
+        result = identify(case, Settings(cutoff=cutoff, trim=False))
+        seconds, work = perf_counter() - start, process_time() - work
+        (fit,), (judged,) = band.segments(case.recordings), band.segments(case.judged)
+        other = figaroh(python, case, fit, judged, cutoff, out)
+        possible = all(check.consistent for check in result.physical.after)
+        print(f"\n{cutoff:g} Hz, {result.choice.law}; bodies {'all possible' if possible else 'NOT possible'}")
+        print(f"  Gapscope: {result.base.count} base parameters, {seconds:.2f} s, {work:.2f} s of processor")
+        print(f"  FIGAROH: {int(other['count'])} base parameters, {float(other['seconds']):.2f} s")
+        table("plain", *plain(result.columns, fit, judged, band), fit, judged, band)
+        table("FIGAROH", other["fit"], other["judged"], fit, judged, band)
+        ours = (band.filtered(result.predict(s.motion), s) for s in (fit, judged))
+        table("Gapscope", *ours, fit, judged, band)
+        left_over(result, fit, judged, band)
+
+
+if __name__ == "__main__":
+    main()

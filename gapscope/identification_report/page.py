@@ -1,0 +1,71 @@
+"""Renders an identification into one self-contained HTML file, in the style of the diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+
+from arm.whole import written_whole
+from diagnosis import quantities
+from gapscope.identification_report import figures, sections
+from ident.document import plain
+from ident.identification import Identification
+
+
+def render(result: Identification, document: Mapping[str, Any], path: Path | str) -> None:
+    """Write the report; the file loads nothing from elsewhere.
+
+    Args:
+        result: what was identified, for the curves.
+        document: its document, for the tables.
+        path: of the file.
+
+    Raises:
+        GapscopeError: ``path`` cannot be written.
+    """
+    from plotly.offline import get_plotlyjs  # several MB of text, needed only here
+
+    content = plain(document)
+    html = (
+        _environment()
+        .get_template("report.html")
+        .render(
+            plotly=Markup(get_plotlyjs()),
+            curves=figures.payload(result),
+            document=content,
+            heading=sections.heading(content),
+            joints=sections.joints(content),
+            friction=sections.friction(content),
+            links=sections.links(content),
+            found=[row for row in content["troubleshooting"] if row["verdict"] == "found"],
+        )
+    )
+    with written_whole(path) as aside:
+        aside.write_text(html, encoding="utf-8")
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    made = jinja2.Environment(
+        loader=jinja2.FunctionLoader(_read), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True,
+    )  # fmt: skip
+    made.globals["embed"] = lambda name: Markup(_read(name))
+    made.filters |= {
+        "percent": sections.percent,
+        "significant": quantities.significant,
+        "uncertain": quantities.uncertain,
+        "unit": lambda unit: quantities.display_unit(unit, 1.0)[1] if unit not in ("1", "rad") else unit,
+    }
+    return made
+
+
+def _read(name: str) -> str:
+    package = "diagnosis.report" if name == "report.css" else "gapscope.identification_report"
+    return resources.files(package).joinpath(name).read_text(encoding="utf-8")

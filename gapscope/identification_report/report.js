@@ -1,0 +1,72 @@
+/* Draws torque over time and what is left over the speed. */
+"use strict";
+
+const curves = JSON.parse(document.getElementById("curves").textContent);
+const style = getComputedStyle(document.documentElement);
+const colour = (name) => style.getPropertyValue("--" + name).trim();
+const font = { family: getComputedStyle(document.body).fontFamily, size: 13, color: colour("ink") };
+const shown = { joint: curves.worst, group: 0 };
+
+function decode(text) {
+  return new Float32Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
+}
+
+function axis(title, more) {
+  return { title: { text: title, standoff: 8 }, gridcolor: "#e6e9ed", zerolinecolor: "#aab2bc", automargin: true, ...more };
+}
+
+function draw(id, traces, layout) {
+  const common = {
+    font, margin: { l: 62, r: 14, t: 34, b: 46 }, paper_bgcolor: "#fff", plot_bgcolor: "#fff", hovermode: "closest",
+    hoverlabel: { font }, legend: { orientation: "h", x: 0, y: 1, yanchor: "bottom", xanchor: "left" },
+  };
+  // Named one by one: by default there is a button that sends the data to a server.
+  const config = { responsive: true, displaylogo: false, plotlyServerURL: "", modeBarButtons: [["zoom2d", "pan2d", "resetScale2d", "toImage"]] };
+  return Plotly.react(document.getElementById(id), traces, { ...common, ...layout }, config);
+}
+
+function line(x, y, name, colourName, more) {
+  return { type: "scatter", mode: "lines", x, y, name, line: { color: colour(colourName), width: 1.6 }, hovertemplate: "%{y:.4~g} N m<extra>%{fullData.name}</extra>", ...more };
+}
+
+function drawAll() {
+  const group = curves.groups[shown.group];
+  const raw = group.joints[shown.joint];
+  const [t, recorded, identified, nominal, speed, left] = ["t", "recorded", "identified", "nominal", "speed", "left"].map((key) => decode(raw[key]));
+  const rest = (model) => recorded.map((value, i) => value - model[i]);
+  draw("torque-figure", [
+    line(t, recorded, "recorded", "measured", { line: { color: colour("measured"), width: 2 } }),
+    line(t, nominal, "nominal arm", "nominal"),
+    line(t, identified, "identified arm", "corrected", { line: { color: colour("corrected"), width: 1.6, dash: "5px,2px" } }),
+    line(t, rest(nominal), "left by the nominal arm", "nominal", { yaxis: "y2", showlegend: false }),
+    line(t, rest(identified), "left by the identified arm", "corrected", { yaxis: "y2", showlegend: false }),
+  ], {
+    hovermode: "x unified",
+    xaxis: axis("time [s]", { anchor: "y2", range: [t[0], t[t.length - 1]], hoverformat: ".3f", uirevision: group.name }),
+    yaxis: axis("torque [N m]", { domain: [0.44, 1], uirevision: shown.joint }),
+    yaxis2: axis("left [N m]", { domain: [0, 0.37], anchor: "x", uirevision: shown.joint }),
+  });
+  draw("speed-figure", [{
+    type: "scatter", mode: "markers", x: speed, y: left, name: "left", showlegend: false,
+    marker: { color: colour("corrected"), size: 4, opacity: 0.5 },
+    hovertemplate: "%{x:.3~g} rad/s, %{y:.3~g} N m<extra></extra>",
+  }], { xaxis: axis("speed [rad/s]"), yaxis: axis("left [N m]") });
+}
+
+function select(change) {
+  Object.assign(shown, change);
+  document.querySelectorAll("#joint-tabs button").forEach((button, i) => button.setAttribute("aria-pressed", i === shown.joint));
+  drawAll();
+}
+
+curves.joints.forEach((label, joint) => {
+  const button = document.createElement("button");
+  button.type = "button";
+  button.textContent = label;
+  button.addEventListener("click", () => select({ joint }));
+  document.getElementById("joint-tabs").append(button);
+});
+const list = document.getElementById("recording");
+curves.groups.forEach((group, i) => list.add(new Option(group.name, String(i))));
+list.addEventListener("change", () => select({ group: Number(list.value) }));
+select({});

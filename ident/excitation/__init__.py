@@ -1,0 +1,1 @@
+"""Exciting trajectories: which motion within limits tells the parameters best."""

@@ -1,0 +1,178 @@
+"""From an arm and a plan to the best trajectory found, checked at every sample."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from arm.dynamics import RigidBody
+from arm.errors import InputError
+from arm.motion import Motion
+from arm.nominal import NominalArm
+from arm.trajectory import Limits, Reference
+from ident.excitation.criteria import CRITERIA, condition_number
+from ident.excitation.limits import Checker, Margin
+from ident.excitation.model import ExcitationModel
+from ident.excitation.parametrisation import Parametrisation
+from ident.excitation.plan import OPTIMISERS, LimitPlan, Plan
+from ident.excitation.search import Search
+from ident.excitation.separation import Separated, Signatures
+
+CHECKED_RATE = 1000.0
+"""Limits are checked at no less than this rate [Hz], and at every sample that is written."""
+TIGHTER = {"torque": 0.01, "singular": 0.1, "clearance": 0.01}
+"""By how much the limits are tighter in the search: share, share, m."""
+TRIES = 20
+"""Candidates that are checked at every sample, the best first, before giving up."""
+JUDGED = 2000
+"""Most samples on which condition number and separation are stated."""
+POSTURES = 300
+"""Random postures on which it is checked that limits allow any at all."""
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """An exciting trajectory that keeps all limits.
+
+    Attributes:
+        reference: the trajectory.
+        motion: its samples at the rate of the plan, N of n joints; at rest at both ends.
+        torque: nominal torque at these samples [N m], (N, n).
+        margins: to every limit that was checked, over samples of 1 ms or less.
+        condition: condition number of the base regressor, columns scaled to unit norm [1].
+        inertial_condition: the same for the inertial columns alone.
+        names: of the base columns, shape (b,).
+        separated: how far the effects of the plan are apart, or ``None`` where it names fewer than two.
+        evaluations: spent; a candidate with its gradient counts as ``search.GRADIENT_COST``.
+        feasible: those that kept all limits.
+        seconds: time of the search [s].
+        left_out: pairs of bodies that touch by construction and are not checked.
+    """
+
+    reference: Reference
+    motion: Motion
+    torque: np.ndarray
+    margins: tuple[Margin, ...]
+    condition: float
+    inertial_condition: float
+    names: tuple[str, ...]
+    separated: Separated | None
+    evaluations: int
+    feasible: int
+    seconds: float
+    left_out: tuple[tuple[str, str], ...]
+
+
+def design(
+    arm: NominalArm,
+    plan: Plan,
+    limits: LimitPlan,
+    rng: np.random.Generator,
+    progress: Callable[[float, float], None] = lambda share, best: None,
+) -> Excitation:
+    """Look for the trajectory that excites an arm best.
+
+    Args:
+        arm: the nominal arm.
+        plan: what to look for, and how.
+        limits: what to keep.
+        rng: source of candidates; with a budget of evaluations alone the same seed gives the same trajectory.
+        progress: called with the share of the budget spent [1] and the best value so far, or infinity.
+
+    Raises:
+        InputError: the limits allow no trajectory, or none was found within the budget.
+    """
+    body = RigidBody(arm)
+    allowed, collision = limits.allowed(arm, body), limits.collision(arm, body)
+    final = Checker(arm, body, allowed, collision)
+    final.check_static(_postures(allowed.motion))
+    signatures = Signatures(arm, body, plan.effects) if len(plan.effects) > 1 else None
+    tight = allowed.tightened(**TIGHTER)
+    separating = plan.criterion == "separation"
+    search = Search(
+        Parametrisation(plan.family(arm.n_joints), allowed.motion),
+        ExcitationModel(arm, body, () if separating else plan.columns),
+        CRITERIA["condition" if separating else plan.criterion],
+        Checker(arm, body, tight, None if collision is None else collision.nearby(tight.clearance)),
+        plan.budget,
+        signatures if separating else None,
+        progress,
+    )
+    begun = time.monotonic()
+    OPTIMISERS[plan.method]().run(search, rng)
+    seconds = time.monotonic() - begun
+    reference, margins = accept(search, final, plan)
+    left_out = () if collision is None else collision.left_out
+    found = _Accepted(reference, margins, seconds, left_out)
+    return _result(arm, body, plan, search, signatures, found)
+
+
+def accept(search: Search, final: Checker, plan: Plan) -> tuple[Reference, tuple[Margin, ...]]:
+    """The best candidate of a search that keeps the final limits at every sample, with its margins to them.
+
+    Raises:
+        InputError: there is none.
+    """
+    parts = int(np.ceil(CHECKED_RATE / plan.rate))
+    broken = ""
+    for found in search.found[: -TRIES - 1 : -1]:
+        reference = search.parametrisation.reference(found.x)
+        motion = sampled(reference, plan.length, plan.rate * parts)
+        margins = final.margins(motion, search.model.torque(motion))
+        if all(margin.kept for margin in margins):
+            return reference, margins
+        broken = ", ".join(margin.name for margin in margins if not margin.kept)
+    if search.found:
+        problem = f"the best candidates break {broken} between the samples of the search"
+    else:
+        problem = f"none of {search.judged} candidates keeps all limits; broken most: {search.hardest}"
+    raise InputError(
+        f"no trajectory within the limits was found: {problem}",
+        "widen that limit, allow more evaluations, or slow the motion down",
+        where="limits",
+    )
+
+
+def sampled(reference: Reference, duration: float, rate: float) -> Motion:
+    """Samples of a reference at a rate [Hz], from its start to the first sample at or after its end [s]."""
+    t = np.arange(int(np.ceil(duration * rate - 1e-9)) + 1) / rate
+    return Motion(t, reference.position(t), reference.velocity(t), reference.acceleration(t))
+
+
+class _Accepted(NamedTuple):
+    reference: Reference
+    margins: tuple[Margin, ...]
+    seconds: float
+    left_out: tuple[tuple[str, str], ...]
+
+
+def _result(
+    arm: NominalArm, body: RigidBody, plan: Plan, search: Search, signatures: Signatures | None, accepted: _Accepted
+) -> Excitation:
+    motion = sampled(accepted.reference, plan.length, plan.rate)
+    step = -(-len(motion.t) // JUDGED)
+    few = Motion(*(x[::step] for x in (motion.t, motion.q, motion.dq, motion.ddq)))
+    model, inertial = (ExcitationModel(arm, body, columns) for columns in (plan.columns, ()))
+    matrix = inertial.matrix(few)
+    return Excitation(
+        accepted.reference,
+        motion,
+        search.model.torque(motion),
+        accepted.margins,
+        condition_number(model.matrix(few)),
+        condition_number(matrix),
+        model.names,
+        None if signatures is None else signatures.separate(few, matrix),
+        search.evaluations,
+        search.feasible,
+        accepted.seconds,
+        accepted.left_out,
+    )
+
+
+def _postures(limits: Limits) -> np.ndarray:
+    return np.random.default_rng(0).uniform(limits.lower, limits.upper, (POSTURES, len(limits.lower)))

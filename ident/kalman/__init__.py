@@ -1,0 +1,1 @@
+"""Kalman filters over parameters and states, and when a parameter changed."""

@@ -1,0 +1,91 @@
+"""The samples of the pipeline: segments with torque, both sides of tau = W x through the same filter."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from arm.motion import Motion
+from arm.recording import Recording
+from ident.conditioning import Segment, condition, low_pass
+from ident.friction_law import FrictionLaw
+from ident.model_columns import ModelColumns
+from ident.problem import Problem
+
+PER_CUTOFF = 4.0
+"""Samples per period of the cut-off that are kept to fit; more hold nothing new."""
+
+
+@dataclass(frozen=True)
+class Band:
+    """The band in which both sides are compared.
+
+    Attributes:
+        cutoff: of positions, columns and torque [Hz].
+        trim: whether both ends of a segment, where the filter settles, are left out.
+    """
+
+    cutoff: float
+    trim: bool = True
+
+    def filtered(self, series: np.ndarray, segment: Segment) -> np.ndarray:
+        """A series of a segment in the band, trimmed; axis 0 is time."""
+        return low_pass(series, segment.motion.rate, self.cutoff)[self.rows(segment)]
+
+    def rows(self, segment: Segment) -> slice:
+        """The samples of a segment that count."""
+        return segment.inner if self.trim else slice(0, len(segment.motion.t))
+
+    def step(self, segment: Segment) -> int:
+        """Every which sample is kept to fit."""
+        return max(1, int(segment.motion.rate / (PER_CUTOFF * self.cutoff) + 1e-6))
+
+    def segments(self, recordings: Sequence[Recording]) -> list[Segment]:
+        """Segments of recordings, positions filtered at the cut-off; those without torque are left out."""
+        found = [s for recording in recordings for s in condition(recording, self.cutoff)]
+        return [s for s in found if s.torque is not None]
+
+
+class Samples:
+    """Samples to fit, stacked over segments and thinned to what the band holds.
+
+    Args:
+        columns: the model.
+        segments: with torque.
+        band: the band.
+
+    Attributes:
+        smooth: columns that do not depend on the friction law, in the band, shape (M, n, p_smooth).
+        torque: recorded torque in the band [N m], shape (M, n).
+        velocity: dq [rad/s], shape (M, n).
+        group: number of the segment of each sample, shape (M,).
+        interval: time between samples [s].
+    """
+
+    def __init__(self, columns: ModelColumns, segments: Sequence[Segment], band: Band) -> None:
+        self.columns, self.segments, self.band = columns, list(segments), band
+        self.smooth = self._stack([columns.smooth(s.motion) for s in self.segments])
+        self.torque = self._stack([np.asarray(s.torque) for s in self.segments])
+        self.velocity = np.concatenate([s.motion.dq[band.rows(s)][:: band.step(s)] for s in self.segments])
+        lengths = [len(s.motion.t[band.rows(s)][:: band.step(s)]) for s in self.segments]
+        self.group = np.repeat(np.arange(len(lengths)), lengths)
+        self.interval = band.step(self.segments[0]) / self.segments[0].motion.rate
+
+    def matrix(self, law: FrictionLaw) -> np.ndarray:
+        """W in the band, shape (M, n, p)."""
+        dry = self.filtered_each(lambda motion: self.columns.dry(motion, law))
+        return np.concatenate([self.smooth, dry], axis=2)
+
+    def problem(self, law: FrictionLaw, kept: np.ndarray, names: Sequence[str]) -> Problem:
+        """The linear problem in the columns ``kept``."""
+        return Problem(self.matrix(law)[:, :, kept], self.torque, tuple(names), self.group, self.interval)
+
+    def filtered_each(self, series: Callable[[Motion], np.ndarray]) -> np.ndarray:
+        """A function of the motion, (N, ...), in the band and thinned; shape (M, ...)."""
+        return self._stack([series(s.motion) for s in self.segments])
+
+    def _stack(self, series: list[np.ndarray]) -> np.ndarray:
+        pairs = zip(series, self.segments, strict=True)
+        return np.concatenate([self.band.filtered(x, s)[:: self.band.step(s)] for x, s in pairs])

@@ -1,0 +1,89 @@
+"""Intervals for the torque that an identified model predicts on other trajectories, model error included."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student
+
+from arm.errors import InputError
+from ident.autocorrelation import parts
+from ident.conditioning import TORQUE_CUTOFF
+from ident.estimate import Estimate, Estimator
+from ident.model_error import ModelError, model_error
+from ident.problem import Problem
+from ident.uncertainty import Uncertainty
+
+
+@dataclass(frozen=True)
+class TorqueInterval:
+    """How far the arm's torque may lie from the model's.
+
+    Attributes:
+        estimate: the model.
+        parameters: how well its parameters are known.
+        error: noise and model error of torque that was not fitted.
+        warnings: of model error, with a remedy.
+    """
+
+    estimate: Estimate
+    parameters: Uncertainty
+    error: ModelError
+    warnings: tuple[str, ...]
+
+    def half_width(self, matrix: np.ndarray, level: float = 0.95, *, recorded: bool = False) -> np.ndarray:
+        """Half the width of the interval [N m], shape (N, n), about W beta.
+
+        t sqrt(v + s^2), v = W C W^T with the parameters' covariance C, and the model error s of each joint. Student's
+        t has (v + s^2)^2 / (v^2 / f + s^4 / (G - 1)) degrees of freedom (Welch and Satterthwaite), f those of C, and
+        G groups: another motion's model error is one more draw beside theirs.
+
+        Args:
+            matrix: W of the other trajectory, shape (N, n, b).
+            level: share of samples that the interval is to hold [1].
+            recorded: of the torque as it would be recorded, noise included, in place of the torque itself.
+        """
+        own = np.einsum("ijb,bc,ijc->ij", matrix, self.parameters.covariance, matrix)
+        systematic = self.error.systematic**2
+        variance = own + systematic
+        few = own**2 / max(self.parameters.freedom, 1.0) + systematic**2 / max(self.error.groups - 1, 1)
+        freedom = np.maximum(variance**2 / np.maximum(few, 1e-300), 1.0)
+        total = variance + (self.error.noise**2 if recorded else 0.0)
+        return student.ppf(0.5 + level / 2, freedom) * np.sqrt(total)
+
+
+def torque_interval(
+    problem: Problem, estimator: Estimator, uncertainty: Uncertainty, cutoff: float = TORQUE_CUTOFF
+) -> TorqueInterval:
+    """Intervals from torque held out: each group is predicted by the model that the others give.
+
+    Args:
+        problem: of at least two groups, or one that is cut into four.
+        estimator: of the model.
+        uncertainty: of its parameters.
+        cutoff: of the low-pass that the torque passed [Hz].
+
+    Raises:
+        InputError: the other groups do not determine the parameters.
+    """
+    estimate = estimator.estimate(problem)
+    error = model_error(problem, held_out(problem, estimator), cutoff)
+    return TorqueInterval(estimate, uncertainty, error, error.warnings())
+
+
+def held_out(problem: Problem, estimator: Estimator) -> np.ndarray:
+    """Residual of each group under the estimate of the other groups [N m], shape (N, n)."""
+    spans = parts(problem.group)
+    if len(spans) == 1:
+        edges = np.linspace(0, len(problem.torque), 5).astype(int)
+        spans = [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]
+    out = np.empty_like(problem.torque)
+    for span in spans:
+        others = np.ones(len(out), dtype=bool)
+        others[span] = False
+        if not others.any():
+            raise InputError("too few samples to hold any out", "record for longer", where="samples")
+        out[span] = problem.rows(span).residual(estimator.estimate(problem.rows(others)).value)
+    return out

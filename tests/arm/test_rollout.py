@@ -1,0 +1,140 @@
+"""The closed loop rolled out by pinocchio: closed-form motions, and sensitivities against finite differences."""
+
+import numpy as np
+import pytest
+
+from arm.controller import Controller
+from arm.dynamics import RigidBody
+from arm.errors import GapscopeError
+from arm.nominal import NominalArm
+from arm.rollout import Commands, Plant, roll_out
+from arm.sensitivity import sensitivity
+
+ROD = """<robot name="rod"><link name="base"/><link name="rod"><inertial><origin xyz="0.5 0 0"/><mass value="2"/>
+  <inertia ixx="0.01" iyy="0.05" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="hinge" type="continuous"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint></robot>"""
+INERTIA, WEIGHT = 0.55, 9.81
+"""Of the rod about its hinge [kg m^2], and its gravity torque at the horizontal [N m]."""
+
+
+@pytest.fixture
+def rod(tmp_path):
+    path = tmp_path / "rod.urdf"
+    path.write_text(ROD)
+    return NominalArm("rod", path, ("hinge",))
+
+
+def plant_of(arm, armature=0.0, viscous=0.0, coulomb=0.0, offset=0.0):
+    n = arm.n_joints
+    laws = [np.broadcast_to(np.asarray(x, dtype=float), n) for x in (armature, viscous, coulomb, offset)]
+    return Plant.of(np.concatenate([RigidBody(arm).inertial_parameters(), *laws]))
+
+
+def pd(n, kp=0.0, kd=0.0, **other):
+    return Controller(1000.0, np.full(n, kp), np.full(n, kd), **other)
+
+
+def hold(duration, q):
+    t = np.arange(round(duration * 1000) + 1) / 1000
+    q = np.broadcast_to(np.asarray(q, dtype=float), (len(t), len(np.atleast_1d(q))))
+    return Commands(t, q, np.zeros_like(q), np.zeros_like(q))
+
+
+def test_a_rod_without_friction_keeps_its_energy(rod):
+    out = roll_out(RigidBody(rod), plant_of(rod), pd(1), hold(5.0, [0.3]))
+    energy = 0.5 * INERTIA * out.speed[:, 0] ** 2 - WEIGHT * np.sin(out.q[:, 0])
+    assert np.ptp(out.q) > 1.5
+    assert np.ptp(energy) < 1e-3 * WEIGHT
+
+
+def test_position_control_sags_by_gravity_over_stiffness_and_an_offset_lifts(rod):
+    commands = hold(3.0, [0.0])
+    plain = roll_out(RigidBody(rod), plant_of(rod), pd(1, 200.0, 30.0), commands)
+    sag = plain.q[-1, 0]
+    assert 200.0 * sag == pytest.approx(WEIGHT * np.cos(sag), rel=1e-5)
+    lifted = roll_out(RigidBody(rod), plant_of(rod, offset=-WEIGHT), pd(1, 200.0, 30.0), commands)
+    assert lifted.q[-1, 0] == pytest.approx(0.0, abs=1e-6)
+    assert lifted.tau[-1, 0] == pytest.approx(0.0, abs=1e-4)
+
+
+def test_dry_friction_stops_a_rod_at_constant_deceleration_and_holds_it(rod):
+    floating = NominalArm("rod", rod.urdf, rod.joints, gravity=np.zeros(3))
+    start = (np.zeros(1), np.full(1, 1.0))
+    plant = plant_of(floating, armature=0.45, coulomb=2.0)
+    out = roll_out(RigidBody(floating), plant, pd(1), hold(1.0, [0.0]), start=start)
+    moving = out.t < 0.45
+    assert out.speed[moving, 0] == pytest.approx(1.0 - 2.0 * out.t[moving], abs=2e-3)
+    assert np.abs(out.speed[out.t > 0.6]).max() < 1e-3
+
+
+def test_viscous_friction_decays_exponentially(rod):
+    floating = NominalArm("rod", rod.urdf, rod.joints, gravity=np.zeros(3))
+    out = roll_out(
+        RigidBody(floating), plant_of(floating, armature=0.45, viscous=3.0), pd(1), hold(1.0, [0.0]),
+        start=(np.zeros(1), np.ones(1)),
+    )  # fmt: skip
+    assert out.speed[:, 0] == pytest.approx(np.exp(-3.0 * out.t), abs=2e-3)
+
+
+def test_torque_stays_within_its_limit(rod):
+    out = roll_out(RigidBody(rod), plant_of(rod), pd(1, 200.0, 5.0), hold(0.5, [0.0]), np.array([3.0]))
+    assert np.abs(out.tau).max() == 3.0
+
+
+def test_wrong_gains_run_away_with_causes(rod):
+    with pytest.raises(GapscopeError, match="(?s)ran away at joint 1.*gains"):
+        roll_out(RigidBody(rod), plant_of(rod), pd(1, -2000.0, 0.0), hold(5.0, [0.1]))
+
+
+@pytest.fixture
+def motion(data_arm):
+    t = np.arange(1501) / 1000
+    rng = np.random.default_rng(0)
+    rate, phase = rng.uniform(1, 4, 7), rng.uniform(0, 6, 7)
+    q = 0.5 * np.sin(np.outer(t, rate) + phase)
+    dq = 0.5 * rate * np.cos(np.outer(t, rate) + phase)
+    return Commands(t, q, dq, np.zeros_like(q))
+
+
+@pytest.fixture
+def data_arm():
+    pytest.importorskip("pybullet_data")
+    from arm.robots import load_nominal_arm
+
+    return load_nominal_arm("kuka_iiwa")
+
+
+SOFT = {"velocity_cutoff": 80.0}
+
+
+def test_the_order_of_the_joints_is_only_a_matter_of_columns(data_arm, motion):
+    way = np.array([3, 0, 6, 1, 5, 2, 4])
+    other = NominalArm("other", data_arm.urdf, tuple(np.array(data_arm.joints)[way]))
+    rotors, controller = np.arange(1, 8) / 10, pd(7, 500, 50, **SOFT)
+    first = roll_out(RigidBody(data_arm), plant_of(data_arm, rotors, 1.0, 1.0), controller, motion)
+    swapped = Commands(motion.t, motion.q[:, way], motion.dq[:, way], motion.torque[:, way])
+    second = roll_out(RigidBody(other), plant_of(other, rotors[way], 1.0, 1.0), controller, swapped)
+    assert second.q == pytest.approx(first.q[:, way], abs=1e-10)
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_sensitivities_are_those_of_finite_differences(data_arm, motion, swapped):
+    if swapped:
+        way = np.array([3, 0, 6, 1, 5, 2, 4])
+        data_arm = NominalArm("other", data_arm.urdf, tuple(np.array(data_arm.joints)[way]))
+        motion = Commands(motion.t, motion.q[:, way], motion.dq[:, way], motion.torque)
+    body, rng = RigidBody(data_arm), np.random.default_rng(1)
+    vector = np.concatenate([body.inertial_parameters(), np.full(7, 0.3), np.full(7, 2.0), np.ones(7), np.full(7, 0.2)])
+    directions = rng.standard_normal((98, 2)) * np.maximum(np.abs(vector), 0.01)[:, None] * 0.1
+    limit = np.full(7, 60.0)
+    controller = pd(7, 500, 50, **SOFT)
+    rolled = roll_out(body, Plant.of(vector), controller, motion, limit)
+    q, tau = sensitivity(body, Plant.of(vector), controller, rolled, directions, limit)
+    step = 1e-4
+    for k in range(2):
+        up, down = (
+            roll_out(body, Plant.of(vector + s * step * directions[:, k]), controller, motion, limit) for s in (1, -1)
+        )
+        for along, high, low in ((q, up.q, down.q), (tau, up.tau, down.tau)):
+            numeric = (high - low) / (2 * step)
+            assert np.abs(along[..., k] - numeric).max() < 1e-4 * np.abs(numeric).max()

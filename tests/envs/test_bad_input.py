@@ -1,0 +1,282 @@
+"""What a user can get wrong about a simulated arm: each fault names its place, and says what to do.
+
+Through ``gapscope record`` and ``gapscope replay``, which return 2 without a traceback, and through the environment.
+"""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from arm.dynamics import RigidBody
+from arm.errors import InputError, ModelWarning
+from arm.robots import load_nominal_arm
+from effects.applied import AppliedEffect
+from envs.engines import ENGINES
+from envs.environment import ArmTracking
+from envs.simulated_arm import SimulatedArm
+from gapscope.cli import main
+
+IIWA = load_nominal_arm("kuka_iiwa").urdf
+
+
+def _entry(name: str, parameters: dict, joints: list[int] | None = None) -> dict:
+    return {"effect": name, "parameters": parameters} | ({} if joints is None else {"joints": joints})
+
+
+def _file(tmp_path: Path, *entries: dict) -> Path:
+    """A file of effects, the first of which is at fault neither here nor there."""
+    path = tmp_path / "corrected.yaml"
+    harmless = _entry("actuator_delay", {"delay": [0.002]}, [1])
+    path.write_text(yaml.safe_dump({"schema": 1, "effects": [harmless, *entries]}, sort_keys=False))
+    return path
+
+
+def _run(capsys: pytest.CaptureFixture, *arguments: object) -> tuple[int, str]:
+    """Exit code and what a command writes on standard error, in one line."""
+    with pytest.raises(SystemExit) as stopped:
+        main([str(argument) for argument in arguments])
+    return int(stopped.value.code or 0), " ".join(capsys.readouterr().err.split())
+
+
+def _record(capsys: pytest.CaptureFixture, robot: object, effects: Path, *options: object) -> tuple[int, str]:
+    short = ("--recordings", 1, "--duration", 1.0, "--out", effects.parent / "case")
+    return _run(capsys, "record", robot, "--effects", effects, *short, *options)
+
+
+ROTOR = _entry("armature", {"inertia": [1e-3]}, [2])
+EFFECTS = {
+    "joint that does not exist": (
+        [_entry("coulomb_friction", {"torque": [1.0]}, [9])],
+        "effects[1], coulomb_friction: joint 9 of an arm with 7 joints",
+        "joints count from 1 to 7",
+    ),
+    "link that does not exist": (
+        [_entry("link_inertia", {"link": 9, "mass": 1.0, "com": [0, 0, 0]})],
+        "effects[1], link_inertia: joint 9 of an arm with 7 joints",
+        "a link has the number of the joint that moves it",
+    ),
+    "payload that leaves a negative mass": (
+        [_entry("payload", {"mass": -3.0, "com": [0, 0, 0]})],
+        "effects[1], payload: the link moved by joint 7 (lbr_iiwa_joint_7) has mass -2.7 kg",
+        "an increment that leaves the link's mass and inertia above zero",
+    ),
+    "friction that feeds energy in": (
+        [_entry("coulomb_friction", {"torque": [-5.0]}, [3])],
+        "effects[1], coulomb_friction: nominal value plus effect is -5 N m at joint 3",
+        "zero or above",
+    ),
+    "stiffness that the step cannot hold": (
+        [ROTOR, _entry("joint_elasticity", {"stiffness": [1e7], "damping": [0.0]}, [2])],
+        "effects[2], joint_elasticity.stiffness: the stiffness or damping about joint 2 moves at",
+        "a lower stiffness or damping, or more rotor inertia",
+    ),
+    "elasticity without a rotor": (
+        [_entry("joint_elasticity", {"stiffness": [1e4], "damping": [0.0]}, [2])],
+        "effects[1], joint_elasticity: joint 2 has a motor of its own but no rotor inertia",
+        "nominal.armature",
+    ),
+    "unknown effect": (
+        [_entry("coulomb_fricton", {"torque": [1.0]}, [1])],
+        "effects[1]: unknown effect 'coulomb_fricton'",
+        "did you mean coulomb_friction?",
+    ),
+    "unknown parameter": (
+        [_entry("joint_elasticity", {"stifness": [1e4], "damping": [0.0]}, [2])],
+        "effects[1], joint_elasticity: expected the parameters stiffness, damping; got stifness, damping",
+        "'stifness' is unknown: did you mean 'stiffness'? give stiffness in N m/rad, damping in N m s/rad",
+    ),
+    "missing parameter": (
+        [_entry("stribeck_friction", {"torque": [1.0]}, [1])],
+        "effects[1], stribeck_friction: expected the parameters torque, velocity; got torque",
+        "velocity in rad/s",
+    ),
+    "wrong number of values": (
+        [_entry("coulomb_friction", {"torque": [1.0, 2.0, 3.0]}, [1, 2])],
+        "effects[1], coulomb_friction.torque: expected 2 values, got 3",
+        "one value for each of the joints",
+    ),
+    "value out of bounds": (
+        [_entry("actuator_delay", {"delay": [8.8]}, [1])],
+        "effects[1], actuator_delay.delay: value [8.8] outside",
+        "give delay in s; on real arms it lies near",
+    ),
+    "value that is no number": (
+        [_entry("coulomb_friction", {"torque": ["much"]}, [1])],
+        "effects[1], coulomb_friction.torque: holds a value that is not a number, ['much']",
+        "give numbers in N m",
+    ),
+    "joints of an effect on the arm": (
+        [_entry("payload", {"mass": 1.0, "com": [0, 0, 0]}, [1])],
+        "effects[1], payload: an effect of scope arm, but joints are [1]",
+        "leave joints: out",
+    ),
+}
+
+
+@pytest.mark.parametrize(("entries", "message", "remedy"), EFFECTS.values(), ids=EFFECTS)
+def test_an_effect_at_fault(capsys, tmp_path: Path, entries: list[dict], message: str, remedy: str) -> None:
+    """File, entry and field, and what to do; from the command, and from the environment that is given the file."""
+    file = _file(tmp_path, *entries)
+    code, text = _record(capsys, "kuka_iiwa", file)
+    assert code == 2 and "Traceback" not in text and not (tmp_path / "case").exists()
+    assert f"gapscope: {file}, {message}" in text and remedy in text.split("remedy: ")[1]
+    with pytest.raises(InputError, match=re.escape(message.split(": ", 1)[1])):
+        ArmTracking("kuka_iiwa", effects=file)
+
+
+@pytest.mark.parametrize(
+    ("robot", "options", "message", "remedy"),
+    [
+        ("kuka_iwa", (), "kuka_iwa: no such URDF file", "did you mean 'kuka_iiwa'?"),
+        ("no/such.urdf", (), "no/such.urdf: no such URDF file", "kuka_iiwa, franka_panda, xarm6"),
+        ("kuka_iiwa", ("--engine", "mujocco"), "engine: unknown engine 'mujocco'", "did you mean 'mujoco'?"),
+        ("kuka_iiwa", ("--trajectory", "fourrier"), "motion: unknown motion 'fourrier'", "did you mean 'fourier'?"),
+    ],
+)
+def test_an_unknown_name_is_met_with_the_nearest(
+    capsys, tmp_path: Path, robot: str, options: tuple, message: str, remedy: str
+) -> None:
+    code, text = _record(capsys, robot, _file(tmp_path), *options)
+    assert code == 2 and message in text and remedy in text.split("remedy: ")[1]
+
+
+def _third_link(pattern: str, new: str) -> str:
+    """The iiwa's URDF with its third link changed."""
+    urdf = IIWA.read_text()
+    link = re.search(r'<link name="lbr_iiwa_link_3">.*?</link>', urdf, re.DOTALL)[0]
+    changed = re.sub(pattern, new, link, flags=re.DOTALL)
+    assert changed != link
+    return urdf.replace(link, changed)
+
+
+def _moments(ixx: float) -> str:
+    return f'<inertia ixx="{ixx}" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/>'
+
+
+URDFS = {
+    "negative mass": (
+        (r"<mass [^>]*/>", '<mass value="-2"/>'),
+        "link lbr_iiwa_link_3, <inertial>: <mass> is -2 kg, expected zero or above",
+        "correct its value",
+    ),
+    "mass that is no number": (
+        (r"<mass [^>]*/>", '<mass value="heavy"/>'),
+        "link lbr_iiwa_link_3, <inertial>: expected <mass value=\"a number\">, got 'heavy'",
+        "mass [kg]",
+    ),
+    "no mass": (
+        (r"<mass [^>]*/>", ""),
+        'link lbr_iiwa_link_3, <inertial>: expected <mass value="a number">, got none',
+        "leave <inertial> out of a link that has no mass",
+    ),
+    "negative moment": (
+        (r"<inertia [^>]*/>", _moments(-1.0)),
+        "link lbr_iiwa_link_3, <inertial>: <inertia> has the principal moments -1, 0.1, 0.1 kg m^2",
+        "moments about the centre of mass",
+    ),
+    "cut short": ((r"<mass.*", ""), "is not valid XML", "was it cut short?"),
+}
+
+
+@pytest.mark.parametrize(("change", "message", "remedy"), URDFS.values(), ids=URDFS)
+def test_an_inertia_that_no_body_can_have_is_refused(
+    capsys, tmp_path: Path, change: tuple[str, str], message: str, remedy: str
+) -> None:
+    file = tmp_path / "broken.urdf"
+    file.write_text(_third_link(*change))
+    code, text = _record(capsys, file, _file(tmp_path))
+    assert code == 2 and f"{file}" in text and message in text and remedy in text.split("remedy: ")[1]
+
+
+def test_a_last_link_without_inertial_is_refused(capsys, tmp_path: Path) -> None:
+    """Any torque would give it an infinite acceleration."""
+    file = tmp_path / "light.urdf"
+    head, last = IIWA.read_text().split('<link name="lbr_iiwa_link_7">')
+    file.write_text(head + '<link name="lbr_iiwa_link_7">' + re.sub("<inertial>.*?</inertial>", "", last, flags=re.S))
+    code, text = _record(capsys, file, _file(tmp_path))
+    assert code == 2 and f"{file}: the link moved by joint 7 (lbr_iiwa_joint_7) has mass 0 kg" in text
+    assert "with positive mass and inertia" in text.split("remedy: ")[1]
+
+
+ODD = {
+    "triangle inequality": (
+        (r"<inertia [^>]*/>", _moments(1.0)),
+        "the link moved by joint 3 (lbr_iiwa_joint_3) has the principal moments of inertia 0.1, 0.1, 1 kg m^2, of "
+        "which no body has one above the sum of the others: they are simulated as they are",
+    ),
+    "no inertial": (
+        (r"<inertial>.*</inertial>", ""),
+        "the link moved by joint 3 (lbr_iiwa_joint_3) has no <inertial>: it is simulated without mass",
+    ),
+}
+
+
+@pytest.mark.parametrize(("change", "message"), ODD.values(), ids=ODD)
+@pytest.mark.filterwarnings("always::arm.errors.ModelWarning")
+def test_an_odd_inertia_is_told_and_simulated_alike_on_every_engine(
+    capsys, tmp_path: Path, change: tuple[str, str], message: str
+) -> None:
+    """Published models break the triangle inequality; engines left alone would zero it, or give a link 1 kg."""
+    file = tmp_path / "odd.urdf"
+    file.write_text(_third_link(*change))
+    arm = load_nominal_arm(file, sheet={"viscous": [0.0] * 7})
+    body, rng = RigidBody(arm), np.random.default_rng(2)
+    for name in ENGINES:
+        try:
+            with pytest.warns(ModelWarning, match=re.escape(f"{file}: {message}")):
+                simulated = SimulatedArm(arm, engine=name)
+        except InputError as error:
+            assert "not installed" in str(error)
+            continue
+        with simulated:
+            q, dq, torque = 0.5 * rng.standard_normal((3, 7))
+            simulated.reset(q, dq)
+            simulated.step(torque)
+            ddq = (simulated.dq - dq) / simulated.dt
+            needed = body.inverse_dynamics(q[None], dq[None], ddq[None])[0]
+            np.testing.assert_allclose(needed, torque, atol=1e-6 * np.abs(body.bias(q, dq)).max())
+    code, text = _record(capsys, file, _file(tmp_path))
+    assert code == 0 and f"note: {file}: {message}" in text
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_stiffness_that_another_step_holds(engines, tmp_path: Path, engine: str) -> None:
+    """What the message says to do helps: the longest step that it names."""
+    arm = load_nominal_arm("kuka_iiwa")
+    stiff = (
+        AppliedEffect("armature", (2,), {"inertia": [0.01]}),
+        AppliedEffect("joint_elasticity", (2,), {"stiffness": [1e7], "damping": [0.0]}),
+    )
+    with pytest.raises(InputError, match="cannot hold") as caught:
+        SimulatedArm(arm, stiff, 1e-3, engine=engines(engine))
+    step = float(re.search(r"steps of at most ([\d.e-]+) s", caught.value.remedy)[1])
+    SimulatedArm(arm, stiff, 0.95 * step, engine=engine).close()
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet", "npz"])
+def test_a_truncated_recording_is_not_replayed(capsys, tmp_path: Path, ending: str) -> None:
+    assert _record(capsys, "kuka_iiwa", _file(tmp_path), "--format", ending)[0] == 0
+    whole = tmp_path / "case" / f"recording_1.{ending}"
+    cut, out = tmp_path / f"cut.{ending}", tmp_path / "replayed.csv"
+    expected = {
+        "csv": "cells, the header has 36",
+        "parquet": "cannot be read as Parquet",
+        "npz": "cannot be read as NPZ",
+    }
+    for share in (0.2, 0.7):
+        cut.write_bytes(whole.read_bytes()[: int(share * whole.stat().st_size)])
+        code, text = _run(capsys, "replay", tmp_path / "case", "--recording", cut, "--out", out)
+        assert code == 2 and f"{cut}" in text and expected[ending] in text and not out.exists()
+        assert "cut short" in text if ending == "csv" else "complete" in text
+        assert "Traceback" not in text
+
+
+def test_a_corrected_model_at_fault_is_not_replayed(capsys, tmp_path: Path) -> None:
+    assert _record(capsys, "kuka_iiwa", _file(tmp_path))[0] == 0
+    model = _file(tmp_path, _entry("payload", {"mass": -3.0, "com": [0, 0, 0]}))
+    common = ("--recording", tmp_path / "case" / "recording_1.csv", "--out", tmp_path / "replayed.csv")
+    code, text = _run(capsys, "replay", tmp_path / "case", "--model", model, *common)
+    assert code == 2 and f"{model}, effects[1], payload: the link moved by joint 7" in text

@@ -1,0 +1,104 @@
+"""When a parameter changed, and by how much; and silence where nothing did."""
+
+import numpy as np
+import pytest
+
+from arm.errors import InputError
+from effects.applied import AppliedEffect
+from ident.kalman.alarm import alarm
+from ident.kalman.change import Hypothesis, find_change, friction_hypothesis, payload_hypothesis
+from ident.kalman.recursive import Recursive
+from ident.kalman.whitening import white
+from ident.problem import Problem
+
+SLOPE = Hypothesis("slope", ("slope",), np.array([[1.0], [0.0]]))
+LEVEL = Hypothesis("level", ("level",), np.array([[0.0], [1.0]]))
+
+
+def line(rng, count=300, step=0.0, colour=0.0):
+    """Tau = 2 x + 1 + noise of deviation 0.1, coloured by an autoregression; the slope changes halfway."""
+    x = rng.standard_normal(count)
+    noise = 0.1 * np.sqrt(1 - colour**2) * rng.standard_normal(count)
+    for k in range(1, count):
+        noise[k] += colour * noise[k - 1]
+    slope = 2.0 + step * (np.arange(count) > count // 2)
+    W = np.stack([x, np.ones(count)], axis=1)[:, None, :]
+    return Problem(W, (slope * x + 1 + noise)[:, None], ("slope", "level"), np.zeros(count, dtype=int), 0.1)
+
+
+def times(problem):
+    return problem.interval * np.arange(len(problem.torque))
+
+
+def test_a_step_is_found_with_moment_size_and_what_changed():
+    problem = line(np.random.default_rng(1), step=0.2)
+    change = find_change(problem, times(problem), [LEVEL, SLOPE])
+    assert change.hypothesis.name == "slope"
+    assert change.time == pytest.approx(15.0, abs=0.5)
+    assert change.interval[0] <= 15.0 + 0.1 and change.interval[1] >= 15.0 - 0.1
+    assert abs(change.size[0] - 0.2) < 3 * change.deviation[0]
+    assert change.deviation[0] == pytest.approx(2 * 0.1 / np.sqrt(300), rel=0.2)
+    assert change.statistic > 1
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.8])
+def test_false_alarms_stay_below_the_probability_asked_for(colour):
+    rng = np.random.default_rng(2)
+    found = 0
+    for _ in range(60):
+        problem = line(rng, colour=colour)
+        found += find_change(problem, times(problem), [LEVEL, SLOPE], false_alarms=0.05) is not None
+    assert found <= 6
+
+
+def test_whitened_noise_is_white():
+    rng = np.random.default_rng(3)
+    problem = line(rng, 3000, colour=0.8)
+    residual = problem.residual(np.array([2.0, 1.0]))
+    left = white(problem, residual).residual(np.array([2.0, 1.0]))[:, 0]
+    assert np.std(left) == pytest.approx(1.0, abs=0.05)
+    assert abs(np.mean(left[1:] * left[:-1])) < 0.05
+
+
+def test_a_record_that_is_too_short_is_refused():
+    problem = line(np.random.default_rng(4), count=8)
+    with pytest.raises(InputError, match="too short"):
+        find_change(problem, times(problem), [SLOPE])
+
+
+def test_friction_of_a_joint_without_columns_is_refused(world):
+    with pytest.raises(InputError, match="joint 9"):
+        friction_hypothesis(world.base, 9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_payload_picked_up_is_found_within_half_a_second_and_a_tenth_of_its_mass(world, seed):
+    rng = np.random.default_rng(100 + seed)
+    moment, mass = rng.uniform(2.5, 5.5), rng.uniform(0.5, 3.0)
+    recording = world.recorded(seed, pickup=(moment, mass))
+    problem, t = world.assembly([recording]), world.assembly.times(recording)
+    hypotheses = [payload_hypothesis(world.base, 3), *(friction_hypothesis(world.base, j) for j in (1, 2, 3))]
+    change = find_change(problem, t, hypotheses)
+    assert change.hypothesis.name == "payload"
+    assert change.time == pytest.approx(moment, abs=0.5)
+    assert change.size[0] == pytest.approx(mass, rel=0.1)
+    track = Recursive(0.1 * np.ones(3)).follow(problem, t)
+    heard = alarm(track, hypotheses[0])
+    assert moment - 0.1 < heard.time < moment + 1.5
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_change_no_alarm(world, seed):
+    stribeck = AppliedEffect("stribeck_friction", (2,), {"torque": [0.5], "velocity": [0.1]})
+    recording = world.recorded(10 + seed, effects=(stribeck,))
+    problem, t = world.assembly([recording]), world.assembly.times(recording)
+    payload = payload_hypothesis(world.base, 3)
+    assert find_change(problem, t, [payload]) is None
+    assert alarm(Recursive(0.1 * np.ones(3)).follow(problem, t), payload).time is None
+
+
+def test_an_alarm_needs_a_record_longer_than_its_settling(world):
+    recording = world.recorded(1, duration=3.0)
+    track = Recursive(np.ones(3)).follow(world.assembly([recording]), world.assembly.times(recording))
+    with pytest.raises(InputError, match="ends before an alarm"):
+        alarm(track, payload_hypothesis(world.base, 3), settle=5.0)

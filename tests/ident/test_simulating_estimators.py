@@ -1,0 +1,176 @@
+"""Estimators that simulate: what noise in the motion does to least squares, and how they fail."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from arm.dynamics import RigidBody
+from arm.errors import GapscopeError, InputError
+from arm.robots import load_nominal_arm
+from arm.trajectory import Fourier, urdf_limits
+from effects.applied import AppliedEffect
+from effects.corrected import CorrectedArm
+from envs.mystery import position_controller
+from envs.recorder import record
+from ident.assembly import Assembly
+from ident.base_parameters import structural_base
+from ident.estimators.didim import DirectInverse
+from ident.estimators.instrumental_variables import InstrumentalVariables
+from ident.estimators.output_error import OutputError
+from ident.estimators.simulating import score_covariance
+from ident.estimators.wls import WeightedLeastSquares
+from ident.experiment import Experiment
+from ident.regressor import Regressor
+
+SIMULATING = {"IDIM-IV": InstrumentalVariables, "DIDIM": DirectInverse, "output error": OutputError}
+CENTRE = np.array([0.0, 0.6, -1.2])
+EFFECTS = (
+    AppliedEffect("payload", (), {"mass": 2.0, "com": [0.03, 0.02, 0.1]}),
+    AppliedEffect("viscous_friction", (1, 2, 3), {"coefficient": [1.5, -1.0, 0.8]}),
+)
+
+
+@pytest.fixture(scope="module")
+def arm():
+    """Three joints of the iiwa, with rotors and friction."""
+    pytest.importorskip("pybullet_data")
+    sheet = {"armature": [0.3, 0.3, 0.2], "viscous": [4.0, 4.0, 2.0], "coulomb": [1.0, 1.0, 0.5]}
+    return load_nominal_arm("kuka_iiwa", joints=[f"lbr_iiwa_joint_{j}" for j in (1, 2, 4)], sheet=sheet)
+
+
+@pytest.fixture(scope="module")
+def world(arm):
+    """Controller, regressor, base parameters and the true ones."""
+    regressor = Regressor(arm)
+    base = structural_base(regressor, np.random.default_rng(0))
+    pi = regressor.nominal()
+    pi[:30] += CorrectedArm(arm, EFFECTS).inertial_increments(regressor.body).ravel()
+    pi[33:36] += [1.5, -1.0, 0.8]
+    return position_controller(arm, CENTRE), regressor, base, base.of(pi)
+
+
+def recorded(arm, controller, seed, noise=0.0, torque_noise=0.0, **other):
+    rng = np.random.default_rng(seed)
+    limits = urdf_limits(RigidBody(arm), 6.0)._replace(velocity=np.full(3, 1.5))
+    motion = Fourier.random(rng, limits, duration=5.0, centre=CENTRE, frequency=0.25)
+    return record(
+        arm, EFFECTS, motion, controller, duration=5.0, rng=rng, encoder_step=0.0, encoder_noise=noise,
+        torque_noise=torque_noise, **other,
+    )  # fmt: skip
+
+
+def experiment(world, recordings, **other):
+    controller, regressor, base, _ = world
+    build = Assembly(regressor, base, position_cutoff=25.0, every=3)
+    return Experiment(regressor, base, controller, recordings, build, **other)
+
+
+@pytest.fixture(scope="module")
+def clean(arm, world):
+    """Two recordings without noise, and their experiment."""
+    return experiment(world, [recorded(arm, world[0], seed) for seed in (1, 2)])
+
+
+@pytest.fixture(scope="module")
+def noisy(arm, world):
+    """The same with noise on the encoders that the controller feeds back."""
+    return experiment(world, [recorded(arm, world[0], seed, 1e-3, 0.02) for seed in (1, 2)])
+
+
+def miss(clean, beta, truth):
+    """RMS of the torque that the error of the parameters makes, over that of the torque [1], shape (n,)."""
+    problem = clean.build(clean.recordings)
+    return np.sqrt(np.mean((problem.matrix @ (beta - truth)) ** 2, axis=0)) / problem.torque.std(axis=0)
+
+
+def test_the_rolled_out_loop_repeats_a_recording_of_another_simulator(clean, world):
+    (again, *_), recording = clean.simulate(world[3]), clean.recordings[0]
+    assert np.abs(again.q - recording.q).max() < 0.15 * np.abs(recording.q_ref - recording.q).max()
+    assert np.sqrt(np.mean((again.tau - recording.tau) ** 2, axis=0)) == pytest.approx(
+        np.zeros(3), abs=0.02 * recording.tau.std(axis=0).max()
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SIMULATING)
+def test_parameters_are_recovered_from_a_clean_recording(clean, world, name):
+    estimate = SIMULATING[name](clean).estimate(clean.build(clean.recordings))
+    assert estimate.warnings == ()
+    assert (miss(clean, estimate.value, world[3]) < 0.02).all()
+    assert tuple(estimate.names) == tuple(clean.build(clean.recordings).names)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SIMULATING)
+def test_encoder_noise_that_biases_least_squares_does_not_bias_them(clean, noisy, world, name):
+    problem = noisy.build(noisy.recordings)
+    plain = miss(clean, WeightedLeastSquares().estimate(problem).value, world[3])
+    estimate = SIMULATING[name](noisy).estimate(problem)
+    own = miss(clean, estimate.value, world[3])
+    assert np.linalg.norm(own) < 0.6 * np.linalg.norm(plain)
+    assert np.mean(np.abs(estimate.value - world[3]) < 3 * estimate.deviation) > 0.85
+
+
+def test_tangents_are_derivatives_of_the_simulated_recordings(clean, world):
+    beta = world[3]
+    step = 1e-5
+    tangents = clean.tangents(beta)
+    for k in (0, len(beta) - 1):
+        way = np.eye(len(beta))[k]
+        up, down = clean.simulate(beta + step * way), clean.simulate(beta - step * way)
+        for (_, q, tau), high, low in zip(tangents, up, down, strict=True):
+            numeric = (high.tau - low.tau) / (2 * step)
+            assert np.abs(tau[..., k] - numeric).max() < 1e-3 * np.abs(numeric).max()
+            numeric = (high.q - low.q) / (2 * step)
+            assert np.abs(q[..., k] - numeric).max() < 1e-3 * np.abs(numeric).max()
+
+
+def test_wrong_gains_are_named_with_the_factor(clean, world):
+    controller = replace(world[0], kp=world[0].kp * [1, 0.5, 1])
+    with pytest.raises(InputError, match="joint 2 fits kp times 2") as raised:
+        experiment((controller, *world[1:]), clean.recordings)
+    assert "gains" in str(raised.value)
+
+
+def test_a_torque_that_the_controller_did_not_command_is_warned_of(clean, world):
+    first = clean.recordings[0]
+    wave = 30 * np.sin(7 * first.t)[:, None] * [0, 0, 1]
+    found = experiment(world, [replace(first, tau=first.tau + wave)])
+    assert any("joint 3" in warning and "feedforward" in warning for warning in found.warnings)
+
+
+def test_a_recording_without_reference_cannot_be_simulated(clean, world):
+    with pytest.raises(InputError, match="no reference"):
+        experiment(world, [replace(clean.recordings[0], q_ref=None, dq_ref=None)])
+
+
+@pytest.mark.parametrize("name", SIMULATING)
+def test_too_few_samples_are_refused(clean, name):
+    problem = clean.build(clean.recordings)
+    with pytest.raises(InputError, match="too few"):
+        SIMULATING[name](clean).estimate(problem.rows(slice(0, 5)))
+
+
+@pytest.mark.parametrize("name", SIMULATING)
+def test_an_arm_that_runs_away_ends_with_causes(clean, world, name):
+    prior = world[1].nominal()
+    prior[:30:10] *= 0.1
+    prior[30:33] = -0.5
+    started = experiment(world, clean.recordings, prior=prior)
+    with pytest.raises(GapscopeError, match=r"(?s)ran away in iteration 0.*\(a\).*\(b\).*\(c\)"):
+        SIMULATING[name](started).estimate(started.build(started.recordings))
+
+
+@pytest.mark.parametrize("name", ["IDIM-IV", "DIDIM"])
+def test_an_iteration_that_is_cut_short_says_that_it_did_not_settle(clean, name):
+    estimate = SIMULATING[name](clean, iterations=1).estimate(clean.build(clean.recordings))
+    assert any("did not settle: (a)" in warning for warning in estimate.warnings)
+
+
+def test_covariance_of_white_scores_is_the_plain_one():
+    rng = np.random.default_rng(3)
+    W = rng.standard_normal((4000, 3))
+    noise = rng.standard_normal((4000, 1))
+    found = score_covariance(W.T @ W, W * noise, np.zeros(4000, dtype=int), 4000 / 3)
+    assert np.diag(found) == pytest.approx(np.diag(np.linalg.inv(W.T @ W)), rel=0.15)

@@ -1,0 +1,148 @@
+"""Stories that a practitioner tells: a wrong zero shows as impossible masses, and faults name themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import arms
+import numpy as np
+import pytest
+
+from arm.case import Case
+from arm.recording import Recording
+from effects.applied import AppliedEffect
+from ident.identification import Identification, Settings, identify
+from ident.troubleshooting import CHECKS, FOUND
+
+CUTOFF = Settings(cutoff=20.0)
+FIVE = np.deg2rad(5.0)
+
+
+def zero_off(joint: int, angle: float = FIVE) -> Case:
+    return arms.case((AppliedEffect("encoder_offset", (joint,), {"offset": np.array([angle])}),))
+
+
+@cache
+def healthy() -> Identification:
+    return identify(arms.case(), CUTOFF)
+
+
+@cache
+def off(joint: int) -> Identification:
+    return identify(zero_off(joint), CUTOFF)
+
+
+def found(result: Identification) -> dict[str, tuple[int, ...]]:
+    """Rows of the table that fire, with their joints."""
+    return {row.entry.key: row.joints for row in result.table if row.verdict == FOUND}
+
+
+class TestWrongZero:
+    def test_healthy_arm_has_possible_bodies_and_no_question(self) -> None:
+        result = healthy()
+        assert all(check.consistent for check in result.physical.before)
+        assert result.questions == ()
+        assert not [w for w in result.warnings if "no body" in w]
+
+    def test_five_degrees_give_a_negative_mass(self) -> None:
+        """The parameters nearest to the nominal arm that fit best give the light upper arm a mass below zero."""
+        before = off(2).physical.before
+        assert [check.link for check in before if not check.positive_mass] == [3]
+        assert any("link 3 even of negative mass" in warning for warning in off(2).warnings)
+
+    @pytest.mark.parametrize("joint", [2, 3, 4])
+    def test_tool_asks_for_the_zero_and_recovers_it(self, joint: int) -> None:
+        result = off(joint)
+        assert result.zeros.asked.tolist() == [joint - 1]
+        assert abs(np.rad2deg(result.zeros.offset[joint - 1] - FIVE)) < 0.2
+        (question,) = result.questions
+        assert f"zero of joint {joint}" in question and "offsets" in question
+
+    def test_the_correction_that_it_offers_mends_the_arm(self) -> None:
+        delta = off(2).zeros.offset * (np.arange(arms.N) == 1)
+        mended = identify(arms.changed(zero_off(2), lambda r: replace(r, q=r.q - delta)), CUTOFF)
+        assert mended.questions == ()
+        assert all(check.positive_mass for check in mended.physical.before)
+        assert mended.validation[1].every.overall < 0.2 * off(2).validation[1].nominal.overall
+
+    def test_first_zero_about_the_vertical_is_left_open(self) -> None:
+        """No torque depends on it."""
+        assert not healthy().zeros.known[0]
+        assert np.rad2deg(healthy().zeros.deviation[0]) > 5.0
+
+    def test_identified_arm_is_possible_all_the_same(self) -> None:
+        assert all(check.consistent and check.triangle for check in off(2).physical.after)
+
+
+def swapped(r: Recording) -> Recording:
+    return replace(r, tau=np.asarray(r.tau)[:, [0, 1, 3, 2, 4, 5, 6]])
+
+
+def turned(r: Recording) -> Recording:
+    return replace(r, tau=np.asarray(r.tau) * [1, 1, 1, -1, 1, 1, 1])
+
+
+def late(r: Recording) -> Recording:
+    return replace(r, t=r.t[5:], q=r.q[5:], tau=np.asarray(r.tau)[:-5])
+
+
+def noisy(r: Recording) -> Recording:
+    return replace(r, q=r.q + 1e-3 * np.random.default_rng(7).standard_normal(r.q.shape))
+
+
+def saturated(r: Recording) -> Recording:
+    limit = np.quantile(np.abs(np.asarray(r.tau)), 0.95, axis=0)
+    return replace(r, tau=np.clip(np.asarray(r.tau), -limit, limit))
+
+
+def resting(r: Recording) -> Recording:
+    return replace(r, q=np.where(np.arange(arms.N) == 6, 0.3, r.q))
+
+
+class TestTroubleshooting:
+    def test_healthy_arm_fires_no_row(self) -> None:
+        assert found(healthy()) == {}
+        assert len(healthy().table) == len(CHECKS)
+
+    @pytest.mark.parametrize(
+        ("fault", "row", "joints"),
+        [
+            (swapped, "swapped_joints", (3, 4)),
+            (turned, "torque_sign", (4,)),
+            (late, "time_offset", None),
+            (noisy, "derivative_noise", None),
+            (saturated, "saturated_torque", (1, 2, 3, 4, 5, 6, 7)),
+            (resting, "resting_joint", (7,)),
+        ],
+    )
+    def test_planted_fault_fires_its_row(
+        self, fault: Callable[[Recording], Recording], row: str, joints: tuple[int, ...] | None
+    ) -> None:
+        fired = found(identify(arms.changed(arms.case(), fault), CUTOFF))
+        assert row in fired
+        assert joints is None or fired[row] == joints
+
+    def test_zero_fires_its_row(self) -> None:
+        assert found(off(3))["joint_zero"] == (3,)
+
+    def test_torque_in_another_unit_fires_its_row_where_it_is_let_pass(self) -> None:
+        case = arms.changed(arms.case(), lambda r: replace(r, tau=1e3 * np.asarray(r.tau)))
+        assert "torque_unit" in found(identify(case, replace(CUTOFF, any_torque=True)))
+
+    def test_stribeck_friction_fires_its_row_and_is_recovered(self) -> None:
+        planted = AppliedEffect("stribeck_friction", (1, 2), {"torque": [4.0, 4.0], "velocity": [0.2, 0.2]})
+        result = identify(arms.case((planted,)), CUTOFF)
+        assert "low_speed_friction" in found(result)
+        assert result.choice.law.stribeck_speed == 0.2
+        values = dict(zip(result.columns.names(result.choice.law), result.physical.value, strict=True))
+        assert [values["d1"], values["d2"]] == pytest.approx([4.0, 4.0], rel=0.1)
+
+    def test_motion_too_small_fires_the_condition(self) -> None:
+        assert "condition" in found(identify(arms.case(size=0.06, speed=0.3), CUTOFF))
+
+    def test_rows_say_what_to_do(self) -> None:
+        for row in healthy().table:
+            assert all((row.entry.symptom, row.entry.cause, row.entry.check, row.entry.remedy))
+            assert np.isfinite(row.measured)
