@@ -93,14 +93,15 @@ class VelocityFilter:
         moved = np.asarray(velocity, dtype=float) / rate
         # rows q[k], q[k-1], q[k-2], v[k-1], v[k-2], as the gains are ordered
         self._past = np.array([position, position - moved, position - 2 * moved, velocity, velocity])
+        self._flat = self._past.reshape(5, -1)
         if first is not None and gains.a2:
-            self._past[4] += (first - self._gains @ self._past) / gains.a2
+            self._flat[4] += (np.ravel(first) - self._gains @ self._flat) / gains.a2
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
-        """Filtered velocity [rad/s] for the next position q [rad], each of shape (n,)."""
+        """Filtered velocity [rad/s] for the next position q [rad], each of the shape of the position at the start."""
         past = self._past
         past[0] = q
-        v = self._gains.dot(past)
+        v = self._gains.dot(self._flat).reshape(past.shape[1:])
         past[1:3] = past[:2]
         past[4] = past[3]
         past[3] = v

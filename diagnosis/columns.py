@@ -15,6 +15,7 @@ from arm.motion import Motion
 from diagnosis.coordinates import COORDINATES
 from diagnosis.terms import Terms
 from effects.corrected import CorrectedArm, slow_with_rates
+from effects.deflection import play_columns
 from effects.effect import Transmission
 from effects.environment import acts, tilt
 from effects.rigid_body import link_change, point_mass_parameters
@@ -22,6 +23,8 @@ from ident.conditioning import Segment
 
 BODILY = ("payload", "link_inertia", "base_tilt", "external_force", "encoder_offset")
 """Effects that change the torque of the bodies."""
+PLAY = 0.004
+"""Free play with which the columns of backlash begin [rad]."""
 
 
 @dataclass(frozen=True)
@@ -32,17 +35,25 @@ class Bodies:
         gravity: G with g(q) = G g, shape (N, n, 3); kg m.
         force: J^T of the last link's centre of mass, shape (N, n, 3); m.
         last: regressor of the last link, shape (N, n, 10).
+        play: torque from a little free play on each joint, per radian, shape (N, n, n).
     """
 
     gravity: np.ndarray
     force: np.ndarray
     last: np.ndarray
+    play: np.ndarray
 
     @classmethod
     def of(cls, body: RigidBody, segment: Segment, regressor: np.ndarray) -> Bodies:
         """The bodies of a segment with its inertial regressor, shape (N, n, 10 n)."""
-        q, last = segment.motion.q, 10 * body.last_link
-        return cls(body.gravity_regressor(q), body.force_regressor(q), regressor[:, :, last : last + 10].copy())
+        motion, last = segment.motion, 10 * body.last_link
+        torque = regressor @ body.inertial_parameters()
+        return cls(
+            body.gravity_regressor(motion.q),
+            body.force_regressor(motion.q),
+            regressor[:, :, last : last + 10].copy(),
+            play_columns(body, motion, torque, PLAY),
+        )
 
 
 def columns(
@@ -86,6 +97,7 @@ def columns(
                 step = _step(name)
                 change = (recorded(moved, rigid) - base) / step
                 out[:, np.arange(len(places)), places] = change
+    _rest(out, terms, theta)
     _saturate(out, segment, terms)
     bodily = _forced(arm, segment, bodies, terms) if only else _bodily(arm, body, segment, bodies, terms, theta, rigid)
     if not bodily:
@@ -123,27 +135,30 @@ def _bodily(
     by_position, by_velocity, mass = changed.sensitivities(q, motion.dq, motion.ddq)
     for j, place in enumerate(terms.block("encoder_offset")[0]):
         out[int(place)] = -by_position[:, :, j]
-    payload = terms.block("payload")[:, 0]
-    _add(out, payload, bodies.last @ _payload_tangent(theta[payload]))
-    places = terms.block("base_tilt")[:, 0]
-    _add(out, places, bodies.gravity @ _tilt_tangent(theta[places], arm.arm.gravity))
+    payload, places = terms.block("payload")[:, 0], terms.block("base_tilt")[:, 0]
+    last, gravity = bodies.last, bodies.gravity
+    if theta[places].any() or (q != motion.q).any():
+        last = changed.last_link_regressor(q, motion.dq, motion.ddq)
+    if arm.inertial_increments(body).any() or (q != motion.q).any():
+        gravity = changed.gravity_regressor(q)
+    _add(out, payload, last @ _payload_tangent(theta[payload]))
+    _add(out, places, gravity @ _tilt_tangent(theta[places], arm.arm.gravity))
     out.update(_forced(arm, segment, bodies, terms))
     if arm.arm.encoder == "motor":
-        twists = _twists(_transmitted(arm, segment), motion.t)
-        for name, units in twists.items():
-            used = np.array([theta[list(t.columns)].any() for t in terms.of(name)])
-            for unit, places in zip(units, terms.block(name), strict=True):
-                moved = slow_with_rates(unit, motion)
-                for j, place in enumerate(places):
-                    out[int(place)] = (
-                        _bent(arm, body, motion, terms, theta, name, int(place), rigid)
-                        if used[j]
-                        else -(
-                            by_position[:, :, j] * moved[0][:, j, None]
-                            + by_velocity[:, :, j] * moved[1][:, j, None]
-                            + mass[:, :, j] * moved[2][:, j, None]
-                        )
-                    )
+        twist = _transmitted(arm, segment)
+        for unit, places in zip(
+            (twist, -np.gradient(twist, motion.t, axis=0)), terms.block("joint_elasticity"), strict=True
+        ):
+            moved = slow_with_rates(unit, motion)
+            for j, place in enumerate(places):
+                parts = zip((by_position, by_velocity, mass), moved, strict=True)
+                out[int(place)] = -sum(matrix[:, :, j] * x[:, j, None] for matrix, x in parts)
+        for j, place in enumerate(terms.block("backlash")[0]):
+            out[int(place)] = bodies.play[:, :, j]
+        for term in (t for name in ("joint_elasticity", "backlash") for t in terms.of(name)):
+            if theta[list(term.columns)].any():
+                for place in term.columns:
+                    out[place] = _bent(arm, body, motion, terms, theta, term.effect, place, rigid)
     return out
 
 
@@ -180,14 +195,16 @@ def _transmitted(arm: CorrectedArm, segment: Segment) -> np.ndarray:
     return scale * arm.delivered(segment.torque) - bare.needed_torque(np.zeros_like(segment.torque), segment.motion)
 
 
-def _twists(torque: np.ndarray, t: np.ndarray) -> dict[str, tuple[np.ndarray, ...]]:
-    """Theta - q [rad], (N, n), per unit of each coordinate of elasticity and backlash, from the torque between."""
-    return {"joint_elasticity": (torque, -np.gradient(torque, t, axis=0)), "backlash": (0.5 * np.sign(torque),)}
-
-
 def _add(out: dict[int, np.ndarray], places: np.ndarray, derivatives: np.ndarray) -> None:
     for i, place in enumerate(places):
         out[int(place)] = derivatives[:, :, i]
+
+
+def _rest(out: np.ndarray, terms: Terms, theta: np.ndarray) -> None:
+    """The rest of a spring that is not there yet means nothing; its coordinate k q0 is a constant torque."""
+    stiffness, rest = terms.block("parallel_spring")
+    unused = theta[stiffness] == 0
+    out[:, :, rest[unused]] = out[:, :, terms.block("torque_offset")[0][unused]]
 
 
 def _saturate(out: np.ndarray, segment: Segment, terms: Terms) -> None:

@@ -31,7 +31,7 @@ class Data:
         self.arm, self.body, self.folds, self.cutoff = arm, body, folds, cutoff
         self.segments = [s for fold in folds for s in fold]
         self.torque_deviation = torque_scale(np.vstack([filtered_torque(s) for s in self.segments]))
-        self.units = _nuisance_units(body)
+        self.units = arm.doubt * nuisance_units(body)
         self.nuisance, self.bodies = [], []
         for s in self.segments:
             regressor = body.regressor(s.motion.q, s.motion.dq, s.motion.ddq)
@@ -82,7 +82,7 @@ class Data:
         return segment.motion.t[inner.start : inner.stop : self.step(segment)]
 
 
-def _nuisance_units(body: RigidBody) -> np.ndarray:
+def nuisance_units(body: RigidBody) -> np.ndarray:
     """Size of a nominal arm's inertial parameters, (10 n,): what a relative error of one would change them by.
 
     Mass m; first moments m max(|c|, 5 cm); inertia about the joint frame, its trace / 2.

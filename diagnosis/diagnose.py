@@ -11,11 +11,12 @@ from threadpoolctl import threadpool_limits
 from arm.case import Case
 from arm.dynamics import RigidBody
 from arm.errors import GapscopeError
+from diagnosis.against.baseline import Baseline
 from diagnosis.faults.found import FoundFault, repaired
 from diagnosis.findings import document
 from diagnosis.gap import TorqueGap, healthy, torque_gap, torque_scale
 from diagnosis.judge import Judge
-from diagnosis.pictures import signatures, spectrum, traces
+from diagnosis.pictures import located, signatures, spectrum, traces
 from diagnosis.quantization import find_quantization
 from diagnosis.refusal import Refusal, refuse
 from diagnosis.replay_gap import ReplayGap, replay_gap
@@ -64,21 +65,28 @@ class Study:
     faults: tuple[FoundFault, ...]
 
 
-def diagnose(case: Case, progress: Callable[[str], None] = lambda message: None) -> Diagnosis:
+def diagnose(
+    case: Case, progress: Callable[[str], None] = lambda message: None, baseline: Baseline | None = None
+) -> Diagnosis:
     """Find where the gap of a case lies, which effects cause it, and how far it shrinks with them.
 
     Args:
         case: the nominal arm and its recordings.
         progress: called with a few words at each step.
+        baseline: what the arm was when a reference was recorded, where the case is compared with one.
 
     Raises:
         GapscopeError: no recording carries a torque that can be trusted.
         InputError: a recording has no stretch without gaps that is long enough.
     """
     with threadpool_limits(1):  # many small matrices: threads would only wait for each other
-        study = _study(case, progress)
-        progress("writes the findings")
-        content = document(study)
+        return conclude(examine(case, progress, baseline), progress)
+
+
+def conclude(study: Study, progress: Callable[[str], None] = lambda message: None) -> Diagnosis:
+    """The diagnosis of a study."""
+    progress("writes the findings")
+    content, case = document(study), study.case
     corrected = CorrectedArm(case.arm, study.effects)
     order = [finding["effect"] for finding in content["effects"]]  # faults are not part of the arm
     return Diagnosis(
@@ -87,14 +95,17 @@ def diagnose(case: Case, progress: Callable[[str], None] = lambda message: None)
         traces=traces(corrected, study.body, study.judge.segments),
         signatures=signatures(corrected, study.body, study.judge.segments),
         spectrum=spectrum(study.before, study.after, tuple(s.motion.rate for s in study.judge.segments)),
+        located=located(content, {"before": study.before, "after": study.after}, study.floor, study.judge.segments),
     )
 
 
-def _study(case: Case, progress: Callable[[str], None]) -> Study:
+def examine(case: Case, progress: Callable[[str], None], baseline: Baseline | None = None) -> Study:
+    """Everything that the findings of a case are read from; see ``diagnose``."""
     _check_torque(case)
     progress("tests the set-up")
     faults = find_setup_faults(case)
     case = repaired(case, faults)
+    case = baseline.adjusted(case) if baseline else case
     faults = (*faults, *find_quantization(case))
     for fault in faults:
         progress(f"finds {fault}")
@@ -108,12 +119,16 @@ def _study(case: Case, progress: Callable[[str], None]) -> Study:
     found = search(case.arm, body, folds, min(TORQUE_CUTOFF, cutoff), progress)
     progress("judges on unseen data")
     found, refusals = refuse(Judge(case.arm, body, found, folds, judged))
+    found = baseline.kept(found) if baseline else found
     judge = Judge(case.arm, body, found, folds, judged)
     effects = found.evidence.terms.effects(found.fit.theta, found.fit.terms)
     before, after = judge.gap(frozenset()), judge.gap(found.fit.terms)
     floor, left = _floor(CorrectedArm(case.arm, effects), body, judge.segments, found)
-    progress("replays a recording in the simulator")
-    replayed = replay_gap(case, judge)
+    floor = np.maximum(floor, baseline.floor(after)) if baseline else floor
+    replayed = ReplayGap()
+    if baseline is None:
+        progress("replays a recording in the simulator")
+        replayed = replay_gap(case, judge)
     return Study(case, body, cutoff, found, refusals, effects, judge, before, after, floor, left, replayed, faults)
 
 

@@ -78,8 +78,7 @@ class Evidence:
         weighted = (self.gram * self.weights[:, :, None, None]).sum(axis=1)
         total = weighted.sum(axis=0)
         self._all = Normal(total, self.terms.size, sigma)
-        rest = [Normal(total - w, self.terms.size, sigma) for w in weighted]
-        self._without = rest if len(rest) > 1 else [self._all]
+        self._without = [Normal(total - w, self.terms.size, sigma) for w in weighted]
         self.lowest = _lowest(linearisation)
         k = self.gram.shape[-1] - 1 - self.terms.size
         information = total[self.terms.size : -1, self.terms.size : -1] * sigma**2
@@ -129,22 +128,16 @@ class Evidence:
         torque = self.linear.data.torque_deviation[:, None]
         return (0.5 * MODEL_FORM * torque / np.maximum(column, 1e-12)).min(axis=0)
 
-    def without(self, fold: int, terms: frozenset[Term]) -> np.ndarray:
-        """Values of the terms fitted without one fold, shape (P,)."""
-        return self._without[fold].solve(_columns(terms))
+    def without_last(self, terms: frozenset[Term]) -> np.ndarray:
+        """Values of the terms fitted without the last recording, shape (P,)."""
+        weighted = (self.gram * self.weights[:, :, None, None]).sum(axis=1)
+        total = weighted[:-2].sum(axis=0) if len(weighted) > 2 else weighted.sum(axis=0)
+        return Normal(total, self.terms.size, self.sigma).solve(_columns(terms))
 
     def left_out(self, terms: frozenset[Term]) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Values of the terms fitted without the first, and without the second half of each fold; shape (P,) each."""
-        columns = _columns(terms)
-        total = (self.gram * self.weights[:, :, None, None]).sum(axis=(0, 1))
-        out = []
-        for fold, weights in zip(self.linear.folds, self.weights, strict=True):
-            middle = len(fold.gram) // 2
-            halves = (fold.gram[:middle], fold.gram[middle:])
-            parts = [np.tensordot(weights, _with_skew(half.sum(axis=0), self.skew), axes=1) for half in halves]
-            first, second = (Normal(total - p, self.terms.size, self.sigma).solve(columns) for p in parts)
-            out.append((first, second))
-        return out
+        """Per recording the values of the terms fitted without its first, and without its second half, (P,) each."""
+        values = [normal.solve(_columns(terms)) for normal in self._without]
+        return list(zip(values[::2], values[1::2], strict=True))
 
     def unseen(self, terms: frozenset[Term], *, corrected: bool = True) -> np.ndarray:
         """Mean square of the gap on each fold under values fitted to the others [N^2 m^2], (F, n).

@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from diagnosis.gap import torque_scale
+from diagnosis.localisation.region import Region
 from diagnosis.parameters import finding_of, parameters
 from diagnosis.rivals import rivals, separated_by
 from diagnosis.rows import Rows, stack
 from diagnosis.terms import Term
-from diagnosis.where import Region, regions
+from diagnosis.where import located, regions
+from diagnosis.wording import effect_name
 from effects.applied import AppliedEffect
 
 if TYPE_CHECKING:
@@ -69,7 +71,7 @@ def document(study: Study) -> dict[str, Any]:
         "unexplained": {
             "share": float(np.clip((left**2 - floor**2).clip(0).sum() / max((before**2).sum(), 1e-12), 0, 1)),
             "above_floor": bool(above.any()),
-            "where": [_region(r) for r in _regions(study, study.after.error, rows, open_joints)],
+            "where": [_region(r) for r in _located(study, study.after.error, rows, open_joints)],
         },
         "next_recording": _next(effects, open_joints),
         "where": [_region(r) for r in _before(study, rows, floor)],
@@ -106,7 +108,8 @@ def _with_faults(
     A fault's share is what putting it right takes from the whole gap above the floor; the effects share the rest.
     """
     whole = max(float((before - floor).clip(0).sum()), float((before - after).sum()), 1e-9)
-    physical = float((study.before.nrmse - floor).clip(0).sum()) / whole
+    repaired = study.before.nrmse
+    physical = max(float((repaired - floor).clip(0).sum()), float((repaired - after).sum())) / whole
     out = [{**effect, "share": effect["share"] * min(physical, 1.0)} for effect in effects]
     for fault in study.faults:
         only, without = (before if gap is None else gap for gap in (fault.gap_with_only_this, fault.gap_without_this))
@@ -158,13 +161,17 @@ def _before(study: Study, rows: Rows, floor: np.ndarray) -> list[Region]:
     """Where the gap of the nominal arm lies, on joints where it is above the floor, the widest first."""
     nrmse = study.before.nrmse
     joints = [int(j) + 1 for j in np.argsort(-nrmse) if nrmse[j] > floor[j]]
-    return _regions(study, study.before.error, rows, joints)
+    return _located(study, study.before.error, rows, joints)
+
+
+def _located(study: Study, error: np.ndarray, rows: Rows, joints: list[int]) -> list[Region]:
+    return located(error, rows, study.before.predicted, study.floor, joints)
 
 
 def _region(region: Region) -> dict[str, Any]:
     return {
         "joint": region.joint, "kind": region.kind, "regime": region.regime, "share": region.share,
-        "coverage": region.coverage, "enrichment": region.enrichment,
+        "coverage": region.coverage, "enrichment": region.enrichment, **region.detail,
     }  # fmt: skip
 
 
@@ -172,7 +179,8 @@ def _next(effects: list[dict[str, Any]], open_joints: list[int]) -> str | None:
     for effect in effects:
         for rival in effect["alternatives"]:
             if rival["probability"] >= OPEN:
-                return f"to tell {effect['effect']} from {rival['effect']}: {rival['separated_by']}"
+                names = [effect_name(entry["effect"]) for entry in (effect, rival)]
+                return f"to tell {names[0]} from {names[1].replace('none', 'nothing')}: {rival['separated_by']}"
     if open_joints:
         joints = ", ".join(map(str, open_joints))
         return (
@@ -239,7 +247,7 @@ def _considered(study: Study) -> list[dict[str, Any]]:
                 "joints": _joints(terms),
                 "log_evidence": float(loser.score - winner.score),
                 "gap_closed": float((gap[1] - gap[0]).sum()),
-                "reason": f"{', '.join(sorted(lost))} predicts the unseen recordings better",
+                "reason": f"{', '.join(effect_name(e) for e in sorted(lost))} predicts the unseen recordings better",
             }
         )
     return out

@@ -22,7 +22,15 @@ FRICTION_FORM = 0.03
 
 EFFECT_FORM = 0.03
 """Share of what an effect does to the torque by which the form of a real one differs from the catalogue's."""
-FORMS = ("viscous_friction", "parallel_spring", "torque_ripple", "friction_drift", "joint_elasticity", "backlash")
+FORMS = (
+    "viscous_friction",
+    "stribeck_friction",
+    "parallel_spring",
+    "torque_ripple",
+    "friction_drift",
+    "joint_elasticity",
+    "backlash",
+)
 """Effects whose form the catalogue simplifies, beside dry friction; bodies, offsets and delays it gives exactly."""
 
 
@@ -115,6 +123,7 @@ def healthy(corrected: CorrectedArm, body: RigidBody, segment: Segment) -> Healt
     torque = filtered_torque(segment)
     timing = TIMING * np.sqrt((np.gradient(torque, 1 / rate, axis=0) ** 2).mean(axis=0))
     dry = np.abs(corrected.arm.coulomb + corrected.value("coulomb_friction", "torque"))
+    dry = dry + np.abs(corrected.value("stribeck_friction", "torque"))
     dry = dry + np.abs(corrected.value("load_friction", "coefficient")) * np.abs(torque)
     form = np.hypot(MODEL_FORM * torque_scale(torque), FRICTION_FORM * np.sqrt((dry**2).mean(axis=0)))
     form = np.hypot(form, EFFECT_FORM * _simplified(corrected, body, segment))

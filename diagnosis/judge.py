@@ -11,7 +11,8 @@ import numpy as np
 from arm.dynamics import RigidBody
 from arm.nominal import NominalArm
 from diagnosis.gap import TorqueGap, torque_gap
-from diagnosis.search import Search, nrmse
+from diagnosis.search import Search
+from diagnosis.state import nrmse
 from diagnosis.terms import Term
 from effects.corrected import CorrectedArm
 from ident.conditioning import Segment

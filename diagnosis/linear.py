@@ -34,7 +34,7 @@ COMMON = ("torque_offset", "coulomb_friction", "viscous_friction", "armature", "
 
 @dataclass(frozen=True)
 class Fold:
-    """Normal equations of one fold of the data, B pieces in time, n joints.
+    """Normal equations of half a recording, B pieces in time, n joints.
 
     X = [A, N, d, y] has P columns for the parameters, K for the nominal inertials, one for the skew, one for the gap.
 
@@ -91,7 +91,7 @@ class Linearisation:
         proposed = {t: shape.values for t, shape in found.items() if t not in self._used}
         self.terms = Terms(data.arm.n_joints, {**known, **proposed})
         self._add_shaped(parts, frozenset(proposed))
-        self.folds = [self._fold(fold, parts) for fold in self._places()]
+        self.folds = [half for places in self._places() for half in self._halves(places, parts)]
 
     def shape(self, term: Term) -> Shape:
         """The shape of a term in use, with its standard deviations; empty where its effect has none."""
@@ -141,26 +141,31 @@ class Linearisation:
         """The most promising shape of every term that has one."""
         found = {}
         force = self.terms.of("external_force")[0]
-        residuals = []
+        residuals, bases = [], []
         for j in range(self.arm.n_joints):
             scan = self._scan(parts, j)
-            residuals.append(scan.residual + scan.left(self._own(parts, force, j)))
+            pushed = self._scan(parts, j, force)
+            residuals.append(pushed.residual)
+            bases.append(pushed.basis)
             for term in (t for t in self.terms.all if t.coordinates.shape and t.joint == j + 1):
                 known = self.terms.shapes.get(term)
                 if term.effect == "torque_ripple" and known is None:
                     found[term] = scan.best(*self.data.ripples(j), 2)
                     continue
-                own = self._own(parts, term, j)
-                with_own = replace(scan, residual=scan.residual + scan.left(own)) if known else scan
+                own = replace(self._scan(parts, j, term), noise=scan.noise) if known else scan
                 segments = self.data.segments
-                found[term] = search_shape(term, self._corrected, segments, with_own, known[0] if known else None)
-        window = self._window(parts, np.array(residuals).T)
+                found[term] = search_shape(term, self._corrected, segments, own, known[0] if known else None)
+        window = self._window(parts, np.array(residuals).T, bases)
         if window is not None:
             found[force] = window
         return found
 
-    def _scan(self, parts: list[_Part], j: int) -> Scan:
-        """What is left of joint j's gap."""
+    def _scan(self, parts: list[_Part], j: int, term: Term | None = None) -> Scan:
+        """What is left of joint j's gap, and of what a term in use does if one is named.
+
+        The column of a torque scale is the whole torque; the term's own part is taken out of it, and drift out of the
+        columns of friction, or else the term would lie within the basis.
+        """
         weight = [p.trust(j) for p in parts]
 
         def thin(series: Sequence[np.ndarray]) -> np.ndarray:
@@ -172,43 +177,74 @@ class Linearisation:
         known = np.vstack([w[:, None] * p.columns[:, j][:, common] for w, p in zip(weight, parts, strict=True)])
         bodies = np.vstack([w[:, None] * x[:, j] for w, x in zip(weight, self.data.nuisance, strict=True)])
         gap = np.concatenate([w * p.gap[:, j] for w, p in zip(weight, parts, strict=True)])
+        if term is not None:
+            own = self._own(parts, term, j)
+            gap = gap + own
+            if term.effect != "torque_saturation":  # which leaves the predicted torque as it is
+                scale = 1.0 + self._corrected.value("torque_scale", "scale")[j]
+                known[:, COMMON.index("torque_scale")] += own / scale
+            if term.effect == "friction_drift":
+                names = ("coulomb_friction", "viscous_friction")
+                steady = np.vstack(
+                    [w[:, None] * x for w, x in zip(weight, self._steady_friction(j, names), strict=True)]
+                )
+                known[:, [COMMON.index(name) for name in names]] = steady
         basis = _basis(np.hstack([known, bodies]))
         residual = gap - basis @ (basis.T @ gap)
         independent = effective_samples(residual[:, None])[0]
         return Scan(residual, basis, thin, float(residual @ residual / independent))
+
+    def _steady_friction(self, j: int, names: tuple[str, ...]) -> list[np.ndarray]:
+        """Columns of friction on joint j of each segment as if there were no drift, (M, names)."""
+        arm = replace(self._corrected, effects=tuple(e for e in self._corrected.effects if e.name != "friction_drift"))
+        places, out = [self.terms.of(name)[j].columns[0] for name in names], []
+        for segment, bodies in zip(self.data.segments, self.data.bodies, strict=True):
+            _, x = columns(arm, self.body, segment, bodies, self.terms, self.theta, set(names))
+            out.append(self.data.thin(x[:, j, places], segment))
+        return out
 
     def _own(self, parts: list[_Part], term: Term, j: int) -> np.ndarray:
         """What a term contributes to joint j at theta_0 [N m], weighed, (M,)."""
         places = list(term.columns)
         return np.concatenate([p.trust(j) * (p.columns[:, j, places] @ self.theta[places]) for p in parts])
 
-    def _window(self, parts: list[_Part], residual: np.ndarray) -> Shape | None:
+    def _window(self, parts: list[_Part], residual: np.ndarray, bases: list[np.ndarray]) -> Shape | None:
         """The window in which a force from outside explains most."""
         segments = self.data.segments
         rotation = self._corrected.base_rotation()
         force = np.vstack(
-            [-self.data.thin(b.force @ rotation.T, s) for b, s in zip(self.data.bodies, segments, strict=True)]
+            [
+                -np.stack([p.trust(j) for j in range(self.arm.n_joints)], axis=1)[:, :, None]
+                * self.data.thin(b.force @ rotation.T, s)
+                for p, b, s in zip(parts, self.data.bodies, segments, strict=True)
+            ]
         )
         t = np.concatenate([self.data.time(s) for s in segments])
         steady = np.array([p.doubt.steady for p in parts]) ** 2
         weight = 1.0 / (steady.mean(axis=0) + (residual**2).mean(axis=0))
-        return force_window(t, residual, force, weight)
+        return force_window(t, residual, force, weight, bases)
 
-    def _fold(self, places: list[int], parts: list[_Part]) -> Fold:
+    def _halves(self, places: list[int], parts: list[_Part]) -> list[Fold]:
+        """The rows of some segments, cut in the middle."""
         chosen = [parts[k] for k in places]
         segments = [self.data.segments[k] for k in places]
-        lengths = [len(p.gap) for p in chosen]
-        floor2 = np.average(np.array([p.doubt.steady for p in chosen]) ** 2, axis=0, weights=lengths)
-        weight = 1.0 / (1.0 + np.vstack([p.doubt.sticking for p in chosen]) ** 2 / floor2)
-        seconds = sum(float(s.motion.t[-1] - s.motion.t[0]) for s in segments)
-        count = int(np.clip(seconds / PIECE, 2, max(2, MOST_PIECES // len(self.data.folds))))
+        sticking = np.vstack([p.doubt.sticking for p in chosen])
+        steady2 = np.vstack([np.broadcast_to(p.doubt.steady**2, p.gap.shape) for p in chosen])
+        seconds = sum(float(s.motion.t[-1] - s.motion.t[0]) for s in segments) / 2
+        count = int(np.clip(seconds / PIECE, 2, max(2, MOST_PIECES // (2 * len(self.data.folds)))))
         gap, x, rate = (np.vstack([getattr(p, name) for p in chosen]) for name in ("gap", "columns", "rate"))
         nuisance = np.vstack([self.data.nuisance[k] for k in places])
         y = gap + x @ self.theta
-        full = (
-            np.concatenate([x, nuisance, rate[:, :, None], y[:, :, None]], axis=2) * np.sqrt(weight)[:, :, None]
-        ).transpose(1, 0, 2)
-        cuts = np.linspace(0, len(y), count + 1).astype(int)
+        full = np.concatenate([x, nuisance, rate[:, :, None], y[:, :, None]], axis=2)
+        middle = len(y) // 2
+        return [self._fold(full[h], sticking[h], steady2[h], count) for h in (slice(middle), slice(middle, None))]
+
+    def _fold(self, full: np.ndarray, sticking: np.ndarray, steady2: np.ndarray, count: int) -> Fold:
+        """Normal equations of rows X (M, n, P + K + 2), in ``count`` pieces."""
+        floor2 = steady2.mean(axis=0)
+        weight = 1.0 / (1.0 + sticking**2 / floor2)
+        full = (full * np.sqrt(weight)[:, :, None]).transpose(1, 0, 2)
+        cuts = np.linspace(0, full.shape[1], count + 1).astype(int)
         spans = list(itertools.pairwise(cuts))
         gram = np.array([full[:, a:b].transpose(0, 2, 1) @ full[:, a:b] for a, b in spans])
         rows = np.array([weight[a:b].sum(axis=0) for a, b in spans])

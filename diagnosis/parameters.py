@@ -36,7 +36,7 @@ def parameters(found: Search, applied: AppliedEffect, draws: np.ndarray) -> dict
         elif parameter.name == "link":
             std = np.zeros(1)
         else:
-            std = _spread(np.array([sample[parameter.name] for sample in samples]))
+            std = _spread(np.clip([sample[parameter.name] for sample in samples], *parameter.bounds))
         std = np.hypot(std, skew).reshape(value.shape)
         out[parameter.name] = {"unit": parameter.unit, "value": value.tolist(), "std": std.tolist()}
     return out

@@ -84,6 +84,8 @@ def _first_steps(distances: np.ndarray, resolution: float) -> list[float]:
     guesses: list[float] = []
     for smallest in (distances[0], float(np.quantile(distances, 0.02)), float(np.median(distances))):
         alike = distances[np.abs(distances - smallest) < max(0.1 * smallest, 2 * resolution)]
+        if not len(alike):
+            continue
         guess = float(alike.mean())
         if not any(abs(guess / g - 1) < 0.02 for g in guesses):
             guesses.append(guess)

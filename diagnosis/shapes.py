@@ -167,7 +167,9 @@ def _saturation(j: int, arm: CorrectedArm, segments: list[Segment], scan: Scan, 
     return scan.best(limits, scan.thin([x - np.clip(x, -limits, limits) for x in torque]))
 
 
-def force_window(t: np.ndarray, residual: np.ndarray, force: np.ndarray, weight: np.ndarray) -> Shape | None:
+def force_window(
+    t: np.ndarray, residual: np.ndarray, force: np.ndarray, weight: np.ndarray, bases: Sequence[np.ndarray]
+) -> Shape | None:
     """The window of time in which a constant force explains most of what is left; ``None`` where none helps.
 
     Args:
@@ -175,6 +177,7 @@ def force_window(t: np.ndarray, residual: np.ndarray, force: np.ndarray, weight:
         residual: what is left of the gap of all joints [N m], (M, n).
         force: columns of a unit force on the same rows, (M, n, 3).
         weight: of the joints [1/(N m)^2], (n,).
+        bases: per joint what was taken out of the residual, orthonormal columns, (M, K).
     """
     count = int(np.ceil((t.max() - t.min()) / BIN))
     least = round(LEAST_WINDOW / BIN)
@@ -189,6 +192,12 @@ def force_window(t: np.ndarray, residual: np.ndarray, force: np.ndarray, weight:
     ridge = 1e-6 * np.trace(gram[-1]) / 3 * np.eye(3)
     starts, ends = np.triu_indices(count + 1, least)
     inside, pull = gram[ends] - gram[starts] + ridge, right[ends] - right[starts]
+    for j, basis in enumerate(bases):
+        within = np.zeros((count + 1, basis.shape[1], 3))
+        np.add.at(within, place + 1, basis[:, :, None] * force[:, j, None, :])
+        within = within.cumsum(axis=0)
+        taken = within[ends] - within[starts]
+        inside -= weight[j] * taken.transpose(0, 2, 1) @ taken
     gains = np.einsum("wi,wi->w", pull, np.linalg.solve(inside, pull[:, :, None])[:, :, 0])
     best = int(np.argmax(gains))
     start, end = (float(t.min() + BIN * edge) for edge in (starts[best], ends[best]))

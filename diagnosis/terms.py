@@ -105,12 +105,15 @@ class Terms:
         return AppliedEffect(c.effect.name, tuple(t.joint for t in group) if c.effect.scope == "joint" else (), bounded)
 
     def clipped(self, theta: np.ndarray) -> np.ndarray:
-        """Theta with the value of every effect that has a single parameter moved into its bounds."""
+        """Theta with values of springs, payload and effects that have a single parameter moved into their bounds."""
         out = theta.copy()
         for name, c in COORDINATES.items():
             if c.linear == 1 and not c.shape:
                 block = self.block(name)
                 out[block] = np.clip(out[block], *c.effect.parameters[0].bounds)
+        stiffness, moment = self.block("parallel_spring")
+        farthest = COORDINATES["parallel_spring"].effect.parameter("rest").bounds[1] * np.abs(out[stiffness])
+        out[moment] = np.clip(out[moment], -farthest, farthest)
         mass, com = (p.bounds for p in COORDINATES["payload"].effect.parameters)
         places = self.block("payload")[:, 0]
         m = np.clip(out[places[0]], *mass)

@@ -17,7 +17,7 @@ from arm.dynamics import RigidBody
 from arm.motion import Motion
 from arm.nominal import NominalArm, smooth_sign
 from effects.applied import AppliedEffect
-from effects.deflection import behind_elasticity
+from effects.deflection import behind_elasticity, behind_play
 from effects.effect import Drift, Effect, External, LinkChange, Path, Sensing, Signals, TorqueLaw, Transmission
 from effects.environment import tilt
 from effects.series import MotionSeries
@@ -90,12 +90,13 @@ class CorrectedArm:
         torque = self._body_torque(body, increments, motion)
         if self.arm.encoder == "joint":
             return torque
-        if any(e.name == "backlash" for e in self.effects):
-            moved = self._moved(motion, self._deflection(torque, motion, "backlash"), -1.0)
-            torque = self._body_torque(body, increments, moved)
         stiffness, damping = (self.value("joint_elasticity", name) for name in ("stiffness", "damping"))
-        if stiffness.any():
-            torque = behind_elasticity(body.changed(increments), motion, torque, stiffness, damping)
+        width = self.value("backlash", "width")
+        if width.any():
+            torque = behind_play(body.changed(increments), motion, torque, width, stiffness, damping)
+        elastic = np.where(width > 0, 0.0, stiffness)
+        if elastic.any():
+            torque = behind_elasticity(body.changed(increments), motion, torque, elastic, damping)
         return torque
 
     def _body_torque(self, body: RigidBody, increments: np.ndarray, motion: Motion) -> np.ndarray:
@@ -112,13 +113,11 @@ class CorrectedArm:
                 torque[active] -= body.force_torque(motion.q[active], self.base_rotation().T @ force)
         return torque
 
-    def _deflection(self, torque: np.ndarray, motion: Motion, only: str | None = None) -> np.ndarray:
-        """Theta - q [rad], (N, n), under the torque through the transmission [N m], of all effects or of one."""
+    def _deflection(self, torque: np.ndarray, motion: Motion) -> np.ndarray:
+        """Theta - q [rad], (N, n), under the torque through the transmission [N m]."""
         out = np.zeros_like(torque)
         for effect, values in self.of_kind(Transmission):
             assert isinstance(effect, Transmission)
-            if only is not None and effect.name != only:
-                continue
             out += MotionSeries(motion).lagged(effect.deflection(torque, *values), effect.lag(*values))
         return out
 

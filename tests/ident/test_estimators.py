@@ -6,6 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from problems import (
+    SOLVABLE,
+    TRUTH,
+    constant_trajectory,
+    not_a_number,
+    problem,
+    rank_deficient,
+    too_few,
+    well_conditioned,
+)
 
 from arm.errors import InputError
 from ident.estimate import Estimator
@@ -19,16 +29,6 @@ from ident.estimators.truncated_svd import TruncatedSvd
 from ident.estimators.wls import WeightedLeastSquares
 from ident.problem import Problem
 from ident.solvable import unit_warnings
-from tests.ident.problems import (
-    SOLVABLE,
-    TRUTH,
-    constant_trajectory,
-    not_a_number,
-    problem,
-    rank_deficient,
-    too_few,
-    well_conditioned,
-)
 
 PRIOR = 1.1 * TRUTH
 PLAIN = ("well conditioned", "correlated noise")

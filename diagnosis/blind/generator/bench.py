@@ -134,10 +134,10 @@ def _sparsely(model: Any, motion: Motion, *, gravity: bool = False) -> np.ndarra
 
 
 def _motions(arm: Arm, conditions: Conditions, rng: np.random.Generator) -> tuple[list[Motion], list[str]]:
-    """The recordings' motions: slow, faster, then others; the last, unseen one is fast or middle."""
+    """The recordings' motions: slow, faster, then others; the last, unseen one is no faster than the fastest."""
     more = list(rng.permutation(["point_to_point", "crawl"]))[: conditions.recordings - 2]
     kinds = ["slow", str(rng.choice(["fast", "middle"])), *map(str, more)][: conditions.recordings]
-    kinds.append(str(rng.choice(["fast", "middle"], p=[0.6, 0.4])))
+    kinds.append(kinds[1] if rng.uniform() < 0.6 else "middle")
     lengths = np.round(rng.uniform(*conditions.duration, len(kinds)), 1)
     lengths[-1] = min(lengths[-1], 10.0)
     pairs = zip(kinds, lengths, strict=True)
