@@ -51,7 +51,9 @@ def prefer_payload(state: State) -> None:
         return
     before = state.linear, state.evidences, state.fit
     state.accept((state.fit.terms - link) | payload)
-    if _gain(state.evidence, state.fit, before[1][0], before[2]) > RARE:
+    gain = _gain(state.evidence, state.fit, before[1][0], before[2])
+    state.contested["payload", "link_inertia"] = min(gain - RARE, 0.0)
+    if gain > RARE:
         state.linear, state.evidences, state.fit = before
 
 

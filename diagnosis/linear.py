@@ -60,6 +60,7 @@ class _Part:
     columns: np.ndarray
     rate: np.ndarray
     doubt: Healthy
+    predicted: np.ndarray
 
     def trust(self, j: int) -> np.ndarray:
         """Square root of the weight of joint j's rows, (M,): less where it may stick."""
@@ -113,7 +114,7 @@ class Linearisation:
         sticking = doubt.sticking[:: self.data.step(segment)]
         x = self.data.thin(x, segment)
         self._add_links(x, self.data.nuisance[k])
-        return _Part(gap, x, rate, Healthy(doubt.steady, sticking))
+        return _Part(gap, x, rate, Healthy(doubt.steady, sticking), predicted)
 
     def _add_links(self, x: np.ndarray, nuisance: np.ndarray) -> None:
         """Columns of link inertia from those of the inertial regressor."""
@@ -154,7 +155,8 @@ class Linearisation:
                     continue
                 own = replace(self._scan(parts, j, term), noise=scan.noise) if known else scan
                 segments = self.data.segments
-                found[term] = search_shape(term, self._corrected, segments, own, known[0] if known else None)
+                needed = [p.predicted[:, j] for p in parts]
+                found[term] = search_shape(term, self._corrected, segments, own, known[0] if known else None, needed)
         window = self._window(parts, np.array(residuals).T, bases)
         if window is not None:
             found[force] = window

@@ -11,6 +11,8 @@ from diagnosis.rivals import rivals
 from diagnosis.search import Search
 from diagnosis.terms import Term
 
+REACHING = ("encoder_offset", "joint_elasticity", "backlash", "link_inertia")
+"""Effects on one joint that change the torque of others."""
 LEAST_PROBABILITY = 0.5
 """An effect less probable than this is not named."""
 
@@ -58,7 +60,7 @@ def _harmful(judge: Judge) -> Refusal | None:
     costs = {
         term: with_all[joint] - judge.gap(terms - {term}).nrmse[joint]
         for term in sorted(terms, key=lambda t: (t.effect, t.joint))
-        if term.joint in (joint + 1, 0) or term.effect == "encoder_offset"
+        if term.joint in (joint + 1, 0) or term.effect in REACHING
     }
     worst = max(costs, key=lambda term: costs[term], default=None)
     if worst is None or costs[worst] <= 0:

@@ -48,6 +48,9 @@ def rivals(search: Search, finding: str) -> tuple[float, list[Rival]]:
         if name == "none" or terms:
             known = search.contested.get((finding, name))
             scores[name] = evidence.fit((found.terms - mine) | terms).score - found.score if known is None else known
+    for (named, name), score in search.contested.items():
+        if named == finding and name not in scores:
+            options[name], scores[name] = frozenset(), score
     weights = {name: float(np.exp(np.clip(TEMPER * score, -700, 0))) for name, score in scores.items()}
     total = 1.0 + sum(weights.values())
     ranked = sorted(scores, key=lambda name: scores[name], reverse=True)

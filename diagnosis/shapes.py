@@ -23,6 +23,12 @@ LEAST_PERIODS = 1.5
 """A ripple must be seen for this many of its periods in some recording; less is a bend that much else explains."""
 BIN = 0.1
 """Resolution of the windows in which a force may act [s]."""
+LEAST_LIMIT = 0.1
+"""Saturation lets at least this share of the largest recorded torque through..."""
+MOST_LIMITED = 0.4
+"""...and acts for this share of the time at most: a controller whose torque never arrives cannot track..."""
+LEAST_NEED = 0.7
+"""...and then this share of the limit is needed on average."""
 LEAST_WINDOW = 0.3
 """Shortest such window [s]."""
 
@@ -91,9 +97,16 @@ def around(value: float, lowest: float, highest: float) -> np.ndarray:
 
 
 def search_shape(
-    term: Term, corrected: CorrectedArm, segments: list[Segment], scan: Scan, known: float | None
+    term: Term,
+    corrected: CorrectedArm,
+    segments: list[Segment],
+    scan: Scan,
+    known: float | None,
+    needed: Sequence[np.ndarray],
 ) -> Shape:
     """The best shape of a joint effect's term; near ``known``, where it has been found before.
+
+    ``needed`` is the torque that the arm predicts on the joint [N m], (N,) for each segment.
 
     Raises:
         KeyError: the effect has no shape on a joint.
@@ -102,8 +115,9 @@ def search_shape(
         "stribeck_friction": _stribeck,
         "friction_drift": _drift,
         "torque_ripple": _ripple,
-        "torque_saturation": _saturation,
     }
+    if term.effect == "torque_saturation":
+        return _saturation(term.joint - 1, segments, scan, known, needed)
     return searches[term.effect](term.joint - 1, corrected, segments, scan, known)
 
 
@@ -158,13 +172,28 @@ def ripple_candidates(q: Sequence[np.ndarray], dq: np.ndarray) -> np.ndarray:
     return np.arange(least, least + max(min(MOST_CYCLES, 75.0 / max(speed, 1e-3)), 30.0), cycle_step(q))
 
 
-def _saturation(j: int, arm: CorrectedArm, segments: list[Segment], scan: Scan, known: float | None) -> Shape:
+def _saturation(
+    j: int, segments: list[Segment], scan: Scan, known: float | None, needed: Sequence[np.ndarray]
+) -> Shape:
+    """A limit that the torque seldom exceeds, while about the limit is needed; where there is none, the largest torque.
+
+    Without the second, to call most of a torque lost would explain any gap.
+    """
     torque = [s.torque[:, j, None] for s in segments if s.torque is not None]
-    largest = max(float(np.abs(x).max()) for x in torque)
-    limits = largest * np.linspace(0.25, 0.98, 40)
+    u, need = np.vstack(torque)[:, 0], np.concatenate(needed)
+    largest = float(np.abs(u).max())
+    least = max(LEAST_LIMIT * largest, float(np.quantile(np.abs(u), 1.0 - MOST_LIMITED)))
+    limits = np.linspace(least, 0.98 * largest, 40)
     if known is not None:
-        limits = np.clip(known * np.linspace(0.9, 1.1, 21), 0.0, 0.999 * largest)
-    return scan.best(limits, scan.thin([x - np.clip(x, -limits, limits) for x in torque]))
+        limits = np.clip(known * np.linspace(0.9, 1.1, 21), least, 0.999 * largest)
+    beyond = np.abs(u)[:, None] > limits
+    held = (np.sign(u) * need) @ beyond / np.maximum(beyond.sum(axis=0), 1)
+    none = Shape((0.999 * largest,), (0.5 * largest,))
+    if not (held > LEAST_NEED * limits).any():
+        return none
+    limits = limits[held > LEAST_NEED * limits]
+    found = scan.best(limits, scan.thin([x - np.clip(x, -limits, limits) for x in torque]))
+    return found if found.values[0] > 1.02 * least else none
 
 
 def force_window(

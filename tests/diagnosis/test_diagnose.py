@@ -145,10 +145,6 @@ def test_too_short() -> None:
         diagnose(replace(case, recordings=(cut,)))
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="the last link heavier and its centre shifted is not weighed against a payload around its own values",
-)
 def test_order_of_the_columns() -> None:
     """The same arm with its joints listed in another order gives the same effects on the joints renumbered."""
     order = np.array([2, 0, 1])  # column k holds joint order[k] + 1 of the URDF
