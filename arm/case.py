@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from arm.case_file import read_case_file
@@ -50,7 +51,9 @@ class Case:
     importing: Import | None = None
 
 
-def load_case(path: str | Path, *, data_root: Path | None = None, read_recordings: bool = True) -> Case:
+def load_case(
+    path: str | Path, *, data_root: Path | None = None, read_recordings: bool = True, any_unit: bool = False
+) -> Case:
     """Read a case.
 
     A path in it may start with ``${GAPSCOPE_DATA}``: the folder ``data_root``, else the environment variable of that
@@ -59,6 +62,7 @@ def load_case(path: str | Path, *, data_root: Path | None = None, read_recording
     Args:
         path: case folder, or the case file in it.
         data_root: folder that ``${GAPSCOPE_DATA}`` stands for.
+        any_unit: accept recordings that look as if they were in other units, for a diagnosis of the set-up.
         read_recordings: whether to read the recordings; without them ``recordings`` and ``judged`` are empty.
 
     Raises:
@@ -80,13 +84,14 @@ def load_case(path: str | Path, *, data_root: Path | None = None, read_recording
     importing = parse_import(section, arm.n_joints, file) if section else None
     fit = importing.fit if importing else ()
     judge = importing.judge if importing else ()
+    read = partial(_read, arm=arm, importing=importing, any_unit=any_unit)
     recordings: list[Recording] = []
     judged: list[Recording] = []
     if read_recordings:
         entries = [paths.entry(entry, "recordings") for entry in content["recordings"]]
-        recordings = [_read(entry, arm, importing, rows) for entry in entries for rows in fit or (None,)]
-        judged = [_read(entry, arm, importing, rows) for entry in entries for rows in judge]
-        judged += [_read(paths.entry(entry, "judge"), arm, importing, None) for entry in content.get("judge", [])]
+        recordings = [read(entry, rows) for entry in entries for rows in fit or (None,)]
+        judged = [read(entry, rows) for entry in entries for rows in judge]
+        judged += [read(paths.entry(entry, "judge"), None) for entry in content.get("judge", [])]
     return Case(
         name=content["name"],
         folder=file.parent,
@@ -130,10 +135,15 @@ class _Paths:
 
 
 def _read(
-    entry: Path | dict[str, Path], arm: NominalArm, importing: Import | None, rows: tuple[int, int] | None
+    entry: Path | dict[str, Path],
+    rows: tuple[int, int] | None,
+    *,
+    arm: NominalArm,
+    importing: Import | None,
+    any_unit: bool,
 ) -> Recording:
     """One recording of a case."""
-    recording = load_recording(entry, arm, importing, rows=rows, complete=True)
+    recording = load_recording(entry, arm, importing, rows=rows, complete=True, any_unit=any_unit)
     if recording.duration < SHORTEST:
         file = entry if isinstance(entry, Path) else next(iter(entry.values()))
         raise InputError(

@@ -11,7 +11,7 @@ from arm.plausibility import check_time
 from arm.table import Table
 
 
-def read_time(table: Table, importing: Import) -> np.ndarray:
+def read_time(table: Table, importing: Import, *, any_unit: bool = False) -> np.ndarray:
     """Time of each row [s], shape (N,).
 
     Raises:
@@ -23,7 +23,7 @@ def read_time(table: Table, importing: Import) -> np.ndarray:
     else:
         count = table.numbers(time.column)
     t = count * time.factor if time.rate is None else count / time.rate
-    check_time(t, table, time.column or "time")
+    check_time(t, table, time.column or "time", any_unit=any_unit)
     return t
 
 

@@ -170,6 +170,23 @@ class RigidBody:
         """Position of each of the arm's joints in kinematic order, shape (n,), the inverse of ``order``."""
         return self._to_arm
 
+    def force_regressor(self, q: np.ndarray) -> np.ndarray:
+        """J^T [m], shape (N, n, 3), with joint torque J^T f of a force f on the last link's centre of mass.
+
+        Args:
+            q: joint positions [rad], shape (N, n).
+        """
+        q = np.ascontiguousarray(np.atleast_2d(q)[:, self._to_model])
+        model, data = self.model, self._data
+        last = int(self.links[self.last_link])
+        lever = model.inertias[last].lever
+        out = np.empty((*q.shape, 3))
+        for i in range(len(q)):
+            jacobian = pin.computeJointJacobians(model, data, q[i])
+            place = data.oMi[last].act(lever)
+            out[i] = (jacobian[:3] + np.cross(jacobian[3:], place, axis=0)).T
+        return out[:, self._to_arm]
+
     def force_torque(self, q: np.ndarray, force: np.ndarray) -> np.ndarray:
         """J^T f [N m], shape (N, n): joint torque of a force on the arm at the last link's centre of mass.
 
@@ -177,18 +194,8 @@ class RigidBody:
             q: joint positions [rad], shape (N, n).
             force: in the base frame [N], shape (3,) or (N, 3).
         """
-        q = np.ascontiguousarray(np.atleast_2d(q)[:, self._to_model])
-        forces = np.broadcast_to(force, (len(q), 3))
-        model, data = self.model, self._data
-        last = int(self.links[self.last_link])
-        lever = model.inertias[last].lever
-        out = np.empty_like(q)
-        for i in range(len(q)):
-            pin.computeJointJacobians(model, data, q[i])
-            jacobian = pin.getJointJacobian(model, data, last, pin.LOCAL_WORLD_ALIGNED)
-            arm_of_force = data.oMi[last].rotation @ lever
-            out[i] = jacobian[:3].T @ forces[i] + jacobian[3:].T @ np.cross(arm_of_force, forces[i])
-        return out[:, self._to_arm]
+        jacobian = self.force_regressor(q)
+        return np.einsum("nij,nj->ni", jacobian, np.broadcast_to(force, (len(jacobian), 3)))
 
     def position_limits(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper position limits of the URDF [rad or m], each of shape (n,); infinite where it sets none."""
@@ -204,15 +211,29 @@ class RigidBody:
         """Torque limits of the URDF [N m], shape (n,); 0 where there are none."""
         return self.model.effortLimit[self._to_arm]
 
-    def position_sensitivity(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
-        """d tau_i / d q_j of the inverse dynamics [N m/rad], shape (N, n, n)."""
+    def sensitivities(
+        self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """d tau_i / d q_j [N m/rad], d tau_i / d dq_j [N m s/rad] and M_ij [kg m^2], each of shape (N, n, n)."""
         q, dq, ddq = (np.ascontiguousarray(x[:, self._to_model]) for x in (q, dq, ddq))
-        model, data = self.model, self._data
-        out = np.empty((len(q), self.n_joints, self.n_joints))
+        model, data, n = self.model, self._data, self.n_joints
+        by_position, by_velocity, mass = np.empty((3, len(q), n, n))
         for i in range(len(q)):
             pin.computeRNEADerivatives(model, data, q[i], dq[i], ddq[i])
-            out[i] = data.dtau_dq
-        return out[:, self._to_arm][:, :, self._to_arm]
+            by_position[i], by_velocity[i], mass[i] = data.dtau_dq, data.dtau_dv, data.M
+        upper = np.triu(mass)
+        mass = upper + np.triu(mass, 1).transpose(0, 2, 1)
+        by_position, by_velocity, mass = (
+            x[:, self._to_arm][:, :, self._to_arm] for x in (by_position, by_velocity, mass)
+        )
+        return by_position, by_velocity, mass
+
+    def gravity_regressor(self, q: np.ndarray) -> np.ndarray:
+        """G(q) [kg m], shape (N, n, 3), with g(q) = G(q) g for gravity g in the base frame [m/s^2]."""
+        still = np.zeros_like(q)
+        none = np.zeros((self.n_joints, 10))
+        columns = [self.changed(none, gravity).inverse_dynamics(q, still, still) for gravity in np.eye(3)]
+        return np.stack(columns, axis=2)
 
     def regressor(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Y with tau = Y pi, shape (N, n, 10 n); pi stacks ``INERTIAL_PARAMETERS`` of each link, in joint order.

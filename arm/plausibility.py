@@ -17,9 +17,12 @@ PLAUSIBLE_RATES = (10.0, 20_000.0)
 UNSIGNED = "torque is unsigned: only commands and positions can be trusted"
 """Note on a recording whose torque had to be set aside."""
 
+REPEATED = "rows dropped that repeat the measurement before them: "
+"""Note on rows that a logger stored twice; their number and share follow."""
 
-def check_time(t: np.ndarray, table: Table, column: str) -> None:
-    """Time [s], (N,), has to run forward, at a rate that a robot is logged at.
+
+def check_time(t: np.ndarray, table: Table, column: str, *, any_unit: bool = False) -> None:
+    """Time [s], (N,), has to run forward, at a rate that a robot is logged at, unless ``any_unit``.
 
     Raises:
         InputError: t jumps back, stands still throughout, or has an implausible rate.
@@ -42,6 +45,8 @@ def check_time(t: np.ndarray, table: Table, column: str) -> None:
         )
     rate = 1 / float(np.median(step[step > 0]))
     low, high = PLAUSIBLE_RATES
+    if any_unit:
+        return
     if rate < low:
         fitting = [unit for unit in ("ms", "us", "ns") if low <= rate / UNITS[unit] <= high]
         guess = f"looks like {fitting[0]}: " if fitting else ""
@@ -61,8 +66,8 @@ def check_time(t: np.ndarray, table: Table, column: str) -> None:
         )
 
 
-def check_positions(recording: Recording, arm: NominalArm, table: Table) -> tuple[str, ...]:
-    """Positions have to be radians; a note for each joint that leaves the range of the URDF.
+def check_positions(recording: Recording, arm: NominalArm, table: Table, *, any_unit: bool = False) -> tuple[str, ...]:
+    """Positions have to be radians, unless ``any_unit``; a note for each joint that leaves the range of the URDF.
 
     Raises:
         InputError: a joint with limits moves far outside them and beyond 7 rad.
@@ -74,7 +79,7 @@ def check_positions(recording: Recording, arm: NominalArm, table: Table) -> tupl
         seen = (
             f"q{j + 1} goes from {low:.4g} to {high:.4g}, {arm.joints[j]} is limited to {lower:.4g} to {upper:.4g} rad"
         )
-        if reach > 7 and reach > 1.5 * allowed:
+        if reach > 7 and reach > 1.5 * allowed and not any_unit:
             degrees = reach * UNITS["deg"] <= 1.2 * allowed
             raise InputError(
                 f"{seen}{': looks like degrees' if degrees else ''}",
@@ -107,7 +112,7 @@ def repeated_rows(t: np.ndarray, values: dict[str, np.ndarray]) -> tuple[np.ndar
             stale[start:stop] = stop - start <= 3 and stop < len(t)
         stale &= ~stamp
     if stale.any():
-        notes.append(f"rows dropped that repeat the measurement before them: {stale.sum()} ({stale.mean():.2%})")
+        notes.append(f"{REPEATED}{stale.sum()} ({stale.mean():.2%})")
     return stamp | stale, tuple(notes)
 
 

@@ -29,6 +29,7 @@ def load_recording(
     rows: tuple[int, int] | None = None,
     complete: bool = False,
     every_row: bool = False,
+    any_unit: bool = False,
 ) -> Recording:
     """One recording of ``arm``.
 
@@ -44,6 +45,7 @@ def load_recording(
         complete: whether the torque, and every channel that ``importing`` names, has to be there; otherwise only
             time and positions have to.
         every_row: keep repeated rows, so that there is one sample for each row of the file.
+        any_unit: accept rates and positions that look like another unit, for a diagnosis of the set-up.
 
     Returns:
         The recording, in SI units, joint side; ``notes`` says what was noticed, dropped or left out.
@@ -66,7 +68,8 @@ def load_recording(
         tables |= {label: tables[label].part(*rows) for label in cut}
     main = tables[importing.main_file]
     importing, notes = _fitting(importing, main, arm)
-    t, values, found = _channels(tables, main, arm, importing, complete)
+    t = read_time(main, importing, any_unit=any_unit)
+    t, values, found = _channels(t, tables, main, arm, importing, complete)
     notes += found
     if not every_row:
         repeated, found = repeated_rows(t, values)
@@ -75,7 +78,8 @@ def load_recording(
     values, found = untrusted_torque(values)
     name = main.path.name if rows is None else f"{main.path.name} rows {rows[0]}-{rows[1]}"
     recording = Recording(name, t, **values)  # type: ignore[arg-type]
-    return replace(recording, notes=notes + found + gap_notes(t) + check_positions(recording, arm, main))
+    seen = check_positions(recording, arm, main, any_unit=any_unit)
+    return replace(recording, notes=notes + found + gap_notes(t) + seen)
 
 
 def _table(path: Path, arm: NominalArm, importing: Import) -> Table:
@@ -103,10 +107,14 @@ def _fitting(importing: Import, main: Table, arm: NominalArm) -> tuple[Import, t
 
 
 def _channels(
-    tables: Mapping[str | None, Table], main: Table, arm: NominalArm, importing: Import, complete: bool
+    t: np.ndarray,
+    tables: Mapping[str | None, Table],
+    main: Table,
+    arm: NominalArm,
+    importing: Import,
+    complete: bool,
 ) -> tuple[np.ndarray, dict[str, np.ndarray], tuple[str, ...]]:
     """Time [s], (N,), and channels in SI units on the joint side, (N, n) each, where all files have them; notes."""
-    t = read_time(main, importing)
     values: dict[str, np.ndarray] = {}
     inside = np.ones(len(main), dtype=bool)
     for name, channel in importing.channels.items():

@@ -11,14 +11,18 @@ from threadpoolctl import threadpool_limits
 from arm.case import Case
 from arm.dynamics import RigidBody
 from arm.errors import GapscopeError
+from diagnosis.against.baseline import Baseline
+from diagnosis.faults.found import FoundFault, repaired
 from diagnosis.findings import document
 from diagnosis.gap import TorqueGap, healthy, torque_gap, torque_scale
 from diagnosis.judge import Judge
-from diagnosis.pictures import signatures, spectrum, traces
+from diagnosis.pictures import located, signatures, spectrum, traces
+from diagnosis.quantization import find_quantization
 from diagnosis.refusal import Refusal, refuse
 from diagnosis.replay_gap import ReplayGap, replay_gap
 from diagnosis.result import Diagnosis
 from diagnosis.search import Search, search
+from diagnosis.setup import find_setup_faults
 from effects.applied import AppliedEffect
 from effects.corrected import CorrectedArm
 from ident.conditioning import TORQUE_CUTOFF, Segment, blocks, condition, position_cutoff
@@ -42,6 +46,8 @@ class Study:
         floor: RMS that a healthy arm of this kind would leave [N m], (n,).
         left: RMS of the gap that is left once the errors of the nominal inertials are allowed for as well [N m], (n,).
         replay: replay gap without and with the effects.
+        faults: what was wrong with the set-up, put right in the case before anything else, and what shows in the
+            recordings themselves.
     """
 
     case: Case
@@ -56,36 +62,53 @@ class Study:
     floor: np.ndarray
     left: np.ndarray
     replay: ReplayGap
+    faults: tuple[FoundFault, ...]
 
 
-def diagnose(case: Case, progress: Callable[[str], None] = lambda message: None) -> Diagnosis:
+def diagnose(
+    case: Case, progress: Callable[[str], None] = lambda message: None, baseline: Baseline | None = None
+) -> Diagnosis:
     """Find where the gap of a case lies, which effects cause it, and how far it shrinks with them.
 
     Args:
         case: the nominal arm and its recordings.
         progress: called with a few words at each step.
+        baseline: what the arm was when a reference was recorded, where the case is compared with one.
 
     Raises:
         GapscopeError: no recording carries a torque that can be trusted.
         InputError: a recording has no stretch without gaps that is long enough.
     """
     with threadpool_limits(1):  # many small matrices: threads would only wait for each other
-        study = _study(case, progress)
-        progress("writes the findings")
-        content = document(study)
+        return conclude(examine(case, progress, baseline), progress)
+
+
+def conclude(study: Study, progress: Callable[[str], None] = lambda message: None) -> Diagnosis:
+    """The diagnosis of a study."""
+    progress("writes the findings")
+    content, case = document(study), study.case
     corrected = CorrectedArm(case.arm, study.effects)
-    order = [finding["effect"] for finding in content["effects"]]
+    order = [finding["effect"] for finding in content["effects"]]  # faults are not part of the arm
     return Diagnosis(
         document=content,
         effects=tuple(sorted(study.effects, key=lambda applied: order.index(applied.name))),
         traces=traces(corrected, study.body, study.judge.segments),
         signatures=signatures(corrected, study.body, study.judge.segments),
         spectrum=spectrum(study.before, study.after, tuple(s.motion.rate for s in study.judge.segments)),
+        located=located(content, {"before": study.before, "after": study.after}, study.floor, study.judge.segments),
     )
 
 
-def _study(case: Case, progress: Callable[[str], None]) -> Study:
+def examine(case: Case, progress: Callable[[str], None], baseline: Baseline | None = None) -> Study:
+    """Everything that the findings of a case are read from; see ``diagnose``."""
     _check_torque(case)
+    progress("tests the set-up")
+    faults = find_setup_faults(case)
+    case = repaired(case, faults)
+    case = baseline.adjusted(case) if baseline else case
+    faults = (*faults, *find_quantization(case))
+    for fault in faults:
+        progress(f"finds {fault}")
     progress("conditions the signals")
     body = RigidBody(case.arm)
     cutoff = position_cutoff(case.recordings)
@@ -96,13 +119,17 @@ def _study(case: Case, progress: Callable[[str], None]) -> Study:
     found = search(case.arm, body, folds, min(TORQUE_CUTOFF, cutoff), progress)
     progress("judges on unseen data")
     found, refusals = refuse(Judge(case.arm, body, found, folds, judged))
+    found = baseline.kept(found) if baseline else found
     judge = Judge(case.arm, body, found, folds, judged)
     effects = found.evidence.terms.effects(found.fit.theta, found.fit.terms)
     before, after = judge.gap(frozenset()), judge.gap(found.fit.terms)
     floor, left = _floor(CorrectedArm(case.arm, effects), body, judge.segments, found)
-    progress("replays a recording in the simulator")
-    replayed = replay_gap(case, judge)
-    return Study(case, body, cutoff, found, refusals, effects, judge, before, after, floor, left, replayed)
+    floor = np.maximum(floor, baseline.floor(after)) if baseline else floor
+    replayed = ReplayGap()
+    if baseline is None:
+        progress("replays a recording in the simulator")
+        replayed = replay_gap(case, judge)
+    return Study(case, body, cutoff, found, refusals, effects, judge, before, after, floor, left, replayed, faults)
 
 
 def _check_torque(case: Case) -> None:

@@ -16,10 +16,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from diagnosis.coordinates import COORDINATES
 from diagnosis.gap import MODEL_FORM
 from diagnosis.linear import Linearisation
-from diagnosis.normal import Normal, quadratic
-from diagnosis.terms import Term, count_effects
+from diagnosis.normal import Normal
+from diagnosis.terms import Term, cost, count_findings
 
 NEW_EFFECT = 20.0
 """Charge for each different effect [nats]: the logarithm of the number of ways to name one, and a margin for what the
@@ -65,7 +66,6 @@ class Evidence:
 
     def __init__(self, linearisation: Linearisation, unseen: np.ndarray, sigma: float, skew: float) -> None:
         self.linear, self.sigma, self.skew = linearisation, sigma, skew
-        self._forms: dict[tuple[int, int, bool], np.ndarray] = {}
         self.terms = linearisation.terms
         folds = linearisation.folds
         raw = np.array([fold.gram.sum(axis=0) for fold in folds])
@@ -78,8 +78,7 @@ class Evidence:
         weighted = (self.gram * self.weights[:, :, None, None]).sum(axis=1)
         total = weighted.sum(axis=0)
         self._all = Normal(total, self.terms.size, sigma)
-        rest = [Normal(total - w, self.terms.size, sigma) for w in weighted]
-        self._without = rest if len(rest) > 1 else [self._all]
+        self._without = [Normal(total - w, self.terms.size, sigma) for w in weighted]
         self.lowest = _lowest(linearisation)
         k = self.gram.shape[-1] - 1 - self.terms.size
         information = total[self.terms.size : -1, self.terms.size : -1] * sigma**2
@@ -90,7 +89,7 @@ class Evidence:
         """Fit and score a set of terms; the score is minus infinity where a value could not be."""
         theta = self._all.solve(_columns(terms))
         unseen = self.unseen(terms)
-        delta = self._all.delta @ np.append(theta, 1.0)
+        delta = self._all.nuisance(theta, _columns(terms))
         score = -0.5 * float((self.independent * np.log1p(unseen / self.floor2)).sum()) - self.charge(terms)
         score -= SKEW_CHARGE * (self.skew > 0) + 0.5 * float(delta @ delta) / self.sigma**2 + self._log_det
         impossible = self.terms.impossible(theta, terms, self.lowest)
@@ -98,7 +97,7 @@ class Evidence:
 
     def charge(self, terms: frozenset[Term]) -> float:
         """What a set costs [nats]: half the logarithm of the samples per parameter, and so much per effect named."""
-        return self.per_parameter * sum(len(t.columns) for t in terms) + NEW_EFFECT * count_effects(terms)
+        return self.per_parameter * cost(terms) + NEW_EFFECT * count_findings(terms)
 
     def bootstrap(self, terms: frozenset[Term], rng: np.random.Generator, draws: int = 200) -> np.ndarray:
         """Values of the terms on pieces of the data drawn with replacement, shape (draws, P): a block bootstrap.
@@ -106,17 +105,20 @@ class Evidence:
         To each draw an error is added that pieces of the same data cannot show: what the form of the model, wrong by
         ``MODEL_FORM``, may shift a value by, were half of it proportional to the term's own column.
         """
+        columns = _columns(terms)
+        last = self.gram.shape[-1] - 1
+        places = np.concatenate([columns, np.arange(self.terms.size, last + 1)])
         pieces = np.concatenate(
             [
-                np.einsum("bjxy,j->bxy", _with_skew(fold.gram, self.skew), w)
+                np.einsum("bjxy,j->bxy", _with_skew(fold.gram, self.skew)[:, :, places[:, None], places], w)
                 for fold, w in zip(self.linear.folds, self.weights, strict=True)
             ]
         )
-        values = np.empty((draws, self.terms.size))
+        values = np.zeros((draws, self.terms.size))
         for draw in range(draws):
             counts = np.bincount(rng.integers(len(pieces), size=len(pieces)), minlength=len(pieces)).astype(float)
             total = np.tensordot(counts, pieces, axes=1)
-            values[draw] = Normal(total, self.terms.size, self.sigma).solve(_columns(terms))
+            values[draw, columns] = Normal(total, len(columns), self.sigma).solve(np.arange(len(columns)))
         return values + rng.normal(size=values.shape) * self._systematic()
 
     def _systematic(self) -> np.ndarray:
@@ -126,9 +128,16 @@ class Evidence:
         torque = self.linear.data.torque_deviation[:, None]
         return (0.5 * MODEL_FORM * torque / np.maximum(column, 1e-12)).min(axis=0)
 
-    def left_out(self, terms: frozenset[Term]) -> list[np.ndarray]:
-        """Values of the terms fitted without each of the folds, F arrays of shape (P,)."""
-        return [normal.solve(_columns(terms)) for normal in self._without]
+    def without_last(self, terms: frozenset[Term]) -> np.ndarray:
+        """Values of the terms fitted without the last recording, shape (P,)."""
+        weighted = (self.gram * self.weights[:, :, None, None]).sum(axis=1)
+        total = weighted[:-2].sum(axis=0) if len(weighted) > 2 else weighted.sum(axis=0)
+        return Normal(total, self.terms.size, self.sigma).solve(_columns(terms))
+
+    def left_out(self, terms: frozenset[Term]) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Per recording the values of the terms fitted without its first, and without its second half, (P,) each."""
+        values = [normal.solve(_columns(terms)) for normal in self._without]
+        return list(zip(values[::2], values[1::2], strict=True))
 
     def unseen(self, terms: frozenset[Term], *, corrected: bool = True) -> np.ndarray:
         """Mean square of the gap on each fold under values fitted to the others [N^2 m^2], (F, n).
@@ -144,12 +153,10 @@ class Evidence:
     def _mean_square(self, terms: frozenset[Term], normals: list[Normal], corrected: bool) -> np.ndarray:
         columns = _columns(terms)
         gram = self.gram if corrected else self._plain
-        squares = []
-        for fold, normal in enumerate(normals):
-            key = (fold, id(normal), corrected)
-            if key not in self._forms:
-                self._forms[key] = normal.forms(gram[fold], corrected=corrected)
-            squares.append(quadratic(self._forms[key], normal.solve(columns), columns))
+        squares = [
+            normal.rest(of_fold, normal.solve(columns), columns, corrected=corrected)
+            for of_fold, normal in zip(gram, normals, strict=True)
+        ]
         return np.array(squares) / self.rows
 
 
@@ -174,22 +181,23 @@ def _lowest(linearisation: Linearisation) -> np.ndarray:
     arm, terms = linearisation.arm, linearisation.terms
     lowest = np.full(terms.size, -np.inf)
     believed = {"coulomb_friction": arm.coulomb, "viscous_friction": arm.viscous, "armature": arm.armature}
-    for effect in terms.joint_effects:
-        block = terms.block(effect)
-        lowest[block] = effect.parameters[0].bounds[0]
-        if effect.name in believed:
-            lowest[block] = -believed[effect.name] - 1e-9
-        if effect.name == "actuator_delay":
-            lowest[block] = LEAST_DELAY
-    lowest[terms.payload[0]] = -linearisation.body.inertial_parameters()[10 * linearisation.body.last_link]
+    for name, c in COORDINATES.items():
+        lowest[terms.block(name)[0]] = c.lowest
+    for name, values in believed.items():
+        lowest[terms.block(name)[0]] = -values - 1e-9
+    lowest[terms.block("actuator_delay")[0]] = LEAST_DELAY
+    lowest[terms.block("actuator_lag")[0]] = LEAST_DELAY
+    own = linearisation.body.inertial_parameters()[::10]
+    lowest[terms.block("payload")[0]] = -own[linearisation.body.last_link]
+    lowest[terms.block("link_inertia")[0]] = -0.95 * own
     return lowest
 
 
-def best_evidence(linearisation: Linearisation, unseen: np.ndarray, terms: frozenset[Term]) -> Evidence:
-    """The evidence under the skew, then the error of the nominal inertials, that explain the data best."""
+def evidences(linearisation: Linearisation, unseen: np.ndarray, terms: frozenset[Term]) -> tuple[Evidence, ...]:
+    """The evidence under each error of the nominal inertials, best first, with the skew that explains the data best."""
 
-    def best(candidates: list[Evidence]) -> Evidence:
-        return max(candidates, key=lambda evidence: evidence.fit(terms).score)
+    def ranked(candidates: list[Evidence]) -> tuple[Evidence, ...]:
+        return tuple(sorted(candidates, key=lambda evidence: evidence.fit(terms).score, reverse=True))
 
-    skew = best([Evidence(linearisation, unseen, 0.01, skew) for skew in SKEWS]).skew
-    return best([Evidence(linearisation, unseen, sigma, skew) for sigma in NOMINAL_ERROR])
+    skew = ranked([Evidence(linearisation, unseen, 0.01, skew) for skew in SKEWS])[0].skew
+    return ranked([Evidence(linearisation, unseen, sigma, skew) for sigma in NOMINAL_ERROR])

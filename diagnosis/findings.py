@@ -6,11 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from diagnosis.evidence import SKEWS
 from diagnosis.gap import torque_scale
+from diagnosis.localisation.region import Region
+from diagnosis.parameters import finding_of, parameters
 from diagnosis.rivals import rivals, separated_by
 from diagnosis.rows import Rows, stack
-from diagnosis.where import Region, regions
+from diagnosis.terms import Term
+from diagnosis.where import located, regions
+from diagnosis.wording import effect_name
 from effects.applied import AppliedEffect
 
 if TYPE_CHECKING:
@@ -27,7 +30,9 @@ EXPLAINED_JOINT = 0.4
 LEFT_RATIO = 3.0
 """...or is left with this many times the floor..."""
 LEFT_NRMSE = 0.05
-"""...and at least this torque NRMSE."""
+"""...and at least this torque NRMSE..."""
+CLOSED_JOINT = 0.8
+"""...where not this share of its gap is closed: an effect that makes a joint ring leaves much even when it is found."""
 OPEN = 0.05
 """A rival with this probability leaves the question open."""
 
@@ -40,10 +45,14 @@ def document(study: Study) -> dict[str, Any]:
     effects = _effects(study, rows)
     above = left > np.maximum(UNEXPLAINED_RATIO * floor, floor + UNEXPLAINED_NRMSE)
     before, after = study.before.nrmse, study.after.nrmse
+    faulty = next((f.gap_before for f in study.faults if f.gap_before is not None), None)
     closed = float((before - after).sum() / max((before - floor).sum(), 1e-9))
     own = (before - after) / np.maximum(before - floor, 1e-9)
-    open_gap = above & ((own < EXPLAINED_JOINT) | (left > np.maximum(LEFT_RATIO * floor, LEFT_NRMSE)))
+    wide = (left > np.maximum(LEFT_RATIO * floor, LEFT_NRMSE)) & (own < CLOSED_JOINT)
+    open_gap = above & ((own < EXPLAINED_JOINT) | wide)
     explained = closed >= EXPLAINED and not open_gap.any()
+    total = study.before.nrmse if faulty is None else faulty
+    effects = _with_faults(study, effects, total, after, floor)
     verdict = _verdict(bool(effects), bool(above.any() or (study.refusals and not effects)), explained)
     open_joints = [int(j) + 1 for j in np.flatnonzero(above)]
     return {
@@ -52,7 +61,7 @@ def document(study: Study) -> dict[str, Any]:
         "verdict": verdict,
         "gap": {
             "before": {
-                "torque_nrmse": _list(before),
+                "torque_nrmse": _list(total),
                 "replay_rmse": _known(study.replay.before),
                 "floor": _list(floor),
             },
@@ -62,7 +71,7 @@ def document(study: Study) -> dict[str, Any]:
         "unexplained": {
             "share": float(np.clip((left**2 - floor**2).clip(0).sum() / max((before**2).sum(), 1e-12), 0, 1)),
             "above_floor": bool(above.any()),
-            "where": [_region(r) for r in _regions(study, study.after.error, rows, open_joints)],
+            "where": [_region(r) for r in _located(study, study.after.error, rows, open_joints)],
         },
         "next_recording": _next(effects, open_joints),
         "where": [_region(r) for r in _before(study, rows, floor)],
@@ -84,18 +93,47 @@ def _effects(study: Study, rows: Rows) -> list[dict[str, Any]]:
     return [
         {
             **_finding(study, applied, rows),
-            "parameters": _parameters(study, applied, draws),
-            "share": float(np.clip(shares[applied.name], 0.0, 1.0)),
+            "parameters": parameters(study.found, applied, draws),
+            "share": float(np.clip(shares[finding_of(applied)], 0.0, 1.0)),
         }
-        for applied in sorted(study.effects, key=lambda e: shares[e.name], reverse=True)
+        for applied in sorted(study.effects, key=lambda e: shares[finding_of(e)], reverse=True)
     ]
 
 
+def _with_faults(
+    study: Study, effects: list[dict[str, Any]], before: np.ndarray, after: np.ndarray, floor: np.ndarray
+) -> list[dict[str, Any]]:
+    """Findings on effects and faults together, those with the largest share first.
+
+    A fault's share is what putting it right takes from the whole gap above the floor; the effects share the rest.
+    """
+    whole = max(float((before - floor).clip(0).sum()), float((before - after).sum()), 1e-9)
+    repaired = study.before.nrmse
+    physical = max(float((repaired - floor).clip(0).sum()), float((repaired - after).sum())) / whole
+    out = [{**effect, "share": effect["share"] * min(physical, 1.0)} for effect in effects]
+    for fault in study.faults:
+        only, without = (before if gap is None else gap for gap in (fault.gap_with_only_this, fault.gap_without_this))
+        out.append(
+            {
+                "effect": fault.name,
+                "joints": list(fault.joints),
+                "probability": fault.probability,
+                **fault.document(),
+                "share": float(np.clip((before - only).sum() / whole, 0.0, 1.0)),
+                "gap_with_only_this": {"torque_nrmse": _list(only)},
+                "gap_without_this": {"torque_nrmse": _list(without)},
+                "where": [],
+                "alternatives": [],
+            }
+        )
+    return sorted(out, key=lambda finding: finding["share"], reverse=True)
+
+
 def _finding(study: Study, applied: AppliedEffect, rows: Rows) -> dict[str, Any]:
-    evidence, fit = study.found.evidence, study.found.fit
-    mine = frozenset(t for t in fit.terms if t.effect == applied.name)
+    fit = study.found.fit
+    mine = frozenset(t for t in fit.terms if t.finding == finding_of(applied))
     only, without = study.judge.gap(mine), study.judge.gap(fit.terms - mine)
-    probability, others = rivals(evidence, fit, applied.name)
+    probability, others = rivals(study.found, finding_of(applied))
     gained = np.sqrt(np.clip(without.error**2 - study.after.error**2, 0.0, None))
     joints = applied.joints or tuple(int(j) + 1 for j in np.argsort(-(gained**2).sum(axis=0))[:2])
     return {
@@ -115,26 +153,6 @@ def _finding(study: Study, applied: AppliedEffect, rows: Rows) -> dict[str, Any]
     }  # fmt: skip
 
 
-def _parameters(study: Study, applied: AppliedEffect, draws: np.ndarray) -> dict[str, Any]:
-    """Values with standard deviations from a block bootstrap; a delay is uncertain by the sampling skew as well."""
-    terms = study.found.evidence.terms
-    if applied.name == "payload":
-        mass, moment = draws[:, terms.payload[0]], draws[:, terms.payload[1:]]
-        samples = {"mass": mass, "com": moment / np.where(np.abs(mass) > 1e-6, mass, 1e-6)[:, None]}
-    else:
-        columns = np.arange(len(draws[0]))[terms.block(applied.effect)][np.array(applied.joints) - 1]
-        samples = {applied.effect.names[0]: draws[:, columns]}
-    skew = SKEWS[1] if applied.name == "actuator_delay" else 0.0
-    return {
-        name: {
-            "unit": applied.effect.parameter(name).unit,
-            "value": applied.parameters[name].tolist(),
-            "std": np.hypot(values.std(axis=0), skew).tolist(),
-        }
-        for name, values in samples.items()
-    }
-
-
 def _regions(study: Study, error: np.ndarray, rows: Rows, joints: list[int], most: int = 2) -> list[Region]:
     return regions(error, rows, study.before.predicted, joints, most)
 
@@ -143,13 +161,17 @@ def _before(study: Study, rows: Rows, floor: np.ndarray) -> list[Region]:
     """Where the gap of the nominal arm lies, on joints where it is above the floor, the widest first."""
     nrmse = study.before.nrmse
     joints = [int(j) + 1 for j in np.argsort(-nrmse) if nrmse[j] > floor[j]]
-    return _regions(study, study.before.error, rows, joints)
+    return _located(study, study.before.error, rows, joints)
+
+
+def _located(study: Study, error: np.ndarray, rows: Rows, joints: list[int]) -> list[Region]:
+    return located(error, rows, study.before.predicted, study.floor, joints)
 
 
 def _region(region: Region) -> dict[str, Any]:
     return {
         "joint": region.joint, "kind": region.kind, "regime": region.regime, "share": region.share,
-        "coverage": region.coverage, "enrichment": region.enrichment,
+        "coverage": region.coverage, "enrichment": region.enrichment, **region.detail,
     }  # fmt: skip
 
 
@@ -157,7 +179,8 @@ def _next(effects: list[dict[str, Any]], open_joints: list[int]) -> str | None:
     for effect in effects:
         for rival in effect["alternatives"]:
             if rival["probability"] >= OPEN:
-                return f"to tell {effect['effect']} from {rival['effect']}: {rival['separated_by']}"
+                names = [effect_name(entry["effect"]) for entry in (effect, rival)]
+                return f"to tell {names[0]} from {names[1].replace('none', 'nothing')}: {rival['separated_by']}"
     if open_joints:
         joints = ", ".join(map(str, open_joints))
         return (
@@ -202,7 +225,7 @@ def _considered(study: Study) -> list[dict[str, Any]]:
     out: list[dict[str, Any]] = [
         {
             "effect": next(iter(refusal.terms)).effect,
-            "joints": sorted(t.joint for t in refusal.terms if t.joint),
+            "joints": _joints(refusal.terms),
             "log_evidence": None,
             "gap_closed": -refusal.cost,
             "reason": refusal.reason,
@@ -221,13 +244,18 @@ def _considered(study: Study) -> list[dict[str, Any]]:
         out.append(
             {
                 "effect": name,
-                "joints": sorted(t.joint for t in terms if t.joint),
+                "joints": _joints(terms),
                 "log_evidence": float(loser.score - winner.score),
                 "gap_closed": float((gap[1] - gap[0]).sum()),
-                "reason": f"{', '.join(sorted(lost))} predicts the unseen recordings better",
+                "reason": f"{', '.join(effect_name(e) for e in sorted(lost))} predicts the unseen recordings better",
             }
         )
     return out
+
+
+def _joints(terms: frozenset[Term]) -> list[int]:
+    """Joints of terms on joints; none of those on a link or the arm."""
+    return sorted(t.joint for t in terms if t.coordinates.effect.scope == "joint")
 
 
 def _list(values: np.ndarray) -> list[float]:

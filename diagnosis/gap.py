@@ -20,6 +20,19 @@ MODEL_FORM = 0.004
 FRICTION_FORM = 0.03
 """Share of the dry friction by which a healthy arm's differs in form from c sgn v when it slides."""
 
+EFFECT_FORM = 0.03
+"""Share of what an effect does to the torque by which the form of a real one differs from the catalogue's."""
+FORMS = (
+    "viscous_friction",
+    "stribeck_friction",
+    "parallel_spring",
+    "torque_ripple",
+    "friction_drift",
+    "joint_elasticity",
+    "backlash",
+)
+"""Effects whose form the catalogue simplifies, beside dry friction; bodies, offsets and delays it gives exactly."""
+
 
 def torque_scale(torque: np.ndarray) -> np.ndarray:
     """Normalisation of the torque gap [N m], shape (n,): standard deviation, at least 5 % of the largest joint's."""
@@ -60,17 +73,21 @@ def torque_gap(corrected: CorrectedArm, body: RigidBody, segments: list[Segment]
     """Torque gap of an arm on segments that carry a torque."""
     measured, predicted = [], []
     for segment in segments:
-        prediction = corrected.predict(body, segment.motion)
-        measured.append(filtered_torque(segment))
+        prediction = corrected.unlimited.predict(body, segment.motion)
+        measured.append(filtered_torque(segment, corrected))
         predicted.append(low_pass(prediction, segment.motion.rate, TORQUE_CUTOFF)[segment.inner])
     edges = np.concatenate([[0], np.cumsum([len(m) for m in measured])])
     return TorqueGap(np.vstack(measured), np.vstack(predicted), tuple(int(e) for e in edges))
 
 
-def filtered_torque(segment: Segment) -> np.ndarray:
-    """Recorded torque of a segment as the gap sees it: filtered at 12 Hz and trimmed [N m], (M, n)."""
+def filtered_torque(segment: Segment, corrected: CorrectedArm | None = None) -> np.ndarray:
+    """Recorded torque of a segment as the gap sees it: filtered at 12 Hz and trimmed [N m], (M, n).
+
+    Of an arm with saturation it is the torque that saturation lets through.
+    """
     assert segment.torque is not None
-    return low_pass(segment.torque, segment.motion.rate, TORQUE_CUTOFF)[segment.inner]
+    torque = segment.torque if corrected is None else corrected.delivered(segment.torque)
+    return low_pass(torque, segment.motion.rate, TORQUE_CUTOFF)[segment.inner]
 
 
 @dataclass(frozen=True)
@@ -101,15 +118,29 @@ def healthy(corrected: CorrectedArm, body: RigidBody, segment: Segment) -> Healt
     """
     assert segment.torque is not None
     rate = segment.motion.rate
-    gap = segment.torque - corrected.predict(body, segment.motion)
+    gap = corrected.delivered(segment.torque) - corrected.unlimited.predict(body, segment.motion)
     noise = _noise_density(gap[segment.inner], rate) * min(TORQUE_CUTOFF, rate / 2)
     torque = filtered_torque(segment)
     timing = TIMING * np.sqrt((np.gradient(torque, 1 / rate, axis=0) ** 2).mean(axis=0))
     dry = np.abs(corrected.arm.coulomb + corrected.value("coulomb_friction", "torque"))
+    dry = dry + np.abs(corrected.value("stribeck_friction", "torque"))
     dry = dry + np.abs(corrected.value("load_friction", "coefficient")) * np.abs(torque)
     form = np.hypot(MODEL_FORM * torque_scale(torque), FRICTION_FORM * np.sqrt((dry**2).mean(axis=0)))
+    form = np.hypot(form, EFFECT_FORM * _simplified(corrected, body, segment))
     stuck = (1.0 - np.abs(np.tanh(segment.motion.dq[segment.inner] / STICKING))) / np.sqrt(3.0)
     return Healthy(np.sqrt(noise + timing**2 + form**2), dry * stuck)
+
+
+def _simplified(corrected: CorrectedArm, body: RigidBody, segment: Segment) -> np.ndarray:
+    """RMS of what the effects of simplified form do to the torque [N m], (n,)."""
+    power = np.zeros(corrected.arm.n_joints)
+    for effect in corrected.effects:
+        if effect.name in FORMS:
+            others = CorrectedArm(corrected.arm, tuple(e for e in corrected.effects if e is not effect))
+            with_it, without = (arm.unlimited.predict(body, segment.motion) for arm in (corrected, others))
+            does = low_pass(with_it - without, segment.motion.rate, TORQUE_CUTOFF)[segment.inner]
+            power += (does**2).mean(axis=0)
+    return np.sqrt(power)
 
 
 def _noise_density(gap: np.ndarray, rate: float) -> np.ndarray:

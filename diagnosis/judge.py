@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from itertools import combinations
 from math import factorial
 
@@ -10,7 +11,8 @@ import numpy as np
 from arm.dynamics import RigidBody
 from arm.nominal import NominalArm
 from diagnosis.gap import TorqueGap, torque_gap
-from diagnosis.search import Search, nrmse
+from diagnosis.search import Search
+from diagnosis.state import nrmse
 from diagnosis.terms import Term
 from effects.corrected import CorrectedArm
 from ident.conditioning import Segment
@@ -22,7 +24,8 @@ class Judge:
     Args:
         arm, body: the nominal arm and its dynamics.
         found: result of the search.
-        folds: segments per fold; each is predicted with values fitted to the others.
+        folds: segments per fold; each half of one is predicted with values fitted to its other half and to the
+            other folds.
         judged: segments set aside for judging; where there are any, they alone are predicted, with all folds fitted.
     """
 
@@ -41,12 +44,11 @@ class Judge:
         evidence = self.found.evidence
         if self.judged:
             return torque_gap(self._corrected(evidence.fit(terms).theta, terms), self.body, self.judged)
-        values = evidence.left_out(terms)
         gaps = [
-            torque_gap(self._corrected(theta, terms), self.body, fold)
-            for theta, fold in zip(values, self.folds, strict=True)
+            _joined(*(torque_gap(self._corrected(theta, terms), self.body, fold) for theta in halves))
+            for halves, fold in zip(evidence.left_out(terms), self.folds, strict=True)
         ]
-        lengths = np.cumsum([0, *(b - a for g in gaps for a, b in zip(g.edges, g.edges[1:], strict=False))])
+        lengths = np.cumsum([0, *(b - a for g in gaps for a, b in itertools.pairwise(g.edges))])
         return TorqueGap(
             np.vstack([g.measured for g in gaps]),
             np.vstack([g.predicted for g in gaps]),
@@ -64,9 +66,9 @@ class Judge:
         closed part of the gap above the floor, at most 1.
         """
         chosen = self.found.fit.terms
-        names = sorted({t.effect for t in chosen})
+        names = sorted({t.finding for t in chosen})
         worth = {
-            subset: -float(self._summed(frozenset(t for t in chosen if t.effect in subset)))
+            subset: -float(self._summed(frozenset(t for t in chosen if t.finding in subset)))
             for size in range(len(names) + 1)
             for subset in combinations(names, size)
         }
@@ -88,3 +90,12 @@ class Judge:
     def _summed(self, terms: frozenset[Term]) -> float:
         evidence = self.found.evidence
         return float(nrmse(evidence, evidence.unseen(terms, corrected=False), self.found.scale).sum())
+
+
+def _joined(first: TorqueGap, second: TorqueGap) -> TorqueGap:
+    """The first half of one gap and the second half of another on the same samples."""
+    middle = len(first.measured) // 2
+    measured, predicted = (
+        np.vstack([getattr(first, name)[:middle], getattr(second, name)[middle:]]) for name in ("measured", "predicted")
+    )
+    return TorqueGap(measured, predicted, first.edges)

@@ -12,33 +12,29 @@ Everything later needs only A^T A and its like per piece of the data, so a log's
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from arm.dynamics import RigidBody
-from arm.nominal import NominalArm
-from diagnosis.gap import Healthy, filtered_torque, healthy, torque_scale
-from diagnosis.terms import Terms
-from effects.applied import AppliedEffect
+from diagnosis.columns import columns, link_tangent
+from diagnosis.data import Data
+from diagnosis.gap import Healthy, healthy
+from diagnosis.shapes import Scan, Shape, force_window, search_shape
+from diagnosis.terms import Term, Terms
 from effects.corrected import CorrectedArm
-from effects.effect import Sensing
-from effects.rigid_body import point_mass_parameters
-from ident.conditioning import Segment, low_pass
-
-STEP = {"actuator_delay": 1e-4, "torque_scale": 1e-3, "load_friction": 1e-3}
-"""Finite-difference steps of the parameters in which the torque is not linear; 1 for the others."""
-
 
 PIECE = 1.5
 """Length of the pieces in which normal equations are kept, for the bootstrap [s]."""
-MOST_PIECES = 60
+MOST_PIECES = 40
 """Pieces over all folds; on long logs they grow instead."""
+COMMON = ("torque_offset", "coulomb_friction", "viscous_friction", "armature", "torque_scale")
+"""Effects that are taken out of a joint's gap before a shape is searched on it."""
 
 
 @dataclass(frozen=True)
 class Fold:
-    """Normal equations of one fold of the data, B pieces in time, n joints.
+    """Normal equations of half a recording, B pieces in time, n joints.
 
     X = [A, N, d, y] has P columns for the parameters, K for the nominal inertials, one for the skew, one for the gap.
 
@@ -56,32 +52,19 @@ class Fold:
     independent: np.ndarray
 
 
-class Data:
-    """Folds of segments with what does not depend on the parameters: the filtered inertial regressor of each.
+@dataclass(frozen=True)
+class _Part:
+    """Rows of one segment, M of them: gap and rate (M, n), columns (M, n, P), weight (M, n), and its healthy rest."""
 
-    Args:
-        arm, body: the nominal arm and its dynamics.
-        folds: segments per fold.
-        cutoff: cut-off of the fit's filter, on both sides [Hz].
+    gap: np.ndarray
+    columns: np.ndarray
+    rate: np.ndarray
+    doubt: Healthy
+    predicted: np.ndarray
 
-    Attributes:
-        torque_deviation: normalisation of the torque gap over all folds [N m], (n,).
-    """
-
-    def __init__(self, arm: NominalArm, body: RigidBody, folds: list[list[Segment]], cutoff: float) -> None:
-        self.arm, self.body, self.folds, self.cutoff = arm, body, folds, cutoff
-        self.torque_deviation = torque_scale(np.vstack([filtered_torque(s) for fold in folds for s in fold]))
-        units = _nuisance_units(body)
-        self.nuisance = [[self.thin(body.regressor(*_motion(s)) * units, s) for s in fold] for fold in folds]
-
-    def thin(self, series: np.ndarray, segment: Segment) -> np.ndarray:
-        """Series of a segment, filtered, trimmed, and decimated to about twice the filter's cut-off."""
-        inner = segment.inner
-        return low_pass(series, segment.motion.rate, self.cutoff)[inner.start : inner.stop : self.step(segment)]
-
-    def step(self, segment: Segment) -> int:
-        """Every how many samples the rows are taken."""
-        return max(1, int(segment.motion.rate // (2.5 * self.cutoff)))
+    def trust(self, j: int) -> np.ndarray:
+        """Square root of the weight of joint j's rows, (M,): less where it may stick."""
+        return 1.0 / np.sqrt(1.0 + (self.doubt.sticking[:, j] / self.doubt.steady[j]) ** 2)
 
 
 class Linearisation:
@@ -89,28 +72,181 @@ class Linearisation:
 
     Args:
         data: the folds.
-        terms: all terms that may be added.
         theta: theta_0, shape (P,).
+        terms: all terms, with the shapes of those that theta_0 uses.
+
+    Attributes:
+        terms: all terms, with the shapes of those used, and for the others the most promising ones.
+        refined: for the terms used, the shapes that now explain most.
     """
 
-    def __init__(self, data: Data, terms: Terms, theta: np.ndarray) -> None:
-        self.data, self.arm, self.body, self.terms, self.theta = data, data.arm, data.body, terms, theta
-        self.folds = [self._fold(fold, nuisance) for fold, nuisance in zip(data.folds, data.nuisance, strict=True)]
+    def __init__(self, data: Data, theta: np.ndarray, terms: Terms) -> None:
+        self.data, self.arm, self.body, self.theta = data, data.arm, data.body, theta
+        self._used = frozenset(t for t in terms.shapes if theta[list(t.columns)].any())
+        known = {t: terms.shapes[t] for t in self._used}
+        self.terms = Terms(data.arm.n_joints, known)
+        self._corrected = CorrectedArm(self.arm, self.terms.effects(theta))
+        parts = [self._part(k) for k in range(len(data.segments))]
+        found = self._search(parts)
+        self.refined: Mapping[Term, Shape] = {t: found[t] for t in self._used}
+        proposed = {t: shape.values for t, shape in found.items() if t not in self._used}
+        self.terms = Terms(data.arm.n_joints, {**known, **proposed})
+        self._add_shaped(parts, frozenset(proposed))
+        self.folds = [half for places in self._places() for half in self._halves(places, parts)]
 
-    def _fold(self, segments: list[Segment], nuisance: list[np.ndarray]) -> Fold:
-        gaps, columns, rates, doubts = zip(*(self._segment(s) for s in segments), strict=True)
-        lengths = [len(g) for g in gaps]
-        floor2 = np.average(np.array([d.steady for d in doubts]) ** 2, axis=0, weights=lengths)
-        weight = 1.0 / (1.0 + np.vstack([d.sticking for d in doubts]) ** 2 / floor2)
-        seconds = sum(float(s.motion.t[-1] - s.motion.t[0]) for s in segments)
-        count = int(np.clip(seconds / PIECE, 2, max(2, MOST_PIECES // len(self.data.folds))))
-        gap, x = np.vstack(gaps), np.vstack(columns)
+    def shape(self, term: Term) -> Shape:
+        """The shape of a term in use, with its standard deviations; empty where its effect has none."""
+        values = self.terms.shapes.get(term, ())
+        return Shape(values, self.refined[term].std if term in self.refined else (0.0,) * len(values))
+
+    def _places(self) -> list[list[int]]:
+        """Places of each fold's segments among all."""
+        ends = np.cumsum([len(fold) for fold in self.data.folds])
+        return [list(range(end - len(fold), end)) for fold, end in zip(self.data.folds, ends, strict=True)]
+
+    def _part(self, k: int) -> _Part:
+        segment, bodies = self.data.segments[k], self.data.bodies[k]
+        predicted, x = columns(self._corrected, self.body, segment, bodies, self.terms, self.theta)
+        doubt = healthy(self._corrected, self.body, segment)
+        assert segment.torque is not None
+        gap = self.data.thin(self._corrected.delivered(segment.torque) - predicted, segment)
+        rate = self.data.thin(np.gradient(predicted, segment.motion.t, axis=0), segment)
+        sticking = doubt.sticking[:: self.data.step(segment)]
+        x = self.data.thin(x, segment)
+        self._add_links(x, self.data.nuisance[k])
+        return _Part(gap, x, rate, Healthy(doubt.steady, sticking), predicted)
+
+    def _add_links(self, x: np.ndarray, nuisance: np.ndarray) -> None:
+        """Columns of link inertia from those of the inertial regressor."""
+        own = self.body.inertial_parameters().reshape(-1, 10)
+        by_link = nuisance.reshape(*nuisance.shape[:2], -1, 10)
+        gain = 1.0 / (1.0 + self._corrected.value("torque_scale", "scale"))
+        for link, places in enumerate(self.terms.block("link_inertia").T):
+            tangent = link_tangent(own[link], link, self.theta[places])
+            units = self.data.units[10 * link : 10 * link + 10]
+            scaled = np.divide(tangent.T, units, out=np.zeros((4, 10)), where=units > 0).T
+            x[:, :, places] = gain[:, None] * (by_link[:, :, link] @ scaled)
+
+    def _add_shaped(self, parts: list[_Part], proposed: frozenset[Term]) -> None:
+        """Columns of the terms whose shapes were proposed, into those of the parts."""
+        if not proposed:
+            return
+        names = {t.effect for t in proposed}
+        places = [c for t in proposed for c in t.columns]
+        for k, part in enumerate(parts):
+            segment, bodies = self.data.segments[k], self.data.bodies[k]
+            _, x = columns(self._corrected, self.body, segment, bodies, self.terms, self.theta, names)
+            part.columns[:, :, places] = self.data.thin(x[:, :, places], segment)
+
+    def _search(self, parts: list[_Part]) -> dict[Term, Shape]:
+        """The most promising shape of every term that has one."""
+        found = {}
+        force = self.terms.of("external_force")[0]
+        residuals, bases = [], []
+        for j in range(self.arm.n_joints):
+            scan = self._scan(parts, j)
+            pushed = self._scan(parts, j, force)
+            residuals.append(pushed.residual)
+            bases.append(pushed.basis)
+            for term in (t for t in self.terms.all if t.coordinates.shape and t.joint == j + 1):
+                known = self.terms.shapes.get(term)
+                if term.effect == "torque_ripple" and known is None:
+                    found[term] = scan.best(*self.data.ripples(j), 2)
+                    continue
+                own = replace(self._scan(parts, j, term), noise=scan.noise) if known else scan
+                segments = self.data.segments
+                needed = [p.predicted[:, j] for p in parts]
+                found[term] = search_shape(term, self._corrected, segments, own, known[0] if known else None, needed)
+        window = self._window(parts, np.array(residuals).T, bases)
+        if window is not None:
+            found[force] = window
+        return found
+
+    def _scan(self, parts: list[_Part], j: int, term: Term | None = None) -> Scan:
+        """What is left of joint j's gap, and of what a term in use does if one is named.
+
+        The column of a torque scale is the whole torque; the term's own part is taken out of it, and drift out of the
+        columns of friction, or else the term would lie within the basis.
+        """
+        weight = [p.trust(j) for p in parts]
+
+        def thin(series: Sequence[np.ndarray]) -> np.ndarray:
+            return np.vstack(
+                [w[:, None] * self.data.thin(x, s) for w, x, s in zip(weight, series, self.data.segments, strict=True)]
+            )
+
+        common = [self.terms.of(name)[j].columns[0] for name in COMMON]
+        known = np.vstack([w[:, None] * p.columns[:, j][:, common] for w, p in zip(weight, parts, strict=True)])
+        bodies = np.vstack([w[:, None] * x[:, j] for w, x in zip(weight, self.data.nuisance, strict=True)])
+        gap = np.concatenate([w * p.gap[:, j] for w, p in zip(weight, parts, strict=True)])
+        if term is not None:
+            own = self._own(parts, term, j)
+            gap = gap + own
+            if term.effect != "torque_saturation":  # which leaves the predicted torque as it is
+                scale = 1.0 + self._corrected.value("torque_scale", "scale")[j]
+                known[:, COMMON.index("torque_scale")] += own / scale
+            if term.effect == "friction_drift":
+                names = ("coulomb_friction", "viscous_friction")
+                steady = np.vstack(
+                    [w[:, None] * x for w, x in zip(weight, self._steady_friction(j, names), strict=True)]
+                )
+                known[:, [COMMON.index(name) for name in names]] = steady
+        basis = _basis(np.hstack([known, bodies]))
+        residual = gap - basis @ (basis.T @ gap)
+        independent = effective_samples(residual[:, None])[0]
+        return Scan(residual, basis, thin, float(residual @ residual / independent))
+
+    def _steady_friction(self, j: int, names: tuple[str, ...]) -> list[np.ndarray]:
+        """Columns of friction on joint j of each segment as if there were no drift, (M, names)."""
+        arm = replace(self._corrected, effects=tuple(e for e in self._corrected.effects if e.name != "friction_drift"))
+        places, out = [self.terms.of(name)[j].columns[0] for name in names], []
+        for segment, bodies in zip(self.data.segments, self.data.bodies, strict=True):
+            _, x = columns(arm, self.body, segment, bodies, self.terms, self.theta, set(names))
+            out.append(self.data.thin(x[:, j, places], segment))
+        return out
+
+    def _own(self, parts: list[_Part], term: Term, j: int) -> np.ndarray:
+        """What a term contributes to joint j at theta_0 [N m], weighed, (M,)."""
+        places = list(term.columns)
+        return np.concatenate([p.trust(j) * (p.columns[:, j, places] @ self.theta[places]) for p in parts])
+
+    def _window(self, parts: list[_Part], residual: np.ndarray, bases: list[np.ndarray]) -> Shape | None:
+        """The window in which a force from outside explains most."""
+        segments = self.data.segments
+        rotation = self._corrected.base_rotation()
+        force = np.vstack(
+            [
+                -np.stack([p.trust(j) for j in range(self.arm.n_joints)], axis=1)[:, :, None]
+                * self.data.thin(b.force @ rotation.T, s)
+                for p, b, s in zip(parts, self.data.bodies, segments, strict=True)
+            ]
+        )
+        t = np.concatenate([self.data.time(s) for s in segments])
+        steady = np.array([p.doubt.steady for p in parts]) ** 2
+        weight = 1.0 / (steady.mean(axis=0) + (residual**2).mean(axis=0))
+        return force_window(t, residual, force, weight, bases)
+
+    def _halves(self, places: list[int], parts: list[_Part]) -> list[Fold]:
+        """The rows of some segments, cut in the middle."""
+        chosen = [parts[k] for k in places]
+        segments = [self.data.segments[k] for k in places]
+        sticking = np.vstack([p.doubt.sticking for p in chosen])
+        steady2 = np.vstack([np.broadcast_to(p.doubt.steady**2, p.gap.shape) for p in chosen])
+        seconds = sum(float(s.motion.t[-1] - s.motion.t[0]) for s in segments) / 2
+        count = int(np.clip(seconds / PIECE, 2, max(2, MOST_PIECES // (2 * len(self.data.folds)))))
+        gap, x, rate = (np.vstack([getattr(p, name) for p in chosen]) for name in ("gap", "columns", "rate"))
+        nuisance = np.vstack([self.data.nuisance[k] for k in places])
         y = gap + x @ self.theta
-        full = (
-            np.concatenate([x, np.vstack(nuisance), np.vstack(rates)[:, :, None], y[:, :, None]], axis=2)
-            * np.sqrt(weight)[:, :, None]
-        ).transpose(1, 0, 2)
-        cuts = np.linspace(0, len(y), count + 1).astype(int)
+        full = np.concatenate([x, nuisance, rate[:, :, None], y[:, :, None]], axis=2)
+        middle = len(y) // 2
+        return [self._fold(full[h], sticking[h], steady2[h], count) for h in (slice(middle), slice(middle, None))]
+
+    def _fold(self, full: np.ndarray, sticking: np.ndarray, steady2: np.ndarray, count: int) -> Fold:
+        """Normal equations of rows X (M, n, P + K + 2), in ``count`` pieces."""
+        floor2 = steady2.mean(axis=0)
+        weight = 1.0 / (1.0 + sticking**2 / floor2)
+        full = (full * np.sqrt(weight)[:, :, None]).transpose(1, 0, 2)
+        cuts = np.linspace(0, full.shape[1], count + 1).astype(int)
         spans = list(itertools.pairwise(cuts))
         gram = np.array([full[:, a:b].transpose(0, 2, 1) @ full[:, a:b] for a, b in spans])
         rows = np.array([weight[a:b].sum(axis=0) for a, b in spans])
@@ -118,50 +254,12 @@ class Linearisation:
         independent = effective_samples(_richest_residual(explaining)) * weight.mean(axis=0)
         return Fold(gram, rows, np.sqrt(floor2), independent)
 
-    def _segment(self, segment: Segment) -> tuple[np.ndarray, np.ndarray, np.ndarray, Healthy]:
-        """Gap (M, n), columns (M, n, P), rate (M, n) and doubts of one segment, filtered, trimmed and decimated."""
-        assert segment.torque is not None
-        corrected = CorrectedArm(self.arm, self.terms.effects(self.theta))
-        predicted, columns = self._derivatives(corrected, segment)
-        doubt = healthy(corrected, self.body, segment)
-        gap = self.data.thin(segment.torque - predicted, segment)
-        sticking = doubt.sticking[:: self.data.step(segment)]
-        rate = np.gradient(predicted, segment.motion.t, axis=0)
-        return gap, self.data.thin(columns, segment), self.data.thin(rate, segment), Healthy(doubt.steady, sticking)
 
-    def _derivatives(self, corrected: CorrectedArm, segment: Segment) -> tuple[np.ndarray, np.ndarray]:
-        """Predicted torque (N, n), and its derivatives by theta (N, n, P)."""
-        motion, terms, n = segment.motion, self.terms, self.arm.n_joints
-        rigid = corrected.rigid_torque(self.body, motion)
-
-        def recorded(arm: CorrectedArm, torque: np.ndarray) -> np.ndarray:
-            return arm.recorded_torque(arm.needed_torque(torque, motion), motion)
-
-        base = recorded(corrected, rigid)
-        out = np.zeros((len(motion.t), n, terms.size))
-        for effect in terms.joint_effects:
-            if isinstance(effect, Sensing):
-                continue
-            h = STEP.get(effect.name, 1.0)
-            moved = _moved(corrected, effect.name, effect.names[0], h)
-            change = (recorded(moved, rigid) - base) / h
-            block = terms.block(effect)
-            for j in range(n):
-                out[:, j, block.start + j] = change[:, j]
-        q = corrected.true_position(motion.q)
-        offset = terms.block(next(e for e in terms.joint_effects if isinstance(e, Sensing)))
-        by_position = corrected.body(self.body).position_sensitivity(q, motion.dq, motion.ddq)
-        last = self.body.last_link_regressor(q, motion.dq, motion.ddq)
-        columns = np.concatenate([-by_position, last @ _payload_tangent(self.theta[terms.payload])], axis=2)
-        gain = (recorded(corrected, rigid + 1e-3) - recorded(corrected, rigid - 1e-3)) / 2e-3
-        through = _delayed(corrected, columns, motion.t) * np.clip(gain, 0.2, 5.0)[:, :, None]
-        out[:, :, offset] = through[:, :, :n]
-        out[:, :, terms.payload] = through[:, :, n:]
-        return base, out
-
-
-def _motion(segment: Segment) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return segment.motion.q, segment.motion.dq, segment.motion.ddq
+def _basis(x: np.ndarray) -> np.ndarray:
+    """Orthonormal basis of the columns of x, those that hardly count left out."""
+    norms = np.linalg.norm(x, axis=0)
+    u, size, _ = np.linalg.svd(x[:, norms > 0] / norms[norms > 0], full_matrices=False)
+    return u[:, size > 1e-3 * size[0]]
 
 
 def _richest_residual(full: np.ndarray) -> np.ndarray:
@@ -185,47 +283,3 @@ def effective_samples(series: np.ndarray) -> np.ndarray:
     rho = (centred[1:] * centred[:-1]).sum(axis=0) / np.where(power > 0, power, 1.0)
     rho = np.clip(rho, 0.0, 0.98)
     return np.maximum(len(series) * (1 - rho) / (1 + rho), 8.0)
-
-
-def _moved(corrected: CorrectedArm, effect: str, parameter: str, step: float) -> CorrectedArm:
-    """The same arm with one parameter moved by a step on all joints."""
-    n = corrected.arm.n_joints
-    others = tuple(e for e in corrected.effects if e.name != effect)
-    value = corrected.value(effect, parameter) + step
-    return CorrectedArm(corrected.arm, (*others, AppliedEffect(effect, tuple(range(1, n + 1)), {parameter: value})))
-
-
-def _payload_tangent(payload: np.ndarray) -> np.ndarray:
-    """Derivative of the payload's ten inertial parameters by mass and first moment, shape (10, 4)."""
-    mass = payload[0]
-    tangent = np.eye(10, 4)
-    if abs(mass) < 1e-3:
-        return tangent
-    h = 1e-4 * abs(mass)
-    for k in range(4):
-        step = h * np.eye(4)[k]
-        up, down = payload + step, payload - step
-        tangent[:, k] = (
-            point_mass_parameters(up[0], up[1:] / up[0]) - point_mass_parameters(down[0], down[1:] / down[0])
-        ) / (2 * h)
-    return tangent
-
-
-def _nuisance_units(body: RigidBody) -> np.ndarray:
-    """Size of a nominal arm's inertial parameters, (10 n,): what a relative error of one would change them by.
-
-    Mass m; first moments m max(|c|, 5 cm); inertia about the joint frame, its trace / 2.
-    """
-    units = []
-    for m, hx, hy, hz, xx, _, yy, _, _, zz in body.inertial_parameters().reshape(-1, 10):
-        moment = max(float(np.hypot(np.hypot(hx, hy), hz)), 0.05 * m)
-        units.append([m, *[moment] * 3, *[0.5 * (xx + yy + zz)] * 6])
-    return np.array(units).ravel()
-
-
-def _delayed(corrected: CorrectedArm, columns: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Columns (N, n, K) of the needed torque, each joint's shifted by its delay, to first order in the shift."""
-    delay = corrected.value("actuator_delay", "delay")
-    if not delay.any():
-        return columns
-    return columns + delay[:, None] * np.gradient(columns, t, axis=0)

@@ -40,23 +40,21 @@ class Normal:
             theta[columns] = scale * np.linalg.solve(scaled, scale * self._right[columns])
         return theta
 
-    def forms(self, gram: np.ndarray, *, corrected: bool) -> np.ndarray:
-        """Matrices Q with [theta; 1]^T Q [theta; 1] = |y - A theta - N delta|^2, shape (n, P + 1, P + 1).
+    def rest(self, gram: np.ndarray, theta: np.ndarray, columns: np.ndarray, *, corrected: bool) -> np.ndarray:
+        """|y - A theta - N delta|^2 per joint, shape (n,), >= 0.
 
         Args:
             gram: X^T X per joint, shape (n, P + K + 1, P + K + 1).
+            theta: values of the terms, zero outside ``columns``, shape (P,).
+            columns: places of the terms.
             corrected: whether the nuisances are taken out; otherwise delta counts as zero.
         """
-        to = np.zeros((gram.shape[-1], self.size + 1))
-        to[: self.size, : self.size] = -np.eye(self.size)
-        to[-1, -1] = 1.0
-        if corrected:
-            to[self.size : -1] = -self.delta
-        return to.T @ gram @ to
+        last = gram.shape[-1] - 1
+        nuisances = np.arange(self.size, last) if corrected else np.array([], dtype=int)
+        places = np.concatenate([columns, nuisances, [last]]).astype(int)
+        z = np.concatenate([-theta[columns], -self.nuisance(theta, columns) if corrected else [], [1.0]])
+        return np.maximum(gram[:, places[:, None], places] @ z @ z, 0.0)
 
-
-def quadratic(forms: np.ndarray, theta: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Values of quadratic forms (n, P + 1, P + 1) at theta, which is zero outside ``columns``; shape (n,), >= 0."""
-    places = np.append(columns, forms.shape[-1] - 1)
-    z = np.append(theta[columns], 1.0)
-    return np.maximum(forms[:, places[:, None], places] @ z @ z, 0.0)
+    def nuisance(self, theta: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """The best nuisances delta for given values of the terms, shape (K,)."""
+        return self.delta[:, columns] @ theta[columns] + self.delta[:, -1]

@@ -2,19 +2,45 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from scipy.signal import welch
 
 from arm.dynamics import RigidBody
 from diagnosis.gap import TorqueGap, torque_gap
-from diagnosis.result import Signature, Spectrum, Trace
+from diagnosis.localisation.locate import locate
+from diagnosis.result import Located, Signature, Spectrum, Trace
 from diagnosis.rows import Rows, stack
+from diagnosis.wording import worst_joint
 from effects.applied import AppliedEffect
 from effects.corrected import CorrectedArm
 from ident.conditioning import Segment
 
 POINTS = 1500
 """Most points of a curve."""
+
+
+def located(
+    document: Mapping[str, Any], gaps: Mapping[str, TorqueGap], floor: np.ndarray, segments: list[Segment]
+) -> tuple[Located, ...]:
+    """Where the gap of the worst joint lies.
+
+    Args:
+        document: of the diagnosis.
+        gaps: ``before`` and ``after`` the effects found; after is shown where it stays above the floor.
+        floor: RMS that a healthy arm leaves [N m], (n,).
+        segments: the rows of the gaps.
+    """
+    stages = ["before"] if document["effects"] else []
+    stages += ["after"] if document["unexplained"]["above_floor"] else []
+    rows, load, out = stack(segments), gaps["before"].predicted, []
+    for stage in stages:
+        worst = worst_joint(document, stage)
+        places = [] if worst is None else locate(gaps[stage].error, rows, load, floor, [worst])
+        out += [Located(stage, place) for place in places]
+    return tuple(out)
 
 
 def traces(corrected: CorrectedArm, body: RigidBody, segments: list[Segment]) -> tuple[Trace, ...]:

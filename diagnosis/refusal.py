@@ -11,6 +11,8 @@ from diagnosis.rivals import rivals
 from diagnosis.search import Search
 from diagnosis.terms import Term
 
+REACHING = ("encoder_offset", "joint_elasticity", "backlash", "link_inertia")
+"""Effects on one joint that change the torque of others."""
 LEAST_PROBABILITY = 0.5
 """An effect less probable than this is not named."""
 
@@ -58,7 +60,7 @@ def _harmful(judge: Judge) -> Refusal | None:
     costs = {
         term: with_all[joint] - judge.gap(terms - {term}).nrmse[joint]
         for term in sorted(terms, key=lambda t: (t.effect, t.joint))
-        if term.joint in (joint + 1, 0) or term.effect == "encoder_offset"
+        if term.joint in (joint + 1, 0) or term.effect in REACHING
     }
     worst = max(costs, key=lambda term: costs[term], default=None)
     if worst is None or costs[worst] <= 0:
@@ -68,9 +70,9 @@ def _harmful(judge: Judge) -> Refusal | None:
 
 
 def _improbable(found: Search) -> Refusal | None:
-    for name in sorted({t.effect for t in found.fit.terms}):
-        probability, others = rivals(found.evidence, found.fit, name)
+    for name in sorted({t.finding for t in found.fit.terms}):
+        probability, others = rivals(found, name)
         if probability < LEAST_PROBABILITY:
-            terms = frozenset(t for t in found.fit.terms if t.effect == name)
+            terms = frozenset(t for t in found.fit.terms if t.finding == name)
             return Refusal(terms, f"is improbable ({probability:.0%}); {others[0].effect} does as well", 0.0)
     return None

@@ -70,7 +70,7 @@ def _unseen(case: Case, judge: Judge) -> tuple[Recording, tuple[AppliedEffect, .
         theta = evidence.fit(terms).theta
     else:
         recording = [r for r in case.recordings if r.tau is not None][-1]
-        theta = evidence.left_out(terms)[-1]
+        theta = evidence.without_last(terms)
         fold = judge.folds[-1]
         recording = _rows(recording, (recording.t >= fold[0].motion.t[0]) & (recording.t <= fold[-1].motion.t[-1]))
     return recording, evidence.terms.effects(evidence.terms.clipped(theta), terms)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from diagnosis.localisation.locate import Place
 from effects.applied import AppliedEffect
 
 
@@ -63,6 +64,14 @@ class Spectrum:
 
 
 @dataclass(frozen=True)
+class Located:
+    """Where the gap of the worst joint lies: ``stage`` is ``before`` or ``after`` the effects found."""
+
+    stage: str
+    place: Place
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """All findings on one case.
 
@@ -72,6 +81,7 @@ class Diagnosis:
         traces: measured, nominal and corrected torque, one per recording.
         signatures: the shapes that gave the effects away.
         spectrum: where in frequency the gap lies.
+        located: where the gap of the worst joint lies, before and, where it stays above the floor, after.
     """
 
     document: Mapping[str, Any]
@@ -79,3 +89,4 @@ class Diagnosis:
     traces: tuple[Trace, ...]
     signatures: tuple[Signature, ...]
     spectrum: Spectrum
+    located: tuple[Located, ...] = ()

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from diagnosis.evidence import Evidence, Fit
+from diagnosis.search import Search
 from diagnosis.terms import EXPLAINED, Term
 from effects.catalogue import CATALOGUE
 
@@ -31,20 +31,26 @@ class Rival:
     probability: float
 
 
-def rivals(evidence: Evidence, found: Fit, effect: str) -> tuple[float, list[Rival]]:
+def rivals(search: Search, finding: str) -> tuple[float, list[Rival]]:
     """Probability of an effect found, and its rivals in falling order of probability."""
-    mine = frozenset(t for t in found.terms if t.effect == effect)
+    evidence, found = search.evidence, search.fit
+    mine = frozenset(t for t in found.terms if t.finding == finding)
     joints = {t.joint for t in mine} - {0}
     options: dict[str, frozenset[Term]] = {"none": frozenset()}
-    for other in (CATALOGUE[name] for name in EXPLAINED):
-        if any(t.effect == other.name for t in found.terms):
+    for name in EXPLAINED:
+        same = [t for t in evidence.terms.open if t.effect == name and t not in found.terms]
+        scope = CATALOGUE[name].scope
+        if scope == "link" or any(t.effect == name for t in found.terms):
             continue
-        same = [t for t in evidence.terms.all if t.effect == other.name]
-        options[other.name] = frozenset(t for t in same if t.joint in joints or other.scope == "arm" or not joints)
+        options[name] = frozenset(t for t in same if t.joint in joints or scope == "arm" or not joints)
     scores = {}
     for name, terms in options.items():
         if name == "none" or terms:
-            scores[name] = evidence.fit((found.terms - mine) | terms).score - found.score
+            known = search.contested.get((finding, name))
+            scores[name] = evidence.fit((found.terms - mine) | terms).score - found.score if known is None else known
+    for (named, name), score in search.contested.items():
+        if named == finding and name not in scores:
+            options[name], scores[name] = frozenset(), score
     weights = {name: float(np.exp(np.clip(TEMPER * score, -700, 0))) for name, score in scores.items()}
     total = 1.0 + sum(weights.values())
     ranked = sorted(scores, key=lambda name: scores[name], reverse=True)

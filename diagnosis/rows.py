@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -18,6 +18,8 @@ class Rows:
         q, dq, ddq: motion [rad], [rad/s], [rad/s^2], (M, n).
         segment: index of the segment of each row, (M,).
         rates: sampling rate of each segment [Hz].
+        names: recording that each segment is a part of; empty where that is not known.
+        starts: time at which each segment begins in its recording [s]; empty where all begin at 0.
     """
 
     t: np.ndarray
@@ -26,6 +28,17 @@ class Rows:
     ddq: np.ndarray
     segment: np.ndarray
     rates: tuple[float, ...]
+    names: tuple[str, ...] = field(default=())
+    starts: tuple[float, ...] = field(default=())
+
+    @property
+    def clock(self) -> np.ndarray:
+        """Time as the recordings tell it [s], (M,): a recording may have been cut into several segments."""
+        return self.t + np.array(self.starts)[self.segment] if self.starts else self.t
+
+    def recording(self, segment: int) -> str:
+        """What the recording of a segment is called."""
+        return self.names[segment] if self.names else f"recording {segment + 1}"
 
 
 def stack(segments: list[Segment]) -> Rows:
@@ -39,4 +52,6 @@ def stack(segments: list[Segment]) -> Rows:
         ddq=np.vstack([m.ddq[i] for m, i in parts]),
         segment=np.repeat(np.arange(len(parts)), lengths),
         rates=tuple(m.rate for m, _ in parts),
+        names=tuple(s.recording for s in segments),
+        starts=tuple(float(m.t[0]) for m, _ in parts),
     )

@@ -1,36 +1,26 @@
-"""The terms that a diagnosis may add to the nominal arm: effects on joints, as one parameter vector."""
+"""The terms that a diagnosis may add to the nominal arm, as one parameter vector."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from diagnosis.coordinates import COORDINATES, Coordinates
 from effects.applied import AppliedEffect
-from effects.catalogue import CATALOGUE
-from effects.effect import Effect
 
-EXPLAINED = (
-    "coulomb_friction",
-    "viscous_friction",
-    "load_friction",
-    "payload",
-    "armature",
-    "torque_scale",
-    "torque_offset",
-    "actuator_delay",
-    "encoder_offset",
-)
-"""Effects that a diagnosis can find; each joint effect among them has one parameter."""
+EXPLAINED = tuple(COORDINATES)
+"""Effects that a diagnosis can find by the torque gap."""
 
 
 @dataclass(frozen=True)
 class Term:
-    """One effect on one joint, or on the arm.
+    """One effect on one joint, on one link, or on the arm.
 
     Attributes:
         effect: name of the effect.
-        joint: joint from 1, or 0 for the arm.
+        joint: joint, or the joint that moves the link, from 1; 0 for the arm.
         columns: its places in the parameter vector.
     """
 
@@ -38,60 +28,97 @@ class Term:
     joint: int
     columns: tuple[int, ...]
 
+    @property
+    def coordinates(self) -> Coordinates:
+        """The coordinates of its effect."""
+        return COORDINATES[self.effect]
 
+    @property
+    def finding(self) -> str:
+        """What it is named with: all joints of an effect together, each link on its own."""
+        return f"{self.effect} {self.joint}" if self.coordinates.effect.scope == "link" else self.effect
+
+
+@dataclass(frozen=True)
 class Terms:
-    """All terms for an arm with n joints, and the parameter vector theta that holds their values.
+    """All terms for an arm with n joints, the vector theta of their linear coordinates, and their shapes.
 
-    Each joint effect has n parameters; ``payload`` has four: mass m [kg] and first moment h = m c [kg m].
+    Attributes:
+        n_joints: n.
+        shapes: per term with a shape its values; a term without one in the table cannot be chosen.
     """
 
-    def __init__(self, n_joints: int) -> None:
-        self.n_joints = n_joints
-        self.joint_effects = [CATALOGUE[name] for name in EXPLAINED if CATALOGUE[name].scope == "joint"]
-        terms = [
-            Term(effect.name, joint + 1, (k * n_joints + joint,))
-            for k, effect in enumerate(self.joint_effects)
-            for joint in range(n_joints)
-        ]
-        start = len(self.joint_effects) * n_joints
-        self.payload = np.arange(start, start + 4)
-        terms.append(Term("payload", 0, tuple(self.payload.tolist())))
-        self.all = tuple(terms)
-        self.size = start + 4
+    n_joints: int
+    shapes: Mapping[Term, tuple[float, ...]] = field(default_factory=dict)
 
-    def block(self, effect: Effect) -> slice:
-        """Places of a joint effect's values in theta."""
-        k = self.joint_effects.index(effect)
-        return slice(k * self.n_joints, (k + 1) * self.n_joints)
+    def __post_init__(self) -> None:
+        """Lay out theta: effect by effect, coordinate by coordinate, joint by joint."""
+        terms, start = [], 0
+        for name, c in COORDINATES.items():
+            places = 1 if c.effect.scope == "arm" else self.n_joints
+            for k in range(places):
+                columns = tuple(start + i * places + k for i in range(c.linear))
+                terms.append(Term(name, 0 if c.effect.scope == "arm" else k + 1, columns))
+            start += places * c.linear
+        object.__setattr__(self, "all", tuple(terms))
+        object.__setattr__(self, "size", start)
 
-    def effects(self, theta: np.ndarray, terms: frozenset[Term] | None = None) -> tuple[AppliedEffect, ...]:
+    all: tuple[Term, ...] = field(init=False, compare=False)
+    size: int = field(init=False, compare=False)
+
+    def of(self, effect: str) -> tuple[Term, ...]:
+        """The terms of an effect, in joint order."""
+        return tuple(t for t in self.all if t.effect == effect)
+
+    def block(self, effect: str) -> np.ndarray:
+        """Places of an effect's linear coordinates in theta, shape (linear, joints, links or 1)."""
+        return np.array([t.columns for t in self.of(effect)]).T
+
+    @property
+    def open(self) -> tuple[Term, ...]:
+        """The terms that can be chosen."""
+        return tuple(t for t in self.all if not t.coordinates.shape or t in self.shapes)
+
+    def effects(self, theta: np.ndarray, terms: Iterable[Term] | None = None) -> tuple[AppliedEffect, ...]:
         """Effects with the values of theta, those of ``terms`` or else those that are not zero.
 
         Raises:
             InputError: a value lies outside the bounds of its parameter.
         """
-        chosen = [t for t in self.all if (t in terms if terms is not None else theta[list(t.columns)].any())]
-        found = []
-        for effect in self.joint_effects:
-            columns = [(t.joint, t.columns[0]) for t in chosen if t.effect == effect.name]
-            if columns:
-                joints, places = zip(*columns, strict=True)
-                found.append(AppliedEffect(effect.name, tuple(joints), {effect.names[0]: theta[list(places)]}))
-        if any(t.effect == "payload" for t in chosen):
-            mass, moment = theta[self.payload[0]], theta[self.payload[1:]]
-            com = moment / mass if abs(mass) > 1e-9 else np.zeros(3)
-            found.append(AppliedEffect("payload", (), {"mass": mass, "com": com}))
-        return tuple(found)
+        chosen = [t for t in self.all if (theta[list(t.columns)].any() if terms is None else t in frozenset(terms))]
+        found: dict[str, list[Term]] = {}
+        for term in chosen:
+            found.setdefault(term.finding, []).append(term)
+        return tuple(self._applied(group, theta) for group in found.values())
+
+    def _applied(self, group: list[Term], theta: np.ndarray) -> AppliedEffect:
+        """One finding's terms as an effect, its values moved into their bounds."""
+        c = group[0].coordinates
+        linear = np.array([theta[list(t.columns)] for t in group]).T
+        shape = np.array([self.shapes[t] for t in group]).T if c.shape else np.zeros((0, len(group)))
+        values = dict(c.values(linear, shape))
+        if c.effect.scope != "joint":
+            values = {name: np.squeeze(value, axis=-1) for name, value in values.items()}
+        if c.effect.scope == "link":
+            values = {"link": np.array(float(group[0].joint)), **values}
+        bounded = {p.name: np.clip(values[p.name], *p.bounds) for p in c.effect.parameters}
+        return AppliedEffect(c.effect.name, tuple(t.joint for t in group) if c.effect.scope == "joint" else (), bounded)
 
     def clipped(self, theta: np.ndarray) -> np.ndarray:
-        """Theta with every value moved into the bounds of its parameter."""
+        """Theta with values of springs, payload and effects that have a single parameter moved into their bounds."""
         out = theta.copy()
-        for effect in self.joint_effects:
-            out[self.block(effect)] = np.clip(out[self.block(effect)], *effect.parameters[0].bounds)
-        mass, com = (parameter.bounds for parameter in CATALOGUE["payload"].parameters)
-        m = np.clip(out[self.payload[0]], *mass)
-        out[self.payload[0]] = m
-        out[self.payload[1:]] = np.clip(out[self.payload[1:]], -abs(m) * com[1], abs(m) * com[1])
+        for name, c in COORDINATES.items():
+            if c.linear == 1 and not c.shape:
+                block = self.block(name)
+                out[block] = np.clip(out[block], *c.effect.parameters[0].bounds)
+        stiffness, moment = self.block("parallel_spring")
+        farthest = COORDINATES["parallel_spring"].effect.parameter("rest").bounds[1] * np.abs(out[stiffness])
+        out[moment] = np.clip(out[moment], -farthest, farthest)
+        mass, com = (p.bounds for p in COORDINATES["payload"].effect.parameters)
+        places = self.block("payload")[:, 0]
+        m = np.clip(out[places[0]], *mass)
+        out[places[0]] = m
+        out[places[1:]] = np.clip(out[places[1:]], -abs(m) * com[1], abs(m) * com[1])
         return out
 
     def impossible(self, theta: np.ndarray, terms: frozenset[Term], lowest: np.ndarray) -> frozenset[Term]:
@@ -105,6 +132,11 @@ class Terms:
         )
 
 
-def count_effects(terms: frozenset[Term]) -> int:
-    """Number of different effects among terms."""
-    return len({term.effect for term in terms})
+def count_findings(terms: Iterable[Term]) -> int:
+    """Number of different findings among terms."""
+    return len({term.finding for term in terms})
+
+
+def cost(terms: Iterable[Term]) -> int:
+    """Number of parameters that terms spend."""
+    return sum(term.coordinates.cost for term in terms)

@@ -1,47 +1,43 @@
-"""Where a gap lies: by regime of motion, by position, in time and by frequency."""
+"""Where a gap lies: by regime of motion, by position, in time and by frequency, cut in advance.
+
+``diagnosis.localisation`` learns from the gap itself what such cuts are too coarse for.
+"""
 
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import welch
 
+from diagnosis.localisation.frequencies import BANDS, LEAST_BAND
+from diagnosis.localisation.locate import locate
+from diagnosis.localisation.region import Region
 from diagnosis.rows import Rows
 
 LEAST_SHARE = 0.25
 """A region must hold this share of a joint's squared gap to be named."""
+IN_DEPTH = 3
+"""Joints that are looked at in depth."""
 LEAST_ENRICHMENT = 1.6
 """A region must hold this many times the share of the gap that its share of the time would give."""
-LEAST_BAND = 0.02
-"""A frequency band counts as this share of the torque's power at least."""
-BANDS = ((0.0, 0.5), (0.5, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 8.0), (8.0, 12.0))
-"""Frequency bands [Hz]."""
 
 
-@dataclass(frozen=True)
-class Region:
-    """A region that holds more of a joint's gap than its size explains.
+def located(error: np.ndarray, rows: Rows, load: np.ndarray, floor: np.ndarray, joints: list[int]) -> list[Region]:
+    """All that is said of where the gap of some joints lies, joint by joint in the order given.
 
-    Attributes:
-        joint: joint from 1.
-        kind: ``regime``, ``position``, ``time`` or ``frequency``.
-        regime: what the region is, in words.
-        share: its share of the joint's squared gap, 0..1.
-        coverage: its share of the samples; of a frequency band, its share of the power of the nominal torque, 0..1.
+    Args:
+        error: gap [N m], (M, n).
+        rows: motion of the same rows.
+        load: torque that the nominal arm predicts [N m], (M, n).
+        floor: RMS that a healthy arm leaves [N m], (n,).
+        joints: from 1, the worst first; only the first ``IN_DEPTH`` are looked at in depth.
     """
-
-    joint: int
-    kind: str
-    regime: str
-    share: float
-    coverage: float
-
-    @property
-    def enrichment(self) -> float:
-        """Share over coverage."""
-        return self.share / max(self.coverage, 1e-3)
+    out = []
+    deep = {place.joint: place.regions for place in locate(error, rows, load, floor, joints[:IN_DEPTH])}
+    for joint in joints:
+        out += [*regions(error, rows, load, [joint]), *deep.get(joint, ())]
+    return out
 
 
 def regions(error: np.ndarray, rows: Rows, load: np.ndarray, joints: list[int], most: int = 2) -> list[Region]:
@@ -87,11 +83,11 @@ def _masks(rows: Rows, load: np.ndarray, j: int) -> list[tuple[str, str, np.ndar
         masks.append(("position", f"position {low:.2f} to {high:.2f} rad", (q >= low) & (q <= high)))
     for segment in np.unique(rows.segment):
         inside = rows.segment == segment
-        t = rows.t[inside]
+        t = rows.clock[inside]
         cuts = np.linspace(t[0], t[-1], 6)
         for low, high in itertools.pairwise(cuts):
-            text = f"recording {segment + 1}, {low:.1f} to {high:.1f} s"
-            masks.append(("time", text, inside & (rows.t >= low) & (rows.t <= high)))
+            text = f"{rows.recording(segment)}, {low:.1f} to {high:.1f} s"
+            masks.append(("time", text, inside & (rows.clock >= low) & (rows.clock <= high)))
     return [m for m in masks if m[2].any()]
 
 

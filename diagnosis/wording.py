@@ -45,8 +45,8 @@ def effect_name(name: str) -> str:
 
 
 def capital(text: str) -> str:
-    """The text with a capital first letter."""
-    return text[:1].upper() + text[1:]
+    """The text with a capital first letter, unless it begins with a symbol in an inequality: ``q > 0.5 rad``."""
+    return text if text[1:3] in (" <", " >") else text[:1].upper() + text[1:]
 
 
 def listing(parts: Sequence[str]) -> str:

@@ -17,6 +17,7 @@ from arm.dynamics import RigidBody
 from arm.motion import Motion
 from arm.nominal import NominalArm, smooth_sign
 from effects.applied import AppliedEffect
+from effects.deflection import behind_elasticity, behind_play
 from effects.effect import Drift, Effect, External, LinkChange, Path, Sensing, Signals, TorqueLaw, Transmission
 from effects.environment import tilt
 from effects.series import MotionSeries
@@ -87,8 +88,15 @@ class CorrectedArm:
             body = body.changed(np.zeros((self.arm.n_joints, 10)), self.base_rotation().T @ self.arm.gravity)
         increments = self.inertial_increments(body)
         torque = self._body_torque(body, increments, motion)
-        if self.arm.encoder == "motor" and self.of_kind(Transmission):
-            torque = self._body_torque(body, increments, self._moved(motion, self._deflection(torque, motion), -1.0))
+        if self.arm.encoder == "joint":
+            return torque
+        stiffness, damping = (self.value("joint_elasticity", name) for name in ("stiffness", "damping"))
+        width = self.value("backlash", "width")
+        if width.any():
+            torque = behind_play(body.changed(increments), motion, torque, width, stiffness, damping)
+        elastic = np.where(width > 0, 0.0, stiffness)
+        if elastic.any():
+            torque = behind_elasticity(body.changed(increments), motion, torque, elastic, damping)
         return torque
 
     def _body_torque(self, body: RigidBody, increments: np.ndarray, motion: Motion) -> np.ndarray:
@@ -116,11 +124,7 @@ class CorrectedArm:
     @staticmethod
     def _moved(motion: Motion, deflection: np.ndarray, sign: float) -> Motion:
         """The motion plus ``sign`` times the slow part of a deflection [rad], (N, n), with its derivatives."""
-        sos = butter(4, min(SLOW, 0.4 * motion.rate), output="sos", fs=motion.rate)
-        slow = sosfiltfilt(sos, deflection, axis=0, padlen=min(len(motion.t) - 1, int(3 * motion.rate / SLOW)))
-        rates = [slow]
-        for _ in range(2):
-            rates.append(np.gradient(rates[-1], motion.t, axis=0))
+        rates = slow_with_rates(deflection, motion)
         q, dq, ddq = (x + sign * rate for x, rate in zip((motion.q, motion.dq, motion.ddq), rates, strict=True))
         return Motion(motion.t, q, dq, ddq)
 
@@ -163,6 +167,27 @@ class CorrectedArm:
             needed = effect.inverse(needed, series, *values)
         return needed
 
+    @property
+    def unlimited(self) -> CorrectedArm:
+        """The same arm without saturation."""
+        return replace(self, effects=tuple(e for e in self.effects if e.name != "torque_saturation"))
+
+    def delivered(self, recorded: np.ndarray) -> np.ndarray:
+        """What is left of a recorded torque [N m], (N, n), after saturation."""
+        for effect, values in self.of_kind(Path):
+            if effect.name == "torque_saturation":
+                assert isinstance(effect, Path)
+                recorded = effect.applied(recorded, None, *values)
+        return recorded
+
     def predict(self, body: RigidBody, motion: Motion) -> np.ndarray:
         """Torque that would be recorded on this motion [N m], shape (N, n)."""
         return self.recorded_torque(self.needed_torque(self.rigid_torque(body, motion), motion), motion)
+
+
+def slow_with_rates(deflection: np.ndarray, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The part of a deflection [rad], (N, n), below ``SLOW``, with its first and second derivative by time."""
+    sos = butter(4, min(SLOW, 0.4 * motion.rate), output="sos", fs=motion.rate)
+    slow = sosfiltfilt(sos, deflection, axis=0, padlen=min(len(motion.t) - 1, int(3 * motion.rate / SLOW)))
+    rate = np.gradient(slow, motion.t, axis=0)
+    return slow, rate, np.gradient(rate, motion.t, axis=0)

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 import typer
 from rich.console import Console
 
-from arm.errors import GapscopeError, ModelWarning
+from arm.errors import GapscopeError, InputError, ModelWarning
+from gapscope.blind import blind
 
 if TYPE_CHECKING:
     from rich.status import Status
@@ -23,6 +24,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
 )
+app.add_typer(blind, name="blind")
 _console = Console()
 _log = Console(stderr=True)
 _python_warning = warnings.showwarning
@@ -61,8 +63,15 @@ def diagnose(
     out: Annotated[Path, typer.Option(help="folder for the results", metavar="DIR")],
     jobs: Annotated[int, typer.Option(min=1, help="cases at a time, where there are several")] = 1,
     backend: Annotated[str, typer.Option(help="local, or ray (needs ray installed)")] = "local",
+    against: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option(help="case of the same arm, known healthy and without load: what changed?", metavar="REFERENCE"),
+    ] = None,
 ) -> None:
     """Find where the gap lies, which effect causes it, and how far it shrinks."""
+    if against is not None:
+        _diagnose_against(cases, against, out)
+        return
     if len(cases) == 1:
         from diagnosis.terminal import print_summary
         from gapscope.run import diagnose_path
@@ -78,6 +87,22 @@ def diagnose(
         code = diagnose_all(cases, out, jobs, backend, progress, _console)
     _wrote(out / "summary.html")
     raise typer.Exit(code)
+
+
+def _diagnose_against(cases: list[Path], reference: Path, out: Path) -> None:
+    from diagnosis.terminal import print_summary
+    from gapscope.against import CASE, URDF, diagnose_against
+
+    if len(cases) > 1:
+        raise InputError("takes one case at a time", "run the command once for each case", where="--against")
+    with _Progress(cases[0].name or str(cases[0])) as progress:
+        change = diagnose_against(cases[0], reference, out, progress)
+    print_summary(change.diagnosis.document, _console)
+    _wrote(*(out / name for name in ("report.html", "diagnosis.json", "corrected.yaml", CASE, URDF)))
+    _console.print(
+        f"to predict with what was found: gapscope predict {out / CASE} --model {out / 'corrected.yaml'} ...",
+        highlight=False, markup=False, soft_wrap=True,
+    )  # fmt: skip
 
 
 @app.command()
@@ -262,6 +287,58 @@ def excite(
         found, paths = excite_files(robot, out, plan, limits, seed=seed, progress=progress)
     _console.print(margin_table(found))
     for line in (*margin_lines(found), *summary(found, plan)):
+        _console.print(line, highlight=False, markup=False, soft_wrap=True)
+    _wrote(*paths)
+
+
+@app.command()
+def advise(
+    case: CasePath,
+    out: Annotated[Path, typer.Option(help="CSV to write; .yaml for ROS and .html with plots beside", metavar="FILE")],
+    diagnosis: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option(help="folder that diagnose wrote for this case; default: diagnose it now", metavar="DIR"),
+    ] = None,
+    payload: Annotated[
+        Optional[float],  # noqa: UP045
+        typer.Option(help="mass of a known body that could be mounted; used where it separates better [kg]"),
+    ] = None,
+    payload_com: Annotated[
+        str, typer.Option(help="its centre in the frame of the joint that moves the last link, x,y,z [m]")
+    ] = "0,0,0",
+    fastest: Annotated[float, typer.Option(help="highest frequency that the controller follows [Hz]")] = 5.0,
+    rate: Annotated[float, typer.Option(help="samples per second [Hz]")] = 250.0,
+    evaluations: Annotated[int, typer.Option(min=1, help="candidates to judge, over all speeds and loads")] = 1000,
+    velocity: Annotated[float, typer.Option(help="no joint moves faster [rad/s]")] = 1.5,
+    acceleration: Annotated[float, typer.Option(help="limit of every joint [rad/s^2]")] = 5.0,
+    torque: Annotated[float, typer.Option(help="share of the torque limits that may be used")] = 0.8,
+    margin: Annotated[float, typer.Option(help="distance from the position limits [rad]")] = 0.1,
+    singular: Annotated[float, typer.Option(help="least singular value of the tool's Jacobian; 0 for any")] = 0.02,
+    clearance: Annotated[float, typer.Option(help="least distance between bodies and to the surface [m]")] = 0.01,
+    surface: Annotated[float, typer.Option(help="height of the surface under the arm in the base frame [m]")] = 0.0,
+    collisions: Annotated[bool, typer.Option(help="check collisions with the meshes of the URDF")] = True,
+    seed: Annotated[Optional[int], typer.Option(min=0, help="find the same trajectory again")] = None,  # noqa: UP045
+) -> None:
+    """Design the next recording, on which explanations that are still open differ most within limits."""
+    from diagnosis.advice.advise import Request
+    from diagnosis.advice.wording import lines
+    from gapscope.advise import check_out, findings, payload_of, write_advice
+    from gapscope.excite import SearchProgress, margin_lines, margin_table
+    from ident.excitation.plan import LimitPlan
+
+    check_out(out)
+    limits = LimitPlan(velocity, acceleration, torque, margin, singular, clearance, surface, collisions)
+    request = Request(limits, payload_of(payload, payload_com), fastest, rate, evaluations, seed)
+    label = case.name or str(case)
+    with _Progress(label) as progress:
+        loaded, found = findings(case, diagnosis, progress)
+    with SearchProgress(label, "separation", _log) as search:
+        advice, paths = write_advice(loaded, found, request, out, search)
+    if advice.excitation is not None:
+        _console.print(margin_table(advice.excitation))
+        for line in margin_lines(advice.excitation):
+            _console.print(line, highlight=False, markup=False, soft_wrap=True)
+    for line in lines(advice, found[0]):
         _console.print(line, highlight=False, markup=False, soft_wrap=True)
     _wrote(*paths)
 

@@ -49,7 +49,7 @@ def diagnose_path(path: Path, out: Path, progress: Callable[[str], None] = lambd
     except OSError as error:
         raise GapscopeError(f"{out / 'diagnosis.json'}: cannot be replaced ({error.strerror})", "remove it") from None
     progress("reads the case")
-    case = load_case(path)
+    case = load_case(path, any_unit=True)
     result = diagnose(case, progress)
     progress("writes the report")
     write_corrected(case.name, result.effects, out / "corrected.yaml")

@@ -114,6 +114,17 @@ def condition(recording: Recording, cutoff: float) -> list[Segment]:
     return [_segment(recording, span, cutoff) for span in spans]
 
 
+def thinned(segment: Segment, rate: float) -> Segment:
+    """A segment decimated to no less than ``rate`` [Hz], its torques low-passed before."""
+    m = segment.motion
+    step = max(1, int(m.rate / rate + 1e-6))
+    torque, sensor = (
+        None if x is None else _decimate(x, m.rate, step) for x in (segment.torque, segment.torque_sensor)
+    )
+    motion = Motion(m.t[::step], m.q[::step], m.dq[::step], m.ddq[::step])
+    return Segment(segment.recording, motion, torque, sensor)
+
+
 def blocks(segment: Segment, count: int) -> list[Segment]:
     """A segment cut into blocks of equal length, which overlap only by what trimming takes from their ends."""
     n, edge = len(segment.motion.t), _edge(segment.motion.rate)

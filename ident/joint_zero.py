@@ -141,7 +141,7 @@ def _columns(
     sensitivity = np.zeros((*m.q.shape, m.q.shape[1]))
     if with_zero:
         change = (x[: columns.links] - columns.body.inertial_parameters()).reshape(-1, 10)
-        sensitivity = -columns.body.changed(change).position_sensitivity(true.q, m.dq, m.ddq)
+        sensitivity = -columns.body.changed(change).sensitivities(true.q, m.dq, m.ddq)[0]
     right = np.asarray(segment.torque) + sensitivity @ delta
     full = np.concatenate([smooth, dry, sensitivity, right[:, :, None]], axis=2)
     return band.filtered(full, segment)[:: band.step(segment)]

@@ -29,7 +29,8 @@ ONLY_IN = {
     "pinocchio": ("arm/", "ident/regressor.py"),
     "pybullet": ("envs/engines/",),
     "pybullet_data": ("envs/engines/",),
-    "mujoco": ("envs/engines/",),
+    "mujoco": ("envs/engines/", "diagnosis/blind/generator/rigid.py"),
+    "numba": ("diagnosis/blind/generator/joint.py",),
     "dartpy": ("envs/engines/",),
 }
 """The only places that may import a library."""

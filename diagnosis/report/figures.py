@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import base64
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
+from diagnosis.report import places
+from diagnosis.report.encoding import encode
 from diagnosis.result import Diagnosis, Signature, Spectrum, Trace
 from diagnosis.wording import joint_names, short_names, worst_joint
 
@@ -34,6 +35,7 @@ def payload(diagnosis: Diagnosis) -> dict[str, Any]:
             for trace in diagnosis.traces
         ],
         "spectrum": _spectrum(diagnosis.spectrum),
+        "places": places.curves(diagnosis),
         "signatures": [_signature(signature) for signature in diagnosis.signatures],
     }
 
@@ -81,8 +83,3 @@ def _spectrum(spectrum: Spectrum) -> dict[str, Any]:
         "before": [encode(column) for column in np.atleast_2d(spectrum.before.T)],
         "after": [encode(column) for column in np.atleast_2d(spectrum.after.T)],
     }
-
-
-def encode(values: np.ndarray) -> str:
-    """Base64 of the values as little-endian float32."""
-    return base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes()).decode("ascii")

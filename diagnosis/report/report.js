@@ -80,6 +80,47 @@ function drawSignature(element) {
   }, []);
 }
 
+/* Floor of a healthy arm as a dashed line, and what a rule speaks of as a shaded part. */
+function marks(place, shaded) {
+  const floor = {
+    type: "line", xref: "paper", x0: 0, x1: 1, y0: place.floor, y1: place.floor,
+    line: { color: colour("floor"), width: 1.5, dash: "dash" },
+  };
+  const part = shaded && {
+    type: "rect", yref: "paper", y0: 0, y1: 1, x0: shaded[0], x1: shaded[1], layer: "below", line: { width: 0 },
+    fillcolor: "rgba(213, 94, 0, 0.13)",
+  };
+  return part ? [part, floor] : [floor];
+}
+
+function drawPlace(element) {
+  const place = curves.places[Number(element.dataset.place)];
+  const x = decode(place.x);
+  const hover = { hovertemplate: "%{x:.3~g}: %{y:.3~g} N m<extra>%{fullData.name}</extra>" };
+  const margin = { l: 62, r: 14, t: 30, b: 46 };
+  if (place.kind === "rule") {
+    const step = x.length > 1 ? x[1] - x[0] : 1;
+    const ends = [x[0] - step / 2, x[x.length - 1] + step / 2];
+    const shaded = [place.above === null ? ends[0] : place.above, place.below === null ? ends[1] : place.below];
+    draw(element, [line(x, decode(place.rms), "RMS of the gap", "nominal", { mode: "lines+markers", ...hover })], {
+      margin, shapes: marks(place, shaded), xaxis: axis(place.axis, { range: ends }),
+      yaxis: axis("RMS of the gap [N m]", { rangemode: "tozero" }),
+    }, []);
+  } else if (place.kind === "time") {
+    draw(element, [
+      line(x, decode(place.rms), "RMS of the gap", "nominal", hover),
+      line(x, decode(place.steps), "level", "measured", { ...hover, line: { color: colour("measured"), width: 2, shape: "hvh" } }),
+    ], { margin, shapes: marks(place), xaxis: axis(place.axis), yaxis: axis("RMS of the gap [N m]", { rangemode: "tozero" }) }, []);
+  } else {
+    const colours = ["#0072b2", "#009e73", "#cc79a7"];
+    const share = { hovertemplate: "%{x:.3~g} Hz: %{y:.2f}<extra>%{fullData.name}</extra>" };
+    draw(element, [
+      line(x, decode(place.gap), "gap, power over its peak", "nominal", { ...share, fill: "tozeroy", fillcolor: "rgba(213, 94, 0, 0.13)" }),
+      ...place.coherence.map((row, i) => line(x, decode(row.y), "with " + row.name, "measured", { ...share, line: { color: colours[i], width: 1.6 } })),
+    ], { margin: { ...margin, t: 48 }, xaxis: axis("frequency [Hz]", { range: [0, 12] }), yaxis: axis("coherence", { range: [0, 1.03] }) }, []);
+  }
+}
+
 function select(change) {
   Object.assign(shown, change);
   document.querySelectorAll("#joint-tabs button").forEach((button, i) => button.setAttribute("aria-pressed", i === shown.joint));
@@ -109,7 +150,8 @@ function addSelectors() {
 
 function drawSignaturesWhenSeen() {
   const pending = new Set(document.querySelectorAll(".signature"));
-  const drawOnce = (element) => pending.delete(element) && drawSignature(element);
+  const drawOne = (element) => ("place" in element.dataset ? drawPlace(element) : drawSignature(element));
+  const drawOnce = (element) => pending.delete(element) && drawOne(element);
   const observer = new IntersectionObserver((entries) => {
     entries.filter((entry) => entry.isIntersecting).forEach((entry) => drawOnce(entry.target));
   }, { rootMargin: "400px" });

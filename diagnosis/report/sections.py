@@ -6,11 +6,16 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from diagnosis.findings import UNEXPLAINED_NRMSE, UNEXPLAINED_RATIO
 from diagnosis.quantities import MISSING, display_unit, significant
+from diagnosis.report.places import pictures
 from diagnosis.result import Diagnosis
 from diagnosis.wording import (
     VERDICTS,
     ParameterText,
+    effect_name,
     gap_closed,
     gap_rows,
     joint_names,
@@ -24,6 +29,8 @@ from effects.catalogue import CATALOGUE
 FIRST_SCREEN_EFFECTS = 4
 """Effects shown with their parameters on the first screen; all of them follow below."""
 
+LEARNT = ("rule", "interval", "line")
+"""Kinds of regions that were learnt from the gap and hold a part of the motion."""
 
 FLOOR_SCALE = 4.0
 """The bars' axis reaches at least this many times the highest floor, so that a healthy arm's bars look small."""
@@ -83,7 +90,9 @@ def where(diagnosis: Diagnosis) -> dict[str, Any]:
     return {
         "joints": joints,
         "scale": max([*values, FLOOR_SCALE * max(floors, default=0.0)], default=0.0) or 1.0,
-        "regions": list({r["joint"]: r for r in reversed(diagnosis.document.get("where", []))}.values())[::-1],
+        "regions": _first_and_learnt(diagnosis.document.get("where", [])),
+        "telling": _most_telling(diagnosis.document.get("where", [])),
+        "pictures": pictures(diagnosis, "before"),
         "replayed": any(joint.replay_before != MISSING for joint in joints),
     }
 
@@ -122,6 +131,8 @@ def left_over(diagnosis: Diagnosis) -> dict[str, Any]:
     return {
         "sentence": unexplained_sentence(document),
         "regions": document["unexplained"]["where"],
+        "joints": _above_floor(document),
+        "pictures": pictures(diagnosis, "after"),
         "considered": document.get("considered", []),
     }
 
@@ -158,6 +169,47 @@ def _found(entry: Mapping[str, Any], diagnosis: Diagnosis) -> FoundEffect:
         without_this=list(entry["gap_without_this"]["torque_nrmse"]),
         signatures=own,
     )
+
+
+def _first_and_learnt(regions: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Of each joint what was learnt from its gap, and without a rule the first that was cut in advance."""
+    joints = [region["joint"] for region in regions]
+    ruled = {region["joint"] for region in regions if region.get("kind") == "rule"}
+    return [
+        r
+        for i, r in enumerate(regions)
+        if r.get("kind") in LEARNT or (joints.index(r["joint"]) == i and r["joint"] not in ruled)
+    ]
+
+
+def _most_telling(regions: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Of each joint the region that holds most of the gap in least of the time; a band of frequency where it is all."""
+    out: dict[int, dict[str, Any]] = {}
+    for region in regions:
+        known = out.setdefault(region["joint"], region)
+        if known is not region and _telling(region) > _telling(known):
+            out[region["joint"]] = region
+    return list(out.values())
+
+
+def _telling(region: Mapping[str, Any]) -> float:
+    """Share times log concentration; less than any other for what only a specialist reads."""
+    if region.get("kind") in ("frequency", "coherence"):
+        return -1.0
+    return float(region["share"] * np.log(max(region.get("enrichment") or 1.0, 1.0)))
+
+
+def _above_floor(document: Mapping[str, Any]) -> list[tuple[int, str, list[str]]]:
+    """Joints left above the floor: number, how many times the floor, and the effects named on them."""
+    if not document["unexplained"]["above_floor"] or not document["effects"]:
+        return []
+    out = []
+    for joint, (_, after, floor) in enumerate(gap_rows(document), 1):
+        if after is None or not floor or after < max(UNEXPLAINED_RATIO * floor, floor + UNEXPLAINED_NRMSE):
+            continue
+        named = [effect_name(entry["effect"]) for entry in document["effects"] if joint in entry["joints"]]
+        out.append((joint, significant(after / floor, 2), named))
+    return out
 
 
 def _mean(values: Iterable[float | None] | None) -> float | None:

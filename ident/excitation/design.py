@@ -19,8 +19,8 @@ from ident.excitation.limits import Checker, Margin
 from ident.excitation.model import ExcitationModel
 from ident.excitation.parametrisation import Parametrisation
 from ident.excitation.plan import OPTIMISERS, LimitPlan, Plan
-from ident.excitation.search import Search
-from ident.excitation.separation import Separated, Signatures
+from ident.excitation.search import SAMPLES, Search
+from ident.excitation.separation import Separated, Separator, Signatures
 
 CHECKED_RATE = 1000.0
 """Limits are checked at no less than this rate [Hz], and at every sample that is written."""
@@ -30,6 +30,8 @@ TRIES = 20
 """Candidates that are checked at every sample, the best first, before giving up."""
 JUDGED = 2000
 """Most samples on which condition number and separation are stated."""
+SEPARATING_RATE = 50.0
+"""Samples per second of a candidate that is judged by predictions over time [Hz]."""
 POSTURES = 300
 """Random postures on which it is checked that limits allow any at all."""
 
@@ -73,6 +75,8 @@ def design(
     limits: LimitPlan,
     rng: np.random.Generator,
     progress: Callable[[float, float], None] = lambda share, best: None,
+    separator: Separator | None = None,
+    body: RigidBody | None = None,
 ) -> Excitation:
     """Look for the trajectory that excites an arm best.
 
@@ -82,15 +86,51 @@ def design(
         limits: what to keep.
         rng: source of candidates; with a budget of evaluations alone the same seed gives the same trajectory.
         progress: called with the share of the budget spent [1] and the best value so far, or infinity.
+        separator: tells apart what criterion ``separation`` is about; by default effects of typical size.
+        body: the arm's rigid bodies where they are not the nominal ones, as with a known payload.
 
     Raises:
         InputError: the limits allow no trajectory, or none was found within the budget.
     """
-    body = RigidBody(arm)
+    prepared = prepare(arm, plan, limits, progress, separator, body)
+    begun = time.monotonic()
+    OPTIMISERS[plan.method]().run(prepared.search, rng)
+    seconds = time.monotonic() - begun
+    reference, margins = accept(prepared.search, prepared.final, plan)
+    left_out = () if prepared.final.collision is None else prepared.final.collision.left_out
+    found = _Accepted(reference, margins, seconds, left_out)
+    return _result(arm, prepared.body, plan, prepared.search, prepared.separator, found)
+
+
+class Prepared(NamedTuple):
+    """A search that has not begun, with the limits that its result has to keep at every sample."""
+
+    search: Search
+    final: Checker
+    separator: Separator | None
+    body: RigidBody
+
+
+def prepare(
+    arm: NominalArm,
+    plan: Plan,
+    limits: LimitPlan,
+    progress: Callable[[float, float], None] = lambda share, best: None,
+    separator: Separator | None = None,
+    body: RigidBody | None = None,
+) -> Prepared:
+    """Set up the search of ``design``, with the same arguments.
+
+    Raises:
+        InputError: the limits allow no trajectory.
+    """
+    body = RigidBody(arm) if body is None else body
     allowed, collision = limits.allowed(arm, body), limits.collision(arm, body)
     final = Checker(arm, body, allowed, collision)
     final.check_static(_postures(allowed.motion))
-    signatures = Signatures(arm, body, plan.effects) if len(plan.effects) > 1 else None
+    samples = SAMPLES if separator is None else int(np.ceil(plan.length * SEPARATING_RATE)) + 1
+    if separator is None and len(plan.effects) > 1:
+        separator = Signatures(arm, body, plan.effects)
     tight = allowed.tightened(**TIGHTER)
     separating = plan.criterion == "separation"
     search = Search(
@@ -99,16 +139,11 @@ def design(
         CRITERIA["condition" if separating else plan.criterion],
         Checker(arm, body, tight, None if collision is None else collision.nearby(tight.clearance)),
         plan.budget,
-        signatures if separating else None,
+        separator if separating else None,
         progress,
+        samples,
     )
-    begun = time.monotonic()
-    OPTIMISERS[plan.method]().run(search, rng)
-    seconds = time.monotonic() - begun
-    reference, margins = accept(search, final, plan)
-    left_out = () if collision is None else collision.left_out
-    found = _Accepted(reference, margins, seconds, left_out)
-    return _result(arm, body, plan, search, signatures, found)
+    return Prepared(search, final, separator, body)
 
 
 def accept(search: Search, final: Checker, plan: Plan) -> tuple[Reference, tuple[Margin, ...]]:
@@ -151,7 +186,7 @@ class _Accepted(NamedTuple):
 
 
 def _result(
-    arm: NominalArm, body: RigidBody, plan: Plan, search: Search, signatures: Signatures | None, accepted: _Accepted
+    arm: NominalArm, body: RigidBody, plan: Plan, search: Search, signatures: Separator | None, accepted: _Accepted
 ) -> Excitation:
     motion = sampled(accepted.reference, plan.length, plan.rate)
     step = -(-len(motion.t) // JUDGED)

@@ -14,7 +14,7 @@ from ident.excitation.criteria import Criterion
 from ident.excitation.limits import Checker
 from ident.excitation.model import ExcitationModel
 from ident.excitation.parametrisation import Parametrisation
-from ident.excitation.separation import Signatures
+from ident.excitation.separation import Separator
 
 SAMPLES = 200
 """Samples of a candidate during the search."""
@@ -84,8 +84,9 @@ class Search:
         criterion: to be made small; with ``signatures``, minus the log of the separation is made small instead.
         checker: of the limits, tightened.
         budget: when to end.
-        signatures: of the effects to separate, or ``None``.
+        signatures: what tells the effects to separate apart, or ``None``.
         progress: called with the share of the budget spent [1] and the best value so far, or infinity.
+        samples: of a candidate during the search.
 
     Attributes:
         found: candidates that keep all limits, each better than those before it.
@@ -96,12 +97,12 @@ class Search:
 
     def __init__(
         self, parametrisation: Parametrisation, model: ExcitationModel, criterion: Criterion, checker: Checker,
-        budget: Budget, signatures: Signatures | None = None,
-        progress: Callable[[float, float], None] = lambda share, best: None,
+        budget: Budget, signatures: Separator | None = None,
+        progress: Callable[[float, float], None] = lambda share, best: None, samples: int = SAMPLES,
     ) -> None:  # fmt: skip
         self.parametrisation, self.model, self.checker = parametrisation, model, checker
         self._criterion, self._budget, self._signatures, self._progress = criterion, budget, signatures, progress
-        self._t = np.linspace(0.0, parametrisation.family.duration, SAMPLES)
+        self._t = np.linspace(0.0, parametrisation.family.duration, samples)
         self._basis = parametrisation.family.basis(self._t)
         self._start = time.monotonic()
         self.found: list[Found] = []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy.linalg import subspace_angles
@@ -32,6 +32,13 @@ class Separated(NamedTuple):
 
     least: float
     angle: dict[tuple[str, str], float]
+
+
+class Separator(Protocol):
+    """Says how far explanations are apart on a motion."""
+
+    def separate(self, motion: Motion, matrix: np.ndarray) -> Separated:
+        """On a motion of N samples with base regressor W, shape (N, n, b)."""
 
 
 class Signatures:

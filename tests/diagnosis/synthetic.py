@@ -94,57 +94,163 @@ def body() -> RigidBody:
     return RigidBody(arm())
 
 
+Joints = tuple[float, ...]
+NOTHING: Joints = (0.0,) * N
+
+
 @dataclass(frozen=True)
 class Truth:
     """What the recorded arm has beyond the nominal one; zeros and a torque of zero by default.
 
     Attributes:
-        coulomb, viscous, load, armature, scale, offset, delay, encoder: one value per joint, SI.
+        coulomb, viscous, load, armature, scale, offset, delay, lag, encoder: one value per joint, SI.
+        stribeck, stribeck_speed: torque per joint [N m], and the speed at which it has fallen to 1 / e [rad/s].
+        drift, drift_time: share per joint by which friction is larger at first, and its time constant [s].
+        ripple, cycles, phase: amplitude per joint [N m], periods per revolution, phase [rad].
+        spring, rest: stiffness per joint [N m/rad], and where it rests [rad].
+        limit: per joint [N m], 0 for none; only of simulated recordings.
+        stiffness, damping, play: of the transmission per joint [N m/rad], [N m s/rad], [rad], 0 for a rigid one; only
+            of simulated recordings.
         mass, com: point mass on the last link [kg], [m].
+        link, link_mass, link_com: the link, from 1, that is heavier by so much [kg] and its centre off by so much [m].
+        tilt: roll and pitch of the base [rad].
+        force, window: force on the last link's centre of mass [N], world frame, from start to end [s].
         extra: torque beyond the catalogue of (t, q, dq), shape (N, n).
     """
 
-    coulomb: tuple[float, ...] = (0.0,) * N
-    viscous: tuple[float, ...] = (0.0,) * N
-    load: tuple[float, ...] = (0.0,) * N
-    armature: tuple[float, ...] = (0.0,) * N
-    scale: tuple[float, ...] = (0.0,) * N
-    offset: tuple[float, ...] = (0.0,) * N
-    delay: tuple[float, ...] = (0.0,) * N
-    encoder: tuple[float, ...] = (0.0,) * N
+    coulomb: Joints = NOTHING
+    viscous: Joints = NOTHING
+    load: Joints = NOTHING
+    armature: Joints = NOTHING
+    scale: Joints = NOTHING
+    offset: Joints = NOTHING
+    delay: Joints = NOTHING
+    lag: Joints = NOTHING
+    encoder: Joints = NOTHING
+    stribeck: Joints = NOTHING
+    stribeck_speed: float = 0.2
+    drift: Joints = NOTHING
+    drift_time: float = 3.0
+    ripple: Joints = NOTHING
+    cycles: float = 16.0
+    phase: float = 0.7
+    spring: Joints = NOTHING
+    rest: float = 0.3
+    limit: Joints = NOTHING
+    stiffness: Joints = NOTHING
+    damping: Joints = NOTHING
+    play: Joints = NOTHING
     mass: float = 0.0
     com: tuple[float, ...] = (0.0, 0.0, 0.0)
+    link: int = 1
+    link_mass: float = 0.0
+    link_com: tuple[float, ...] = (0.0, 0.0, 0.0)
+    tilt: tuple[float, float] = (0.0, 0.0)
+    force: tuple[float, ...] = (0.0, 0.0, 0.0)
+    window: tuple[float, float] = (0.0, 0.0)
     extra: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray] = field(
         default=lambda t, q, dq: np.zeros_like(q), repr=False
     )
 
 
+def model(truth: Truth) -> pin.Model:
+    """Bodies of the recorded arm: load welded on, one link off, base tilted; frame ``hand`` at the last centre."""
+    out = pin.buildModelFromUrdf(str(arm().urdf))
+    out.addFrame(pin.Frame("hand", N, 0, pin.SE3(np.eye(3), out.inertias[N].lever), pin.FrameType.OP_FRAME))
+    own = out.inertias[truth.link]
+    grown = own.mass + truth.link_mass
+    out.inertias[truth.link] = pin.Inertia(grown, own.lever + truth.link_com, own.inertia * grown / own.mass)
+    out.appendBodyToJoint(N, pin.Inertia(truth.mass, np.array(truth.com), np.zeros((3, 3))), pin.SE3.Identity())
+    out.gravity.linear = pin.rpy.rpyToMatrix(*truth.tilt, 0.0).T @ [0.0, 0.0, -9.81]
+    return out
+
+
+def pushed(truth: Truth, t: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """J^T f on the last link's centre of mass [N m], (N, n), while it acts; f is given in the world's frame."""
+    out, of = np.zeros_like(q), model(truth)
+    data, hand = of.createData(), of.getFrameId("hand")
+    force = pin.rpy.rpyToMatrix(*truth.tilt, 0.0).T @ truth.force
+    for i in np.flatnonzero((t >= truth.window[0]) & (t < truth.window[1])):
+        jacobian = pin.computeFrameJacobian(of, data, q[i], hand, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        out[i] = jacobian[:3].T @ force
+    return out
+
+
 def needed(truth: Truth, motion: Fourier, t: np.ndarray) -> np.ndarray:
-    """Torque that must reach the joints at times t [N m], (N, n), by pinocchio with the load welded on."""
-    model = pin.buildModelFromUrdf(str(arm().urdf))
-    model.appendBodyToJoint(N, pin.Inertia(truth.mass, np.array(truth.com), np.zeros((3, 3))), pin.SE3.Identity())
-    data = model.createData()
+    """Torque that must reach the joints at times t [N m], (N, n), by pinocchio."""
+    of = model(truth)
+    data = of.createData()
     q, dq, ddq = motion.position(t), motion.velocity(t), motion.acceleration(t)
-    torque = np.array([pin.rnea(model, data, *row) for row in zip(q, dq, ddq, strict=True)])
-    sign = np.tanh(dq / 0.005)
-    torque += (ARMATURE + np.array(truth.armature)) * ddq
-    torque += (COULOMB + np.array(truth.coulomb)) * sign + (VISCOUS + np.array(truth.viscous)) * dq
-    torque += truth.extra(t, q, dq)
+    torque = np.array([pin.rnea(of, data, *row) for row in zip(q, dq, ddq, strict=True)])
+    torque += (ARMATURE + np.array(truth.armature)) * ddq + np.array(truth.spring) * (q - truth.rest)
+    torque += truth.extra(t, q, dq) - (pushed(truth, t, q) if any(truth.force) else 0.0)
+    warm = 1.0 + np.array(truth.drift) * np.exp(-t / truth.drift_time)[:, None]
+    torque += warm * friction(truth, dq)
     motor = torque
-    for _ in range(60):  # tau = torque + mu |tau| sgn v
-        motor = torque + np.array(truth.load) * np.abs(motor) * sign
+    for _ in range(60 if any(truth.load) else 0):  # tau = torque + mu |tau| sgn v
+        motor = torque + warm * np.array(truth.load) * np.abs(motor) * np.tanh(dq / 0.005)
     return motor
 
 
+def friction(truth: Truth, dq: np.ndarray) -> np.ndarray:
+    """Coulomb, Stribeck and viscous friction [N m], of the shape of dq [rad/s]."""
+    dry = COULOMB + np.array(truth.coulomb)
+    dry = dry + np.array(truth.stribeck) * np.exp(-((dq / truth.stribeck_speed) ** 2))
+    return dry * np.tanh(dq / 0.005) + (VISCOUS + np.array(truth.viscous)) * dq
+
+
 def recording(truth: Truth, motion: Fourier, rng: np.random.Generator, name: str, rate: float = RATE) -> Recording:
-    """What would be logged: applied(t) = (1 + s) recorded(t - T) + offset is what is needed, and noise."""
+    """What would be logged: u behind a lag and late, (1 + s) u(t) + offset + ripple, is what is needed; and noise."""
     t = np.arange(round(motion.duration * rate) + 1) / rate
-    applied = np.empty((len(t), N))
-    for j, delay in enumerate(truth.delay):
-        applied[:, j] = needed(truth, motion, t + SKEW + delay)[:, j]
-    tau = (applied - np.array(truth.offset)) / (1.0 + np.array(truth.scale))
-    q = np.round((motion.position(t) + np.array(truth.encoder)) / ENCODER_STEP) * ENCODER_STEP
+    if any((*truth.limit, *truth.stiffness, *truth.play)):
+        q, tau = simulated(truth, motion, t)
+    else:
+        q, tau = motion.position(t), np.empty((len(t), N))
+        for j in range(N):
+            late = t + SKEW + truth.delay[j]
+            wave = truth.ripple[j] * np.sin(truth.cycles * motion.position(late)[:, j] + truth.phase)
+            tau[:, j] = (_undone(truth, motion, late, j) - truth.offset[j] - wave) / (1.0 + truth.scale[j])
+    q = np.round((q + np.array(truth.encoder)) / ENCODER_STEP) * ENCODER_STEP
     return Recording(name, t, q, tau + NOISE * rng.standard_normal(tau.shape))
+
+
+def _undone(truth: Truth, motion: Fourier, t: np.ndarray, j: int) -> np.ndarray:
+    """Joint j's torque before a lag [N m], (N,): y + T dy / dt of the torque y behind it."""
+    torque, h = needed(truth, motion, t)[:, j], 1e-3
+    if truth.lag[j]:
+        ahead, behind = (needed(truth, motion, t + dt)[:, j] for dt in (h, -h))
+        torque = torque + truth.lag[j] * (ahead - behind) / (2 * h)
+    return torque
+
+
+def simulated(truth: Truth, motion: Fourier, t: np.ndarray, step: float = 5e-4) -> tuple[np.ndarray, np.ndarray]:
+    """Motors' positions and commanded torques at times t, (N, n), of an arm that follows a motion under PD control.
+
+    Motors with joints of their own are joined to the links by springs with free play; semi-implicit Euler steps.
+    """
+    of, every = model(truth), round((t[1] - t[0]) / step)
+    data, grid = of.createData(), np.arange((len(t) - 1) * every + 1) * step
+    wanted, speed, ahead = motion.position(grid), motion.velocity(grid), needed(Truth(), motion, grid)
+    k, d, half = (np.array(x) for x in (truth.stiffness, truth.damping, 0.5 * np.array(truth.play)))
+    soft = (k > 0) | (half > 0)
+    k, d = np.where(soft & (k == 0), 3e4, k), np.where(soft & (k == 0), 30.0, d)
+    limit = np.where(np.array(truth.limit) > 0, truth.limit, np.inf)
+    rotor = ARMATURE + np.array(truth.armature)
+    theta, q, dtheta, dq = wanted[0].copy(), wanted[0].copy(), np.zeros(N), np.zeros(N)
+    seen, command = np.empty_like(wanted), np.empty_like(wanted)
+    for i in range(len(grid)):
+        u = ahead[i] + 800.0 * rotor * (wanted[i] - theta) + 40.0 * rotor * (speed[i] - dtheta)
+        seen[i], command[i] = theta, u
+        pushes = np.clip(u, -limit, limit) - friction(truth, dtheta)
+        twist = theta - q
+        beyond = twist - np.clip(twist, -half, half)
+        through = np.where(beyond != 0, k * beyond + d * (dtheta - dq), 0.0)
+        mass = pin.crba(of, data, q) + np.diag(np.where(soft, 0.0, rotor))
+        bias = pin.nonLinearEffects(of, data, q, dq)
+        dq = dq + step * np.linalg.solve(mass, np.where(soft, through, pushes) - bias)
+        dtheta = np.where(soft, dtheta + step * (pushes - through) / rotor, dq)
+        q, theta = q + step * dq, np.where(soft, theta + step * dtheta, q + step * dq)
+    return seen[::every], command[::every]
 
 
 def motion(seed: int, frequency: float = 0.2, duration: float = 10.0) -> Fourier:
@@ -165,9 +271,9 @@ def recordings(truth: Truth, seed: int = 0, *, duration: float = 8.0, rate: floa
     )
 
 
-def case(truth: Truth = Truth(), seed: int = 0, *, judged: bool = False) -> Case:
+def case(truth: Truth = Truth(), seed: int = 0, *, judged: bool = False, duration: float = 8.0) -> Case:
     """A case of three recordings, and where ``judged`` a fourth that is set aside."""
-    fitted = recordings(truth, seed)
+    fitted = recordings(truth, seed, duration=duration)
     rng = np.random.default_rng(2000 + seed)
     aside = (recording(truth, motion(500 + seed, 0.25, 8.0), rng, "judged.csv"),) if judged else ()
     return Case("synthetic", arm().urdf.parent, arm(), fitted, aside)

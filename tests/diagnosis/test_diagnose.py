@@ -160,6 +160,22 @@ def test_order_of_the_columns() -> None:
     np.testing.assert_allclose(payload.parameters["com"], [0.2, 0.0, 0.0], atol=0.01)
 
 
+def test_order_of_the_columns_of_other_effects() -> None:
+    """As above, of effects that are no load."""
+    order = np.array([2, 0, 1])
+    base = synthetic.arm()
+    sheet = {name: getattr(base, name)[order] for name in ("armature", "coulomb", "viscous")}
+    arm = NominalArm(base.name, base.urdf, tuple(base.joints[j] for j in order), **sheet)
+    truth = Truth(force=(8.0, 0.0, -12.0), window=(2.0, 4.0), ripple=(1.5, 0.0, 0.0))
+    turned = tuple(
+        Recording(r.name, r.t, r.q[:, order], r.tau[:, order]) for r in synthetic.recordings(truth, 2, duration=6.0)
+    )
+    result = diagnose(replace(synthetic.case(seed=2), arm=arm, recordings=turned))
+    assert sorted((e.name, e.joints) for e in result.effects) == [("external_force", ()), ("torque_ripple", (2,))]
+    force = next(e for e in result.effects if e.name == "external_force")
+    np.testing.assert_allclose(force.parameters["force"], [8.0, 0.0, -12.0], atol=0.5)
+
+
 def test_time_may_start_anywhere() -> None:
     case = synthetic.case(COULOMB, seed=7)
     late = tuple(replace(r, t=r.t + 1.7e9) for r in case.recordings)

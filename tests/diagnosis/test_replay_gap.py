@@ -27,7 +27,7 @@ def _judge(case: Case, judged: bool = False, start: float = 0.0) -> SimpleNamesp
     times = [recording.t[recording.t >= start] for recording in case.recordings]
     evidence = SimpleNamespace(
         fit=lambda terms: SimpleNamespace(theta=PAYLOAD if judged else WRONG),
-        left_out=lambda terms: [WRONG, WRONG if judged else PAYLOAD],
+        without_last=lambda terms: WRONG if judged else PAYLOAD,
         terms=SimpleNamespace(clipped=lambda theta: theta, effects=lambda theta, terms: (theta,)),
     )
     folds = [[SimpleNamespace(motion=SimpleNamespace(t=t))] for t in times]

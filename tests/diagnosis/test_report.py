@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 from collections.abc import Callable
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -15,9 +16,12 @@ import documents
 import numpy as np
 import pytest
 
+from diagnosis.localisation.locate import locate
 from diagnosis.report import SummaryRow, render, render_summary
 from diagnosis.report.figures import POINTS_PER_CURVE, encode, keep_extremes, payload
-from diagnosis.result import Spectrum
+from diagnosis.report.places import curves
+from diagnosis.result import Located, Spectrum
+from diagnosis.rows import Rows
 from diagnosis.wording import verdict_sentence
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -42,6 +46,17 @@ class Page(HTMLParser):
     def handle_data(self, data: str) -> None:
         if self.tags and self.tags[-1] not in ("script", "style"):
             self.words.append(data)
+
+
+def located(stage: str) -> Located:
+    """A joint whose gap is large at one place, in one interval, and hums."""
+    t = np.arange(5000) / 250.0
+    q = np.column_stack([np.sin(0.9 * t + j) + 0.3 * np.sin(2.3 * t) for j in range(7)])
+    dq = np.gradient(q, 1 / 250, axis=0)
+    rows = Rows(t, q, dq, np.gradient(dq, 1 / 250, axis=0), np.zeros(5000, dtype=int), (250.0,), ("recording_a.csv",))
+    white = np.random.default_rng(0).standard_normal((5000, 7))
+    error = 0.05 * white + (np.abs(q) < 0.2) * white + 0.8 * np.sin(2 * np.pi * 6 * t)[:, None] * (t > 12)[:, None]
+    return Located(stage, locate(error, rows, 9 * np.cos(q), np.full(7, 0.05), [4])[0])
 
 
 def rendered(document: dict[str, Any], folder: Path) -> Page:
@@ -146,3 +161,23 @@ def test_a_browser_draws_the_figures_offline(make: Callable[[], Any], figures: i
     assert len(drawn) == figures
     assert len(re.findall(r'<g class="trace scatter', done.stdout)) >= 2 * figures
     assert [line for line in done.stderr.splitlines() if "CONSOLE" in line] == []
+
+
+def test_where_the_gap_lies_as_pictures(tmp_path: Path) -> None:
+    diagnosis = replace(documents.diagnosis(documents.two_effects()), located=(located("before"),))
+    told = curves(diagnosis)
+    assert {picture["kind"] for picture in told} >= {"frequency"} and len(told) <= 3
+    render(diagnosis, tmp_path / "report.html")
+    html = (tmp_path / "report.html").read_text(encoding="utf-8")
+    for index, picture in enumerate(told):
+        assert f'data-place="{index}"' in html and picture["title"].startswith("J4")
+
+
+def test_a_joint_left_above_its_floor_is_said_on_the_first_screen(tmp_path: Path) -> None:
+    document = documents.two_effects()
+    assert "Not all is explained" not in rendered(document, tmp_path).text
+    document["unexplained"]["above_floor"] = True
+    document["gap"]["after"]["torque_nrmse"][3] = 10 * document["gap"]["before"]["floor"][3]
+    text = rendered(document, tmp_path).text
+    assert "Not all is explained" in text and "Joint 4 is left at 10 times its floor" in text
+    assert "actuator delay may only stand for something else" in text

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 import synthetic
@@ -106,15 +104,23 @@ def a_cable_at_one_place(t: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.nda
     return (np.abs(q) < 0.15) * [0.0, 4.0, 0.0]
 
 
-@pytest.mark.parametrize(
-    ("extra", "region"),
-    [(extra_friction_at_low_speed, "near velocity reversal"), (a_cable_at_one_place, "position")],
-)
-def test_the_first_region_of_a_diagnosis(extra: Callable[..., np.ndarray], region: str) -> None:
-    document = diagnose(synthetic.case(synthetic.Truth(extra=extra), seed=3)).document
+def test_the_first_regions_of_a_diagnosis() -> None:
+    document = diagnose(synthetic.case(synthetic.Truth(extra=extra_friction_at_low_speed), seed=3)).document
+    first = document["where"][0]
+    assert first["joint"] == 2 and first["regime"].startswith("near velocity reversal") and first["share"] > 0.7
+
+
+def test_a_rule_says_where_a_cable_pulls() -> None:
+    document = diagnose(synthetic.case(synthetic.Truth(extra=a_cable_at_one_place), seed=3)).document
+    assert document["verdict"] == "unexplained"
     for regions_of in (document["where"], document["unexplained"]["where"]):
         first = regions_of[0]
-        assert first["joint"] == 2 and first["regime"].startswith(region) and first["share"] > 0.7
+        assert first["joint"] == 2 and first["regime"].startswith("position") and first["share"] > 0.7
+        [rule] = [region for region in regions_of if region["kind"] == "rule"]
+        [condition] = rule["conditions"]
+        assert condition["quantity"] == "position" and rule["share"] > 0.9
+        assert condition["above"] == pytest.approx(-0.15, abs=0.03)
+        assert condition["below"] == pytest.approx(0.15, abs=0.03)
 
 
 def test_stacked_rows_are_the_trimmed_samples() -> None:

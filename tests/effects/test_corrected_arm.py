@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -14,6 +15,7 @@ from arm.motion import Motion
 from arm.nominal import NominalArm
 from effects.applied import AppliedEffect
 from effects.corrected import CorrectedArm
+from effects.deflection import behind_elasticity, behind_play
 
 COULOMB = AppliedEffect("coulomb_friction", (2,), {"torque": [3.0]})
 VISCOUS = AppliedEffect("viscous_friction", (2,), {"coefficient": [2.0]})
@@ -24,6 +26,10 @@ SCALE = AppliedEffect("torque_scale", (2,), {"scale": [0.25]})
 DELAY = AppliedEffect("actuator_delay", (2,), {"delay": [0.02]})
 ENCODER = AppliedEffect("encoder_offset", (1, 2), {"offset": [0.1, -0.3]})
 PAYLOAD = AppliedEffect("payload", (), {"mass": 1.2, "com": [0.3, 0.1, 0.0]})
+
+
+ELASTIC = AppliedEffect("joint_elasticity", (2,), {"stiffness": [2000.0], "damping": [5.0]})
+PLAY = AppliedEffect("backlash", (2,), {"width": [0.01]})
 
 
 def steady(dq: float, ddq: float = 0.0) -> Motion:
@@ -91,6 +97,36 @@ def test_all_effects_in_any_order_predict_the_same(two: NominalArm, body: RigidB
     for _ in range(5):
         shuffled = tuple(effects[i] for i in rng.permutation(len(effects)))
         np.testing.assert_allclose(CorrectedArm(two, shuffled).predict(body, motion), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("effects", [(ELASTIC,), (PLAY,), (ELASTIC, PLAY)], ids=["elastic", "play", "both"])
+def test_links_behind_the_motors_carry_the_payload(
+    two: NominalArm, body: RigidBody, motion: Motion, effects: tuple[AppliedEffect, ...]
+) -> None:
+    """Of a joint with both the spring is felt beyond the free play; the bodies are those with the load."""
+    spring, damper = ELASTIC.per_joint("stiffness", 2), ELASTIC.per_joint("damping", 2)
+    none, width = np.zeros(2), PLAY.per_joint("width", 2)
+    loaded = CorrectedArm(two, (PAYLOAD,)).body(body)
+    torque = loaded.inverse_dynamics(motion.q, motion.dq, motion.ddq)
+    if PLAY not in effects:
+        expected = behind_elasticity(loaded, motion, torque, spring, damper)
+    else:
+        stiff = (spring, damper) if ELASTIC in effects else (none, none)
+        expected = behind_play(loaded, motion, torque, width, *stiff)
+    for order in itertools.permutations((*effects, PAYLOAD)):
+        np.testing.assert_allclose(CorrectedArm(two, order).rigid_torque(body, motion), expected, atol=1e-8)
+    assert np.abs(expected - torque).max() > 1e-3 * np.abs(torque).max()
+
+
+def test_encoders_on_the_joints_see_the_links_themselves(two: NominalArm, body: RigidBody, motion: Motion) -> None:
+    """The bodies' torque is rigid; only the motor, with its rotor and friction, moves otherwise."""
+    outside = replace(two, encoder="joint")
+    rigid = body.inverse_dynamics(motion.q, motion.dq, motion.ddq)
+    for effects in ((ELASTIC,), (PLAY,), (ELASTIC, PLAY)):
+        np.testing.assert_allclose(CorrectedArm(outside, effects).rigid_torque(body, motion), rigid, atol=1e-9)
+    plain, bent = (CorrectedArm(outside, e).needed_torque(rigid, motion) for e in ((), (ELASTIC,)))
+    np.testing.assert_allclose(bent[:, 0], plain[:, 0])
+    assert np.abs(bent - plain)[:, 1].max() > 1e-3
 
 
 def test_value_over_all_joints(two: NominalArm) -> None:

@@ -1,6 +1,6 @@
 """Two stories of identification, on recordings of a simulated Panda: a wrong zero, and faults that name themselves.
 
-    .venv/bin/python experiments/11_identification_stories.py
+    .venv/bin/python experiments/13_identification_stories.py
 
 The arm is recorded in PyBullet with the effects given, under position control. Printed for each story: the offset that
 is estimated for the joint, whether it is asked about, links that no body can be and negative masses among the

@@ -1,0 +1,1 @@
+"""Setup faults found in a case: what is wrong with the set-up, tested before any physics."""

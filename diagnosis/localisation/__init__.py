@@ -1,0 +1,1 @@
+"""Where a gap lies, in depth: a readable rule, intervals of time, lines and bands of frequency."""

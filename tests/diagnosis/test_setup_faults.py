@@ -1,0 +1,155 @@
+"""Setup faults are found in recordings that have them, whatever else the arm has; ordinary effects are none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import synthetic
+from synthetic import Truth
+
+from arm.case import Case, load_case
+from diagnosis.faults.found import repaired
+from diagnosis.faults.inertials import shifted_arm
+from diagnosis.setup import find_setup_faults
+from effects.faults import Fault, JointSwap, ShiftedInertials, SignFlip, TimeStamps, UnitMismatch
+
+ORDINARY = {
+    "healthy": Truth(),
+    "large payload": Truth(mass=10.0, com=(0.2, 0.03, 0.05)),
+    "torque read 40 % high": Truth(scale=(-0.29, 0.0, -0.29)),
+    "torque read 40 % low": Truth(scale=(0.67, 0.67, 0.0)),
+    "triple Coulomb friction": Truth(coulomb=(4.0, 6.0, 2.0)),
+    "triple viscous friction": Truth(viscous=(4.0, 6.0, 2.0)),
+    "no friction": Truth(coulomb=(-2.0, -3.0, -1.0), viscous=(-2.0, -3.0, -1.0)),
+    "load friction": Truth(load=(0.3, 0.3, 0.3)),
+    "encoder offsets of 5 degrees": Truth(encoder=(0.0, 0.087, -0.087)),
+    "torque offsets": Truth(offset=(5.0, -8.0, 3.0)),
+    "rotor twice as heavy": Truth(armature=(1.0, 1.0, 0.4)),
+    "delay": Truth(delay=(0.05, 0.05, 0.05)),
+    "several at once": Truth(mass=3.0, com=(0.1, 0.0, 0.0), scale=(0.0, 0.2, 0.0), coulomb=(2.0, 0.0, 1.0)),
+    "beyond the catalogue": Truth(extra=lambda t, q, dq: 6.0 * np.sin(40.0 * t)[:, None] * np.array([1.0, 1.0, 0.3])),
+}
+
+FAULTS: dict[str, tuple[Fault, tuple[int, ...], str]] = {
+    "torque turned": (SignFlip((2,)), (2,), "torque"),
+    "torque of the last joint turned": (SignFlip((3,)), (3,), "torque"),
+    "torques turned": (SignFlip((2, 3)), (2, 3), "torque"),
+    "all torques turned": (SignFlip((1, 2, 3)), (1, 2, 3), "torque"),
+    "position turned": (SignFlip((2,), "position"), (2,), "position"),
+    "joint turned": (SignFlip((3,), "joint"), (3,), "joint"),
+    "torques exchanged": (JointSwap((1, 3)), (1, 3), "torque"),
+    "joints exchanged": (JointSwap((2, 3), "joint"), (2, 3), "joint"),
+    "a joint in degrees": (UnitMismatch("degrees", (2,)), (2,), "degrees"),
+    "degrees": (UnitMismatch("degrees"), (1, 2, 3), "degrees"),
+    "milliseconds": (UnitMismatch("milliseconds"), (), "milliseconds"),
+    "a joint on the motor's side": (UnitMismatch("motor_side", (2,), 80.0), (2,), "motor_side"),
+    "motor side": (UnitMismatch("motor_side", (), 50.0), (1, 2, 3), "motor_side"),
+    "inertials shifted": (ShiftedInertials(1), (), ""),
+    "inertials shifted back": (ShiftedInertials(-1), (), ""),
+    "half the rate": (TimeStamps("wrong_rate", 2.0), (), "wrong_rate"),
+    "repeats": (TimeStamps("repeats", 0.06), (), "repeats"),
+    "jitter": (TimeStamps("jitter", 0.15), (), "jitter"),
+    "gaps": (TimeStamps("gaps", 0.06), (), "gaps"),
+}
+
+
+@cache
+def sound(label: str) -> Case:
+    """A case without a setup fault."""
+    return synthetic.case(ORDINARY[label], seed=3)
+
+
+def spoilt(case: Case, fault: Fault) -> Case:
+    """The case as a set-up with the fault would have recorded it."""
+    if isinstance(fault, ShiftedInertials):
+        return replace(case, arm=shifted_arm(case.arm, fault.by))
+    rng = np.random.default_rng(0)
+    return replace(case, recordings=tuple(fault.apply(recording, rng) for recording in case.recordings))
+
+
+@pytest.mark.parametrize("label", ORDINARY)
+def test_ordinary_effects_are_no_setup_fault(label: str) -> None:
+    assert find_setup_faults(sound(label)) == ()
+
+
+def test_unknown_friction_and_wrong_inertials_are_no_setup_fault(tmp_path: Path) -> None:
+    case = sound("healthy")
+    zeros = np.zeros(synthetic.N)
+    assert find_setup_faults(replace(case, arm=replace(case.arm, coulomb=zeros, viscous=zeros))) == ()
+    urdf = tmp_path / "robot.urdf"
+    urdf.write_text(synthetic.URDF.replace('mass value="5"', 'mass value="5.6"').replace('"0.15 0.03', '"0.13 0.03'))
+    assert find_setup_faults(replace(case, arm=replace(case.arm, urdf=urdf))) == ()
+
+
+@pytest.mark.parametrize("label", FAULTS)
+def test_fault_is_found_and_put_right(label: str) -> None:
+    fault, joints, variant = FAULTS[label]
+    case = sound("healthy")
+    bad = spoilt(case, fault)
+    (found,) = find_setup_faults(bad)
+    assert (found.name, found.joints, found.variant) == (fault.name, joints, variant)
+    assert found.probability > 0.7
+    right = repaired(bad, (found,))
+    if variant not in ("repeats", "gaps"):  # what was lost stays lost, and what was written twice is still told
+        assert find_setup_faults(right) == ()
+    if variant in ("torque", "position", "joint", "degrees", "milliseconds"):
+        for given, kept in zip(right.recordings, case.recordings, strict=True):
+            for channel in ("t", "q", "tau"):
+                np.testing.assert_allclose(getattr(given, channel), getattr(kept, channel), rtol=1e-9)
+    if found.gap_before is not None and variant not in ("repeats", "jitter", "gaps"):
+        assert found.gap_after is not None and found.gap_after.max() < found.gap_before.max() / 2
+
+
+@pytest.mark.parametrize("ordinary", ["large payload", "torque read 40 % low", "no friction", "delay"])
+@pytest.mark.parametrize("label", ["torque turned", "joints exchanged", "a joint in degrees", "repeats"])
+def test_fault_is_found_beside_an_ordinary_effect(ordinary: str, label: str) -> None:
+    fault, joints, variant = FAULTS[label]
+    (found,) = find_setup_faults(spoilt(sound(ordinary), fault))
+    assert (found.name, found.joints, found.variant) == (fault.name, joints, variant)
+
+
+def test_values_come_with_their_deviations() -> None:
+    (found,) = find_setup_faults(spoilt(sound("healthy"), UnitMismatch("motor_side", (2,), 80.0)))
+    ratio = found.parameters["ratio"]
+    assert ratio.std is not None
+    assert abs(ratio.value[0] - 80.0) < max(3 * ratio.std[0], 4.0)
+    (found,) = find_setup_faults(spoilt(sound("healthy"), TimeStamps("repeats", 0.06)))
+    assert abs(found.parameters["amount"].value[0] - 0.06) < 0.01
+    assert found.document()["variant"] == "repeats"
+    assert set(found.document()["parameters"]["amount"]) == {"unit", "value", "std"}
+
+
+def test_recorded_velocities_tell_a_wrong_rate() -> None:
+    case = sound("healthy")
+    moving = replace(case, recordings=tuple(replace(r, dq=np.gradient(r.q, r.t, axis=0)) for r in case.recordings))
+    assert find_setup_faults(moving) == ()
+    (found,) = find_setup_faults(spoilt(moving, TimeStamps("wrong_rate", 0.9)))
+    assert found.variant == "wrong_rate"
+    assert found.parameters["amount"].value[0] == pytest.approx(0.9, rel=0.01)
+
+
+def test_samples_taken_at_uneven_times_are_stamped_rightly() -> None:
+    truth, rng = Truth(), np.random.default_rng(0)
+    recordings = []
+    for k, recording in enumerate(synthetic.recordings(truth, 3)):
+        t = recording.t + 0.15 / synthetic.RATE * np.clip(rng.standard_normal(len(recording.t)), -3, 3)
+        path = synthetic.motion(30 + k, (0.1, 0.2, 0.3)[k], 8.0)
+        recordings.append(replace(recording, t=t, q=path.position(t), tau=synthetic.needed(truth, path, t)))
+    assert find_setup_faults(replace(sound("healthy"), recordings=tuple(recordings))) == ()
+
+
+@pytest.mark.shared_data
+@pytest.mark.parametrize("number", range(9))
+def test_sample_cases_have_no_setup_fault(number: int, shared: Path) -> None:
+    assert find_setup_faults(load_case(shared / "sample_cases" / f"case00{number}")) == ()
+
+
+@pytest.mark.shared_data
+@pytest.mark.parametrize("name", ["kinova_gen3_current", "kinova_gen3_sensor", "panda", "staubli_tx40", "ur10"])
+def test_real_arms_have_no_setup_fault(name: str, shared: Path) -> None:
+    path = Path(__file__).parents[2] / "experiments" / "cases" / f"{name}.yaml"
+    assert find_setup_faults(load_case(path, data_root=shared)) == ()
