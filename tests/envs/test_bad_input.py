@@ -42,7 +42,7 @@ def _run(capsys: pytest.CaptureFixture, *arguments: object) -> tuple[int, str]:
 
 
 def _record(capsys: pytest.CaptureFixture, robot: object, effects: Path, *options: object) -> tuple[int, str]:
-    short = ("--recordings", 1, "--duration", 1.0, "--out", effects.parent / "case")
+    short = ("--recordings", 1, "--duration", 1.0, "--seed", 1, "--out", effects.parent / "case")
     return _run(capsys, "record", robot, "--effects", effects, *short, *options)
 
 

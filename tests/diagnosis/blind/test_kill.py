@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -31,12 +32,21 @@ def test_permuted_labels_score_as_chance_does(solved: dict[str, Solved]) -> None
     assert sum(hits) == 0
 
 
+@pytest.fixture
+def no_ripple() -> Iterator[None]:
+    """The hypotheses without ripple; afterwards all of them, in their order."""
+    all_of_them = dict(COORDINATES)
+    del COORDINATES["torque_ripple"]
+    yield
+    COORDINATES.clear()
+    COORDINATES.update(all_of_them)
+
+
 def test_an_effect_that_is_no_longer_in_the_catalogue_is_called_unexplained(
-    solved: dict[str, Solved], monkeypatch: pytest.MonkeyPatch
+    solved: dict[str, Solved], no_ripple: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     case = solved["torque_ripple"]
     assert case.document["verdict"] == "effects_found"
-    monkeypatch.delitem(COORDINATES, "torque_ripple")
     left = tuple(COORDINATES)
     for name, module in list(sys.modules.items()):
         if name.startswith("diagnosis.") and isinstance(getattr(module, "EXPLAINED", None), tuple):
