@@ -9,7 +9,7 @@ import numpy as np
 from diagnosis.gap import torque_scale
 from diagnosis.localisation.region import Region
 from diagnosis.parameters import finding_of, parameters
-from diagnosis.rivals import rivals, separated_by
+from diagnosis.rivals import OPEN, rivals, separated_by
 from diagnosis.rows import Rows, stack
 from diagnosis.terms import Term
 from diagnosis.where import located, regions
@@ -33,8 +33,6 @@ LEFT_NRMSE = 0.05
 """...and at least this torque NRMSE..."""
 CLOSED_JOINT = 0.8
 """...where not this share of its gap is closed: an effect that makes a joint ring leaves much even when it is found."""
-OPEN = 0.05
-"""A rival with this probability leaves the question open."""
 
 
 def document(study: Study) -> dict[str, Any]:

@@ -12,6 +12,8 @@ from effects.catalogue import CATALOGUE
 
 TEMPER = 0.2
 """Evidence counts this much in probabilities: folds of the same few motions say less than their nats."""
+OPEN = 0.05
+"""A rival with this probability leaves the question open [1]."""
 SUREST = 0.999
 """No effect is given a higher probability: what is in no catalogue is never ruled out."""
 

@@ -6,11 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from diagnosis.rivals import OPEN
 from diagnosis.wording import acts_on, effect_name
 from effects.catalogue import CATALOGUE
 
-OPEN = 0.05
-"""A rival with this probability leaves the question open [1]."""
 MOST = 3
 """Most rivals that one recording is designed for; the most probable ones."""
 

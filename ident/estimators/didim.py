@@ -6,17 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from arm.errors import GapscopeError, InputError
 from ident.estimate import Estimate
 from ident.estimators.simulating import (
-    checked,
     estimate_of,
     improved,
     instrument_covariance,
     settled,
-    simulated,
+    started,
 )
-from ident.experiment import Experiment, diverged
+from ident.experiment import Experiment
 from ident.problem import Problem
 
 
@@ -48,13 +46,7 @@ class DirectInverse:
             InputError: too few samples, or a problem that is not the experiment's.
             GapscopeError: the simulated arm runs away.
         """
-        checked(problem, self.experiment)
-        try:
-            now = simulated(problem, self.experiment, self.experiment.start)
-        except InputError:
-            raise
-        except GapscopeError as error:
-            raise diverged(error, 0) from error
+        now = started(problem, self.experiment)
         converged = False
         for iteration in range(1, self.iterations + 1):
             weight = 1.0 / np.maximum(now.error, 1e-9)

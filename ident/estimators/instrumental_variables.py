@@ -6,18 +6,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from arm.errors import GapscopeError, InputError
 from ident.estimate import Estimate
 from ident.estimators.simulating import (
     Simulated,
-    checked,
     estimate_of,
     improved,
     instrument_covariance,
     settled,
-    simulated,
+    started,
 )
-from ident.experiment import Experiment, diverged
+from ident.experiment import Experiment
 from ident.problem import Problem
 
 
@@ -47,13 +45,7 @@ class InstrumentalVariables:
             InputError: too few samples, or a problem that is not the experiment's.
             GapscopeError: the simulated arm runs away.
         """
-        checked(problem, self.experiment)
-        try:
-            now = simulated(problem, self.experiment, self.experiment.start)
-        except InputError:
-            raise
-        except GapscopeError as error:
-            raise diverged(error, 0) from error
+        now = started(problem, self.experiment)
         converged = False
         for iteration in range(1, self.iterations + 1):
             goal = self._solved(problem, now)

@@ -45,6 +45,22 @@ def checked(problem: Problem, experiment: Experiment) -> None:
     check_samples(problem)
 
 
+def started(problem: Problem, experiment: Experiment) -> Simulated:
+    """The problem checked, and simulated with the experiment's first parameters.
+
+    Raises:
+        InputError: too few samples, or a problem that is not the experiment's.
+        GapscopeError: the simulated arm runs away.
+    """
+    checked(problem, experiment)
+    try:
+        return simulated(problem, experiment, experiment.start)
+    except InputError:
+        raise
+    except GapscopeError as error:
+        raise diverged(error, 0) from error
+
+
 def simulated(problem: Problem, experiment: Experiment, beta: np.ndarray) -> Simulated:
     """Simulate with parameters beta; raises ``GapscopeError`` where the arm runs away."""
     own = experiment.problem(beta)
