@@ -1,6 +1,6 @@
-"""Evidence for a set of terms: how well it predicts recordings that it was not fitted to, less what it costs.
+"""Evidence for a set of terms: how well it predicts data that it was not fitted to, less what it costs.
 
-Score of a set S, in nats, over folds f (one recording left out each) and joints j:
+Score of a set S, in nats, over folds f (half a recording left out each) and joints j:
 
     score = -1/2 sum_fj n_fj log(1 + mse_fj / floor_fj^2) - charge(S) - 1/2 (|delta / sigma|^2 + log det)
 

@@ -195,9 +195,9 @@ def _context(study: Study) -> dict[str, Any]:
     if study.judge.judged:
         judged_on = "recordings set aside for judging"
     elif len(case.recordings) > 1:
-        judged_on = "each recording, with the values fitted to the others"
+        judged_on = "each half of a recording, with the values fitted to all else"
     else:
-        judged_on = "blocks of the one recording, each with the values fitted to the rest"
+        judged_on = "halves of blocks of the one recording, each with the values fitted to all else"
     return {
         "arm": {"robot": case.arm.name, "joints": list(case.arm.joints)},
         "recordings": [{"name": r.name, "duration": r.duration, "rate": r.rate, "role": role} for r, role in roles],

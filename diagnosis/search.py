@@ -51,7 +51,7 @@ def search(
     cutoff: float,
     progress: Callable[[str], None] = lambda message: None,
 ) -> Search:
-    """Find the terms that explain the gap of recordings, judged on recordings left out of the fit."""
+    """Find the terms that explain the gap of recordings, judged on halves of recordings left out of the fit."""
     state = State(arm, body, [[thinned(s, SEARCH_RATE) for s in fold] for fold in folds], cutoff)
     considered: list[tuple[Fit, Fit]] = []
     been = {state.fit.terms}

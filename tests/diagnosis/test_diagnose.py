@@ -105,7 +105,7 @@ class TestJudgedRecordings:
     def test_judged_recording_without_torque_is_not_said_to_be_judged_on(self, judged: Case) -> None:
         silent = tuple(replace(r, tau=None) for r in judged.judged)
         document = diagnose(replace(judged, judged=silent)).document
-        assert document["judged_on"] == "each recording, with the values fitted to the others"
+        assert document["judged_on"] == "each half of a recording, with the values fitted to all else"
 
 
 def test_a_single_recording() -> None:
