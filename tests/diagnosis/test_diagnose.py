@@ -114,7 +114,7 @@ def test_a_single_recording() -> None:
     validate(result.document)
     assert [(e.name, e.joints) for e in result.effects] == [("coulomb_friction", (2,))]
     assert result.effects[0].parameters["torque"] == pytest.approx([2.0], rel=0.05)
-    assert result.document["judged_on"].startswith("blocks of the one recording")
+    assert result.document["judged_on"].startswith("halves of blocks of the one recording")
 
 
 def test_a_single_healthy_recording() -> None:
