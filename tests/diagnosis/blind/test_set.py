@@ -162,7 +162,7 @@ def test_frozen_covers_the_diagnosis_and_not_the_scorer() -> None:
     names = {path.name for path in source_files()}
     assert {"diagnose.py", "catalogue.py", "conditioning.py"} <= names
     assert not any("blind" in path.parts for path in source_files())
-    assert thresholds()["findings.OPEN"] == 0.05
+    assert thresholds()["rivals.OPEN"] == 0.05
 
 
 def test_a_plan_is_read_from_yaml_and_its_faults_are_named(tmp_path: Path) -> None:
