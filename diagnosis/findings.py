@@ -9,6 +9,7 @@ import numpy as np
 from diagnosis.gap import torque_scale
 from diagnosis.localisation.region import Region
 from diagnosis.parameters import finding_of, parameters
+from diagnosis.predictable import predictable
 from diagnosis.rivals import OPEN, rivals, separated_by
 from diagnosis.rows import Rows, stack
 from diagnosis.terms import Term
@@ -70,6 +71,7 @@ def document(study: Study) -> dict[str, Any]:
             "share": float(np.clip((left**2 - floor**2).clip(0).sum() / max((before**2).sum(), 1e-12), 0, 1)),
             "above_floor": bool(above.any()),
             "where": [_region(r) for r in _located(study, study.after.error, rows, open_joints)],
+            "predictable": [p.document() for p in predictable(study.after, rows, study.floor, open_joints)],
         },
         "next_recording": _next(effects, open_joints),
         "where": [_region(r) for r in _before(study, rows, floor)],

@@ -20,6 +20,7 @@ from effects.applied import AppliedEffect
 from effects.deflection import behind_elasticity, behind_play
 from effects.effect import Drift, Effect, External, LinkChange, Path, Sensing, Signals, TorqueLaw, Transmission
 from effects.environment import tilt
+from effects.residual.model import ResidualNetwork
 from effects.series import MotionSeries
 
 SLOW = 12.0
@@ -33,13 +34,17 @@ class CorrectedArm:
     Attributes:
         arm: the nominal arm.
         effects: the effects; ``link_inertia`` may occur once per link, the others once.
+        residual: adds to the predicted torque what no effect explains, or ``None``.
     """
 
     arm: NominalArm
     effects: tuple[AppliedEffect, ...] = ()
+    residual: ResidualNetwork | None = None
 
     def check(self) -> None:
         """Check that every joint and link named exists; raises ``InputError`` otherwise."""
+        if self.residual is not None:
+            self.residual.check(self.arm.n_joints)
         for applied in self.effects:
             applied.check(self.arm.n_joints)
 
@@ -182,7 +187,8 @@ class CorrectedArm:
 
     def predict(self, body: RigidBody, motion: Motion) -> np.ndarray:
         """Torque that would be recorded on this motion [N m], shape (N, n)."""
-        return self.recorded_torque(self.needed_torque(self.rigid_torque(body, motion), motion), motion)
+        torque = self.recorded_torque(self.needed_torque(self.rigid_torque(body, motion), motion), motion)
+        return torque if self.residual is None else torque + self.residual.torque(motion, torque)
 
 
 def slow_with_rates(deflection: np.ndarray, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

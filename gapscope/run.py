@@ -17,7 +17,7 @@ from diagnosis.report import render
 from diagnosis.report.summary import SummaryRow
 from diagnosis.result import Diagnosis
 from effects.corrected import CorrectedArm
-from effects.corrected_file import blaming, read_corrected, write_corrected
+from effects.corrected_file import blaming, read_corrected, read_corrected_arm, write_corrected
 from envs.replay import Replay, replay
 
 
@@ -68,16 +68,12 @@ def diagnose_one_of_many(path: str, out: Path, folder: str) -> tuple[SummaryRow,
 
 
 def corrected_arm(arm: NominalArm, model: Path | None) -> CorrectedArm:
-    """The nominal arm, or the corrected one where a ``corrected.yaml`` is given.
+    """The nominal arm, or the corrected one where a ``corrected.yaml`` is given, with its residual network.
 
     Raises:
         InputError: the file cannot be used, or names a joint that the arm does not have.
     """
-    effects = read_corrected(model) if model is not None else ()
-    corrected = CorrectedArm(arm, effects)
-    with blaming(model, effects):
-        corrected.check()
-    return corrected
+    return CorrectedArm(arm) if model is None else read_corrected_arm(arm, model)
 
 
 def load_for_prediction(case_path: Path, file: Path) -> tuple[NominalArm, Recording]:
@@ -93,7 +89,9 @@ def replay_file(
     progress("reads")
     case = load_case(case_path, read_recordings=False)
     recording = load_recording(file, case.arm, case.importing)
-    effects = corrected_arm(case.arm, model).effects
+    effects = read_corrected(model) if model is not None else ()  # a simulator has no place for a residual network
+    with blaming(model, effects):
+        CorrectedArm(case.arm, effects).check()
     progress(f"replays {recording.duration:.3g} s in {engine}")
     with blaming(model, effects):
         return replay(case.arm, effects, recording, case.controller, engine=engine)

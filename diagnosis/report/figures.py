@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.report import places
+from diagnosis.report import guesses, places
 from diagnosis.report.encoding import encode
 from diagnosis.result import Diagnosis, Signature, Spectrum, Trace
 from diagnosis.wording import joint_names, short_names, worst_joint
@@ -36,6 +36,7 @@ def payload(diagnosis: Diagnosis) -> dict[str, Any]:
         ],
         "spectrum": _spectrum(diagnosis.spectrum),
         "places": places.curves(diagnosis),
+        "guesses": guesses.curves(diagnosis),
         "signatures": [_signature(signature) for signature in diagnosis.signatures],
     }
 

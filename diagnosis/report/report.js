@@ -121,6 +121,16 @@ function drawPlace(element) {
   }
 }
 
+function drawGuess(element) {
+  const guess = curves.guesses[Number(element.dataset.guess)];
+  const hover = { hovertemplate: "%{x:.3~g}: %{y:.3~g} N m<extra></extra>" };
+  const mode = guess.amplitude ? "lines" : "lines+markers";
+  draw(element, [line(decode(guess.x), decode(guess.y), "gap", "nominal", { mode, ...hover })], {
+    margin: { l: 62, r: 14, t: 30, b: 46 }, xaxis: axis(guess.axis),
+    yaxis: axis(guess.amplitude ? "amplitude of the gap [N m]" : "gap [N m]", guess.amplitude ? { rangemode: "tozero" } : {}),
+  }, []);
+}
+
 function select(change) {
   Object.assign(shown, change);
   document.querySelectorAll("#joint-tabs button").forEach((button, i) => button.setAttribute("aria-pressed", i === shown.joint));
@@ -150,7 +160,11 @@ function addSelectors() {
 
 function drawSignaturesWhenSeen() {
   const pending = new Set(document.querySelectorAll(".signature"));
-  const drawOne = (element) => ("place" in element.dataset ? drawPlace(element) : drawSignature(element));
+  const drawOne = (element) => {
+    if ("place" in element.dataset) drawPlace(element);
+    else if ("guess" in element.dataset) drawGuess(element);
+    else drawSignature(element);
+  };
   const drawOnce = (element) => pending.delete(element) && drawOne(element);
   const observer = new IntersectionObserver((entries) => {
     entries.filter((entry) => entry.isIntersecting).forEach((entry) => drawOnce(entry.target));

@@ -10,6 +10,7 @@ import numpy as np
 
 from diagnosis.findings import UNEXPLAINED_NRMSE, UNEXPLAINED_RATIO
 from diagnosis.quantities import MISSING, display_unit, significant
+from diagnosis.report.guesses import guesses
 from diagnosis.report.places import pictures
 from diagnosis.result import Diagnosis
 from diagnosis.wording import (
@@ -133,6 +134,7 @@ def left_over(diagnosis: Diagnosis) -> dict[str, Any]:
         "regions": document["unexplained"]["where"],
         "joints": _above_floor(document),
         "pictures": pictures(diagnosis, "after"),
+        "guesses": guesses(diagnosis),
         "considered": document.get("considered", []),
     }
 

@@ -83,7 +83,6 @@ BAD = {
     "another schema": ("schema: 2\neffects: []", "expected the keys schema: 1"),
     "effects is no list": ("schema: 1\neffects: {}", "effects: \\[...\\]"),
     "unknown key": ("schema: 1\neffects: []\nefects: []", "unknown key 'efects'"),
-    "residual": ("schema: 1\neffects: []\nresidual: net.npz", "residual: residual networks cannot be used yet"),
     "entry is a name": (entry("coulomb_friction"), r"effects\[1\]: expected effect:, joints: and parameters:"),
     "no parameters": (entry(f"{{{COULOMB}, joints: [1]}}"), r"effects\[1\]: expected effect:"),
     "unknown effect": (
