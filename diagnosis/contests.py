@@ -73,8 +73,8 @@ def doubt(state: State) -> None:
 
 def _gain(one: Evidence, fitted: Fit, other: Evidence, rival: Fit) -> float:
     """Evidence of a rival less that of a fit, each around its own values, by the same floors and samples [nats]."""
-    samples = 0.5 * (one.independent + other.independent)
-    floor2 = 0.5 * (one.floor2 + other.floor2)
-    unseen = (np.log1p(f.unseen / floor2) for f in (fitted, rival))
-    mine, its = (float((samples * log).sum()) for log in unseen)
+    samples = 0.5 * (one.told.independent + other.told.independent)
+    floor2 = 0.5 * (one.told.floor2 + other.told.floor2)
+    missed = (np.log1p(f.missed / floor2) for f in (fitted, rival))
+    mine, its = (float((samples * log).sum()) for log in missed)
     return 0.5 * (mine - its) - other.charge(rival.terms) + one.charge(fitted.terms)

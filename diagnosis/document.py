@@ -90,6 +90,19 @@ def _not_finite(value: Any, field: str) -> Iterator[str]:
         yield field
 
 
+def _sides(sides: dict[str, Any] | None) -> Iterator[tuple[str, list[Any]]]:
+    """Arrays over joints of the section on both sides of the sensors."""
+    if sides is None:
+        return
+    for side in ("actuator", "link"):
+        before = sides[side]["before"]
+        yield f"{side}.before.torque_nrmse", before["torque_nrmse"]
+        yield f"{side}.before.floor", before["floor"]
+        yield f"{side}.after.torque_nrmse", sides[side]["after"]["torque_nrmse"]
+    yield "carried_by", sides["carried_by"]
+    yield from ((f"sensor.{name}.value", quantity["value"]) for name, quantity in sides["sensor"].items())
+
+
 def _wrong_lengths(content: dict[str, Any]) -> Iterator[tuple[str, str]]:
     """Arrays over joints that do not fit the number of joints, joints that the arm does not have."""
     before, after = content["gap"]["before"], content["gap"]["after"]
@@ -108,6 +121,8 @@ def _wrong_lengths(content: dict[str, Any]) -> Iterator[tuple[str, str]]:
         joints[f"{field}.joints"] = effect["joints"]
         joints[f"{field}.where"] = [region["joint"] for region in effect["where"]]
         yield from _wrong_parameters(effect, field)
+    for name, value in _sides(content.get("sides")):
+        arrays[f"sides.{name}"] = value
     for index, entry in enumerate(content.get("considered", [])):
         joints[f"considered[{index}].joints"] = entry["joints"]
     for field, array in arrays.items():

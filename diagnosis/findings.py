@@ -6,11 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from diagnosis.commanded import WARNING
 from diagnosis.gap import torque_scale
 from diagnosis.localisation.region import Region
 from diagnosis.parameters import finding_of, parameters
 from diagnosis.rivals import OPEN, rivals, separated_by
 from diagnosis.rows import Rows, stack
+from diagnosis.sides import described
 from diagnosis.terms import Term
 from diagnosis.where import located, regions
 from diagnosis.wording import effect_name
@@ -73,6 +75,7 @@ def document(study: Study) -> dict[str, Any]:
         },
         "next_recording": _next(effects, open_joints),
         "where": [_region(r) for r in _before(study, rows, floor)],
+        **({"sides": described(study.sides, effects)} if study.sides else {}),
         **_context(study),
     }
 
@@ -198,6 +201,9 @@ def _context(study: Study) -> dict[str, Any]:
         judged_on = "each half of a recording, with the values fitted to all else"
     else:
         judged_on = "halves of blocks of the one recording, each with the values fitted to all else"
+    inferred = WARNING in case.warnings
+    if inferred:
+        judged_on += "; the torque there is the one that the known controller must have commanded"
     return {
         "arm": {"robot": case.arm.name, "joints": list(case.arm.joints)},
         "recordings": [{"name": r.name, "duration": r.duration, "rate": r.rate, "role": role} for r, role in roles],
@@ -211,6 +217,7 @@ def _context(study: Study) -> dict[str, Any]:
             "sampling_skew": study.found.evidence.skew,
         },
         "judged_on": judged_on,
+        "torque_from": "controller" if inferred else "recorded",
         "warnings": [*case.warnings, *notes, *study.replay.warnings],
         "considered": _considered(study),
     }

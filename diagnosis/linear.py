@@ -20,6 +20,7 @@ import numpy as np
 from diagnosis.columns import columns, link_tangent
 from diagnosis.data import Data
 from diagnosis.gap import Healthy, healthy
+from diagnosis.sensed import SENSOR_ZERO, LinkRows, link_rows, two_sides
 from diagnosis.shapes import Scan, Shape, force_window, search_shape
 from diagnosis.terms import Term, Terms
 from effects.corrected import CorrectedArm
@@ -44,12 +45,20 @@ class Fold:
         rows: weight of the rows of each piece, decimated to about twice the filter's cut-off, shape (B, n).
         floor: RMS of a healthy arm on this fold where its friction is not in doubt [N m], (n,).
         independent: effective number of independent samples, (n,), in what is left when every term is fitted.
+        sides: with a joint torque sensor the same of 2 n rows, the actuator side of each joint, then the link side;
+            K counts the sensor's errors too.
     """
 
     gram: np.ndarray
     rows: np.ndarray
     floor: np.ndarray
     independent: np.ndarray
+    sides: Fold | None = None
+
+    @property
+    def told(self) -> Fold:
+        """What evidence is drawn from: both sides where they are known, the joint's torque otherwise."""
+        return self.sides or self
 
 
 @dataclass(frozen=True)
@@ -92,6 +101,7 @@ class Linearisation:
         proposed = {t: shape.values for t, shape in found.items() if t not in self._used}
         self.terms = Terms(data.arm.n_joints, {**known, **proposed})
         self._add_shaped(parts, frozenset(proposed))
+        self._links = [self._link(k) for k in range(len(parts))] if data.sensed else []
         self.folds = [half for places in self._places() for half in self._halves(places, parts)]
 
     def shape(self, term: Term) -> Shape:
@@ -116,11 +126,20 @@ class Linearisation:
         self._add_links(x, self.data.nuisance[k])
         return _Part(gap, x, rate, Healthy(doubt.steady, sticking), predicted)
 
-    def _add_links(self, x: np.ndarray, nuisance: np.ndarray) -> None:
-        """Columns of link inertia from those of the inertial regressor."""
+    def _link(self, k: int) -> LinkRows:
+        """What the joint torque sensors measured on a segment; all zero where it has none."""
+        segment = self.data.segments[k]
+        bodies, zero = self.data.bodies[k], SENSOR_ZERO * self.data.torque_deviation
+        rows = link_rows(self._corrected, self.body, segment, bodies, self.terms, self.theta, zero)
+        gap, x, errors = (self.data.thin(series, segment) for series in (rows.gap, rows.columns, rows.sensor))
+        self._add_links(x, self.data.nuisance[k], np.full(self.arm.n_joints, float(rows.known)))
+        return replace(rows, gap=gap, columns=x, sensor=errors)
+
+    def _add_links(self, x: np.ndarray, nuisance: np.ndarray, gain: np.ndarray | None = None) -> None:
+        """Columns of link inertia from those of the inertial regressor; ``gain`` on the bodies' torque, (n,)."""
         own = self.body.inertial_parameters().reshape(-1, 10)
         by_link = nuisance.reshape(*nuisance.shape[:2], -1, 10)
-        gain = 1.0 / (1.0 + self._corrected.value("torque_scale", "scale"))
+        gain = 1.0 / (1.0 + self._corrected.value("torque_scale", "scale")) if gain is None else gain
         for link, places in enumerate(self.terms.block("link_inertia").T):
             tangent = link_tangent(own[link], link, self.theta[places])
             units = self.data.units[10 * link : 10 * link + 10]
@@ -237,20 +256,31 @@ class Linearisation:
         gap, x, rate = (np.vstack([getattr(p, name) for p in chosen]) for name in ("gap", "columns", "rate"))
         nuisance = np.vstack([self.data.nuisance[k] for k in places])
         y = gap + x @ self.theta
-        full = np.concatenate([x, nuisance, rate[:, :, None], y[:, :, None]], axis=2)
+        errors = np.zeros((*y.shape, 3 * self.arm.n_joints if self._links else 0))
+        full = np.concatenate([x, nuisance, errors, rate[:, :, None], y[:, :, None]], axis=2)
         middle = len(y) // 2
-        return [self._fold(full[h], sticking[h], steady2[h], count) for h in (slice(middle), slice(middle, None))]
+        halves = slice(middle), slice(middle, None)
+        folds = [self._fold(full[h], sticking[h], steady2[h], count) for h in halves]
+        if not self._links:
+            return folds
+        full, steady2, known = two_sides(full, steady2, nuisance, [self._links[k] for k in places], self.theta)
+        sticking = np.hstack([sticking, np.zeros_like(sticking)])
+        sides = [self._fold(full[h], sticking[h], steady2[h], count, known[h]) for h in halves]
+        return [replace(fold, sides=side) for fold, side in zip(folds, sides, strict=True)]
 
-    def _fold(self, full: np.ndarray, sticking: np.ndarray, steady2: np.ndarray, count: int) -> Fold:
-        """Normal equations of rows X (M, n, P + K + 2), in ``count`` pieces."""
+    def _fold(
+        self, full: np.ndarray, sticking: np.ndarray, steady2: np.ndarray, count: int, known: np.ndarray | float = 1.0
+    ) -> Fold:
+        """Normal equations of rows X (M, n, P + K + 2), in ``count`` pieces; ``known``: 0 for rows that say nothing."""
         floor2 = steady2.mean(axis=0)
-        weight = 1.0 / (1.0 + sticking**2 / floor2)
+        weight = known / (1.0 + sticking**2 / floor2)
         full = (full * np.sqrt(weight)[:, :, None]).transpose(1, 0, 2)
         cuts = np.linspace(0, full.shape[1], count + 1).astype(int)
         spans = list(itertools.pairwise(cuts))
         gram = np.array([full[:, a:b].transpose(0, 2, 1) @ full[:, a:b] for a, b in spans])
         rows = np.array([weight[a:b].sum(axis=0) for a, b in spans])
-        explaining = np.concatenate([full[:, :, : self.terms.size], full[:, :, -1:]], axis=2)
+        bodies = slice(self.terms.size, self.terms.size + len(self.data.units))
+        explaining = np.delete(full, [*range(bodies.start, bodies.stop), full.shape[2] - 2], axis=2)
         independent = effective_samples(_richest_residual(explaining)) * weight.mean(axis=0)
         return Fold(gram, rows, np.sqrt(floor2), independent)
 

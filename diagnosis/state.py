@@ -31,7 +31,8 @@ class State:
         self.scale = self.data.torque_deviation
         terms = Terms(arm.n_joints)
         self.linear = Linearisation(self.data, np.zeros(terms.size), terms)
-        gap = np.array([fold.gram[:, :, -1, -1].sum(axis=0) / fold.rows.sum(axis=0) for fold in self.linear.folds])
+        told = [fold.told for fold in self.linear.folds]
+        gap = np.array([f.gram[:, :, -1, -1].sum(axis=0) / np.maximum(f.rows.sum(axis=0), 1e-9) for f in told])
         self.evidences = evidences(self.linear, gap, frozenset())
         self.fit = self.evidence.fit(frozenset())
         self.contested: dict[tuple[str, str], float] = {}
@@ -46,7 +47,7 @@ class State:
             terms = fit.terms
             shapes = {**self.terms.shapes, **{t: shape.values for t, shape in self.linear.refined.items()}}
             self.linear = Linearisation(self.data, settled(fit), Terms(self.terms.n_joints, shapes))
-            self.evidences = evidences(self.linear, fit.unseen, terms)
+            self.evidences = evidences(self.linear, fit.missed, terms)
             self.fit = self._possible(terms)
             terms = self.fit.terms
             if np.allclose(fit.theta, self.fit.theta, rtol=0.01, atol=1e-4):

@@ -20,6 +20,7 @@ from diagnosis.wording import (
     joint_names,
     joint_ranges,
     parameter_texts,
+    sides_sentence,
     unexplained_sentence,
     verdict_sentence,
 )
@@ -37,6 +38,9 @@ def print_summary(document: Mapping[str, Any], console: Console) -> None:
         console.print(_effects(document))
     console.print()
     console.print(_joints(document))
+    if "sides" in document:
+        console.print()
+        _labelled(console, "By the torque sensors", sides_sentence(document))
     if document["verdict"] != "no_gap":
         console.print()
         _labelled(console, "Unexplained", unexplained_sentence(document))

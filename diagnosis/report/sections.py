@@ -144,6 +144,7 @@ def inputs(diagnosis: Diagnosis) -> dict[str, Any]:
         "recordings": document.get("recordings", []),
         "conditioning": document.get("conditioning"),
         "warnings": document.get("warnings", []),
+        "inferred": document.get("torque_from") == "controller",
         "traces": len(diagnosis.traces),
         "spectrum": diagnosis.spectrum.frequency.size > 0,
     }
