@@ -19,6 +19,7 @@ from diagnosis.judge import Judge
 from diagnosis.pictures import located, signatures, spectrum, traces
 from diagnosis.quantization import find_quantization
 from diagnosis.refusal import Refusal, refuse
+from diagnosis.remainder import Remainder, remainder
 from diagnosis.replay_gap import ReplayGap, replay_gap
 from diagnosis.result import Diagnosis
 from diagnosis.search import Search, search
@@ -44,7 +45,7 @@ class Study:
         judge: predicts unseen data.
         before, after: gap on unseen data without and with the effects.
         floor: RMS that a healthy arm of this kind would leave [N m], (n,).
-        left: RMS of the gap that is left once the errors of the nominal inertials are allowed for as well [N m], (n,).
+        left: what is above the floor before and after.
         replay: replay gap without and with the effects.
         faults: what was wrong with the set-up, put right in the case before anything else, and what shows in the
             recordings themselves.
@@ -60,7 +61,7 @@ class Study:
     before: TorqueGap
     after: TorqueGap
     floor: np.ndarray
-    left: np.ndarray
+    left: Remainder
     replay: ReplayGap
     faults: tuple[FoundFault, ...]
 
@@ -123,13 +124,27 @@ def examine(case: Case, progress: Callable[[str], None], baseline: Baseline | No
     judge = Judge(case.arm, body, found, folds, judged)
     effects = found.evidence.terms.effects(found.fit.theta, found.fit.terms)
     before, after = judge.gap(frozenset()), judge.gap(found.fit.terms)
-    floor, left = _floor(CorrectedArm(case.arm, effects), body, judge.segments, found)
-    floor = np.maximum(floor, baseline.floor(after)) if baseline else floor
-    replayed = ReplayGap()
+    floor = _floor(CorrectedArm(case.arm, effects), body, judge.segments, found)
+    least = baseline.floor(after) if baseline else np.zeros_like(floor)
+    left, replayed = remainder(found, least), ReplayGap()
     if baseline is None:
         progress("replays a recording in the simulator")
         replayed = replay_gap(case, judge)
-    return Study(case, body, cutoff, found, refusals, effects, judge, before, after, floor, left, replayed, faults)
+    return Study(
+        case,
+        body,
+        cutoff,
+        found,
+        refusals,
+        effects,
+        judge,
+        before,
+        after,
+        np.maximum(floor, least),
+        left,
+        replayed,
+        faults,
+    )
 
 
 def _check_torque(case: Case) -> None:
@@ -143,14 +158,8 @@ def _check_torque(case: Case) -> None:
     )
 
 
-def _floor(
-    corrected: CorrectedArm, body: RigidBody, segments: list[Segment], found: Search
-) -> tuple[np.ndarray, np.ndarray]:
-    """RMS of a healthy arm [N m], (n,), with its inertials a little wrong; and what is left above all of it.
-
-    What is left is the gap with values fitted to all that may be fitted: values fitted to slow recordings alone may
-    fail on a fast one although nothing is missing from the model.
-    """
+def _floor(corrected: CorrectedArm, body: RigidBody, segments: list[Segment], found: Search) -> np.ndarray:
+    """RMS of a healthy arm [N m], (n,), with its inertials a little wrong."""
     gap = torque_gap(corrected, body, segments)
     floors = np.array([healthy(corrected, body, s).floor for s in segments])
     noise2 = np.average(floors**2, axis=0, weights=np.diff(gap.edges))
@@ -158,4 +167,4 @@ def _floor(
     plain, allowed = ((evidence.unseen(terms, corrected=c) * evidence.rows).sum(axis=0) for c in (False, True))
     nominal2 = np.clip(plain - allowed, 0.0, None) / evidence.rows.sum(axis=0)
     nominal2 *= (torque_scale(gap.measured) / found.scale) ** 2
-    return np.sqrt(noise2 + nominal2), np.sqrt(np.clip(gap.rmse**2 - nominal2, 0.0, None))
+    return np.asarray(np.sqrt(noise2 + nominal2))

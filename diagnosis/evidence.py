@@ -42,6 +42,7 @@ class Fit:
     Attributes:
         terms: the set.
         score: evidence [nats].
+        cost: what was taken off the likelihood for terms, nuisances and skew [nats].
         theta: values fitted to all folds, shape (P,).
         unseen: mean square of the gap per fold and joint, each fold predicted from the others [N^2 m^2], (F, n).
         impossible: terms whose values cannot be; the score is minus infinity where there are any.
@@ -49,6 +50,7 @@ class Fit:
 
     terms: frozenset[Term]
     score: float
+    cost: float
     theta: np.ndarray
     unseen: np.ndarray
     impossible: frozenset[Term] = frozenset()
@@ -75,7 +77,7 @@ class Evidence:
         self.floor2 = np.array([fold.floor for fold in folds]) ** 2
         self.independent = np.array([fold.independent for fold in folds])
         self.weights = self.independent / self.rows / (unseen + self.floor2)
-        weighted = (self.gram * self.weights[:, :, None, None]).sum(axis=1)
+        weighted = np.array([np.tensordot(w, g, axes=1) for w, g in zip(self.weights, self.gram, strict=True)])
         total = weighted.sum(axis=0)
         self._all = Normal(total, self.terms.size, sigma)
         self._without = [Normal(total - w, self.terms.size, sigma) for w in weighted]
@@ -90,10 +92,11 @@ class Evidence:
         theta = self._all.solve(_columns(terms))
         unseen = self.unseen(terms)
         delta = self._all.nuisance(theta, _columns(terms))
-        score = -0.5 * float((self.independent * np.log1p(unseen / self.floor2)).sum()) - self.charge(terms)
-        score -= SKEW_CHARGE * (self.skew > 0) + 0.5 * float(delta @ delta) / self.sigma**2 + self._log_det
+        cost = self.charge(terms) + SKEW_CHARGE * (self.skew > 0)
+        cost += 0.5 * float(delta @ delta) / self.sigma**2 + self._log_det
+        score = -0.5 * float((self.independent * np.log1p(unseen / self.floor2)).sum()) - cost
         impossible = self.terms.impossible(theta, terms, self.lowest)
-        return Fit(terms, -np.inf if impossible else score, theta, unseen, impossible)
+        return Fit(terms, -np.inf if impossible else score, cost, theta, unseen, impossible)
 
     def charge(self, terms: frozenset[Term]) -> float:
         """What a set costs [nats]: half the logarithm of the samples per parameter, and so much per effect named."""
@@ -165,11 +168,13 @@ def _columns(terms: frozenset[Term]) -> np.ndarray:
 
 
 def _with_skew(gram: np.ndarray, skew: float) -> np.ndarray:
-    """Normal equations of [A, N, y - skew d] from those of [A, N, d, y]; over the last two axes."""
-    out = np.delete(np.delete(gram, -2, axis=-1), -2, axis=-2)
-    out[..., :-1, -1] -= skew * gram[..., :-2, -2]
+    """Normal equations of [A, N, y - skew d] from those of [A, N, y, d]; over the last two axes."""
+    if skew == 0:
+        return gram[..., :-1, :-1]
+    out = gram[..., :-1, :-1].copy()
+    out[..., :-1, -1] -= skew * gram[..., :-2, -1]
     out[..., -1, :-1] = out[..., :-1, -1]
-    out[..., -1, -1] += skew**2 * gram[..., -2, -2] - 2 * skew * gram[..., -2, -1]
+    out[..., -1, -1] += skew**2 * gram[..., -1, -1] - 2 * skew * gram[..., -2, -1]
     return out
 
 

@@ -113,8 +113,8 @@ def healthy(corrected: CorrectedArm, body: RigidBody, segment: Segment) -> Healt
 
     *Noise*: the power density of the unfiltered gap above the band, taken as flat below. *Timing*: ``TIMING`` times
     the RMS rate of the torque. *Form of the model*: ``MODEL_FORM`` times the torque's deviation. *Dry friction*, of
-    size L = c + mu |tau|: anywhere in -L..L, so RMS L / sqrt 3, while the joint sticks, which it does to the degree
-    1 - |tanh(v / STICKING)|; ``FRICTION_FORM`` L while it slides.
+    size L = c + mu |tau|, grown by its drift: anywhere in -L..L, so RMS L / sqrt 3, while the joint sticks, which it
+    does to the degree 1 - |tanh(v / STICKING)|; ``FRICTION_FORM`` L while it slides.
     """
     assert segment.torque is not None
     rate = segment.motion.rate
@@ -125,6 +125,7 @@ def healthy(corrected: CorrectedArm, body: RigidBody, segment: Segment) -> Healt
     dry = np.abs(corrected.arm.coulomb + corrected.value("coulomb_friction", "torque"))
     dry = dry + np.abs(corrected.value("stribeck_friction", "torque"))
     dry = dry + np.abs(corrected.value("load_friction", "coefficient")) * np.abs(torque)
+    dry = dry * corrected.drift(segment.motion.t[segment.inner])
     form = np.hypot(MODEL_FORM * torque_scale(torque), FRICTION_FORM * np.sqrt((dry**2).mean(axis=0)))
     form = np.hypot(form, EFFECT_FORM * _simplified(corrected, body, segment))
     stuck = (1.0 - np.abs(np.tanh(segment.motion.dq[segment.inner] / STICKING))) / np.sqrt(3.0)

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.findings import UNEXPLAINED_NRMSE, UNEXPLAINED_RATIO
 from diagnosis.quantities import MISSING, display_unit, significant
 from diagnosis.report.places import pictures
 from diagnosis.result import Diagnosis
@@ -204,11 +203,9 @@ def _above_floor(document: Mapping[str, Any]) -> list[tuple[int, str, list[str]]
     if not document["unexplained"]["above_floor"] or not document["effects"]:
         return []
     out = []
-    for joint, (_, after, floor) in enumerate(gap_rows(document), 1):
-        if after is None or not floor or after < max(UNEXPLAINED_RATIO * floor, floor + UNEXPLAINED_NRMSE):
-            continue
+    for joint in document["unexplained"]["joints"]:
         named = [effect_name(entry["effect"]) for entry in document["effects"] if joint in entry["joints"]]
-        out.append((joint, significant(after / floor, 2), named))
+        out.append((joint, significant(document["unexplained"]["times_floor"][joint - 1], 2), named))
     return out
 
 
