@@ -11,6 +11,7 @@ import numpy as np
 from diagnosis.findings import UNEXPLAINED_NRMSE, UNEXPLAINED_RATIO
 from diagnosis.quantities import MISSING, display_unit, significant
 from diagnosis.report.places import pictures
+from diagnosis.report.reference import against
 from diagnosis.result import Diagnosis
 from diagnosis.wording import (
     VERDICTS,
@@ -149,7 +150,9 @@ def inputs(diagnosis: Diagnosis) -> dict[str, Any]:
     }
 
 
-SECTIONS: tuple[Callable[[Diagnosis], dict[str, Any]], ...] = (heading, where, which, how_far, left_over, inputs)
+SECTIONS: tuple[Callable[[Diagnosis], dict[str, Any] | None], ...] = (
+    heading, where, which, how_far, left_over, inputs, against,
+)  # fmt: skip
 
 
 def _found(entry: Mapping[str, Any], diagnosis: Diagnosis) -> FoundEffect:
