@@ -10,6 +10,7 @@ import numpy as np
 
 from diagnosis.quantities import MISSING, display_unit, significant
 from diagnosis.report.places import pictures
+from diagnosis.report.reference import against
 from diagnosis.result import Diagnosis
 from diagnosis.wording import (
     VERDICTS,
@@ -148,7 +149,9 @@ def inputs(diagnosis: Diagnosis) -> dict[str, Any]:
     }
 
 
-SECTIONS: tuple[Callable[[Diagnosis], dict[str, Any]], ...] = (heading, where, which, how_far, left_over, inputs)
+SECTIONS: tuple[Callable[[Diagnosis], dict[str, Any] | None], ...] = (
+    heading, where, which, how_far, left_over, inputs, against,
+)  # fmt: skip
 
 
 def _found(entry: Mapping[str, Any], diagnosis: Diagnosis) -> FoundEffect:
