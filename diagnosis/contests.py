@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from diagnosis.moves import CONTESTS, RINGING
-from diagnosis.state import State, nrmse
+from diagnosis.path_form import lag_over_delay
+from diagnosis.state import VISIBLE_EFFECT, State, nrmse
 
 RARE = 20.0
 """Evidence by which a change of the last link has to beat a payload [nats]."""
@@ -31,6 +32,12 @@ def contest(state: State) -> None:
         rest = frozenset(t for t in state.fit.terms if t.effect != chosen)
         state.accept(rest | {t for t in state.terms.open if t.effect == other and t.joint in joints})
         states[other] = state.model
+        gained = lag_over_delay(state, states[first])
+        if gained is not None:
+            winner, loser = (second, first) if gained > 0 else (first, second)
+            state.contested[winner, loser] = -abs(gained)
+            state.model = states[winner]
+            continue
         gained = states[first].gain(states[second])
         left = {name: nrmse(known.evidences[0], known.fit.unseen, state.scale) for name, known in states.items()}
         decisive = abs(gained) > DECISIVE and np.abs(left[second] - left[first]).max() > DECISIVE_NRMSE
@@ -55,14 +62,16 @@ def prefer_payload(state: State) -> None:
 
 
 def doubt(state: State) -> None:
-    """Try the model without each joint that bends or plays, around its own values."""
+    """Try the model without each joint that bends or plays, around its own values; keep those that a person can see."""
     for term in sorted((t for t in state.fit.terms if t.effect in RINGING), key=lambda t: (t.effect, t.joint)):
         if term not in state.fit.terms:
             continue
         before = state.model
         state.accept(state.fit.terms - {term})
-        gained = before.gain(state.model)
-        if gained < 0:
-            state.model = before
+        gained, without = before.gain(state.model), state.model
+        state.model = before
+        if gained > 0 or state.closed(without) < VISIBLE_EFFECT:
+            state.model = without
+        else:
             known = state.contested.get((term.effect, "none"), 0.0)
             state.contested[term.effect, "none"] = min(gained, known)

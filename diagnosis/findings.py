@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from diagnosis.calibration import Support, conformal_set, probability, shared
 from diagnosis.gap import torque_scale
 from diagnosis.localisation.region import Region
 from diagnosis.parameters import finding_of, parameters
-from diagnosis.rivals import OPEN, rivals, separated_by
+from diagnosis.rivals import OPEN, TEMPER, rivals, separated_by
 from diagnosis.rows import Rows, stack
 from diagnosis.terms import Term
 from diagnosis.where import located, regions
@@ -112,24 +113,43 @@ def _finding(study: Study, applied: AppliedEffect, rows: Rows) -> dict[str, Any]
     fit = study.found.fit
     mine = frozenset(t for t in fit.terms if t.finding == finding_of(applied))
     only, without = study.judge.gap(mine), study.judge.gap(fit.terms - mine)
-    probability, others = rivals(study.found, finding_of(applied))
+    known = _support(study, applied, without.nrmse)
+    sure = probability(applied.name, known)
+    others = shared(rivals(study.found, finding_of(applied))[1], 1.0 - sure)
     gained = np.sqrt(np.clip(without.error**2 - study.after.error**2, 0.0, None))
     joints = applied.joints or tuple(int(j) + 1 for j in np.argsort(-(gained**2).sum(axis=0))[:2])
     return {
         "effect": applied.name,
         "joints": list(applied.joints),
-        "probability": probability,
+        "probability": sure,
+        "set": conformal_set(applied.name, sure, others),
+        "support": known.plain(),
         "gap_with_only_this": {"torque_nrmse": _list(only.nrmse)},
         "gap_without_this": {"torque_nrmse": _list(without.nrmse)},
         "where": [_region(r) for r in _regions(study, gained, rows, list(joints), most=1)],
         "alternatives": [
             {
-                "effect": r.effect, "joints": list(r.joints), "probability": r.probability,
+                "effect": r.effect, "joints": list(r.joints), "probability": r.probability, "evidence": r.evidence,
                 "separated_by": separated_by(applied.name, r.effect),
             }
             for r in others if r.probability > 1e-3
         ],
     }  # fmt: skip
+
+
+def _support(study: Study, applied: AppliedEffect, without: np.ndarray) -> Support:
+    """What speaks for an effect found."""
+    places = [j - 1 for j in applied.joints] or list(range(len(study.left.ratio)))
+    left = study.left.after[places] / np.maximum(study.left.before[places], 0.012)
+    _, others = rivals(study.found, finding_of(applied))
+    return Support(
+        margin=float(-np.logaddexp.reduce([-700.0, *(TEMPER * min(r.evidence, 0.0) for r in others)])),
+        closed=float((without - study.after.nrmse).max()),
+        left=float(left.max()),
+        times_floor=float(study.left.ratio[places].max()),
+        effects=len(study.effects),
+        nominal=float(study.found.evidence.sigma),
+    )
 
 
 def _regions(study: Study, error: np.ndarray, rows: Rows, joints: list[int], most: int = 2) -> list[Region]:

@@ -83,15 +83,24 @@ class Left:
     trust: np.ndarray
     information: np.ndarray
 
-    def gain(self, torque: np.ndarray) -> float:
-        """What a predicted torque [N m], (M, n), explains of what is left, as it stands [nats]."""
-        torque = torque * self.trust
+    def gain(self, torque: np.ndarray, free: np.ndarray | None = None) -> float:
+        """What a predicted torque, (M, n), explains of what is left, as it stands [nats].
+
+        Args:
+            torque: per joint [N m]; joints with none do not count.
+            free: one more column per joint that takes its own best value.
+        """
         gain = 0.0
-        for j, basis in enumerate(self.bases):
-            within = basis.T @ torque[:, j]
-            gain += self.information[j] * float(
-                self.residual[:, j] @ torque[:, j] - 0.5 * (torque[:, j] @ torque[:, j] - within @ within)
-            )
+        for j in np.flatnonzero(torque.any(axis=0)):
+            change, basis = torque[:, j] * self.trust[:, j], self.bases[j]
+            change = change - basis @ (basis.T @ change)
+            residual = self.residual[:, j]
+            if free is not None:
+                column = free[:, j] * self.trust[:, j]
+                column = column - basis @ (basis.T @ column)
+                column /= max(float(np.linalg.norm(column)), 1e-12)
+                change, residual = (x - column * (column @ x) for x in (change, residual))
+            gain += self.information[j] * float(residual @ change - 0.5 * change @ change)
         return gain
 
 

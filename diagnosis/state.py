@@ -147,10 +147,13 @@ class State:
                 refused += 1
 
     def prune(self) -> None:
-        """Take out, one by one, what no person could see: effects, then terms, whose loss hardly widens the gap."""
+        """Take out, one by one, what no person could see: effects, then terms, whose loss hardly widens the gap.
+
+        Joints that ring or play stay, as a model around their values says nothing of their absence.
+        """
         for least, parts in ((VISIBLE_EFFECT, by_finding), (VISIBLE_TERM, by_term)):
-            while self.fit.terms:
-                loss = {part: self._loss(part) for part in parts(self.fit.terms)}
+            while calm := frozenset(t for t in self.fit.terms if t.effect not in RINGING):
+                loss = {part: self._difference(self.fit.terms - part, self.fit.terms) for part in parts(calm)}
                 faintest = min(loss, key=lambda part: loss[part])
                 if loss[faintest] >= least:
                     break
@@ -165,14 +168,6 @@ class State:
         """How much of the torque NRMSE of some joint the model closes that another leaves, each by its own values."""
         left = [nrmse(m.evidences[0], m.fit.unseen, self.scale) for m in (before, self.model)]
         return float((left[0] - left[1]).max())
-
-    def _loss(self, part: frozenset[Term]) -> float:
-        if all(term.effect not in RINGING for term in part):
-            return self._difference(self.fit.terms - part, self.fit.terms)
-        whole = self.model
-        self.accept(whole.fit.terms - part)
-        without, self.model = self.model, whole
-        return self.closed(without)
 
     def _difference(self, few: frozenset[Term], many: frozenset[Term]) -> float:
         """How much of the torque NRMSE of some joint more terms close: unseen, or fitted, whichever is less.
