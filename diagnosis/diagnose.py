@@ -20,6 +20,7 @@ from diagnosis.judge import Judge
 from diagnosis.pictures import located, signatures, spectrum, traces
 from diagnosis.quantization import find_quantization
 from diagnosis.refusal import Refusal, refuse
+from diagnosis.remainder import Remainder, remainder
 from diagnosis.replay_gap import ReplayGap, replay_gap
 from diagnosis.result import Diagnosis
 from diagnosis.search import Search, search
@@ -46,7 +47,7 @@ class Study:
         judge: predicts unseen data.
         before, after: gap on unseen data without and with the effects.
         floor: RMS that a healthy arm of this kind would leave [N m], (n,).
-        left: RMS of the gap that is left once the errors of the nominal inertials are allowed for as well [N m], (n,).
+        left: what is above the floor before and after.
         replay: replay gap without and with the effects.
         faults: what was wrong with the set-up, put right in the case before anything else, and what shows in the
             recordings themselves.
@@ -63,7 +64,7 @@ class Study:
     before: TorqueGap
     after: TorqueGap
     floor: np.ndarray
-    left: np.ndarray
+    left: Remainder
     replay: ReplayGap
     faults: tuple[FoundFault, ...]
     sides: Sides | None = None
@@ -136,15 +137,27 @@ def _examined(case: Case, progress: Callable[[str], None], baseline: Baseline | 
     judge = Judge(case.arm, body, found, folds, judged)
     effects = found.evidence.terms.effects(found.fit.theta, found.fit.terms)
     before, after = judge.gap(frozenset()), judge.gap(found.fit.terms)
-    floor, left, nominal = _floor(CorrectedArm(case.arm, effects), body, judge.segments, found)
-    floor = np.maximum(floor, baseline.floor(after)) if baseline else floor
-    replayed = ReplayGap()
+    floor, nominal = _floor(CorrectedArm(case.arm, effects), body, judge.segments, found)
+    least = baseline.floor(after) if baseline else np.zeros_like(floor)
+    left, replayed = remainder(found, least), ReplayGap()
     if baseline is None:
         progress("replays a recording in the simulator")
         replayed = replay_gap(case, judge)
-    sides = find_sides(judge, nominal)
     return Study(
-        case, body, cutoff, found, refusals, effects, judge, before, after, floor, left, replayed, faults, sides
+        case,
+        body,
+        cutoff,
+        found,
+        refusals,
+        effects,
+        judge,
+        before,
+        after,
+        np.maximum(floor, least),
+        left,
+        replayed,
+        faults,
+        find_sides(judge, nominal),
     )
 
 
@@ -162,12 +175,8 @@ def _check_torque(case: Case) -> None:
 
 def _floor(
     corrected: CorrectedArm, body: RigidBody, segments: list[Segment], found: Search
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """RMS of a healthy arm [N m], (n,), with its inertials a little wrong; what is left above all; and the inertials'.
-
-    What is left is the gap with values fitted to all that may be fitted: values fitted to slow recordings alone may
-    fail on a fast one although nothing is missing from the model.
-    """
+) -> tuple[np.ndarray, np.ndarray]:
+    """RMS of a healthy arm [N m], (n,), with its inertials a little wrong; and the part of these inertials."""
     gap = torque_gap(corrected, body, segments)
     floors = np.array([healthy(corrected, body, s).floor for s in segments])
     noise2 = np.average(floors**2, axis=0, weights=np.diff(gap.edges))
@@ -175,5 +184,4 @@ def _floor(
     plain, allowed = ((evidence.unseen(terms, corrected=c) * evidence.rows).sum(axis=0) for c in (False, True))
     nominal2 = np.clip(plain - allowed, 0.0, None) / evidence.rows.sum(axis=0)
     nominal2 *= (torque_scale(gap.measured) / found.scale) ** 2
-    left2 = np.clip(gap.rmse**2 - nominal2, 0.0, None)
-    return np.sqrt(noise2 + nominal2), np.sqrt(left2), np.sqrt(nominal2)
+    return np.asarray(np.sqrt(noise2 + nominal2)), np.asarray(np.sqrt(nominal2))

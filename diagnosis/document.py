@@ -111,6 +111,7 @@ def _wrong_lengths(content: dict[str, Any]) -> Iterator[tuple[str, str]]:
     arrays |= {f"gap.after.{key}": after[key] for key in ("torque_nrmse", "replay_rmse")}
     if "arm" in content:
         arrays["arm.joints"] = content["arm"]["joints"]
+    arrays |= _arrays_against(content.get("against"))
     joints: dict[str, list[int]] = {
         "unexplained.where": [region["joint"] for region in content["unexplained"]["where"]]
     }
@@ -131,6 +132,16 @@ def _wrong_lengths(content: dict[str, Any]) -> Iterator[tuple[str, str]]:
     for field, numbers in joints.items():
         if max(numbers, default=0) > n:
             yield field, f"names joint {max(numbers)} of an arm with {n} joints"
+
+
+def _arrays_against(against: dict[str, Any] | None) -> dict[str, Any]:
+    """Arrays over joints of what was identified on a reference."""
+    if against is None:
+        return {}
+    sheets = {"identified": against["identified"], "identified_std": against["identified_std"]}
+    sheets |= {"held_out": against["held_out"], "today": against["today"]}
+    keys = ("armature", "coulomb", "viscous", "rmse", "torque_nrmse")
+    return {f"against.{name}.{key}": sheet[key] for name, sheet in sheets.items() for key in keys if key in sheet}
 
 
 _GAPS_OF_EFFECT = ("gap_with_only_this", "gap_without_this")

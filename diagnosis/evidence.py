@@ -46,6 +46,7 @@ class Fit:
     Attributes:
         terms: the set.
         score: evidence [nats].
+        cost: what was taken off the likelihood for terms, nuisances and skew [nats].
         theta: values fitted to all folds, shape (P,).
         unseen: mean square of the gap per fold and joint, each fold predicted from the others [N^2 m^2], (F, n).
         missed: the same of the rows that were scored, (F, m): joints, or with sensors both sides of them.
@@ -54,6 +55,7 @@ class Fit:
 
     terms: frozenset[Term]
     score: float
+    cost: float
     theta: np.ndarray
     unseen: np.ndarray
     missed: np.ndarray
@@ -102,7 +104,7 @@ class Evidence:
             self.told = Rows([fold.told for fold in linearisation.folds], skew)
         told = self.told
         self.weights = told.independent / np.maximum(told.count, 1e-9) / (missed + told.floor2)
-        weighted = (told.gram * self.weights[:, :, None, None]).sum(axis=1)
+        weighted = np.array([np.tensordot(w, g, axes=1) for w, g in zip(self.weights, told.gram, strict=True)])
         total = weighted.sum(axis=0)
         k, bodies = total.shape[0] - 1 - self.terms.size, len(linearisation.data.units)
         self._spread = np.where(np.arange(k) < bodies, sigma, 1.0)  # the sensors' errors are in units of theirs
@@ -131,11 +133,11 @@ class Evidence:
         missed = unseen
         if self.told is not self.torque:
             missed = _mean_square(self.told.gram, self.told.count, self._without, _columns(terms), corrected=True)
-        score = -0.5 * float((self.told.independent * np.log1p(missed / self.told.floor2)).sum()) - self.charge(terms)
-        penalty = 0.5 * float(((delta / self._spread) ** 2).sum())
-        score -= SKEW_CHARGE * (self.skew > 0) + penalty + self._log_det
+        cost = self.charge(terms) + SKEW_CHARGE * (self.skew > 0)
+        cost += 0.5 * float(((delta / self._spread) ** 2).sum()) + self._log_det
+        score = -0.5 * float((self.told.independent * np.log1p(missed / self.told.floor2)).sum()) - cost
         impossible = self.terms.impossible(theta, terms, self.lowest)
-        return Fit(terms, -np.inf if impossible else score, theta, unseen, missed, impossible)
+        return Fit(terms, -np.inf if impossible else score, cost, theta, unseen, missed, impossible)
 
     def charge(self, terms: frozenset[Term]) -> float:
         """What a set costs [nats]: half the logarithm of the samples per parameter, and so much per effect named."""
@@ -220,11 +222,13 @@ def _columns(terms: frozenset[Term]) -> np.ndarray:
 
 
 def _with_skew(gram: np.ndarray, skew: float) -> np.ndarray:
-    """Normal equations of [A, N, y - skew d] from those of [A, N, d, y]; over the last two axes."""
-    out = np.delete(np.delete(gram, -2, axis=-1), -2, axis=-2)
-    out[..., :-1, -1] -= skew * gram[..., :-2, -2]
+    """Normal equations of [A, N, y - skew d] from those of [A, N, y, d]; over the last two axes."""
+    if skew == 0:
+        return gram[..., :-1, :-1]
+    out = gram[..., :-1, :-1].copy()
+    out[..., :-1, -1] -= skew * gram[..., :-2, -1]
     out[..., -1, :-1] = out[..., :-1, -1]
-    out[..., -1, -1] += skew**2 * gram[..., -2, -2] - 2 * skew * gram[..., -2, -1]
+    out[..., -1, -1] += skew**2 * gram[..., -1, -1] - 2 * skew * gram[..., -2, -1]
     return out
 
 

@@ -114,8 +114,8 @@ def healthy(corrected: CorrectedArm, body: RigidBody, segment: Segment) -> Healt
 
     *Noise*: the power density of the unfiltered gap above the band, taken as flat below. *Timing*: ``TIMING`` times
     the RMS rate of the torque. *Form of the model*: ``MODEL_FORM`` times the torque's deviation. *Dry friction*, of
-    size L = c + mu |tau|: anywhere in -L..L, so RMS L / sqrt 3, while the joint sticks, which it does to the degree
-    1 - |tanh(v / STICKING)|; ``FRICTION_FORM`` L while it slides.
+    size L = c + mu |tau|, grown by its drift: anywhere in -L..L, so RMS L / sqrt 3, while the joint sticks, which it
+    does to the degree 1 - |tanh(v / STICKING)|; ``FRICTION_FORM`` L while it slides.
     """
     assert segment.torque is not None
     gap = corrected.delivered(segment.torque) - corrected.unlimited.predict(body, segment.motion)
@@ -146,7 +146,8 @@ def dry_friction(corrected: CorrectedArm, segment: Segment) -> np.ndarray:
     """Size of dry friction c + d + mu |tau| at each trimmed sample [N m], (M, n)."""
     dry = np.abs(corrected.arm.coulomb + corrected.value("coulomb_friction", "torque"))
     dry = dry + np.abs(corrected.value("stribeck_friction", "torque"))
-    return dry + np.abs(corrected.value("load_friction", "coefficient")) * np.abs(filtered_torque(segment))
+    dry = dry + np.abs(corrected.value("load_friction", "coefficient")) * np.abs(filtered_torque(segment))
+    return np.asarray(dry * corrected.drift(segment.motion.t[segment.inner]))
 
 
 def simplified_forms(

@@ -37,7 +37,7 @@ COMMON = ("torque_offset", "coulomb_friction", "viscous_friction", "armature", "
 class Fold:
     """Normal equations of half a recording, B pieces in time, n joints.
 
-    X = [A, N, d, y] has P columns for the parameters, K for the nominal inertials, one for the skew, one for the gap.
+    X = [A, N, y, d] has P columns for the parameters, K for the nominal inertials, one for the gap, one for the skew.
 
     Attributes:
         gram: X^T W X per piece and joint, shape (B, n, P + K + 2, P + K + 2); W weighs rows down by the doubt about
@@ -76,6 +76,43 @@ class _Part:
         return 1.0 / np.sqrt(1.0 + (self.doubt.sticking[:, j] / self.doubt.steady[j]) ** 2)
 
 
+@dataclass(frozen=True)
+class Left:
+    """What the nominal inertials and the plainest effects leave of the gap, M rows.
+
+    Attributes:
+        residual: per joint [N m], weighed by trust, (M, n).
+        bases: per joint what was taken out of it, orthonormal columns, (M, K).
+        trust: square root of the weight of each row, (M, n).
+        information: nats per square of the gap [1/(N m)^2], (n,).
+    """
+
+    residual: np.ndarray
+    bases: list[np.ndarray]
+    trust: np.ndarray
+    information: np.ndarray
+
+    def gain(self, torque: np.ndarray, free: np.ndarray | None = None) -> float:
+        """What a predicted torque, (M, n), explains of what is left, as it stands [nats].
+
+        Args:
+            torque: per joint [N m]; joints with none do not count.
+            free: one more column per joint that takes its own best value.
+        """
+        gain = 0.0
+        for j in np.flatnonzero(torque.any(axis=0)):
+            change, basis = torque[:, j] * self.trust[:, j], self.bases[j]
+            change = change - basis @ (basis.T @ change)
+            residual = self.residual[:, j]
+            if free is not None:
+                column = free[:, j] * self.trust[:, j]
+                column = column - basis @ (basis.T @ column)
+                column /= max(float(np.linalg.norm(column)), 1e-12)
+                change, residual = (x - column * (column @ x) for x in (change, residual))
+            gain += self.information[j] * float(residual @ change - 0.5 * change @ change)
+        return gain
+
+
 class Linearisation:
     """Normal equations per fold and joint around the parameters theta_0.
 
@@ -87,6 +124,7 @@ class Linearisation:
     Attributes:
         terms: all terms, with the shapes of those used, and for the others the most promising ones.
         refined: for the terms used, the shapes that now explain most.
+        left: what is left of the gap, for effects that no column stands for.
     """
 
     def __init__(self, data: Data, theta: np.ndarray, terms: Terms) -> None:
@@ -161,9 +199,10 @@ class Linearisation:
         """The most promising shape of every term that has one."""
         found = {}
         force = self.terms.of("external_force")[0]
-        residuals, bases = [], []
+        residuals, bases, scans = [], [], []
         for j in range(self.arm.n_joints):
             scan = self._scan(parts, j)
+            scans.append(scan)
             pushed = self._scan(parts, j, force)
             residuals.append(pushed.residual)
             bases.append(pushed.basis)
@@ -176,6 +215,12 @@ class Linearisation:
                 segments = self.data.segments
                 needed = [p.predicted[:, j] for p in parts]
                 found[term] = search_shape(term, self._corrected, segments, own, known[0] if known else None, needed)
+        self.left = Left(
+            np.array([scan.residual for scan in scans]).T,
+            [scan.basis for scan in scans],
+            np.array([np.concatenate([p.trust(j) for p in parts]) for j in range(self.arm.n_joints)]).T,
+            np.array([1.0 / scan.noise for scan in scans]),
+        )
         window = self._window(parts, np.array(residuals).T, bases)
         if window is not None:
             found[force] = window
@@ -257,7 +302,7 @@ class Linearisation:
         nuisance = np.vstack([self.data.nuisance[k] for k in places])
         y = gap + x @ self.theta
         errors = np.zeros((*y.shape, 3 * self.arm.n_joints if self._links else 0))
-        full = np.concatenate([x, nuisance, errors, rate[:, :, None], y[:, :, None]], axis=2)
+        full = np.concatenate([x, nuisance, errors, y[:, :, None], rate[:, :, None]], axis=2)
         middle = len(y) // 2
         halves = slice(middle), slice(middle, None)
         folds = [self._fold(full[h], sticking[h], steady2[h], count) for h in halves]
@@ -279,8 +324,8 @@ class Linearisation:
         spans = list(itertools.pairwise(cuts))
         gram = np.array([full[:, a:b].transpose(0, 2, 1) @ full[:, a:b] for a, b in spans])
         rows = np.array([weight[a:b].sum(axis=0) for a, b in spans])
-        bodies = slice(self.terms.size, self.terms.size + len(self.data.units))
-        explaining = np.delete(full, [*range(bodies.start, bodies.stop), full.shape[2] - 2], axis=2)
+        bodies = self.terms.size + len(self.data.units)
+        explaining = np.concatenate([full[:, :, : self.terms.size], full[:, :, bodies:-1]], axis=2)
         independent = effective_samples(_richest_residual(explaining)) * weight.mean(axis=0)
         return Fold(gram, rows, np.sqrt(floor2), independent)
 

@@ -149,7 +149,7 @@ def two_sides(
     Without a sensor the actuator side is the whole joint, and the link side says nothing.
 
     Args:
-        full: X = [A, N, 0 for the sensors' errors, d, y] of the recorded torque, (M, n, P + K + 2).
+        full: X = [A, N, 0 for the sensors' errors, y, d] of the recorded torque, (M, n, P + K + 2).
         steady2: mean square of a healthy arm on these rows [N^2 m^2], (M, n).
         nuisance: N of these rows, (M, n, 10 n).
         links: what the sensors say of these rows.
@@ -165,7 +165,7 @@ def two_sides(
     link[:, :, :p] = columns
     link[:, :, p : p + nuisance.shape[2]] = known[:, :, None] * nuisance
     link[:, :, p + nuisance.shape[2] : -2] = errors
-    link[:, :, -1] = gap + columns @ theta
+    link[:, :, -2] = gap + columns @ theta
     floors2 = np.vstack([np.broadcast_to(rows.floors**2, (len(rows.gap), 2 * n)) for rows in links])
     floors2 = np.where(known, floors2, np.hstack([steady2, np.ones_like(steady2)]))
     counts = np.hstack([np.ones(gap.shape), np.broadcast_to(known, gap.shape)])

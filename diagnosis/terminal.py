@@ -33,6 +33,10 @@ def print_summary(document: Mapping[str, Any], console: Console) -> None:
     label = Text(VERDICTS[document["verdict"]], style=_COLOURS[document["verdict"]])
     console.print(Text.assemble((document["case"], "bold"), ": ", label))
     console.print(Text(verdict_sentence(document)))
+    if "against" in document:
+        name, count = document["against"]["reference"], len(document["against"]["recordings"])
+        text = f"{name} ({count} recording{'s' if count != 1 else ''}); effects are changes since then"
+        _labelled(console, "Compared with", text)
     if document["effects"]:
         console.print()
         console.print(_effects(document))
