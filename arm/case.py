@@ -104,6 +104,24 @@ def load_case(
     )
 
 
+def case_files(path: str | Path, *, data_root: Path | None = None) -> tuple[Path, ...]:
+    """Files that a case is read from: the case file, the robot's, its recordings with every file of a bag's folder.
+
+    Raises:
+        InputError: the case file or the robot cannot be used.
+    """
+    case = load_case(path, data_root=data_root, read_recordings=False)
+    file = Path(path) / "case.yaml" if Path(path).is_dir() else Path(path)
+    content, paths = read_case_file(file), _Paths(file, data_root)
+    found = [file, case.arm.urdf]
+    for field in ("recordings", "judge"):
+        for entry in content.get(field, []):
+            where = paths.entry(entry, field)
+            for part in where.values() if isinstance(where, dict) else (where,):
+                found += sorted(p for p in part.rglob("*") if p.is_file()) if part.is_dir() else [part]
+    return tuple(found)
+
+
 @dataclass(frozen=True)
 class _Paths:
     """Paths of a case file, from their text."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from pathlib import Path
 
@@ -13,6 +13,7 @@ import pinocchio as pin
 from arm.errors import InputError
 from arm.inertials import check_inertials
 from arm.nominal import NominalArm
+from arm.recent import Recent
 
 INERTIAL_PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 """Order of the ten inertial parameters of a link, expressed in the frame of the joint that moves it (pinocchio)."""
@@ -116,15 +117,25 @@ class RigidBody:
         self._to_arm = columns
         self.n_joints = arm.n_joints
         self.last_link = int(self._to_model[-1])
+        self._recent = Recent()
 
     def inverse_dynamics(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         """tau = M(q) ddq + C(q, dq) dq + g(q), shape (N, n)."""
+        return self._remembered("inverse dynamics", self._inverse_dynamics, q, dq, ddq)[0].copy()
+
+    def _inverse_dynamics(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> tuple[np.ndarray]:
         q, dq, ddq = (np.ascontiguousarray(x[:, self._to_model]) for x in (q, dq, ddq))
         model, data, rnea = self.model, self._data, pin.rnea
         out = np.empty_like(q)
         for i in range(len(q)):
             out[i] = rnea(model, data, q[i], dq[i], ddq[i])
-        return out[:, self._to_arm]
+        return (out[:, self._to_arm],)
+
+    def _remembered(
+        self, name: str, compute: Callable[..., tuple[np.ndarray, ...]], *motion: np.ndarray
+    ) -> tuple[np.ndarray, ...]:
+        """Result of a function of a motion and of the bodies, computed or remembered."""
+        return self._recent.get(name, (*motion, self.inertial_parameters(), self.gravity), lambda: compute(*motion))
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """M(q) of one sample q [rad] of shape (n,); kg m^2, shape (n, n)."""
@@ -215,6 +226,12 @@ class RigidBody:
         self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """d tau_i / d q_j [N m/rad], d tau_i / d dq_j [N m s/rad] and M_ij [kg m^2], each of shape (N, n, n)."""
+        by_position, by_velocity, mass = self._remembered("sensitivities", self._sensitivities, q, dq, ddq)
+        return by_position, by_velocity, mass
+
+    def _sensitivities(
+        self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         q, dq, ddq = (np.ascontiguousarray(x[:, self._to_model]) for x in (q, dq, ddq))
         model, data, n = self.model, self._data, self.n_joints
         by_position, by_velocity, mass = np.empty((3, len(q), n, n))
@@ -258,7 +275,11 @@ class RigidBody:
     def last_link_regressor(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         """The ten columns of the regressor that belong to the last link, shape (N, n, 10)."""
         last = 10 * self.last_link
-        return self.regressor(q, dq, ddq)[:, :, last : last + 10]
+
+        def columns(*motion: np.ndarray) -> tuple[np.ndarray]:
+            return (self.regressor(*motion)[:, :, last : last + 10].copy(),)
+
+        return self._remembered("last link", columns, q, dq, ddq)[0]
 
     def inertial_parameters(self) -> np.ndarray:
         """Inertial parameters pi of the links in joint order, shape (10 n,); units kg, kg m, kg m^2."""

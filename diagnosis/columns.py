@@ -99,7 +99,11 @@ def columns(
                 out[:, np.arange(len(places)), places] = change
     _rest(out, terms, theta)
     _saturate(out, segment, terms)
-    bodily = _forced(arm, segment, bodies, terms) if only else _bodily(arm, body, segment, bodies, terms, theta, rigid)
+    bodily = (
+        forced_columns(arm, segment, bodies, terms)
+        if only
+        else bodily_columns(arm, body, segment, bodies, terms, theta, rigid)
+    )
     if not bodily:
         return base, out
     gain = (recorded(arm, rigid + 1e-3) - recorded(arm, rigid - 1e-3)) / 2e-3
@@ -124,7 +128,7 @@ def _moved(arm: CorrectedArm, terms: Terms, theta: np.ndarray, name: str, coordi
     return replace(arm, effects=(*others, *terms.effects(moved, chosen)))
 
 
-def _bodily(
+def bodily_columns(
     arm: CorrectedArm, body: RigidBody, segment: Segment, bodies: Bodies, terms: Terms, theta: np.ndarray,
     rigid: np.ndarray,
 ) -> dict[int, np.ndarray]:  # fmt: skip
@@ -143,7 +147,7 @@ def _bodily(
         gravity = changed.gravity_regressor(q)
     _add(out, payload, last @ _payload_tangent(theta[payload]))
     _add(out, places, gravity @ _tilt_tangent(theta[places], arm.arm.gravity))
-    out.update(_forced(arm, segment, bodies, terms))
+    out.update(forced_columns(arm, segment, bodies, terms))
     if arm.arm.encoder == "motor":
         twist = _transmitted(arm, segment)
         for unit, places in zip(
@@ -176,7 +180,7 @@ def _bent(
     return (bent.rigid_torque(body, motion) - rigid) / step
 
 
-def _forced(arm: CorrectedArm, segment: Segment, bodies: Bodies, terms: Terms) -> dict[int, np.ndarray]:
+def forced_columns(arm: CorrectedArm, segment: Segment, bodies: Bodies, terms: Terms) -> dict[int, np.ndarray]:
     """Derivatives of the bodies' torque by the force from outside, (N, n), by place in theta."""
     out: dict[int, np.ndarray] = {}
     for term in terms.of("external_force"):

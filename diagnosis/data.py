@@ -22,6 +22,7 @@ class Data:
 
     Attributes:
         torque_deviation: normalisation of the torque gap over all folds [N m], (n,).
+        sensed: whether some segment carries a joint torque sensor.
         units: what a relative error of each inertial parameter would change it by, (10 n,).
         nuisance: the filtered inertial regressor of each segment, per unit.
         bodies: what the columns need of each segment's bodies.
@@ -30,6 +31,7 @@ class Data:
     def __init__(self, arm: NominalArm, body: RigidBody, folds: list[list[Segment]], cutoff: float) -> None:
         self.arm, self.body, self.folds, self.cutoff = arm, body, folds, cutoff
         self.segments = [s for fold in folds for s in fold]
+        self.sensed = any(s.torque_sensor is not None for s in self.segments)
         self.torque_deviation = torque_scale(np.vstack([filtered_torque(s) for s in self.segments]))
         self.units = arm.doubt * nuisance_units(body)
         self.nuisance, self.bodies = [], []

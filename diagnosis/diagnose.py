@@ -12,6 +12,7 @@ from arm.case import Case
 from arm.dynamics import RigidBody
 from arm.errors import GapscopeError
 from diagnosis.against.baseline import Baseline
+from diagnosis.commanded import with_commanded_torque, with_likelier_rule
 from diagnosis.faults.found import FoundFault, repaired
 from diagnosis.findings import document
 from diagnosis.gap import TorqueGap, healthy, torque_gap, torque_scale
@@ -19,10 +20,12 @@ from diagnosis.judge import Judge
 from diagnosis.pictures import located, signatures, spectrum, traces
 from diagnosis.quantization import find_quantization
 from diagnosis.refusal import Refusal, refuse
+from diagnosis.remainder import Remainder, remainder
 from diagnosis.replay_gap import ReplayGap, replay_gap
 from diagnosis.result import Diagnosis
 from diagnosis.search import Search, search
 from diagnosis.setup import find_setup_faults
+from diagnosis.sides import Sides, find_sides
 from effects.applied import AppliedEffect
 from effects.corrected import CorrectedArm
 from ident.conditioning import TORQUE_CUTOFF, Segment, blocks, condition, position_cutoff
@@ -44,10 +47,11 @@ class Study:
         judge: predicts unseen data.
         before, after: gap on unseen data without and with the effects.
         floor: RMS that a healthy arm of this kind would leave [N m], (n,).
-        left: RMS of the gap that is left once the errors of the nominal inertials are allowed for as well [N m], (n,).
+        left: what is above the floor before and after.
         replay: replay gap without and with the effects.
         faults: what was wrong with the set-up, put right in the case before anything else, and what shows in the
             recordings themselves.
+        sides: the gap on either side of the joint torque sensors; ``None`` without sensors.
     """
 
     case: Case
@@ -60,9 +64,10 @@ class Study:
     before: TorqueGap
     after: TorqueGap
     floor: np.ndarray
-    left: np.ndarray
+    left: Remainder
     replay: ReplayGap
     faults: tuple[FoundFault, ...]
+    sides: Sides | None = None
 
 
 def diagnose(
@@ -76,7 +81,8 @@ def diagnose(
         baseline: what the arm was when a reference was recorded, where the case is compared with one.
 
     Raises:
-        GapscopeError: no recording carries a torque that can be trusted.
+        GapscopeError: no recording carries a torque that can be trusted, nor is there a known controller with its
+            reference that tells it.
         InputError: a recording has no stretch without gaps that is long enough.
     """
     with threadpool_limits(1):  # many small matrices: threads would only wait for each other
@@ -101,7 +107,15 @@ def conclude(study: Study, progress: Callable[[str], None] = lambda message: Non
 
 def examine(case: Case, progress: Callable[[str], None], baseline: Baseline | None = None) -> Study:
     """Everything that the findings of a case are read from; see ``diagnose``."""
+    case = with_commanded_torque(case)
     _check_torque(case)
+    study = _examined(case, progress, baseline)
+    likelier = with_likelier_rule(case, study.effects)
+    return study if likelier is None else _examined(likelier, progress, baseline)
+
+
+def _examined(case: Case, progress: Callable[[str], None], baseline: Baseline | None) -> Study:
+    """The study of a case that carries a torque."""
     progress("tests the set-up")
     faults = find_setup_faults(case)
     case = repaired(case, faults)
@@ -123,13 +137,28 @@ def examine(case: Case, progress: Callable[[str], None], baseline: Baseline | No
     judge = Judge(case.arm, body, found, folds, judged)
     effects = found.evidence.terms.effects(found.fit.theta, found.fit.terms)
     before, after = judge.gap(frozenset()), judge.gap(found.fit.terms)
-    floor, left = _floor(CorrectedArm(case.arm, effects), body, judge.segments, found)
-    floor = np.maximum(floor, baseline.floor(after)) if baseline else floor
-    replayed = ReplayGap()
+    floor, nominal = _floor(CorrectedArm(case.arm, effects), body, judge.segments, found)
+    least = baseline.floor(after) if baseline else np.zeros_like(floor)
+    left, replayed = remainder(found, least), ReplayGap()
     if baseline is None:
         progress("replays a recording in the simulator")
         replayed = replay_gap(case, judge)
-    return Study(case, body, cutoff, found, refusals, effects, judge, before, after, floor, left, replayed, faults)
+    return Study(
+        case,
+        body,
+        cutoff,
+        found,
+        refusals,
+        effects,
+        judge,
+        before,
+        after,
+        np.maximum(floor, least),
+        left,
+        replayed,
+        faults,
+        find_sides(judge, nominal),
+    )
 
 
 def _check_torque(case: Case) -> None:
@@ -139,18 +168,15 @@ def _check_torque(case: Case) -> None:
     why = "; ".join(dict.fromkeys(noticed)) or "none has a torque column"
     raise GapscopeError(
         f"{case.name}: no recording carries a torque that can be trusted ({why})",
-        "give torque with its sign in column tau1.., or map it in the case's import: section",
+        "give torque with its sign in column tau1.., or map it in the case's import: section; positions are enough "
+        "where controller: is known and the recordings have its reference in columns q_ref1..",
     )
 
 
 def _floor(
     corrected: CorrectedArm, body: RigidBody, segments: list[Segment], found: Search
 ) -> tuple[np.ndarray, np.ndarray]:
-    """RMS of a healthy arm [N m], (n,), with its inertials a little wrong; and what is left above all of it.
-
-    What is left is the gap with values fitted to all that may be fitted: values fitted to slow recordings alone may
-    fail on a fast one although nothing is missing from the model.
-    """
+    """RMS of a healthy arm [N m], (n,), with its inertials a little wrong; and the part of these inertials."""
     gap = torque_gap(corrected, body, segments)
     floors = np.array([healthy(corrected, body, s).floor for s in segments])
     noise2 = np.average(floors**2, axis=0, weights=np.diff(gap.edges))
@@ -158,4 +184,4 @@ def _floor(
     plain, allowed = ((evidence.unseen(terms, corrected=c) * evidence.rows).sum(axis=0) for c in (False, True))
     nominal2 = np.clip(plain - allowed, 0.0, None) / evidence.rows.sum(axis=0)
     nominal2 *= (torque_scale(gap.measured) / found.scale) ** 2
-    return np.sqrt(noise2 + nominal2), np.sqrt(np.clip(gap.rmse**2 - nominal2, 0.0, None))
+    return np.asarray(np.sqrt(noise2 + nominal2)), np.asarray(np.sqrt(nominal2))

@@ -90,6 +90,19 @@ def _not_finite(value: Any, field: str) -> Iterator[str]:
         yield field
 
 
+def _sides(sides: dict[str, Any] | None) -> Iterator[tuple[str, list[Any]]]:
+    """Arrays over joints of the section on both sides of the sensors."""
+    if sides is None:
+        return
+    for side in ("actuator", "link"):
+        before = sides[side]["before"]
+        yield f"{side}.before.torque_nrmse", before["torque_nrmse"]
+        yield f"{side}.before.floor", before["floor"]
+        yield f"{side}.after.torque_nrmse", sides[side]["after"]["torque_nrmse"]
+    yield "carried_by", sides["carried_by"]
+    yield from ((f"sensor.{name}.value", quantity["value"]) for name, quantity in sides["sensor"].items())
+
+
 def _wrong_lengths(content: dict[str, Any]) -> Iterator[tuple[str, str]]:
     """Arrays over joints that do not fit the number of joints, joints that the arm does not have."""
     before, after = content["gap"]["before"], content["gap"]["after"]
@@ -98,6 +111,7 @@ def _wrong_lengths(content: dict[str, Any]) -> Iterator[tuple[str, str]]:
     arrays |= {f"gap.after.{key}": after[key] for key in ("torque_nrmse", "replay_rmse")}
     if "arm" in content:
         arrays["arm.joints"] = content["arm"]["joints"]
+    arrays |= _arrays_against(content.get("against"))
     joints: dict[str, list[int]] = {
         "unexplained.where": [region["joint"] for region in content["unexplained"]["where"]]
     }
@@ -108,6 +122,8 @@ def _wrong_lengths(content: dict[str, Any]) -> Iterator[tuple[str, str]]:
         joints[f"{field}.joints"] = effect["joints"]
         joints[f"{field}.where"] = [region["joint"] for region in effect["where"]]
         yield from _wrong_parameters(effect, field)
+    for name, value in _sides(content.get("sides")):
+        arrays[f"sides.{name}"] = value
     for index, entry in enumerate(content.get("considered", [])):
         joints[f"considered[{index}].joints"] = entry["joints"]
     for field, array in arrays.items():
@@ -116,6 +132,16 @@ def _wrong_lengths(content: dict[str, Any]) -> Iterator[tuple[str, str]]:
     for field, numbers in joints.items():
         if max(numbers, default=0) > n:
             yield field, f"names joint {max(numbers)} of an arm with {n} joints"
+
+
+def _arrays_against(against: dict[str, Any] | None) -> dict[str, Any]:
+    """Arrays over joints of what was identified on a reference."""
+    if against is None:
+        return {}
+    sheets = {"identified": against["identified"], "identified_std": against["identified_std"]}
+    sheets |= {"held_out": against["held_out"], "today": against["today"]}
+    keys = ("armature", "coulomb", "viscous", "rmse", "torque_nrmse")
+    return {f"against.{name}.{key}": sheet[key] for name, sheet in sheets.items() for key in keys if key in sheet}
 
 
 _GAPS_OF_EFFECT = ("gap_with_only_this", "gap_without_this")

@@ -8,17 +8,21 @@ with n the effective number of samples, mse the mean square of the unseen gap, a
 inertials, a nuisance that every model may use and pays for by its size relative to sigma. A second nuisance is the skew
 between torque and motion that sampling leaves, the same on all joints: a torque held from one tick of the controller to
 the next acts half a tick late on average.
+
+With joint torque sensors j runs over both sides of each joint (``diagnosis/sensed.py``), and the errors of the sensors
+are a third nuisance.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from diagnosis.coordinates import COORDINATES
 from diagnosis.gap import MODEL_FORM
-from diagnosis.linear import Linearisation
+from diagnosis.linear import Fold, Linearisation
 from diagnosis.normal import Normal
 from diagnosis.terms import Term, cost, count_findings
 
@@ -42,16 +46,40 @@ class Fit:
     Attributes:
         terms: the set.
         score: evidence [nats].
+        cost: what was taken off the likelihood for terms, nuisances and skew [nats].
         theta: values fitted to all folds, shape (P,).
         unseen: mean square of the gap per fold and joint, each fold predicted from the others [N^2 m^2], (F, n).
+        missed: the same of the rows that were scored, (F, m): joints, or with sensors both sides of them.
         impossible: terms whose values cannot be; the score is minus infinity where there are any.
     """
 
     terms: frozenset[Term]
     score: float
+    cost: float
     theta: np.ndarray
     unseen: np.ndarray
+    missed: np.ndarray
     impossible: frozenset[Term] = frozenset()
+
+
+class Rows:
+    """Normal equations of folds at one skew of sampling, m rows of each.
+
+    Attributes:
+        gram: X^T W X of X = [A, N, y], (F, m, P + K + 1, P + K + 1).
+        plain: the same without skew.
+        count: weight of the rows, (F, m).
+        floor2: mean square of a healthy arm [N^2 m^2], (F, m).
+        independent: effective number of independent samples, (F, m).
+    """
+
+    def __init__(self, folds: Sequence[Fold], skew: float) -> None:
+        raw = np.array([fold.gram.sum(axis=0) for fold in folds])
+        self.gram = _with_skew(raw, skew)
+        self.plain = _with_skew(raw, 0.0)
+        self.count = np.array([fold.rows.sum(axis=0) for fold in folds])
+        self.floor2 = np.array([fold.floor for fold in folds]) ** 2
+        self.independent = np.array([fold.independent for fold in folds])
 
 
 class Evidence:
@@ -59,41 +87,57 @@ class Evidence:
 
     Args:
         linearisation: normal equations per fold and joint.
-        unseen: mean square of the gap per fold and joint under the model so far, for the weights, (F, n).
+        missed: mean square of the rows that are scored under the model so far, for the weights, (F, m).
         sigma: relative error of the nominal inertials.
         skew: skew of sampling [s].
+
+    Attributes:
+        torque: rows of the recorded torque, in which gaps are told.
+        told: rows from which values and scores come: the same, or with sensors both sides of each joint.
     """
 
-    def __init__(self, linearisation: Linearisation, unseen: np.ndarray, sigma: float, skew: float) -> None:
+    def __init__(self, linearisation: Linearisation, missed: np.ndarray, sigma: float, skew: float) -> None:
         self.linear, self.sigma, self.skew = linearisation, sigma, skew
         self.terms = linearisation.terms
-        folds = linearisation.folds
-        raw = np.array([fold.gram.sum(axis=0) for fold in folds])
-        self.gram = _with_skew(raw, skew)
-        self._plain = _with_skew(raw, 0.0)
-        self.rows = np.array([fold.rows.sum(axis=0) for fold in folds])
-        self.floor2 = np.array([fold.floor for fold in folds]) ** 2
-        self.independent = np.array([fold.independent for fold in folds])
-        self.weights = self.independent / self.rows / (unseen + self.floor2)
-        weighted = (self.gram * self.weights[:, :, None, None]).sum(axis=1)
+        self.torque = self.told = Rows(linearisation.folds, skew)
+        if linearisation.data.sensed:
+            self.told = Rows([fold.told for fold in linearisation.folds], skew)
+        told = self.told
+        self.weights = told.independent / np.maximum(told.count, 1e-9) / (missed + told.floor2)
+        weighted = np.array([np.tensordot(w, g, axes=1) for w, g in zip(self.weights, told.gram, strict=True)])
         total = weighted.sum(axis=0)
-        self._all = Normal(total, self.terms.size, sigma)
-        self._without = [Normal(total - w, self.terms.size, sigma) for w in weighted]
+        k, bodies = total.shape[0] - 1 - self.terms.size, len(linearisation.data.units)
+        self._spread = np.where(np.arange(k) < bodies, sigma, 1.0)  # the sensors' errors are in units of theirs
+        self._all = Normal(total, self.terms.size, self._spread)
+        self._without = [Normal(total - w, self.terms.size, self._spread) for w in weighted]
         self.lowest = _lowest(linearisation)
-        k = self.gram.shape[-1] - 1 - self.terms.size
-        information = total[self.terms.size : -1, self.terms.size : -1] * sigma**2
+        information = total[self.terms.size : -1, self.terms.size : -1] * np.outer(self._spread, self._spread)
         self._log_det = 0.5 * float(np.linalg.slogdet(np.eye(k) + information)[1])
-        self.per_parameter = 0.5 * float(np.log(self.independent.sum()))
+        self.per_parameter = 0.5 * float(np.log(told.independent.sum()))
+
+    @property
+    def rows(self) -> np.ndarray:
+        """Weight of the rows of the recorded torque, (F, n)."""
+        return self.torque.count
+
+    @property
+    def floor2(self) -> np.ndarray:
+        """Mean square of a healthy arm's torque gap [N^2 m^2], (F, n)."""
+        return self.torque.floor2
 
     def fit(self, terms: frozenset[Term]) -> Fit:
         """Fit and score a set of terms; the score is minus infinity where a value could not be."""
         theta = self._all.solve(_columns(terms))
         unseen = self.unseen(terms)
         delta = self._all.nuisance(theta, _columns(terms))
-        score = -0.5 * float((self.independent * np.log1p(unseen / self.floor2)).sum()) - self.charge(terms)
-        score -= SKEW_CHARGE * (self.skew > 0) + 0.5 * float(delta @ delta) / self.sigma**2 + self._log_det
+        missed = unseen
+        if self.told is not self.torque:
+            missed = _mean_square(self.told.gram, self.told.count, self._without, _columns(terms), corrected=True)
+        cost = self.charge(terms) + SKEW_CHARGE * (self.skew > 0)
+        cost += 0.5 * float(((delta / self._spread) ** 2).sum()) + self._log_det
+        score = -0.5 * float((self.told.independent * np.log1p(missed / self.told.floor2)).sum()) - cost
         impossible = self.terms.impossible(theta, terms, self.lowest)
-        return Fit(terms, -np.inf if impossible else score, theta, unseen, impossible)
+        return Fit(terms, -np.inf if impossible else score, cost, theta, unseen, missed, impossible)
 
     def charge(self, terms: frozenset[Term]) -> float:
         """What a set costs [nats]: half the logarithm of the samples per parameter, and so much per effect named."""
@@ -106,11 +150,11 @@ class Evidence:
         ``MODEL_FORM``, may shift a value by, were half of it proportional to the term's own column.
         """
         columns = _columns(terms)
-        last = self.gram.shape[-1] - 1
+        last = self.told.gram.shape[-1] - 1
         places = np.concatenate([columns, np.arange(self.terms.size, last + 1)])
         pieces = np.concatenate(
             [
-                np.einsum("bjxy,j->bxy", _with_skew(fold.gram, self.skew)[:, :, places[:, None], places], w)
+                np.einsum("bjxy,j->bxy", _with_skew(fold.told.gram, self.skew)[:, :, places[:, None], places], w)
                 for fold, w in zip(self.linear.folds, self.weights, strict=True)
             ]
         )
@@ -118,21 +162,21 @@ class Evidence:
         for draw in range(draws):
             counts = np.bincount(rng.integers(len(pieces), size=len(pieces)), minlength=len(pieces)).astype(float)
             total = np.tensordot(counts, pieces, axes=1)
-            values[draw, columns] = Normal(total, len(columns), self.sigma).solve(np.arange(len(columns)))
+            values[draw, columns] = Normal(total, len(columns), self._spread).solve(np.arange(len(columns)))
         return values + rng.normal(size=values.shape) * self._systematic()
 
     def _systematic(self) -> np.ndarray:
         """Standard deviation that the form of the model adds to each value, (P,)."""
-        power = np.diagonal(self.gram, axis1=2, axis2=3)[:, :, : self.terms.size].sum(axis=0)
+        power = np.diagonal(self.torque.gram, axis1=2, axis2=3)[:, :, : self.terms.size].sum(axis=0)
         column = np.sqrt(power / self.rows.sum(axis=0)[:, None])
         torque = self.linear.data.torque_deviation[:, None]
         return (0.5 * MODEL_FORM * torque / np.maximum(column, 1e-12)).min(axis=0)
 
     def without_last(self, terms: frozenset[Term]) -> np.ndarray:
         """Values of the terms fitted without the last recording, shape (P,)."""
-        weighted = (self.gram * self.weights[:, :, None, None]).sum(axis=1)
+        weighted = (self.told.gram * self.weights[:, :, None, None]).sum(axis=1)
         total = weighted[:-2].sum(axis=0) if len(weighted) > 2 else weighted.sum(axis=0)
-        return Normal(total, self.terms.size, self.sigma).solve(_columns(terms))
+        return Normal(total, self.terms.size, self._spread).solve(_columns(terms))
 
     def left_out(self, terms: frozenset[Term]) -> list[tuple[np.ndarray, np.ndarray]]:
         """Per recording the values of the terms fitted without its first, and without its second half, (P,) each."""
@@ -144,20 +188,33 @@ class Evidence:
 
         ``corrected`` says whether the nuisances, errors of the nominal inertials and skew, are taken out as well.
         """
-        return self._mean_square(terms, self._without, corrected)
+        return self._gap(terms, self._without, corrected)
 
     def seen(self, terms: frozenset[Term], *, corrected: bool = True) -> np.ndarray:
         """Mean square of the gap on each fold under values fitted to all folds [N^2 m^2], (F, n)."""
-        return self._mean_square(terms, [self._all] * len(self.rows), corrected)
+        return self._gap(terms, [self._all] * len(self.rows), corrected)
 
-    def _mean_square(self, terms: frozenset[Term], normals: list[Normal], corrected: bool) -> np.ndarray:
-        columns = _columns(terms)
-        gram = self.gram if corrected else self._plain
-        squares = [
-            normal.rest(of_fold, normal.solve(columns), columns, corrected=corrected)
-            for of_fold, normal in zip(gram, normals, strict=True)
-        ]
-        return np.array(squares) / self.rows
+    def sensor_errors(self, terms: frozenset[Term]) -> np.ndarray | None:
+        """Zero, scale and lag of each joint's torque sensor with a set of terms, over their spread, (3 n,)."""
+        if self.told is self.torque:
+            return None
+        delta = self._all.nuisance(self._all.solve(_columns(terms)), _columns(terms))
+        return delta[len(self.linear.data.units) :]
+
+    def _gap(self, terms: frozenset[Term], normals: list[Normal], corrected: bool) -> np.ndarray:
+        gram = self.torque.gram if corrected else self.torque.plain
+        return _mean_square(gram, self.torque.count, normals, _columns(terms), corrected=corrected)
+
+
+def _mean_square(
+    gram: np.ndarray, count: np.ndarray, normals: list[Normal], columns: np.ndarray, *, corrected: bool
+) -> np.ndarray:
+    """Mean square of what is left of each fold's rows, (F, m), with values from its normal equations."""
+    squares = [
+        normal.rest(of_fold, normal.solve(columns), columns, corrected=corrected)
+        for of_fold, normal in zip(gram, normals, strict=True)
+    ]
+    return np.array(squares) / np.maximum(count, 1e-9)
 
 
 def _columns(terms: frozenset[Term]) -> np.ndarray:
@@ -165,11 +222,13 @@ def _columns(terms: frozenset[Term]) -> np.ndarray:
 
 
 def _with_skew(gram: np.ndarray, skew: float) -> np.ndarray:
-    """Normal equations of [A, N, y - skew d] from those of [A, N, d, y]; over the last two axes."""
-    out = np.delete(np.delete(gram, -2, axis=-1), -2, axis=-2)
-    out[..., :-1, -1] -= skew * gram[..., :-2, -2]
+    """Normal equations of [A, N, y - skew d] from those of [A, N, y, d]; over the last two axes."""
+    if skew == 0:
+        return gram[..., :-1, :-1]
+    out = gram[..., :-1, :-1].copy()
+    out[..., :-1, -1] -= skew * gram[..., :-2, -1]
     out[..., -1, :-1] = out[..., :-1, -1]
-    out[..., -1, -1] += skew**2 * gram[..., -2, -2] - 2 * skew * gram[..., -2, -1]
+    out[..., -1, -1] += skew**2 * gram[..., -1, -1] - 2 * skew * gram[..., -2, -1]
     return out
 
 
@@ -193,11 +252,11 @@ def _lowest(linearisation: Linearisation) -> np.ndarray:
     return lowest
 
 
-def evidences(linearisation: Linearisation, unseen: np.ndarray, terms: frozenset[Term]) -> tuple[Evidence, ...]:
+def evidences(linearisation: Linearisation, missed: np.ndarray, terms: frozenset[Term]) -> tuple[Evidence, ...]:
     """The evidence under each error of the nominal inertials, best first, with the skew that explains the data best."""
 
     def ranked(candidates: list[Evidence]) -> tuple[Evidence, ...]:
         return tuple(sorted(candidates, key=lambda evidence: evidence.fit(terms).score, reverse=True))
 
-    skew = ranked([Evidence(linearisation, unseen, 0.01, skew) for skew in SKEWS])[0].skew
-    return ranked([Evidence(linearisation, unseen, sigma, skew) for sigma in NOMINAL_ERROR])
+    skew = ranked([Evidence(linearisation, missed, 0.01, skew) for skew in SKEWS])[0].skew
+    return ranked([Evidence(linearisation, missed, sigma, skew) for sigma in NOMINAL_ERROR])

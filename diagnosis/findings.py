@@ -6,12 +6,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from diagnosis.calibration import Support, conformal_set, probability, shared
+from diagnosis.commanded import WARNING
 from diagnosis.gap import torque_scale
 from diagnosis.localisation.region import Region
 from diagnosis.parameters import finding_of, parameters
 from diagnosis.predictable import predictable
-from diagnosis.rivals import OPEN, rivals, separated_by
+from diagnosis.rivals import OPEN, TEMPER, rivals, separated_by
 from diagnosis.rows import Rows, stack
+from diagnosis.sides import described
 from diagnosis.terms import Term
 from diagnosis.where import located, regions
 from diagnosis.wording import effect_name
@@ -20,39 +23,18 @@ from effects.applied import AppliedEffect
 if TYPE_CHECKING:
     from diagnosis.diagnose import Study
 
-UNEXPLAINED_RATIO = 1.6
-"""A joint's gap is above the floor when it exceeds the floor by this factor..."""
-UNEXPLAINED_NRMSE = 0.012
-"""...and by this much torque NRMSE."""
-EXPLAINED = 0.7
-"""With this share of the gap above the floor closed, effects are found even if some is left..."""
-EXPLAINED_JOINT = 0.4
-"""...unless some joint above the floor has less than this share of its own gap closed..."""
-LEFT_RATIO = 3.0
-"""...or is left with this many times the floor..."""
-LEFT_NRMSE = 0.05
-"""...and at least this torque NRMSE..."""
-CLOSED_JOINT = 0.8
-"""...where not this share of its gap is closed: an effect that makes a joint ring leaves much even when it is found."""
-
 
 def document(study: Study) -> dict[str, Any]:
     """``diagnosis.json`` of a study, without NaN, as plain Python values."""
-    scale = torque_scale(study.before.measured)
-    floor, left = study.floor / scale, study.left / scale
+    floor = study.floor / torque_scale(study.before.measured)
     rows = stack(study.judge.segments)
     effects = _effects(study, rows)
-    above = left > np.maximum(UNEXPLAINED_RATIO * floor, floor + UNEXPLAINED_NRMSE)
+    above = study.left.above
     before, after = study.before.nrmse, study.after.nrmse
     faulty = next((f.gap_before for f in study.faults if f.gap_before is not None), None)
-    closed = float((before - after).sum() / max((before - floor).sum(), 1e-9))
-    own = (before - after) / np.maximum(before - floor, 1e-9)
-    wide = (left > np.maximum(LEFT_RATIO * floor, LEFT_NRMSE)) & (own < CLOSED_JOINT)
-    open_gap = above & ((own < EXPLAINED_JOINT) | wide)
-    explained = closed >= EXPLAINED and not open_gap.any()
     total = study.before.nrmse if faulty is None else faulty
     effects = _with_faults(study, effects, total, after, floor)
-    verdict = _verdict(bool(effects), bool(above.any() or (study.refusals and not effects)), explained)
+    verdict = _verdict(study, bool(effects))
     open_joints = [int(j) + 1 for j in np.flatnonzero(above)]
     return {
         "schema": 1,
@@ -68,22 +50,25 @@ def document(study: Study) -> dict[str, Any]:
         },
         "effects": effects,
         "unexplained": {
-            "share": float(np.clip((left**2 - floor**2).clip(0).sum() / max((before**2).sum(), 1e-12), 0, 1)),
+            "share": float(np.clip((study.left.after**2).sum() / max((before**2).sum(), 1e-12), 0, 1)),
             "above_floor": bool(above.any()),
+            "joints": open_joints,
+            "times_floor": _list(study.left.ratio),
             "where": [_region(r) for r in _located(study, study.after.error, rows, open_joints)],
             "predictable": [p.document() for p in predictable(study.after, rows, study.floor, open_joints)],
         },
         "next_recording": _next(effects, open_joints),
         "where": [_region(r) for r in _before(study, rows, floor)],
+        **({"sides": described(study.sides, effects)} if study.sides else {}),
         **_context(study),
     }
 
 
-def _verdict(found: bool, above: bool, explained: bool) -> str:
+def _verdict(study: Study, found: bool) -> str:
     """The verdict; an effect taken back leaves a gap open, if only on the recordings that it was fitted to."""
-    if found and (not above or explained):
-        return "effects_found"
-    return "unexplained" if above else "no_gap"
+    if found:
+        return "unexplained" if study.left.open.any() else "effects_found"
+    return "unexplained" if study.left.above.any() or study.refusals else "no_gap"
 
 
 def _effects(study: Study, rows: Rows) -> list[dict[str, Any]]:
@@ -133,24 +118,43 @@ def _finding(study: Study, applied: AppliedEffect, rows: Rows) -> dict[str, Any]
     fit = study.found.fit
     mine = frozenset(t for t in fit.terms if t.finding == finding_of(applied))
     only, without = study.judge.gap(mine), study.judge.gap(fit.terms - mine)
-    probability, others = rivals(study.found, finding_of(applied))
+    known = _support(study, applied, without.nrmse)
+    sure = probability(applied.name, known)
+    others = shared(rivals(study.found, finding_of(applied))[1], 1.0 - sure)
     gained = np.sqrt(np.clip(without.error**2 - study.after.error**2, 0.0, None))
     joints = applied.joints or tuple(int(j) + 1 for j in np.argsort(-(gained**2).sum(axis=0))[:2])
     return {
         "effect": applied.name,
         "joints": list(applied.joints),
-        "probability": probability,
+        "probability": sure,
+        "set": conformal_set(applied.name, sure, others),
+        "support": known.plain(),
         "gap_with_only_this": {"torque_nrmse": _list(only.nrmse)},
         "gap_without_this": {"torque_nrmse": _list(without.nrmse)},
         "where": [_region(r) for r in _regions(study, gained, rows, list(joints), most=1)],
         "alternatives": [
             {
-                "effect": r.effect, "joints": list(r.joints), "probability": r.probability,
+                "effect": r.effect, "joints": list(r.joints), "probability": r.probability, "evidence": r.evidence,
                 "separated_by": separated_by(applied.name, r.effect),
             }
             for r in others if r.probability > 1e-3
         ],
     }  # fmt: skip
+
+
+def _support(study: Study, applied: AppliedEffect, without: np.ndarray) -> Support:
+    """What speaks for an effect found."""
+    places = [j - 1 for j in applied.joints] or list(range(len(study.left.ratio)))
+    left = study.left.after[places] / np.maximum(study.left.before[places], 0.012)
+    _, others = rivals(study.found, finding_of(applied))
+    return Support(
+        margin=float(-np.logaddexp.reduce([-700.0, *(TEMPER * min(r.evidence, 0.0) for r in others)])),
+        closed=float((without - study.after.nrmse).max()),
+        left=float(left.max()),
+        times_floor=float(study.left.ratio[places].max()),
+        effects=len(study.effects),
+        nominal=float(study.found.evidence.sigma),
+    )
 
 
 def _regions(study: Study, error: np.ndarray, rows: Rows, joints: list[int], most: int = 2) -> list[Region]:
@@ -200,6 +204,9 @@ def _context(study: Study) -> dict[str, Any]:
         judged_on = "each half of a recording, with the values fitted to all else"
     else:
         judged_on = "halves of blocks of the one recording, each with the values fitted to all else"
+    inferred = WARNING in case.warnings
+    if inferred:
+        judged_on += "; the torque there is the one that the known controller must have commanded"
     return {
         "arm": {"robot": case.arm.name, "joints": list(case.arm.joints)},
         "recordings": [{"name": r.name, "duration": r.duration, "rate": r.rate, "role": role} for r, role in roles],
@@ -213,6 +220,7 @@ def _context(study: Study) -> dict[str, Any]:
             "sampling_skew": study.found.evidence.skew,
         },
         "judged_on": judged_on,
+        "torque_from": "controller" if inferred else "recorded",
         "warnings": [*case.warnings, *notes, *study.replay.warnings],
         "considered": _considered(study),
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -113,32 +114,52 @@ def healthy(corrected: CorrectedArm, body: RigidBody, segment: Segment) -> Healt
 
     *Noise*: the power density of the unfiltered gap above the band, taken as flat below. *Timing*: ``TIMING`` times
     the RMS rate of the torque. *Form of the model*: ``MODEL_FORM`` times the torque's deviation. *Dry friction*, of
-    size L = c + mu |tau|: anywhere in -L..L, so RMS L / sqrt 3, while the joint sticks, which it does to the degree
-    1 - |tanh(v / STICKING)|; ``FRICTION_FORM`` L while it slides.
+    size L = c + mu |tau|, grown by its drift: anywhere in -L..L, so RMS L / sqrt 3, while the joint sticks, which it
+    does to the degree 1 - |tanh(v / STICKING)|; ``FRICTION_FORM`` L while it slides.
     """
     assert segment.torque is not None
-    rate = segment.motion.rate
     gap = corrected.delivered(segment.torque) - corrected.unlimited.predict(body, segment.motion)
-    noise = _noise_density(gap[segment.inner], rate) * min(TORQUE_CUTOFF, rate / 2)
-    torque = filtered_torque(segment)
+    dry = dry_friction(corrected, segment)
+    simplified = simplified_forms(corrected, segment, lambda arm: arm.unlimited.predict(body, segment.motion))
+    form = np.hypot(FRICTION_FORM * np.sqrt((dry**2).mean(axis=0)), EFFECT_FORM * simplified)
+    stuck = (1.0 - np.abs(np.tanh(segment.motion.dq[segment.inner] / STICKING))) / np.sqrt(3.0)
+    return Healthy(steady(gap, segment.torque, segment, form), dry * stuck)
+
+
+def steady(gap: np.ndarray, torque: np.ndarray, segment: Segment, form: np.ndarray | float = 0.0) -> np.ndarray:
+    """RMS of noise, timing, form of the model and the form of its effects, together [N m], (n,).
+
+    Args:
+        gap: unfiltered, for the noise above the band [N m], (N, n).
+        torque: as measured, unfiltered, for timing and the form of the model [N m], (N, n).
+        segment: where they were measured.
+        form: RMS of what the form of friction and of other effects leaves [N m], (n,).
+    """
+    rate, inner = segment.motion.rate, segment.inner
+    noise = _noise_density(gap[inner], rate) * min(TORQUE_CUTOFF, rate / 2)
+    torque = low_pass(torque, rate, TORQUE_CUTOFF)[inner]
     timing = TIMING * np.sqrt((np.gradient(torque, 1 / rate, axis=0) ** 2).mean(axis=0))
+    return np.sqrt(noise + timing**2 + (MODEL_FORM * torque_scale(torque)) ** 2 + np.square(form))
+
+
+def dry_friction(corrected: CorrectedArm, segment: Segment) -> np.ndarray:
+    """Size of dry friction c + d + mu |tau| at each trimmed sample [N m], (M, n)."""
     dry = np.abs(corrected.arm.coulomb + corrected.value("coulomb_friction", "torque"))
     dry = dry + np.abs(corrected.value("stribeck_friction", "torque"))
-    dry = dry + np.abs(corrected.value("load_friction", "coefficient")) * np.abs(torque)
-    form = np.hypot(MODEL_FORM * torque_scale(torque), FRICTION_FORM * np.sqrt((dry**2).mean(axis=0)))
-    form = np.hypot(form, EFFECT_FORM * _simplified(corrected, body, segment))
-    stuck = (1.0 - np.abs(np.tanh(segment.motion.dq[segment.inner] / STICKING))) / np.sqrt(3.0)
-    return Healthy(np.sqrt(noise + timing**2 + form**2), dry * stuck)
+    dry = dry + np.abs(corrected.value("load_friction", "coefficient")) * np.abs(filtered_torque(segment))
+    return np.asarray(dry * corrected.drift(segment.motion.t[segment.inner]))
 
 
-def _simplified(corrected: CorrectedArm, body: RigidBody, segment: Segment) -> np.ndarray:
-    """RMS of what the effects of simplified form do to the torque [N m], (n,)."""
+def simplified_forms(
+    corrected: CorrectedArm, segment: Segment, torque: Callable[[CorrectedArm], np.ndarray]
+) -> np.ndarray:
+    """RMS of what the effects of simplified form do to a torque that an arm predicts [N m], (n,)."""
     power = np.zeros(corrected.arm.n_joints)
     for effect in corrected.effects:
         if effect.name in FORMS:
             others = CorrectedArm(corrected.arm, tuple(e for e in corrected.effects if e is not effect))
-            with_it, without = (arm.unlimited.predict(body, segment.motion) for arm in (corrected, others))
-            does = low_pass(with_it - without, segment.motion.rate, TORQUE_CUTOFF)[segment.inner]
+            does = torque(corrected) - torque(others)
+            does = low_pass(does, segment.motion.rate, TORQUE_CUTOFF)[segment.inner]
             power += (does**2).mean(axis=0)
     return np.sqrt(power)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from itertools import combinations
 from math import factorial
 
@@ -41,11 +42,15 @@ class Judge:
 
     def gap(self, terms: frozenset[Term]) -> TorqueGap:
         """Gap on unseen data of the nominal arm plus some of the terms, fitted anew."""
+        return self.measured(terms, lambda arm, segments: torque_gap(arm, self.body, segments))
+
+    def measured(self, terms: frozenset[Term], gap: Callable[[CorrectedArm, list[Segment]], TorqueGap]) -> TorqueGap:
+        """Any gap on unseen data, from a function of an arm and segments."""
         evidence = self.found.evidence
         if self.judged:
-            return torque_gap(self._corrected(evidence.fit(terms).theta, terms), self.body, self.judged)
+            return gap(self._corrected(evidence.fit(terms).theta, terms), self.judged)
         gaps = [
-            _joined(*(torque_gap(self._corrected(theta, terms), self.body, fold) for theta in halves))
+            _joined(*(gap(self._corrected(theta, terms), fold) for theta in halves))
             for halves, fold in zip(evidence.left_out(terms), self.folds, strict=True)
         ]
         lengths = np.cumsum([0, *(b - a for g in gaps for a, b in itertools.pairwise(g.edges))])

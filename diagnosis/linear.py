@@ -20,6 +20,7 @@ import numpy as np
 from diagnosis.columns import columns, link_tangent
 from diagnosis.data import Data
 from diagnosis.gap import Healthy, healthy
+from diagnosis.sensed import SENSOR_ZERO, LinkRows, link_rows, two_sides
 from diagnosis.shapes import Scan, Shape, force_window, search_shape
 from diagnosis.terms import Term, Terms
 from effects.corrected import CorrectedArm
@@ -36,7 +37,7 @@ COMMON = ("torque_offset", "coulomb_friction", "viscous_friction", "armature", "
 class Fold:
     """Normal equations of half a recording, B pieces in time, n joints.
 
-    X = [A, N, d, y] has P columns for the parameters, K for the nominal inertials, one for the skew, one for the gap.
+    X = [A, N, y, d] has P columns for the parameters, K for the nominal inertials, one for the gap, one for the skew.
 
     Attributes:
         gram: X^T W X per piece and joint, shape (B, n, P + K + 2, P + K + 2); W weighs rows down by the doubt about
@@ -44,12 +45,20 @@ class Fold:
         rows: weight of the rows of each piece, decimated to about twice the filter's cut-off, shape (B, n).
         floor: RMS of a healthy arm on this fold where its friction is not in doubt [N m], (n,).
         independent: effective number of independent samples, (n,), in what is left when every term is fitted.
+        sides: with a joint torque sensor the same of 2 n rows, the actuator side of each joint, then the link side;
+            K counts the sensor's errors too.
     """
 
     gram: np.ndarray
     rows: np.ndarray
     floor: np.ndarray
     independent: np.ndarray
+    sides: Fold | None = None
+
+    @property
+    def told(self) -> Fold:
+        """What evidence is drawn from: both sides where they are known, the joint's torque otherwise."""
+        return self.sides or self
 
 
 @dataclass(frozen=True)
@@ -67,6 +76,43 @@ class _Part:
         return 1.0 / np.sqrt(1.0 + (self.doubt.sticking[:, j] / self.doubt.steady[j]) ** 2)
 
 
+@dataclass(frozen=True)
+class Left:
+    """What the nominal inertials and the plainest effects leave of the gap, M rows.
+
+    Attributes:
+        residual: per joint [N m], weighed by trust, (M, n).
+        bases: per joint what was taken out of it, orthonormal columns, (M, K).
+        trust: square root of the weight of each row, (M, n).
+        information: nats per square of the gap [1/(N m)^2], (n,).
+    """
+
+    residual: np.ndarray
+    bases: list[np.ndarray]
+    trust: np.ndarray
+    information: np.ndarray
+
+    def gain(self, torque: np.ndarray, free: np.ndarray | None = None) -> float:
+        """What a predicted torque, (M, n), explains of what is left, as it stands [nats].
+
+        Args:
+            torque: per joint [N m]; joints with none do not count.
+            free: one more column per joint that takes its own best value.
+        """
+        gain = 0.0
+        for j in np.flatnonzero(torque.any(axis=0)):
+            change, basis = torque[:, j] * self.trust[:, j], self.bases[j]
+            change = change - basis @ (basis.T @ change)
+            residual = self.residual[:, j]
+            if free is not None:
+                column = free[:, j] * self.trust[:, j]
+                column = column - basis @ (basis.T @ column)
+                column /= max(float(np.linalg.norm(column)), 1e-12)
+                change, residual = (x - column * (column @ x) for x in (change, residual))
+            gain += self.information[j] * float(residual @ change - 0.5 * change @ change)
+        return gain
+
+
 class Linearisation:
     """Normal equations per fold and joint around the parameters theta_0.
 
@@ -78,6 +124,7 @@ class Linearisation:
     Attributes:
         terms: all terms, with the shapes of those used, and for the others the most promising ones.
         refined: for the terms used, the shapes that now explain most.
+        left: what is left of the gap, for effects that no column stands for.
     """
 
     def __init__(self, data: Data, theta: np.ndarray, terms: Terms) -> None:
@@ -92,6 +139,7 @@ class Linearisation:
         proposed = {t: shape.values for t, shape in found.items() if t not in self._used}
         self.terms = Terms(data.arm.n_joints, {**known, **proposed})
         self._add_shaped(parts, frozenset(proposed))
+        self._links = [self._link(k) for k in range(len(parts))] if data.sensed else []
         self.folds = [half for places in self._places() for half in self._halves(places, parts)]
 
     def shape(self, term: Term) -> Shape:
@@ -116,11 +164,20 @@ class Linearisation:
         self._add_links(x, self.data.nuisance[k])
         return _Part(gap, x, rate, Healthy(doubt.steady, sticking), predicted)
 
-    def _add_links(self, x: np.ndarray, nuisance: np.ndarray) -> None:
-        """Columns of link inertia from those of the inertial regressor."""
+    def _link(self, k: int) -> LinkRows:
+        """What the joint torque sensors measured on a segment; all zero where it has none."""
+        segment = self.data.segments[k]
+        bodies, zero = self.data.bodies[k], SENSOR_ZERO * self.data.torque_deviation
+        rows = link_rows(self._corrected, self.body, segment, bodies, self.terms, self.theta, zero)
+        gap, x, errors = (self.data.thin(series, segment) for series in (rows.gap, rows.columns, rows.sensor))
+        self._add_links(x, self.data.nuisance[k], np.full(self.arm.n_joints, float(rows.known)))
+        return replace(rows, gap=gap, columns=x, sensor=errors)
+
+    def _add_links(self, x: np.ndarray, nuisance: np.ndarray, gain: np.ndarray | None = None) -> None:
+        """Columns of link inertia from those of the inertial regressor; ``gain`` on the bodies' torque, (n,)."""
         own = self.body.inertial_parameters().reshape(-1, 10)
         by_link = nuisance.reshape(*nuisance.shape[:2], -1, 10)
-        gain = 1.0 / (1.0 + self._corrected.value("torque_scale", "scale"))
+        gain = 1.0 / (1.0 + self._corrected.value("torque_scale", "scale")) if gain is None else gain
         for link, places in enumerate(self.terms.block("link_inertia").T):
             tangent = link_tangent(own[link], link, self.theta[places])
             units = self.data.units[10 * link : 10 * link + 10]
@@ -142,9 +199,10 @@ class Linearisation:
         """The most promising shape of every term that has one."""
         found = {}
         force = self.terms.of("external_force")[0]
-        residuals, bases = [], []
+        residuals, bases, scans = [], [], []
         for j in range(self.arm.n_joints):
             scan = self._scan(parts, j)
+            scans.append(scan)
             pushed = self._scan(parts, j, force)
             residuals.append(pushed.residual)
             bases.append(pushed.basis)
@@ -157,6 +215,12 @@ class Linearisation:
                 segments = self.data.segments
                 needed = [p.predicted[:, j] for p in parts]
                 found[term] = search_shape(term, self._corrected, segments, own, known[0] if known else None, needed)
+        self.left = Left(
+            np.array([scan.residual for scan in scans]).T,
+            [scan.basis for scan in scans],
+            np.array([np.concatenate([p.trust(j) for p in parts]) for j in range(self.arm.n_joints)]).T,
+            np.array([1.0 / scan.noise for scan in scans]),
+        )
         window = self._window(parts, np.array(residuals).T, bases)
         if window is not None:
             found[force] = window
@@ -237,20 +301,31 @@ class Linearisation:
         gap, x, rate = (np.vstack([getattr(p, name) for p in chosen]) for name in ("gap", "columns", "rate"))
         nuisance = np.vstack([self.data.nuisance[k] for k in places])
         y = gap + x @ self.theta
-        full = np.concatenate([x, nuisance, rate[:, :, None], y[:, :, None]], axis=2)
+        errors = np.zeros((*y.shape, 3 * self.arm.n_joints if self._links else 0))
+        full = np.concatenate([x, nuisance, errors, y[:, :, None], rate[:, :, None]], axis=2)
         middle = len(y) // 2
-        return [self._fold(full[h], sticking[h], steady2[h], count) for h in (slice(middle), slice(middle, None))]
+        halves = slice(middle), slice(middle, None)
+        folds = [self._fold(full[h], sticking[h], steady2[h], count) for h in halves]
+        if not self._links:
+            return folds
+        full, steady2, known = two_sides(full, steady2, nuisance, [self._links[k] for k in places], self.theta)
+        sticking = np.hstack([sticking, np.zeros_like(sticking)])
+        sides = [self._fold(full[h], sticking[h], steady2[h], count, known[h]) for h in halves]
+        return [replace(fold, sides=side) for fold, side in zip(folds, sides, strict=True)]
 
-    def _fold(self, full: np.ndarray, sticking: np.ndarray, steady2: np.ndarray, count: int) -> Fold:
-        """Normal equations of rows X (M, n, P + K + 2), in ``count`` pieces."""
+    def _fold(
+        self, full: np.ndarray, sticking: np.ndarray, steady2: np.ndarray, count: int, known: np.ndarray | float = 1.0
+    ) -> Fold:
+        """Normal equations of rows X (M, n, P + K + 2), in ``count`` pieces; ``known``: 0 for rows that say nothing."""
         floor2 = steady2.mean(axis=0)
-        weight = 1.0 / (1.0 + sticking**2 / floor2)
+        weight = known / (1.0 + sticking**2 / floor2)
         full = (full * np.sqrt(weight)[:, :, None]).transpose(1, 0, 2)
         cuts = np.linspace(0, full.shape[1], count + 1).astype(int)
         spans = list(itertools.pairwise(cuts))
         gram = np.array([full[:, a:b].transpose(0, 2, 1) @ full[:, a:b] for a, b in spans])
         rows = np.array([weight[a:b].sum(axis=0) for a, b in spans])
-        explaining = np.concatenate([full[:, :, : self.terms.size], full[:, :, -1:]], axis=2)
+        bodies = self.terms.size + len(self.data.units)
+        explaining = np.concatenate([full[:, :, : self.terms.size], full[:, :, bodies:-1]], axis=2)
         independent = effective_samples(_richest_residual(explaining)) * weight.mean(axis=0)
         return Fold(gram, rows, np.sqrt(floor2), independent)
 

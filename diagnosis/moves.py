@@ -6,19 +6,25 @@ from diagnosis.terms import Term, Terms
 
 CONTESTS = (("actuator_delay", "actuator_lag"),)
 """Effects with the same column where they begin."""
+RINGING = ("joint_elasticity", "backlash")
+"""Effects so far from linear that a model around their values says nothing of their absence."""
 
 
 def neighbours(chosen: frozenset[Term], terms: Terms) -> list[frozenset[Term]]:
-    """Sets one move away: a term or an effect removed, a term swapped on its joint, an effect renamed."""
-    moves = [chosen - {t} for t in chosen]
+    """Sets one move away: a term or an effect removed, a term swapped on its joint, an effect renamed.
+
+    Joints that ring or play stay: a model around their values says nothing of their absence.
+    """
+    settled = {t for t in chosen if t.effect not in RINGING}
+    moves = [chosen - {t} for t in settled]
     of_joints = {t.effect for t in terms.open if t.coordinates.effect.scope == "joint"}
-    for name in {t.effect for t in chosen}:
+    for name in {t.effect for t in settled}:
         mine = frozenset(t for t in chosen if t.effect == name)
         moves.append(chosen - mine)
         joints = {t.joint for t in mine}
         for other in of_joints - {t.effect for t in chosen} - {same(t) for t in mine}:
             moves.append((chosen - mine) | {t for t in terms.open if t.effect == other and t.joint in joints})
-    for term in chosen:
+    for term in settled:
         rivals = [t for t in terms.open if t not in chosen and t.joint in (term.joint, 0) and t.effect != same(term)]
         moves += [(chosen - {term}) | {rival} for rival in rivals]
         if term.joint == 0:

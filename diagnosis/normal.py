@@ -15,15 +15,15 @@ class Normal:
     Args:
         total: X^T W X of X = [A, N, y], shape (P + K + 1, P + K + 1).
         size: P.
-        sigma: standard deviation of the nuisances, in their units.
+        sigma: standard deviation of the nuisances, in their units, one number or shape (K,).
 
     Attributes:
         delta: D, shape (K, P + 1).
     """
 
-    def __init__(self, total: np.ndarray, size: int, sigma: float) -> None:
+    def __init__(self, total: np.ndarray, size: int, sigma: float | np.ndarray) -> None:
         self.size = size
-        nuisance = total[size:-1, size:-1] + np.eye(len(total) - 1 - size) / sigma**2
+        nuisance = total[size:-1, size:-1] + np.eye(len(total) - 1 - size) / np.square(sigma)
         cross, right = total[size:-1, :size], total[size:-1, -1]
         reduced = cho_solve(cho_factor(nuisance, lower=True), np.column_stack([cross, right]))
         self.delta = reduced * np.append(-np.ones(size), 1.0)

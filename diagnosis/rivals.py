@@ -14,8 +14,6 @@ TEMPER = 0.2
 """Evidence counts this much in probabilities: folds of the same few motions say less than their nats."""
 OPEN = 0.05
 """A rival with this probability leaves the question open [1]."""
-SUREST = 0.999
-"""No effect is given a higher probability: what is in no catalogue is never ruled out."""
 
 
 @dataclass(frozen=True)
@@ -26,15 +24,17 @@ class Rival:
         effect: its name; ``none`` for leaving the place empty.
         joints: its joints.
         probability: probability that it, and not the effect named, is the cause.
+        evidence: its evidence less that of the effect named [nats].
     """
 
     effect: str
     joints: tuple[int, ...]
     probability: float
+    evidence: float
 
 
 def rivals(search: Search, finding: str) -> tuple[float, list[Rival]]:
-    """Probability of an effect found, and its rivals in falling order of probability."""
+    """Probability of an effect found by evidence alone, and its rivals in falling order of probability."""
     evidence, found = search.evidence, search.fit
     mine = frozenset(t for t in found.terms if t.finding == finding)
     joints = {t.joint for t in mine} - {0}
@@ -56,8 +56,9 @@ def rivals(search: Search, finding: str) -> tuple[float, list[Rival]]:
     weights = {name: float(np.exp(np.clip(TEMPER * score, -700, 0))) for name, score in scores.items()}
     total = 1.0 + sum(weights.values())
     ranked = sorted(scores, key=lambda name: scores[name], reverse=True)
-    return min(1.0 / total, SUREST), [
-        Rival(name, tuple(sorted(t.joint for t in options[name] if t.joint)), weights[name] / total) for name in ranked
+    return 1.0 / total, [
+        Rival(name, tuple(sorted(t.joint for t in options[name] if t.joint)), weights[name] / total, scores[name])
+        for name in ranked
     ]
 
 

@@ -13,7 +13,8 @@ from diagnosis.contests import contest, doubt, prefer_payload
 from diagnosis.coordinates import COORDINATES
 from diagnosis.evidence import Evidence, Fit
 from diagnosis.moves import clashes
-from diagnosis.state import State
+from diagnosis.ringing import starts
+from diagnosis.state import VISIBLE_EFFECT, State
 from diagnosis.terms import EXPLAINED, Term
 from ident.conditioning import Segment, thinned
 
@@ -23,6 +24,10 @@ LEAST_GAIN = 3.0
 """A move must raise the evidence by this much [nats]."""
 MOST_STEPS = 12
 """Forward steps before the search gives up."""
+MOST_TRIED = 3
+"""Groups that are tried around their own values at each step."""
+MOST_STARTS = 3
+"""Starts of joints that ring or play that are tried."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +38,7 @@ class Search:
         scale: normalisation of the torque gap over all folds [N m], (n,).
         fit: the best set of terms, fitted at its own linearisation.
         evidence: the evidence that scored it.
+        nothing: mean square of the gap per fold and joint without any effect [N^2 m^2], (F, n).
         contested: evidence of a rival less that of an effect found, each around its own values [nats].
         considered: gain of the best group of each effect over what was chosen, in nats: the rivals at each step.
     """
@@ -42,6 +48,7 @@ class Search:
     evidence: Evidence
     considered: tuple[tuple[Fit, Fit], ...]
     contested: Mapping[tuple[str, str], float]
+    nothing: np.ndarray
 
 
 def search(
@@ -54,25 +61,54 @@ def search(
     """Find the terms that explain the gap of recordings, judged on halves of recordings left out of the fit."""
     state = State(arm, body, [[thinned(s, SEARCH_RATE) for s in fold] for fold in folds], cutoff)
     considered: list[tuple[Fit, Fit]] = []
-    been = {state.fit.terms}
-    for _ in range(MOST_STEPS):
-        groups = [fit for fit in _groups(state) if state.visible(fit.terms)]
-        groups.sort(key=lambda fit: fit.score, reverse=True)
-        if not groups or groups[0].score < state.fit.score + LEAST_GAIN:
-            break
-        considered += [(groups[0], rival) for rival in groups[1:4]]
-        progress("adds " + _describe(groups[0].terms - state.fit.terms))
-        state.accept(groups[0].terms)
-        state.refine()
-        if state.fit.terms in been:
-            break
-        been.add(state.fit.terms)
+    nothing = state.fit.unseen
+    _forward(state, considered, progress)
+    while _rings(state, progress):
+        _forward(state, considered, progress)
     contest(state)
     prefer_payload(state)
     doubt(state)
     state.prune()
     state.polish()
-    return Search(state.scale, state.fit, state.evidence, tuple(considered), state.contested)
+    return Search(state.scale, state.fit, state.evidence, tuple(considered), state.contested, nothing)
+
+
+def _forward(state: State, considered: list[tuple[Fit, Fit]], progress: Callable[[str], None]) -> None:
+    """Add the best group of terms while one raises the evidence, each around its own values."""
+    been, refused = {state.fit.terms}, set()
+    for _ in range(MOST_STEPS):
+        groups = [fit for fit in _groups(state) if state.visible(fit.terms) and fit.terms not in refused]
+        groups.sort(key=lambda fit: fit.score, reverse=True)
+        groups = [fit for fit in groups[:MOST_TRIED] if fit.score >= state.fit.score + LEAST_GAIN]
+        before = state.model
+        for k, group in enumerate(groups):
+            state.accept(group.terms)
+            if before.gain(state.model) > 0:
+                considered += [(group, rival) for rival in groups[k + 1 : k + 4]]
+                progress("adds " + _describe(group.terms - before.fit.terms))
+                break
+            refused.add(group.terms)
+            state.model = before
+        else:
+            return
+        state.refine()
+        if state.fit.terms in been:
+            return
+        been.add(state.fit.terms)
+
+
+def _rings(state: State, progress: Callable[[str], None]) -> bool:
+    """Add a joint that rings or plays, if one explains what is left."""
+    before = state.model
+    for start in starts(state)[:MOST_STARTS]:
+        state.accept(before.fit.terms | {start.term}, {start.term: start.values})
+        better = before.gain(state.model) > LEAST_GAIN and state.closed(before) >= VISIBLE_EFFECT
+        if start.term in state.fit.terms and better:
+            progress("adds " + _describe(frozenset({start.term})))
+            state.refine()
+            return True
+        state.model = before
+    return False
 
 
 def _describe(terms: frozenset[Term]) -> str:

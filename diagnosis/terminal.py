@@ -20,6 +20,7 @@ from diagnosis.wording import (
     joint_names,
     joint_ranges,
     parameter_texts,
+    sides_sentence,
     unexplained_sentence,
     verdict_sentence,
 )
@@ -32,11 +33,18 @@ def print_summary(document: Mapping[str, Any], console: Console) -> None:
     label = Text(VERDICTS[document["verdict"]], style=_COLOURS[document["verdict"]])
     console.print(Text.assemble((document["case"], "bold"), ": ", label))
     console.print(Text(verdict_sentence(document)))
+    if "against" in document:
+        name, count = document["against"]["reference"], len(document["against"]["recordings"])
+        text = f"{name} ({count} recording{'s' if count != 1 else ''}); effects are changes since then"
+        _labelled(console, "Compared with", text)
     if document["effects"]:
         console.print()
         console.print(_effects(document))
     console.print()
     console.print(_joints(document))
+    if "sides" in document:
+        console.print()
+        _labelled(console, "By the torque sensors", sides_sentence(document))
     if document["verdict"] != "no_gap":
         console.print()
         _labelled(console, "Unexplained", unexplained_sentence(document))

@@ -105,7 +105,7 @@ class Terms:
         return AppliedEffect(c.effect.name, tuple(t.joint for t in group) if c.effect.scope == "joint" else (), bounded)
 
     def clipped(self, theta: np.ndarray) -> np.ndarray:
-        """Theta with values of springs, payload and effects that have a single parameter moved into their bounds."""
+        """Theta with values of springs, bodies and effects that have a single parameter moved into their bounds."""
         out = theta.copy()
         for name, c in COORDINATES.items():
             if c.linear == 1 and not c.shape:
@@ -114,6 +114,8 @@ class Terms:
         stiffness, moment = self.block("parallel_spring")
         farthest = COORDINATES["parallel_spring"].effect.parameter("rest").bounds[1] * np.abs(out[stiffness])
         out[moment] = np.clip(out[moment], -farthest, farthest)
+        for row, parameter in zip(self.block("link_inertia"), ("mass", "com", "com", "com"), strict=True):
+            out[row] = np.clip(out[row], *COORDINATES["link_inertia"].effect.parameter(parameter).bounds)
         mass, com = (p.bounds for p in COORDINATES["payload"].effect.parameters)
         places = self.block("payload")[:, 0]
         m = np.clip(out[places[0]], *mass)

@@ -152,6 +152,20 @@ def verdict_sentence(document: Document) -> str:
     return f"{capital(effects_text(document))} {verb} a part of the gap, but {left} of it stays open{most}."
 
 
+def sides_sentence(document: Document) -> str:
+    """On which side of the joint torque sensors the nominal arm's gap lies, in one sentence."""
+    carried = document["sides"]["carried_by"]
+    parts = []
+    for side in ("actuator", "link", "both"):
+        joints = [number for number, where in enumerate(carried, 1) if where == side]
+        if joints:
+            on = "on both sides" if side == "both" else f"on the {side} side"
+            parts.append(f"{on} of joint{'s' if len(joints) > 1 else ''} {listing(joint_ranges(joints))}")
+    return (
+        f"The gap lies {listing(parts)}." if parts else "The gap stands above its floor on neither side of any joint."
+    )
+
+
 def unexplained_sentence(document: Document) -> str:
     """What is left without an explanation, in one sentence."""
     share = percent(document["unexplained"]["share"])

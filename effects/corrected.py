@@ -148,7 +148,7 @@ class CorrectedArm:
         for law, values in laws:
             if law.family != "friction":
                 torque = torque + law.law(Signals(motion.t[:, None], true, motor.dq, torque), *values)
-        factor = self._drift(motion.t)
+        factor = self.drift(motion.t)
         torque = torque + factor * (arm.coulomb * smooth_sign(motor.dq) + arm.viscous * motor.dq)
         friction = [(law, values) for law, values in laws if law.family == "friction"]
         for law, values in sorted(friction, key=lambda item: item[0].name == "load_friction"):
@@ -156,7 +156,7 @@ class CorrectedArm:
             torque = torque + factor * law.law(Signals(motion.t[:, None], true, motor.dq, torque), *values)
         return torque
 
-    def _drift(self, t: np.ndarray) -> np.ndarray | float:
+    def drift(self, t: np.ndarray) -> np.ndarray | float:
         """Factor of all friction at times t [s] of shape (N,); 1 or shape (N, n)."""
         factor: np.ndarray | float = 1.0
         for effect, values in self.of_kind(Drift):

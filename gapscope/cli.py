@@ -25,6 +25,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.add_typer(blind, name="blind")
+INTERRUPTED = 130
+"""Exit code after Ctrl-C."""
 _console = Console()
 _log = Console(stderr=True)
 _python_warning = warnings.showwarning
@@ -62,7 +64,10 @@ def diagnose(
     cases: Annotated[list[Path], typer.Argument(help="folders of cases, or case files", metavar="CASE...")],
     out: Annotated[Path, typer.Option(help="folder for the results", metavar="DIR")],
     jobs: Annotated[int, typer.Option(min=1, help="cases at a time, where there are several")] = 1,
-    backend: Annotated[str, typer.Option(help="local, or ray (needs ray installed)")] = "local",
+    backend: Annotated[str, typer.Option(help="local, or ray (a cluster; needs ray installed)")] = "local",
+    again: Annotated[
+        bool, typer.Option("--again", help="of several cases, diagnose also those that an earlier run has finished")
+    ] = False,
     against: Annotated[
         Optional[Path],  # noqa: UP045
         typer.Option(help="case of the same arm, known healthy and without load: what changed?", metavar="REFERENCE"),
@@ -81,11 +86,11 @@ def diagnose(
         print_summary(result.document, _console)
         _wrote(out / "report.html", out / "diagnosis.json", out / "corrected.yaml")
         return
-    from gapscope.batch import diagnose_all
+    from gapscope.batch import SUMMARY, UNITS, Batch, diagnose_all
 
     with _Progress(f"{len(cases)} cases") as progress:
-        code = diagnose_all(cases, out, jobs, backend, progress, _console)
-    _wrote(out / "summary.html")
+        code = diagnose_all(Batch(tuple(cases), out, jobs, backend, again), progress, _console)
+    _wrote(*(out / name for name in (SUMMARY, UNITS) if (out / name).is_file()))
     raise typer.Exit(code)
 
 
@@ -379,6 +384,7 @@ def main(arguments: list[str] | None = None) -> Any:
     except GapscopeError as error:
         _log.print(f"gapscope: {error}", style="red", highlight=False, markup=False, soft_wrap=True)
         sys.exit(error.exit_code)
-    except KeyboardInterrupt:
-        _log.print("gapscope: interrupted; what was written is whole, run the command again for the rest")
-        sys.exit(130)
+    except SystemExit as end:
+        if end.code == INTERRUPTED:  # typer ends the process so, without a word
+            _log.print("gapscope: interrupted; what was written is whole, run the command again for the rest")
+        raise

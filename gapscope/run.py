@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from arm.case import load_case
@@ -19,6 +20,7 @@ from diagnosis.result import Diagnosis
 from effects.corrected import CorrectedArm
 from effects.corrected_file import blaming, read_corrected, read_corrected_arm, write_corrected
 from envs.replay import Replay, replay
+from gapscope.resume import made_from
 
 
 def make_folder(folder: Path) -> None:
@@ -41,7 +43,8 @@ def make_folder(folder: Path) -> None:
 def diagnose_path(path: Path, out: Path, progress: Callable[[str], None] = lambda message: None) -> Diagnosis:
     """Diagnose the case at a path and write ``corrected.yaml``, ``report.html`` and, as the last, ``diagnosis.json``.
 
-    A ``diagnosis.json`` of an earlier run is removed first, so that one that is there is whole and of this run.
+    A ``diagnosis.json`` of an earlier run is removed first, so that one that is there is whole and of this run; its key
+    ``made_from`` says what it was made from.
     """
     make_folder(out)
     try:
@@ -49,8 +52,9 @@ def diagnose_path(path: Path, out: Path, progress: Callable[[str], None] = lambd
     except OSError as error:
         raise GapscopeError(f"{out / 'diagnosis.json'}: cannot be replaced ({error.strerror})", "remove it") from None
     progress("reads the case")
-    case = load_case(path, any_unit=True)
+    case, source = load_case(path, any_unit=True), made_from(path)
     result = diagnose(case, progress)
+    result = replace(result, document={**result.document, "made_from": source})
     progress("writes the report")
     write_corrected(case.name, result.effects, out / "corrected.yaml")
     render(result, out / "report.html")
@@ -64,6 +68,8 @@ def diagnose_one_of_many(path: str, out: Path, folder: str) -> tuple[SummaryRow,
         document = diagnose_path(Path(path), out / folder).document
     except GapscopeError as error:
         return SummaryRow(folder, folder, failure=str(error)), error.exit_code
+    except Exception as error:  # a fault of the program in one case does not stop the others either
+        return SummaryRow(folder, folder, failure=f"{type(error).__name__}: {error}"), 1
     return SummaryRow(str(document["case"]), folder, document), 0
 
 

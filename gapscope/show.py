@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from rich.console import Group
@@ -12,7 +13,9 @@ from arm.case import Case
 from arm.dynamics import RigidBody
 from arm.errors import GapscopeError
 from diagnosis.gap import torque_gap
+from diagnosis.quantities import nrmse
 from diagnosis.replay_gap import attempt
+from diagnosis.report.units import cells, findings, heading, nominal_note, row_label, told_apart
 from effects.corrected import CorrectedArm
 from envs.replay import HORIZON, Replay
 from ident.conditioning import condition, position_cutoff
@@ -71,6 +74,33 @@ def _table(title: str, joints: tuple[str, ...]) -> Table:
     table.add_column("recording")
     for number in range(1, len(joints) + 1):
         table.add_column(f"J{number}", justify="right")
+    return table
+
+
+def units_text(content: Mapping[str, Any]) -> Group:
+    """The content of ``units.json``: per type of arm the effects with the units that have them, and the confusion."""
+    parts: list[Any] = []
+    for group in content["groups"]:
+        title = f"{group['robot']}, {len(group['units'])} units"
+        table = Table(title=title, title_justify="left", caption=heading(group), caption_justify="left")
+        for name in ("effect", "on", "found"):
+            table.add_column(name, overflow="fold")
+        for found in findings(group):
+            table.add_row(Text(found.name), found.place, Text(f"{found.label}: {found.meaning}"))
+        notes = [*told_apart(group["confusion"]), nominal_note(group)]
+        parts += [table, *([_confusion(group["confusion"])] if group["confusion"]["columns"] else [])]
+        parts += [Text(note) for note in notes if note]
+    return Group(*parts)
+
+
+def _confusion(confusion: Mapping[str, Any]) -> Table:
+    """Mean torque NRMSE of each arm on the recordings of each unit; the least of each column in bold."""
+    table = Table(title="torque NRMSE of an arm (row) on the recordings of a unit (column)", title_justify="left")
+    table.add_column("")
+    for unit in confusion["columns"]:
+        table.add_column(Text(unit), justify="right")
+    for row, line in cells(confusion):
+        table.add_row(Text(row_label(row)), *(Text(nrmse(c.value), "bold" if c.best else "") for c in line))
     return table
 
 

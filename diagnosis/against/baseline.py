@@ -61,8 +61,11 @@ class Baseline:
     def adjusted(self, case: Case) -> Case:
         """The case with the skew, and what the baseline's effects do, taken out of the recorded torque.
 
+        Joint torque sensors are left out: the arm was identified by the recorded torque, whose errors its bodies hold.
+
         tau - (tau_nominal+effects - tau_nominal): exact for what adds to the torque, first order for the others.
         """
+        case = _without_sensors(case)
         if self.skew:
             case = back_in_time(case, self.skew)
         if not self.effects:
@@ -103,14 +106,19 @@ def back_in_time(case: Case, skew: float) -> Case:
     return replace(case, recordings=tuple(map(changed, case.recordings)), judged=tuple(map(changed, case.judged)))
 
 
+def _without_sensors(case: Case) -> Case:
+    recordings, judged = (tuple(replace(r, tau_sensor=None) for r in part) for part in (case.recordings, case.judged))
+    return replace(case, recordings=recordings, judged=judged)
+
+
 def _searched(found: Search, terms: frozenset[Term]) -> Search:
     """The search with other terms, linearised around their values."""
     linear = found.evidence.linear
     shapes = {t: found.evidence.terms.shapes[t] for t in terms if t in found.evidence.terms.shapes}
-    theta, unseen = np.zeros(found.evidence.terms.size), found.fit.unseen
+    theta, missed = np.zeros(found.evidence.terms.size), found.fit.missed
     for _ in range(LINEARISATIONS):
         linear = Linearisation(linear.data, theta, Terms(linear.arm.n_joints, shapes))
-        evidence = evidences(linear, unseen, terms)[0]
+        evidence = evidences(linear, missed, terms)[0]
         fit = evidence.fit(terms)
-        theta, unseen = fit.theta, fit.unseen
+        theta, missed = fit.theta, fit.missed
     return replace(found, fit=fit, evidence=evidence)

@@ -15,6 +15,7 @@ from diagnosis.against.change import Change, combined
 from diagnosis.against.document import told
 from diagnosis.against.leeway import Fit, Leeway, Term
 from diagnosis.against.reference import Reference, check_same_arm, identify_reference
+from diagnosis.commanded import with_commanded_torque
 from diagnosis.diagnose import Study, conclude, examine
 from effects.applied import AppliedEffect
 from ident.identification import Identification
@@ -53,6 +54,7 @@ def diagnose_change(
         InputError: the reference is another robot, or nothing can be identified from its recordings.
         GapscopeError: no physically consistent parameters were found, or the case cannot be diagnosed.
     """
+    case, reference = with_commanded_torque(case), with_commanded_torque(reference)
     check_same_arm(case, reference)
     with threadpool_limits(1):
         identified = identify_reference(reference, lambda message: progress(f"reference: {message}"))

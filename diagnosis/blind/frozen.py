@@ -12,7 +12,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("arm", "effects", "envs", "ident", "diagnosis")
 """Packages on the way to a diagnosis."""
-APART = ("diagnosis/blind/", "diagnosis/report/")
+APART = ("diagnosis/blind/", "diagnosis/report/", "diagnosis/units/")
 """Parts of them that have no say in it."""
 ENDINGS = (".py", ".json", ".yaml", ".npz", ".csv")
 LIBRARIES = ("gapscope", "numpy", "scipy", "pin", "pybullet", "mujoco", "pandas", "joblib")

@@ -14,6 +14,7 @@ from arm.whole import written_whole
 from diagnosis import quantities
 from diagnosis.document import plain, validate
 from diagnosis.report import figures, sections
+from diagnosis.report.sides import sides
 from diagnosis.result import Diagnosis
 from diagnosis.wording import acts_on, capital, effect_name
 
@@ -35,7 +36,7 @@ def render(diagnosis: Diagnosis, path: Path | str) -> None:
             plotly=Markup(get_plotlyjs()),
             curves=figures.payload(diagnosis),
             document=diagnosis.document,
-            **{section.__name__: section(diagnosis) for section in sections.SECTIONS},
+            **{section.__name__: section(diagnosis) for section in (*sections.SECTIONS, sides)},
         )
     )
     with written_whole(path) as aside:

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.findings import UNEXPLAINED_NRMSE, UNEXPLAINED_RATIO
 from diagnosis.quantities import MISSING, display_unit, significant
 from diagnosis.report.guesses import guesses
 from diagnosis.report.places import pictures
+from diagnosis.report.reference import against
 from diagnosis.result import Diagnosis
 from diagnosis.wording import (
     VERDICTS,
@@ -146,12 +146,15 @@ def inputs(diagnosis: Diagnosis) -> dict[str, Any]:
         "recordings": document.get("recordings", []),
         "conditioning": document.get("conditioning"),
         "warnings": document.get("warnings", []),
+        "inferred": document.get("torque_from") == "controller",
         "traces": len(diagnosis.traces),
         "spectrum": diagnosis.spectrum.frequency.size > 0,
     }
 
 
-SECTIONS: tuple[Callable[[Diagnosis], dict[str, Any]], ...] = (heading, where, which, how_far, left_over, inputs)
+SECTIONS: tuple[Callable[[Diagnosis], dict[str, Any] | None], ...] = (
+    heading, where, which, how_far, left_over, inputs, against,
+)  # fmt: skip
 
 
 def _found(entry: Mapping[str, Any], diagnosis: Diagnosis) -> FoundEffect:
@@ -206,11 +209,9 @@ def _above_floor(document: Mapping[str, Any]) -> list[tuple[int, str, list[str]]
     if not document["unexplained"]["above_floor"] or not document["effects"]:
         return []
     out = []
-    for joint, (_, after, floor) in enumerate(gap_rows(document), 1):
-        if after is None or not floor or after < max(UNEXPLAINED_RATIO * floor, floor + UNEXPLAINED_NRMSE):
-            continue
+    for joint in document["unexplained"]["joints"]:
         named = [effect_name(entry["effect"]) for entry in document["effects"] if joint in entry["joints"]]
-        out.append((joint, significant(after / floor, 2), named))
+        out.append((joint, significant(document["unexplained"]["times_floor"][joint - 1], 2), named))
     return out
 
 

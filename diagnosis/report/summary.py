@@ -9,6 +9,7 @@ from typing import Any
 from urllib.parse import quote
 
 from arm.whole import written_whole
+from diagnosis.report import units as units_words
 from diagnosis.report.page import environment
 from diagnosis.wording import VERDICTS, acts_on, effect_name, gap_closed
 
@@ -35,6 +36,11 @@ class SummaryRow:
     folder: str
     document: Mapping[str, Any] | None = None
     failure: str = ""
+
+    @property
+    def label(self) -> str:
+        """Name of the case, with its folder where that is called otherwise."""
+        return self.name if self.folder == self.name else f"{self.name} ({self.folder})"
 
     @property
     def link(self) -> str:
@@ -69,13 +75,21 @@ class SummaryRow:
         return sum(known) / len(known) if known else None
 
 
-def render_summary(rows: Sequence[SummaryRow], path: Path | str) -> None:
+def render_summary(rows: Sequence[SummaryRow], path: Path | str, units: Mapping[str, Any] | None = None) -> None:
     """Write the summary of several cases, in the order given.
+
+    Args:
+        rows: one per case.
+        path: file to write.
+        units: content of ``units.json``, the comparison of the cases as units of one type of arm.
 
     Raises:
         GapscopeError: ``path`` cannot be written.
     """
     counts = {label: sum(row.kind == kind for row in rows) for kind, label in _COUNTED.items()}
-    html = environment().get_template("summary.html").render(rows=rows, counts=counts)
+    compared = units["groups"] if units is not None else []
+    html = (
+        environment().get_template("summary.html").render(rows=rows, counts=counts, groups=compared, words=units_words)
+    )
     with written_whole(path) as aside:
         aside.write_text(html, encoding="utf-8")

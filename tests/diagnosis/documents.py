@@ -85,6 +85,33 @@ def unexplained() -> dict[str, Any]:
     return document
 
 
+def changed() -> dict[str, Any]:
+    """A delay and a payload against a reference."""
+    document = two_effects()
+    document["case"] = "monday"
+    sheet = {"armature": [0.5] * 7, "coulomb": [2.0] * 7, "viscous": [3.0] * 7}
+    document["against"] = {
+        "reference": "friday",
+        "recordings": ["a.csv", "b.csv"],
+        "identified": sheet,
+        "identified_std": {key: [0.02] * 7 for key in sheet},
+        "friction_law": "Coulomb and viscous",
+        "base_parameters": 43,
+        "torque_ratio_to_nominal": 0.94,
+        "sampling_skew": -0.0004,
+        "held_out": {"rmse": [0.1] * 7, "torque_nrmse": [0.013] * 7},
+        "inherent": [{"effect": "torque_offset", "joints": [1, 2, 3], "parameters": {"torque": [0.6, -0.5, 0.2]}}],
+        "today": {
+            **sheet,
+            "coulomb": [2.2] * 7,
+            "torque_nrmse": [0.017] * 7,
+            "friction_allowed": 0.15,
+            "left_open": [{"effect": "viscous_friction", "joint": j, "closes": 0.004} for j in (5, 2)],
+        },
+    }
+    return document
+
+
 def diagnosis(document: dict[str, Any]) -> Diagnosis:
     """A diagnosis around a document, with curves that look like its effects."""
     rng = np.random.default_rng(5)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from diagnosis.document import plain, validate, write_document
 Change = Callable[[dict[str, Any]], Any]
 
 
-@pytest.mark.parametrize("make", [documents.two_effects, documents.no_gap, documents.unexplained])
+@pytest.mark.parametrize("make", [documents.two_effects, documents.no_gap, documents.unexplained, documents.changed])
 def test_good_documents_are_accepted(make: Callable[[], dict[str, Any]]) -> None:
     validate(make())
 
@@ -43,6 +44,25 @@ def test_unknown_values_are_null() -> None:
     document["gap"]["after"]["torque_nrmse"] = [None] * 7
     document["effects"][0]["parameters"]["delay"]["std"] = None
     validate(document)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda a: a.pop("today"), "field against: 'today' is a required property"),
+        (lambda a: a.update(recordings=[]), "field against.recordings"),
+        (lambda a: a["identified"].pop("coulomb"), "field against.identified: 'coulomb'"),
+        (lambda a: a["today"].pop("viscous"), "field against.today: 'viscous'"),
+        (lambda a: a["held_out"].update(torque_nrmse=[-0.1]), "field against.held_out.torque_nrmse[0]"),
+        (lambda a: a["today"]["left_open"][0].update(joint=-1), "field against.today.left_open[0].joint"),
+        (lambda a: a["held_out"].update(rmse=[0.1]), "against.held_out.rmse: has 1 entries"),
+    ],
+)
+def test_broken_references_are_rejected(change: Change, message: str) -> None:
+    document = documents.changed()
+    change(document["against"])
+    with pytest.raises(GapscopeError, match=re.escape(message)):
+        validate(document)
 
 
 BROKEN: dict[str, tuple[Change, str]] = {

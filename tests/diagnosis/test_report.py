@@ -64,7 +64,7 @@ def rendered(document: dict[str, Any], folder: Path) -> Page:
     return Page((folder / "report.html").read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize("make", [documents.two_effects, documents.no_gap, documents.unexplained])
+@pytest.mark.parametrize("make", [documents.two_effects, documents.no_gap, documents.unexplained, documents.changed])
 def test_one_file_that_loads_nothing(make: Callable[[], dict[str, Any]], tmp_path: Path) -> None:
     page = rendered(make(), tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
@@ -100,6 +100,18 @@ def test_without_optional_keys_and_without_curves(tmp_path: Path) -> None:
     render(type(full)(document, full.effects, (), (), empty), tmp_path / "report.html")
     text = Page((tmp_path / "report.html").read_text(encoding="utf-8")).text
     assert "Torque over time" not in text and "Replay RMSE before" not in text and "None needed" in text
+
+
+def test_what_it_was_compared_with_is_told(tmp_path: Path) -> None:
+    text = rendered(documents.changed(), tmp_path).text
+    for expected in (
+        *("Compared with friday", "2 recordings: a.csv, b.csv", "43 base parameters", "2.000 ± 0.020", "0.013"),
+        *("2.20 (+10 %)", "3.00 (same)", "0.017", "up to 15 %", "viscous friction (joints 2 and 5)"),
+        *("torque offset (joints 1–3)", "94 %", "0.40 ms behind", "on top of what it was then"),
+    ):
+        assert expected in text, expected
+    page = rendered(documents.two_effects(), tmp_path)
+    assert "Compared with" not in page.text and "#against" not in page.addresses
 
 
 def test_effects_outside_the_catalogue_are_shown(tmp_path: Path) -> None:

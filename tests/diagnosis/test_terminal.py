@@ -40,6 +40,10 @@ def test_the_summary_says_what_was_found() -> None:
         assert expected in text
 
 
+def test_a_reference_is_named() -> None:
+    assert "Compared with: friday (2 recordings); effects are changes since then" in printed(documents.changed())
+
+
 def test_the_other_verdicts() -> None:
     healthy, riddle = printed(documents.no_gap()), printed(documents.unexplained())
     assert "healthy: No gap" in healthy and "Prob." not in healthy and "Unexplained" not in healthy

@@ -370,7 +370,7 @@ class TestBatch:
         out = tmp_path / "out"
         assert gapscope("diagnose", sick, healthy, "--out", out).code == 0
         assert files(out) == sorted(
-            [f"{case}/{name}" for case in ("sick", "healthy") for name in RESULTS] + ["summary.html"]
+            [f"{case}/{name}" for case in ("sick", "healthy") for name in RESULTS] + ["summary.html", "units.json"]
         )
         verdicts = {c: json.loads((out / c / "diagnosis.json").read_text())["verdict"] for c in ("sick", "healthy")}
         assert verdicts == {"sick": "effects_found", "healthy": "no_gap"}

@@ -1,0 +1,73 @@
+"""What is left once the effects found are in, above what a healthy arm leaves: does anything remain unexplained?
+
+Judged on unseen data where dry friction is not in doubt, with the errors of the nominal inertials taken out: rows on
+which a joint may stick count by how well they are known, so that an arm that stands still for long hides nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from diagnosis.moves import RINGING
+from diagnosis.search import Search
+
+LEAST_RATIO = 1.6
+"""Without effects a gap is above the floor when it exceeds it by this factor..."""
+LEAST_LEFT_RATIO = 1.3
+"""...and with effects by this one..."""
+LEAST_EXCESS = 0.012
+"""...and by this much torque NRMSE, in squares."""
+MOST_LEFT = 0.22
+"""Effects explain a joint when they leave no more than this share of what was above its floor; the form of a real
+effect differs from the catalogue's..."""
+MOST_LEFT_RINGING = 0.5
+"""...and that of a joint that rings or plays by more."""
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What is above the floor per joint, n joints.
+
+    Attributes:
+        before: torque NRMSE of the nominal arm above the floor, in squares, (n,).
+        after: the same with the effects found, (n,).
+        ratio: RMS with the effects found over the floor's, (n,).
+        rings: whether an effect that makes a joint ring is among those found.
+    """
+
+    before: np.ndarray
+    after: np.ndarray
+    ratio: np.ndarray
+    rings: bool
+
+    @property
+    def above(self) -> np.ndarray:
+        """Joints above the floor, (n,)."""
+        least = np.where(self.before > self.after + 1e-9, LEAST_LEFT_RATIO, LEAST_RATIO)
+        return (self.ratio > least) & (self.after > LEAST_EXCESS)
+
+    @property
+    def open(self) -> np.ndarray:
+        """Joints of whose gap the effects found leave too much, (n,)."""
+        return self.above & (self.after > (MOST_LEFT_RINGING if self.rings else MOST_LEFT) * self.before)
+
+
+def remainder(found: Search, least: np.ndarray | float = 0.0) -> Remainder:
+    """What is above the floor before and after the effects found.
+
+    Args:
+        found: result of the search.
+        least: RMS that is left on this arm in any case [N m], (n,).
+    """
+    evidence, terms = found.evidence, found.fit.terms
+    rows = evidence.rows.sum(axis=0)
+
+    def pooled(square: np.ndarray) -> np.ndarray:
+        return np.asarray((square * evidence.rows).sum(axis=0) / rows)
+
+    floor2, before2, after2 = (pooled(x) for x in (evidence.floor2, found.nothing, evidence.unseen(terms)))
+    floor2 = np.maximum(floor2, np.square(least))
+    before, after = (np.sqrt(np.clip(x - floor2, 0.0, None)) / found.scale for x in (before2, after2))
+    return Remainder(before, after, np.sqrt(after2 / floor2), any(t.effect in RINGING for t in terms))

@@ -1,0 +1,168 @@
+"""Fit the probabilities of findings to a blind set made for it alone; writes ``diagnosis/calibration.json``.
+
+    .venv/bin/python experiments/15_calibration.py CASES RESULTS LABELS [CASES RESULTS LABELS ...] [--dry]
+
+CASES, RESULTS and LABELS are the folders of ``gapscope blind make`` and ``gapscope blind run``. The blind check that is
+reported must be another set, from another seed. Prints how well the probabilities hold on cases left out of the fit.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize
+
+from arm.whole import written_whole
+from diagnosis.blind.scoring.compare import compare
+from diagnosis.blind.scoring.statistics import brier, ece
+from diagnosis.blind.seal import open_labels
+from diagnosis.calibration import FILE, Support, probability, shared
+from diagnosis.rivals import Rival
+from effects.catalogue import CATALOGUE
+
+PRIOR, PRIOR_EFFECT = 0.3, 4.0
+"""Inverse variances of the weights, and of the number of each effect: few errors are seen of any one."""
+LEVEL = 0.9
+"""Coverage of the conformal sets."""
+
+
+class Finding(NamedTuple):
+    """One finding of a blind case: what supports it, whether it is right, which effects of the case nothing names."""
+
+    case: str
+    effect: str
+    support: Support
+    rivals: tuple[Rival, ...]
+    right: bool
+    missed: frozenset[str]
+
+
+def findings(cases: Path, results: Path, labels: Path) -> list[Finding]:
+    """All findings on a blind set that carry their support."""
+    out = []
+    for name, label in open_labels(cases, labels)["cases"].items():
+        file = results / name / "diagnosis.json"
+        if label["kind"] == "ladder" or not file.is_file():
+            continue
+        document = json.loads(file.read_text(encoding="utf-8"))
+        named = {entry["effect"] for entry in document["effects"]}
+        missed = frozenset(entry["effect"] for entry in label["effects"]) - named
+        judged = compare(name, label, document).findings
+        for entry, finding in zip(document["effects"], judged, strict=True):
+            if "support" in entry:
+                rivals = tuple(Rival(r["effect"], (), 0.0, r["evidence"]) for r in entry["alternatives"])
+                support = Support(**entry["support"])
+                out.append(Finding(f"{cases}/{name}", entry["effect"], support, rivals, finding.right, missed))
+    return out
+
+
+def fit(known: Sequence[Finding]) -> dict[str, Any]:
+    """Intercept, weights and numbers of the effects, of the largest posterior."""
+    x = np.array([f.support.features() for f in known])
+    right = np.array([f.right for f in known], dtype=float)
+    names = sorted(CATALOGUE)
+    which = np.array([[f.effect == name for name in names] for f in known], dtype=float)
+    count = x.shape[1]
+
+    def loss(v: np.ndarray) -> float:
+        z = v[0] + x @ v[1 : 1 + count] + which @ v[1 + count :]
+        likelihood = np.logaddexp(0.0, np.where(right > 0, -z, z)).sum()
+        return float(
+            likelihood
+            + 0.5 * PRIOR * v[1 : 1 + count] @ v[1 : 1 + count]
+            + 0.5 * PRIOR_EFFECT * v[1 + count :] @ v[1 + count :]
+        )
+
+    v = minimize(loss, np.zeros(1 + count + len(names)), method="L-BFGS-B").x
+    return {
+        "intercept": round(float(v[0]), 4),
+        "weights": [round(float(w), 4) for w in v[1 : 1 + count]],
+        "effects": {name: round(float(w), 4) for name, w in zip(names, v[1 + count :], strict=True) if abs(w) > 5e-4},
+    }  # fmt: skip
+
+
+def fit_rivals(known: Sequence[Finding]) -> dict[str, float]:
+    """Temper of the rivals' evidence and weight of what is not listed, most likely on the findings that are wrong."""
+    wrong = [f for f in known if not f.right]
+
+    def likelihood(temper: float, unlisted: float) -> float:
+        total = 0.0
+        for f in wrong:
+            ranked = shared(f.rivals, 1.0, {"temper": temper, "unlisted": unlisted})
+            true = f.missed | ({"none"} if not f.missed else frozenset())
+            p = sum(rival.probability for rival in ranked if rival.effect in true)
+            total += np.log(max(p, 1.0 - sum(rival.probability for rival in ranked), 1e-6))
+        return total
+
+    grid = itertools.product((0.005, 0.01, 0.02, 0.05, 0.1, 0.2), (0.1, 0.2, 0.5, 1.0, 2.0, 5.0))
+    temper, unlisted = max(grid, key=lambda pair: likelihood(*pair)) if wrong else (0.05, 0.5)
+    return {"temper": temper, "unlisted": unlisted}
+
+
+def fit_level(known: Sequence[Finding], values: dict[str, Any]) -> float:
+    """Level at which the sets hold the truth in ``LEVEL`` of the findings, or as near as they come."""
+    reached = []
+    for f in known:
+        if f.right:
+            reached.append(0.0)
+            continue
+        p = probability(f.effect, f.support, values)
+        total = p
+        for rival in shared(f.rivals, 1.0 - p, values):
+            if rival.effect in f.missed or (rival.effect == "none" and not f.missed):
+                break
+            total += rival.probability
+        reached.append(total)
+    quantile = float(np.quantile(reached, min(1.0, LEVEL * (1 + 1 / len(reached))), method="higher"))
+    return round(float(np.clip(quantile + 1e-6, LEVEL, 0.999)), 6)
+
+
+def left_out(known: Sequence[Finding], folds: int = 10) -> np.ndarray:
+    """Probability of each finding by a fit without a tenth of the cases, its own among them."""
+    cases = sorted({f.case for f in known})
+    place = {case: k % folds for k, case in enumerate(np.random.default_rng(0).permutation(cases))}
+    out = np.empty(len(known))
+    for fold in range(folds):
+        values = fit([f for f in known if place[f.case] != fold])
+        for k, f in enumerate(known):
+            if place[f.case] == fold:
+                out[k] = probability(f.effect, f.support, values)
+    return out
+
+
+def main() -> None:
+    """Fit, report and write."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("folders", type=Path, nargs="+", metavar="FOLDER")
+    parser.add_argument("--dry", action="store_true", help="report without writing")
+    arguments = parser.parse_args()
+    if len(arguments.folders) % 3:
+        parser.error("give three folders for each set: cases, results, labels")
+    known = [f for k in range(0, len(arguments.folders), 3) for f in findings(*arguments.folders[k : k + 3])]
+    right = np.array([f.right for f in known], dtype=float)
+    p = left_out(known)
+    print(f"{len(known)} findings, {right.mean():.1%} right; left out of the fit: mean probability {p.mean():.1%}, "
+          f"Brier {brier(p, right):.3f} (constant {right.var():.3f}), ECE {ece(p, right):.3f}")  # fmt: skip
+    for low, high in itertools.pairwise((0.0, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 1.0)):
+        inside = (p > low) & (p <= high)
+        if inside.any():
+            print(f"  {low:.2f} to {high:.2f}: {inside.sum():3d} findings, said {p[inside].mean():.2f}, "
+                  f"right {right[inside].mean():.2f}")  # fmt: skip
+    values: dict[str, Any] = {"fitted_by": "experiments/15_calibration.py", "findings": len(known), **fit(known)}
+    values |= fit_rivals(known)
+    values["level"] = fit_level(known, values)
+    print(json.dumps(values, indent=2))
+    if not arguments.dry:
+        with written_whole(FILE) as temporary:
+            temporary.write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
+        print(f"wrote {FILE}")
+
+
+if __name__ == "__main__":
+    main()

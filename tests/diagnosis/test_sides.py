@@ -1,0 +1,161 @@
+"""Recordings with joint torque sensors: on which side of them a gap lies, and findings that agree with it."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import sensed
+import synthetic
+from rich.console import Console
+from synthetic import Truth
+
+from arm.dynamics import RigidBody
+from arm.motion import Motion
+from diagnosis.diagnose import diagnose
+from diagnosis.document import validate
+from diagnosis.report.page import render
+from diagnosis.result import Diagnosis
+from diagnosis.sensed import link_torque
+from diagnosis.sides import SIDE
+from diagnosis.terminal import print_summary
+from diagnosis.wording import sides_sentence
+from effects.applied import AppliedEffect
+from effects.catalogue import CATALOGUE
+from effects.corrected import CorrectedArm
+
+
+def named(document: dict[str, Any]) -> list[tuple[str, list[int]]]:
+    return sorted((effect["effect"], effect["joints"]) for effect in document["effects"])
+
+
+@cache
+def rubbing() -> Diagnosis:
+    """More Coulomb friction on joint 2."""
+    return diagnose(sensed.case(Truth(coulomb=(0.0, 2.0, 0.0))))
+
+
+def test_every_effect_has_a_side() -> None:
+    assert set(SIDE) == set(CATALOGUE) and set(SIDE.values()) == {"actuator", "link", "both"}
+
+
+@pytest.mark.parametrize("name", sorted(set(CATALOGUE) - {"encoder_quantization"}))
+def test_the_side_is_that_of_the_torque_behind_the_gear(name: str) -> None:
+    """Effects of the link side, or of both, change the torque behind the gear; the others leave it as it is."""
+    motion = synthetic.motion(3)
+    t = np.arange(500) / 250.0
+    moved = Motion(t, motion.position(t), motion.velocity(t), motion.acceleration(t))
+    effect = CATALOGUE[name]
+    values = {
+        p.name: np.array([p.typical[1]] * 3 if effect.scope == "joint" else p.typical[1]) for p in effect.parameters
+    }
+    for vector in ("com", "force"):
+        if vector in values:
+            values[vector] = np.full(3, 0.05 if vector == "com" else 10.0)
+    values |= {"link": np.array(2.0)} if "link" in values else {}
+    values |= {"start": np.array(0.5), "end": np.array(1.5)} if "start" in values else {}
+    applied = AppliedEffect(name, (1, 2, 3) if effect.scope == "joint" else (), values)
+    body = RigidBody(synthetic.arm())
+    plain, changed = (link_torque(CorrectedArm(synthetic.arm(), e), body, moved) for e in ((), (applied,)))
+    assert np.allclose(plain, changed) == (SIDE[name] == "actuator")
+
+
+def test_friction_lies_on_the_actuator_side() -> None:
+    document = rubbing().document
+    validate(document)
+    sides = document["sides"]
+    assert named(document) == [("coulomb_friction", [2])]
+    assert sides["carried_by"] == ["neither", "actuator", "neither"]
+    assert sides["effects"] == [{"effect": "coulomb_friction", "joints": [2], "side": "actuator"}]
+    before, after = (sides["actuator"][stage]["torque_nrmse"] for stage in ("before", "after"))
+    assert before[1] == pytest.approx(document["gap"]["before"]["torque_nrmse"][1], rel=0.05)
+    assert after[1] < 0.2 * before[1]
+    link = sides["link"]
+    assert link["before"]["torque_nrmse"] == pytest.approx(link["after"]["torque_nrmse"], abs=2e-3)
+
+
+def test_errors_of_the_sensors_are_not_taken_for_effects() -> None:
+    """Zero and scale come out as they were put in."""
+    sensor = rubbing().document["sides"]["sensor"]
+    assert sensor["zero"]["value"] == pytest.approx(sensed.ZERO, abs=0.1)
+    assert sensor["scale"]["value"] == pytest.approx(sensed.SCALE, abs=5e-3)
+    assert np.abs(sensor["lag"]["value"]).max() < 1e-3
+
+
+@cache
+def carrying() -> Diagnosis:
+    """A payload."""
+    return diagnose(sensed.case(Truth(mass=1.0, com=(0.15, 0.0, 0.0)), duration=5.0))
+
+
+def test_a_payload_lies_on_the_link_side() -> None:
+    sides = carrying().document["sides"]
+    assert named(carrying().document) == [("payload", [])]
+    assert sides["carried_by"][1:] == ["link", "link"]
+    assert sides["effects"] == [{"effect": "payload", "joints": [], "side": "link"}]
+    before, after = (np.array(sides["link"][stage]["torque_nrmse"]) for stage in ("before", "after"))
+    assert (after[1:] < 0.3 * before[1:]).all()
+
+
+def test_a_finding_has_to_lie_on_the_side_of_the_gap() -> None:
+    """A torque that looks like a spring, which the sensors do not see, is no spring."""
+    looks = Truth(extra=lambda t, q, dq: np.array([0.0, 4.0, 0.0]) * (q - 0.3))
+    case = sensed.case(looks, on_link=Truth(), duration=5.0)
+    case = replace(case, recordings=case.recordings[:2])
+    alone, both = (diagnose(c).document for c in (sensed.without_sensors(case), case))
+    assert named(alone) == [("parallel_spring", [2])]
+    assert both["sides"]["carried_by"] == ["neither", "actuator", "neither"]
+    assert both["verdict"] == "unexplained"
+    assert {entry["side"] for entry in both["sides"]["effects"]} <= {"actuator"}
+
+
+def test_effects_on_both_sides_that_pass_for_errors_of_the_nominal_inertials() -> None:
+    """A load and wrong torque constants: torque alone takes both for wrong inertials, the sensors tell them apart."""
+    both_sides = Truth(mass=0.8, com=(0.15, 0.0, 0.0), scale=(0.0, 0.06, 0.06))
+    case = sensed.case(both_sides, seed=3, duration=5.0)
+    case = replace(case, recordings=case.recordings[:2])
+    alone, both = (diagnose(c).document for c in (sensed.without_sensors(case), case))
+    assert named(alone) == []
+    assert named(both) == [("payload", []), ("torque_scale", [2, 3])]
+    assert both["sides"]["carried_by"] == ["link", "both", "both"]
+    assert {e["effect"]: e["side"] for e in both["sides"]["effects"]} == {"payload": "link", "torque_scale": "actuator"}
+    values = {e["effect"]: e["parameters"] for e in both["effects"]}
+    assert values["payload"]["mass"]["value"] == pytest.approx(0.8, rel=0.1)
+    assert values["torque_scale"]["scale"]["value"] == pytest.approx([0.06, 0.06], abs=0.015)
+
+
+def test_a_recording_without_sensors_counts_as_before() -> None:
+    case = sensed.case(Truth(coulomb=(0.0, 2.0, 0.0)), duration=5.0)
+    first, *others = case.recordings
+    mixed = (first, *(replace(r, tau_sensor=None) for r in others))
+    document = diagnose(replace(case, recordings=mixed)).document
+    validate(document)
+    assert named(document) == [("coulomb_friction", [2])]
+    assert document["sides"]["recordings"] == [first.name]
+
+
+def test_without_sensors_nothing_is_said_of_sides() -> None:
+    assert "sides" not in diagnose(synthetic.case(duration=4.0)).document
+
+
+def test_report_and_summary_tell_the_side(tmp_path: Path) -> None:
+    render(rubbing(), tmp_path / "report.html")
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert 'id="sides"' in page and 'href="#sides"' in page and "Actuator side" in page and "Link side" in page
+    assert "The gap lies on the actuator side of joint 2." in page
+    stream = io.StringIO()
+    print_summary(rubbing().document, Console(file=stream, width=80))
+    assert "By the torque sensors: The gap lies on the actuator side of joint 2." in stream.getvalue()
+
+
+def test_sides_in_words() -> None:
+    told = {"sides": {"carried_by": ["link", "both", "actuator", "neither", "link"]}}
+    assert sides_sentence(told) == (
+        "The gap lies on the actuator side of joint 3, on the link side of joints 1 and 5 and on both sides of joint 2."
+    )
+    assert "neither side" in sides_sentence({"sides": {"carried_by": ["neither"]}})
