@@ -111,6 +111,8 @@ class Evidence:
         self._all = Normal(total, self.terms.size, self._spread)
         self._without = [Normal(total - w, self.terms.size, self._spread) for w in weighted]
         self.lowest = _lowest(linearisation)
+        last = linearisation.body.last_link
+        self._one_body = frozenset({*self.terms.of("payload"), self.terms.of("link_inertia")[last]})
         information = total[self.terms.size : -1, self.terms.size : -1] * np.outer(self._spread, self._spread)
         self._log_det = 0.5 * float(np.linalg.slogdet(np.eye(k) + information)[1])
         self.per_parameter = 0.5 * float(np.log(told.independent.sum()))
@@ -137,6 +139,8 @@ class Evidence:
         cost += 0.5 * float(((delta / self._spread) ** 2).sum()) + self._log_det
         score = -0.5 * float((self.told.independent * np.log1p(missed / self.told.floor2)).sum()) - cost
         impossible = self.terms.impossible(theta, terms, self.lowest)
+        if self._one_body <= terms:  # a payload is part of the last link
+            impossible |= frozenset(t for t in self._one_body if t.effect == "payload")
         return Fit(terms, -np.inf if impossible else score, cost, theta, unseen, missed, impossible)
 
     def charge(self, terms: frozenset[Term]) -> float:

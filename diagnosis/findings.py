@@ -67,7 +67,7 @@ def document(study: Study) -> dict[str, Any]:
 def _verdict(study: Study, found: bool) -> str:
     """The verdict; an effect taken back leaves a gap open, if only on the recordings that it was fitted to."""
     if found:
-        return "unexplained" if study.left.open.any() else "effects_found"
+        return "unexplained" if study.left.open else "effects_found"
     return "unexplained" if study.left.above.any() or study.refusals else "no_gap"
 
 

@@ -19,11 +19,15 @@ LEAST_LEFT_RATIO = 1.3
 """...and with effects by this one..."""
 LEAST_EXCESS = 0.012
 """...and by this much torque NRMSE, in squares."""
-MOST_LEFT = 0.22
-"""Effects explain a joint when they leave no more than this share of what was above its floor; the form of a real
-effect differs from the catalogue's..."""
-MOST_LEFT_RINGING = 0.5
-"""...and that of a joint that rings or plays by more."""
+MOST_LEFT = 0.12
+"""Effects explain a gap when they leave no more than this share of the square of what was above the floor; the form of
+a real effect differs from the catalogue's..."""
+MOST_LEFT_RINGING = 0.45
+"""...and that of a joint that rings or plays by more..."""
+WIDE_LEFT, WIDE = 0.5, 0.05
+"""...and no joint is left with this share of its own, and with this much torque NRMSE."""
+LOUDEST = 2.0
+"""Where every joint is above its floor, the noise was taken for too small by the quietest one, up to this factor."""
 
 
 @dataclass(frozen=True)
@@ -49,9 +53,12 @@ class Remainder:
         return (self.ratio > least) & (self.after > LEAST_EXCESS)
 
     @property
-    def open(self) -> np.ndarray:
-        """Joints of whose gap the effects found leave too much, (n,)."""
-        return self.above & (self.after > (MOST_LEFT_RINGING if self.rings else MOST_LEFT) * self.before)
+    def open(self) -> bool:
+        """Whether the effects found leave too much of the gap."""
+        left = (self.after[self.above] ** 2).sum()
+        most = MOST_LEFT_RINGING if self.rings else MOST_LEFT
+        wide = self.above & (self.after > WIDE) & (self.after > WIDE_LEFT * self.before)
+        return bool(left > most * (self.before**2).sum() or wide.any())
 
 
 def remainder(found: Search, least: np.ndarray | float = 0.0) -> Remainder:
@@ -69,5 +76,6 @@ def remainder(found: Search, least: np.ndarray | float = 0.0) -> Remainder:
 
     floor2, before2, after2 = (pooled(x) for x in (evidence.floor2, found.nothing, evidence.unseen(terms)))
     floor2 = np.maximum(floor2, np.square(least))
+    floor2 = floor2 * np.clip((after2 / floor2).min(), 1.0, LOUDEST**2)
     before, after = (np.sqrt(np.clip(x - floor2, 0.0, None)) / found.scale for x in (before2, after2))
     return Remainder(before, after, np.sqrt(after2 / floor2), any(t.effect in RINGING for t in terms))

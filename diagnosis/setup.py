@@ -15,7 +15,7 @@ from arm.case import Case
 from arm.dynamics import RigidBody
 from arm.errors import GapscopeError
 from arm.plausibility import PLAUSIBLE_RATES
-from diagnosis.faults.candidates import Candidate, of_arm, of_motion, of_torque, of_units, too_far
+from diagnosis.faults.candidates import Candidate, of_arm, of_inertials, of_motion, of_torque, of_units, too_far
 from diagnosis.faults.compare import Bench, Score
 from diagnosis.faults.found import FoundFault, Quantity, repaired
 from diagnosis.faults.merge import merged
@@ -92,7 +92,7 @@ def _shifted_inertials(case: Case) -> list[FoundFault]:
     before = _nrmse(case)
     if before is None or before.max() < RIGHT_BY * RIGHT:
         return []
-    for candidate in of_arm(case.arm.n_joints)[:2]:
+    for candidate in of_inertials(case.arm.n_joints):
         fault = _fault(_Accepted(candidate, (), 0.99))
         try:
             after = _nrmse(repaired(case, (fault,)))

@@ -194,12 +194,14 @@ class ShiftedInertials(Fault):
 
     Attributes:
         by: how many links further [1].
+        moved_only: whether links that no joint moves, such as the base, kept theirs.
     """
 
     name = "shifted_inertials"
     scope = "arm"
     looks_like = "gravity torque of every joint off by that of a link"
     by: int = 1
+    moved_only: bool = False
 
     def apply(self, recording: Recording, rng: np.random.Generator) -> Recording:
         """The recording, which is right; see ``urdf``."""
@@ -208,7 +210,12 @@ class ShiftedInertials(Fault):
     def urdf(self, text: str) -> str:
         """URDF text with the ``<inertial>`` of each link that has one moved to the next such link, in file order."""
         root = ET.fromstring(text)
-        links = [link for link in root.iter("link") if link.find("inertial") is not None]
+        moving = [joint for joint in root.iter("joint") if joint.get("type") in ("revolute", "continuous", "prismatic")]
+        turned = {child.get("link") for joint in moving for child in joint.iter("child")}
+        links = [
+            link for link in root.iter("link")
+            if link.find("inertial") is not None and (not self.moved_only or link.get("name") in turned)
+        ]  # fmt: skip
         inertials = [link.find("inertial") for link in links]
         for link, own, given in zip(links, inertials, np.roll(np.arange(len(links)), self.by), strict=True):
             assert own is not None

@@ -67,8 +67,16 @@ def of_motion(n: int) -> list[Candidate]:
 
 def of_arm(n: int) -> list[Candidate]:
     """Shifted inertials and wrong rates."""
-    shifts = [Candidate("shifted_inertials", (), "", shifted(n, -by), {"by": (float(by),)}) for by in (1, -1)]
-    return [*shifts, *(wrong_rate(n, amount) for amount in RATES)]
+    return [*of_inertials(n), *(wrong_rate(n, amount) for amount in RATES)]
+
+
+def of_inertials(n: int) -> list[Candidate]:
+    """Inertials one link off either way, among all links or among those that a joint moves."""
+    return [
+        Candidate("shifted_inertials", (), "", shifted(n, -by, moved_only), {"by": (float(by),)})
+        for moved_only in (False, True)
+        for by in (1, -1)
+    ]
 
 
 def of_units(arm: NominalArm, samples: Samples, reading: Reading) -> list[Candidate]:

@@ -70,13 +70,13 @@ class Bench:
     body: RigidBody
     samples: Samples
     _kept: dict[tuple[object, ...], Equations] = field(default_factory=dict)
-    _bodies: dict[int, RigidBody | None] = field(default_factory=dict)
+    _bodies: dict[tuple[int, bool], RigidBody | None] = field(default_factory=dict)
 
     def score(self, reading: Reading) -> Score:
         """Score of a reading; the worst possible for an arm that cannot be."""
         key = reading.motion_key
         if key not in self._kept:
-            body = self._body(reading.shift)
+            body = self._body(reading.shift, reading.moved_only)
             if body is None:
                 return Score(np.full((len(self.samples.folds), self.arm.n_joints), WORST), WORST)
             if len(self._kept) > 8:
@@ -86,11 +86,11 @@ class Bench:
         bounded = np.minimum(np.nan_to_num(gap, nan=WORST, posinf=WORST), WORST)
         return Score(np.hypot(bounded, FLOOR), USUAL + float(np.nan_to_num(surprise, nan=WORST, posinf=WORST)))
 
-    def _body(self, shift: int) -> RigidBody | None:
-        if shift not in self._bodies:
+    def _body(self, shift: int, moved_only: bool) -> RigidBody | None:
+        if (shift, moved_only) not in self._bodies:
             try:
-                changed = shifted_arm(self.arm, shift)
-                self._bodies[shift] = self.body if changed is self.arm else RigidBody(changed)
+                changed = shifted_arm(self.arm, shift, moved_only)
+                self._bodies[shift, moved_only] = self.body if changed is self.arm else RigidBody(changed)
             except InputError:
-                self._bodies[shift] = None
-        return self._bodies[shift]
+                self._bodies[shift, moved_only] = None
+        return self._bodies[shift, moved_only]

@@ -78,7 +78,7 @@ class FoundFault:
 
     def repair_arm(self, arm: NominalArm) -> NominalArm:
         """The nominal arm with its inertials where they belong; unchanged for other faults."""
-        return shifted_arm(arm, self.reading.shift) if self.reading is not None else arm
+        return shifted_arm(arm, self.reading.shift, self.reading.moved_only) if self.reading is not None else arm
 
     def document(self) -> dict[str, Any]:
         """The parameters as ``diagnosis.json`` holds them, and the variant."""

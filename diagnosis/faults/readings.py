@@ -18,7 +18,8 @@ class Reading:
         motion_source, torque_source: column, from 0, that holds a joint's motion and its torque.
         motion_factor, torque_factor: what they have to be multiplied with [1].
         time_factor: true over recorded period [1].
-        shift: links by which the inertials of the URDF have to move.
+        shift: links by which the inertials of the URDF have to move...
+        moved_only: ...among those that a joint moves, or among all.
     """
 
     motion_source: tuple[int, ...]
@@ -27,6 +28,7 @@ class Reading:
     torque_factor: tuple[float, ...]
     time_factor: float = 1.0
     shift: int = 0
+    moved_only: bool = False
 
     @classmethod
     def plain(cls, n: int) -> Reading:
@@ -36,7 +38,7 @@ class Reading:
     @property
     def motion_key(self) -> tuple[object, ...]:
         """What the predicted torque depends on."""
-        return (self.motion_source, self.motion_factor, self.time_factor, self.shift)
+        return (self.motion_source, self.motion_factor, self.time_factor, self.shift, self.moved_only)
 
     def then(self, other: Reading) -> Reading:
         """Another reading of what this one has made."""
@@ -47,6 +49,7 @@ class Reading:
             tuple(f * self.torque_factor[s] for s, f in zip(other.torque_source, other.torque_factor, strict=True)),
             self.time_factor * other.time_factor,
             self.shift + other.shift,
+            self.moved_only or other.moved_only,
         )
 
     def motion(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -91,7 +94,7 @@ def timed(n: int, factor: float) -> Reading:
     return Reading(columns, (1.0,) * n, columns, (1.0,) * n, time_factor=factor)
 
 
-def shifted(n: int, links: int) -> Reading:
+def shifted(n: int, links: int, moved_only: bool = False) -> Reading:
     """The URDF's inertials moved by ``links`` links."""
     columns = tuple(range(n))
-    return Reading(columns, (1.0,) * n, columns, (1.0,) * n, shift=links)
+    return Reading(columns, (1.0,) * n, columns, (1.0,) * n, shift=links, moved_only=moved_only)
