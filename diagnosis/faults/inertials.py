@@ -15,8 +15,8 @@ from effects.faults import ShiftedInertials
 def shifted_arm(arm: NominalArm, links: int, moved_only: bool = False) -> NominalArm:
     """The arm with each ``<inertial>`` moved ``links`` further among the links that have one, in file order.
 
-    With ``moved_only`` among those of them that a joint moves. The new URDF lies in a temporary folder that lasts as long
-    as the process. An MJCF file is left as it is.
+    With ``moved_only`` among those of them that a joint moves. The new URDF lies in a temporary folder that lasts as
+    long as the process. An MJCF file is left as it is.
     """
     if links == 0 or ET.parse(arm.urdf).getroot().tag != "robot":
         return arm

@@ -209,7 +209,7 @@ def _above_floor(document: Mapping[str, Any]) -> list[tuple[int, str, list[str]]
     if not document["unexplained"]["above_floor"] or not document["effects"]:
         return []
     out = []
-    for joint in document["unexplained"]["joints"]:
+    for joint in document["unexplained"].get("joints", []):
         named = [effect_name(entry["effect"]) for entry in document["effects"] if joint in entry["joints"]]
         out.append((joint, significant(document["unexplained"]["times_floor"][joint - 1], 2), named))
     return out
