@@ -66,6 +66,7 @@ class Rows:
     """Normal equations of folds at one skew of sampling, m rows of each.
 
     Attributes:
+        skew: the skew [s].
         gram: X^T W X of X = [A, N, y], (F, m, P + K + 1, P + K + 1).
         plain: the same without skew.
         count: weight of the rows, (F, m).
@@ -74,6 +75,7 @@ class Rows:
     """
 
     def __init__(self, folds: Sequence[Fold], skew: float) -> None:
+        self.skew = skew
         raw = np.array([fold.gram.sum(axis=0) for fold in folds])
         self.gram = _with_skew(raw, skew)
         self.plain = _with_skew(raw, 0.0)
@@ -89,19 +91,19 @@ class Evidence:
         linearisation: normal equations per fold and joint.
         missed: mean square of the rows that are scored under the model so far, for the weights, (F, m).
         sigma: relative error of the nominal inertials.
-        skew: skew of sampling [s].
+        rows: rows of the recorded torque, and those that are scored; see the attributes.
 
     Attributes:
+        skew: skew of sampling [s].
         torque: rows of the recorded torque, in which gaps are told.
         told: rows from which values and scores come: the same, or with sensors both sides of each joint.
     """
 
-    def __init__(self, linearisation: Linearisation, missed: np.ndarray, sigma: float, skew: float) -> None:
-        self.linear, self.sigma, self.skew = linearisation, sigma, skew
+    def __init__(self, linearisation: Linearisation, missed: np.ndarray, sigma: float, rows: tuple[Rows, Rows]) -> None:
+        self.linear, self.sigma = linearisation, sigma
         self.terms = linearisation.terms
-        self.torque = self.told = Rows(linearisation.folds, skew)
-        if linearisation.data.sensed:
-            self.told = Rows([fold.told for fold in linearisation.folds], skew)
+        self.torque, self.told = rows
+        self.skew = self.torque.skew
         told = self.told
         self.weights = told.independent / np.maximum(told.count, 1e-9) / (missed + told.floor2)
         weighted = np.array([np.tensordot(w, g, axes=1) for w, g in zip(self.weights, told.gram, strict=True)])
@@ -262,5 +264,9 @@ def evidences(linearisation: Linearisation, missed: np.ndarray, terms: frozenset
     def ranked(candidates: list[Evidence]) -> tuple[Evidence, ...]:
         return tuple(sorted(candidates, key=lambda evidence: evidence.fit(terms).score, reverse=True))
 
-    skew = ranked([Evidence(linearisation, missed, 0.01, skew) for skew in SKEWS])[0].skew
-    return ranked([Evidence(linearisation, missed, sigma, skew) for sigma in NOMINAL_ERROR])
+    def rows(skew: float) -> tuple[Rows, Rows]:
+        torque = Rows(linearisation.folds, skew)
+        return torque, Rows([f.told for f in linearisation.folds], skew) if linearisation.data.sensed else torque
+
+    best = ranked([Evidence(linearisation, missed, 0.01, rows(skew)) for skew in SKEWS])[0]
+    return ranked([Evidence(linearisation, missed, sigma, (best.torque, best.told)) for sigma in NOMINAL_ERROR])

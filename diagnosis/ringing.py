@@ -25,6 +25,9 @@ WIDTHS = np.geomspace(4e-4, 2.5e-2, 9)
 LEAST_START = 8.0
 """What a start has to explain before its fit [nats]."""
 
+LEAST_RATIO = 1.2
+"""Nothing rings or plays where no joint is left with this many times the floor."""
+
 
 @dataclass(frozen=True)
 class Start:
@@ -43,7 +46,9 @@ class Start:
 
 def starts(state: State) -> list[Start]:
     """The best start of each effect on each joint that neither rings nor plays yet, the most promising first."""
-    if state.data.arm.encoder != "motor":
+    evidence = state.evidence
+    left2 = (state.fit.unseen * evidence.rows).sum(axis=0) / (evidence.floor2 * evidence.rows).sum(axis=0)
+    if state.data.arm.encoder != "motor" or left2.max() < LEAST_RATIO**2:
         return []
     taken = {t.joint for t in state.fit.terms if t.effect in ("joint_elasticity", "backlash")}
     free = [j for j in range(state.data.arm.n_joints) if j + 1 not in taken]
