@@ -147,6 +147,11 @@ class RigidBody:
         q, dq = np.ascontiguousarray(q[self._to_model]), np.ascontiguousarray(dq[self._to_model])
         return pin.nonLinearEffects(self.model, self._data, q, dq)[self._to_arm]
 
+    def torque(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+        """tau = M(q) ddq + C(q, dq) dq + g(q) [N m] of one sample, at once; q, dq, ddq and tau of shape (n,)."""
+        q, dq, ddq = (np.ascontiguousarray(x[self._to_model]) for x in (q, dq, ddq))
+        return pin.rnea(self.model, self._data, q, dq, ddq)[self._to_arm]
+
     def changed(self, increments: np.ndarray, gravity: np.ndarray | None = None) -> RigidBody:
         """This arm with other inertial parameters, and under another gravity.
 

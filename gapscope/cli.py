@@ -349,6 +349,57 @@ def advise(
 
 
 @app.command()
+def evaluate(
+    models: Annotated[
+        list[str],
+        typer.Argument(
+            help="pd, gravity, nominal, a corrected.yaml, or an identification.json; each may be called NAME=...",
+            metavar="MODEL...",
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help="folder for the results", metavar="DIR")],
+    robot: Annotated[
+        str, typer.Option(help="kuka_iiwa, ..., a URDF, or a case with a data sheet", metavar="ROBOT")
+    ] = "kuka_iiwa",
+    effects: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option(help="what the arm that is tracked has beyond the nominal one, as corrected.yaml", metavar="FILE"),
+    ] = None,
+    engine: Annotated[str, typer.Option(help="pybullet, mujoco or dart; several with commas")] = "pybullet",
+    motions: Annotated[str, typer.Option(help="motions, with commas between them")] = "fourier,pick,place,weld_seam",
+    disturbances: Annotated[str, typer.Option(help="none, push or noise; several with commas")] = "none,push",
+    seeds: Annotated[int, typer.Option(min=1, help="how many of each motion")] = 3,
+    duration: Annotated[float, typer.Option(help="of each motion [s]")] = 4.0,
+    bandwidth: Annotated[float, typer.Option(help="of the control loop [Hz]")] = 4.0,
+    damping: Annotated[float, typer.Option(help="its damping ratio")] = 0.7,
+    law: Annotated[
+        str, typer.Option(help="feedforward (the model beside PD), or computed (the model inside the loop)")
+    ] = "feedforward",
+) -> None:
+    """Evaluate models of an arm by how well a simulated arm with effects is tracked with them."""
+    from agents.evaluation import Plan
+    from agents.gains import Tuning
+    from gapscope.evaluate import evaluate_files
+    from gapscope.evaluation_table import tables
+
+    plan = Plan(
+        _names(motions), _names(disturbances), tuple(range(seeds)), _names(engine), duration,
+        Tuning(bandwidth, damping), law,
+    )  # fmt: skip
+    with _Progress(robot) as progress:
+        content, lines, paths = evaluate_files(models, robot, effects, plan, out, progress)
+    _console.print(tables(lines, content))
+    correlation = content["rank_correlation_of_torque_and_joint_error"]
+    if correlation is not None:
+        _console.print(f"rank correlation of torque error and joint error: {correlation:.2f}", highlight=False)
+    _wrote(*paths)
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+@app.command()
 def demo(
     out: Annotated[Path, typer.Option(help="folder for the case and the results", metavar="DIR")] = Path(
         "gapscope-demo"

@@ -1,0 +1,94 @@
+"""Models by the names and files that a user gives."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from agents.model import ArmModel, Gravity, Model
+from arm.case import load_case
+from arm.errors import InputError
+from arm.nearest import nearest
+from arm.nominal import NominalArm
+from effects.corrected import CorrectedArm
+from effects.corrected_file import read_corrected_arm
+
+NAMES = ("pd", "gravity", "nominal")
+"""Models that need no file."""
+
+
+def named(entry: str) -> tuple[str, str]:
+    """Name and source of ``SOURCE`` or ``NAME=SOURCE``.
+
+    A file is called after itself; a ``corrected.yaml`` and an ``identification.json`` after their folder.
+    """
+    name, equals, source = entry.partition("=")
+    if equals:
+        return name, source
+    path = Path(entry)
+    if entry in NAMES or not path.suffix:
+        return entry, entry
+    usual = path.stem in ("corrected", "identification") and path.resolve().parent.name
+    return (usual or path.stem), entry
+
+
+def read_models(entries: list[str], arm: NominalArm) -> dict[str, Model | None]:
+    """Models by name, in their order; ``None`` is PD alone.
+
+    Args:
+        entries: each one of ``NAMES``, the path of a ``corrected.yaml`` or of an ``identification.json``; or any of
+            these behind ``NAME=``.
+        arm: the nominal arm that a ``corrected.yaml`` belongs to, and whose joints an identified one must have.
+
+    Raises:
+        InputError: a file is missing or no model, is of an arm with other joints, or two models have one name.
+    """
+    models: dict[str, Model | None] = {}
+    for entry in entries:
+        name, source = named(entry)
+        if not name or name in models:
+            raise InputError(f"two models are called {name!r}", f"write NAME={source}", where="MODEL")
+        models[name] = read_model(source, arm)
+    return models
+
+
+def read_model(source: str, arm: NominalArm) -> Model | None:
+    """One model; see ``read_models``."""
+    if source == "pd":
+        return None
+    if source == "gravity":
+        return Gravity(arm)
+    if source == "nominal":
+        return ArmModel(CorrectedArm(arm))
+    path = Path(source)
+    if path.suffix == ".json":
+        return ArmModel(_identified(path, arm))
+    if path.suffix in (".yaml", ".yml"):
+        return ArmModel(read_corrected_arm(arm, path))
+    raise InputError(
+        f"unknown model {source!r}",
+        f"{nearest(source, NAMES)}give {', '.join(NAMES)}, the path of a corrected.yaml, or of an identification.json",
+        where="MODEL",
+    )
+
+
+def _identified(path: Path, arm: NominalArm) -> CorrectedArm:
+    """The identified arm that ``gapscope identify`` wrote beside its document."""
+    remedy = "give the identification.json that gapscope identify wrote, in its folder"
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})", remedy, file=path) from None
+    except ValueError as error:
+        raise InputError(f"is not valid JSON ({error})", remedy, file=path) from None
+    files = content.get("files") if isinstance(content, dict) else None
+    if not isinstance(files, dict) or not {"case", "effects"} <= set(files):
+        raise InputError("names no files of an identified arm", remedy, file=path, where="files")
+    identified = load_case(path.parent / str(files["case"]), read_recordings=False).arm
+    if identified.joints != arm.joints:
+        raise InputError(
+            f"is of an arm with the joints {', '.join(identified.joints)}, not {', '.join(arm.joints)}",
+            "identify the arm that is tracked, or give it as --robot",
+            file=path,
+        )
+    return read_corrected_arm(identified, path.parent / str(files["effects"]))

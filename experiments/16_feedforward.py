@@ -1,0 +1,218 @@
+"""Feedforward without learning: tracking error by model, on arms with hidden effects, at equal gains.
+
+    .venv/bin/python experiments/16_feedforward.py [--robots iiwa,panda] [--engines pybullet,mujoco] [--seeds 3]
+        [--severity 1.5] [--out out/feedforward] [--table]
+
+Per robot and seed, three effects that `gapscope demo` may hide are drawn at the given severity (1 is what real arms
+show), and a session of four recordings is made. From its files alone the arm is identified, diagnosed, and a residual
+network is trained on what the diagnosis leaves. Each model then feeds torque forward on held-out motions: Fourier,
+pick, place and weld seam, undisturbed and pushed, with a loop of 4 Hz. Gains are raised for both laws
+(`docs/agents.md`) until the arm does not settle any more.
+
+Each cell (robot, model, engine, seed) is a JSON file, written whole; a rerun goes on where the last one ended.
+`--table` only prints what is there. Needs the extra `learn`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from math import inf
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents.evaluation import Bench, Plan
+from agents.model_files import read_model
+from agents.statistics import interquartile_mean, mean_of
+from arm.case import load_case
+from arm.dynamics import RigidBody
+from arm.errors import GapscopeError
+from arm.nominal import NominalArm
+from arm.robots import load_nominal_arm
+from arm.whole import written_whole
+from arm.writing import write_case
+from diagnosis.blind.generator.arms import SHEETS
+from diagnosis.blind.scoring.statistics import wilson
+from effects.applied import AppliedEffect
+from effects.corrected import CorrectedArm
+from effects.corrected_file import read_corrected, write_corrected
+from effects.residual.file import write_residual
+from effects.severity import ArmScale
+from envs.mystery import HIDDEN, iiwa
+from envs.randomisation import Randomisation, draw_effects
+from envs.session import Plan as Session
+from envs.session import record_case
+from gapscope.identify import identify_path
+from gapscope.run import diagnose_path
+from ident.conditioning import condition, position_cutoff
+from ident.identification import Settings as Identifying
+from ident.residual.fit import fit_residual
+from ident.residual.settings import Settings as Learning
+from ident.residual.trajectory import from_segment
+
+LIMITS = [87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0]
+"""Torque limits of the Panda, as its maker states them [N m]."""
+
+
+def panda() -> NominalArm:
+    """Franka Panda with rotors and friction of its class, and encoders of 17 bits per turn."""
+    sheet = {name: getattr(SHEETS["franka_panda"], name) for name in ("armature", "coulomb", "viscous")}
+    return load_nominal_arm("franka_panda", sheet={**sheet, "torque_limit": LIMITS, "encoder_step": 2 * np.pi / 2**17})
+
+
+ROBOTS: dict[str, Callable[[], NominalArm]] = {
+    "iiwa": iiwa,
+    "panda": panda,
+}
+MODELS = {
+    "pd": "pd",
+    "gravity": "gravity",
+    "nominal": "nominal",
+    "identified": "identified/identification.json",
+    "corrected": "diagnosis/corrected.yaml",
+    "corrected + network": "diagnosis/with_network.yaml",
+    "truth": "truth.yaml",
+}
+"""Models, in a table's order, with their files; the last one is the bound."""
+INSIDE = tuple(MODELS)[2:]
+"""Models that can stand inside the loop."""
+COLUMNS = (
+    ("joint_error", "none", 1e3), ("joint_error", "push", 1e3), ("tool_error", "none", 1e3), ("reward", "none", 1.0),
+    ("torque_error", "none", 1e2),
+)  # fmt: skip
+"""Measure, disturbance and factor of a table's columns."""
+
+
+def prepare(robot: str, seed: int, severity: float, folder: Path) -> None:
+    """Draw an arm, record it, identify and diagnose it, and train a network; what is there is left as it is."""
+    arm = ROBOTS[robot]()
+    if not (folder / "truth.yaml").is_file():
+        rng = np.random.default_rng((16, list(ROBOTS).index(robot), seed))
+        wanted = Randomisation(HIDDEN, count=(3, 3), severity=(severity, severity))
+        effects = draw_effects(rng, arm, wanted, ArmScale.of(arm))
+        case = record_case(f"{robot}_{seed}", arm, effects, Session(), rng)
+        write_case(case, folder / "case", overwrite=True)
+        write_corrected(case.name, effects, folder / "truth.yaml")
+    if not (folder / MODELS["identified"]).is_file():
+        identify_path(folder / "case", folder / "identified", Identifying())
+    if not (folder / "diagnosis" / "diagnosis.json").is_file():
+        diagnose_path(folder / "case", folder / "diagnosis")
+    if not (folder / MODELS["corrected + network"]).is_file():
+        learn(folder)
+
+
+def learn(folder: Path) -> None:
+    """Train a network on what the diagnosis of a case leaves, and write the corrected arm with it."""
+    case, effects = load_case(folder / "case"), read_corrected(folder / MODELS["corrected"])
+    corrected, body, cutoff = CorrectedArm(case.arm, effects), RigidBody(case.arm), position_cutoff(case.recordings)
+    parts = [from_segment(corrected, body, s) for r in case.recordings for s in condition(r, cutoff)]
+    write_residual(fit_residual(parts, Learning())[0], folder / "diagnosis" / "residual.npz")
+    write_corrected(case.name, effects, folder / MODELS["corrected + network"], "residual.npz")
+
+
+def cell(arm: NominalArm, effects: tuple[AppliedEffect, ...], model: str, engine: str, seed: int, folder: Path) -> Any:
+    """Episodes of one model, and the largest stable bandwidths [Hz] of both laws."""
+    source = MODELS[model]
+    tried = read_model(str(folder / source) if "." in source else source, arm)
+    plan = Plan(engines=(engine,), seeds=(seed,))
+    bench = Bench(arm, effects, plan)
+    out: dict[str, Any] = {
+        "episodes": [episode.row() for episode in bench.episodes(model, tried, engine, seed)],
+        "margin": {"feedforward": bench.margin(tried, engine)},
+    }
+    if model in INSIDE:
+        out["margin"]["computed"] = Bench(arm, effects, replace(plan, law="computed")).margin(tried, engine)
+    return out
+
+
+def show(cells: dict[tuple[str, str, str, int], Any]) -> None:
+    """Print Markdown tables, one per robot and engine."""
+    for robot, engine in sorted({(key[0], key[2]) for key in cells}):
+        own = {key: value for key, value in cells.items() if (key[0], key[2]) == (robot, engine)}
+        seeds = sorted({key[3] for key in own})
+        print(f"\n{robot}, {engine}, {len(seeds)} arms\n")
+        print("| model | joints [mrad] | pushed [mrad] | tool [mm] | reward | torque NRMSE [%] | diverged |", end="")
+        print(" stable to [Hz], feedforward | computed |\n|---|---|---|---|---|---|---|---|---|")
+        for model in MODELS:
+            found = [value for key, value in own.items() if key[1] == model]
+            if found:
+                print(row(model, found))
+        ratios = [compared(own, robot, engine, seed) for seed in seeds]
+        known = [ratio for ratio in ratios if ratio is not None]
+        if known:
+            print(f"\nundisturbed joint error, nominal over corrected, by arm: {', '.join(f'{r:.1f}' for r in known)}")
+
+
+def row(model: str, found: list[Any]) -> str:
+    """A row of the table."""
+    episodes = [episode for value in found for episode in value["episodes"]]
+    texts = []
+    for name, kind, factor in COLUMNS:
+        own = [e for e in episodes if e["disturbance"] == kind]
+        values = [inf if e[name] is None else factor * e[name] for e in own]
+        mean = mean_of(values, [e["motion"] for e in own], np.random.default_rng(0))
+        texts.append(f"{mean.value:.3g} ({mean.low:.3g}–{mean.high:.3g})")
+    count = sum(e["diverged"] for e in episodes)
+    low, high = wilson(count, len(episodes))
+    texts.append(f"{count} of {len(episodes)} ({100 * low:.0f}–{100 * high:.0f} %)")
+    for law in ("feedforward", "computed"):
+        margins = [value["margin"][law] for value in found if law in value["margin"]]
+        texts.append(f"{np.mean(margins):.1f} ({min(margins):.1f}–{max(margins):.1f})" if margins else "–")
+    return f"| {model} | {' | '.join(texts)} |"
+
+
+def compared(cells: dict[tuple[str, str, str, int], Any], robot: str, engine: str, seed: int) -> float | None:
+    """Joint error of the nominal over that of the corrected feedforward [1] on one arm, or ``None``."""
+    pair = [cells.get((robot, model, engine, seed)) for model in ("nominal", "corrected")]
+    if None in pair:
+        return None
+    calm = [[e["joint_error"] for e in c["episodes"] if e["disturbance"] == "none"] for c in pair if c]
+    nominal, corrected = (
+        float(interquartile_mean(np.array([inf if e is None else e for e in errors]))) for errors in calm
+    )
+    return nominal / corrected
+
+
+def main() -> None:
+    """Work through the cells, then print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--robots", default="iiwa,panda")
+    parser.add_argument("--engines", default="pybullet,mujoco")
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--severity", type=float, default=1.5)
+    parser.add_argument("--out", type=Path, default=Path("out/feedforward"))
+    parser.add_argument("--table", action="store_true")
+    arguments = parser.parse_args()
+    warnings.simplefilter("ignore")
+    cells: dict[tuple[str, str, str, int], Any] = {}
+    for robot in arguments.robots.split(","):
+        for seed in range(arguments.seeds):
+            folder = arguments.out / robot / str(seed)
+            if not arguments.table:
+                try:
+                    prepare(robot, seed, arguments.severity, folder)
+                except GapscopeError as error:
+                    print(f"{robot} {seed}: {error}", flush=True)
+                    continue
+            for engine in arguments.engines.split(","):
+                for model in MODELS:
+                    file = folder / f"{model.replace(' + ', '_')}_{engine}.json"
+                    if not file.is_file():
+                        if arguments.table:
+                            continue
+                        effects = read_corrected(folder / "truth.yaml")
+                        found = cell(ROBOTS[robot](), effects, model, engine, seed, folder)
+                        with written_whole(file) as aside:
+                            aside.write_text(json.dumps(found, indent=1), encoding="utf-8")
+                        print(f"{robot} {seed} {engine} {model}", flush=True)
+                    cells[robot, model, engine, seed] = json.loads(file.read_text(encoding="utf-8"))
+    show(cells)
+
+
+if __name__ == "__main__":
+    main()
