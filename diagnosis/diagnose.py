@@ -139,7 +139,7 @@ def _examined(case: Case, progress: Callable[[str], None], baseline: Baseline | 
     before, after = judge.gap(frozenset()), judge.gap(found.fit.terms)
     floor, nominal = _floor(CorrectedArm(case.arm, effects), body, judge.segments, found)
     least = baseline.floor(after) if baseline else np.zeros_like(floor)
-    left, replayed = remainder(found, least), ReplayGap()
+    left, replayed = remainder(found, after.rmse, least), ReplayGap()
     if baseline is None:
         progress("replays a recording in the simulator")
         replayed = replay_gap(case, judge)

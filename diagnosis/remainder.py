@@ -61,11 +61,13 @@ class Remainder:
         return bool(left > most * (self.before**2).sum() or wide.any())
 
 
-def remainder(found: Search, least: np.ndarray | float = 0.0) -> Remainder:
+def remainder(found: Search, gap: np.ndarray, least: np.ndarray | float = 0.0) -> Remainder:
     """What is above the floor before and after the effects found.
 
     Args:
         found: result of the search.
+        gap: RMS of the gap with the effects found on all unseen rows [N m], (n,): where it is less than what the
+            evidence says, the model around its values is too far from linear to say it.
         least: RMS that is left on this arm in any case [N m], (n,).
     """
     evidence, terms = found.evidence, found.fit.terms
@@ -75,6 +77,7 @@ def remainder(found: Search, least: np.ndarray | float = 0.0) -> Remainder:
         return np.asarray((square * evidence.rows).sum(axis=0) / rows)
 
     floor2, before2, after2 = (pooled(x) for x in (evidence.floor2, found.nothing, evidence.unseen(terms)))
+    after2 = np.minimum(after2, gap**2)
     floor2 = np.maximum(floor2, np.square(least))
     floor2 = floor2 * np.clip((after2 / floor2).min(), 1.0, LOUDEST**2)
     before, after = (np.sqrt(np.clip(x - floor2, 0.0, None)) / found.scale for x in (before2, after2))
