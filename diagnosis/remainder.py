@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from diagnosis.gap import TorqueGap, torque_scale
 from diagnosis.moves import RINGING
 from diagnosis.search import Search
 
@@ -59,6 +60,19 @@ class Remainder:
         most = MOST_LEFT_RINGING if self.rings else MOST_LEFT
         wide = self.above & (self.after > WIDE) & (self.after > WIDE_LEFT * self.before)
         return bool(left > most * (self.before**2).sum() or wide.any())
+
+
+def both(one: Remainder, other: Remainder) -> Remainder:
+    """Of two the wider on each joint."""
+    wider = {name: np.maximum(getattr(one, name), getattr(other, name)) for name in ("before", "after", "ratio")}
+    return Remainder(**wider, rings=one.rings)
+
+
+def set_aside(found: Search, before: TorqueGap, after: TorqueGap, floor: np.ndarray) -> Remainder:
+    """What is above the floor [N m], (n,), on recordings set aside for judging."""
+    scale = torque_scale(before.measured)
+    first, then = (np.sqrt(np.clip(gap.rmse**2 - floor**2, 0.0, None)) / scale for gap in (before, after))
+    return Remainder(first, then, after.rmse / floor, any(t.effect in RINGING for t in found.fit.terms))
 
 
 def remainder(found: Search, gap: np.ndarray, least: np.ndarray | float = 0.0) -> Remainder:

@@ -22,7 +22,7 @@ RATIOS = (0.02, 0.12)
 """...with these damping ratios."""
 WIDTHS = np.geomspace(4e-4, 2.5e-2, 9)
 """Widths of free play to try [rad]."""
-LEAST_START = 8.0
+LEAST_START = 5.0
 """What a start has to explain before its fit [nats]."""
 
 LEAST_RATIO = 1.2
