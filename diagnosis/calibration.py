@@ -3,23 +3,24 @@
 Evidence compares effects with each other, and says nothing of how often the best of them is wrong: the true cause may
 be in no catalogue, another effect may stand for a part of it. How often that happens is learnt,
 
-    p = 1 / (1 + exp(-(b + w . x)))
+    p = p_evidence / (1 + exp(-(b + w . x)))
 
-from the support x of each finding; ``calibration.json`` holds b and w, and the script that fitted them is named in it.
+with p_evidence the probability against the rivals known, from the support x of each finding; ``calibration.json`` holds
+b and w, and the script that fitted them is named in it.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from diagnosis.rivals import Rival
+from diagnosis.rivals import TEMPER, Rival
 
 FILE = Path(__file__).with_name("calibration.json")
 """The fitted values."""
@@ -46,6 +47,11 @@ class Support:
     times_floor: float
     effects: int
     nominal: float
+
+    @property
+    def evidence(self) -> float:
+        """Probability against all rivals together, by evidence alone."""
+        return float(1.0 / (1.0 + np.exp(-np.clip(self.margin, -50.0, 50.0))))
 
     def features(self) -> np.ndarray:
         """The numbers that the probability depends on, each about 0 to 3."""
@@ -75,24 +81,30 @@ def probability(effect: str, support: Support, values: Mapping[str, Any] | None 
     """Probability that an effect with this support is a true cause, on the joints or not."""
     values = fitted() if values is None else values
     z = values["intercept"] + float(np.dot(values["weights"], support.features())) + values["effects"].get(effect, 0.0)
-    return float(np.clip(1.0 / (1.0 + np.exp(-z)), FEWEST, MOST))
+    return float(np.clip(support.evidence / (1.0 + np.exp(-z)), FEWEST, MOST))
 
 
-def shared(rivals: Sequence[Rival], rest: float, values: Mapping[str, Any] | None = None) -> list[Rival]:
+def shared(
+    rivals: Sequence[Rival], sure: float, support: Support, values: Mapping[str, Any] | None = None
+) -> list[Rival]:
     """Rivals with the probability that an effect named leaves, in falling order, less what no rival listed gets.
+
+    What evidence leaves goes to them by evidence; what is learnt to be wrong beyond that, by evidence that counts less.
 
     Args:
         rivals: with their evidence relative to the effect named.
-        rest: probability that is left for them and for what is not among them.
+        sure: probability of the effect named.
+        support: of the effect named.
         values: the fitted ones where ``None``.
     """
     values = fitted() if values is None else values
-    weights = np.exp(values["temper"] * np.array([rival.evidence for rival in rivals]))
-    total = weights.sum() + values["unlisted"]
-    out = [
-        Rival(rival.effect, rival.joints, float(rest * weight / total), rival.evidence)
-        for rival, weight in zip(rivals, weights, strict=True)
-    ]
+    known = min(sure / support.evidence, 1.0)
+    relative = np.minimum([rival.evidence for rival in rivals], 0.0)
+    close, far = (np.exp(temper * relative) for temper in (TEMPER, values["temper"]))
+    by_evidence = close / (1.0 + close.sum())
+    by_default = far / (far.sum() + values["unlisted"])
+    chances = known * by_evidence + (1.0 - known) * by_default
+    out = [replace(rival, probability=float(p)) for rival, p in zip(rivals, chances, strict=True)]
     return sorted(out, key=lambda rival: -rival.probability)
 
 

@@ -20,7 +20,7 @@ from diagnosis.judge import Judge
 from diagnosis.pictures import located, signatures, spectrum, traces
 from diagnosis.quantization import find_quantization
 from diagnosis.refusal import Refusal, refuse
-from diagnosis.remainder import Remainder, remainder
+from diagnosis.remainder import Remainder, both, remainder, set_aside
 from diagnosis.replay_gap import ReplayGap, replay_gap
 from diagnosis.result import Diagnosis
 from diagnosis.search import Search, search
@@ -139,7 +139,10 @@ def _examined(case: Case, progress: Callable[[str], None], baseline: Baseline | 
     before, after = judge.gap(frozenset()), judge.gap(found.fit.terms)
     floor, nominal = _floor(CorrectedArm(case.arm, effects), body, judge.segments, found)
     least = baseline.floor(after) if baseline else np.zeros_like(floor)
-    left, replayed = remainder(found, least), ReplayGap()
+    floor = np.maximum(floor, least)
+    left, replayed = remainder(found, after.rmse, least), ReplayGap()
+    if judged:
+        left = both(left, set_aside(found, before, after, floor))
     if baseline is None:
         progress("replays a recording in the simulator")
         replayed = replay_gap(case, judge)
@@ -153,7 +156,7 @@ def _examined(case: Case, progress: Callable[[str], None], baseline: Baseline | 
         judge,
         before,
         after,
-        np.maximum(floor, least),
+        floor,
         left,
         replayed,
         faults,

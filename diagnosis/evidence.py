@@ -29,8 +29,9 @@ from diagnosis.terms import Term, cost, count_findings
 NEW_EFFECT = 20.0
 """Charge for each different effect [nats]: the logarithm of the number of ways to name one, and a margin for what the
 effective number of samples overstates."""
-NOMINAL_ERROR = (0.003, 0.01, 0.03, 0.06)
-"""Relative errors sigma of the nominal inertials that are tried; the evidence chooses."""
+NOMINAL_ERROR = {0.003: 0.0, 0.01: 2.0, 0.03: 8.0, 0.06: 15.0}
+"""Relative errors sigma of the nominal inertials that are tried, each with what it costs [nats]: that all bodies are
+wrong is a hypothesis as well; the evidence chooses."""
 SKEWS = (0.0, 2.5e-4, 5e-4)
 """Skews of sampling that are tried [s]; half a tick is 0.5 ms at 1 kHz."""
 LEAST_DELAY = 1e-3
@@ -137,7 +138,7 @@ class Evidence:
         missed = unseen
         if self.told is not self.torque:
             missed = _mean_square(self.told.gram, self.told.count, self._without, _columns(terms), corrected=True)
-        cost = self.charge(terms) + SKEW_CHARGE * (self.skew > 0)
+        cost = self.charge(terms) + SKEW_CHARGE * (self.skew > 0) + NOMINAL_ERROR[self.sigma]
         cost += 0.5 * float(((delta / self._spread) ** 2).sum()) + self._log_det
         score = -0.5 * float((self.told.independent * np.log1p(missed / self.told.floor2)).sum()) - cost
         impossible = self.terms.impossible(theta, terms, self.lowest)

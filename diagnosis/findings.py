@@ -120,7 +120,7 @@ def _finding(study: Study, applied: AppliedEffect, rows: Rows) -> dict[str, Any]
     only, without = study.judge.gap(mine), study.judge.gap(fit.terms - mine)
     known = _support(study, applied, without.nrmse)
     sure = probability(applied.name, known)
-    others = shared(rivals(study.found, finding_of(applied))[1], 1.0 - sure)
+    others = shared(rivals(study.found, finding_of(applied))[1], sure, known)
     gained = np.sqrt(np.clip(without.error**2 - study.after.error**2, 0.0, None))
     joints = applied.joints or tuple(int(j) + 1 for j in np.argsort(-(gained**2).sum(axis=0))[:2])
     return {

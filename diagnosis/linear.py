@@ -219,12 +219,17 @@ class Linearisation:
             np.array([scan.residual for scan in scans]).T,
             [scan.basis for scan in scans],
             np.array([np.concatenate([p.trust(j) for p in parts]) for j in range(self.arm.n_joints)]).T,
-            np.array([1.0 / scan.noise for scan in scans]),
+            np.array([1.0 / (scan.noise + self._doubt(parts, scan, j)) for j, scan in enumerate(scans)]),
         )
         window = self._window(parts, np.array(residuals).T, bases)
         if window is not None:
             found[force] = window
         return found
+
+    def _doubt(self, parts: list[_Part], scan: Scan, j: int) -> float:
+        """Variance of a healthy arm on joint j, counted per independent sample of what a scan leaves [N^2 m^2]."""
+        floor2 = np.mean([p.doubt.steady[j] ** 2 for p in parts])
+        return float(floor2 * scan.noise * len(scan.residual) / max(float(scan.residual @ scan.residual), 1e-12))
 
     def _scan(self, parts: list[_Part], j: int, term: Term | None = None) -> Scan:
         """What is left of joint j's gap, and of what a term in use does if one is named.

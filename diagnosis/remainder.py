@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from diagnosis.gap import TorqueGap, torque_scale
 from diagnosis.moves import RINGING
 from diagnosis.search import Search
 
@@ -61,11 +62,26 @@ class Remainder:
         return bool(left > most * (self.before**2).sum() or wide.any())
 
 
-def remainder(found: Search, least: np.ndarray | float = 0.0) -> Remainder:
+def both(one: Remainder, other: Remainder) -> Remainder:
+    """Of two the wider on each joint."""
+    wider = {name: np.maximum(getattr(one, name), getattr(other, name)) for name in ("before", "after", "ratio")}
+    return Remainder(**wider, rings=one.rings)
+
+
+def set_aside(found: Search, before: TorqueGap, after: TorqueGap, floor: np.ndarray) -> Remainder:
+    """What is above the floor [N m], (n,), on recordings set aside for judging."""
+    scale = torque_scale(before.measured)
+    first, then = (np.sqrt(np.clip(gap.rmse**2 - floor**2, 0.0, None)) / scale for gap in (before, after))
+    return Remainder(first, then, after.rmse / floor, any(t.effect in RINGING for t in found.fit.terms))
+
+
+def remainder(found: Search, gap: np.ndarray, least: np.ndarray | float = 0.0) -> Remainder:
     """What is above the floor before and after the effects found.
 
     Args:
         found: result of the search.
+        gap: RMS of the gap with the effects found on all unseen rows [N m], (n,): where it is less than what the
+            evidence says, the model around its values is too far from linear to say it.
         least: RMS that is left on this arm in any case [N m], (n,).
     """
     evidence, terms = found.evidence, found.fit.terms
@@ -75,6 +91,7 @@ def remainder(found: Search, least: np.ndarray | float = 0.0) -> Remainder:
         return np.asarray((square * evidence.rows).sum(axis=0) / rows)
 
     floor2, before2, after2 = (pooled(x) for x in (evidence.floor2, found.nothing, evidence.unseen(terms)))
+    after2 = np.minimum(after2, gap**2)
     floor2 = np.maximum(floor2, np.square(least))
     floor2 = floor2 * np.clip((after2 / floor2).min(), 1.0, LOUDEST**2)
     before, after = (np.sqrt(np.clip(x - floor2, 0.0, None)) / found.scale for x in (before2, after2))

@@ -16,13 +16,13 @@ from diagnosis.terms import Term
 from effects.corrected import CorrectedArm
 from effects.deflection import behind_elasticity, behind_play
 
-RESONANCES = np.geomspace(2.5, 20.0, 10)
+RESONANCES = np.geomspace(1.2, 20.0, 12)
 """Resonances to try [Hz]..."""
 RATIOS = (0.02, 0.12)
 """...with these damping ratios."""
-WIDTHS = np.geomspace(4e-4, 2.5e-2, 9)
+WIDTHS = np.geomspace(4e-4, 6e-2, 11)
 """Widths of free play to try [rad]."""
-LEAST_START = 8.0
+LEAST_START = 5.0
 """What a start has to explain before its fit [nats]."""
 
 LEAST_RATIO = 1.2

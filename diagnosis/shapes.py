@@ -17,8 +17,10 @@ from effects.effect import Signals
 from effects.friction import stribeck
 from ident.conditioning import Segment
 
+LEAST_CYCLES = 3.5
+"""Ripples with fewer periods per revolution are not looked for: a spring that is not straight looks like that..."""
 MOST_CYCLES = 200.0
-"""Ripples with more periods per revolution are not looked for."""
+"""...nor with more."""
 LEAST_PERIODS = 1.5
 """A ripple must be seen for this many of its periods in some recording; less is a bend that much else explains."""
 BIN = 0.1
@@ -151,7 +153,7 @@ def _ripple(j: int, arm: CorrectedArm, segments: list[Segment], scan: Scan, know
     """Near a number of cycles that is known."""
     assert known is not None
     q = [arm.true_position(s.motion.q)[:, j, None] for s in segments]
-    cycles = np.maximum(known + cycle_step(q) * np.linspace(-0.6, 0.6, 9), 0.5)
+    cycles = np.maximum(known + cycle_step(q) * np.linspace(-0.6, 0.6, 9), LEAST_CYCLES)
     return scan.best(cycles, scan.thin([waves(cycles, x) for x in q]), 2)
 
 
@@ -168,7 +170,7 @@ def waves(cycles: np.ndarray, q: np.ndarray) -> np.ndarray:
 def ripple_candidates(q: Sequence[np.ndarray], dq: np.ndarray) -> np.ndarray:
     """Cycles per revolution to look for on a joint, as far as its slow motion keeps them within the filter's band."""
     speed = float(np.quantile(np.abs(dq), 0.3))
-    least = max(2.0, LEAST_PERIODS * 2 * np.pi / max(float(np.ptp(x)) for x in q))
+    least = max(LEAST_CYCLES, LEAST_PERIODS * 2 * np.pi / max(float(np.ptp(x)) for x in q))
     return np.arange(least, least + max(min(MOST_CYCLES, 75.0 / max(speed, 1e-3)), 30.0), cycle_step(q))
 
 

@@ -166,9 +166,16 @@ class State:
         return self._difference(self.fit.terms, terms) >= (VISIBLE_TERM if named else VISIBLE_EFFECT)
 
     def closed(self, before: Model) -> float:
-        """How much of the torque NRMSE of some joint the model closes that another leaves, each by its own values."""
-        left = [nrmse(m.evidences[0], m.fit.unseen, self.scale) for m in (before, self.model)]
-        return float((left[0] - left[1]).max())
+        """How much of the torque NRMSE of some joint the model closes that another leaves, each by its own values.
+
+        With the errors of the nominal inertials taken out or not, whichever is more.
+        """
+
+        def left(model: Model, corrected: bool) -> np.ndarray:
+            evidence = model.evidences[0]
+            return nrmse(evidence, evidence.unseen(model.fit.terms, corrected=corrected), self.scale)
+
+        return max(float((left(before, c) - left(self.model, c)).max()) for c in (False, True))
 
     def _difference(self, few: frozenset[Term], many: frozenset[Term]) -> float:
         """How much of the torque NRMSE of some joint more terms close: unseen, or fitted, whichever is less.

@@ -68,11 +68,12 @@ def fit(known: Sequence[Finding]) -> dict[str, Any]:
     right = np.array([f.right for f in known], dtype=float)
     names = sorted(CATALOGUE)
     which = np.array([[f.effect == name for name in names] for f in known], dtype=float)
+    known_rivals = np.array([f.support.evidence for f in known])
     count = x.shape[1]
 
     def loss(v: np.ndarray) -> float:
-        z = v[0] + x @ v[1 : 1 + count] + which @ v[1 + count :]
-        likelihood = np.logaddexp(0.0, np.where(right > 0, -z, z)).sum()
+        p = known_rivals / (1.0 + np.exp(-(v[0] + x @ v[1 : 1 + count] + which @ v[1 + count :])))
+        likelihood = -np.log(np.where(right > 0, p, 1.0 - p) + 1e-12).sum()
         return float(
             likelihood
             + 0.5 * PRIOR * v[1 : 1 + count] @ v[1 : 1 + count]
@@ -94,7 +95,7 @@ def fit_rivals(known: Sequence[Finding]) -> dict[str, float]:
     def likelihood(temper: float, unlisted: float) -> float:
         total = 0.0
         for f in wrong:
-            ranked = shared(f.rivals, 1.0, {"temper": temper, "unlisted": unlisted})
+            ranked = shared(f.rivals, 0.0, f.support, {"temper": temper, "unlisted": unlisted})
             true = f.missed | ({"none"} if not f.missed else frozenset())
             p = sum(rival.probability for rival in ranked if rival.effect in true)
             total += np.log(max(p, 1.0 - sum(rival.probability for rival in ranked), 1e-6))
@@ -114,7 +115,7 @@ def fit_level(known: Sequence[Finding], values: dict[str, Any]) -> float:
             continue
         p = probability(f.effect, f.support, values)
         total = p
-        for rival in shared(f.rivals, 1.0 - p, values):
+        for rival in shared(f.rivals, p, f.support, values):
             if rival.effect in f.missed or (rival.effect == "none" and not f.missed):
                 break
             total += rival.probability
