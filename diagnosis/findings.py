@@ -79,9 +79,10 @@ def _effects(study: Study, rows: Rows) -> list[dict[str, Any]]:
         {
             **_finding(study, applied, rows),
             "parameters": parameters(study.found, applied, draws),
-            "share": float(np.clip(shares[finding_of(applied)], 0.0, 1.0)),
+            "share": shares[finding_of(applied)].value,
+            "share_interval": [shares[finding_of(applied)].low, shares[finding_of(applied)].high],
         }
-        for applied in sorted(study.effects, key=lambda e: shares[finding_of(e)], reverse=True)
+        for applied in sorted(study.effects, key=lambda e: shares[finding_of(e)].value, reverse=True)
     ]
 
 
@@ -95,7 +96,11 @@ def _with_faults(
     whole = max(float((before - floor).clip(0).sum()), float((before - after).sum()), 1e-9)
     repaired = study.before.nrmse
     physical = max(float((repaired - floor).clip(0).sum()), float((repaired - after).sum())) / whole
-    out = [{**effect, "share": effect["share"] * min(physical, 1.0)} for effect in effects]
+    part = min(physical, 1.0)
+    out = [
+        {**effect, "share": effect["share"] * part, "share_interval": [x * part for x in effect["share_interval"]]}
+        for effect in effects
+    ]
     for fault in study.faults:
         only, without = (before if gap is None else gap for gap in (fault.gap_with_only_this, fault.gap_without_this))
         out.append(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import combinations
 from math import factorial
 
@@ -13,7 +14,6 @@ from arm.dynamics import RigidBody
 from arm.nominal import NominalArm
 from diagnosis.gap import TorqueGap, torque_gap
 from diagnosis.search import Search
-from diagnosis.state import nrmse
 from diagnosis.terms import Term
 from effects.corrected import CorrectedArm
 from ident.conditioning import Segment
@@ -64,37 +64,59 @@ class Judge:
         known = self.found.evidence.terms
         return CorrectedArm(self.arm, known.effects(known.clipped(theta), terms))
 
-    def shares(self) -> dict[str, float]:
+    def shares(self, draws: int = 200) -> dict[str, Share]:
         """Share of each effect in the gap closed, by Shapley's value over all orders of adding them.
 
         The worth of a set is the sum over joints of the unseen torque NRMSE that it closes; shares add up to the
-        closed part of the gap above the floor, at most 1.
+        closed part of the gap above the floor, at most 1. Intervals are from folds drawn with replacement.
         """
-        chosen = self.found.fit.terms
+        evidence, chosen = self.found.evidence, self.found.fit.terms
         names = sorted({t.finding for t in chosen})
-        worth = {
-            subset: -float(self._summed(frozenset(t for t in chosen if t.finding in subset)))
-            for size in range(len(names) + 1)
-            for subset in combinations(names, size)
+        subsets = [s for size in range(len(names) + 1) for s in combinations(names, size)]
+        unseen = {
+            subset: evidence.unseen(frozenset(t for t in chosen if t.finding in subset), corrected=False)
+            for subset in subsets
         }
-        floor = np.sqrt(
-            (self.found.evidence.floor2 * self.found.evidence.rows).sum(axis=0) / self.found.evidence.rows.sum(axis=0)
-        )
-        above = max(-worth[()] - float((floor / self.found.scale).sum()), worth[tuple(names)] - worth[()], 1e-12)
-        values = {}
-        for name in names:
-            others = [n for n in names if n != name]
-            values[name] = sum(
-                factorial(k) * factorial(len(names) - k - 1) / factorial(len(names))
-                * (worth[tuple(sorted((*subset, name)))] - worth[subset])
-                for k in range(len(others) + 1)
-                for subset in combinations(others, k)
-            )  # fmt: skip
-        return {name: value / above for name, value in values.items()}
+        folds = len(evidence.rows)
+        counts = np.random.default_rng(0).multinomial(folds, np.full(folds, 1 / folds), size=draws)
+        weights = np.vstack([np.ones(folds), counts])[:, :, None] * evidence.rows
 
-    def _summed(self, terms: frozenset[Term]) -> float:
-        evidence = self.found.evidence
-        return float(nrmse(evidence, evidence.unseen(terms, corrected=False), self.found.scale).sum())
+        def closed(square: np.ndarray) -> np.ndarray:
+            """Sum over joints of the NRMSE under each draw of folds, the first draw all of them once."""
+            mean = (square * weights).sum(axis=1) / np.maximum(weights.sum(axis=1), 1e-12)
+            return np.asarray((np.sqrt(mean) / self.found.scale).sum(axis=1))
+
+        worth = {subset: -closed(square) for subset, square in unseen.items()}
+        above = -worth[()] - closed(evidence.floor2)
+        above = np.maximum(np.maximum(above, worth[tuple(names)] - worth[()]), 1e-12)
+        return {name: Share.of(_shapley(name, names, worth) / above) for name in names}
+
+
+@dataclass(frozen=True)
+class Share:
+    """An effect's share of the gap above the floor, and where nine of ten draws of the folds put it."""
+
+    value: float
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, draws: np.ndarray) -> Share:
+        """The share of the first draw, and the interval of the others; all within 0 and 1."""
+        inside = np.clip(draws, 0.0, 1.0)
+        low, high = np.quantile(inside[1:], [0.05, 0.95])
+        return cls(float(inside[0]), float(low), float(high))
+
+
+def _shapley(name: str, names: list[str], worth: dict[tuple[str, ...], np.ndarray]) -> np.ndarray:
+    """Shapley's value of one of the names, given the worth of every subset in sorted order."""
+    others = [n for n in names if n != name]
+    total = np.zeros_like(worth[()])
+    for k in range(len(others) + 1):
+        weight = factorial(k) * factorial(len(names) - k - 1) / factorial(len(names))
+        for subset in combinations(others, k):
+            total += weight * (worth[tuple(sorted((*subset, name)))] - worth[subset])
+    return total
 
 
 def _joined(first: TorqueGap, second: TorqueGap) -> TorqueGap:
