@@ -34,7 +34,7 @@ def document(study: Study) -> dict[str, Any]:
     faulty = next((f.gap_before for f in study.faults if f.gap_before is not None), None)
     total = study.before.nrmse if faulty is None else faulty
     effects = _with_faults(study, effects, total, after, floor)
-    verdict = _verdict(study, bool(effects))
+    verdict = _verdict(study, bool(effects), faulty)
     open_joints = [int(j) + 1 for j in np.flatnonzero(above)]
     return {
         "schema": 1,
@@ -64,8 +64,16 @@ def document(study: Study) -> dict[str, Any]:
     }
 
 
-def _verdict(study: Study, found: bool) -> str:
-    """The verdict; an effect taken back leaves a gap open, if only on the recordings that it was fitted to."""
+def _verdict(study: Study, found: bool, faulty: np.ndarray | None) -> str:
+    """The verdict; an effect taken back leaves a gap open, if only on the recordings that it was fitted to.
+
+    Args:
+        study: what the findings are read from.
+        found: whether any effect or fault was.
+        faulty: torque NRMSE before a fault of the set-up was put right, where one widened the gap, (n,).
+    """
+    if found and faulty is not None and not study.left.more_than(faulty):
+        return "effects_found"
     if found:
         return "unexplained" if study.left.open else "effects_found"
     return "unexplained" if study.left.above.any() or study.refusals else "no_gap"

@@ -56,10 +56,14 @@ class Remainder:
     @property
     def open(self) -> bool:
         """Whether the effects found leave too much of the gap."""
+        return self.more_than(self.before)
+
+    def more_than(self, before: np.ndarray) -> bool:
+        """Whether more is left than effects may leave of what was above the floor before, as torque NRMSE, (n,)."""
         left = (self.after[self.above] ** 2).sum()
         most = MOST_LEFT_RINGING if self.rings else MOST_LEFT
-        wide = self.above & (self.after > WIDE) & (self.after > WIDE_LEFT * self.before)
-        return bool(left > most * (self.before**2).sum() or wide.any())
+        wide = self.above & (self.after > WIDE) & (self.after > WIDE_LEFT * before)
+        return bool(left > most * (before**2).sum() or wide.any())
 
 
 def both(one: Remainder, other: Remainder) -> Remainder:
