@@ -24,6 +24,8 @@ from diagnosis.rivals import TEMPER, Rival
 
 FILE = Path(__file__).with_name("calibration.json")
 """The fitted values."""
+LEAST_NAMED = 0.01
+"""Names less probable than this are not listed in a set."""
 FEWEST, MOST = 0.02, 0.995
 """No probability lies outside: what was seen no more than a few hundred times is not known better."""
 
@@ -109,12 +111,14 @@ def shared(
 
 
 def conformal_set(effect: str, probability: float, rivals: Sequence[Rival]) -> list[str]:
-    """Names that hold the true one in nine cases of ten: in falling order until they reach the conformal level."""
-    names: list[str] = []
-    total = 0.0
-    for name, p in [(effect, probability), *((rival.effect, rival.probability) for rival in rivals)]:
-        if names and total >= fitted()["level"]:
+    """Names that hold the true one in nine cases of ten: in falling order until they reach the conformal level.
+
+    Where those that count do not reach it, ``unknown`` stands for the rest.
+    """
+    names, total = [effect], probability
+    for rival in rivals:
+        if total >= fitted()["level"] or rival.probability < LEAST_NAMED:
             break
-        names.append(name)
-        total += p
-    return names
+        names.append(rival.effect)
+        total += rival.probability
+    return names if total >= fitted()["level"] else [*names, "unknown"]

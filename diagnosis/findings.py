@@ -23,6 +23,9 @@ from effects.applied import AppliedEffect
 if TYPE_CHECKING:
     from diagnosis.diagnose import Study
 
+CLOSING = 0.25
+"""An effect on the arm or a link acts on the joints where it closes this share of what it closes at most."""
+
 
 def document(study: Study) -> dict[str, Any]:
     """``diagnosis.json`` of a study, without NaN, as plain Python values."""
@@ -156,13 +159,14 @@ def _finding(study: Study, applied: AppliedEffect, rows: Rows) -> dict[str, Any]
 
 
 def _support(study: Study, applied: AppliedEffect, without: np.ndarray) -> Support:
-    """What speaks for an effect found."""
-    places = [j - 1 for j in applied.joints] or list(range(len(study.left.ratio)))
+    """What speaks for an effect found, on its joints; of one on the arm or a link those where it closes the gap."""
+    closed = without - study.after.nrmse
+    places = [j - 1 for j in applied.joints] or list(np.flatnonzero(closed >= CLOSING * closed.max()))
     left = study.left.after[places] / np.maximum(study.left.before[places], 0.012)
     _, others = rivals(study.found, finding_of(applied))
     return Support(
         margin=float(-np.logaddexp.reduce([-700.0, *(TEMPER * min(r.evidence, 0.0) for r in others)])),
-        closed=float((without - study.after.nrmse).max()),
+        closed=float(closed.max()),
         left=float(left.max()),
         times_floor=float(study.left.ratio[places].max()),
         effects=len(study.effects),

@@ -185,7 +185,10 @@ def test_probabilities_and_alternatives() -> None:
     for effect in document["effects"]:
         rivals = effect["alternatives"]
         assert 0.8 < effect["probability"] + sum(r["probability"] for r in rivals) <= 1.0 + 1e-9
-        assert effect["set"][0] == effect["effect"] and set(effect["set"][1:]) <= {r["effect"] for r in rivals}
+        assert effect["set"][0] == effect["effect"] and set(effect["set"][1:]) <= {
+            "unknown",
+            *(r["effect"] for r in rivals),
+        }
         assert all(r["probability"] <= effect["probability"] for r in rivals)
         probabilities = [r["probability"] for r in rivals]
         assert probabilities == sorted(probabilities, reverse=True)
