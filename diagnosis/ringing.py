@@ -106,6 +106,8 @@ def _candidates(state: State, bodies: _Bodies, j: int) -> Iterator[Start]:
     """Starts of one joint."""
     elasticity, backlash = (state.terms.of(name)[j] for name in ("joint_elasticity", "backlash"))
     mass = bodies.mass[j]
+    if mass <= 0:  # links found lighter than nothing, on the way to something better
+        return
     for resonance in RESONANCES:
         stiffness = mass * (2 * np.pi * resonance) ** 2
         for ratio in RATIOS:

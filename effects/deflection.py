@@ -44,7 +44,8 @@ def behind_elasticity(
     matrices = body.sensitivities(motion.q, motion.dq, motion.ddq)
     own = np.ix_(np.arange(len(torque)), elastic, elastic)
     by_position, by_velocity, mass = (matrix[own] for matrix in matrices)
-    frequency = np.sqrt(stiffness[elastic] / np.diagonal(mass, axis1=1, axis2=2).min(axis=0))
+    lightest = np.diagonal(mass, axis1=1, axis2=2).min(axis=0)
+    frequency = np.sqrt(stiffness[elastic] / np.maximum(lightest, 1e-9))  # bodies that cannot be follow at once
     stiff = frequency > 2 * np.pi * FASTEST
     h = 1.0 / motion.rate
     parts = int(np.ceil(max(frequency[~stiff], default=0.0) * h / STEP)) or 1
