@@ -114,6 +114,11 @@ def test_a_fault_of_the_program_in_one_case_does_not_stop_the_others(
     assert (tmp_path / "out" / "healthy" / "diagnosis.json").is_file()
 
 
+def heeding_interrupts() -> None:
+    """Undo that a test run in the background ignores SIGINT, which its children would inherit."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="sends SIGINT to a group of processes")
 @pytest.mark.parametrize("jobs", ["1", "2"])
@@ -123,8 +128,9 @@ def test_interrupted_says_how_to_go_on_and_leaves_nothing_half(
     out, cases = tmp_path / "out", [sick, healthy, other]
     command = [sys.executable, "-m", "gapscope", "diagnose", *map(str, cases), "--out", str(out), "--jobs", jobs]
     running = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-    )
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+        preexec_fn=heeding_interrupts,
+    )  # fmt: skip
     end = time.monotonic() + 120
     while not list(out.glob("*/diagnosis.json")) and time.monotonic() < end and running.poll() is None:
         time.sleep(0.01)
