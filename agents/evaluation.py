@@ -34,7 +34,7 @@ LAWS = ("feedforward", "computed")
 MOTIONS = ("fourier", "pick", "place", "weld_seam")
 """Motions by default."""
 HELD_OUT = 0x6A95
-"""Motions come from seeds behind this number, so that no recording of a session has the same."""
+"""Motions come from seeds behind this number, so that no recording has the same."""
 MARGIN_TIME = 1.5
 """Length of the motion on which gains are raised [s]."""
 DT = 1e-3
