@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from diagnosis.moves import RINGING
 from diagnosis.state import State
 from diagnosis.terms import Term
 from effects.corrected import CorrectedArm
@@ -24,7 +25,6 @@ WIDTHS = np.geomspace(4e-4, 6e-2, 11)
 """Widths of free play to try [rad]."""
 LEAST_START = 5.0
 """What a start has to explain before its fit [nats]."""
-
 LEAST_RATIO = 1.2
 """Nothing rings or plays where no joint is left with this many times the floor."""
 
@@ -50,7 +50,7 @@ def starts(state: State) -> list[Start]:
     left2 = (state.fit.unseen * evidence.rows).sum(axis=0) / (evidence.floor2 * evidence.rows).sum(axis=0)
     if state.data.arm.encoder != "motor" or left2.max() < LEAST_RATIO**2:
         return []
-    taken = {t.joint for t in state.fit.terms if t.effect in ("joint_elasticity", "backlash")}
+    taken = {t.joint for t in state.fit.terms if t.effect in RINGING}
     free = [j for j in range(state.data.arm.n_joints) if j + 1 not in taken]
     bodies = _Bodies(state)
     best: dict[Term, Start] = {}
