@@ -49,8 +49,6 @@ COARSE = 4
 """All candidates are compared on every ``COARSE``-th sample..."""
 FINALISTS = 5
 """...and this many of them on all."""
-FAR = 0.5
-"""Share of these gains that is enough for a unit where the joints travel farther than they can."""
 OCCAM = 0.3
 """Gain that a fault with a continuous value owes to it, and not to being there."""
 SHARPNESS = 10.0

@@ -72,8 +72,13 @@ class Bench:
     _kept: dict[tuple[object, ...], Equations] = field(default_factory=dict)
     _bodies: dict[tuple[int, bool], RigidBody | None] = field(default_factory=dict)
 
-    def score(self, reading: Reading) -> Score:
-        """Score of a reading; the worst possible for an arm that cannot be."""
+    def score(self, reading: Reading, spread: float = 1.0) -> Score:
+        """Score of a reading; the worst possible for an arm that cannot be.
+
+        Args:
+            reading: how to read the recordings.
+            spread: factor on what the arm may ordinarily have beyond its data sheet.
+        """
         key = reading.motion_key
         if key not in self._kept:
             body = self._body(reading.shift, reading.moved_only)
@@ -82,7 +87,7 @@ class Bench:
             if len(self._kept) > 8:
                 self._kept.pop(next(iter(self._kept)))
             self._kept[key] = equations(self.arm, body, self.samples, reading)
-        gap, surprise = unseen(self._kept[key], reading)
+        gap, surprise = unseen(self._kept[key], reading, spread)
         bounded = np.minimum(np.nan_to_num(gap, nan=WORST, posinf=WORST), WORST)
         return Score(np.hypot(bounded, FLOOR), USUAL + float(np.nan_to_num(surprise, nan=WORST, posinf=WORST)))
 

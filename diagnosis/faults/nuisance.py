@@ -108,8 +108,13 @@ def equations(arm: NominalArm, body: RigidBody, samples: Samples, reading: Readi
     )
 
 
-def unseen(eq: Equations, reading: Reading) -> tuple[np.ndarray, float]:
+def unseen(eq: Equations, reading: Reading, spread: float = 1.0) -> tuple[np.ndarray, float]:
     """How well an ordinary arm explains the torque under a reading, and how extraordinary it has to be for that.
+
+    Args:
+        eq: normal equations under the motion of the reading.
+        reading: its reading of the torque.
+        spread: factor on the standard deviations of the prior.
 
     Returns:
         Gap left on each fold with values fitted to the other folds, over the torque's deviation, (K, n); and half the
@@ -125,22 +130,22 @@ def unseen(eq: Equations, reading: Reading) -> tuple[np.ndarray, float]:
     gap = np.empty((folds, n))
     for k in range(folds):
         kept = np.arange(folds) != k
-        values = _fit(eq, eq.gram[kept].sum(axis=0), target[kept].sum(axis=0), deviation)
+        values = _fit(eq, eq.gram[kept].sum(axis=0), target[kept].sum(axis=0), deviation, spread)
         fitted = np.einsum("jd,jde,je->j", values, eq.gram[k], values)
         gap[k] = np.sqrt(np.clip(square[k] - 2 * (values * target[k]).sum(axis=1) + fitted, 0, None) / eq.rows[k])
-    values = _fit(eq, eq.gram.sum(axis=0), target.sum(axis=0), deviation)
+    values = _fit(eq, eq.gram.sum(axis=0), target.sum(axis=0), deviation, spread)
     own = values[:, shared:] / _spread(eq, deviation).T
-    return gap / deviation, float(0.5 * (values[0, :shared] ** 2).sum() + 0.5 * (own**2).sum())
+    return gap / deviation, float(0.5 * (values[0, :shared] ** 2).sum() + 0.5 * (own**2).sum()) / spread**2
 
 
-def _fit(eq: Equations, gram: np.ndarray, target: np.ndarray, deviation: np.ndarray) -> np.ndarray:
+def _fit(eq: Equations, gram: np.ndarray, target: np.ndarray, deviation: np.ndarray, spread: float) -> np.ndarray:
     """Most probable values of every joint's columns within their bounds, (n, D), from (n, D, D) and (n, D)."""
     n, columns = target.shape
     shared = columns - OWN
     precision = eq.weight / (SIGMA * deviation) ** 2
     size = shared + n * OWN
-    prior = 1.0 / _spread(eq, deviation) ** 2
-    a, b = np.eye(size), np.zeros(size)
+    prior = 1.0 / (spread * _spread(eq, deviation)) ** 2
+    a, b = np.eye(size) / spread**2, np.zeros(size)
     for j in range(n):
         own = slice(shared + j * OWN, shared + (j + 1) * OWN)
         a[:shared, :shared] += precision[j] * gram[j, :shared, :shared]
