@@ -98,6 +98,7 @@ class Evidence:
         skew: skew of sampling [s].
         torque: rows of the recorded torque, in which gaps are told.
         told: rows from which values and scores come: the same, or with sensors both sides of each joint.
+        spread: standard deviation of each nuisance, in its unit, (K,).
     """
 
     def __init__(self, linearisation: Linearisation, missed: np.ndarray, sigma: float, rows: tuple[Rows, Rows]) -> None:
@@ -110,13 +111,13 @@ class Evidence:
         weighted = np.array([np.tensordot(w, g, axes=1) for w, g in zip(self.weights, told.gram, strict=True)])
         total = weighted.sum(axis=0)
         k, bodies = total.shape[0] - 1 - self.terms.size, len(linearisation.data.units)
-        self._spread = np.where(np.arange(k) < bodies, sigma, 1.0)  # the sensors' errors are in units of theirs
-        self._all = Normal(total, self.terms.size, self._spread)
-        self._without = [Normal(total - w, self.terms.size, self._spread) for w in weighted]
+        self.spread = np.where(np.arange(k) < bodies, sigma, 1.0)  # the sensors' errors are in units of theirs
+        self._all = Normal(total, self.terms.size, self.spread)
+        self._without = [Normal(total - w, self.terms.size, self.spread) for w in weighted]
         self.lowest = _lowest(linearisation)
         last = linearisation.body.last_link
         self._one_body = frozenset({*self.terms.of("payload"), self.terms.of("link_inertia")[last]})
-        information = total[self.terms.size : -1, self.terms.size : -1] * np.outer(self._spread, self._spread)
+        information = total[self.terms.size : -1, self.terms.size : -1] * np.outer(self.spread, self.spread)
         self._log_det = 0.5 * float(np.linalg.slogdet(np.eye(k) + information)[1])
         self.per_parameter = 0.5 * float(np.log(told.independent.sum()))
 
@@ -139,7 +140,7 @@ class Evidence:
         if self.told is not self.torque:
             missed = _mean_square(self.told.gram, self.told.count, self._without, _columns(terms), corrected=True)
         cost = self.charge(terms) + SKEW_CHARGE * (self.skew > 0) + NOMINAL_ERROR[self.sigma]
-        cost += 0.5 * float(((delta / self._spread) ** 2).sum()) + self._log_det
+        cost += 0.5 * float(((delta / self.spread) ** 2).sum()) + self._log_det
         score = -0.5 * float((self.told.independent * np.log1p(missed / self.told.floor2)).sum()) - cost
         impossible = self.terms.impossible(theta, terms, self.lowest)
         if self._one_body <= terms:  # a payload is part of the last link
@@ -158,19 +159,28 @@ class Evidence:
         """
         columns = _columns(terms)
         last = self.told.gram.shape[-1] - 1
-        places = np.concatenate([columns, np.arange(self.terms.size, last + 1)])
-        pieces = np.concatenate(
+        pieces = self._pieces(np.concatenate([columns, np.arange(self.terms.size, last + 1)]))
+        values = np.zeros((draws, self.terms.size))
+        for draw in range(draws):
+            counts = np.bincount(rng.integers(len(pieces), size=len(pieces)), minlength=len(pieces)).astype(float)
+            total = np.tensordot(counts, pieces, axes=1)
+            values[draw, columns] = Normal(total, len(columns), self.spread).solve(np.arange(len(columns)))
+        return values + rng.normal(size=values.shape) * self._systematic()
+
+    def halves(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Weighed normal equations of every other piece of the data and of those between, both ways round."""
+        pieces = self._pieces(np.arange(self.told.gram.shape[-1]))
+        even, odd = pieces[::2].sum(axis=0), pieces[1::2].sum(axis=0)
+        return [(even, odd), (odd, even)]
+
+    def _pieces(self, places: np.ndarray) -> np.ndarray:
+        """Weighed normal equations of every piece of the data, over some of the columns, (pieces, C, C)."""
+        return np.concatenate(
             [
                 np.einsum("bjxy,j->bxy", _with_skew(fold.told.gram, self.skew)[:, :, places[:, None], places], w)
                 for fold, w in zip(self.linear.folds, self.weights, strict=True)
             ]
         )
-        values = np.zeros((draws, self.terms.size))
-        for draw in range(draws):
-            counts = np.bincount(rng.integers(len(pieces), size=len(pieces)), minlength=len(pieces)).astype(float)
-            total = np.tensordot(counts, pieces, axes=1)
-            values[draw, columns] = Normal(total, len(columns), self._spread).solve(np.arange(len(columns)))
-        return values + rng.normal(size=values.shape) * self._systematic()
 
     def _systematic(self) -> np.ndarray:
         """Standard deviation that the form of the model adds to each value, (P,)."""
@@ -183,7 +193,7 @@ class Evidence:
         """Values of the terms fitted without the last recording, shape (P,)."""
         weighted = (self.told.gram * self.weights[:, :, None, None]).sum(axis=1)
         total = weighted[:-2].sum(axis=0) if len(weighted) > 2 else weighted.sum(axis=0)
-        return Normal(total, self.terms.size, self._spread).solve(_columns(terms))
+        return Normal(total, self.terms.size, self.spread).solve(_columns(terms))
 
     def left_out(self, terms: frozenset[Term]) -> list[tuple[np.ndarray, np.ndarray]]:
         """Per recording the values of the terms fitted without its first, and without its second half, (P,) each."""

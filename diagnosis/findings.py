@@ -15,6 +15,7 @@ from diagnosis.predictable import predictable
 from diagnosis.rivals import OPEN, TEMPER, rivals, separated_by
 from diagnosis.rows import Rows, stack
 from diagnosis.sides import described
+from diagnosis.significance import false_discovery_rates, log_e_values
 from diagnosis.terms import Term
 from diagnosis.where import located, regions
 from diagnosis.wording import effect_name
@@ -85,6 +86,8 @@ def _verdict(study: Study, found: bool, faulty: np.ndarray | None) -> str:
 def _effects(study: Study, rows: Rows) -> list[dict[str, Any]]:
     """Findings on the effects, those with the largest share first."""
     shares = study.judge.shares()
+    log_e = log_e_values(study.found)
+    rates = false_discovery_rates(log_e)
     draws = study.found.evidence.bootstrap(study.found.fit.terms, np.random.default_rng(0))
     return [
         {
@@ -92,6 +95,8 @@ def _effects(study: Study, rows: Rows) -> list[dict[str, Any]]:
             "parameters": parameters(study.found, applied, draws),
             "share": shares[finding_of(applied)].value,
             "share_interval": [shares[finding_of(applied)].low, shares[finding_of(applied)].high],
+            "log_e": log_e.get(finding_of(applied)),
+            "false_discovery_rate": rates.get(finding_of(applied)),
         }
         for applied in sorted(study.effects, key=lambda e: shares[finding_of(e)].value, reverse=True)
     ]

@@ -1,9 +1,10 @@
-"""The search for the terms that explain the gap: forward by groups, with swaps and removal."""
+"""The search for the terms that explain the gap: forward by groups and by pairs of them, with swaps and removal."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from arm.nominal import NominalArm
 from diagnosis.contests import contest, doubt, prefer_payload
 from diagnosis.coordinates import COORDINATES
 from diagnosis.evidence import Evidence, Fit
-from diagnosis.moves import clashes
+from diagnosis.moves import clashes, same
 from diagnosis.ringing import starts
 from diagnosis.state import VISIBLE_EFFECT, State
 from diagnosis.terms import EXPLAINED, Term
@@ -26,6 +27,8 @@ MOST_STEPS = 12
 """Forward steps before the search gives up."""
 MOST_TRIED = 3
 """Groups that are tried around their own values at each step."""
+PAIRED = 6
+"""Best groups of which all pairs are tried once none alone raises the evidence."""
 MOST_STARTS = 3
 """Starts of joints that ring or play that are tried."""
 
@@ -63,7 +66,7 @@ def search(
     considered: list[tuple[Fit, Fit]] = []
     nothing = state.fit.unseen
     _forward(state, considered, progress)
-    while _rings(state, progress):
+    while _rings(state, progress) or _pair(state, progress):
         _forward(state, considered, progress)
     contest(state)
     prefer_payload(state)
@@ -109,6 +112,30 @@ def _rings(state: State, progress: Callable[[str], None]) -> bool:
             return True
         state.model = before
     return False
+
+
+def _pair(state: State, progress: Callable[[str], None]) -> bool:
+    """Add the best pair of effects that explain only together what is left, if there is one."""
+    before = state.model
+    found = (_group(state, effect) for effect in EXPLAINED)
+    groups = sorted((g for g in found if g is not None), key=lambda fit: -fit.score)[:PAIRED]
+    sets = [a.terms | b.terms for a, b in combinations(groups, 2) if not _contested(a.terms | b.terms)]
+    fits = [fit for fit in map(state.best, sets) if state.visible(fit.terms)]
+    best = max(fits, key=lambda fit: fit.score, default=before.fit)
+    if best.score < before.fit.score + LEAST_GAIN:
+        return False
+    state.accept(best.terms)
+    if before.gain(state.model) > LEAST_GAIN and len(state.fit.terms) > len(before.fit.terms):
+        progress("adds " + _describe(state.fit.terms - before.fit.terms))
+        state.refine()
+        return True
+    state.model = before
+    return False
+
+
+def _contested(terms: frozenset[Term]) -> bool:
+    """Whether two of the terms say the same of one joint."""
+    return any(a.joint == b.joint and a.effect == same(b) for a in terms for b in terms)
 
 
 def _describe(terms: frozenset[Term]) -> str:
