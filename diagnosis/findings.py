@@ -48,9 +48,14 @@ def document(study: Study) -> dict[str, Any]:
             "before": {
                 "torque_nrmse": _list(total),
                 "replay_rmse": _known(study.replay.before),
+                "replay_elsewhere": {engine: _known(gap[0]) for engine, gap in study.replay.elsewhere.items()},
                 "floor": _list(floor),
             },
-            "after": {"torque_nrmse": _list(after), "replay_rmse": _known(study.replay.after)},
+            "after": {
+                "torque_nrmse": _list(after),
+                "replay_rmse": _known(study.replay.after),
+                "replay_elsewhere": {engine: _known(gap[1]) for engine, gap in study.replay.elsewhere.items()},
+            },
         },
         "effects": effects,
         "unexplained": {
@@ -136,12 +141,12 @@ def _with_faults(
 
 
 def _finding(study: Study, applied: AppliedEffect, rows: Rows) -> dict[str, Any]:
-    fit = study.found.fit
-    mine = frozenset(t for t in fit.terms if t.finding == finding_of(applied))
+    fit, name = study.found.fit, finding_of(applied)
+    mine = frozenset(t for t in fit.terms if t.finding == name)
     only, without = study.judge.gap(mine), study.judge.gap(fit.terms - mine)
     known = _support(study, applied, without.nrmse)
     sure = probability(applied.name, known)
-    others = shared(rivals(study.found, finding_of(applied))[1], sure, known)
+    others = shared(rivals(study.found, name)[1], sure, known)
     gained = np.sqrt(np.clip(without.error**2 - study.after.error**2, 0.0, None))
     joints = applied.joints or tuple(int(j) + 1 for j in np.argsort(-(gained**2).sum(axis=0))[:2])
     return {
@@ -150,8 +155,10 @@ def _finding(study: Study, applied: AppliedEffect, rows: Rows) -> dict[str, Any]
         "probability": sure,
         "set": conformal_set(applied.name, sure, others),
         "support": known.plain(),
-        "gap_with_only_this": {"torque_nrmse": _list(only.nrmse)},
-        "gap_without_this": {"torque_nrmse": _list(without.nrmse)},
+        "gap_with_only_this": {"torque_nrmse": _list(only.nrmse), "replay_rmse": _known(study.replay.only.get(name))},
+        "gap_without_this": {
+            "torque_nrmse": _list(without.nrmse), "replay_rmse": _known(study.replay.without.get(name)),
+        },
         "where": [_region(r) for r in _regions(study, gained, rows, list(joints), most=1)],
         "alternatives": [
             {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import fields, replace
 from typing import NamedTuple
 
@@ -11,8 +12,14 @@ from arm.case import Case
 from arm.errors import GapscopeError
 from arm.recording import Recording
 from diagnosis.judge import Judge
+from diagnosis.moves import by_finding
+from diagnosis.terms import Term
 from effects.applied import AppliedEffect
+from envs.engines import installed
 from envs.replay import replay
+
+ENGINE, SECOND_OPINIONS = "pybullet", ("mujoco",)
+"""The engine that replays, and those that do so as well where they are installed."""
 
 MOST_TICKS = 12_000
 """Ticks of the controller that are replayed: 12 s at 1 kHz, which takes a second or two."""
@@ -22,13 +29,18 @@ class ReplayGap(NamedTuple):
     """RMS of replayed minus recorded position [rad], shape (n,), ``None`` where it was not replayed.
 
     Attributes:
-        before, after: of the nominal arm, and of the arm with the effects found.
+        before, after: of the nominal arm, and of the arm with the effects found, in PyBullet.
         warnings: why something was not replayed although its controller is known.
+        only, without: of the arm with each effect alone, and with all others, by the effect's name in a finding.
+        elsewhere: before and after in the other engines that are installed.
     """
 
     before: np.ndarray | None = None
     after: np.ndarray | None = None
     warnings: tuple[str, ...] = ()
+    only: Mapping[str, np.ndarray | None] = {}
+    without: Mapping[str, np.ndarray | None] = {}
+    elsewhere: Mapping[str, tuple[np.ndarray | None, np.ndarray | None]] = {}
 
 
 def replay_gap(case: Case, judge: Judge) -> ReplayGap:
@@ -41,39 +53,57 @@ def replay_gap(case: Case, judge: Judge) -> ReplayGap:
         case: the nominal arm, its recordings and its controller.
         judge: what was found, and its folds.
     """
-    recording, effects = _unseen(case, judge)
+    recording = _unseen(case, judge)
     if case.controller is None or recording.q_ref is None:
         return ReplayGap()
     recording = _head(recording, MOST_TICKS / case.controller.rate)
-    before, without = attempt(case, (), recording)
-    after, with_effects = attempt(case, effects, recording)
-    problems = (("nominal", without), ("corrected", with_effects))
-    warnings = tuple(f"{recording.name}: no replay of the {arm} arm: {why}" for arm, why in problems if why)
-    return ReplayGap(before, after, warnings)
+    known: dict[tuple[frozenset[Term], str], tuple[np.ndarray | None, str | None]] = {}
+
+    def gap(terms: frozenset[Term], engine: str = ENGINE) -> np.ndarray | None:
+        if (terms, engine) not in known:
+            known[terms, engine] = attempt(case, _effects(judge, terms), recording, engine)
+        return known[terms, engine][0]
+
+    none, every = frozenset[Term](), judge.found.fit.terms
+    parts = {next(iter(part)).finding: part for part in by_finding(every)}
+    others = [engine for engine in SECOND_OPINIONS if installed(engine)]
+    return ReplayGap(
+        gap(none),
+        gap(every),
+        tuple(
+            f"{recording.name}: no replay of the {arm} arm: {why}"
+            for arm, terms in (("nominal", none), ("corrected", every))
+            if (why := known[terms, ENGINE][1])
+        ),
+        {name: gap(part) for name, part in parts.items()},
+        {name: gap(every - part) for name, part in parts.items()},
+        {engine: (gap(none, engine), gap(every, engine)) for engine in others},
+    )
 
 
 def attempt(
-    case: Case, effects: tuple[AppliedEffect, ...], recording: Recording
+    case: Case, effects: tuple[AppliedEffect, ...], recording: Recording, engine: str = ENGINE
 ) -> tuple[np.ndarray | None, str | None]:
     """Replay gap [rad], (n,), or ``None`` and why: an effect that cannot be simulated, an arm that runs away."""
     try:
-        return replay(case.arm, effects, recording, case.controller).rmse, None
+        return replay(case.arm, effects, recording, case.controller, engine=engine).rmse, None
     except (GapscopeError, ArithmeticError, ValueError) as error:  # LinAlgError is a ValueError
         return None, str(error)
 
 
-def _unseen(case: Case, judge: Judge) -> tuple[Recording, tuple[AppliedEffect, ...]]:
-    """A recording, and the effects found with values that were fitted to other data."""
-    evidence, terms = judge.found.evidence, judge.found.fit.terms
+def _unseen(case: Case, judge: Judge) -> Recording:
+    """The recording that is replayed."""
     if judge.judged:
-        recording = next(r for r in case.judged if r.tau is not None)
-        theta = evidence.fit(terms).theta
-    else:
-        recording = [r for r in case.recordings if r.tau is not None][-1]
-        theta = evidence.without_last(terms)
-        fold = judge.folds[-1]
-        recording = _rows(recording, (recording.t >= fold[0].motion.t[0]) & (recording.t <= fold[-1].motion.t[-1]))
-    return recording, evidence.terms.effects(evidence.terms.clipped(theta), terms)
+        return next(r for r in case.judged if r.tau is not None)
+    recording, fold = [r for r in case.recordings if r.tau is not None][-1], judge.folds[-1]
+    return _rows(recording, (recording.t >= fold[0].motion.t[0]) & (recording.t <= fold[-1].motion.t[-1]))
+
+
+def _effects(judge: Judge, terms: frozenset[Term]) -> tuple[AppliedEffect, ...]:
+    """Some of the effects found, with values that were not fitted to the recording that is replayed."""
+    evidence = judge.found.evidence
+    theta = evidence.fit(terms).theta if judge.judged else evidence.without_last(terms)
+    return evidence.terms.effects(evidence.terms.clipped(theta), terms)
 
 
 def _head(recording: Recording, duration: float) -> Recording:

@@ -33,6 +33,9 @@ FIRST_SCREEN_EFFECTS = 4
 LEARNT = ("rule", "interval", "line")
 """Kinds of regions that were learnt from the gap and hold a part of the motion."""
 
+ENGINE_NAMES = {"mujoco": "MuJoCo", "dart": "DART"}
+"""Engines as their makers write them."""
+
 FLOOR_SCALE = 4.0
 """The bars' axis reaches at least this many times the highest floor, so that a healthy arm's bars look small."""
 
@@ -122,8 +125,16 @@ def how_far(diagnosis: Diagnosis) -> dict[str, Any]:
         "bar": None if closed is None else max(0.0, closed),
         "mean": {name: _mean([row[i] for row in rows]) for i, name in enumerate(("before", "after", "floor"))},
         "replay": {"before": replay_before, "after": replay_after},
+        "elsewhere": [_elsewhere(engine, before, after) for engine in before.get("replay_elsewhere", {})],
         "judged_on": document.get("judged_on", "data that was not used to fit"),
     }
+
+
+def _elsewhere(engine: str, before: dict[str, Any], after: dict[str, Any]) -> dict[str, str]:
+    """Mean replay gap before and after in another engine."""
+    gaps = [_mean(stage["replay_elsewhere"].get(engine)) for stage in (before, after)]
+    [first], [second] = _angles(gaps[:1], gaps[1:])
+    return {"engine": ENGINE_NAMES.get(engine, engine), "before": first, "after": second}
 
 
 def left_over(diagnosis: Diagnosis) -> dict[str, Any]:

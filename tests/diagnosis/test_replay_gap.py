@@ -8,7 +8,8 @@ import pytest
 
 from arm.case import Case
 from diagnosis.findings import _known
-from diagnosis.replay_gap import MOST_TICKS, attempt, replay_gap
+from diagnosis.replay_gap import MOST_TICKS, ReplayGap, attempt, replay_gap
+from diagnosis.terms import Terms
 from effects.applied import AppliedEffect
 from envs.mystery import iiwa
 from envs.session import Plan, record_case
@@ -28,10 +29,10 @@ def _judge(case: Case, judged: bool = False, start: float = 0.0) -> SimpleNamesp
     evidence = SimpleNamespace(
         fit=lambda terms: SimpleNamespace(theta=PAYLOAD if judged else WRONG),
         without_last=lambda terms: WRONG if judged else PAYLOAD,
-        terms=SimpleNamespace(clipped=lambda theta: theta, effects=lambda theta, terms: (theta,)),
+        terms=SimpleNamespace(clipped=lambda theta: theta, effects=lambda theta, terms: (theta,) if terms else ()),
     )
     folds = [[SimpleNamespace(motion=SimpleNamespace(t=t))] for t in times]
-    found = SimpleNamespace(evidence=evidence, fit=SimpleNamespace(terms=frozenset()))
+    found = SimpleNamespace(evidence=evidence, fit=SimpleNamespace(terms=frozenset(Terms(7).of("payload"))))
     return SimpleNamespace(judged=["some"] if judged else [], folds=folds, found=found)
 
 
@@ -40,6 +41,21 @@ def test_the_effects_found_close_it(case: Case) -> None:
     assert found.warnings == () and found.before.shape == (7,)
     assert found.after.max() < 1e-3 and found.after.mean() < 0.05 * found.before.mean()
     assert _known(found.after) == found.after.tolist()
+
+
+def test_the_only_effect_alone_closes_what_all_do_and_without_it_nothing_is_closed(case: Case) -> None:
+    found = replay_gap(case, _judge(case))
+    assert list(found.only) == list(found.without) == ["payload"]
+    np.testing.assert_array_equal(found.only["payload"], found.after)
+    np.testing.assert_array_equal(found.without["payload"], found.before)
+
+
+def test_another_engine_says_the_same(case: Case) -> None:
+    pytest.importorskip("mujoco")
+    found = replay_gap(case, _judge(case))
+    before, after = found.elsewhere["mujoco"]
+    np.testing.assert_allclose(before, found.before, rtol=0.02, atol=2e-5)
+    assert after.mean() < 0.05 * before.mean()
 
 
 def test_a_recording_set_aside_is_replayed_with_values_fitted_to_all_others(case: Case) -> None:
@@ -59,7 +75,7 @@ def test_it_is_null_without_controller_or_reference(case: Case, unknown: str) ->
     bare = tuple(replace(recording, q_ref=None) for recording in case.recordings)
     less = replace(case, controller=None) if unknown == "controller" else replace(case, recordings=bare)
     found = replay_gap(less, _judge(case))
-    assert found == (None, None, ()) and _known(found.before) is None
+    assert found == ReplayGap() and _known(found.before) is None
 
 
 def test_an_arm_that_runs_away_is_null_with_a_warning(case: Case) -> None:
