@@ -16,6 +16,7 @@ from diagnosis.commanded import with_commanded_torque, with_likelier_rule
 from diagnosis.faults.found import FoundFault, repaired
 from diagnosis.findings import document
 from diagnosis.gap import TorqueGap, healthy, torque_gap, torque_scale
+from diagnosis.instruments import commanded, instrumented
 from diagnosis.judge import Judge
 from diagnosis.pictures import located, signatures, spectrum, traces
 from diagnosis.quantization import find_quantization
@@ -52,6 +53,7 @@ class Study:
         faults: what was wrong with the set-up, put right in the case before anything else, and what shows in the
             recordings themselves.
         sides: the gap on either side of the joint torque sensors; ``None`` without sensors.
+        by_commands: the effects with values by the commands as instruments; none where commands are not known.
     """
 
     case: Case
@@ -68,6 +70,7 @@ class Study:
     replay: ReplayGap
     faults: tuple[FoundFault, ...]
     sides: Sides | None = None
+    by_commands: tuple[AppliedEffect, ...] = ()
 
 
 def diagnose(
@@ -126,9 +129,8 @@ def _examined(case: Case, progress: Callable[[str], None], baseline: Baseline | 
     progress("conditions the signals")
     body = RigidBody(case.arm)
     cutoff = position_cutoff(case.recordings)
-    fitted = [condition(r, cutoff) for r in case.recordings if r.tau is not None]
     judged = [s for r in case.judged if r.tau is not None for s in condition(r, cutoff)]
-    folds = fitted if len(fitted) > 1 else [[b] for s in fitted[0] for b in blocks(s, BLOCKS)]
+    folds = _folds(case, cutoff)
     progress("searches for effects")
     found = search(case.arm, body, folds, min(TORQUE_CUTOFF, cutoff), progress)
     progress("judges on unseen data")
@@ -161,7 +163,20 @@ def _examined(case: Case, progress: Callable[[str], None], baseline: Baseline | 
         replayed,
         faults,
         find_sides(judge, nominal),
+        _by_commands(case, found, cutoff),
     )
+
+
+def _folds(case: Case, cutoff: float) -> list[list[Segment]]:
+    """Segments of each recording with a torque; of a single one the segments of its blocks."""
+    fitted = [condition(r, cutoff) for r in case.recordings if r.tau is not None]
+    return fitted if len(fitted) > 1 else [[b] for s in fitted[0] for b in blocks(s, BLOCKS)]
+
+
+def _by_commands(case: Case, found: Search, cutoff: float) -> tuple[AppliedEffect, ...]:
+    """The effects found with values by the commands as instruments; none where the commands are not known."""
+    told = commanded(case)
+    return () if told is None or not found.fit.terms else instrumented(case, found, _folds(told, cutoff)) or ()
 
 
 def _check_torque(case: Case) -> None:

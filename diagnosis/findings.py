@@ -24,6 +24,9 @@ from effects.applied import AppliedEffect
 if TYPE_CHECKING:
     from diagnosis.diagnose import Study
 
+PLAIN, PREDICTED = 2.2, 0.1
+"""What is left on a joint is plain from this many times the floor on; below that a flexible model has to predict this
+share of it on unseen data, as noise louder than believed looks alike but cannot be predicted."""
 CLOSING = 0.25
 """An effect on the arm or a link acts on the joints where it closes this share of what it closes at most."""
 
@@ -38,8 +41,10 @@ def document(study: Study) -> dict[str, Any]:
     faulty = next((f.gap_before for f in study.faults if f.gap_before is not None), None)
     total = study.before.nrmse if faulty is None else faulty
     effects = _with_faults(study, effects, total, after, floor)
-    verdict = _verdict(study, bool(effects), faulty)
     open_joints = [int(j) + 1 for j in np.flatnonzero(above)]
+    told = predictable(study.after, rows, study.floor, open_joints)
+    plain = any(p.share >= PREDICTED or study.left.ratio[p.joint - 1] >= PLAIN for p in told)
+    verdict = _verdict(study, bool(effects), faulty, plain)
     return {
         "schema": 1,
         "case": study.case.name,
@@ -64,7 +69,7 @@ def document(study: Study) -> dict[str, Any]:
             "joints": open_joints,
             "times_floor": _list(study.left.ratio),
             "where": [_region(r) for r in _located(study, study.after.error, rows, open_joints)],
-            "predictable": [p.document() for p in predictable(study.after, rows, study.floor, open_joints)],
+            "predictable": [p.document() for p in told],
         },
         "next_recording": _next(effects, open_joints),
         "where": [_region(r) for r in _before(study, rows, floor)],
@@ -73,19 +78,20 @@ def document(study: Study) -> dict[str, Any]:
     }
 
 
-def _verdict(study: Study, found: bool, faulty: np.ndarray | None) -> str:
+def _verdict(study: Study, found: bool, faulty: np.ndarray | None, plain: bool) -> str:
     """The verdict; an effect taken back leaves a gap open, if only on the recordings that it was fitted to.
 
     Args:
         study: what the findings are read from.
         found: whether any effect or fault was.
         faulty: torque NRMSE before a fault of the set-up was put right, where one widened the gap, (n,).
+        plain: whether what is left is more than noise that is louder than believed.
     """
     if found and faulty is not None and not study.left.more_than(faulty):
         return "effects_found"
     if found:
-        return "unexplained" if study.left.open else "effects_found"
-    return "unexplained" if study.left.above.any() or study.refusals else "no_gap"
+        return "unexplained" if study.left.open and plain else "effects_found"
+    return "unexplained" if plain or study.refusals else "no_gap"
 
 
 def _effects(study: Study, rows: Rows) -> list[dict[str, Any]]:
@@ -97,7 +103,7 @@ def _effects(study: Study, rows: Rows) -> list[dict[str, Any]]:
     return [
         {
             **_finding(study, applied, rows),
-            "parameters": parameters(study.found, applied, draws),
+            "parameters": parameters(study.found, applied, draws, _instrumented(study, applied)),
             "share": shares[finding_of(applied)].value,
             "share_interval": [shares[finding_of(applied)].low, shares[finding_of(applied)].high],
             "log_e": log_e.get(finding_of(applied)),
@@ -105,6 +111,11 @@ def _effects(study: Study, rows: Rows) -> list[dict[str, Any]]:
         }
         for applied in sorted(study.effects, key=lambda e: shares[finding_of(e)].value, reverse=True)
     ]
+
+
+def _instrumented(study: Study, applied: AppliedEffect) -> AppliedEffect | None:
+    """An effect found with values by the commands as instruments, where these are known."""
+    return next((e for e in study.by_commands if finding_of(e) == finding_of(applied)), None)
 
 
 def _with_faults(

@@ -152,16 +152,27 @@ class Linearisation:
         ends = np.cumsum([len(fold) for fold in self.data.folds])
         return [list(range(end - len(fold), end)) for fold, end in zip(self.data.folds, ends, strict=True)]
 
-    def _part(self, k: int) -> _Part:
-        segment, bodies = self.data.segments[k], self.data.bodies[k]
+    def rows(self, data: Data, k: int, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Equations of segment k of some data of the same arm: [A, N], (M, n, C + K), y and trust, each (M, n).
+
+        A are the columns in ``places``, shape (C,).
+        """
+        part = self._part(k, data)
+        x = np.concatenate([part.columns[:, :, places], data.nuisance[k]], axis=2)
+        trust = np.array([part.trust(j) for j in range(self.arm.n_joints)]).T
+        return x, part.gap + part.columns @ self.theta, trust
+
+    def _part(self, k: int, data: Data | None = None) -> _Part:
+        data = data or self.data
+        segment, bodies = data.segments[k], data.bodies[k]
         predicted, x = columns(self._corrected, self.body, segment, bodies, self.terms, self.theta)
         doubt = healthy(self._corrected, self.body, segment)
         assert segment.torque is not None
-        gap = self.data.thin(self._corrected.delivered(segment.torque) - predicted, segment)
-        rate = self.data.thin(np.gradient(predicted, segment.motion.t, axis=0), segment)
-        sticking = doubt.sticking[:: self.data.step(segment)]
-        x = self.data.thin(x, segment)
-        self._add_links(x, self.data.nuisance[k])
+        gap = data.thin(self._corrected.delivered(segment.torque) - predicted, segment)
+        rate = data.thin(np.gradient(predicted, segment.motion.t, axis=0), segment)
+        sticking = doubt.sticking[:: data.step(segment)]
+        x = data.thin(x, segment)
+        self._add_links(x, data.nuisance[k])
         return _Part(gap, x, rate, Healthy(doubt.steady, sticking), predicted)
 
     def _link(self, k: int) -> LinkRows:

@@ -17,10 +17,13 @@ def finding_of(applied: AppliedEffect) -> str:
     return f"{applied.name} {int(applied.parameters['link'])}" if "link" in applied.parameters else applied.name
 
 
-def parameters(found: Search, applied: AppliedEffect, draws: np.ndarray) -> dict[str, Any]:
+def parameters(
+    found: Search, applied: AppliedEffect, draws: np.ndarray, instrumented: AppliedEffect | None = None
+) -> dict[str, Any]:
     """Values with standard deviations: of linear coordinates from a block bootstrap, of shapes from their scan.
 
-    A delay or lag is uncertain by the sampling skew as well.
+    A delay or lag is uncertain by the sampling skew as well. Of linear coordinates the values by the commands as
+    instruments are added where they are known.
     """
     mine = [t for t in found.evidence.terms.all if t in found.fit.terms and t.finding == finding_of(applied)]
     c = mine[0].coordinates
@@ -39,6 +42,8 @@ def parameters(found: Search, applied: AppliedEffect, draws: np.ndarray) -> dict
             std = _spread(np.clip([sample[parameter.name] for sample in samples], *parameter.bounds))
         std = np.hypot(std, skew).reshape(value.shape)
         out[parameter.name] = {"unit": parameter.unit, "value": value.tolist(), "std": std.tolist()}
+        if instrumented is not None and parameter.name not in (*c.shape, "link"):
+            out[parameter.name]["by_commands"] = instrumented.parameters[parameter.name].tolist()
     return out
 
 
