@@ -12,7 +12,7 @@ from arm.case import Case
 from arm.errors import GapscopeError
 from arm.recording import Recording
 from diagnosis.judge import Judge
-from diagnosis.moves import by_finding
+from diagnosis.moves import RINGING, by_finding
 from diagnosis.terms import Term
 from effects.applied import AppliedEffect
 from envs.engines import installed
@@ -21,8 +21,9 @@ from envs.replay import replay
 ENGINE, SECOND_OPINIONS = "pybullet", ("mujoco",)
 """The engine that replays, and those that do so as well where they are installed."""
 
-MOST_TICKS = 12_000
-"""Ticks of the controller that are replayed: 12 s at 1 kHz, which takes a second or two."""
+MOST_TICKS, MOST_TICKS_RINGING = 12_000, 4_000
+"""Ticks of the controller that are replayed: 12 s at 1 kHz, which takes a second or two; a joint that rings or plays
+takes steps as small as its resonance asks for."""
 
 
 class ReplayGap(NamedTuple):
@@ -31,7 +32,8 @@ class ReplayGap(NamedTuple):
     Attributes:
         before, after: of the nominal arm, and of the arm with the effects found, in PyBullet.
         warnings: why something was not replayed although its controller is known.
-        only, without: of the arm with each effect alone, and with all others, by the effect's name in a finding.
+        only, without: of the arm with each effect alone, and with all others, by the effect's name in a finding; of
+            arms with joints that ring or play, which are slow to simulate, only the first two.
         elsewhere: before and after in the other engines that are installed.
     """
 
@@ -56,7 +58,9 @@ def replay_gap(case: Case, judge: Judge) -> ReplayGap:
     recording = _unseen(case, judge)
     if case.controller is None or recording.q_ref is None:
         return ReplayGap()
-    recording = _head(recording, MOST_TICKS / case.controller.rate)
+    none, every = frozenset[Term](), judge.found.fit.terms
+    rings = any(t.effect in RINGING for t in every)
+    recording = _head(recording, (MOST_TICKS_RINGING if rings else MOST_TICKS) / case.controller.rate)
     known: dict[tuple[frozenset[Term], str], tuple[np.ndarray | None, str | None]] = {}
 
     def gap(terms: frozenset[Term], engine: str = ENGINE) -> np.ndarray | None:
@@ -64,8 +68,7 @@ def replay_gap(case: Case, judge: Judge) -> ReplayGap:
             known[terms, engine] = attempt(case, _effects(judge, terms), recording, engine)
         return known[terms, engine][0]
 
-    none, every = frozenset[Term](), judge.found.fit.terms
-    parts = {next(iter(part)).finding: part for part in by_finding(every)}
+    parts = {} if rings else {next(iter(part)).finding: part for part in by_finding(every)}
     others = [engine for engine in SECOND_OPINIONS if installed(engine)]
     return ReplayGap(
         gap(none),

@@ -25,12 +25,14 @@ LEAST_PERIODS = 1.5
 """A ripple must be seen for this many of its periods in some recording; less is a bend that much else explains."""
 BIN = 0.1
 """Resolution of the windows in which a force may act [s]."""
-LEAST_LIMIT = 0.1
+LEAST_LIMIT = 0.01
 """Saturation lets at least this share of the largest recorded torque through..."""
-MOST_LIMITED = 0.4
+MOST_LIMITED = 0.85
 """...and acts for this share of the time at most: a controller whose torque never arrives cannot track..."""
 LEAST_NEED = 0.7
 """...and then this share of the limit is needed on average."""
+LIMITS = 60
+"""Limits that are tried."""
 LEAST_WINDOW = 0.3
 """Shortest such window [s]."""
 
@@ -185,7 +187,7 @@ def _saturation(
     u, need = np.vstack(torque)[:, 0], np.concatenate(needed)
     largest = float(np.abs(u).max())
     least = max(LEAST_LIMIT * largest, float(np.quantile(np.abs(u), 1.0 - MOST_LIMITED)))
-    limits = np.linspace(least, 0.98 * largest, 40)
+    limits = np.geomspace(least, 0.98 * largest, LIMITS)
     if known is not None:
         limits = np.clip(known * np.linspace(0.9, 1.1, 21), least, 0.999 * largest)
     beyond = np.abs(u)[:, None] > limits
