@@ -43,6 +43,9 @@ ALONE = 1.5
 """...and what they are multiplied with where there is one recording only."""
 LEAST_GAP = 0.03
 """A fault that lowers the nominal arm's torque NRMSE by less on every joint is not named."""
+LEAST_FALL = 0.1
+"""...nor one that lowers the sum of their squares over the joints by a smaller part: on little data a wrong reading and
+an extraordinary arm may explain together what an event did."""
 RIGHT, RIGHT_BY = 0.12, 3.0
 """Torque NRMSE below which the nominal arm is right as it is, and factor by which the gap has to fall to there."""
 COARSE = 4
@@ -174,10 +177,12 @@ def _fault(accepted: _Accepted) -> FoundFault:
 
 
 def _useless(fault: FoundFault) -> bool:
-    """Whether a fault told by the torque, put right, leaves the nominal arm's own gap on every joint as it was."""
+    """Whether a fault told by the torque, put right, leaves the nominal arm's own gap about as it was."""
     if fault.reading is None or fault.recordings or fault.gap_without_this is None or fault.gap_after is None:
         return False
-    return bool((fault.gap_without_this - fault.gap_after).max() < LEAST_GAP)
+    without, after = fault.gap_without_this, fault.gap_after
+    fallen = 1.0 - (after**2).sum() / max((without**2).sum(), 1e-12)
+    return bool((without - after).max() < LEAST_GAP or fallen < LEAST_FALL)
 
 
 def _with_gaps(case: Case, faults: tuple[FoundFault, ...]) -> tuple[FoundFault, ...]:
