@@ -13,7 +13,7 @@ from arm.nominal import NominalArm
 from diagnosis.contests import contest, doubt, prefer_payload
 from diagnosis.coordinates import COORDINATES
 from diagnosis.evidence import Evidence, Fit
-from diagnosis.moves import clashes, same
+from diagnosis.moves import RINGING, clashes, same
 from diagnosis.ringing import starts
 from diagnosis.state import VISIBLE_EFFECT, State
 from diagnosis.terms import EXPLAINED, Term
@@ -115,8 +115,13 @@ def _rings(state: State, progress: Callable[[str], None]) -> bool:
 
 
 def _pair(state: State, progress: Callable[[str], None]) -> bool:
-    """Add the best pair of effects that explain only together what is left, if there is one."""
+    """Add the best pair of effects that explain only together what is left, if there is one.
+
+    Not beside a joint that rings or plays, whose form leaves more than a pair that shows alone in neither part.
+    """
     before = state.model
+    if any(t.effect in RINGING for t in before.fit.terms):
+        return False
     found = (_group(state, effect) for effect in EXPLAINED)
     groups = sorted((g for g in found if g is not None), key=lambda fit: -fit.score)[:PAIRED]
     sets = [a.terms | b.terms for a, b in combinations(groups, 2) if not _contested(a.terms | b.terms)]
