@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from agents.controllers import ComputedTorque, Controller, Feedforward
 from agents.disturbances import NAMES as DISTURBANCES
 from agents.disturbances import check_disturbance, disturbance
 from agents.gains import Tuning, gains, own_inertia
+from agents.keeper import Forgetful, Keeper
 from agents.measures import Gauge, Measures
 from agents.model import ArmModel, Gravity, Model
 from agents.stability import largest_factor, settles
@@ -217,12 +219,22 @@ class Evaluation:
 
 
 def evaluate(
-    models: Mapping[str, Model | None], bench: Bench, progress: Callable[[str], None] = lambda message: None
+    models: Mapping[str, Model | None],
+    bench: Bench,
+    progress: Callable[[str], None] = lambda message: None,
+    keeper: Keeper | None = None,
 ) -> Evaluation:
-    """Try models by name; ``None`` stands for no feedforward at all."""
+    """Try models by name; ``None`` stands for no feedforward at all.
+
+    Args:
+        models: models by name.
+        bench: the arm on which they are tried.
+        progress: called with a few words at each step.
+        keeper: keeps what is finished; by default nothing does.
+    """
     episodes: list[Episode] = []
     margins: dict[tuple[str, str], float] = {}
-    plan = bench.plan
+    plan, keeper = bench.plan, keeper or Forgetful()
     for model in models.values():
         bench.controller(model)
     for engine in plan.engines:
@@ -230,7 +242,12 @@ def evaluate(
             which = f"{engine}, {name} ({number} of {len(models)})"
             for seed in plan.seeds:
                 progress(f"{which}: tracks, seed {seed}")
-                episodes.extend(bench.episodes(name, model, engine, seed))
+                work = partial(_episodes, bench, name, model, engine, seed)
+                episodes.extend(keeper.episodes(name, model, engine, seed, work))
             progress(f"{which}: raises the gains")
-            margins[name, engine] = bench.margin(model, engine)
+            margins[name, engine] = keeper.margin(name, model, engine, partial(bench.margin, model, engine))
     return Evaluation(tuple(episodes), margins)
+
+
+def _episodes(bench: Bench, name: str, model: Model | None, engine: str, seed: int) -> list[Episode]:
+    return list(bench.episodes(name, model, engine, seed))

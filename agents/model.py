@@ -82,6 +82,11 @@ class ArmModel:
         self.ahead: np.ndarray = sum(times, np.zeros(corrected.arm.n_joints))
         self._instant = replace(self._corrected, effects=tuple(e for e in lasting if _instant(e.name, e.effect)))
 
+    @property
+    def corrected(self) -> CorrectedArm:
+        """The arm with its lasting effects."""
+        return self._corrected
+
     def __call__(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         """Torque to command [N m], shape (n,), of one sample, each (n,)."""
         arm = self._instant

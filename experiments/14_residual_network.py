@@ -5,8 +5,8 @@
 Needs the extra `learn`. A case is diagnosed on the first recordings, or on the first 60 % of a single one; networks and
 baselines are trained on the same data; the error is measured on the rest, which nothing has seen. Both sides are
 filtered at 12 Hz. For the Kinova arm the torque from the motor currents is explained by the joint torque sensors, a
-scale, friction, rotor and offset fitted by least squares. Printed are Markdown tables; `outside.html` shows torque and
-trust on the way out of the range of training.
+scale, friction, rotor and offset fitted by least squares. Printed are Markdown tables; `outside_NAME.html` shows
+torque, spread and trust on the way out of the range of training (``residual_outside.py``).
 """
 
 from __future__ import annotations
@@ -19,9 +19,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import plotly.graph_objects as go
 import torch
-from plotly.subplots import make_subplots
+from residual_outside import report
 
 from arm.case import Case, load_case
 from arm.dynamics import RigidBody
@@ -230,34 +229,6 @@ def latency(residual: ResidualNetwork) -> tuple[float, float]:
     return found[0], found[1]
 
 
-def outside(problems: list[Problem], networks: list[list[ResidualNetwork]], path: Path) -> None:
-    """Torque and trust as velocity and acceleration grow beyond the training's, per recording."""
-    factors = np.linspace(0.0, 6.0, 61)
-    figure = make_subplots(rows=len(problems), cols=2, subplot_titles=[t for p in problems for t in (
-        f"{p.name}: RMS torque over the RMS residual", f"{p.name}: trust")])  # fmt: skip
-    for k, (problem, forms) in enumerate(zip(problems, networks, strict=True), 1):
-        x = problem.fit[0]
-        for residual in forms:
-            sizes, trusts = [], []
-            for factor in factors:
-                m = Motion(x.motion.t, x.motion.q, factor * x.motion.dq, factor**2 * x.motion.ddq)
-                rows = x.rows[:: max(1, len(x.rows) // 300)]
-                said = residual.of_windows(residual.inputs.windows(m, x.load, rows))
-                sizes.append(float(np.sqrt(((said.torque / residual.scale) ** 2).mean())))
-                trusts.append(float(said.trust.mean()))
-            for column, values in enumerate((sizes, trusts), 1):
-                name = residual.network.form.upper()
-                line = {
-                    "dash": "solid" if name == "MLP" else "dash",
-                    "color": "#0072b2" if name == "MLP" else "#d55e00",
-                }
-                drawn = go.Scatter(x=factors, y=values, name=name, line=line, showlegend=k == column == 1)
-                figure.add_trace(drawn, k, column)
-    figure.update_xaxes(title_text="speed over the speed of training")
-    figure.update_layout(height=260 * len(problems), template="plotly_white")
-    figure.write_html(path, include_plotlyjs=True)
-
-
 def main() -> None:
     """Study each recording."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
@@ -272,8 +243,9 @@ def main() -> None:
         for residual in forms:
             numpy_time, script_time = latency(residual)
             print(f"| {problem.name} | {residual.network.form.upper()} | {numpy_time:.0f} | {script_time:.0f} |")
-    outside(problems, networks, arguments.out / "outside.html")
-    print(f"\nwrote {arguments.out / 'outside.html'}")
+    print()
+    for problem, forms in zip(problems, networks, strict=True):
+        print(report(problem.name, forms, problem.fit[0], arguments.out) + "\n", flush=True)
 
 
 if __name__ == "__main__":

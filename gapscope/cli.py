@@ -350,6 +350,7 @@ def advise(
 
 @app.command()
 def evaluate(
+    ctx: typer.Context,
     models: Annotated[
         list[str],
         typer.Argument(
@@ -375,19 +376,34 @@ def evaluate(
     law: Annotated[
         str, typer.Option(help="feedforward (the model beside PD), or computed (the model inside the loop)")
     ] = "feedforward",
+    env: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            help="YAML file with robot, effects, engine, motions, bandwidth, ...; or gapscope/ArmTracking-v0. Options "
+            "that are given win",
+            metavar="FILE",
+        ),
+    ] = None,
+    again: Annotated[
+        bool, typer.Option("--again", help="begin anew, also where an earlier run was interrupted")
+    ] = False,
 ) -> None:
     """Evaluate models of an arm by how well a simulated arm with effects is tracked with them."""
     from agents.evaluation import Plan
     from agents.gains import Tuning
+    from gapscope.environment_file import chosen
     from gapscope.evaluate import evaluate_files
     from gapscope.evaluation_table import tables
 
+    arm, given, unused = chosen(env, ctx)
+    if unused:
+        _log.print(f"note: {env}: {', '.join(unused)} have no say here", highlight=False, markup=False, soft_wrap=True)
     plan = Plan(
-        _names(motions), _names(disturbances), tuple(range(seeds)), _names(engine), duration,
-        Tuning(bandwidth, damping), law,
+        _names(given["motions"]), _names(given["disturbances"]), tuple(range(given["seeds"])), _names(given["engine"]),
+        given["duration"], Tuning(given["bandwidth"], given["damping"]), given["law"],
     )  # fmt: skip
-    with _Progress(robot) as progress:
-        content, lines, paths = evaluate_files(models, robot, effects, plan, out, progress)
+    with _Progress(arm if isinstance(arm, str) else arm.name) as progress:
+        content, lines, paths = evaluate_files(models, arm, given["effects"], plan, out, progress, again=again)
     _console.print(tables(lines, content))
     correlation = content["rank_correlation_of_torque_and_joint_error"]
     if correlation is not None:
@@ -397,6 +413,38 @@ def evaluate(
 
 def _names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+@app.command()
+def export(
+    corrected: Annotated[Path, typer.Argument(help="corrected.yaml of a diagnosis", metavar="CORRECTED")],
+    out: Annotated[Path, typer.Option(help="file to write", metavar="FILE")],
+    file_format: Annotated[str, typer.Option("--format", help="urdf, mjcf or sdf")],
+    case: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option(help="the case that was diagnosed: its nominal arm and data sheet", metavar="CASE"),
+    ] = None,
+    robot: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(help="in its place: kuka_iiwa, ..., or a URDF", metavar="ROBOT"),
+    ] = None,
+    relative_meshes: Annotated[
+        bool, typer.Option("--relative-meshes", help="name meshes from the folder of FILE, not absolutely")
+    ] = False,
+) -> None:
+    """Write the corrected arm for other simulators, and say what the format cannot hold."""
+    from gapscope.export import export_file
+
+    with _Progress(corrected.name) as progress:
+        progress(f"writes {file_format}")
+        missing, odd = export_file(corrected, case, robot, file_format, out, relative_meshes)
+    for title, lines in (
+        (f"left out of {out.name}:", missing),
+        ("odd:", odd),
+    ):
+        for line in (title, *(f"  {each}" for each in lines)) if lines else ():
+            _console.print(line, highlight=False, markup=False, soft_wrap=True)
+    _wrote(out)
 
 
 @app.command()

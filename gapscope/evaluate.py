@@ -18,6 +18,7 @@ from arm.robots import load_nominal_arm
 from arm.whole import written_whole
 from effects.corrected_file import blaming, read_corrected
 from envs.arguments import described
+from gapscope.evaluation_cells import Cells
 from gapscope.evaluation_page import write_page
 from gapscope.run import make_folder
 
@@ -26,21 +27,26 @@ DOCUMENT, PAGE, TABLE = "evaluation.json", "evaluation.html", "evaluation.csv"
 
 def evaluate_files(
     models: list[str],
-    robot: str,
+    robot: str | NominalArm,
     effects: Path | None,
     plan: Plan,
     out: Path,
     progress: Callable[[str], None] = lambda message: None,
+    *,
+    again: bool = False,
 ) -> tuple[dict[str, Any], list[Line], list[Path]]:
     """Evaluate models and write the page, the episodes as CSV and, as the last, ``evaluation.json``.
 
+    What is finished is kept in a folder in ``out`` until then, so that the same call goes on after an interruption.
+
     Args:
         models: see ``agents.model_files.read_models``.
-        robot: a name or URDF; or a case, whose nominal arm is taken.
+        robot: a nominal arm; a name or URDF; or a case, whose nominal arm is taken.
         effects: file of the form of ``corrected.yaml`` with what the arm that is tracked has beyond the nominal one.
         plan: how to evaluate.
         out: folder for the results.
         progress: called with a few words at each step.
+        again: do not go on from what an earlier call has kept.
 
     Returns:
         The document, its lines, and the files.
@@ -49,7 +55,7 @@ def evaluate_files(
         InputError: an argument or a file is at fault.
         GapscopeError: a file cannot be written.
     """
-    arm = _arm(robot)
+    arm = robot if isinstance(robot, NominalArm) else _arm(robot)
     hidden = () if effects is None else read_corrected(effects)
     tried = read_models(models, arm)
     with blaming(effects, hidden):
@@ -60,7 +66,10 @@ def evaluate_files(
     except OSError as error:
         raise GapscopeError(f"{out / DOCUMENT}: cannot be replaced ({error.strerror})", "remove it") from None
     with blaming(effects, hidden):
-        evaluation = evaluate(tried, bench, progress)
+        cells = Cells(out, bench, again)
+        evaluation = evaluate(tried, bench, progress, cells)
+    if cells.reused:
+        progress(f"{cells.reused} parts were taken from a run that was interrupted")
     lines = summarise(evaluation)
     content = document(bench, evaluation, lines)
     progress("writes the page")
@@ -72,6 +81,7 @@ def evaluate_files(
         writer.writerows(rows)
     with written_whole(out / DOCUMENT) as aside:
         aside.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    cells.clear()
     return content, lines, [out / name for name in (PAGE, DOCUMENT, TABLE)]
 
 

@@ -34,7 +34,7 @@ def made_from(path: Path) -> dict[str, str]:
         except OSError as error:
             raise GapscopeError(f"{file}: cannot be read ({error.strerror})", "check the path") from None
         digest.update(file.name.encode() + b"\0" + content)
-    return {"case_sha256": digest.hexdigest(), "program_sha256": _program()}
+    return {"case_sha256": digest.hexdigest(), "program_sha256": program()}
 
 
 def kept(case: Path, folder: Path) -> dict[str, Any] | None:
@@ -49,7 +49,8 @@ def kept(case: Path, folder: Path) -> dict[str, Any] | None:
 
 
 @cache
-def _program() -> str:
+def program() -> str:
+    """SHA-256 of what leads to a diagnosis: its source, Python and the libraries."""
     parts = [source_hash(), platform.python_version(), *(f"{name} {_version(name)}" for name in LIBRARIES)]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 

@@ -68,7 +68,7 @@ def test_what_is_whole_and_unchanged_is_kept(
     done = gapscope("diagnose", sick, healthy, "--out", out, "--again")
     assert "kept" not in done.out and texts(out)["sick"] == first["sick"]
 
-    monkeypatch.setattr("gapscope.resume._program", lambda: "another")
+    monkeypatch.setattr("gapscope.resume.program", lambda: "another")
     assert kept(sick, out / "sick") is None
 
 

@@ -1,0 +1,1 @@
+"""The corrected arm as a file for other simulators."""

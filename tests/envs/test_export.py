@@ -1,0 +1,315 @@
+"""An exported arm, loaded again by other simulators, needs the torque that the corrected arm needs."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from arm.dynamics import RigidBody
+from arm.errors import InputError
+from arm.motion import Motion
+from arm.nominal import NominalArm
+from arm.robots import load_nominal_arm
+from effects.applied import AppliedEffect
+from effects.catalogue import CATALOGUE
+from effects.corrected import CorrectedArm
+from envs.engines import installed
+from envs.export.left_out import FORMATS, HELD
+from envs.export.writing import export
+
+BODIES = (
+    AppliedEffect("payload", (), {"mass": 1.3, "com": [0.02, -0.01, 0.05]}),
+    AppliedEffect("link_inertia", (), {"link": 2, "mass": 0.4, "com": [0.01, 0.02, -0.01]}),
+    AppliedEffect("base_tilt", (), {"roll": 0.1, "pitch": -0.2}),
+)
+DRIVES = (
+    AppliedEffect("viscous_friction", (1, 3), {"coefficient": [2.0, 3.0]}),
+    AppliedEffect("coulomb_friction", (2,), {"torque": [4.0]}),
+    AppliedEffect("armature", (1, 2), {"inertia": [0.4, 0.3]}),
+    AppliedEffect("parallel_spring", (2,), {"stiffness": [12.0], "rest": [0.3]}),
+    AppliedEffect("torque_saturation", (4,), {"limit": [20.0]}),
+)
+HARD = (
+    AppliedEffect("stribeck_friction", (2,), {"torque": [1.0], "velocity": [0.1]}),
+    AppliedEffect("actuator_delay", (4,), {"delay": [0.008]}),
+    AppliedEffect("encoder_offset", (3,), {"offset": [0.02]}),
+)
+ROBOTS = ("kuka_iiwa", "franka_panda")
+Torque = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
+
+def states(arm: CorrectedArm, seed: int = 0, count: int = 6) -> Motion:
+    """Random states within the limits, as a motion whose samples have nothing to do with each other."""
+    rng, n = np.random.default_rng(seed), arm.arm.n_joints
+    low, high = RigidBody(arm.arm).position_limits()
+    q = rng.uniform(np.clip(0.9 * low, -2, 2), np.clip(0.9 * high, -2, 2), (count, n))
+    return Motion(np.arange(count) / 250, q, rng.normal(size=(count, n)), 3 * rng.normal(size=(count, n)))
+
+
+def each(motion: Motion, torque: Torque) -> np.ndarray:
+    return np.array([torque(*state) for state in zip(motion.q, motion.dq, motion.ddq, strict=True)])
+
+
+def needed(arm: CorrectedArm, motion: Motion) -> np.ndarray:
+    return arm.needed_torque(arm.rigid_torque(RigidBody(arm.arm), motion), motion)
+
+
+def random_effects(rng: np.random.Generator, n: int) -> tuple[AppliedEffect, ...]:
+    """Changes of the bodies, of any size that a body can have."""
+    return (
+        AppliedEffect("payload", (), {"mass": rng.uniform(0, 5), "com": rng.uniform(-0.2, 0.2, 3)}),
+        *(
+            AppliedEffect(
+                "link_inertia", (), {"link": j + 1, "mass": rng.uniform(-0.4, 1), "com": rng.uniform(-0.05, 0.05, 3)}
+            )
+            for j in range(n)
+        ),
+        AppliedEffect("base_tilt", (), {"roll": rng.uniform(-1, 1), "pitch": rng.uniform(-1, 1)}),
+    )
+
+
+@pytest.fixture(params=ROBOTS)
+def nominal(request: pytest.FixtureRequest) -> NominalArm:
+    return load_nominal_arm(request.param)
+
+
+@pytest.fixture
+def bullet() -> Iterator[object]:
+    import pybullet
+
+    client = pybullet.connect(pybullet.DIRECT)
+    pybullet.setGravity(0, 0, -9.81)
+    yield pybullet
+    pybullet.disconnect(client)
+
+
+class TestTorque:
+    @pytest.mark.parametrize("seed", range(3))
+    def test_of_urdf_in_pinocchio(self, nominal: NominalArm, tmp_path: Path, seed: int) -> None:
+        arm = CorrectedArm(nominal, random_effects(np.random.default_rng(seed), nominal.n_joints))
+        export(arm, "urdf", tmp_path / "arm.urdf")
+        again = load_nominal_arm(tmp_path / "arm.urdf", joints=nominal.joints)
+        motion = states(arm, seed)
+        want = arm.rigid_torque(RigidBody(nominal), motion)
+        assert RigidBody(again).inverse_dynamics(motion.q, motion.dq, motion.ddq) == pytest.approx(want, rel=1e-9)
+
+    def test_of_urdf_in_pybullet(self, nominal: NominalArm, bullet, tmp_path: Path) -> None:
+        arm = CorrectedArm(nominal, BODIES)
+        export(arm, "urdf", tmp_path / "arm.urdf")
+        flags = bullet.URDF_USE_INERTIA_FROM_FILE
+        robot = bullet.loadURDF(str(tmp_path / "arm.urdf"), useFixedBase=True, flags=flags)
+
+        def torque(*state: np.ndarray) -> np.ndarray:
+            return np.array(bullet.calculateInverseDynamics(robot, *(x.tolist() for x in state)))
+
+        motion = states(arm)
+        want = arm.rigid_torque(RigidBody(nominal), motion)
+        assert each(motion, torque) == pytest.approx(want, rel=1e-6, abs=1e-6)
+
+    @pytest.mark.skipif(not installed("mujoco"), reason="mujoco is not installed")
+    def test_of_mjcf_in_mujoco_with_rotors_friction_and_springs(self, nominal: NominalArm, tmp_path: Path) -> None:
+        import mujoco
+
+        arm = CorrectedArm(nominal, BODIES + DRIVES)
+        missing, _ = export(arm, "mjcf", tmp_path / "arm.xml")
+        assert missing == ("velocity limits of the joints: MuJoCo knows none",)
+        model = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
+        dry = model.dof_frictionloss.copy()
+        off = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS
+        model.opt.disableflags |= off
+        data = mujoco.MjData(model)
+
+        def torque(*state: np.ndarray) -> np.ndarray:
+            data.qpos[:], data.qvel[:], data.qacc[:] = state
+            mujoco.mj_inverse(model, data)
+            return data.qfrc_inverse.copy()
+
+        motion = states(arm)
+        got = each(motion, torque) + dry * np.tanh(motion.dq / 0.005)
+        assert got == pytest.approx(needed(arm, motion), rel=1e-6, abs=1e-9)
+
+    @pytest.mark.skipif(not installed("dart"), reason="dartpy is not installed")
+    def test_of_sdf_in_dart(self, tmp_path: Path) -> None:
+        import dartpy
+
+        arm = CorrectedArm(load_nominal_arm("kuka_iiwa"), BODIES)
+        export(arm, "sdf", tmp_path / "arm.sdf")
+        text = ET.parse(tmp_path / "arm.sdf")
+        for link in text.getroot().iter("link"):  # DART is slow at shapes
+            for shape in (*link.findall("visual"), *link.findall("collision")):
+                link.remove(shape)
+        text.write(tmp_path / "arm.sdf")
+        skeleton = dartpy.utils.SdfParser.readSkeleton(str(tmp_path / "arm.sdf"))
+        skeleton.setGravity(np.array([0, 0, -9.81]))
+
+        def torque(*state: np.ndarray) -> np.ndarray:
+            for setter, value in zip(("Positions", "Velocities", "Accelerations"), state, strict=True):
+                getattr(skeleton, f"set{setter}")(value)
+            skeleton.computeInverseDynamics()
+            return skeleton.getForces().copy()
+
+        motion = states(arm)
+        assert each(motion, torque) == pytest.approx(arm.rigid_torque(RigidBody(arm.arm), motion), rel=1e-6, abs=1e-9)
+
+    def test_stands_as_gravity_of_the_case_says(self, tmp_path: Path) -> None:
+        wall = load_nominal_arm("kuka_iiwa", gravity=[0.0, -9.81, 0.0])
+        arm = CorrectedArm(wall, BODIES)
+        export(arm, "urdf", tmp_path / "arm.urdf")
+        motion = states(arm)
+        got = RigidBody(load_nominal_arm(tmp_path / "arm.urdf")).inverse_dynamics(motion.q, motion.dq, motion.ddq)
+        assert got == pytest.approx(arm.rigid_torque(RigidBody(wall), motion), rel=1e-9)
+
+    def test_of_a_link_that_takes_over_what_is_fixed_to_it(self, tmp_path: Path) -> None:
+        """3 kg less than the flange weighs alone, but its hand is heavier still."""
+        (tmp_path / "robot.urdf").write_text(
+            '<robot name="r"><link name="base"/><joint name="j" type="revolute"><parent link="base"/><child link="l"/>'
+            '<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="9" velocity="3"/></joint><link name="l"><inertial>'
+            '<mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+            '<joint name="f" type="fixed"><parent link="l"/><child link="hand"/><origin xyz="0.5 0 0"/></joint>'
+            '<link name="hand"><inertial><mass value="9"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+            "</inertial></link></robot>"
+        )
+        lighter = AppliedEffect("link_inertia", (), {"link": 1, "mass": -3.0, "com": [0.0, 0.0, 0.1]})
+        arm = CorrectedArm(load_nominal_arm(tmp_path / "robot.urdf"), (lighter,))
+        export(arm, "urdf", tmp_path / "out.urdf")
+        motion = states(arm)
+        body = RigidBody(load_nominal_arm(tmp_path / "out.urdf"))
+        assert body.inertial_parameters()[0] == pytest.approx(7.0)
+        want = arm.rigid_torque(RigidBody(arm.arm), motion)
+        assert body.inverse_dynamics(motion.q, motion.dq, motion.ddq) == pytest.approx(want, rel=1e-9)
+
+
+class TestJoints:
+    def test_friction_and_limits_in_urdf(self, tmp_path: Path) -> None:
+        arm = CorrectedArm(load_nominal_arm("kuka_iiwa"), DRIVES)
+        export(arm, "urdf", tmp_path / "arm.urdf")
+        again = load_nominal_arm(tmp_path / "arm.urdf")
+        assert again.viscous == pytest.approx(arm.arm.viscous + np.array([2, 0, 3, 0, 0, 0, 0]))
+        assert again.coulomb == pytest.approx([0, 4, 0, 0, 0, 0, 0])
+        body, nominal = RigidBody(again), RigidBody(arm.arm)
+        assert body.effort_limits() == pytest.approx(np.where(np.arange(7) == 3, 20.0, nominal.effort_limits()))
+        assert np.array(body.position_limits()) == pytest.approx(np.array(nominal.position_limits()))
+        assert body.velocity_limits() == pytest.approx(nominal.velocity_limits())
+
+    def test_friction_spring_and_limits_in_sdf(self, tmp_path: Path) -> None:
+        arm = CorrectedArm(load_nominal_arm("kuka_iiwa"), DRIVES)
+        export(arm, "sdf", tmp_path / "arm.sdf")
+        root = ET.parse(tmp_path / "arm.sdf").getroot()
+        joints = {joint.get("name"): joint for joint in root.iter("joint")}
+        said = {x.tag: float(x.text) for x in joints[arm.arm.joints[1]].find("axis/dynamics")}
+        assert said == {"damping": 0.5, "friction": 4.0, "spring_reference": 0.3, "spring_stiffness": 12.0}
+        limit = {x.tag: float(x.text) for x in joints[arm.arm.joints[3]].find("axis/limit")}
+        assert limit == pytest.approx({"lower": -2.0943951, "upper": 2.0943951, "effort": 20.0, "velocity": 10.0})
+
+    @pytest.mark.skipif(not installed("mujoco"), reason="mujoco is not installed")
+    def test_an_actuator_delivers_what_the_drive_does(self, tmp_path: Path) -> None:
+        """100 N m are commanded: clipped to 20, times 1.5, plus 2; joint 1 follows a step with its time constant."""
+        import mujoco
+
+        effects = (
+            AppliedEffect("torque_saturation", (4,), {"limit": [20.0]}),
+            AppliedEffect("torque_scale", (4,), {"scale": [0.5]}),
+            AppliedEffect("torque_offset", (4,), {"torque": [2.0]}),
+            AppliedEffect("actuator_lag", (1,), {"time_constant": [0.05]}),
+        )
+        export(CorrectedArm(load_nominal_arm("kuka_iiwa"), effects), "mjcf", tmp_path / "arm.xml")
+        model = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
+        model.opt.timestep = 1e-3
+        data = mujoco.MjData(model)
+        data.ctrl[[0, 3]] = 10.0, 100.0
+        for _ in range(51):
+            mujoco.mj_step(model, data)
+        assert data.qfrc_actuator[3] == pytest.approx(32.0)
+        assert data.qfrc_actuator[0] == pytest.approx(10 * (1 - np.exp(-1.0)), rel=0.02)
+
+    def test_joints_that_are_not_the_arms_are_fixed(self, tmp_path: Path) -> None:
+        missing, _ = export(CorrectedArm(load_nominal_arm("franka_panda")), "urdf", tmp_path / "arm.urdf")
+        assert len(missing) == 1 and "panda_finger_joint1, panda_finger_joint2" in missing[0]
+        assert load_nominal_arm(tmp_path / "arm.urdf").n_joints == 7
+
+
+class TestShapes:
+    @pytest.mark.parametrize("form", FORMATS)
+    @pytest.mark.parametrize("relative", [False, True])
+    def test_meshes_are_found_from_the_new_place(self, tmp_path: Path, form: str, relative: bool) -> None:
+        out = tmp_path / "deep" / "arm.xml"
+        export(CorrectedArm(load_nominal_arm("franka_panda")), form, out, relative=relative)
+        root = ET.parse(out).getroot()
+        names = [x.get("filename") or x.get("file") for x in root.iter("mesh") if x.get("filename") or x.get("file")]
+        names += [uri.text for uri in root.iter("uri")]
+        assert len(names) > 8
+        for name in names:
+            assert Path(name).is_absolute() != relative and (out.parent / name).is_file()
+
+    def test_a_mesh_that_is_not_found_is_told(self, tmp_path: Path) -> None:
+        text = load_nominal_arm("kuka_iiwa").urdf.read_text()
+        (tmp_path / "robot.urdf").write_text(text)
+        missing, _ = export(CorrectedArm(load_nominal_arm(tmp_path / "robot.urdf")), "mjcf", tmp_path / "arm.xml")
+        assert any("link_3.obj is not found" in line for line in missing)
+        assert "link_3.obj is not found" in (tmp_path / "arm.xml").read_text()
+
+
+class TestLeftOut:
+    @pytest.mark.parametrize("form", FORMATS)
+    def test_is_told_and_written_with_figures(self, tmp_path: Path, form: str) -> None:
+        out = tmp_path / "arm.xml"
+        missing, _ = export(CorrectedArm(load_nominal_arm("kuka_iiwa"), DRIVES + HARD), form, out)
+        text = out.read_text(encoding="utf-8")
+        said = "\n".join(missing)
+        for part in ("velocity 0.1 rad/s", "actuator_delay, joint 4: delay 0.008 s", "encoder_offset, joint 3"):
+            assert part in said
+        assert ("armature" in said) == (form != "mjcf") and ("parallel_spring" in said) == (form == "urdf")
+        assert all(line in text for line in missing)
+
+    @pytest.mark.parametrize("form", FORMATS)
+    @pytest.mark.parametrize("name", CATALOGUE)
+    def test_every_effect_is_held_or_told(self, tmp_path: Path, form: str, name: str) -> None:
+        definition = CATALOGUE[name]
+        typical = {p.name: np.full(p.size, 0.5 * sum(p.typical)) for p in definition.parameters}
+        values = {key: value if len(value) > 1 else float(value[0]) for key, value in typical.items()}
+        if name == "link_inertia":
+            values["link"] = 1
+        effect = AppliedEffect(name, (1,) if definition.scope == "joint" else (), values)
+        missing, _ = export(CorrectedArm(load_nominal_arm("kuka_iiwa"), (effect,)), form, tmp_path / "arm.xml")
+        assert any(line.startswith(name) for line in missing) != (name in HELD[form])
+
+
+class TestMjcfSource:
+    MJCF = (
+        '<mujoco model="m"><compiler angle="radian" autolimits="true"/><worldbody><body name="base"><body name="l">'
+        '<inertial pos="0.3 0 0.1" mass="2" diaginertia="0.1 0.2 0.25"/><joint name="j" axis="0 1 0" range="-1 1" '
+        'armature="0.3" damping="0.4" frictionloss="0.5"/></body></body></worldbody></mujoco>'
+    )
+
+    @pytest.mark.parametrize("form", ["urdf", "mjcf"])
+    def test_bodies_are_written_without_shapes(self, tmp_path: Path, form: str) -> None:
+        (tmp_path / "robot.xml").write_text(self.MJCF)
+        arm = CorrectedArm(load_nominal_arm(tmp_path / "robot.xml"), BODIES[:1])
+        out = tmp_path / "out.xml"
+        missing, _ = export(arm, form, out)
+        assert any("URDF files alone" in line for line in missing)
+        again, motion = load_nominal_arm(out), states(arm)
+        want = arm.rigid_torque(RigidBody(arm.arm), motion)
+        assert RigidBody(again).inverse_dynamics(motion.q, motion.dq, motion.ddq) == pytest.approx(want, rel=1e-9)
+        assert again.viscous == pytest.approx([0.4]) and again.coulomb == pytest.approx([0.5])
+
+
+class TestRefused:
+    def test_unknown_format(self, tmp_path: Path) -> None:
+        with pytest.raises(InputError, match="did you mean 'mjcf'"):
+            export(CorrectedArm(load_nominal_arm("kuka_iiwa")), "mjc", tmp_path / "arm.xml")
+
+    def test_friction_that_feeds_energy_in(self, tmp_path: Path) -> None:
+        effect = AppliedEffect("viscous_friction", (2,), {"coefficient": [-3.0]})
+        with pytest.raises(InputError, match="feed energy in"):
+            export(CorrectedArm(load_nominal_arm("kuka_iiwa"), (effect,)), "urdf", tmp_path / "arm.urdf")
+
+    def test_a_body_that_cannot_be(self, tmp_path: Path) -> None:
+        effect = AppliedEffect("payload", (), {"mass": -40.0, "com": [0.0, 0.0, 0.0]})
+        with pytest.raises(InputError, match="payload"):
+            export(CorrectedArm(load_nominal_arm("kuka_iiwa"), (effect,)), "sdf", tmp_path / "arm.sdf")
+        assert not (tmp_path / "arm.sdf").exists()
