@@ -44,8 +44,8 @@ ALONE = 1.5
 LEAST_GAP = 0.03
 """A fault that lowers the nominal arm's torque NRMSE by less on every joint is not named."""
 LEAST_FALL = 0.1
-"""...nor one that lowers the sum of their squares over the joints by a smaller part: on little data a wrong reading and
-an extraordinary arm may explain together what an event did."""
+"""...nor, of one recording alone, one that lowers the sum of their squares over the joints by a smaller part: a wrong
+reading and an extraordinary arm may explain together what an event did."""
 RIGHT, RIGHT_BY = 0.12, 3.0
 """Torque NRMSE below which the nominal arm is right as it is, and factor by which the gap has to fall to there."""
 COARSE = 4
@@ -81,7 +81,8 @@ def find_setup_faults(case: Case) -> tuple[FoundFault, ...]:
     cleaned = repaired(case, stamps)
     told = _by_torque(cleaned)
     found = _with_gaps(case, merged((*stamps, *(told or _shifted_inertials(cleaned)))))
-    kept = tuple(f for f in found if not _useless(f))
+    alone = sum(r.tau is not None for r in case.recordings) == 1
+    kept = tuple(f for f in found if not _useless(f, alone))
     return kept if len(kept) == len(found) else _with_gaps(case, kept)
 
 
@@ -176,13 +177,18 @@ def _fault(accepted: _Accepted) -> FoundFault:
     )
 
 
-def _useless(fault: FoundFault) -> bool:
-    """Whether a fault told by the torque, put right, leaves the nominal arm's own gap about as it was."""
+def _useless(fault: FoundFault, alone: bool) -> bool:
+    """Whether a fault told by the torque, put right, leaves the nominal arm's own gap about as it was.
+
+    Args:
+        fault: the fault.
+        alone: whether one recording tells it.
+    """
     if fault.reading is None or fault.recordings or fault.gap_without_this is None or fault.gap_after is None:
         return False
     without, after = fault.gap_without_this, fault.gap_after
     fallen = 1.0 - (after**2).sum() / max((without**2).sum(), 1e-12)
-    return bool((without - after).max() < LEAST_GAP or fallen < LEAST_FALL)
+    return bool((without - after).max() < LEAST_GAP or (alone and fallen < LEAST_FALL))
 
 
 def _with_gaps(case: Case, faults: tuple[FoundFault, ...]) -> tuple[FoundFault, ...]:

@@ -123,6 +123,22 @@ def test_values_come_with_their_deviations() -> None:
     assert set(found.document()["parameters"]["amount"]) == {"unit", "value", "std"}
 
 
+def test_one_gear_ratio_for_all_joints_is_found_as_one() -> None:
+    (found,) = find_setup_faults(spoilt(sound("healthy"), UnitMismatch("motor_side", (), 120.0)))
+    ratios = found.parameters["ratio"].value
+    assert len(set(ratios)) == 1 and ratios[0] == pytest.approx(120.0, rel=0.02)
+
+
+def test_gear_ratios_of_their_own_are_told_apart() -> None:
+    """Wide errors of an arm may not stand in for a wrong ratio: the nominal arm fits the recordings as read."""
+    case = sound("healthy")
+    for joint, ratio in ((1, 50.0), (2, 100.0), (3, 160.0)):
+        case = spoilt(case, UnitMismatch("motor_side", (joint,), ratio))
+    (found,) = find_setup_faults(case)
+    assert found.parameters["ratio"].value == pytest.approx((50.0, 100.0, 160.0), rel=0.05)
+    assert found.gap_after is not None and found.gap_after.max() < 0.06
+
+
 def test_recorded_velocities_tell_a_wrong_rate() -> None:
     case = sound("healthy")
     moving = replace(case, recordings=tuple(replace(r, dq=np.gradient(r.q, r.t, axis=0)) for r in case.recordings))

@@ -1,0 +1,76 @@
+"""Significance by split samples: e-values of effects that are there and of some that are not, and their rates."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import synthetic
+from synthetic import Truth
+
+from diagnosis.judge import Judge
+from diagnosis.refusal import refuse
+from diagnosis.search import Search, search
+from diagnosis.significance import RATE, false_discovery_rates, log_e_values
+from ident.conditioning import TORQUE_CUTOFF, Segment, condition, position_cutoff
+
+
+@cache
+def folds(truth: Truth) -> tuple[list[list[Segment]], float]:
+    case = synthetic.case(truth, seed=5)
+    cutoff = position_cutoff(case.recordings)
+    return [condition(r, cutoff) for r in case.recordings], min(TORQUE_CUTOFF, cutoff)
+
+
+@cache
+def found(truth: Truth) -> Search:
+    return search(synthetic.arm(), synthetic.body(), *folds(truth))
+
+
+HEALTHY, HEAVY = Truth(), Truth(armature=(0.0, 0.4, 0.0), coulomb=(1.0, 0.0, 0.0))
+
+
+def with_terms(of: Search, effect: str, joint: int) -> Search:
+    """The same with one more term that nothing asked for."""
+    term = next(t for t in of.evidence.terms.of(effect) if t.joint == joint)
+    return replace(of, fit=of.evidence.fit(of.fit.terms | {term}))
+
+
+def test_effects_that_are_there_are_borne_out_by_both_halves() -> None:
+    values = log_e_values(found(HEAVY))
+    assert set(values) == {"armature", "coulomb_friction"} and min(values.values()) > 50.0
+    assert max(false_discovery_rates(values).values()) < 1e-6
+
+
+@pytest.mark.parametrize("effect", ["torque_offset", "viscous_friction", "armature", "parallel_spring", "torque_scale"])
+@pytest.mark.parametrize("joint", [1, 2, 3])
+def test_effects_that_are_not_there_are_not(effect: str, joint: int) -> None:
+    """E[e] <= 1: values of 20 / 0.05, which a single discovery needs, come up once in 400 at most."""
+    values = log_e_values(with_terms(found(HEALTHY), effect, joint))
+    assert values[effect] < np.log(20 / RATE)
+
+
+def test_chance_is_taken_back_and_what_is_there_is_kept() -> None:
+    more = with_terms(found(HEAVY), "torque_offset", 3)
+    kept, refusals = refuse(Judge(synthetic.arm(), synthetic.body(), more, folds(HEAVY)[0], []))
+    assert {t.effect for t in kept.fit.terms} == {"armature", "coulomb_friction"}
+    assert {t.effect for r in refusals for t in r.terms} == {"torque_offset"}
+
+
+class TestRates:
+    def test_worked_by_hand(self) -> None:
+        """Of 21 the k-th largest e counts 21 / k / e; where a smaller one would be kept, so would a larger one."""
+        rates = false_discovery_rates({"b": 5.2, "a": 10.0, "c": 5.5}, tried=21)
+        assert rates["a"] == pytest.approx(21 * np.exp(-10.0))
+        assert rates["b"] == pytest.approx(21 / 3 * np.exp(-5.2))
+        assert rates["c"] == pytest.approx(21 / 3 * np.exp(-5.2))  # less than its own, 21 / 2 exp(-5.5)
+
+    def test_bounded_whatever_the_values(self) -> None:
+        assert false_discovery_rates({"a": -1e6, "b": 1e6}) == {"a": 1.0, "b": 0.0}
+        assert false_discovery_rates({}) == {}
+
+    def test_more_tried_is_harder(self) -> None:
+        few, many = (false_discovery_rates({"a": 6.0}, tried)["a"] for tried in (1, 100))
+        assert many == pytest.approx(100 * few)
