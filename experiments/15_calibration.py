@@ -96,12 +96,12 @@ def fit_rivals(known: Sequence[Finding]) -> dict[str, float]:
         total = 0.0
         for f in wrong:
             ranked = shared(f.rivals, 0.0, f.support, {"temper": temper, "unlisted": unlisted})
-            true = f.missed | ({"none"} if not f.missed else frozenset())
-            p = sum(rival.probability for rival in ranked if rival.effect in true)
-            total += np.log(max(p, 1.0 - sum(rival.probability for rival in ranked), 1e-6))
+            true = f.missed or {"none"}
+            listed = [rival.probability for rival in ranked if rival.effect in true]
+            total += np.log(max(sum(listed) if listed else 1.0 - sum(r.probability for r in ranked), 1e-6))
         return total
 
-    grid = itertools.product((0.005, 0.01, 0.02, 0.05, 0.1, 0.2), (0.1, 0.2, 0.5, 1.0, 2.0, 5.0))
+    grid = itertools.product((0.005, 0.01, 0.02, 0.05, 0.1, 0.2), (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0))
     temper, unlisted = max(grid, key=lambda pair: likelihood(*pair)) if wrong else (0.05, 0.5)
     return {"temper": temper, "unlisted": unlisted}
 
