@@ -56,15 +56,18 @@ def read_model(source: str, arm: NominalArm) -> Model | None:
     """One model; see ``read_models``."""
     if source == "pd":
         return None
-    if source == "gravity":
-        return Gravity(arm)
+    return Gravity(arm) if source == "gravity" else ArmModel(read_arm(source, arm))
+
+
+def read_arm(source: str, arm: NominalArm) -> CorrectedArm:
+    """The arm with effects of ``nominal`` or of a file; see ``read_models``."""
     if source == "nominal":
-        return ArmModel(CorrectedArm(arm))
+        return CorrectedArm(arm)
     path = Path(source)
     if path.suffix == ".json":
-        return ArmModel(_identified(path, arm))
+        return _identified(path, arm)
     if path.suffix in (".yaml", ".yml"):
-        return ArmModel(read_corrected_arm(arm, path))
+        return read_corrected_arm(arm, path)
     raise InputError(
         f"unknown model {source!r}",
         f"{nearest(source, NAMES)}give {', '.join(NAMES)}, the path of a corrected.yaml, or of an identification.json",

@@ -1,4 +1,4 @@
-"""The actions: a joint torque, or a torque added to a low-gain PD with feedforward."""
+"""The actions: a joint torque, a torque added to a PD with feedforward, or factors of feedforward and gains."""
 
 from __future__ import annotations
 
@@ -7,14 +7,18 @@ from typing import NamedTuple
 import numpy as np
 
 from arm.dynamics import RigidBody
+from arm.errors import InputError
 from arm.motions import Workspace
 from arm.nearest import check_known
 from arm.nominal import NominalArm
 
-KINDS = ("residual", "torque")
-"""``torque``: the action is the commanded torque. ``residual``: it is added to PD and feedforward."""
-SHARES = {"residual": 0.2, "torque": 1.0}
-"""Torque of an action of 1 over the rated torque, by default."""
+KINDS = ("residual", "scale", "torque")
+"""``torque``: the action is the commanded torque. ``residual``: it is added to PD and feedforward. ``scale``: it
+multiplies feedforward and gains."""
+SHARES = {"residual": 0.2, "scale": 0.0, "torque": 1.0}
+"""Torque of an action of 1 over the rated torque, by default; ``scale`` has none."""
+FEEDFORWARD_SPAN = 0.5
+"""With ``scale``, share by which an action of 1 raises the feedforward [1]."""
 DAMPING = 0.7
 """Damping ratio of the PD loop [1]."""
 
@@ -30,16 +34,34 @@ class Control(NamedTuple):
     """How actions become torque.
 
     Attributes:
+        kind: one of ``KINDS``.
         scale: torque of an action of 1 [N m], shape (n,).
         rated: rated torque [N m], shape (n,).
         limit: at which the commanded torque is clipped [N m], shape (n,).
         gains: of the PD loop with feedforward, or ``None`` where the action is the whole torque.
     """
 
+    kind: str
     scale: np.ndarray
     rated: np.ndarray
     limit: np.ndarray
     gains: Gains | None
+
+    @property
+    def size(self) -> int:
+        """Numbers in an action: one per joint, with ``scale`` two."""
+        return len(self.rated) * (2 if self.kind == "scale" else 1)
+
+
+def scaled(gains: Gains, action: np.ndarray) -> tuple[np.ndarray, Gains]:
+    """Factor of the feedforward [1], shape (n,), and gains of an action a of kind ``scale``, shape (2 n,).
+
+    The feedforward of joint i is multiplied by 1 + a_i / 2, kp by 2^a_(n+i) and kd by its square root, so that the
+    damping ratio stays.
+    """
+    n = len(gains.kp)
+    factor = 2.0 ** action[n:]
+    return 1.0 + FEEDFORWARD_SPAN * action[:n], Gains(gains.kp * factor, gains.kd * np.sqrt(factor))
 
 
 def torque_limit(arm: NominalArm, body: RigidBody) -> np.ndarray:
@@ -72,7 +94,13 @@ def low_gains(arm: NominalArm, body: RigidBody, posture: np.ndarray, bandwidth: 
 
 
 def control(
-    arm: NominalArm, body: RigidBody, space: Workspace, kind: str, share: float | None, bandwidth: float
+    arm: NominalArm,
+    body: RigidBody,
+    space: Workspace,
+    kind: str,
+    share: float | None,
+    bandwidth: float,
+    reach: float | None = None,
 ) -> Control:
     """How actions of a kind become torque.
 
@@ -83,12 +111,18 @@ def control(
         kind: one of ``KINDS``.
         share: torque of an action of 1 over the rated torque; that of ``SHARES`` where ``None``.
         bandwidth: of the PD loop [Hz].
+        reach: with ``residual``, tracking error at which kp alone commands as much as an action of 1 [rad]; then
+            ``share`` has to be ``None``.
 
     Raises:
-        InputError: unknown kind.
+        InputError: unknown kind, or a reach beside a share or without ``residual``.
     """
     check_known("action", kind, KINDS, where="action")
     limit = torque_limit(arm, body)
     rated = rated_torque(limit, body, space.posture, space.limits.acceleration)
-    gains = low_gains(arm, body, space.posture, bandwidth) if kind == "residual" else None
-    return Control((SHARES[kind] if share is None else share) * rated, rated, limit, gains)
+    gains = None if kind == "torque" else low_gains(arm, body, space.posture, bandwidth)
+    if reach is None:
+        return Control(kind, (SHARES[kind] if share is None else share) * rated, rated, limit, gains)
+    if share is not None or gains is None or kind != "residual":
+        raise InputError("is for residual actions, and not beside action_share", "leave it out", where="action_reach")
+    return Control(kind, reach * gains.kp, rated, limit, gains)

@@ -11,13 +11,16 @@ from typing import Any
 import numpy as np
 
 from arm.errors import InputError
+from arm.feedforward import KINDS as FEEDFORWARDS
 from arm.motions import check_motion_name
+from arm.nearest import check_known
 from arm.nominal import NominalArm
 from arm.robots import load_nominal_arm
 from arm.trajectory import Reference
 from effects.applied import AppliedEffect
 from effects.corrected import CorrectedArm
 from effects.corrected_file import blaming, read_corrected
+from envs.course import Feedforward
 
 Effects = Sequence[AppliedEffect] | Path | str | None
 """Effects as records, as a file of the form of ``corrected.yaml``, or none."""
@@ -77,6 +80,43 @@ def checked_motion(motion: str | Reference, n_joints: int) -> str | Reference:
             where="motion",
         )
     return motion
+
+
+def chosen_feedforward(feedforward: str | Feedforward) -> str | Feedforward:
+    """What is fed forward: a name of ``arm.feedforward.KINDS``, or a model.
+
+    Raises:
+        InputError: an unknown name, or an object without ``series``.
+    """
+    if isinstance(feedforward, str):
+        return check_known("feedforward", feedforward, FEEDFORWARDS, where="feedforward")
+    if not callable(getattr(feedforward, "series", None)):
+        raise InputError(
+            f"{feedforward!r} is no feedforward",
+            f"give {', '.join(FEEDFORWARDS)}, or a model with series(motion) in N m",
+            where="feedforward",
+        )
+    return feedforward
+
+
+def chosen_base(simulated: CorrectedArm | None, arm: NominalArm, effects: Effects) -> CorrectedArm:
+    """The arm that is simulated: the one given, or the nominal arm.
+
+    Raises:
+        InputError: it has other joints, or effects are given beside it.
+    """
+    if simulated is None:
+        return CorrectedArm(arm)
+    if effects is not None:
+        raise InputError("are given beside simulated, which has its own", "leave them out", where="effects")
+    if simulated.arm.joints != arm.joints:
+        raise InputError(
+            f"has the joints {', '.join(simulated.arm.joints)}, the robot has {', '.join(arm.joints)}",
+            "identify or diagnose the arm that is the robot",
+            where="simulated",
+        )
+    simulated.check()
+    return simulated
 
 
 def chosen_effects(effects: Effects, arm: NominalArm) -> tuple[AppliedEffect, ...]:

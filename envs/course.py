@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 
 from arm.dynamics import RigidBody
 from arm.feedforward import feedforward
+from arm.motion import Motion
 from arm.nominal import NominalArm
 from arm.trajectory import Reference
 from envs.actions import Control
+
+BEYOND = 0.25
+"""A model is evaluated this far beyond the end, for delays to look ahead [s]."""
+
+
+class Feedforward(Protocol):
+    """A model whose torque is fed forward."""
+
+    def series(self, motion: Motion) -> np.ndarray:
+        """Torque to command over a motion known beforehand [N m], shape (N, n)."""
 
 
 class Timing:
@@ -46,21 +58,45 @@ class Course:
         q: reference position when an action is chosen, and at the end [rad], shape (K + 1, n).
         dq: its velocity at the start [rad/s], shape (n,).
         planned: the planned part of the observation at these times, shape (K + 1, ...).
-        step_q, step_dq: reference at each step [rad], [rad/s], shape (K S, n); only where a PD loop runs there.
-        step_torque: feedforward at each step [N m], shape (K S, n).
+        step_q, step_dq: reference at each step, and at the end [rad], [rad/s], shape (K S + 1, n).
+        step_torque: feedforward at these times [N m], shape (K S + 1, n).
+        motion: the reference at each step, with a model ``BEYOND`` further.
+
+    Args:
+        arm: the nominal arm.
+        body: its rigid-body model.
+        model: one of ``arm.feedforward.KINDS``, or a model.
+        reference: the motion.
+        timing: of the episode.
+        control: how actions become torque.
     """
 
     def __init__(
-        self, arm: NominalArm, body: RigidBody, kind: str, reference: Reference, timing: Timing, control: Control
+        self,
+        arm: NominalArm,
+        body: RigidBody,
+        model: str | Feedforward,
+        reference: Reference,
+        timing: Timing,
+        control: Control,
     ) -> None:
         t = timing.period * np.arange(timing.actions + 1)
         self.q = reference.position(t)
         ahead = [reference.position(t + time) - self.q for time in timing.look_ahead]
         dq = reference.velocity(t)
         self.dq = dq[0]
-        torque = feedforward(arm, body, kind, self.q, dq, reference.acceleration(t)) / control.rated
+        steps = timing.actions * timing.sub_steps + 1
+        self.motion = sampled(reference, timing, steps + (0 if isinstance(model, str) else round(BEYOND / timing.dt)))
+        if isinstance(model, str):
+            self.step_torque = feedforward(arm, body, model, self.motion.q, self.motion.dq, self.motion.ddq)
+        else:
+            self.step_torque = np.asarray(model.series(self.motion))[:steps]
+        self.step_q, self.step_dq = self.motion.q, self.motion.dq
+        torque = self.step_torque[:: timing.sub_steps] / control.rated
         self.planned = np.hstack([self.q, dq, *ahead, torque])
-        if control.gains is not None:
-            t = timing.dt * np.arange(timing.actions * timing.sub_steps)
-            self.step_q, self.step_dq = reference.position(t), reference.velocity(t)
-            self.step_torque = feedforward(arm, body, kind, self.step_q, self.step_dq, reference.acceleration(t))
+
+
+def sampled(reference: Reference, timing: Timing, steps: int) -> Motion:
+    """A reference at so many steps of the simulation."""
+    t = timing.dt * np.arange(steps)
+    return Motion(t, reference.position(t), reference.velocity(t), reference.acceleration(t))

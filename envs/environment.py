@@ -13,16 +13,26 @@ from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 
 from arm.dynamics import RigidBody
-from arm.feedforward import KINDS as FEEDFORWARDS
 from arm.motions import draw_motion, workspace
 from arm.nearest import check_known
 from arm.nominal import NominalArm
 from arm.trajectory import Limits, Reference
 from effects.applied import AppliedEffect
+from effects.corrected import CorrectedArm
 from effects.severity import ArmScale
 from envs.actions import control
-from envs.arguments import Effects, checked_motion, chosen_effects, chosen_robot, described, positive, whole
-from envs.course import Course, Timing
+from envs.arguments import (
+    Effects,
+    checked_motion,
+    chosen_base,
+    chosen_effects,
+    chosen_feedforward,
+    chosen_robot,
+    described,
+    positive,
+    whole,
+)
+from envs.course import Course, Feedforward, Timing
 from envs.divergence import explain
 from envs.observation import Layout
 from envs.plant import Plant
@@ -39,7 +49,7 @@ NEAR_STOP = 1e-3
 class ArmTracking(gymnasium.Env):
     """An arm with effects, n joints, that is to follow a reference motion.
 
-    An action is a vector of n numbers in -1 .. 1, in parts of ``torque_scale`` [N m]. Observation: see
+    An action is a vector of numbers in -1 .. 1, n in parts of ``torque_scale`` [N m] or 2 n factors. Observation: see
     ``envs.observation.Layout``; reward: see ``envs.reward.Reward``. An episode is terminated when the arm diverges
     (``info["divergence"]``) or a joint comes to its stop (``info["limit"]``), and truncated at its end.
 
@@ -49,14 +59,20 @@ class ArmTracking(gymnasium.Env):
         engine: name of the engine that steps the simulation.
         sheet: data sheet of the nominal arm, as ``nominal:`` in a case; not with a nominal arm as ``robot``.
         action: ``residual``: torque added to a low-gain PD with feedforward, which runs at every step of the
-            simulation; ``torque``: the commanded torque itself.
-        feedforward: ``none``, ``gravity`` or ``nominal``; with ``torque`` it is observed only.
+            simulation; ``scale``: factors of that feedforward and of the gains, 2 n numbers, see
+            ``envs.actions.scaled``; ``torque``: the commanded torque itself.
+        feedforward: ``none``, ``gravity`` or ``nominal``, or a model with ``series(motion)``; with ``torque`` it is
+            observed only.
+        simulated: the arm that is simulated in place of the nominal arm with ``effects``: identified or corrected, with
+            its residual network. Gains, torque scale and encoders stay those of ``robot``.
         motion: a name of ``arm.motions.MOTIONS``, ``random``, or a reference motion.
         posture: about which motions are drawn [rad], shape (n,); limits: of motions drawn.
         time_step: of the simulation [s]; sub_steps: steps of the simulation per action.
         episode_length: [s], rounded up to whole actions.
         look_ahead: how far ahead the reference is observed [s].
         action_share: torque of an action of 1 over the rated torque; by default 0.2 for ``residual``, 1 for ``torque``.
+        action_reach: in place of the share, with ``residual``: tracking error at which kp alone commands as much as an
+            action of 1 [rad].
         bandwidth: of the PD loop [Hz].
         reward: its tolerance and weights.
         randomisation: effects to draw at each reset, beyond ``effects``.
@@ -77,7 +93,8 @@ class ArmTracking(gymnasium.Env):
         engine: str = "pybullet",
         sheet: Mapping[str, Any] | None = None,
         action: str = "residual",
-        feedforward: str = "nominal",
+        feedforward: str | Feedforward = "nominal",
+        simulated: CorrectedArm | None = None,
         motion: str | Reference = "random",
         posture: Sequence[float] | None = None,
         limits: Limits | None = None,
@@ -86,6 +103,7 @@ class ArmTracking(gymnasium.Env):
         episode_length: float = 10.0,
         look_ahead: Sequence[float] = (0.02, 0.1, 0.2),
         action_share: float | None = None,
+        action_reach: float | None = None,
         bandwidth: float = 2.0,
         reward: Reward | None = None,
         randomisation: Randomisation | None = None,
@@ -94,7 +112,7 @@ class ArmTracking(gymnasium.Env):
     ) -> None:
         self.arm = chosen_robot(robot, sheet)
         self.body = RigidBody(self.arm)
-        self._feedforward = check_known("feedforward", feedforward, FEEDFORWARDS, where="feedforward")
+        self._feedforward = chosen_feedforward(feedforward)
         self._motion, self._randomisation = checked_motion(motion, self.arm.n_joints), randomisation
         self._timing = Timing(
             positive("time_step", time_step, "s"),
@@ -102,13 +120,16 @@ class ArmTracking(gymnasium.Env):
             positive("episode_length", episode_length, "s"),
             look_ahead,
         )
-        self.layout = Layout(self.arm.n_joints, look_ahead)
         self.space = workspace(self.body, limits, None if posture is None else np.asarray(posture, dtype=float))
         share = None if action_share is None else positive("action_share", action_share, "1")
         bandwidth = positive("bandwidth", bandwidth, "Hz")
-        self._control = control(self.arm, self.body, self.space, action, share, bandwidth)
-        self._given = chosen_effects(effects, self.arm)
-        self._plant = Plant(self.arm, engine, self._given, self._control, self._timing)
+        reach = None if action_reach is None else positive("action_reach", action_reach, "rad")
+        self._control = control(self.arm, self.body, self.space, action, share, bandwidth, reach)
+        self.layout = Layout(self.arm.n_joints, look_ahead, self._control.size)
+        base = chosen_base(simulated, self.arm, effects)
+        self._given = chosen_effects(effects, self.arm) if simulated is None else base.effects
+        step = self.arm.encoder_step or 0.0
+        self._plant = Plant(base, step, engine, self._given, self._control, self._timing)
         self._scale = ArmScale.of(self.arm)
         self._reward, self._debug = reward or Reward(), debug
         lower, upper = self.body.position_limits()
@@ -118,13 +139,28 @@ class ArmTracking(gymnasium.Env):
         self.metadata = self.metadata | {"render_fps": max(1, round(1 / self._timing.period))}
         self._screen = None if render_mode is None else Screen(self.space.kinematics, render_mode, self._timing.period)
         self.observation_space = self.layout.space
-        self.action_space = Box(-1.0, 1.0, (self.arm.n_joints,), dtype=np.float32)
-        self._lowest, self._highest = -np.ones(self.arm.n_joints), np.ones(self.arm.n_joints)
+        self.action_space = Box(-1.0, 1.0, (self._control.size,), dtype=np.float32)
+        self._lowest, self._highest = -np.ones(self._control.size), np.ones(self._control.size)
 
     @property
     def torque_scale(self) -> np.ndarray:
-        """Torque that an action of 1 stands for [N m], shape (n,)."""
+        """Torque that an action of 1 stands for [N m], shape (n,); 0 with ``scale``."""
         return self._control.scale
+
+    @property
+    def actions(self) -> int:
+        """Numbers in an action."""
+        return self._control.size
+
+    @property
+    def length(self) -> float:
+        """Length of an episode [s]."""
+        return self._timing.duration
+
+    @property
+    def period(self) -> float:
+        """Time between actions [s]."""
+        return self._timing.period
 
     @property
     def effects(self) -> tuple[AppliedEffect, ...]:
@@ -159,7 +195,7 @@ class ArmTracking(gymnasium.Env):
         self._course = Course(self.arm, self.body, self._feedforward, reference, self._timing, self._control)
         self._plant.reset(effects, self._course)
         self._count = 0
-        self._action: np.ndarray = np.zeros(self.arm.n_joints)
+        self._action: np.ndarray = np.zeros(self._control.size)
         if self._screen is not None:
             self._screen.begin(self._title(), self._course.q)
         self._show({})
@@ -167,7 +203,7 @@ class ArmTracking(gymnasium.Env):
         return self._observation(error), self._truth() if self._debug else {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Carry out an action in -1 .. 1, shape (n,); what exceeds these bounds is clipped.
+        """Carry out an action in -1 .. 1, shape (n,) or (2 n,); what exceeds these bounds is clipped.
 
         Raises:
             ResetNeeded: the episode has ended, or has not begun.
@@ -181,6 +217,7 @@ class ArmTracking(gymnasium.Env):
         self._action = action
         info: dict[str, Any] = dict(zip(REWARDS, parts, strict=True))
         info["tracking_rms"] = math.sqrt(error.dot(error) / len(error))
+        info["torque_rate"] = self._plant.torque_rate
         info |= self._endings(done)
         if self._debug:
             info |= self._truth()

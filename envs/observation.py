@@ -22,9 +22,9 @@ class Layout:
     name           length      unit  quantity
     ============== =========== ===== ==================================================================
     position       n           rad   encoders, quantised as the data sheet says
-    velocity       n           rad/s estimate from them, a second-order low-pass differentiator
+    velocity       n           rad/s estimate from them, see ``envs.plant.Plant``
     error          n           rad   reference minus encoders
-    action         n           1     the action before
+    action         n or 2 n    1     the action before
     reference      n           rad   position of the reference
     reference_rate n           rad/s its velocity
     look_ahead     n per time  rad   reference at later times minus reference now, first time first
@@ -43,7 +43,7 @@ class Layout:
         InputError: times to look ahead that are not above zero.
     """
 
-    def __init__(self, n_joints: int, look_ahead: Sequence[float]) -> None:
+    def __init__(self, n_joints: int, look_ahead: Sequence[float], n_actions: int | None = None) -> None:
         if not all(time > 0 for time in look_ahead):
             raise InputError(f"expected times above zero [s], got {list(look_ahead)}", where="look_ahead")
         n = n_joints
@@ -51,7 +51,7 @@ class Layout:
             "position": (n, FURTHEST),
             "velocity": (n, FASTEST),
             "error": (n, FURTHEST),
-            "action": (n, 1.0),
+            "action": (n if n_actions is None else n_actions, 1.0),
             "reference": (n, FURTHEST),
             "reference_rate": (n, FASTEST),
             "look_ahead": (n * len(look_ahead), FURTHEST),
@@ -62,14 +62,19 @@ class Layout:
             name: slice(int(end) - length, int(end))
             for (name, (length, _)), end in zip(lengths.items(), ends, strict=True)
         }
-        self.measured, self.planned = slice(0, 4 * n), slice(4 * n, int(ends[-1]))
+        self.measured, self.planned = slice(0, int(ends[3])), slice(int(ends[3]), int(ends[-1]))
         bound = np.repeat([b for _, b in lengths.values()], [length for length, _ in lengths.values()])
         self._high = bound.astype(np.float32)
         self._low = -self._high
         self.space = Box(self._low, self._high, dtype=np.float32)
 
+    @property
+    def size(self) -> int:
+        """Length of the observation."""
+        return self.planned.stop
+
     def assemble(self, measured: tuple[np.ndarray, ...], planned: np.ndarray) -> np.ndarray:
-        """The observation from the four measured quantities, each (n,), and the planned ones in one row."""
+        """The observation from the four measured quantities, and the planned ones in one row."""
         row = np.concatenate((*measured, planned), dtype=np.float32)
         np.maximum(row, self._low, row)
         return np.minimum(row, self._high, row)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from arm.nominal import NominalArm
 from arm.velocity_filter import VelocityFilter
 from effects.applied import AppliedEffect
-from envs.actions import Control, Gains
+from effects.corrected import CorrectedArm
+from envs.actions import Control, Gains, scaled
 from envs.course import Course, Timing
 from envs.divergence import diverged
+from envs.network_torque import NetworkTorque
 from envs.simulated_arm import SimulatedArm
 
 SENSOR_PERIOD = 10e-3
@@ -25,19 +28,25 @@ VELOCITY_DAMPING = 0.9
 class Plant:
     """A simulated arm with effects under its controller, n joints.
 
+    Where a PD loop runs, the tracking error is differentiated and not the position: dq = dq_ref - D(q_ref - q), so that
+    the differentiator's lag is not taken for an error. Otherwise dq = D(q).
+
     Args:
-        arm: the nominal arm.
+        base: the arm that is simulated: nominal or identified, with its residual network if it has one; its effects are
+            not used.
+        encoder_step: quantisation of the encoders [rad].
         engine: name of the engine.
-        effects: what the simulated arm has beyond the nominal arm.
+        effects: what the simulated arm has beyond the base.
         control: how actions become torque.
         timing: of an episode.
 
     Attributes:
-        effects: what it has beyond the nominal arm.
+        effects: what it has beyond the base.
         simulated: the simulated arm.
         position: as the encoders give it, quantised as the data sheet says [rad], shape (n,).
         velocity: estimate from the encoders [rad/s], shape (n,).
         torque: commanded in the last step [N m], shape (n,).
+        torque_rate: RMS over joints and steps of the last action of the change of the torque commanded [N m/s].
         load: mean of (commanded / rated torque)^2 over joints and steps of the last action [1].
 
     Raises:
@@ -45,11 +54,19 @@ class Plant:
     """
 
     def __init__(
-        self, arm: NominalArm, engine: str, effects: tuple[AppliedEffect, ...], control: Control, timing: Timing
+        self,
+        base: CorrectedArm,
+        encoder_step: float,
+        engine: str,
+        effects: tuple[AppliedEffect, ...],
+        control: Control,
+        timing: Timing,
     ) -> None:
-        self._arm, self._engine, self._control, self._timing = arm, engine, control, timing
+        self._base, self._encoder_step = base, encoder_step
+        self._engine, self._control, self._timing = engine, control, timing
         self.effects, self.simulated = effects, self._simulate(effects)
         self._chunk = 1 if control.gains is not None else _chunk(timing)
+        self._network: NetworkTorque | None = None
 
     def close(self) -> None:
         """Free the engine."""
@@ -66,56 +83,73 @@ class Plant:
             self.simulated, self.effects = self._simulate(effects), effects
         self._course = course
         self.simulated.start(course.q[0], course.dq)
-        rate = 1.0 / (self._timing.dt * self._chunk)
-        self._estimate = VelocityFilter(
-            rate, min(VELOCITY_CUTOFF, WIDEST * rate), VELOCITY_DAMPING, course.q[0], course.dq
-        )
+        rate, still = 1.0 / (self._timing.dt * self._chunk), np.zeros(len(course.dq))
+        start = (course.q[0], course.dq) if self._control.gains is None else (still, still)
+        self._estimate = VelocityFilter(rate, min(VELOCITY_CUTOFF, WIDEST * rate), VELOCITY_DAMPING, *start)
         self.position, self.velocity = self.simulated.encoders(), course.dq
-        self.torque, self.load = np.zeros(len(course.dq)), 0.0
+        self.torque, self.load, self.torque_rate = course.step_torque[0], 0.0, 0.0
+        if self._base.residual is not None:
+            self._network = NetworkTorque(replace(self._base, effects=effects), course.motion, self._timing.sub_steps)
 
     def act(self, number: int, action: np.ndarray) -> int:
         """Carry out an action, shape (n,), numbered from 0; returns the steps done, fewer if it diverged."""
-        control = self._control
-        added = control.scale * action
+        control, first = self._control, number * self._timing.sub_steps
+        if self._network is not None:
+            self._network.see(number, self.position, self.velocity)
         if control.gains is not None:
-            return self._track(number * self._timing.sub_steps, added, control.gains)
-        self.torque = np.minimum(np.maximum(added, -control.limit), control.limit)
-        share = self.torque / control.rated
+            if control.kind == "scale":
+                return self._track(first, 0.0, *scaled(control.gains, action))
+            return self._track(first, control.scale * action, 1.0, control.gains)
+        before, self.torque = self.torque, np.clip(control.scale * action, -control.limit, control.limit)
+        share, jump = self.torque / control.rated, self.torque - before
         self.load = float(share.dot(share)) / len(share)
+        self._roughness(float(jump.dot(jump)))
         for done in range(0, self._timing.sub_steps, self._chunk):
-            if not self._step():
+            if not self._step(first + done):
                 return done
+            self.velocity = self._estimate(self.position)
         return self._timing.sub_steps
 
-    def _track(self, first: int, added: np.ndarray, gains: Gains) -> int:
-        """PD with feedforward, and a torque [N m] added, from this step of the course on."""
+    def _track(self, first: int, added: np.ndarray | float, factor: np.ndarray | float, gains: Gains) -> int:
+        """PD with feedforward times a factor, and a torque [N m] added, from this step of the course on."""
         course, limit, rated = self._course, self._control.limit, self._control.rated
-        squares, steps = 0.0, self._timing.sub_steps
+        squares, jumps, steps = 0.0, 0.0, self._timing.sub_steps
+        error, rate = course.step_q[first] - self.position, course.step_dq[first] - self.velocity
         for done in range(steps):
             step = first + done
-            wanted = course.step_torque[step] + added
-            wanted += gains.kp * (course.step_q[step] - self.position)
-            wanted += gains.kd * (course.step_dq[step] - self.velocity)
-            self.torque = np.minimum(np.maximum(wanted, -limit), limit)
-            if not self._step():
+            wanted = course.step_torque[step] * factor + added
+            wanted += gains.kp * error
+            wanted += gains.kd * rate
+            before, self.torque = self.torque, np.minimum(np.maximum(wanted, -limit), limit)
+            if not self._step(step):
                 return done
-            share = self.torque / rated
+            error = course.step_q[step + 1] - self.position
+            rate = self._estimate(error)
+            share, jump = self.torque / rated, self.torque - before
             squares += share.dot(share)
-        self.load = squares / (steps * len(added))
+            jumps += jump.dot(jump)
+        self.velocity = course.step_dq[first + steps] - rate
+        self.load = squares / (steps * len(rated))
+        self._roughness(jumps)
         return steps
 
-    def _step(self) -> bool:
+    def _roughness(self, jumps: float) -> None:
+        """Note the sum of squared changes of the torque [N^2 m^2] over an action."""
+        count = self._timing.sub_steps * len(self._control.rated)
+        self.torque_rate = float(np.sqrt(jumps / count)) / self._timing.dt
+
+    def _step(self, step: int) -> bool:
         """Hold the torque until the encoders are read again; whether the arm has not diverged."""
-        self.simulated.step(self.torque, self._chunk)
+        torque = self.torque if self._network is None else self.torque - self._network.torque(step)
+        self.simulated.step(torque, self._chunk)
         if diverged(self.simulated.dq):  # the true one: a fast oscillation hardly shows in the estimate
             return False
         self.position = self.simulated.encoders()
-        self.velocity = self._estimate(self.position)
         return True
 
     def _simulate(self, effects: tuple[AppliedEffect, ...]) -> SimulatedArm:
-        step = self._arm.encoder_step or 0.0
-        return SimulatedArm(self._arm, effects, self._timing.dt, engine=self._engine, encoder_step=step)
+        step = self._encoder_step
+        return SimulatedArm(self._base.arm, effects, self._timing.dt, engine=self._engine, encoder_step=step)
 
 
 def _chunk(timing: Timing) -> int:

@@ -19,67 +19,24 @@ from __future__ import annotations
 import argparse
 import json
 import warnings
-from collections.abc import Callable
 from dataclasses import replace
 from math import inf
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from feedforward_arms import MODELS, ROBOTS, prepare
 
 from agents.evaluation import Bench, Plan
 from agents.model_files import read_model
 from agents.statistics import interquartile_mean, mean_of
-from arm.case import load_case
-from arm.dynamics import RigidBody
 from arm.errors import GapscopeError
 from arm.nominal import NominalArm
-from arm.robots import load_nominal_arm
 from arm.whole import written_whole
-from arm.writing import write_case
-from diagnosis.blind.generator.arms import SHEETS
 from diagnosis.blind.scoring.statistics import wilson
 from effects.applied import AppliedEffect
-from effects.corrected import CorrectedArm
-from effects.corrected_file import read_corrected, write_corrected
-from effects.residual.file import write_residual
-from effects.severity import ArmScale
-from envs.mystery import HIDDEN, iiwa
-from envs.randomisation import Randomisation, draw_effects
-from envs.session import Plan as Session
-from envs.session import record_case
-from gapscope.identify import identify_path
-from gapscope.run import diagnose_path
-from ident.conditioning import condition, position_cutoff
-from ident.identification import Settings as Identifying
-from ident.residual.fit import fit_residual
-from ident.residual.settings import Settings as Learning
-from ident.residual.trajectory import from_segment
+from effects.corrected_file import read_corrected
 
-LIMITS = [87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0]
-"""Torque limits of the Panda, as its maker states them [N m]."""
-
-
-def panda() -> NominalArm:
-    """Franka Panda with rotors and friction of its class, and encoders of 17 bits per turn."""
-    sheet = {name: getattr(SHEETS["franka_panda"], name) for name in ("armature", "coulomb", "viscous")}
-    return load_nominal_arm("franka_panda", sheet={**sheet, "torque_limit": LIMITS, "encoder_step": 2 * np.pi / 2**17})
-
-
-ROBOTS: dict[str, Callable[[], NominalArm]] = {
-    "iiwa": iiwa,
-    "panda": panda,
-}
-MODELS = {
-    "pd": "pd",
-    "gravity": "gravity",
-    "nominal": "nominal",
-    "identified": "identified/identification.json",
-    "corrected": "diagnosis/corrected.yaml",
-    "corrected + network": "diagnosis/with_network.yaml",
-    "truth": "truth.yaml",
-}
-"""Models, in a table's order, with their files; the last one is the bound."""
 INSIDE = tuple(MODELS)[2:]
 """Models that can stand inside the loop."""
 COLUMNS = (
@@ -87,33 +44,6 @@ COLUMNS = (
     ("torque_error", "none", 1e2),
 )  # fmt: skip
 """Measure, disturbance and factor of a table's columns."""
-
-
-def prepare(robot: str, seed: int, severity: float, folder: Path) -> None:
-    """Draw an arm, record it, identify and diagnose it, and train a network; what is there is left as it is."""
-    arm = ROBOTS[robot]()
-    if not (folder / "truth.yaml").is_file():
-        rng = np.random.default_rng((16, list(ROBOTS).index(robot), seed))
-        wanted = Randomisation(HIDDEN, count=(3, 3), severity=(severity, severity))
-        effects = draw_effects(rng, arm, wanted, ArmScale.of(arm))
-        case = record_case(f"{robot}_{seed}", arm, effects, Session(), rng)
-        write_case(case, folder / "case", overwrite=True)
-        write_corrected(case.name, effects, folder / "truth.yaml")
-    if not (folder / MODELS["identified"]).is_file():
-        identify_path(folder / "case", folder / "identified", Identifying())
-    if not (folder / "diagnosis" / "diagnosis.json").is_file():
-        diagnose_path(folder / "case", folder / "diagnosis")
-    if not (folder / MODELS["corrected + network"]).is_file():
-        learn(folder)
-
-
-def learn(folder: Path) -> None:
-    """Train a network on what the diagnosis of a case leaves, and write the corrected arm with it."""
-    case, effects = load_case(folder / "case"), read_corrected(folder / MODELS["corrected"])
-    corrected, body, cutoff = CorrectedArm(case.arm, effects), RigidBody(case.arm), position_cutoff(case.recordings)
-    parts = [from_segment(corrected, body, s) for r in case.recordings for s in condition(r, cutoff)]
-    write_residual(fit_residual(parts, Learning())[0], folder / "diagnosis" / "residual.npz")
-    write_corrected(case.name, effects, folder / MODELS["corrected + network"], "residual.npz")
 
 
 def cell(arm: NominalArm, effects: tuple[AppliedEffect, ...], model: str, engine: str, seed: int, folder: Path) -> Any:

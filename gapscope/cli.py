@@ -411,6 +411,70 @@ def evaluate(
     _wrote(*paths)
 
 
+@app.command()
+def train(
+    model: Annotated[
+        str,
+        typer.Argument(help="pd, gravity, nominal, a corrected.yaml, or an identification.json", metavar="MODEL"),
+    ],
+    out: Annotated[Path, typer.Option(help="folder for the results", metavar="DIR")],
+    robot: Annotated[
+        str, typer.Option(help="kuka_iiwa, ..., a URDF, or a case with a data sheet", metavar="ROBOT")
+    ] = "kuka_iiwa",
+    effects: Annotated[
+        Optional[Path],  # noqa: UP045
+        typer.Option(
+            help="hidden effects of the arm that the agent is tried on, as corrected.yaml; training never sees them",
+            metavar="FILE",
+        ),
+    ] = None,
+    agent: Annotated[
+        str, typer.Option(help="ppo, sac, td3, or a YAML file with settings", metavar="NAME|FILE")
+    ] = "ppo",
+    steps: Annotated[Optional[int], typer.Option(help="actions to train for; default: the settings'")] = None,  # noqa: UP045
+    seed: Annotated[Optional[int], typer.Option(min=0, help="of weights, motions and exploration")] = None,  # noqa: UP045
+    engine: Annotated[Optional[str], typer.Option(help="pybullet, mujoco or dart")] = None,  # noqa: UP045
+    parallel: Annotated[bool, typer.Option("--parallel", help="step each environment in a process of its own")] = False,
+    randomise: Annotated[
+        bool, typer.Option("--randomise", help="draw other effects around the model in every episode")
+    ] = False,
+    tune: Annotated[
+        int, typer.Option(min=0, help="search hyperparameters in so many short trainings instead", metavar="TRIALS")
+    ] = 0,
+    again: Annotated[
+        bool, typer.Option("--again", help="replace what the folder holds of an earlier training")
+    ] = False,
+) -> None:
+    """Train an agent on top of a model's feedforward, in the simulator made from that model."""
+    from agents.training.settings import read_settings
+    from gapscope.train import train_files
+
+    settings = read_settings(agent, steps=steps, seed=seed, engine=engine, parallel=parallel or None)
+    if randomise:
+        settings = settings.randomised()
+    with _Progress(model) as progress:
+        content, paths = train_files(
+            model, robot, effects, settings, out, again=again, trials=tune, progress=progress
+        )  # fmt: skip
+    for line in _learnt(content) if content else ():
+        _console.print(line, highlight=False, markup=False, soft_wrap=True)
+    _wrote(*paths)
+
+
+def _learnt(content: dict[str, Any]) -> list[str]:
+    """Joint error before and after training, in the simulator and on the hidden arm."""
+    lines = []
+    for part, where in (("simulator", "in the simulator made from the model"), ("hidden", "on the hidden arm")):
+        scores = [content[key][part] for key in ("untrained", "kept")]
+        if None not in scores:
+            said = [
+                "not tracked to the end" if s["joint_error"] is None else f"{1e3 * s['joint_error']:.3g} mrad"
+                for s in scores
+            ]
+            lines.append(f"joint error {where}: {said[0]} untrained, {said[1]} trained")
+    return lines
+
+
 def _names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
 

@@ -55,7 +55,7 @@ def evaluate_files(
         InputError: an argument or a file is at fault.
         GapscopeError: a file cannot be written.
     """
-    arm = robot if isinstance(robot, NominalArm) else _arm(robot)
+    arm = robot if isinstance(robot, NominalArm) else chosen_arm(robot)
     hidden = () if effects is None else read_corrected(effects)
     tried = read_models(models, arm)
     with blaming(effects, hidden):
@@ -103,7 +103,8 @@ def document(bench: Bench, evaluation: Evaluation, lines: list[Line]) -> dict[st
     }  # fmt: skip
 
 
-def _arm(robot: str) -> NominalArm:
+def chosen_arm(robot: str) -> NominalArm:
+    """The nominal arm of a name, a URDF, or a case."""
     path = Path(robot)
     if path.suffix in (".yaml", ".yml") or path.is_dir():
         return load_case(path, read_recordings=False).arm

@@ -32,7 +32,9 @@ ONLY_IN = {
     "mujoco": ("envs/engines/", "diagnosis/blind/generator/rigid.py"),
     "numba": ("diagnosis/blind/generator/joint.py",),
     "dartpy": ("envs/engines/",),
-    "torch": ("ident/residual/", "agents/"),
+    "torch": ("ident/residual/", "agents/training/"),
+    "stable_baselines3": ("agents/training/",),
+    "optuna": ("agents/training/tuning.py",),
     "sklearn": ("ident/residual/baselines.py",),
 }
 """The only places that may import a library."""

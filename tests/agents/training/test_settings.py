@@ -1,0 +1,64 @@
+"""Settings of a training: what ships is whole, and what is wrong is told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from agents.training.hyperparameters import ALGORITHMS
+from agents.training.settings import Settings, from_plain, read_settings
+from arm.errors import InputError
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_shipped_settings_are_whole(algorithm: str) -> None:
+    settings = read_settings(algorithm, seed=3)
+    assert settings.algorithm == algorithm and settings.seed == 3
+    assert settings.rounds * settings.round_length >= settings.steps
+    assert from_plain(settings.plain()) == settings
+
+
+def test_randomisation_is_over_what_a_diagnosis_can_find() -> None:
+    assert Settings().randomisation is None
+    found = Settings().randomised().randomisation
+    assert found is not None and "payload" in found.names
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("algoritm: ppo", "algoritm.*\n.*did you mean 'algorithm'"),
+        ("algorithm: a2c", "algorithm: unknown algorithm 'a2c'"),
+        ("steps: many", "steps: expected a whole number"),
+        ("steps: 0", "steps: expected a whole number"),
+        ("network: 64", "network: expected a list"),
+        ("bandwidth: -1", "bandwidth: expected a number above zero"),
+        ("action: torqe", "did you mean 'torque'"),
+        ("motions: [fourie]", "did you mean 'fourier'"),
+        ("hyperparameters: {learning_rat: 0.1}", "did you mean 'learning_rate'"),
+        ("hyperparameters: {n_steps: 1.5}", "hyperparameters.n_steps: expected a whole number"),
+        ("hyperparameters: {learning_rate: fast}", "expected a number from 0 on, got 'fast'"),
+        ("hyperparameters: 3", "expected names with values"),
+        ("{algorithm: sac, hyperparameters: {ent_coef: automatic_}}", "ent_coef"),
+        ("randomise: [payloads]", "did you mean 'payload'"),
+        ("{randomise: [payload], severity: 2}", "severity"),
+        ("tolerance: 0", "tolerance"),
+        ("seed: -1", "seed"),
+        ("parallel: 3", "parallel: expected true or false"),
+        ("[1, 2]", "expected names with values"),
+        ("a: [", "not valid YAML"),
+    ],
+)
+def test_bad_settings_are_told_with_file_and_field(text: str, message: str, tmp_path: Path) -> None:
+    file = tmp_path / "agent.yaml"
+    file.write_text(text)
+    with pytest.raises(InputError, match=rf"(?s)agent\.yaml.*{message}"):
+        read_settings(file)
+
+
+def test_unknown_agents_are_told() -> None:
+    with pytest.raises(InputError, match="did you mean 'ppo'"):
+        read_settings("pppo")
+    with pytest.raises(InputError, match="cannot be read"):
+        read_settings("missing.yaml")

@@ -1,0 +1,137 @@
+"""Simulators made from models: there the model's own feedforward leaves hardly an error."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from agents.model import ArmModel, Gravity
+from agents.training.judge import held_out, idle, judge
+from agents.training.settings import Settings
+from agents.training.task import Task
+from arm.case import Case
+from arm.errors import InputError
+from arm.motion import Motion
+from arm.nominal import NominalArm
+from arm.recording import Recording
+from arm.trajectory import Fourier, Limits
+from arm.writing import write_case
+from effects.applied import AppliedEffect
+from effects.corrected_file import write_corrected
+from effects.residual.file import write_residual
+from effects.residual.inputs import Inputs
+from effects.residual.model import ResidualNetwork
+from effects.residual.network import Network
+from effects.residual.trust import Trust
+
+from .conftest import rod, short
+
+EFFECTS = (
+    AppliedEffect("payload", (), {"mass": np.array(0.5), "com": np.array([0.4, 0.0, 0.0])}),
+    AppliedEffect("viscous_friction", (1,), {"coefficient": [1.5]}),
+)
+
+
+def network() -> ResidualNetwork:
+    """2 N m times tanh(dq / (0.5 rad/s)), whatever else is seen."""
+    inputs = Inputs(1, 2, 0.02, np.zeros((1, 6)), np.ones((1, 6)))
+    first, head = np.zeros((1, 1, 8, 1)), np.zeros((1, 1, 1, 2))
+    first[0, 0, list(inputs.seen_by_mlp).index(6), 0], head[0, 0, 0, 0] = 2.0, 1.0
+    biases = (np.zeros((1, 1, 1)), np.zeros((1, 1, 2)))
+    net = Network("mlp", inputs.seen_by_mlp, (first, head), biases)
+    return ResidualNetwork(
+        inputs, net, Trust(np.zeros((1, 1, 6)), np.full(1, 1e3)), np.full(1, 2.0), np.full(1, 9.0), 12.0
+    )
+
+
+@pytest.fixture
+def files(arm: NominalArm, tmp_path: Path) -> dict[str, str]:
+    """Models by name, as the user would give them."""
+    write_corrected("rod", EFFECTS, tmp_path / "corrected.yaml")
+    write_residual(network(), tmp_path / "residual.npz")
+    write_corrected("rod", EFFECTS, tmp_path / "with_network.yaml", "residual.npz")
+    identified = NominalArm("rod", arm.urdf, arm.joints, armature=np.array([0.7]), viscous=np.array([0.8]))
+    still = Recording("still", 0.01 * np.arange(10), np.zeros((10, 1)), np.zeros((10, 1)))
+    write_case(Case("rod", Path(), identified, (still,)), tmp_path / "identified")
+    document = tmp_path / "identified" / "identification.json"
+    document.write_text(json.dumps({"files": {"case": "case.yaml", "effects": "../corrected.yaml"}}))
+    names = {
+        "corrected": "corrected.yaml",
+        "network": "with_network.yaml",
+        "identified": "identified/identification.json",
+    }
+    return {"nominal": "nominal", **{name: str(tmp_path / file) for name, file in names.items()}}
+
+
+def motion() -> tuple[Fourier, Motion]:
+    limits = Limits(np.full(1, -1.0), np.full(1, 1.0), np.full(1, 1.5), np.full(1, 6.0))
+    reference = Fourier.random(np.random.default_rng(1), limits, duration=1.0, frequency=0.5, ramp=0.3)
+    t = 1e-3 * np.arange(1251)
+    return reference, Motion(t, reference.position(t), reference.velocity(t), reference.acceleration(t))
+
+
+@pytest.mark.parametrize("name", ["nominal", "corrected", "network", "identified"])
+def test_simulator_follows_the_models_inverse_dynamics(name: str, files: dict[str, str], arm: NominalArm) -> None:
+    reference, seen = motion()
+    task, settings = Task.of(files[name], arm), short()
+    with_other = Task.of("nominal", arm).simulator(settings)
+    env = task.simulator(settings)
+    np.testing.assert_array_equal(env.torque_scale, with_other.torque_scale)  # gains are equal over models
+    with_other.close()
+    env.reset(seed=0, options={"motion": reference})
+    expected = ArmModel(task.believed).series(seen)[:1001:20] / env.unwrapped._control.rated
+    np.testing.assert_allclose(env.unwrapped._course.planned[:, -1:], expected, atol=1e-9)
+    score = judge(env, idle(env), [("own", reference)])
+    assert score.joint_error < 4e-4
+    env.close()
+
+
+def test_a_model_that_is_wrong_about_the_hidden_arm_leaves_an_error(files: dict[str, str], arm: NominalArm) -> None:
+    settings, errors = short(), {}
+    for name in ("nominal", "corrected"):
+        env = Task.of(files[name], arm, EFFECTS).hidden_arm(settings)
+        errors[name] = judge(env, idle(env), held_out(settings, env)).joint_error
+        env.close()
+    assert errors["corrected"] < 0.1 * errors["nominal"]
+
+
+def test_the_network_acts_in_the_simulator(files: dict[str, str], arm: NominalArm) -> None:
+    reference, _ = motion()
+    env = Task.of(files["network"], arm).simulator(short())
+    errors = []
+    for feedforward in (env._feedforward, Task.of(files["corrected"], arm).model()):
+        env._feedforward = feedforward
+        errors.append(judge(env, idle(env), [("own", reference)]).joint_error)
+    env.close()
+    assert errors[0] < 0.1 * errors[1]
+
+
+def test_gravity_and_pd_train_on_the_nominal_arm(arm: NominalArm) -> None:
+    assert isinstance(Task.of("gravity", arm).model(), Gravity) and Task.of("pd", arm).model() is None
+    assert Task.of("gravity", arm).believed.arm is arm
+
+
+def test_randomisation_does_not_change_the_motion(arm: NominalArm) -> None:
+    task, starts = Task.of("nominal", arm), []
+    for settings in (short(), short(randomise=("payload",), count=(1, 1))):
+        env = task.simulator(settings)
+        env.reset(seed=4)
+        starts.append(env.unwrapped._course.q)
+        env.close()
+    np.testing.assert_array_equal(*starts)
+
+
+def test_models_of_other_joints_are_refused(files: dict[str, str], tmp_path: Path) -> None:
+    other = rod(tmp_path, "elbow")
+    with pytest.raises(InputError, match="hinge"):
+        Task.of(files["identified"], other)
+    with pytest.raises(InputError, match="did you mean 'nominal'"):
+        Task.of("nominl", other)
+
+
+def test_motions_that_the_arm_cannot_follow_are_refused(arm: NominalArm) -> None:
+    with pytest.raises(InputError, match="three joints"):
+        Task.of("pd", arm).check(Settings())

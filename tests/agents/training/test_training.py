@@ -1,0 +1,177 @@
+"""Agents learn, the same way every time, and go on where they were interrupted."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from agents.training.checkpoint import read_checkpoint
+from agents.training.loop import CHECKPOINTS, EVENTS, WEIGHTS, Training
+from agents.training.policy import read_agent, write_agent
+from agents.training.settings import Settings
+from agents.training.task import Task
+from arm.errors import InputError
+from arm.nominal import NominalArm
+from effects.applied import AppliedEffect
+
+from .conftest import rod, short
+
+pytest.importorskip("torch")
+pytest.importorskip("stable_baselines3")
+
+
+def weights(folder: Path) -> dict[str, np.ndarray]:
+    """All networks and optimisers of the last checkpoint."""
+    from stable_baselines3.common.save_util import load_from_zip_file
+
+    found = read_checkpoint(folder / CHECKPOINTS)
+    assert found is not None
+    parameters = load_from_zip_file(found[0] / WEIGHTS, load_data=False)[1]
+
+    def flat(name: str, content: object) -> dict[str, np.ndarray]:
+        if isinstance(content, dict):
+            return {k: v for key, value in content.items() for k, v in flat(f"{name}.{key}", value).items()}
+        return {name: np.asarray(content)} if hasattr(content, "numpy") else {}
+
+    return flat("", parameters)
+
+
+def same(one: Path, other: Path) -> None:
+    a, b = weights(one), weights(other)
+    assert a.keys() == b.keys() and a
+    for name, value in a.items():
+        np.testing.assert_array_equal(value, b[name], err_msg=name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "settings",
+    [short("ppo", steps=5120, round_steps=2560), short("sac", steps=3600, round_steps=1800)],
+    ids=["ppo", "sac"],
+)
+def test_agents_learn_to_hold_a_rod_up(task: Task, settings: Settings, tmp_path: Path) -> None:
+    trained = Training(task, settings, tmp_path / "out").run()
+    first, best = trained.curve[0], trained.curve[trained.best]
+    assert best.simulator.joint_error < 0.6 * first.simulator.joint_error
+    assert best.hidden is not None and first.hidden is not None
+    assert best.hidden.joint_error < 0.6 * first.hidden.joint_error
+    assert best.simulator.reward > first.simulator.reward + 0.05
+
+
+@pytest.mark.parametrize("algorithm", ["ppo", "sac", "td3"])
+def test_the_untrained_agent_does_nothing(task: Task, algorithm: str, tmp_path: Path) -> None:
+    training = Training(task, short(algorithm), tmp_path)
+    trained = training.run(rounds=0)
+    assert len(trained.curve) == 1 and trained.best == 0
+    env = task.simulator(short(algorithm))
+    np.testing.assert_array_equal(trained.policy(env.reset(seed=1)[0]), 0.0)
+    env.close()
+
+
+@pytest.mark.parametrize("algorithm", ["ppo", "sac"])
+def test_interrupted_and_resumed_equals_uninterrupted_bit_by_bit(task: Task, algorithm: str, tmp_path: Path) -> None:
+    settings = short(algorithm)
+    whole = Training(task, settings, tmp_path / "whole").run()
+    Training(task, settings, tmp_path / "parts").run(rounds=1)
+    resumed = Training(task, settings, tmp_path / "parts").run()
+    assert [p.plain() for p in resumed.curve] == [p.plain() for p in whole.curve]
+    same(tmp_path / "whole", tmp_path / "parts")
+
+
+@pytest.mark.slow
+def test_processes_of_their_own_change_nothing(task: Task, tmp_path: Path) -> None:
+    for parallel in (False, True):
+        Training(task, short(steps=256, parallel=parallel), tmp_path / str(parallel)).run()
+    same(tmp_path / "False", tmp_path / "True")
+
+
+def test_another_seed_is_another_agent(task: Task, tmp_path: Path) -> None:
+    for seed in (0, 1):
+        Training(task, short(steps=256, seed=seed), tmp_path / str(seed)).run()
+    with pytest.raises(AssertionError):
+        same(tmp_path / "0", tmp_path / "1")
+
+
+def test_hidden_effects_do_not_reach_training(arm: NominalArm, tmp_path: Path) -> None:
+    payload = AppliedEffect("payload", (), {"mass": np.array(1.0), "com": np.array([0.5, 0.0, 0.0])})
+    for name, hidden in (("none", ()), ("payload", (payload,))):
+        Training(Task.of("pd", arm, hidden), short(), tmp_path / name).run()
+    same(tmp_path / "none", tmp_path / "payload")
+
+
+def test_training_ends_early_for_want_of_improvement(task: Task, tmp_path: Path) -> None:
+    trained = Training(task, short(steps=2048, patience=1, improvement=1.0), tmp_path).run()
+    assert trained.stopped and len(trained.curve) == 2 and trained.best == 0
+
+
+def test_a_checkpoint_cut_short_is_refused(task: Task, tmp_path: Path) -> None:
+    Training(task, short(steps=256), tmp_path).run()
+    found = read_checkpoint(tmp_path / CHECKPOINTS)
+    assert found is not None
+    file = found[0] / WEIGHTS
+    file.write_bytes(file.read_bytes()[:-100])
+    with pytest.raises(InputError, match=r"cut short(.|\n)*--again"):
+        Training(task, short(steps=256), tmp_path).run()
+
+
+def test_a_checkpoint_of_other_settings_is_refused(task: Task, tmp_path: Path) -> None:
+    Training(task, short(steps=256), tmp_path).run()
+    with pytest.raises(InputError, match="another steps"):
+        Training(task, short(steps=512), tmp_path).run()
+
+
+@pytest.mark.parametrize("name", ["stable_baselines3", "torch"])
+def test_what_is_not_installed_is_told(task: Task, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(InputError, match=rf"{name}(.|\n)*gapscope\[learn\]"):
+        Training(task, short(), tmp_path)
+
+
+def test_events_are_written(task: Task, tmp_path: Path) -> None:
+    pytest.importorskip("tensorboard")
+    Training(task, short(steps=256), tmp_path).run()
+    assert list((tmp_path / EVENTS).glob("events.*"))
+
+
+def test_an_agent_is_read_back_and_checked(task: Task, arm: NominalArm, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    settings = short(steps=256)
+    trained = Training(task, settings, out).run()
+    write_agent(task, settings, trained, out)
+    agent, env = read_agent(out, arm), task.simulator(settings)
+    observation = env.reset(seed=3)[0]
+    np.testing.assert_array_equal(agent.act(observation), trained.policy(observation))
+    agent.check(env)
+    env.close()
+    scaled = task.simulator(short(action="scale"))
+    with pytest.raises(InputError, match="numbers in"):
+        agent.check(scaled)
+    scaled.close()
+    with pytest.raises(InputError, match="hinge, not elbow"):
+        read_agent(out, rod(tmp_path, "elbow"))
+    policy = out / "policy.zip"
+    policy.write_bytes(policy.read_bytes()[:500])
+    with pytest.raises(InputError, match="cut short"):
+        read_agent(out, arm)
+    content = json.loads((out / "agent.json").read_text())
+    content["files"] = {}
+    (out / "agent.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match="no policy"):
+        read_agent(out, arm)
+    with pytest.raises(InputError, match="no trained agent"):
+        read_agent(tmp_path, arm)
+
+
+@pytest.mark.filterwarnings("ignore:You have specified a mini-batch size")
+def test_hyperparameters_are_searched(task: Task, tmp_path: Path) -> None:
+    pytest.importorskip("optuna")
+    from agents.training.settings import read_settings
+    from agents.training.tuning import tune
+
+    file = tune(task, short(steps=128, round_steps=128), 2, tmp_path)
+    assert read_settings(file).steps == 128
+    assert tune(task, short(steps=128, round_steps=128), 2, tmp_path) == file
