@@ -1,12 +1,12 @@
 """What a model is worth to an agent: the same agent, trained on top of each model, tried on arms with hidden effects.
 
-    .venv/bin/python experiments/18_agents.py [--seeds 3] [--agents ppo,sac] [--models pd,corrected] [--steps N]
+    .venv/bin/python experiments/18_agents.py [--seeds 5] [--first 1] [--agents ppo,sac] [--models pd,corrected] [--steps N]
         [--jobs 2] [--arms out/feedforward] [--out out/agents] [--table]
 
 The hidden arms, and what was identified and diagnosed of them, are the KUKA iiwas of `16_feedforward.py`; those that
 are not there are made. Seed i is the arm and the seed of the training. Each agent is trained in the simulator made from
 its model (for `pd` the nominal arm), with the same gains, reach and number of actions; the agent that is kept is the
-best in that simulator. PPO is trained on all models, SAC on those of `OFF_POLICY`.
+best in that simulator, and what is told of it comes from motions that chose nothing. PPO is trained on all models, SAC on those of `OFF_POLICY`.
 
 Each cell (model, agent, seed) is a JSON file, written whole; a rerun goes on where the last one ended, within a cell
 at the last round. `--table` only prints what is there. Writes `curves.html`. Needs the extras `learn` and `mujoco`.
@@ -41,6 +41,8 @@ TRIED = ("pd", "nominal", RANDOMISED, "identified", "corrected", "corrected + ne
 OFF_POLICY = ("pd", "nominal", "corrected")
 """Models on top of which SAC and TD3 are trained; without `pd` there would be nothing to compare them with."""
 ENGINES = ("pybullet", "mujoco")
+UNSEEN = 1000
+"""Seed of the first motion on which the agents are told of."""
 Cells = dict[tuple[str, str, int], Any]
 
 
@@ -70,7 +72,7 @@ def tried(task: Task, settings: Settings, policy: Policy | None) -> dict[str, li
     out = {}
     for engine in ENGINES:
         env = task.hidden_arm(settings, engine)
-        motions = held_out(settings, env)
+        motions = held_out(settings, env, UNSEEN)
         scores = episodes(env, policy or idle(env), motions)
         env.close()
         out[engine] = [{"motion": name, **s.plain()} for (name, _), s in zip(motions, scores, strict=True)]
@@ -191,7 +193,8 @@ def draw(cells: Cells, path: Path) -> None:
 def main() -> None:
     """Work through the cells, then print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--first", type=int, default=1)
     parser.add_argument("--agents", default="ppo,sac")
     parser.add_argument("--models", default=",".join(TRIED))
     parser.add_argument("--steps", type=int)
@@ -204,15 +207,16 @@ def main() -> None:
     if unknown := set(models) - set(TRIED):
         parser.error(f"unknown model {sorted(unknown)[0]!r}; known are {', '.join(TRIED)}")
     warnings.simplefilter("ignore")
+    seeds = range(arguments.first, arguments.first + arguments.seeds)
     keys = [
         (model, agent, seed)
-        for seed in range(arguments.seeds)
+        for seed in seeds
         for agent in agents
         for model in models
         if agent == "ppo" or model in OFF_POLICY
     ]
     if not arguments.table:
-        for seed in range(arguments.seeds):
+        for seed in seeds:
             prepare(ROBOT, seed, SEVERITY, arguments.arms / ROBOT / str(seed))
         missing = [key for key in keys if not place(*key, arguments.out).is_file()]
         with ProcessPoolExecutor(arguments.jobs) as pool:

@@ -42,10 +42,16 @@ class Score:
         return {k: None if isinstance(v, float) and not isfinite(v) else v for k, v in asdict(self).items()}
 
 
-def held_out(settings: Settings, env: ArmTracking) -> list[tuple[str, Reference]]:
-    """Names and motions of an evaluation: those of ``gapscope evaluate``, from seeds that no training draws."""
+def held_out(settings: Settings, env: ArmTracking, first: int = 0) -> list[tuple[str, Reference]]:
+    """Names and motions of an evaluation: those of ``gapscope evaluate``, from seeds that no training draws.
+
+    Args:
+        settings: kinds of motions, how many of each, and how long.
+        env: the arm that does them.
+        first: seed of the first; motions from other seeds have chosen no agent.
+    """
     found = []
-    for seed in range(settings.seeds):
+    for seed in range(first, first + settings.seeds):
         for name in settings.motions:
             number = list(MOTIONS).index(name) if name in MOTIONS else 99
             rng = np.random.default_rng((HELD_OUT, number, seed))
