@@ -1,12 +1,13 @@
 """What a model is worth to an agent: the same agent, trained on top of each model, tried on arms with hidden effects.
 
-    .venv/bin/python experiments/18_agents.py [--seeds 5] [--first 1] [--agents ppo,sac] [--models pd,corrected] [--steps N]
-        [--jobs 2] [--arms out/feedforward] [--out out/agents] [--table]
+    .venv/bin/python experiments/18_agents.py [--seeds 5] [--first 1] [--agents ppo,sac] [--models pd,corrected]
+        [--steps N] [--jobs 2] [--arms out/feedforward] [--out out/agents] [--table]
 
 The hidden arms, and what was identified and diagnosed of them, are the KUKA iiwas of `16_feedforward.py`; those that
-are not there are made. Seed i is the arm and the seed of the training. Each agent is trained in the simulator made from
-its model (for `pd` the nominal arm), with the same gains, reach and number of actions; the agent that is kept is the
-best in that simulator, and what is told of it comes from motions that chose nothing. PPO is trained on all models, SAC on those of `OFF_POLICY`.
+are not there are made. Seed i is the arm and the seed of the training; arm 0, on which the shipped settings were tried
+out, is left out. Each agent is trained in the simulator made from its model (for `pd` the nominal arm), with the same
+gains, reach and number of actions; the agent that is kept is the best in that simulator, and what is told of it comes
+from motions that chose nothing. PPO is trained on all models, SAC on those of `OFF_POLICY`.
 
 Each cell (model, agent, seed) is a JSON file, written whole; a rerun goes on where the last one ended, within a cell
 at the last round. `--table` only prints what is there. Writes `curves.html`. Needs the extras `learn` and `mujoco`.
