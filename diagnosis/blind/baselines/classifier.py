@@ -1,4 +1,4 @@
-"""A classifier of effects from features of the gap: softmax regression, trained on separate generated cases."""
+"""A classifier of effects from features of the gap: a network with one hidden layer, trained on separate cases."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from diagnosis.blind.baselines.methods import answer, left_by
 
 PENALTY = 1e-2
 """Weight of the squared coefficients."""
+HIDDEN = 32
+"""Hidden units."""
 
 
 def features(design: Design) -> np.ndarray:
@@ -28,22 +30,24 @@ def features(design: Design) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Classifier:
-    """Softmax regression on standardised features.
+    """Softmax of [tanh([z 1] A) 1] B, z the standardised features.
 
     Attributes:
         classes: names of the C classes.
         middle, width: of the F features, (F,).
-        weights: (F + 1, C), the last row the constants.
+        inner: A, (F + 1, HIDDEN), the last row the constants; outer: B, (HIDDEN + 1, C).
     """
 
     classes: tuple[str, ...]
     middle: np.ndarray
     width: np.ndarray
-    weights: np.ndarray
+    inner: np.ndarray
+    outer: np.ndarray
 
     def probabilities(self, x: np.ndarray) -> np.ndarray:
         """Of each class, (N, C), from features (N, F)."""
-        return _softmax(_constant((x - self.middle) / self.width) @ self.weights)
+        hidden = np.tanh(_constant((x - self.middle) / self.width) @ self.inner)
+        return _softmax(_constant(hidden) @ self.outer)
 
     def diagnose(self, design: Design) -> dict[str, Any]:
         """The likeliest class as a verdict."""
@@ -55,22 +59,32 @@ class Classifier:
 
 
 def train(x: np.ndarray, names: Sequence[str]) -> Classifier:
-    """Fit to features (N, F) and class names (N,) by penalised likelihood."""
+    """Fit to features (N, F) and class names (N,) by penalised likelihood, from fixed random weights."""
     classes = tuple(sorted(set(names)))
     truth = np.array([[name == c for c in classes] for name in names], dtype=float)
     middle, width = x.mean(axis=0), np.maximum(x.std(axis=0), 1e-9)
-    a = _constant((x - middle) / width)
+    z = _constant((x - middle) / width)
+    shapes = (z.shape[1], HIDDEN), (HIDDEN + 1, len(classes))
+    cut = shapes[0][0] * HIDDEN
+
+    def split(flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return flat[:cut].reshape(shapes[0]), flat[cut:].reshape(shapes[1])
 
     def loss(flat: np.ndarray) -> tuple[float, np.ndarray]:
-        w = flat.reshape(a.shape[1], len(classes))
-        p = _softmax(a @ w)
-        value = -np.log(np.maximum((p * truth).sum(axis=1), 1e-300)).mean() + 0.5 * PENALTY * (w[:-1] ** 2).sum()
-        slope = a.T @ (p - truth) / len(a)
-        slope[:-1] += PENALTY * w[:-1]
-        return float(value), slope.ravel()
+        inner, outer = split(flat)
+        hidden = np.tanh(z @ inner)
+        p = _softmax(_constant(hidden) @ outer)
+        value = -np.log(np.maximum((p * truth).sum(axis=1), 1e-300)).mean()
+        value += 0.5 * PENALTY * ((inner[:-1] ** 2).sum() + (outer[:-1] ** 2).sum())
+        off = (p - truth) / len(z)
+        slopes = z.T @ ((off @ outer[:-1].T) * (1.0 - hidden**2)), _constant(hidden).T @ off
+        for slope, weights in zip(slopes, (inner, outer), strict=True):
+            slope[:-1] += PENALTY * weights[:-1]
+        return float(value), np.concatenate([slope.ravel() for slope in slopes])
 
-    found = minimize(loss, np.zeros(a.shape[1] * len(classes)), jac=True, method="L-BFGS-B")
-    return Classifier(classes, middle, width, found.x.reshape(a.shape[1], len(classes)))
+    start = np.random.default_rng(0).normal(size=cut + shapes[1][0] * shapes[1][1]) / np.sqrt(shapes[0][0])
+    found = minimize(loss, start, jac=True, method="L-BFGS-B", options={"maxiter": 500})
+    return Classifier(classes, middle, width, *split(found.x))
 
 
 def _constant(x: np.ndarray) -> np.ndarray:

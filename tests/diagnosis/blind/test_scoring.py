@@ -171,6 +171,15 @@ def test_the_classifier_learns_what_can_be_told_apart() -> None:
     assert (np.array(["a", "b", "c"])[p.argmax(axis=1)] == names).mean() > 0.9
 
 
+def test_the_classifier_learns_what_no_line_divides() -> None:
+    """Exclusive or: the network's hidden layer has something to do."""
+    x = np.random.default_rng(0).uniform(-1.0, 1.0, (300, 2))
+    names = np.where(x[:, 0] * x[:, 1] > 0, "same", "other")
+    network = train(x, names.tolist())
+    found = np.array(network.classes)[network.probabilities(x).argmax(axis=1)]
+    assert (found == names).mean() > 0.9
+
+
 def test_an_answer_of_a_plain_method_can_be_scored() -> None:
     case = compare("c", label(effect("armature", [1], inertia=[1.0])), answer("effects_found", [("armature", [1])]))
     assert case.exact and case.errors == ()
