@@ -167,11 +167,10 @@ class Evidence:
             values[draw, columns] = Normal(total, len(columns), self.spread).solve(np.arange(len(columns)))
         return values + rng.normal(size=values.shape) * self._systematic()
 
-    def halves(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Weighed normal equations of every other piece of the data and of those between, both ways round."""
+    def halves(self) -> tuple[np.ndarray, np.ndarray]:
+        """Weighed normal equations of every other piece of the data, and of those between."""
         pieces = self._pieces(np.arange(self.told.gram.shape[-1]))
-        even, odd = pieces[::2].sum(axis=0), pieces[1::2].sum(axis=0)
-        return [(even, odd), (odd, even)]
+        return pieces[::2].sum(axis=0), pieces[1::2].sum(axis=0)
 
     def _pieces(self, places: np.ndarray) -> np.ndarray:
         """Weighed normal equations of every piece of the data, over some of the columns, (pieces, C, C)."""

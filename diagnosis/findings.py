@@ -15,7 +15,7 @@ from diagnosis.predictable import predictable
 from diagnosis.rivals import OPEN, TEMPER, rivals, separated_by
 from diagnosis.rows import Rows, stack
 from diagnosis.sides import described
-from diagnosis.significance import false_discovery_rates, log_e_values
+from diagnosis.significance import RATE, false_discovery_rates, log_e_values
 from diagnosis.where import located, regions
 from diagnosis.wording import effect_name
 from effects.applied import AppliedEffect
@@ -107,6 +107,7 @@ def _effects(study: Study, rows: Rows) -> list[dict[str, Any]]:
             "share_interval": [shares[finding_of(applied)].low, shares[finding_of(applied)].high],
             "log_e": log_e.get(finding_of(applied)),
             "false_discovery_rate": rates.get(finding_of(applied)),
+            "confirmed": None if finding_of(applied) not in rates else rates[finding_of(applied)] <= RATE,
         }
         for applied in sorted(study.effects, key=lambda e: shares[finding_of(e)].value, reverse=True)
     ]

@@ -19,6 +19,7 @@ class Normal:
 
     Attributes:
         delta: D, shape (K, P + 1).
+        least: L, with |[theta; -1]|^2_L the least sum of squares over all nuisances, theirs included, (P + 1, P + 1).
     """
 
     def __init__(self, total: np.ndarray, size: int, sigma: float | np.ndarray) -> None:
@@ -27,18 +28,12 @@ class Normal:
         cross, right = total[size:-1, :size], total[size:-1, -1]
         reduced = cho_solve(cho_factor(nuisance, lower=True), np.column_stack([cross, right]))
         self.delta = reduced * np.append(-np.ones(size), 1.0)
-        self._schur = total[:size, :size] - cross.T @ reduced[:, :-1]
-        self._right = total[:size, -1] - cross.T @ reduced[:, -1]
+        own = np.delete(np.delete(total, np.s_[size:-1], axis=0), np.s_[size:-1], axis=1)
+        self.least = own - np.column_stack([cross, right]).T @ reduced
 
     def solve(self, columns: np.ndarray) -> np.ndarray:
         """Values of the terms in ``columns``, zeros elsewhere, shape (P,)."""
-        theta = np.zeros(self.size)
-        if len(columns):
-            block = self._schur[np.ix_(columns, columns)]
-            scale = 1.0 / np.sqrt(np.maximum(np.diag(block), 1e-12))
-            scaled = block * scale[:, None] * scale + 1e-9 * np.eye(len(columns))
-            theta[columns] = scale * np.linalg.solve(scaled, scale * self._right[columns])
-        return theta
+        return solve(self.least, columns)
 
     def rest(self, gram: np.ndarray, theta: np.ndarray, columns: np.ndarray, *, corrected: bool) -> np.ndarray:
         """|y - A theta - N delta|^2 per joint, shape (n,), >= 0.
@@ -58,3 +53,14 @@ class Normal:
     def nuisance(self, theta: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """The best nuisances delta for given values of the terms, shape (K,)."""
         return self.delta[:, columns] @ theta[columns] + self.delta[:, -1]
+
+
+def solve(least: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Where |[theta; -1]|^2_L is least over the terms in ``columns``, others zero; (P,) from L of (P + 1, P + 1)."""
+    theta = np.zeros(len(least) - 1)
+    if len(columns):
+        block = least[np.ix_(columns, columns)]
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(block), 1e-12))
+        scaled = block * scale[:, None] * scale + 1e-9 * np.eye(len(columns))
+        theta[columns] = scale * np.linalg.solve(scaled, scale * least[columns, -1])
+    return theta

@@ -9,7 +9,7 @@ import numpy as np
 from diagnosis.judge import Judge
 from diagnosis.rivals import rivals
 from diagnosis.search import Search
-from diagnosis.significance import RATE, false_discovery_rates, log_e_values
+from diagnosis.significance import CONTRADICTED, log_e_values
 from diagnosis.terms import Term
 
 REACHING = ("encoder_offset", "joint_elasticity", "backlash", "link_inertia")
@@ -34,10 +34,10 @@ class Refusal:
 
 
 def refuse(judge: Judge) -> tuple[Search, list[Refusal]]:
-    """Take back what widens the gap of a joint on unseen data, what is improbable, and what may be chance."""
+    """Take back what widens the gap of a joint on unseen data, what is improbable, and what half of the data denies."""
     found, refusals = judge.found, []
     while found.fit.terms:
-        refusal = _harmful(_with(judge, found)) or _improbable(found) or _chance(found)
+        refusal = _harmful(_with(judge, found)) or _improbable(found) or _contradicted(found)
         if refusal is None:
             break
         refusals.append(refusal)
@@ -79,11 +79,11 @@ def _improbable(found: Search) -> Refusal | None:
     return None
 
 
-def _chance(found: Search) -> Refusal | None:
-    """The effect that is most likely there by chance, where too many would be (``diagnosis/significance.py``)."""
-    rates = false_discovery_rates(log_e_values(found))
-    name = max(rates, key=lambda name: rates[name], default=None)
-    if name is None or rates[name] <= RATE:
+def _contradicted(found: Search) -> Refusal | None:
+    """The effect that one half of the data speaks against most (``diagnosis/significance.py``)."""
+    log_e = log_e_values(found)
+    name = min(log_e, key=lambda name: log_e[name], default=None)
+    if name is None or log_e[name] >= CONTRADICTED:
         return None
     terms = frozenset(t for t in found.fit.terms if t.finding == name)
-    return Refusal(terms, f"may be chance: one half of the data does not bear out the other ({rates[name]:.0%})", 0.0)
+    return Refusal(terms, "one half of the data contradicts what the other says of it", 0.0)

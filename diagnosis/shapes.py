@@ -31,8 +31,8 @@ MOST_LIMITED = 0.85
 """...and acts for this share of the time at most: a controller whose torque never arrives cannot track..."""
 LEAST_NEED = 0.7
 """...and then this share of the limit is needed on average."""
-LIMITS = 60
-"""Limits that are tried."""
+LIMITS = 40
+"""Limits that are tried in even steps up to the largest torque, and as many in even ratios."""
 LEAST_WINDOW = 0.3
 """Shortest such window [s]."""
 
@@ -187,7 +187,7 @@ def _saturation(
     u, need = np.vstack(torque)[:, 0], np.concatenate(needed)
     largest = float(np.abs(u).max())
     least = max(LEAST_LIMIT * largest, float(np.quantile(np.abs(u), 1.0 - MOST_LIMITED)))
-    limits = np.geomspace(least, 0.98 * largest, LIMITS)
+    limits = np.sort([*np.linspace(least, 0.98 * largest, LIMITS), *np.geomspace(least, 0.97 * largest, LIMITS)[1:]])
     if known is not None:
         limits = np.clip(known * np.linspace(0.9, 1.1, 21), least, 0.999 * largest)
     beyond = np.abs(u)[:, None] > limits

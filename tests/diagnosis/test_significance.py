@@ -52,7 +52,7 @@ def test_effects_that_are_not_there_are_not(effect: str, joint: int) -> None:
     assert values[effect] < np.log(20 / RATE)
 
 
-def test_chance_is_taken_back_and_what_is_there_is_kept() -> None:
+def test_what_half_of_the_data_denies_is_taken_back_and_what_is_there_is_kept() -> None:
     more = with_terms(found(HEAVY), "torque_offset", 3)
     kept, refusals = refuse(Judge(synthetic.arm(), synthetic.body(), more, folds(HEAVY)[0], []))
     assert {t.effect for t in kept.fit.terms} == {"armature", "coulomb_friction"}
