@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from arm.case_file import read_case_file
 from arm.controller import Controller
 from arm.controller_file import parse_controller
 from arm.errors import InputError
 from arm.importing import Import, parse_import
+from arm.known_load import KnownLoad, parse_payloads
 from arm.nominal import NominalArm
 from arm.plausibility import UNSIGNED
 from arm.reading import load_recording
@@ -39,6 +41,7 @@ class Case:
         controller: the controller, where known.
         warnings: what was noticed about the whole case while reading.
         importing: how its logs are read, where they are not in the columns of the case format.
+        payloads: known bodies mounted in some recordings, by the path of their file.
     """
 
     name: str
@@ -49,6 +52,11 @@ class Case:
     controller: Controller | None = None
     warnings: tuple[str, ...] = ()
     importing: Import | None = None
+    payloads: Mapping[Path, KnownLoad] = field(default_factory=dict)
+
+    def payload_of(self, file: Path) -> KnownLoad | None:
+        """Known body that was mounted while the recording in a file was made, or ``None``."""
+        return self.payloads.get(file.resolve())
 
 
 def load_case(
@@ -84,7 +92,8 @@ def load_case(
     importing = parse_import(section, arm.n_joints, file) if section else None
     fit = importing.fit if importing else ()
     judge = importing.judge if importing else ()
-    read = partial(_read, arm=arm, importing=importing, any_unit=any_unit)
+    payloads = _payloads(content, paths)
+    read = partial(_read, arm=arm, importing=importing, any_unit=any_unit, payloads=payloads)
     recordings: list[Recording] = []
     judged: list[Recording] = []
     if read_recordings:
@@ -101,6 +110,7 @@ def load_case(
         controller=parse_controller(content.get("controller"), arm.n_joints, file),
         warnings=_warnings([*recordings, *judged]),
         importing=importing,
+        payloads=payloads,
     )
 
 
@@ -114,11 +124,11 @@ def case_files(path: str | Path, *, data_root: Path | None = None) -> tuple[Path
     file = Path(path) / "case.yaml" if Path(path).is_dir() else Path(path)
     content, paths = read_case_file(file), _Paths(file, data_root)
     found = [file, case.arm.urdf]
-    for field in ("recordings", "judge"):
-        for entry in content.get(field, []):
-            where = paths.entry(entry, field)
-            for part in where.values() if isinstance(where, dict) else (where,):
-                found += sorted(p for p in part.rglob("*") if p.is_file()) if part.is_dir() else [part]
+    for part in ("recordings", "judge"):
+        for entry in content.get(part, []):
+            where = paths.entry(entry, part)
+            for place in where.values() if isinstance(where, dict) else (where,):
+                found += sorted(p for p in place.rglob("*") if p.is_file()) if place.is_dir() else [place]
     return tuple(found)
 
 
@@ -152,6 +162,19 @@ class _Paths:
         return {label: self.file.parent / self.expand(text, field) for label, text in entry.items()}
 
 
+def _payloads(content: Mapping[str, Any], paths: _Paths) -> dict[Path, KnownLoad]:
+    """Known bodies by the path of a recording's file; of several files side by side any may be named."""
+    named: dict[str, Path] = {}
+    if not content.get("payloads"):
+        return {}
+    for part in ("recordings", "judge"):
+        for entry in content.get(part, []):
+            for text in [entry] if isinstance(entry, str) else entry.values():
+                named[text] = paths.file.parent / paths.expand(text, part)
+    loads = parse_payloads(content.get("payloads"), named, paths.file)
+    return {named[text].resolve(): load for text, load in loads.items()}
+
+
 def _read(
     entry: Path | dict[str, Path],
     rows: tuple[int, int] | None,
@@ -159,11 +182,16 @@ def _read(
     arm: NominalArm,
     importing: Import | None,
     any_unit: bool,
+    payloads: Mapping[Path, KnownLoad],
 ) -> Recording:
-    """One recording of a case."""
+    """One recording of a case, with the known body that was mounted."""
     recording = load_recording(entry, arm, importing, rows=rows, complete=True, any_unit=any_unit)
+    files = [entry] if isinstance(entry, Path) else list(entry.values())
+    loads = [payloads[file.resolve()] for file in files if file.resolve() in payloads]
+    if loads:
+        recording = replace(recording, payload=loads[0])
     if recording.duration < SHORTEST:
-        file = entry if isinstance(entry, Path) else next(iter(entry.values()))
+        file = files[0]
         raise InputError(
             f"lasts {recording.duration:.3g} s ({len(recording.t)} samples), expected at least {SHORTEST:g} s",
             "record a longer motion; ten seconds in which all joints move are a good start",

@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from arm.errors import InputError
 from arm.inertials import check_inertials
+from arm.known_load import KnownLoad
 from arm.nominal import NominalArm
 from arm.recent import Recent
 
@@ -118,6 +119,8 @@ class RigidBody:
         self.n_joints = arm.n_joints
         self.last_link = int(self._to_model[-1])
         self._recent = Recent()
+        self._unladen: RigidBody | None = None
+        self._laden: dict[KnownLoad, RigidBody] = {}
 
     def inverse_dynamics(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         """tau = M(q) ddq + C(q, dq) dq + g(q), shape (N, n)."""
@@ -161,6 +164,7 @@ class RigidBody:
             gravity: in the base frame [m/s^2], shape (3,); unchanged where ``None``.
         """
         other = copy(self)
+        other._laden = {}
         other.model = self.model.copy()
         other._data = other.model.createData()
         for link, increment in zip(self.links, increments, strict=True):
@@ -170,6 +174,23 @@ class RigidBody:
         if gravity is not None:
             other.model.gravity = pin.Motion(np.array(gravity), np.zeros(3))
         return other
+
+    def carrying(self, load: KnownLoad | None) -> RigidBody:
+        """This arm with a known body on its last link, the same object for the same load; itself where ``None``."""
+        if load is None:
+            return self
+        if load not in self._laden:
+            added = np.zeros((self.n_joints, 10))
+            added[self.last_link] = load.parameters
+            laden = self.changed(added)
+            laden._unladen = self.unladen
+            self._laden[load] = laden
+        return self._laden[load]
+
+    @property
+    def unladen(self) -> RigidBody:
+        """The arm without its known load: what errors of its links, and the place of a force, are told by."""
+        return self._unladen or self
 
     @property
     def gravity(self) -> np.ndarray:
@@ -189,13 +210,15 @@ class RigidBody:
     def force_regressor(self, q: np.ndarray) -> np.ndarray:
         """J^T [m], shape (N, n, 3), with joint torque J^T f of a force f on the last link's centre of mass.
 
+        A known load does not move the place where the force acts.
+
         Args:
             q: joint positions [rad], shape (N, n).
         """
         q = np.ascontiguousarray(np.atleast_2d(q)[:, self._to_model])
         model, data = self.model, self._data
         last = int(self.links[self.last_link])
-        lever = model.inertias[last].lever
+        lever = self.unladen.model.inertias[last].lever
         out = np.empty((*q.shape, 3))
         for i in range(len(q)):
             jacobian = pin.computeJointJacobians(model, data, q[i])

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from arm.errors import InputError
+from arm.known_load import KnownLoad
 
 CHANNELS = ("q", "dq", "tau", "q_ref", "dq_ref", "tau_sensor", "temperature")
 """Names of the per-joint channels, in the order in which files hold them."""
@@ -27,6 +28,7 @@ class Recording:
         tau_sensor: joint torque sensor [N m], (N, n), or ``None``.
         temperature: joint temperature [deg C], (N, n), or ``None``.
         notes: what was noticed or repaired while reading, for the report.
+        payload: known body that was mounted on the last link, or ``None``.
 
     Raises:
         InputError: a channel's shape does not fit ``t`` and ``q``, or a value is not finite.
@@ -42,12 +44,13 @@ class Recording:
     tau_sensor: np.ndarray | None = None
     temperature: np.ndarray | None = None
     notes: tuple[str, ...] = ()
+    payload: KnownLoad | None = None
 
     def __post_init__(self) -> None:
         """Freeze the arrays and check their shapes."""
         for field in fields(self):
             value = getattr(self, field.name)
-            if field.name in ("name", "notes") or value is None:
+            if field.name in ("name", "notes", "payload") or value is None:
                 continue
             array = np.array(value, dtype=float)
             array.setflags(write=False)

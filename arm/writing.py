@@ -139,6 +139,9 @@ def _fill(case: Case, folder: Path, ending: str) -> None:
     content["recordings"] = names[: len(case.recordings)]
     if case.judged:
         content["judge"] = names[len(case.recordings) :]
+    loads = {name: r.payload for r, name in zip((*case.recordings, *case.judged), names, strict=True)}
+    if any(loads.values()):
+        content["payloads"] = {name: load.entry() for name, load in loads.items() if load is not None}
     silent = [recording.tau is None for recording in (*case.recordings, *case.judged)]
     if any(silent):
         content["import"] = {"tau": None}

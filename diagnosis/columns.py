@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from arm.dynamics import RigidBody
+from arm.known_load import point_mass_parameters
 from arm.motion import Motion
 from diagnosis.coordinates import COORDINATES
 from diagnosis.terms import Terms
@@ -18,7 +19,7 @@ from effects.corrected import CorrectedArm, slow_with_rates
 from effects.deflection import play_columns
 from effects.effect import Transmission
 from effects.environment import acts, tilt
-from effects.rigid_body import link_change, point_mass_parameters
+from effects.rigid_body import link_change
 from ident.conditioning import Segment
 
 BODILY = ("payload", "link_inertia", "base_tilt", "external_force", "encoder_offset")
@@ -45,7 +46,7 @@ class Bodies:
 
     @classmethod
     def of(cls, body: RigidBody, segment: Segment, regressor: np.ndarray) -> Bodies:
-        """The bodies of a segment with its inertial regressor, shape (N, n, 10 n)."""
+        """The bodies of a segment, its known load included, with its inertial regressor, shape (N, n, 10 n)."""
         motion, last = segment.motion, 10 * body.last_link
         torque = regressor @ body.inertial_parameters()
         return cls(
@@ -79,7 +80,7 @@ def columns(
         only: effects whose columns are wanted; all where ``None``, the others' are zero.
     """
     motion = segment.motion
-    arm = corrected.unlimited
+    arm, body = corrected.unlimited, segment.bodies(body)
     rigid = arm.rigid_torque(body, motion)
 
     def recorded(of: CorrectedArm, torque: np.ndarray) -> np.ndarray:
@@ -132,7 +133,7 @@ def bodily_columns(
     arm: CorrectedArm, body: RigidBody, segment: Segment, bodies: Bodies, terms: Terms, theta: np.ndarray,
     rigid: np.ndarray,
 ) -> dict[int, np.ndarray]:  # fmt: skip
-    """Derivatives of the bodies' torque, (N, n), by place in theta."""
+    """Derivatives of the bodies' torque, (N, n), by place in theta; ``body`` carries the segment's known load."""
     motion, out = segment.motion, {}
     q = arm.true_position(motion.q)
     changed = arm.body(body)

@@ -30,7 +30,11 @@ def context(study: Study) -> dict[str, Any]:
         judged_on += "; the torque there is the one that the known controller must have commanded"
     return {
         "arm": {"robot": case.arm.name, "joints": list(case.arm.joints)},
-        "recordings": [{"name": r.name, "duration": r.duration, "rate": r.rate, "role": role} for r, role in roles],
+        "recordings": [
+            {"name": r.name, "duration": r.duration, "rate": r.rate, "role": role}
+            | ({} if r.payload is None else {"payload": r.payload.entry()})
+            for r, role in roles
+        ],
         "conditioning": {
             "rate": study.judge.segments[0].motion.rate,
             "position_cutoff": study.cutoff,

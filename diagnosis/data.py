@@ -37,7 +37,7 @@ class Data:
         self.nuisance, self.bodies = [], []
         for s in self.segments:
             regressor = body.regressor(s.motion.q, s.motion.dq, s.motion.ddq)
-            self.bodies.append(Bodies.of(body, s, regressor))
+            self.bodies.append(Bodies.of(s.bodies(body), s, regressor))
             self.nuisance.append(self.thin(regressor * self.units, s))
         self._ripples: dict[int, tuple[np.ndarray, np.ndarray]] = {}
 

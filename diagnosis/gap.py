@@ -71,10 +71,10 @@ class TorqueGap:
 
 
 def torque_gap(corrected: CorrectedArm, body: RigidBody, segments: list[Segment]) -> TorqueGap:
-    """Torque gap of an arm on segments that carry a torque."""
+    """Torque gap of an arm on segments that carry a torque; ``body``: of the nominal arm without known loads."""
     measured, predicted = [], []
     for segment in segments:
-        prediction = corrected.unlimited.predict(body, segment.motion)
+        prediction = corrected.unlimited.predict(segment.bodies(body), segment.motion)
         measured.append(filtered_torque(segment, corrected))
         predicted.append(low_pass(prediction, segment.motion.rate, TORQUE_CUTOFF)[segment.inner])
     edges = np.concatenate([[0], np.cumsum([len(m) for m in measured])])
@@ -118,6 +118,7 @@ def healthy(corrected: CorrectedArm, body: RigidBody, segment: Segment) -> Healt
     does to the degree 1 - |tanh(v / STICKING)|; ``FRICTION_FORM`` L while it slides.
     """
     assert segment.torque is not None
+    body = segment.bodies(body)
     gap = corrected.delivered(segment.torque) - corrected.unlimited.predict(body, segment.motion)
     dry = dry_friction(corrected, segment)
     simplified = simplified_forms(corrected, segment, lambda arm: arm.unlimited.predict(body, segment.motion))

@@ -40,7 +40,7 @@ def _rates(state: State, delayed: Model) -> list[np.ndarray]:
     arm = CorrectedArm(state.data.arm, effects)
     out: list[list[np.ndarray]] = [[], [], []]
     for segment in state.data.segments:
-        series = arm.unlimited.predict(state.data.body, segment.motion)
+        series = arm.unlimited.predict(segment.bodies(state.data.body), segment.motion)
         for order in range(3):
             series = np.gradient(series, segment.motion.t, axis=0)
             out[order].append(state.data.thin(series, segment))

@@ -13,11 +13,11 @@ from ident.conditioning import condition, pieces, position_cutoff
 
 
 def predict_torque(corrected: CorrectedArm, recording: Recording) -> np.ndarray:
-    """Torque [N m], shape (N, n), finite at every sample; of the recording only t and q are used.
+    """Torque [N m], shape (N, n), finite at every sample; of the recording t, q and its known payload are used.
 
     Where a stretch between gaps is too short to differentiate, the arm is taken to stand still.
     """
-    body = RigidBody(corrected.arm)
+    body = RigidBody(corrected.arm).carrying(recording.payload)
     t, first, back = np.unique(recording.t, return_index=True, return_inverse=True)
     motion = Recording(recording.name, t, recording.q[first])
     at_rest = np.zeros_like(motion.q)

@@ -66,13 +66,16 @@ class _Bodies:
     def __init__(self, state: State) -> None:
         self.data = state.data
         corrected = CorrectedArm(self.data.arm, state.terms.effects(state.linear.theta))
-        self.body = corrected.body(self.data.body)
+        laden = [s.bodies(self.data.body) for s in self.data.segments]
+        self.bodies = [corrected.body(body) for body in laden]
         self.scale = 1.0 / (1.0 + corrected.value("torque_scale", "scale"))
-        self.torque = [corrected.rigid_torque(self.data.body, s.motion) for s in self.data.segments]
+        self.torque = [
+            corrected.rigid_torque(body, s.motion) for body, s in zip(laden, self.data.segments, strict=True)
+        ]
         self.mass = np.mean(
             [
-                np.diagonal(self.body.sensitivities(s.motion.q, s.motion.dq, s.motion.ddq)[2], axis1=1, axis2=2).mean(0)
-                for s in self.data.segments
+                np.diagonal(body.sensitivities(s.motion.q, s.motion.dq, s.motion.ddq)[2], axis1=1, axis2=2).mean(0)
+                for body, s in zip(self.bodies, self.data.segments, strict=True)
             ],
             axis=0,
         )
@@ -82,8 +85,8 @@ class _Bodies:
         of = np.eye(self.data.arm.n_joints)[j]
         return self._rows(
             [
-                behind_elasticity(self.body, s.motion, torque, stiffness * of, damping * of) - torque
-                for s, torque in zip(self.data.segments, self.torque, strict=True)
+                behind_elasticity(body, s.motion, torque, stiffness * of, damping * of) - torque
+                for body, s, torque in zip(self.bodies, self.data.segments, self.torque, strict=True)
             ]
         )
 
@@ -92,8 +95,8 @@ class _Bodies:
         of, none = np.eye(self.data.arm.n_joints)[j], np.zeros(self.data.arm.n_joints)
         return self._rows(
             [
-                behind_play(self.body, s.motion, torque, width * of, none, none) - torque
-                for s, torque in zip(self.data.segments, self.torque, strict=True)
+                behind_play(body, s.motion, torque, width * of, none, none) - torque
+                for body, s, torque in zip(self.bodies, self.data.segments, self.torque, strict=True)
             ]
         )
 

@@ -107,9 +107,9 @@ def link_rows(
     if segment.torque_sensor is None:
         nothing = np.zeros_like(motion.q)
         return LinkRows(nothing, columns, np.zeros((*nothing.shape, 3 * n)), False, np.ones(2 * n))
-    arm = corrected.unlimited
-    link = link_torque(arm, body, motion)
-    derivatives = bodily_columns(arm, body, segment, bodies, terms, theta, arm.rigid_torque(body, motion))
+    arm, laden = corrected.unlimited, segment.bodies(body)
+    link = link_torque(arm, laden, motion)
+    derivatives = bodily_columns(arm, laden, segment, bodies, terms, theta, arm.rigid_torque(laden, motion))
     columns[:, :, list(derivatives)] = np.stack(list(derivatives.values()), axis=2)
     joints = np.arange(n)
     stiffness, rest = terms.block("parallel_spring")
@@ -122,6 +122,7 @@ def link_rows(
 def link_floor(corrected: CorrectedArm, body: RigidBody, segment: Segment) -> np.ndarray:
     """RMS that a healthy arm and its sensors leave on the link side [N m], (n,)."""
     assert segment.torque_sensor is not None
+    body = segment.bodies(body)
     form = simplified_forms(corrected, segment, lambda arm: link_torque(arm, body, segment.motion))
     gap = segment.torque_sensor - link_torque(corrected, body, segment.motion)
     return steady(gap, segment.torque_sensor, segment, EFFECT_FORM * form)
@@ -130,7 +131,7 @@ def link_floor(corrected: CorrectedArm, body: RigidBody, segment: Segment) -> np
 def actuator_floor(corrected: CorrectedArm, body: RigidBody, segment: Segment) -> np.ndarray:
     """RMS that a healthy arm leaves on the actuator side where its friction is not in doubt [N m], (n,)."""
     assert segment.torque is not None and segment.torque_sensor is not None
-    motion = segment.motion
+    motion, body = segment.motion, segment.bodies(body)
 
     def actuator(arm: CorrectedArm) -> np.ndarray:
         return arm.unlimited.predict(body, motion) - link_torque(arm, body, motion)

@@ -109,7 +109,7 @@ def _reading_errors(
     arm: CorrectedArm, body: RigidBody, segment: Segment, zero: np.ndarray, errors: np.ndarray
 ) -> np.ndarray:
     """What zero, scale and lag of the sensors add to their readings [N m], (N, n)."""
-    return sensor_errors(link_torque(arm, body, segment.motion), segment.motion.t, zero) @ errors
+    return sensor_errors(link_torque(arm, segment.bodies(body), segment.motion), segment.motion.t, zero) @ errors
 
 
 def _gap(
@@ -121,9 +121,10 @@ def _gap(
     for s in segments:
         if s.torque is None or s.torque_sensor is None:
             continue
-        sensor, link = s.torque_sensor - errors(s), link_torque(arm, body, s.motion)
+        laden = s.bodies(body)
+        sensor, link = s.torque_sensor - errors(s), link_torque(arm, laden, s.motion)
         told = np.hstack([arm.delivered(s.torque) - sensor, sensor])
-        own = np.hstack([arm.unlimited.predict(body, s.motion) - link, link])
+        own = np.hstack([arm.unlimited.predict(laden, s.motion) - link, link])
         told, own = (low_pass(x, s.motion.rate, TORQUE_CUTOFF)[s.inner] for x in (told, own))
         measured, predicted = np.vstack([measured, told]), np.vstack([predicted, own])
         edges.append(len(measured))

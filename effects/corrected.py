@@ -60,9 +60,12 @@ class CorrectedArm:
         return [(e.effect, [e.per_joint(name, n) for name in e.effect.names]) for e in chosen]
 
     def inertial_increments(self, body: RigidBody) -> np.ndarray:
-        """Inertial parameters that payload and link errors add to the nominal links, shape (n, 10), joint order."""
+        """Inertial parameters that payload and link errors add to the nominal links, shape (n, 10), joint order.
+
+        A link's errors are those of the link itself, without a known body that it carries.
+        """
         n = self.arm.n_joints
-        own, out = body.inertial_parameters().reshape(n, 10), np.zeros((n, 10))
+        own, out = body.unladen.inertial_parameters().reshape(n, 10), np.zeros((n, 10))
         for applied in self.effects:
             if isinstance(applied.effect, LinkChange):
                 applied.check(n)

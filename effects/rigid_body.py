@@ -4,20 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from arm.known_load import point_mass_parameters
 from effects.effect import Inertial, LinkChange, Parameter
-
-_UPPER = ([0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2])
-"""Rows and columns of Ixx, Ixy, Iyy, Ixz, Iyz, Izz, the order of ``arm.dynamics.INERTIAL_PARAMETERS``."""
-
-
-def point_mass_parameters(mass: float, com: np.ndarray) -> np.ndarray:
-    """Ten inertial parameters of a point mass, in the frame of ``com``; shape (10,).
-
-    m [kg], m c [kg m], and I = m (c.c E - c c^T) [kg m^2] in the order of ``arm.dynamics.INERTIAL_PARAMETERS``.
-    """
-    c = np.asarray(com, dtype=float)
-    inertia = mass * (c @ c * np.eye(3) - np.outer(c, c))
-    return np.concatenate([[mass], mass * c, inertia[_UPPER]])
 
 
 def payload_change(own: np.ndarray, mass: np.ndarray, com: np.ndarray) -> np.ndarray:

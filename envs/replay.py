@@ -69,7 +69,7 @@ def replay(
 
     Args:
         arm: the nominal arm, which is also what the controller's feedforward believes.
-        effects: what the simulated arm has beyond it.
+        effects: what the simulated arm has beyond it and the known payload of the recording.
         recording: with ``q_ref`` where the replay goes through the controller, with ``tau`` otherwise.
         controller: the controller, where known.
         engine: ``pybullet``, ``mujoco`` or ``dart``.
@@ -122,6 +122,14 @@ class _Commands:
         self.torque = feedforward(arm, RigidBody(arm), controller.feedforward, self.q, self.dq, velocity(held, 1))
 
 
+def _simulated(
+    arm: NominalArm, effects: tuple[AppliedEffect, ...], recording: Recording, dt: float, engine: str
+) -> SimulatedArm:
+    """The arm with the known body that was mounted, in steps of dt [s]."""
+    step = arm.encoder_step or 0.0
+    return SimulatedArm(arm, effects, dt, engine=engine, encoder_step=step, load=recording.payload)
+
+
 def _tracked(
     arm: NominalArm,
     effects: tuple[AppliedEffect, ...],
@@ -146,7 +154,7 @@ def _tracked(
     steps = max(1, int(np.ceil(1.0 / (controller.rate * LONGEST_STEP) - 1e-9)))
     q, tau = np.empty_like(command.q), np.empty_like(command.q)
     dt = 1.0 / (controller.rate * steps)
-    with SimulatedArm(arm, effects, dt, engine=engine, encoder_step=arm.encoder_step or 0.0) as simulated:
+    with _simulated(arm, effects, recording, dt, engine) as simulated:
         simulated.start(start, command.dq[0], command.t[0])
         for i in range(len(command.t)):
             q[i] = now = simulated.encoders()
@@ -171,7 +179,7 @@ def _driven(
     q = np.empty_like(tau)
     dt = period / max(1, int(np.ceil(period / LONGEST_STEP - 1e-9)))
     count = max(2, round(HORIZON / period))
-    with SimulatedArm(arm, effects, dt, engine=engine, encoder_step=arm.encoder_step or 0.0) as simulated:
+    with _simulated(arm, effects, recording, dt, engine) as simulated:
         for first in range(0, len(t), count):
             window = slice(first, min(first + count, len(t)))
             grid = np.arange(t[window][0], t[window][-1] + dt, dt)

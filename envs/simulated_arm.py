@@ -9,6 +9,7 @@ import numpy as np
 from arm.dynamics import RigidBody
 from arm.errors import ModelWarning
 from arm.inertials import odd_inertials
+from arm.known_load import KnownLoad
 from arm.nominal import NominalArm
 from arm.plain_urdf import check_inertia, moving_links
 from effects.applied import AppliedEffect
@@ -39,13 +40,14 @@ class SimulatedArm:
         encoder_step: quantisation of the encoders [rad]; none by default.
         encoder_noise: standard deviation of white noise of the encoders [rad], a number or shape (n,).
         rng: source of the noise.
+        load: known body on the last link, beyond the effects.
 
     Attributes:
         q: true joint positions [rad], shape (n,).
         dq: true joint velocities [rad/s], shape (n,).
         applied: motor torque that reached the joints in the last step, before friction [N m], shape (n,).
         time: since the start of the recording [s]; drift and external force go by it.
-        body: rigid-body model of the arm with its payload, link errors and tilt.
+        body: rigid-body model of the arm with its load, payload, link errors and tilt.
         parts: into how many parts a step is divided.
 
     Raises:
@@ -63,6 +65,7 @@ class SimulatedArm:
         encoder_step: float = 0.0,
         encoder_noise: np.ndarray | float = 0.0,
         rng: np.random.Generator | None = None,
+        load: KnownLoad | None = None,
     ) -> None:
         with_effects = CorrectedArm(arm, effects)
         with_effects.check()
@@ -70,6 +73,7 @@ class SimulatedArm:
         check_inertia(nominal)
         for note in odd_inertials(nominal):
             warnings.warn(note, ModelWarning, stacklevel=2)
+        nominal = nominal.carrying(load)
         self.arm, self.dt, self.body = arm, dt, with_effects.body(nominal)
         self._order, self._places = nominal.order, nominal.places
         self._ordered = bool((nominal.order == np.arange(arm.n_joints)).all())

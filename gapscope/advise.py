@@ -9,8 +9,8 @@ from typing import Any
 
 from arm.case import Case, load_case
 from arm.errors import GapscopeError, InputError
+from arm.known_load import KnownLoad
 from diagnosis.advice.advise import Advice, Request, advise
-from diagnosis.advice.options import KnownPayload
 from diagnosis.diagnose import diagnose
 from diagnosis.document import validate
 from effects.applied import AppliedEffect
@@ -52,7 +52,7 @@ def findings(
     return case, (document, read_corrected(folder / "corrected.yaml"))
 
 
-def payload_of(mass: float | None, centre: str) -> KnownPayload | None:
+def payload_of(mass: float | None, centre: str) -> KnownLoad | None:
     """The payload of the options ``--payload`` and ``--payload-com``, or ``None`` where no mass is given.
 
     Raises:
@@ -66,7 +66,9 @@ def payload_of(mass: float | None, centre: str) -> KnownPayload | None:
         raise InputError(
             f"{centre!r} is no centre of mass", "give x,y,z in m, such as 0,0,0.05", where="payload-com"
         ) from None
-    return KnownPayload(mass, (x, y, z))
+    if mass == 0:
+        raise InputError("a payload of 0 kg is none", "give its mass in kg", where="payload")
+    return KnownLoad(mass, (x, y, z))
 
 
 def write_advice(

@@ -85,7 +85,8 @@ def corrected_arm(arm: NominalArm, model: Path | None) -> CorrectedArm:
 def load_for_prediction(case_path: Path, file: Path) -> tuple[NominalArm, Recording]:
     """The nominal arm of a case, and every row of a recording that may hold no more than t and q."""
     case = load_case(case_path, read_recordings=False)
-    return case.arm, load_recording(file, case.arm, case.importing, every_row=True)
+    recording = load_recording(file, case.arm, case.importing, every_row=True)
+    return case.arm, replace(recording, payload=case.payload_of(file))
 
 
 def replay_file(
@@ -94,7 +95,7 @@ def replay_file(
     """Replay a recording of a case on its nominal arm, or on the corrected one."""
     progress("reads")
     case = load_case(case_path, read_recordings=False)
-    recording = load_recording(file, case.arm, case.importing)
+    recording = replace(load_recording(file, case.arm, case.importing), payload=case.payload_of(file))
     effects = read_corrected(model) if model is not None else ()  # a simulator has no place for a residual network
     with blaming(model, effects):
         CorrectedArm(case.arm, effects).check()

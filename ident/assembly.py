@@ -58,5 +58,6 @@ class Assembly:
             raise InputError("has no torque", "give columns tau1..", file=segment.recording)
         W = self.regressor.matrix(segment.motion)[:, :, self.base.kept]
         rate, inner = segment.motion.rate, segment.inner
-        matrix, torque = (low_pass(x, rate, self.torque_cutoff)[inner][:: self.every] for x in (W, segment.torque))
+        own = segment.torque - segment.known_torque(self.regressor.body)
+        matrix, torque = (low_pass(x, rate, self.torque_cutoff)[inner][:: self.every] for x in (W, own))
         return matrix, torque

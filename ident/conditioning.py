@@ -13,7 +13,9 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt, welch
 
+from arm.dynamics import RigidBody
 from arm.errors import InputError
+from arm.known_load import KnownLoad
 from arm.motion import Motion
 from arm.recording import Recording
 
@@ -38,12 +40,25 @@ class Segment:
         motion: recorded positions after the zero-phase low-pass, with their derivatives.
         torque: recorded torque on the same grid [N m], (N, n); ``None`` where the recording has none.
         torque_sensor: joint torque sensor on the same grid [N m], (N, n), or ``None``.
+        payload: known body that was mounted on the last link, or ``None``.
     """
 
     recording: str
     motion: Motion
     torque: np.ndarray | None
     torque_sensor: np.ndarray | None = None
+    payload: KnownLoad | None = None
+
+    def bodies(self, nominal: RigidBody) -> RigidBody:
+        """Bodies of the nominal arm with the known body that was mounted, the same object where there was none."""
+        return nominal.carrying(self.payload)
+
+    def known_torque(self, nominal: RigidBody) -> np.ndarray:
+        """Torque that the known body needs on this motion [N m], (N, n); zero where there was none."""
+        m = self.motion
+        if self.payload is None:
+            return np.zeros_like(m.q)
+        return np.asarray(nominal.last_link_regressor(m.q, m.dq, m.ddq) @ self.payload.parameters)
 
     @property
     def inner(self) -> slice:
@@ -122,7 +137,7 @@ def thinned(segment: Segment, rate: float) -> Segment:
         None if x is None else _decimate(x, m.rate, step) for x in (segment.torque, segment.torque_sensor)
     )
     motion = Motion(m.t[::step], m.q[::step], m.dq[::step], m.ddq[::step])
-    return Segment(segment.recording, motion, torque, sensor)
+    return Segment(segment.recording, motion, torque, sensor, segment.payload)
 
 
 def blocks(segment: Segment, count: int) -> list[Segment]:
@@ -137,6 +152,7 @@ def blocks(segment: Segment, count: int) -> list[Segment]:
             Motion(m.t[s], m.q[s], m.dq[s], m.ddq[s]),
             None if segment.torque is None else segment.torque[s],
             None if segment.torque_sensor is None else segment.torque_sensor[s],
+            segment.payload,
         )
         for s in spans
     ]
@@ -154,7 +170,7 @@ def _segment(recording: Recording, span: slice, cutoff: float) -> Segment:
         None if x is None else _decimate(uniform(recording.t[span], x[span], rate)[1], rate, step)
         for x in (recording.tau, recording.tau_sensor)
     )
-    return Segment(recording.name, motion, torque, sensor)
+    return Segment(recording.name, motion, torque, sensor, recording.payload)
 
 
 def _decimate(series: np.ndarray, rate: float, step: int) -> np.ndarray:

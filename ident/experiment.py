@@ -19,6 +19,7 @@ from arm.velocity_filter import rule_of
 from ident.base_parameters import BaseParameters
 from ident.conditioning import GAP_STEPS
 from ident.controller_check import check_controller
+from ident.plausible_samples import check_bare
 from ident.problem import Problem
 from ident.regressor import JOINT_COLUMNS, Regressor
 
@@ -155,6 +156,7 @@ class Experiment:
         )
 
     def _commands(self, recording: Recording) -> Commands:
+        check_bare(recording)
         t, q_ref = recording.t, recording.q_ref
         if q_ref is None or recording.tau is None:
             raise InputError(

@@ -113,7 +113,7 @@ class Identification:
     warnings: tuple[str, ...]
 
     def predict(self, motion: Motion) -> np.ndarray:
-        """Torque that would be recorded on a motion [N m], shape (N, n)."""
+        """Torque that would be recorded on a motion without payload [N m], shape (N, n)."""
         return np.asarray(self.columns.matrix(motion, self.choice.law) @ self.value)
 
 
@@ -148,7 +148,10 @@ def identify(
     progress("validates")
     law = evidence.choice.law
     nominal = columns.nominal(law)
-    models = [lambda motion, x=x: columns.matrix(motion, law) @ x for x in (value, nominal)]
+    models = [
+        lambda segment, x=x: columns.matrix(segment.motion, law) @ x + segment.known_torque(columns.body)
+        for x in (value, nominal)
+    ]
     validation = (
         validate("fit", samples.segments, band, *models),
         validate("judge", band.segments(judged), band, *models),

@@ -107,6 +107,9 @@ def write_case_beside(result: Identification, source: Path, path: Path, urdf: st
     for key in ("recordings", "judge"):
         if key in content:
             content[key] = [_moved(entry, source.parent, path.parent) for entry in content[key]]
+    if content.get("payloads"):
+        loads = content["payloads"].items()
+        content["payloads"] = {_moved(name, source.parent, path.parent): load for name, load in loads}
     with written_whole(path) as aside:
         aside.write_text(yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120), encoding="utf-8")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -141,7 +141,8 @@ def _columns(
     sensitivity = np.zeros((*m.q.shape, m.q.shape[1]))
     if with_zero:
         change = (x[: columns.links] - columns.body.inertial_parameters()).reshape(-1, 10)
-        sensitivity = -columns.body.changed(change).sensitivities(true.q, m.dq, m.ddq)[0]
-    right = np.asarray(segment.torque) + sensitivity @ delta
+        sensitivity = -segment.bodies(columns.body).changed(change).sensitivities(true.q, m.dq, m.ddq)[0]
+    known = replace(segment, motion=true).known_torque(columns.body)
+    right = np.asarray(segment.torque) - known + sensitivity @ delta
     full = np.concatenate([smooth, dry, sensitivity, right[:, :, None]], axis=2)
     return band.filtered(full, segment)[:: band.step(segment)]

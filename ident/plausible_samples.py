@@ -20,6 +20,15 @@ PER_PARAMETER = 2.0
 _GUESSES = ((1e3, "mN m"), (1e2, "N cm"))
 
 
+def check_bare(recording: Recording) -> None:
+    """Check that a recording carries no known payload; raises ``InputError`` otherwise."""
+    if recording.payload is not None:
+        raise InputError(
+            "carries a known payload, and what simulates the arm to identify it simulates it without",
+            "leave the recording out, or use an estimator that does not simulate", file=recording.name,
+        )  # fmt: skip
+
+
 def check_recordings(recordings: Sequence[Recording], judged: Sequence[Recording], case: str) -> None:
     """Check that there is torque to fit and to judge on, and that something moves.
 

@@ -58,7 +58,7 @@ class Samples:
 
     Attributes:
         smooth: columns that do not depend on the friction law, in the band, shape (M, n, p_smooth).
-        torque: recorded torque in the band [N m], shape (M, n).
+        torque: recorded torque in the band, less that of known loads [N m], shape (M, n).
         velocity: dq [rad/s], shape (M, n).
         group: number of the segment of each sample, shape (M,).
         interval: time between samples [s].
@@ -67,7 +67,7 @@ class Samples:
     def __init__(self, columns: ModelColumns, segments: Sequence[Segment], band: Band) -> None:
         self.columns, self.segments, self.band = columns, list(segments), band
         self.smooth = self._stack([columns.smooth(s.motion) for s in self.segments])
-        self.torque = self._stack([np.asarray(s.torque) for s in self.segments])
+        self.torque = self._stack([np.asarray(s.torque) - s.known_torque(columns.body) for s in self.segments])
         self.velocity = np.concatenate([s.motion.dq[band.rows(s)][:: band.step(s)] for s in self.segments])
         lengths = [len(s.motion.t[band.rows(s)][:: band.step(s)]) for s in self.segments]
         self.group = np.repeat(np.arange(len(lengths)), lengths)

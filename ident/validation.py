@@ -9,7 +9,6 @@ import numpy as np
 from scipy.signal import butter, sosfreqz
 from scipy.stats import chi2
 
-from arm.motion import Motion
 from ident.autocorrelation import autocovariance
 from ident.conditioning import Segment
 from ident.samples import Band
@@ -20,7 +19,7 @@ LAGS = 20
 """Lags of the test for whiteness."""
 LEVEL = 1e-3
 """Noise alone fails the test this often."""
-Predict = Callable[[Motion], np.ndarray]
+Predict = Callable[[Segment], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -102,14 +101,13 @@ def validate(role: str, segments: Sequence[Segment], band: Band, predict: Predic
         role: ``fit`` or ``judge``.
         segments: with torque.
         band: in which both sides are compared.
-        predict: the identified model, motion to torque [N m], (N, n).
+        predict: the identified model, segment to torque [N m], (N, n).
         nominal: the nominal arm, likewise.
     """
     parts, lengths = [], [0]
     for segment in segments:
         torque, after, before = (
-            band.filtered(x, segment)
-            for x in (np.asarray(segment.torque), predict(segment.motion), nominal(segment.motion))
+            band.filtered(x, segment) for x in (np.asarray(segment.torque), predict(segment), nominal(segment))
         )
         rows = band.rows(segment)
         parts.append((segment.motion.t[rows], segment.motion.dq[rows], torque, after, before))

@@ -12,11 +12,12 @@ from threadpoolctl import threadpool_limits
 from arm.case import Case
 from arm.dynamics import RigidBody
 from arm.errors import InputError
+from arm.known_load import KnownLoad
 from arm.nominal import NominalArm
 from diagnosis.advice.contrast import Contrast, Pair
 from diagnosis.advice.hypotheses import hypotheses
 from diagnosis.advice.hypothesis import Hypothesis
-from diagnosis.advice.options import SPEEDS, KnownPayload, Option, options
+from diagnosis.advice.options import SPEEDS, Option, options
 from diagnosis.advice.present import Present
 from diagnosis.advice.questions import Question, open_questions
 from diagnosis.faults.found import repaired
@@ -52,7 +53,7 @@ class Request:
     """
 
     limits: LimitPlan
-    payload: KnownPayload | None = None
+    payload: KnownLoad | None = None
     fastest: float = 5.0
     rate: float = 250.0
     evaluations: int = 1000
@@ -136,8 +137,8 @@ def _between(
 
 
 def _screen(
-    arm: NominalArm, offered: list[Option], contrasts: Mapping[KnownPayload | None, Contrast],
-    bodies: Mapping[KnownPayload | None, RigidBody], request: Request, rng: np.random.Generator,
+    arm: NominalArm, offered: list[Option], contrasts: Mapping[KnownLoad | None, Contrast],
+    bodies: Mapping[KnownLoad | None, RigidBody], request: Request, rng: np.random.Generator,
     progress: Callable[[float, float], None],
 ) -> list[tuple[Option, float | None]]:  # fmt: skip
     """The least contrast that a short random search reaches with each option, ``None`` where none keeps the limits.

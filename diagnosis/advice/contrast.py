@@ -95,7 +95,8 @@ class Contrast:
         self.pairs = list(itertools.permutations(range(len(hypotheses)), 2))
         seconds = sum(float(s.motion.t[-1] - s.motion.t[0]) for s in present.segments)
         parts = [
-            self._weighed(hypotheses, present.body, s.motion, present.floor, s.inner, THIN) for s in present.segments
+            self._weighed(hypotheses, s.bodies(present.body), s.motion, present.floor, s.inner, THIN)
+            for s in present.segments
         ]
         slopes = [np.vstack(blocks) for blocks in zip(*(part.slopes for part in parts), strict=True)]
         known = Weighed(np.concatenate([p.torque for p in parts], axis=1), slopes, INDEPENDENT * seconds)

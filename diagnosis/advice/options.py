@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from arm.dynamics import RigidBody
 from arm.errors import InputError
-from effects.rigid_body import point_mass_parameters
+from arm.known_load import KnownLoad
 from ident.excitation.plan import Plan
 
 SPEEDS = {
@@ -21,35 +19,6 @@ SPEEDS = {
 
 
 @dataclass(frozen=True)
-class KnownPayload:
-    """A body that is screwed to the last link for the next recording.
-
-    Attributes:
-        mass: [kg].
-        com: its centre in the frame of the joint that moves the last link [m], shape (3,).
-
-    Raises:
-        InputError: the mass is not above zero, or a number is not finite.
-    """
-
-    mass: float
-    com: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-    def __post_init__(self) -> None:
-        """Check the numbers."""
-        if not (np.isfinite(self.mass) and self.mass > 0):
-            raise InputError(f"a payload of {self.mass:g} kg is none", "give its mass in kg", where="payload")
-        if len(self.com) != 3 or not np.isfinite(self.com).all():
-            raise InputError("the centre of the payload needs x, y and z", "give three numbers in m", where="payload")
-
-    @property
-    def words(self) -> str:
-        """In words."""
-        x, y, z = self.com
-        return f"a payload of {self.mass:g} kg, centre at ({x:g}, {y:g}, {z:g}) m of the last joint's frame"
-
-
-@dataclass(frozen=True)
 class Option:
     """One way to make the next recording.
 
@@ -59,7 +28,7 @@ class Option:
     """
 
     speed: str
-    payload: KnownPayload | None
+    payload: KnownLoad | None
 
     @property
     def words(self) -> str:
@@ -75,11 +44,7 @@ class Option:
 
     def body(self, nominal: RigidBody) -> RigidBody:
         """The arm's bodies with the payload."""
-        if self.payload is None:
-            return nominal
-        added = np.zeros((len(nominal.inertial_parameters()) // 10, 10))
-        added[nominal.last_link] = point_mass_parameters(self.payload.mass, np.array(self.payload.com))
-        return nominal.changed(added)
+        return nominal.carrying(self.payload)
 
 
 def highest(speed: str) -> float:
@@ -87,7 +52,7 @@ def highest(speed: str) -> float:
     return SPEEDS[speed].order * SPEEDS[speed].frequency
 
 
-def options(payload: KnownPayload | None, fastest: float) -> list[Option]:
+def options(payload: KnownLoad | None, fastest: float) -> list[Option]:
     """All options whose motions hold no frequency above ``fastest`` [Hz].
 
     Raises:

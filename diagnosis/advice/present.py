@@ -61,14 +61,15 @@ class Present:
     def residual(self, hypothesis: Hypothesis) -> np.ndarray:
         """Predicted minus recorded torque over the floor [1], all samples and joints in a row."""
         pairs = zip(self.segments, self.measured, strict=True)
-        parts = [(hypothesis.predict(self.body, s.motion)[s.inner] - m) / self.floor for s, m in pairs]
+        parts = [(hypothesis.predict(s.bodies(self.body), s.motion)[s.inner] - m) / self.floor for s, m in pairs]
         return np.concatenate([part.ravel() for part in parts])
 
     def jacobian(self, hypothesis: Hypothesis) -> np.ndarray:
         """Derivative of ``residual`` by the parameters in units of their scales, (M n, P)."""
         parts = []
         for s in self.segments:
-            moved = hypothesis.jacobian(self.body, s.motion, hypothesis.predict(self.body, s.motion))
+            body = s.bodies(self.body)
+            moved = hypothesis.jacobian(body, s.motion, hypothesis.predict(body, s.motion))
             parts.append((moved[s.inner] / self.floor[:, None]).reshape(-1, moved.shape[2]))
         return np.vstack(parts)
 

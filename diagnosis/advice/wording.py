@@ -79,6 +79,9 @@ def _choice(advice: Advice) -> Iterable[str]:
     yield f"Chosen: {advice.option.words}. Reached in a short search, in floors:"
     yield from (f"  {words}: {reached}" for words, reached in known)
     if advice.option.payload is not None:
-        yield f"Mount {advice.option.payload.words}, and give it as a part of the nominal arm."
+        x, y, z = (f"{number:g}" for number in advice.option.payload.com)
+        yield f"Mount {advice.option.payload.words}, and say so in case.yaml, under the name of the new recording:"
+        yield "  payloads:"
+        yield f"    recording.csv: {{mass: {advice.option.payload.mass:g}, com: [{x}, {y}, {z}]}}"
     elif any(option.payload is not None for option, _ in advice.tried):
         yield "The payload does not separate them enough better to be worth mounting."

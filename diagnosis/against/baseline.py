@@ -78,8 +78,8 @@ class Baseline:
                 return recording
             tau = recording.tau.copy()
             for segment in condition(recording, cutoff):
-                motion = segment.motion
-                does = with_effects.predict(body, motion) - CorrectedArm(case.arm).predict(body, motion)
+                motion, laden = segment.motion, segment.bodies(body)
+                does = with_effects.predict(laden, motion) - CorrectedArm(case.arm).predict(laden, motion)
                 rows = (recording.t >= motion.t[0]) & (recording.t <= motion.t[-1])
                 tau[rows] -= np.stack([np.interp(recording.t[rows], motion.t, x) for x in does.T], axis=1)
             return replace(recording, tau=tau)

@@ -92,7 +92,12 @@ class Leeway:
         self._variance = self._gap_variance(whole)
 
     def _predicted(self, arm: CorrectedArm) -> np.ndarray:
-        return filtered(self.rows, [arm.unlimited.predict(self._body, s.motion) for s in self.rows.segments])
+        """Torque that an arm predicts on the rows less that of known loads, as the rows' torque is, (M, n)."""
+        parts = [
+            arm.unlimited.predict(s.bodies(self._body), s.motion) - s.known_torque(self._body)
+            for s in self.rows.segments
+        ]
+        return filtered(self.rows, parts)
 
     def _terms(self, whole: CorrectedArm) -> Iterator[Term]:
         """Each effect on each of its joints; of a body, mass and first moment are free as well."""

@@ -24,7 +24,7 @@ class Rows:
 
     Attributes:
         matrix: W, (M, n, p).
-        torque: recorded [N m], (M, n).
+        torque: recorded, less that of known loads [N m], (M, n).
         rate: of the torque [N m/s], (M, n).
         segments: that they come from.
         stretches: recordings, or parts of the only one.

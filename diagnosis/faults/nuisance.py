@@ -4,10 +4,10 @@ The torque of joint j is taken as
 
     tau_j = (1 + k_j) p_j + Y_j delta + a_j ddq_j + c_j sgn dq_j + b_j dq_j + s_j q_j + o_j
 
-with p the nominal arm's prediction, Y the inertial regressor and delta errors of the inertials, a load on the last link
-among them, common to all joints. All values have a wide normal prior around zero. What physics forbids is forbidden:
-friction and rotor inertia in all not negative, the torque's scale not below 0.4. A wrong sign, column or unit cannot be
-had by ordinary values then.
+with p the nominal arm's prediction, known payload included, Y the inertial regressor and delta errors of the inertials,
+a load on the last link among them, common to all joints. All values have a wide normal prior around zero. What physics
+forbids is forbidden: friction and rotor inertia in all not negative, the torque's scale not below 0.4. A wrong sign,
+column or unit cannot be had by ordinary values then.
 """
 
 from __future__ import annotations
@@ -91,6 +91,9 @@ def equations(arm: NominalArm, body: RigidBody, samples: Samples, reading: Readi
     regressor = body.regressor(q, dq, ddq)
     sign = np.tanh(dq / SIGN_WIDTH)
     nominal = regressor @ body.inertial_parameters() + arm.armature * ddq + arm.coulomb * sign + arm.viscous * dq
+    if samples.load.any():
+        last = regressor[:, :, 10 * body.last_link : 10 * body.last_link + 10]
+        nominal += np.einsum("mjp,mp->mj", last, samples.load)
     units, inertia = inertial_units(body)
     own = np.stack([nominal, ddq, sign, dq, q - q.mean(axis=0), np.ones_like(q)], axis=2)
     x = np.concatenate([regressor * units, own], axis=2).transpose(1, 0, 2)

@@ -26,6 +26,7 @@ class Samples:
         tau: recorded torque after the 12 Hz filter [N m], (M, n).
         edges: row at which each fold begins, and the end, (K + 1,).
         weight: independent samples per row [1].
+        load: inertial parameters of the known body on the last link, (M, 10); zeros where there was none.
     """
 
     q: np.ndarray
@@ -34,6 +35,7 @@ class Samples:
     tau: np.ndarray
     edges: tuple[int, ...]
     weight: float
+    load: np.ndarray
 
     @property
     def folds(self) -> list[slice]:
@@ -46,9 +48,8 @@ class Samples:
         edges = np.concatenate([[0], np.cumsum([len(r) for r in rows])])
         kept = np.concatenate(rows)
         weight = min(1.0, self.weight * step)
-        return Samples(
-            self.q[kept], self.dq[kept], self.ddq[kept], self.tau[kept], tuple(int(e) for e in edges), weight
-        )
+        motion = self.q[kept], self.dq[kept], self.ddq[kept]
+        return Samples(*motion, self.tau[kept], tuple(int(e) for e in edges), weight, self.load[kept])
 
 
 def sample(recordings: Sequence[list[Segment]]) -> Samples:
@@ -62,7 +63,8 @@ def sample(recordings: Sequence[list[Segment]]) -> Samples:
     rows = [np.concatenate([_thin(s, step) for s in fold], axis=1) for fold in folds]
     q, dq, ddq, tau = np.concatenate(rows, axis=1)
     edges = np.concatenate([[0], np.cumsum([r.shape[1] for r in rows])])
-    return Samples(q, dq, ddq, tau, tuple(int(e) for e in edges), min(1.0, INDEPENDENT * seconds / len(q)))
+    load = np.concatenate([_load(s, step) for fold in folds for s in fold])
+    return Samples(q, dq, ddq, tau, tuple(int(e) for e in edges), min(1.0, INDEPENDENT * seconds / len(q)), load)
 
 
 def _thin(segment: Segment, step: int) -> np.ndarray:
@@ -71,3 +73,9 @@ def _thin(segment: Segment, step: int) -> np.ndarray:
     motion = segment.motion
     tau = low_pass(segment.torque, motion.rate, TORQUE_CUTOFF)
     return np.stack([motion.q, motion.dq, motion.ddq, tau])[:, segment.inner][:, step // 2 :: step]
+
+
+def _load(segment: Segment, step: int) -> np.ndarray:
+    """Inertial parameters of the known body on the last link for the rows of ``_thin``, shape (M, 10)."""
+    rows = len(segment.motion.t[segment.inner][step // 2 :: step])
+    return np.zeros((rows, 10)) if segment.payload is None else np.tile(segment.payload.parameters, (rows, 1))

@@ -11,6 +11,7 @@ from arm.errors import GapscopeError, InputError
 from arm.recording import Recording
 from arm.rollout import LONGEST_STEP, Plant, Stepper
 from ident.kalman.track import Track
+from ident.plausible_samples import check_bare
 from ident.regressor import JOINT_COLUMNS, Regressor
 
 
@@ -65,9 +66,10 @@ class Unscented:
             every: only each row of this number is used as a measurement.
 
         Raises:
-            InputError: a recording without torque.
+            InputError: a recording without torque, or with a known payload.
             GapscopeError: the filter lost the arm.
         """
+        check_bare(recording)
         if recording.tau is None:
             raise InputError("has no torque", "give columns tau1..", file=recording.name)
         rows = np.arange(0, len(recording.t), every)

@@ -49,7 +49,7 @@ def from_segment(corrected: CorrectedArm, body: RigidBody, segment: Segment) -> 
     """A segment with torque, and what a corrected arm leaves of it."""
     assert segment.torque is not None
     physical = replace(corrected, residual=None)
-    motion, rate = segment.motion, segment.motion.rate
+    motion, rate, body = segment.motion, segment.motion.rate, segment.bodies(body)
     load = physical.unlimited.predict(body, motion)
     recorded = low_pass(physical.delivered(segment.torque), rate, TORQUE_CUTOFF)
     rows = chosen_rows(segment)

@@ -7,15 +7,18 @@ from typing import Any
 import numpy as np
 import pytest
 import synthetic
+import yaml
 
 from arm.case import Case
 from arm.errors import InputError
+from arm.known_load import KnownLoad
 from arm.trajectory import Fourier
 from diagnosis.advice.advise import Advice, Request, advise
+from diagnosis.advice.contrast import Pair
 from diagnosis.advice.hypothesis import Hypothesis
-from diagnosis.advice.options import KnownPayload, Option, options
+from diagnosis.advice.options import Option, options
 from diagnosis.advice.present import Present, fitted
-from diagnosis.advice.questions import MOST, open_questions
+from diagnosis.advice.questions import MOST, Question, open_questions
 from diagnosis.advice.vector import scales, vector, with_values
 from diagnosis.advice.wording import lines
 from diagnosis.diagnose import diagnose
@@ -96,14 +99,23 @@ def test_coulomb_at_one_load_leads_to_a_motion_over_many_loads() -> None:
 
 def test_a_payload_is_mounted_only_where_it_is_worth_it() -> None:
     case = case_at_one_load(synthetic.Truth(coulomb=(0.0, 2.0, 0.0)))
-    advice = advised(case, COULOMB, "load_friction", payload=KnownPayload(0.2), fastest=0.5)
+    advice = advised(case, COULOMB, "load_friction", payload=KnownLoad(0.2), fastest=0.5)
     assert advice.option is not None and advice.option.payload is None
-    assert {option.payload for option, _ in advice.tried} == {None, KnownPayload(0.2)}
+    assert {option.payload for option, _ in advice.tried} == {None, KnownLoad(0.2)}
     assert "not" in lines(advice, document(COULOMB, "load_friction"))[-1]
 
 
+def test_a_payload_to_mount_is_told_as_lines_of_the_case() -> None:
+    load = KnownLoad(2.0, (0.0, 0.0, 0.05))
+    question = Question("coulomb_friction", (2,), 0, "load_friction", (2,), 0.4, "this", "that")
+    advice = Advice((question,), pairs=(Pair(0, 1, 0.1, 3.0, 2),), option=Option("slow", load))
+    text = lines(advice, document(COULOMB, "load_friction"))
+    section = yaml.safe_load("\n".join(text[-2:]))
+    assert "case.yaml" in text[-3] and section == {"payloads": {"recording.csv": load.entry()}}
+
+
 def test_a_payload_changes_the_bodies_by_its_own_weight() -> None:
-    body = Option("slow", KnownPayload(2.0, (0.1, 0.0, 0.0))).body(synthetic.body())
+    body = Option("slow", KnownLoad(2.0, (0.1, 0.0, 0.0))).body(synthetic.body())
     still = np.zeros((1, 3))
     more = body.inverse_dynamics(still, still, still) - synthetic.body().inverse_dynamics(still, still, still)
     np.testing.assert_allclose(more, [[0.0, -2 * 9.81 * 0.55, -2 * 9.81 * 0.1]], rtol=1e-9)
@@ -157,7 +169,7 @@ def test_a_vector_of_values_goes_there_and_back() -> None:
 
 def test_what_cannot_be_is_refused() -> None:
     with pytest.raises(InputError, match="payload"):
-        KnownPayload(-1.0)
+        KnownLoad(-1.0)
     with pytest.raises(InputError, match="as slow as"):
         options(None, 0.1)
     tight = LimitPlan(torque=0.0001, singular=0.0, collisions=False)

@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from arm.dynamics import RigidBody
+from arm.known_load import point_mass_parameters
 from arm.motion import Motion
 from arm.nominal import NominalArm
 from effects.applied import AppliedEffect
 from effects.catalogue import effect
 from effects.corrected import CorrectedArm
 from effects.effect import Signals
-from effects.rigid_body import point_mass_parameters
 
 
 def one(q: float = 0.0, dq: float = 0.0, ddq: float = 0.0) -> Motion:

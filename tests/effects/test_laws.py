@@ -7,6 +7,7 @@ import pytest
 
 from arm.dynamics import RigidBody
 from arm.errors import InputError
+from arm.known_load import point_mass_parameters
 from arm.motion import Motion
 from arm.nominal import NominalArm
 from effects import actuation, environment, friction, rigid_body, sensing, transmission
@@ -72,7 +73,7 @@ def test_tilt_by_hand() -> None:
 def test_point_mass_by_hand() -> None:
     """2 kg at (0.1, 0, 0.3) m: Ixx = 2 * 0.09, Iyy = 2 * 0.1, Izz = 2 * 0.01, Ixz = -2 * 0.03 kg m^2."""
     expected = [2.0, 0.2, 0.0, 0.6, 0.18, 0.0, 0.2, -0.06, 0.0, 0.02]
-    np.testing.assert_allclose(rigid_body.point_mass_parameters(2.0, np.array([0.1, 0.0, 0.3])), expected, atol=1e-15)
+    np.testing.assert_allclose(point_mass_parameters(2.0, np.array([0.1, 0.0, 0.3])), expected, atol=1e-15)
 
 
 def test_link_error_by_hand() -> None:

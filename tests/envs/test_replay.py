@@ -11,6 +11,7 @@ from arm.case import load_case
 from arm.controller import Controller
 from arm.dynamics import RigidBody
 from arm.errors import GapscopeError, InputError
+from arm.known_load import KnownLoad
 from arm.nominal import NominalArm
 from arm.reading import load_recording
 from arm.recording import Recording
@@ -53,6 +54,17 @@ def test_same_effects_close_the_gap(data_sheet_arm: NominalArm, controller: Cont
     inner = (recording.t >= TRIM) & (recording.t <= recording.t[-1] - TRIM)
     np.testing.assert_allclose(same.rmse, np.sqrt(np.mean((same.q - recording.q)[inner] ** 2, axis=0)))
     assert np.abs(same.tau - recording.tau)[inner].max() < 1.0
+
+
+def test_a_known_payload_is_one_more(data_sheet_arm: NominalArm, controller: Controller, recording: Recording) -> None:
+    """Beside a payload found as alone: the sum of both is simulated; the controller believes in neither."""
+    load = KnownLoad(2.0, (0.0, 0.0, 0.05))
+    carried = replay(data_sheet_arm, EFFECTS[1:], replace(recording, payload=load), controller)
+    assert carried.rmse.max() < 1e-4
+    half = AppliedEffect("payload", (), {"mass": 1.0, "com": [0.0, 0.0, 0.05]})
+    rest = replace(recording, payload=KnownLoad(1.0, load.com))
+    both = replay(data_sheet_arm, (half, *EFFECTS[1:]), rest, controller)
+    np.testing.assert_allclose(both.q, carried.q, atol=1e-9)
 
 
 @pytest.mark.parametrize("engine", ["mujoco", "dart"])

@@ -7,6 +7,7 @@ import pytest
 
 from arm.dynamics import RigidBody
 from arm.errors import GapscopeError, InputError
+from arm.known_load import KnownLoad
 from arm.robots import load_nominal_arm
 from arm.trajectory import Fourier, urdf_limits
 from effects.applied import AppliedEffect
@@ -15,6 +16,7 @@ from envs.mystery import position_controller
 from envs.recorder import record
 from ident.assembly import Assembly
 from ident.base_parameters import structural_base
+from ident.conditioning import condition, low_pass
 from ident.estimators.didim import DirectInverse
 from ident.estimators.instrumental_variables import InstrumentalVariables
 from ident.estimators.output_error import OutputError
@@ -143,6 +145,21 @@ def test_a_torque_that_the_controller_did_not_command_is_warned_of(clean, world)
 def test_a_recording_without_reference_cannot_be_simulated(clean, world):
     with pytest.raises(InputError, match="no reference"):
         experiment(world, [replace(clean.recordings[0], q_ref=None, dq_ref=None)])
+
+
+def test_a_known_payload_is_taken_out_of_the_torque_but_not_simulated(clean, world):
+    load = KnownLoad(1.0, (0.0, 0.0, 0.1))
+    recording, body = clean.recordings[0], world[1].body
+    carried = replace(recording, payload=load)
+    with pytest.raises(InputError, match="known payload"):
+        experiment(world, [carried])
+    build = clean.build
+    less = build([recording]).torque - build([carried]).torque
+    (segment,) = condition(carried, build.position_cutoff)
+    m = segment.motion
+    more = body.carrying(load).inverse_dynamics(m.q, m.dq, m.ddq) - body.inverse_dynamics(m.q, m.dq, m.ddq)
+    expected = low_pass(more, m.rate, build.torque_cutoff)[segment.inner][:: build.every]
+    np.testing.assert_allclose(less, expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", SIMULATING)

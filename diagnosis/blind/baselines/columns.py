@@ -68,7 +68,10 @@ def design(folder: Path) -> Design:
 
     def predicted(*effects: AppliedEffect) -> np.ndarray:
         corrected = CorrectedArm(arm, effects)
-        series = (low_pass(corrected.predict(body, s.motion), s.motion.rate, TORQUE_CUTOFF)[s.inner] for s in segments)
+        series = (
+            low_pass(corrected.predict(s.bodies(body), s.motion), s.motion.rate, TORQUE_CUTOFF)[s.inner]
+            for s in segments
+        )
         return np.vstack([rows[::THIN] for rows in series])
 
     torques = (low_pass(s.torque, s.motion.rate, TORQUE_CUTOFF)[s.inner] for s in segments if s.torque is not None)

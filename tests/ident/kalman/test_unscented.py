@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from arm.errors import InputError
+from arm.known_load import KnownLoad
 from ident.kalman.unscented import Unscented
 from ident.regressor import Regressor
 
@@ -47,3 +48,5 @@ def test_what_does_not_fit_is_named(world):
         Unscented(Regressor(world.arm, effects=()), ("m3",), np.ones(1), np.ones(1), 1e-5, np.ones(3))
     with pytest.raises(InputError, match="no torque"):
         unscented(world).follow(replace(world.recorded(1, duration=2.5), tau=None))
+    with pytest.raises(InputError, match="known payload"):
+        unscented(world).follow(replace(world.recorded(1, duration=2.5), payload=KnownLoad(1.0)))

@@ -1,0 +1,283 @@
+"""A known payload: recordings with and without it are used together, and what is found is beyond it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import synthetic
+from sensed import reading
+from synthetic import Truth
+
+from arm.case import Case
+from arm.dynamics import RigidBody
+from arm.known_load import KnownLoad
+from arm.motion import Motion
+from arm.nominal import NominalArm
+from diagnosis.advice.present import Present
+from diagnosis.against.changed import diagnose_change
+from diagnosis.columns import columns
+from diagnosis.data import Data
+from diagnosis.diagnose import diagnose
+from diagnosis.document import validate
+from diagnosis.faults.nuisance import equations
+from diagnosis.faults.readings import Reading
+from diagnosis.faults.samples import sample
+from diagnosis.gap import torque_gap
+from diagnosis.predict import predict_torque
+from diagnosis.result import Diagnosis
+from diagnosis.ringing import _Bodies
+from diagnosis.sensed import link_torque
+from diagnosis.setup import find_setup_faults
+from diagnosis.state import State
+from diagnosis.terms import Terms
+from effects.applied import AppliedEffect
+from effects.corrected import CorrectedArm
+from ident.conditioning import Segment, blocks, condition, thinned
+from ident.identification import Settings, identify
+
+LOAD = KnownLoad(2.0, (0.1, -0.03, 0.05))
+CUTOFF = 10.0
+HEALTHY = Truth()
+
+
+def loaded(truth: Truth) -> Truth:
+    """The truth with the known load beside what is on the last link already, as one body of the same first moment.
+
+    A point mass more or less than the two differ by a moment of inertia that no test here can see.
+    """
+    mass = truth.mass + LOAD.mass
+    moment = truth.mass * np.array(truth.com) + LOAD.mass * np.array(LOAD.com)
+    return replace(truth, mass=mass, com=tuple(moment / mass))
+
+
+def case(truth: Truth = HEALTHY, seed: int = 2, *, declared: bool = True, sensors: bool = False) -> Case:
+    """Three recordings, the second with a load, which the case declares or not; with torque sensors or without."""
+    rng, recordings = np.random.default_rng(1000 + seed), []
+    for k, frequency in enumerate((0.1, 0.2, 0.3)):
+        there, motion = loaded(truth) if k == 1 else truth, synthetic.motion(10 * seed + k, frequency, 8.0)
+        made = synthetic.recording(there, motion, rng, f"recording_{k}.csv")
+        if sensors:
+            made = replace(made, tau_sensor=reading(there, motion, made.t) + 0.1 * rng.standard_normal(made.q.shape))
+        recordings.append(replace(made, payload=LOAD) if k == 1 and declared else made)
+    return Case("synthetic", synthetic.arm().urdf.parent, synthetic.arm(), tuple(recordings))
+
+
+def segment(k: int = 1) -> Segment:
+    """The segment of a recording."""
+    (only,) = condition(case().recordings[k], CUTOFF)
+    return only
+
+
+def welded() -> pin.Model:
+    """The arm by pinocchio with the load welded to its last link."""
+    out = pin.buildModelFromUrdf(str(synthetic.arm().urdf))
+    out.appendBodyToJoint(3, pin.Inertia(LOAD.mass, np.array(LOAD.com), np.zeros((3, 3))), pin.SE3.Identity())
+    return out
+
+
+def urdf_with_load(folder: Path) -> NominalArm:
+    """The nominal arm with the load in the inertial of its last link."""
+    total = welded().inertias[3]
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = total.inertia
+    inertial = (
+        f'<mass value="{total.mass!r}"/><origin xyz="{" ".join(map(repr, total.lever.tolist()))}"/>'
+        f'<inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="{xy}" ixz="{xz}" iyz="{yz}"/></inertial>'
+    )
+    start = synthetic.URDF.index("<inertial>", synthetic.URDF.index('link name="link_3"')) + len("<inertial>")
+    end = synthetic.URDF.index("</inertial>", start) + len("</inertial>")
+    path = folder / "loaded.urdf"
+    path.write_text(synthetic.URDF[:start] + inertial + synthetic.URDF[end:])
+    return replace(synthetic.arm(), urdf=path)
+
+
+def named(result: Diagnosis) -> list[tuple[str, tuple[int, ...]]]:
+    return sorted((e.name, e.joints) for e in result.effects)
+
+
+class TestBodies:
+    """The arm that carries a load."""
+
+    def test_torque_is_that_of_a_body_that_pinocchio_welds_on(self) -> None:
+        model = welded()
+        data, rng = model.createData(), np.random.default_rng(0)
+        q, dq, ddq = rng.uniform(-1, 1, (3, 20, 3))
+        expected = [pin.rnea(model, data, *row) for row in zip(q, dq, ddq, strict=True)]
+        laden = synthetic.body().carrying(LOAD)
+        np.testing.assert_allclose(laden.inverse_dynamics(q, dq, ddq), expected, rtol=1e-9)
+        motion = Motion(np.arange(20) / 250, q, dq, ddq)
+        one = Segment("a", motion, None, None, LOAD)
+        bare = synthetic.body().inverse_dynamics(q, dq, ddq)
+        np.testing.assert_allclose(bare + one.known_torque(synthetic.body()), expected, rtol=1e-9)
+
+    def test_it_is_made_once_and_not_at_all_without_a_load(self) -> None:
+        body = synthetic.body()
+        assert body.carrying(None) is body and body.carrying(LOAD) is body.carrying(KnownLoad(2.0, LOAD.com))
+        tilted = body.changed(np.zeros((3, 10)), np.array([1.0, 0.0, -9.0]))
+        np.testing.assert_allclose(tilted.carrying(LOAD).gravity, [1.0, 0.0, -9.0])
+
+    def test_a_force_acts_where_it_did(self) -> None:
+        q = np.random.default_rng(1).uniform(-1, 1, (5, 3))
+        body = synthetic.body()
+        np.testing.assert_array_equal(body.carrying(LOAD).force_regressor(q), body.force_regressor(q))
+
+    def test_errors_of_the_last_link_are_those_of_the_link_itself(self) -> None:
+        wrong = AppliedEffect("link_inertia", (), {"link": 3, "mass": 1.0, "com": [0.02, 0.0, 0.0]})
+        arm, body = CorrectedArm(synthetic.arm(), (wrong,)), synthetic.body()
+        np.testing.assert_array_equal(arm.inertial_increments(body.carrying(LOAD)), arm.inertial_increments(body))
+
+    def test_a_payload_found_adds_to_it(self) -> None:
+        found = AppliedEffect("payload", (), {"mass": 1.0, "com": [0.2, 0.0, 0.0]})
+        arm, body, s = CorrectedArm(synthetic.arm(), (found,)), synthetic.body(), segment()
+        both = arm.rigid_torque(body.carrying(LOAD), s.motion)
+        expected = arm.rigid_torque(body, s.motion) + s.known_torque(body)
+        np.testing.assert_allclose(both, expected, atol=1e-9)
+
+
+class TestSegment:
+    """A segment knows what was mounted."""
+
+    def test_it_is_passed_on(self) -> None:
+        assert segment(0).payload is None
+        for piece in (segment(), thinned(segment(), 100.0), *blocks(segment(), 2)):
+            assert piece.payload == LOAD
+
+    @pytest.mark.parametrize("found", [False, True])
+    def test_columns_are_those_of_a_nominal_arm_with_the_load_in_its_urdf(self, found: bool, tmp_path: Path) -> None:
+        """All but those of a force, which acts where it did; around no effects and around some."""
+        body, s, terms = synthetic.body(), segment(), Terms(3)
+        theta = np.zeros(terms.size)
+        if found:
+            theta[terms.block("payload")[:, 0]] = [1.0, 0.1, 0.0, 0.02]
+            theta[terms.block("base_tilt")[:, 0]] = 0.05
+            theta[terms.block("encoder_offset")[0, 1]] = 0.03
+            theta[terms.block("joint_elasticity")[:, 2]] = [1e-4, 1e-8]
+            theta[terms.block("backlash")[0, 1]] = 0.004
+        arm = urdf_with_load(tmp_path)
+        results = []
+        for nominal, piece in ((synthetic.arm(), s), (arm, replace(s, payload=None))):
+            of = body if nominal is synthetic.arm() else RigidBody(nominal)
+            data = Data(nominal, of, [[piece]], CUTOFF)
+            effects = terms.effects(theta)
+            results.append(columns(CorrectedArm(nominal, effects), of, piece, data.bodies[0], terms, theta))
+        (base, x), (expected, y) = results
+        np.testing.assert_allclose(base, expected, atol=1e-6)
+        size = np.abs(y).max(axis=(0, 1)).clip(1e-3)
+        np.testing.assert_allclose(x / size, y / size, atol=1e-4)
+        assert x.any(axis=(0, 1)).sum() > 30
+
+    def test_where_a_joint_may_ring_or_play_is_looked_for_with_the_load(self, tmp_path: Path) -> None:
+        arm, s, found = urdf_with_load(tmp_path), segment(), []
+        for nominal, piece in ((synthetic.arm(), s), (arm, replace(s, payload=None))):
+            folds = [[b] for b in blocks(thinned(piece, 100.0), 2)]
+            bodies = _Bodies(State(nominal, RigidBody(nominal), folds, CUTOFF))
+            found.append([bodies.mass, bodies.elastic(1, 5e3, 10.0), bodies.loose(1, 0.01)])
+        for one, other in zip(*found, strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-4 * np.abs(other).max())
+
+    def test_setup_faults_are_told_by_the_torque_with_the_load(self) -> None:
+        """The nominal column is the prediction of the arm with the load, where there was one."""
+        arm, body = synthetic.arm(), synthetic.body()
+        told = sample([[segment(0)], [segment(1)]])
+        eq = equations(arm, body, told, Reading.plain(3))
+        none = equations(arm, body, replace(told, load=np.zeros_like(told.load)), Reading.plain(3))
+        np.testing.assert_array_equal(eq.gram[0], none.gram[0])
+        rows = told.folds[1]
+        of = Motion(np.arange(rows.stop - rows.start) / 50, told.q[rows], told.dq[rows], told.ddq[rows])
+        more = Segment("b", of, None, None, LOAD).known_torque(body)
+        change = eq.gram[1, :, -6, -1] - none.gram[1, :, -6, -1]  # sum of the nominal column, of every joint
+        np.testing.assert_allclose(change, more.sum(axis=0), rtol=1e-6)
+        assert find_setup_faults(case()) == ()
+
+    def test_the_sensor_behind_the_gear_carries_it(self) -> None:
+        moved = synthetic.motion(21, 0.2, 8.0)
+        s = segment()
+        predicted = link_torque(CorrectedArm(synthetic.arm()), s.bodies(synthetic.body()), s.motion)
+        expected = reading(loaded(Truth()), moved, s.motion.t)
+        error = (predicted - expected)[s.inner]
+        assert np.abs(error).max() < 0.02 * np.abs(expected).max()
+
+    def test_hypotheses_of_the_next_recording_carry_it(self) -> None:
+        for declared, small in ((True, True), (False, False)):
+            present = Present.of(case(declared=declared), np.full(3, 0.02))
+            nominal = CorrectedArm(synthetic.arm())
+            gap = torque_gap(nominal, synthetic.body(), list(present.segments)).nrmse
+            assert (gap.max() < 0.02) == small
+
+
+class TestDiagnosis:
+    """Whole diagnoses of three recordings, of which the second carries 2 kg."""
+
+    def test_a_declared_load_is_no_gap(self) -> None:
+        document = diagnose(case()).document
+        validate(document)
+        assert document["verdict"] == "no_gap"
+        assert [r.get("payload") for r in document["recordings"]] == [None, LOAD.entry(), None]
+
+    def test_one_that_is_not_declared_is(self) -> None:
+        document = diagnose(case(declared=False)).document
+        assert document["verdict"] != "no_gap"
+        assert all("payload" not in r for r in document["recordings"])
+
+    def test_both_sides_of_the_sensors_carry_it(self) -> None:
+        document = diagnose(case(sensors=True)).document
+        assert document["verdict"] == "no_gap" and set(document["sides"]["carried_by"]) == {"neither"}
+
+    def test_load_friction_is_told_from_coulomb_friction(self) -> None:
+        result = diagnose(case(Truth(load=(0.0, 0.15, 0.0))))
+        assert named(result) == [("load_friction", (2,))]
+        assert result.effects[0].parameters["coefficient"] == pytest.approx([0.15], rel=0.1)
+
+    def test_coulomb_friction_is_told_from_load_friction(self) -> None:
+        result = diagnose(case(Truth(coulomb=(0.0, 3.0, 0.0))))
+        assert named(result) == [("coulomb_friction", (2,))]
+        assert result.effects[0].parameters["torque"] == pytest.approx([3.0], rel=0.1)
+
+    def test_an_unknown_payload_is_found_on_top(self) -> None:
+        result = diagnose(case(Truth(mass=1.5, com=(0.2, 0.0, 0.0))))
+        assert named(result) == [("payload", ())]
+        assert float(result.effects[0].parameters["mass"]) == pytest.approx(1.5, rel=0.05)
+
+
+class TestAgainst:
+    """What changed since a reference."""
+
+    @pytest.mark.parametrize("known", ["case", "reference"])
+    def test_a_declared_load_is_no_news(self, known: str, tmp_path: Path) -> None:
+        plain, carried = synthetic.case(seed=4), case()
+        today, before = (carried, plain) if known == "case" else (plain, carried)
+        document = diagnose_change(today, before, tmp_path).diagnosis.document
+        assert document["verdict"] == "no_gap"
+
+    def test_one_that_is_not_declared_is(self, tmp_path: Path) -> None:
+        change = diagnose_change(case(declared=False), synthetic.case(seed=4), tmp_path)
+        assert change.diagnosis.document["verdict"] != "no_gap"
+
+
+class TestPrediction:
+    """Torque of one recording."""
+
+    def test_predicted_torque_carries_it(self) -> None:
+        recording = case().recordings[1]
+        with_it, without = (
+            predict_torque(CorrectedArm(synthetic.arm()), r) for r in (recording, replace(recording, payload=None))
+        )
+        assert recording.tau is not None
+        inner = slice(100, -100)
+        left, more = (np.sqrt(((recording.tau - x)[inner] ** 2).mean(axis=0)) for x in (with_it, without))
+        assert (left[1:] < 0.1 * more[1:]).all()
+
+
+def test_identification_takes_it_out_of_the_torque() -> None:
+    """The arm identified on recordings with and without a declared load is the arm without it."""
+    few = Settings(plain=True)
+    told, hidden = (identify(case(declared=declared), few) for declared in (True, False))
+    mass = [float(result.validation[0].every.overall) for result in (told, hidden)]
+    assert mass[0] < 0.02 and mass[1] > 2 * mass[0]
+    nominal = told.columns.nominal(told.choice.law)
+    row = told.columns.smooth(segment(0).motion)[:, 1, : told.columns.links]
+    difference = row @ (told.physical.value - nominal)[: told.columns.links]
+    assert np.abs(difference).max() < 0.03 * np.abs(row @ nominal[: told.columns.links]).max()
