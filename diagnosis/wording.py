@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from itertools import takewhile
 from typing import Any
 
-from diagnosis.quantities import display_unit, percent, uncertain
+import numpy as np
+
+from diagnosis.quantities import display_unit, percent, significant, uncertain
 from effects.catalogue import CATALOGUE
 
 Document = Mapping[str, Any]
@@ -194,3 +196,19 @@ def parameter_texts(effect: Mapping[str, Any]) -> list[ParameterText]:
         )
         texts.append(ParameterText(name.replace("_", " "), known[name].symbol if name in known else "", entries, unit))
     return texts
+
+
+def pulled_texts(effect: Mapping[str, Any]) -> list[str]:
+    """Values by the commands as instruments that lie two deviations, and a twentieth, off those found."""
+    out = []
+    for name, parameter in effect["parameters"].items():
+        if "by_commands" not in parameter or parameter["std"] is None:
+            continue
+        columns = [np.atleast_1d(parameter[key]).tolist() for key in ("value", "std", "by_commands")]
+        labels = [f"J{joint}" for joint in effect["joints"]] or ["x", "y", "z"][: len(columns[0])]
+        factor, unit = display_unit(parameter["unit"], max(map(abs, columns[0])))
+        for label, value, std, other in zip(labels, *columns, strict=False):
+            if abs(other - value) > max(2 * std, 0.05 * abs(value)):
+                place = f" {label}" if len(columns[0]) > 1 or effect["joints"] else ""
+                out.append(f"{name.replace('_', ' ')}{place} {significant(factor * other)} {unit}".strip())
+    return out

@@ -21,6 +21,7 @@ from diagnosis.wording import (
     gap_rows,
     joint_names,
     parameter_texts,
+    pulled_texts,
     short_names,
     unexplained_sentence,
     verdict_sentence,
@@ -66,6 +67,7 @@ class FoundEffect:
     only_this: list[float | None]
     without_this: list[float | None]
     signatures: list[int]
+    pulled: list[str]
 
 
 def heading(diagnosis: Diagnosis) -> dict[str, str]:
@@ -184,6 +186,7 @@ def _found(entry: Mapping[str, Any], diagnosis: Diagnosis) -> FoundEffect:
         only_this=list(entry["gap_with_only_this"]["torque_nrmse"]),
         without_this=list(entry["gap_without_this"]["torque_nrmse"]),
         signatures=own,
+        pulled=pulled_texts(entry),
     )
 
 
