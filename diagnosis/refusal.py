@@ -9,7 +9,6 @@ import numpy as np
 from diagnosis.judge import Judge
 from diagnosis.rivals import rivals
 from diagnosis.search import Search
-from diagnosis.significance import CONTRADICTED, log_e_values
 from diagnosis.terms import Term
 
 REACHING = ("encoder_offset", "joint_elasticity", "backlash", "link_inertia")
@@ -34,10 +33,10 @@ class Refusal:
 
 
 def refuse(judge: Judge) -> tuple[Search, list[Refusal]]:
-    """Take back what widens the gap of a joint on unseen data, what is improbable, and what half of the data denies."""
+    """Take back terms that widen the gap of a joint on unseen data beyond the nominal arm's, and improbable effects."""
     found, refusals = judge.found, []
     while found.fit.terms:
-        refusal = _harmful(_with(judge, found)) or _improbable(found) or _contradicted(found)
+        refusal = _harmful(_with(judge, found)) or _improbable(found)
         if refusal is None:
             break
         refusals.append(refusal)
@@ -77,13 +76,3 @@ def _improbable(found: Search) -> Refusal | None:
             terms = frozenset(t for t in found.fit.terms if t.finding == name)
             return Refusal(terms, f"is improbable ({probability:.0%}); {others[0].effect} does as well", 0.0)
     return None
-
-
-def _contradicted(found: Search) -> Refusal | None:
-    """The effect that one half of the data speaks against most (``diagnosis/significance.py``)."""
-    log_e = log_e_values(found)
-    name = min(log_e, key=lambda name: log_e[name], default=None)
-    if name is None or log_e[name] >= CONTRADICTED:
-        return None
-    terms = frozenset(t for t in found.fit.terms if t.finding == name)
-    return Refusal(terms, "one half of the data contradicts what the other says of it", 0.0)

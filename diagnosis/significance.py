@@ -11,7 +11,8 @@ e over both directions. Of m effects tried, those are confirmed of which the k-t
 then at most that share of them is expected to be there by chance, however they depend on each other [wang2022].
 
 What errors of the nominal arm could do as well is hard to confirm so: once A has told them, they predict B no worse.
-Evidence prefers one small change on one body there, for its size, and no half of the data contradicts that.
+Evidence prefers one change on one body there, for its size. On short or odd recordings the values that A gives to all
+the other effects fail on B, and nothing is confirmed. An effect that is not confirmed stays, and is told so.
 """
 
 from __future__ import annotations
@@ -27,8 +28,6 @@ from diagnosis.terms import EXPLAINED, Term
 
 RATE = 0.05
 """Share of the effects confirmed that may be there by chance."""
-CONTRADICTED = -3.0
-"""An effect with less log e than this makes one half of the data less likely than without it [nats]."""
 
 
 def log_e_values(found: Search) -> dict[str, float]:
