@@ -139,6 +139,7 @@ class Linearisation:
         proposed = {t: shape.values for t, shape in found.items() if t not in self._used}
         self.terms = Terms(data.arm.n_joints, {**known, **proposed})
         self._add_shaped(parts, frozenset(proposed))
+        self._parts = parts
         self._links = [self._link(k) for k in range(len(parts))] if data.sensed else []
         self.folds = [half for places in self._places() for half in self._halves(places, parts)]
 
@@ -157,7 +158,7 @@ class Linearisation:
 
         A are the columns in ``places``, shape (C,).
         """
-        part = self._part(k, data)
+        part = self._parts[k] if data is self.data else self._part(k, data)
         x = np.concatenate([part.columns[:, :, places], data.nuisance[k]], axis=2)
         trust = np.array([part.trust(j) for j in range(self.arm.n_joints)]).T
         return x, part.gap + part.columns @ self.theta, trust
