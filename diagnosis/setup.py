@@ -43,9 +43,10 @@ ALONE = 1.5
 """...and what they are multiplied with where there is one recording only."""
 LEAST_GAP = 0.03
 """A fault that lowers the nominal arm's torque NRMSE by less on every joint is not named."""
-LEAST_FALL = 0.1
+LEAST_FALL, LEAST_FALL_SHIFTED = 0.1, 0.5
 """...nor, of one recording alone, one that lowers the sum of their squares over the joints by a smaller part: a wrong
-reading and an extraordinary arm may explain together what an event did."""
+reading and an extraordinary arm may explain together what an event did. Inertials on the wrong links have to lower it
+by the second, however many recordings there are: a load far off the axis makes the right ones extraordinary."""
 RIGHT, RIGHT_BY = 0.12, 3.0
 """Torque NRMSE below which the nominal arm is right as it is, and factor by which the gap has to fall to there."""
 COARSE = 4
@@ -79,10 +80,12 @@ def find_setup_faults(case: Case) -> tuple[FoundFault, ...]:
         return ()
     stamps = find_stamps((*case.recordings, *case.judged))
     cleaned = repaired(case, stamps)
-    told = _by_torque(cleaned)
-    found = _with_gaps(case, merged((*stamps, *(told or _shifted_inertials(cleaned)))))
     alone = sum(r.tau is not None for r in case.recordings) == 1
-    kept = tuple(f for f in found if not _useless(f, alone))
+    for told in (_by_torque(cleaned), _shifted_inertials(cleaned)):
+        found = _with_gaps(case, merged((*stamps, *told)))
+        kept = tuple(f for f in found if not _useless(f, alone))
+        if len(kept) > len(stamps):
+            break
     return kept if len(kept) == len(found) else _with_gaps(case, kept)
 
 
@@ -188,7 +191,8 @@ def _useless(fault: FoundFault, alone: bool) -> bool:
         return False
     without, after = fault.gap_without_this, fault.gap_after
     fallen = 1.0 - (after**2).sum() / max((without**2).sum(), 1e-12)
-    return bool((without - after).max() < LEAST_GAP or (alone and fallen < LEAST_FALL))
+    least = LEAST_FALL_SHIFTED if fault.name == "shifted_inertials" else LEAST_FALL if alone else -np.inf
+    return bool((without - after).max() < LEAST_GAP or fallen < least)
 
 
 def _with_gaps(case: Case, faults: tuple[FoundFault, ...]) -> tuple[FoundFault, ...]:

@@ -15,7 +15,10 @@ from arm.case import Case, load_case
 from diagnosis.faults.found import repaired
 from diagnosis.faults.inertials import shifted_arm
 from diagnosis.setup import find_setup_faults
+from effects.applied import AppliedEffect
 from effects.faults import Fault, JointSwap, ShiftedInertials, SignFlip, TimeStamps, UnitMismatch
+from envs.mystery import iiwa
+from envs.session import Plan, record_case
 
 ORDINARY = {
     "healthy": Truth(),
@@ -121,6 +124,17 @@ def test_values_come_with_their_deviations() -> None:
     assert abs(found.parameters["amount"].value[0] - 0.06) < 0.01
     assert found.document()["variant"] == "repeats"
     assert set(found.document()["parameters"]["amount"]) == {"unit", "value", "std"}
+
+
+def test_a_load_far_off_the_axis_is_not_taken_for_inertials_on_the_wrong_links() -> None:
+    """Seen on a simulated arm: load, torque constant and dry friction made its right inertials look extraordinary."""
+    effects = (
+        AppliedEffect("coulomb_friction", (4,), {"torque": [0.9]}),
+        AppliedEffect("payload", (), {"mass": 3.33, "com": [-0.049, 0.049, 0.034]}),
+        AppliedEffect("torque_scale", (6,), {"scale": [-0.37]}),
+    )
+    case = record_case("loaded", iiwa(), effects, Plan(), np.random.default_rng(5))
+    assert find_setup_faults(case) == ()
 
 
 def test_one_gear_ratio_for_all_joints_is_found_as_one() -> None:
