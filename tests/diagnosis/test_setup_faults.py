@@ -15,9 +15,10 @@ from arm.case import Case, load_case
 from diagnosis.faults.found import repaired
 from diagnosis.faults.inertials import shifted_arm
 from diagnosis.setup import find_setup_faults
-from effects.applied import AppliedEffect
 from effects.faults import Fault, JointSwap, ShiftedInertials, SignFlip, TimeStamps, UnitMismatch
-from envs.mystery import iiwa
+from effects.severity import ArmScale
+from envs.mystery import HIDDEN, iiwa
+from envs.randomisation import Randomisation, draw_effects
 from envs.session import Plan, record_case
 
 ORDINARY = {
@@ -128,12 +129,10 @@ def test_values_come_with_their_deviations() -> None:
 
 def test_a_load_far_off_the_axis_is_not_taken_for_inertials_on_the_wrong_links() -> None:
     """Seen on a simulated arm: load, torque constant and dry friction made its right inertials look extraordinary."""
-    effects = (
-        AppliedEffect("coulomb_friction", (4,), {"torque": [0.9]}),
-        AppliedEffect("payload", (), {"mass": 3.33, "com": [-0.049, 0.049, 0.034]}),
-        AppliedEffect("torque_scale", (6,), {"scale": [-0.37]}),
-    )
-    case = record_case("loaded", iiwa(), effects, Plan(), np.random.default_rng(5))
+    rng, arm = np.random.default_rng((16, 0, 5)), iiwa()
+    effects = draw_effects(rng, arm, Randomisation(HIDDEN, count=(3, 3), severity=(1.5, 1.5)), ArmScale.of(arm))
+    assert {e.name for e in effects} == {"coulomb_friction", "payload", "torque_scale"}
+    case = record_case("loaded", arm, effects, Plan(), rng)
     assert find_setup_faults(case) == ()
 
 
