@@ -185,7 +185,8 @@ def draw(cells: Cells, path: Path) -> None:
                 ),
                 row=1, col=column,
             )  # fmt: skip
-    figure.update_yaxes(type="log", title={"text": "joint error on the hidden arm [mrad]"}, col=1)
+    figure.update_yaxes(type="log")
+    figure.update_yaxes(title={"text": "joint error on the hidden arm [mrad]"}, col=1)
     figure.update_xaxes(title={"text": "actions of training"})
     with written_whole(path) as aside:
         figure.write_html(aside, include_plotlyjs=True)
