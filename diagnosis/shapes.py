@@ -27,10 +27,13 @@ BIN = 0.1
 """Resolution of the windows in which a force may act [s]."""
 LEAST_LIMIT = 0.01
 """Saturation lets at least this share of the largest recorded torque through..."""
-MOST_LIMITED = 0.85
-"""...and acts for this share of the time at most: a controller whose torque never arrives cannot track..."""
 LEAST_NEED = 0.7
-"""...and then this share of the limit is needed on average."""
+"""...while it acts this share of the limit is needed on average..."""
+SELDOM, MOST_LIMITED = 0.4, 0.85
+"""...and it acts for the first share of the time at most, as a controller whose torque never arrives cannot track; or for
+the second, where an arm hardly holds..."""
+HELD = 0.15
+"""...and what is needed keeps to the limit meanwhile, within this share of it."""
 LIMITS = 40
 """Limits that are tried in even steps up to the largest torque, and as many in even ratios."""
 LEAST_WINDOW = 0.3
@@ -191,11 +194,15 @@ def _saturation(
     if known is not None:
         limits = np.clip(known * np.linspace(0.9, 1.1, 21), least, 0.999 * largest)
     beyond = np.abs(u)[:, None] > limits
-    held = (np.sign(u) * need) @ beyond / np.maximum(beyond.sum(axis=0), 1)
+    count, along = np.maximum(beyond.sum(axis=0), 1), np.sign(u) * need
+    held = along @ beyond / count
+    apart = np.sqrt(np.maximum(along**2 @ beyond / count - 2 * held * limits + limits**2, 0.0))
+    seldom = beyond.mean(axis=0) < SELDOM
+    possible = (held > LEAST_NEED * limits) & (seldom | (apart < HELD * limits))
     none = Shape((0.999 * largest,), (0.5 * largest,))
-    if not (held > LEAST_NEED * limits).any():
+    if not possible.any():
         return none
-    limits = limits[held > LEAST_NEED * limits]
+    limits = limits[possible]
     found = scan.best(limits, scan.thin([x - np.clip(x, -limits, limits) for x in torque]))
     return found if found.values[0] > 1.02 * least else none
 
