@@ -29,8 +29,8 @@ setup-learn: .venv/.learn ## add what the agents need (torch, stable-baselines3,
 demo: setup ## record and diagnose a mystery arm
 	.venv/bin/gapscope demo --out out/demo
 
-test: setup ## run the tests
-	.venv/bin/python -m pytest
+test: setup ## run the tests, a file at a time on every core
+	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n auto --dist loadfile
 
 lint: setup ## check style and format
 	.venv/bin/python -m ruff check

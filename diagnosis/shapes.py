@@ -30,8 +30,8 @@ LEAST_LIMIT = 0.01
 LEAST_NEED = 0.7
 """...while it acts this share of the limit is needed on average..."""
 SELDOM, MOST_LIMITED = 0.4, 0.85
-"""...and it acts for the first share of the time at most, as a controller whose torque never arrives cannot track; or for
-the second, where an arm hardly holds..."""
+"""...and it acts for the first share of the time at most, as a controller whose torque never arrives cannot track, or
+for the second, where an arm hardly holds..."""
 HELD = 0.15
 """...and what is needed keeps to the limit meanwhile, within this share of it."""
 LIMITS = 40
