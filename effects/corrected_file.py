@@ -10,6 +10,7 @@ from typing import Any
 
 import yaml
 
+from arm.case_file import read_yaml
 from arm.errors import InputError, ModelWarning
 from arm.nominal import NominalArm
 from arm.whole import written_whole
@@ -89,12 +90,7 @@ def _residual(content: dict[str, Any], path: Path) -> ResidualNetwork | None:
 
 def _content(path: Path) -> dict[str, Any]:
     """Content of the file, its keys checked."""
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror})", "check the path", file=path) from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f"is not valid YAML ({error})", file=path) from None
+    content = read_yaml(path, "check the path")
     if not isinstance(content, dict) or content.get("schema") != 1 or not isinstance(content.get("effects"), list):
         raise InputError(
             "expected the keys schema: 1 and effects: [...]", "see corrected.yaml of a diagnosis", file=path

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import yaml
-
 from arm.case import load_case
+from arm.case_file import read_yaml
 from arm.errors import InputError
 from arm.nearest import check_known, nearest
 from arm.nominal import NominalArm
@@ -140,12 +139,7 @@ def chosen(source: str | None, context: Context) -> tuple[NominalArm | str, dict
 
 
 def _content(path: Path) -> dict[str, Any]:
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror})", "check the path", file=path) from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f"is not valid YAML ({error})", file=path) from None
+    content = read_yaml(path, "check the path")
     content = {} if content is None else content
     if not isinstance(content, dict):
         raise InputError("expected keys with values", "write for instance robot: kuka_iiwa", file=path)

@@ -9,9 +9,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from agents.training.hyperparameters import ALGORITHMS, checked
+from arm.case_file import read_yaml
 from arm.errors import InputError
 from arm.motions import MOTIONS
 from arm.nearest import check_known, nearest
@@ -181,27 +180,18 @@ def read_settings(agent: str | Path, **changed: Any) -> Settings:
         InputError: no such file or algorithm, an unknown key, or a value of the wrong kind; names file and field.
     """
     changed = {name: value for name, value in changed.items() if value is not None}
+    path = Path(agent)
     if agent in ALGORITHMS:
-        path, shipped = Path(f"{agent}.yaml"), files("agents.training") / "configs" / f"{agent}.yaml"
-        text = shipped.read_text(encoding="utf-8")
-    else:
-        path = Path(agent)
-        if path.suffix not in (".yaml", ".yml"):
-            raise InputError(
-                f"unknown agent {str(agent)!r}",
-                f"{nearest(str(agent), ALGORITHMS)}give {', '.join(ALGORITHMS)}, or a YAML file with settings",
-                where="--agent",
-            )
-        try:
-            text = path.read_text(encoding="utf-8")
-        except OSError as error:
-            raise InputError(f"cannot be read ({error.strerror})", "check the path", file=path) from None
-        except UnicodeDecodeError:
-            raise InputError("is no text", "give a YAML file with settings", file=path) from None
+        path = Path(str(files("agents.training") / "configs" / f"{agent}.yaml"))
+    elif path.suffix not in (".yaml", ".yml"):
+        raise InputError(
+            f"unknown agent {str(agent)!r}",
+            f"{nearest(str(agent), ALGORITHMS)}give {', '.join(ALGORITHMS)}, or a YAML file with settings",
+            where="--agent",
+        )
+    content = read_yaml(path, "check the path")
     try:
-        return from_plain(yaml.safe_load(text), **changed)
-    except yaml.YAMLError as error:
-        raise InputError(f"is not valid YAML ({error})", file=path) from None
+        return from_plain(content, **changed)
     except InputError as error:
         raise error.at(path) from None
 

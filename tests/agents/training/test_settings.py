@@ -60,5 +60,13 @@ def test_bad_settings_are_told_with_file_and_field(text: str, message: str, tmp_
 def test_unknown_agents_are_told() -> None:
     with pytest.raises(InputError, match="did you mean 'ppo'"):
         read_settings("pppo")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="no such file"):
         read_settings("missing.yaml")
+
+
+def test_numbers_may_be_written_with_an_exponent_alone(tmp_path: Path) -> None:
+    """1e-4 is text to YAML 1.1."""
+    file = tmp_path / "agent.yaml"
+    file.write_text("hyperparameters: {learning_rate: 1e-4}\ntolerance: 2e-3\n")
+    settings = read_settings(file)
+    assert (settings.hyperparameters["learning_rate"], settings.tolerance) == (1e-4, 2e-3)
