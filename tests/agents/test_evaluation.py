@@ -133,7 +133,7 @@ def test_models_of_files(two: NominalArm, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        ("none.yaml", None, "cannot be read"),
+        ("none.yaml", None, "no such file"),
         ("none.json", None, "cannot be read"),
         ("bad.json", "{", "not valid JSON"),
         ("bare.json", "{}", "names no files"),
