@@ -14,6 +14,7 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from arm.dynamics import RigidBody
+from arm.errors import InputError
 from arm.motion import Motion
 from arm.nominal import NominalArm, smooth_sign
 from effects.applied import AppliedEffect
@@ -33,7 +34,7 @@ class CorrectedArm:
 
     Attributes:
         arm: the nominal arm.
-        effects: the effects; ``link_inertia`` may occur once per link, the others once.
+        effects: the effects, each once per joint or arm; those that add (payload, link errors, forces) at will.
         residual: adds to the predicted torque what no effect explains, or ``None``.
     """
 
@@ -42,11 +43,27 @@ class CorrectedArm:
     residual: ResidualNetwork | None = None
 
     def check(self) -> None:
-        """Check that every joint and link named exists; raises ``InputError`` otherwise."""
+        """Check that every joint and link named exists, and that no effect contradicts itself.
+
+        Raises:
+            InputError: a joint or link does not exist, or an effect that cannot add occurs twice at one place.
+        """
         if self.residual is not None:
             self.residual.check(self.arm.n_joints)
+        places: set[tuple[str, int]] = set()
         for applied in self.effects:
             applied.check(self.arm.n_joints)
+            if isinstance(applied.effect, LinkChange | External):
+                continue
+            here = {(applied.name, joint) for joint in applied.joints or (0,)}
+            if twice := sorted(here & places):
+                joint = twice[0][1]
+                raise InputError(
+                    f"occurs twice on {f'joint {joint}' if joint else 'the arm'}",
+                    "give it once, with the value that counts",
+                    where=applied.name,
+                )
+            places |= here
 
     def value(self, name: str, parameter: str) -> np.ndarray:
         """Values of a joint effect's parameter over all joints, zeros where it does not act; shape (n,)."""

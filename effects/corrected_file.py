@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +17,20 @@ from arm.nominal import NominalArm
 from arm.whole import written_whole
 from effects.applied import AppliedEffect
 from effects.corrected import CorrectedArm
+from effects.faults import FAULTS, Fault
 from effects.residual.file import read_residual
 from effects.residual.model import ResidualNetwork
 
 _KEYS = {"schema", "case", "effects", "residual"}
 
 
-def write_corrected(case: str, effects: tuple[AppliedEffect, ...], path: Path, residual: str | None = None) -> None:
+def write_corrected(
+    case: str,
+    effects: tuple[AppliedEffect, ...],
+    path: Path,
+    residual: str | None = None,
+    faults: tuple[Fault, ...] = (),
+) -> None:
     """Write effects as ``corrected.yaml``; ``path`` never holds half of one.
 
     Args:
@@ -30,6 +38,7 @@ def write_corrected(case: str, effects: tuple[AppliedEffect, ...], path: Path, r
         effects: the effects.
         path: the file.
         residual: file of a residual network, relative to the folder of ``path``; it is not written here.
+        faults: setup faults, where the file tells how a case was recorded.
 
     Raises:
         GapscopeError: the file cannot be written.
@@ -44,7 +53,8 @@ def write_corrected(case: str, effects: tuple[AppliedEffect, ...], path: Path, r
                 "parameters": {name: value.tolist() for name, value in applied.parameters.items()},
             }
             for applied in effects
-        ],
+        ]
+        + [described_fault(fault) for fault in faults],
     }
     if residual is not None:
         content["residual"] = residual
@@ -62,6 +72,54 @@ def read_corrected(path: Path | str) -> tuple[AppliedEffect, ...]:
     if content.get("residual"):
         warnings.warn(f"{path}: the residual network is left out, it only predicts torque", ModelWarning, stacklevel=2)
     return _effects(content, path)
+
+
+def read_with_faults(path: Path | str) -> tuple[tuple[AppliedEffect, ...], tuple[Fault, ...]]:
+    """Effects and setup faults from a file of the form of ``corrected.yaml``, for recording a simulated arm.
+
+    Raises:
+        InputError: as ``read_corrected``; or an entry is not a fault as ``effects.faults`` has it.
+    """
+    content, path = _content(Path(path)), Path(path)
+    entries = content["effects"]
+    faults = {i: x for i, x in enumerate(entries) if isinstance(x, dict) and x.get("effect") in FAULTS}
+    effects = tuple(_entry(x, f"effects[{i}]", path) for i, x in enumerate(entries) if i not in faults)
+    return effects, tuple(_fault(x, f"effects[{i}]", path) for i, x in faults.items())
+
+
+def described_fault(fault: Fault) -> dict[str, Any]:
+    """A setup fault as an entry of the file; what is not given there is as by default."""
+    values = {field.name: getattr(fault, field.name) for field in fields(fault)}
+    joints, variant = values.pop("joints", ()), values.pop("variant", None)
+    return {
+        "effect": fault.name,
+        "joints": list(joints),
+        **({"variant": variant} if variant else {}),
+        "parameters": values,
+    }
+
+
+def _fault(entry: dict[str, Any], where: str, path: Path) -> Fault:
+    """A setup fault from its entry."""
+    kind = FAULTS[entry["effect"]]
+    known = {field.name for field in fields(kind)}
+    given = {"joints": tuple(entry.get("joints") or ()), "variant": entry.get("variant"), **entry.get("parameters", {})}
+    given = {name: value for name, value in given.items() if value not in ((), None)}
+    if unknown := sorted(set(given) - known | set(entry) - {"effect", "joints", "variant", "parameters"}):
+        raise InputError(
+            f"{kind.name} has no {unknown[0]!r}", f"it has {', '.join(sorted(known))}", file=path, where=where
+        )
+    try:
+        return kind(**given)
+    except InputError as error:
+        raise error.at(path, where) from None
+    except TypeError as error:
+        raise InputError(
+            f"{kind.name} is not complete, or not of numbers ({error})",
+            f"give {', '.join(sorted(known))}; variants are {', '.join(kind.variants) or 'none'}",
+            file=path,
+            where=where,
+        ) from None
 
 
 def read_corrected_arm(arm: NominalArm, path: Path | str) -> CorrectedArm:
@@ -125,15 +183,22 @@ def blaming(path: Path | str | None, effects: Sequence[AppliedEffect]) -> Iterat
 
 
 def _entry(entry: Any, where: str, path: Path) -> AppliedEffect:
-    if not isinstance(entry, dict) or not isinstance(entry.get("parameters"), dict) or "effect" not in entry:
+    if not isinstance(entry, dict) or not isinstance(entry.get("parameters", {}), dict) or "effect" not in entry:
         raise InputError(
             "expected effect:, joints: and parameters:",
             "write for instance {effect: coulomb_friction, joints: [2], parameters: {torque: [4.0]}}",
             file=path,
             where=where,
         )
+    if entry["effect"] in FAULTS:
+        raise InputError(
+            f"{entry['effect']!r} is a fault of the set-up: it lies in recordings, not in the arm",
+            "leave it out here; gapscope record makes recordings with it",
+            file=path,
+            where=where,
+        )
     try:
-        return AppliedEffect(str(entry["effect"]), tuple(entry.get("joints") or ()), entry["parameters"])
+        return AppliedEffect(str(entry["effect"]), tuple(entry.get("joints") or ()), entry.get("parameters", {}))
     except InputError as error:
         raise error.at(path, where) from None
     except (TypeError, ValueError) as error:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from arm.case import load_case
+from arm.case import Case, load_case
 from arm.controller import Controller
 from arm.controller_file import read_controller
 from arm.errors import InputError
@@ -15,7 +16,9 @@ from arm.nearest import check_known, nearest
 from arm.nominal import NominalArm
 from arm.robots import load_nominal_arm
 from arm.writing import write_case
-from effects.corrected_file import blaming, read_corrected, write_corrected
+from diagnosis.faults.inertials import shifted_arm
+from effects.corrected_file import blaming, read_with_faults, write_corrected
+from effects.faults import Fault, ShiftedInertials
 from envs.session import Plan, hidden_by_reading_back, record_case
 from gapscope.run import make_folder
 
@@ -43,7 +46,7 @@ def record_files(
 
     Args:
         robot: a name or URDF; or a case, whose nominal arm and controller are taken.
-        effects: file of the form of ``corrected.yaml``.
+        effects: file of the form of ``corrected.yaml``, with setup faults as ``diagnosis.json`` has them.
         out: folder of the case; must not hold one already.
         plan: how to record.
         controller: one of ``CONTROLLERS``, or a YAML file in the form of the ``controller:`` section of a case.
@@ -60,7 +63,7 @@ def record_files(
         GapscopeError: the arm became unstable, or something cannot be written.
     """
     check_known("format", ending, list(ENDINGS), where="format")
-    truth = read_corrected(effects)
+    truth, faults = read_with_faults(effects)
     _check_places(effects, out, sealed)
     arm, known = _arm(robot)
     known = _chosen_controller(controller, arm, known)
@@ -69,16 +72,27 @@ def record_files(
     rng = np.random.default_rng(seed)
     with blaming(effects, truth):
         case = record_case(out.resolve().name, arm, truth, plan, rng, controller=known, progress=progress)
+        case = _with_faults(case, faults, rng)
     progress("writes the case")
     file = write_case(case, out, ending=ending)
     place = (sealed or out) / TRUTH
-    write_corrected(case.name, truth, place)
+    write_corrected(case.name, truth, place, faults=faults)
     hidden = hidden_by_reading_back(truth) if plan.read_back else ()
     note = (
         f"{', '.join(hidden)}: torque that is read back behind the drive hardly shows this; without --read-back the "
         "torque commanded is recorded"
     )
     return [file, place], note if hidden else None
+
+
+def _with_faults(case: Case, faults: tuple[Fault, ...], rng: np.random.Generator) -> Case:
+    """The case as a set-up with these faults would have written it."""
+    arm, recordings = case.arm, case.recordings
+    for fault in faults:
+        recordings = tuple(fault.apply(recording, rng) for recording in recordings)
+        if isinstance(fault, ShiftedInertials):
+            arm = shifted_arm(arm, fault.by, fault.moved_only)
+    return replace(case, arm=arm, recordings=recordings)
 
 
 def _check_places(effects: Path, out: Path, sealed: Path | None) -> None:

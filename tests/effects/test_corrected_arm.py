@@ -138,3 +138,25 @@ def test_joint_that_the_arm_does_not_have(two: NominalArm, body: RigidBody, moti
     effect = AppliedEffect("coulomb_friction", (3,), {"torque": [1.0]})
     with pytest.raises(InputError, match="joint 3 of an arm with 2 joints"):
         CorrectedArm(two, (effect,)).predict(body, motion)
+
+
+@pytest.mark.parametrize(
+    "once",
+    [
+        AppliedEffect("torque_saturation", (2,), {"limit": [10.0]}),
+        AppliedEffect("base_tilt", (), {"roll": 0.01, "pitch": 0.0}),
+    ],
+)
+def test_an_effect_that_cannot_add_occurs_once(two: NominalArm, once: AppliedEffect) -> None:
+    """Two limits on one joint are no limit of their sum, two tilts no tilt of either."""
+    with pytest.raises(InputError, match="occurs twice") as caught:
+        CorrectedArm(two, (COULOMB, once, once)).check()
+    assert caught.value.where == once.name
+
+
+def test_effects_that_add_may_occur_twice(two: NominalArm, body: RigidBody, motion: Motion) -> None:
+    half = AppliedEffect("payload", (), {"mass": 0.6, "com": [0.3, 0.1, 0.0]})
+    arms = [CorrectedArm(two, effects) for effects in ((half, half), (PAYLOAD,))]
+    for arm in arms:
+        arm.check()
+    np.testing.assert_allclose(*(arm.predict(body, motion) for arm in arms), rtol=1e-9)

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from arm.errors import GapscopeError, InputError
 from effects.applied import AppliedEffect
 from effects.catalogue import CATALOGUE
-from effects.corrected_file import read_corrected, write_corrected
+from effects.corrected_file import read_corrected, read_with_faults, write_corrected
+from effects.faults import ShiftedInertials, SignFlip, TimeStamps, UnitMismatch
 
 
 @st.composite
@@ -84,7 +85,7 @@ BAD = {
     "effects is no list": ("schema: 1\neffects: {}", "effects: \\[...\\]"),
     "unknown key": ("schema: 1\neffects: []\nefects: []", "unknown key 'efects'"),
     "entry is a name": (entry("coulomb_friction"), r"effects\[1\]: expected effect:, joints: and parameters:"),
-    "no parameters": (entry(f"{{{COULOMB}, joints: [1]}}"), r"effects\[1\]: expected effect:"),
+    "no parameters": (entry(f"{{{COULOMB}, joints: [1]}}"), r"effects\[1\], coulomb_friction: expected the parameters"),
     "unknown effect": (
         entry("{effect: stiction, joints: [1], parameters: {torque: 1}}"), r"effects\[1\]: unknown effect 'stiction'",
     ),
@@ -147,3 +148,35 @@ def test_written_whole_or_not_at_all(tmp_path: Path) -> None:
         write_corrected("new", (None,), tmp_path / "corrected.yaml")
     assert yaml.safe_load((tmp_path / "corrected.yaml").read_text())["case"] == "old"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["corrected.yaml", "file"]
+
+
+def test_setup_faults_go_there_and_back(tmp_path: Path) -> None:
+    path = tmp_path / "truth.yaml"
+    faults = (
+        SignFlip((2,), "joint"),
+        UnitMismatch("motor_side", (1, 2), 80.0),
+        TimeStamps("jitter", 0.2),
+        ShiftedInertials(-1),
+    )
+    coulomb = AppliedEffect("coulomb_friction", (1,), {"torque": [3.0]})
+    write_corrected("c", (coulomb,), path, faults=faults)
+    effects, found = read_with_faults(path)
+    assert found == faults and [x.name for x in effects] == ["coulomb_friction"]
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        ("{effect: sign_flip, joints: [2], variant: torqe}", "did you mean 'torque'"),
+        ("{effect: sign_flip, joints: [2], parameters: {size: 1}}", "has no 'size'"),
+        ("{effect: time_stamps, variant: jitter}", "amount"),
+    ],
+)
+def test_setup_faults_that_cannot_be_made_name_their_entry(tmp_path: Path, entry: str, message: str) -> None:
+    path = tmp_path / "truth.yaml"
+    path.write_text(f"schema: 1\neffects:\n  - {entry}\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"truth\.yaml.*effects\[0\]") as caught:
+        read_with_faults(path)
+    assert message in str(caught.value)
+    with pytest.raises(InputError, match="fault of the set-up"):
+        read_corrected(path)

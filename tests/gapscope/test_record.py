@@ -218,6 +218,22 @@ def test_a_controller_file_at_fault_is_named(
     assert not (tmp_path / "case").exists()
 
 
+def test_setup_faults_are_recorded(effects: Path, tmp_path: Path) -> None:
+    """The same session with and without them: one torque is mirrored, and the inertials lie on other links."""
+    text = effects.read_text(encoding="utf-8")
+    faulty = tmp_path / "faulty.yaml"
+    faults = ["{effect: sign_flip, joints: [4], variant: torque}", "{effect: shifted_inertials, parameters: {by: 1}}"]
+    faulty.write_text(text + "".join(f"- {fault}\n" for fault in faults), encoding="utf-8")
+    assert _record(effects, tmp_path / "right") == 0 and _record(faulty, tmp_path / "wrong") == 0
+    right, wrong = load_case(tmp_path / "right"), load_case(tmp_path / "wrong")
+    for one, other in zip(right.recordings, wrong.recordings, strict=True):
+        np.testing.assert_allclose(other.tau, one.tau * [1, 1, 1, -1, 1, 1, 1])
+    assert RigidBody(right.arm).model.inertias[3].mass != RigidBody(wrong.arm).model.inertias[3].mass
+    assert [e["effect"] for e in yaml.safe_load((tmp_path / "wrong" / "truth.yaml").read_text())["effects"]] == [
+        "payload", "actuator_delay", "sign_flip", "shifted_inertials",
+    ]  # fmt: skip
+
+
 def test_noise_is_a_share_of_the_torque() -> None:
     clean, noisy = (_case(iiwa(), noise=share).recordings[0] for share in (0.0, 0.05))
     np.testing.assert_array_equal(clean.q, noisy.q)
