@@ -49,6 +49,7 @@ def document(study: Study) -> dict[str, Any]:
         "case": study.case.name,
         "verdict": verdict,
         "gap": {
+            "replayed": study.replay.by,
             "before": {
                 "torque_nrmse": _list(total),
                 "replay_rmse": _known(study.replay.before),

@@ -16,14 +16,14 @@ from diagnosis.moves import RINGING, by_finding
 from diagnosis.terms import Term
 from effects.applied import AppliedEffect
 from envs.engines import installed
-from envs.replay import replay
+from envs.replay import LONGEST_STEP, replay
 
 ENGINE, SECOND_OPINIONS = "pybullet", ("mujoco",)
 """The engine that replays, and those that do so as well where they are installed."""
 
 MOST_TICKS, MOST_TICKS_RINGING = 12_000, 4_000
 """Ticks of the controller that are replayed: 12 s at 1 kHz, which takes a second or two; a joint that rings or plays
-takes steps as small as its resonance asks for."""
+takes steps as small as its resonance asks for. Without a controller a tick is a step of 1 ms or less."""
 
 
 class ReplayGap(NamedTuple):
@@ -31,7 +31,9 @@ class ReplayGap(NamedTuple):
 
     Attributes:
         before, after: of the nominal arm, and of the arm with the effects found, in PyBullet.
-        warnings: why something was not replayed although its controller is known.
+        by: what moved the simulated arm: the ``controller``, or where it or the reference is not known the recorded
+            ``torque`` over short horizons; ``None`` where nothing was replayed.
+        warnings: why something was not replayed.
         only, without: of the arm with each effect alone, and with all others, by the effect's name in a finding; of
             arms with joints that ring or play, which are slow to simulate, only the first two.
         elsewhere: before and after in the other engines that are installed.
@@ -39,6 +41,7 @@ class ReplayGap(NamedTuple):
 
     before: np.ndarray | None = None
     after: np.ndarray | None = None
+    by: str | None = None
     warnings: tuple[str, ...] = ()
     only: Mapping[str, np.ndarray | None] = {}
     without: Mapping[str, np.ndarray | None] = {}
@@ -49,18 +52,18 @@ def replay_gap(case: Case, judge: Judge) -> ReplayGap:
     """Replay gap before and after, on one recording with values that were not fitted to it.
 
     That is the first recording set aside for judging, else the last one, or the last block of a single one, with
-    values fitted to the others. Nothing is replayed where the controller or the reference is not known.
+    values fitted to the others.
 
     Args:
-        case: the nominal arm, its recordings and its controller.
+        case: the nominal arm, its recordings with torque, and its controller where known.
         judge: what was found, and its folds.
     """
     recording = _unseen(case, judge)
-    if case.controller is None or recording.q_ref is None:
-        return ReplayGap()
+    through_controller = case.controller is not None and recording.q_ref is not None
+    ticks = case.controller.rate if case.controller and through_controller else max(recording.rate, 1.0 / LONGEST_STEP)
     none, every = frozenset[Term](), judge.found.fit.terms
     rings = any(t.effect in RINGING for t in every)
-    recording = _head(recording, (MOST_TICKS_RINGING if rings else MOST_TICKS) / case.controller.rate)
+    recording = _head(recording, (MOST_TICKS_RINGING if rings else MOST_TICKS) / ticks)
     known: dict[tuple[frozenset[Term], str], tuple[np.ndarray | None, str | None]] = {}
 
     def gap(terms: frozenset[Term], engine: str = ENGINE) -> np.ndarray | None:
@@ -70,9 +73,12 @@ def replay_gap(case: Case, judge: Judge) -> ReplayGap:
 
     parts = {} if rings else {next(iter(part)).finding: part for part in by_finding(every)}
     others = [engine for engine in SECOND_OPINIONS if installed(engine)]
+    before, after = gap(none), gap(every)
+    replayed = before is not None or after is not None
     return ReplayGap(
-        gap(none),
-        gap(every),
+        before,
+        after,
+        ("controller" if through_controller else "torque") if replayed else None,
         tuple(
             f"{recording.name}: no replay of the {arm} arm: {why}"
             for arm, terms in (("nominal", none), ("corrected", every))

@@ -126,7 +126,11 @@ def how_far(diagnosis: Diagnosis) -> dict[str, Any]:
         "closed": closed,
         "bar": None if closed is None else max(0.0, closed),
         "mean": {name: _mean([row[i] for row in rows]) for i, name in enumerate(("before", "after", "floor"))},
-        "replay": {"before": replay_before, "after": replay_after},
+        "replay": {
+            "before": replay_before,
+            "after": replay_after,
+            "by_torque": document["gap"].get("replayed") == "torque",
+        },
         "elsewhere": [_elsewhere(engine, before, after) for engine in before.get("replay_elsewhere", {})],
         "judged_on": document.get("judged_on", "data that was not used to fit"),
     }
