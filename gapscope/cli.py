@@ -21,7 +21,7 @@ app = typer.Typer(
     help="Finds out why a simulated robot arm and a real one disagree.",
     no_args_is_help=True,
     add_completion=False,
-    rich_markup_mode="rich",
+    rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
 app.add_typer(blind, name="blind")
@@ -73,7 +73,7 @@ def diagnose(
         typer.Option(help="case of the same arm, known healthy and without load: what changed?", metavar="REFERENCE"),
     ] = None,
 ) -> None:
-    """Find where the gap lies, which effect causes it, and how far it shrinks."""
+    """Find where the gap lies, what causes it, and how far it closes."""
     if against is not None:
         _diagnose_against(cases, against, out)
         return
@@ -117,7 +117,7 @@ def predict(
     out: Annotated[Path, typer.Option(help="CSV to write: t, tau1..", metavar="FILE.csv")],
     model: Model = None,
 ) -> None:
-    """Predict the torque that would be recorded, at every sample of a recording."""
+    """Predict the torque that a model says would be recorded."""
     from arm.writing import write_columns
     from diagnosis.predict import predict_torque
     from gapscope.run import corrected_arm, load_for_prediction
@@ -158,7 +158,7 @@ def gap(
     model: Model = None,
     as_json: Annotated[bool, typer.Option("--json", help="print JSON to standard output")] = False,
 ) -> None:
-    """Measure the gap alone, per joint, of the nominal or the corrected arm."""
+    """Measure the gap alone, per joint, of a nominal or corrected arm."""
     from arm.case import load_case
     from gapscope.run import corrected_arm
     from gapscope.show import gap_document, gap_tables
@@ -190,7 +190,7 @@ def identify(
         bool, typer.Option("--any-torque", help="go on where the torque seems to be in another unit")
     ] = False,
 ) -> None:
-    """Identify base parameters, friction and physical parameters, with intervals and validation."""
+    """Identify base and physical parameters and friction."""
     from gapscope.identify import identify_path, summary
     from ident.identification import Settings
 
@@ -238,7 +238,10 @@ def record(
         typer.Option(help="folder for the truth, outside the case", metavar="DIR"),
     ] = None,
 ) -> None:
-    """Record a simulated arm with effects: makes a case, and keeps the truth in truth.yaml."""
+    """Record a simulated arm with effects as a case.
+
+    The truth is kept in truth.yaml, in the case or sealed elsewhere.
+    """
     from envs.session import Plan
     from gapscope.recording import record_files
 
@@ -277,7 +280,10 @@ def excite(
     collisions: Annotated[bool, typer.Option(help="check collisions with the meshes of the URDF")] = True,
     seed: Annotated[Optional[int], typer.Option(min=0, help="find the same trajectory again")] = None,  # noqa: UP045
 ) -> None:
-    """Find an exciting trajectory within limits: CSV, a ROS JointTrajectory, plots."""
+    """Design an exciting trajectory within limits.
+
+    It is written as CSV, as a ROS JointTrajectory, and as a page of plots.
+    """
     from gapscope.excite import SearchProgress, excite_files, margin_lines, margin_table, summary
     from ident.excitation.plan import LimitPlan, Plan
     from ident.excitation.search import Budget
@@ -324,7 +330,7 @@ def advise(
     collisions: Annotated[bool, typer.Option(help="check collisions with the meshes of the URDF")] = True,
     seed: Annotated[Optional[int], typer.Option(min=0, help="find the same trajectory again")] = None,  # noqa: UP045
 ) -> None:
-    """Design the next recording, on which explanations that are still open differ most within limits."""
+    """Design the recording that separates what is still confounded."""
     from diagnosis.advice.advise import Request
     from diagnosis.advice.wording import lines
     from gapscope.advise import check_out, findings, payload_of, write_advice
@@ -388,7 +394,7 @@ def evaluate(
         bool, typer.Option("--again", help="begin anew, also where an earlier run was interrupted")
     ] = False,
 ) -> None:
-    """Evaluate models of an arm by how well a simulated arm with effects is tracked with them."""
+    """Evaluate models by how well an arm is tracked with them."""
     from agents.evaluation import Plan
     from agents.gains import Tuning
     from gapscope.environment_file import chosen
@@ -445,7 +451,10 @@ def train(
         bool, typer.Option("--again", help="replace what the folder holds of an earlier training")
     ] = False,
 ) -> None:
-    """Train an agent on top of a model's feedforward, in the simulator made from that model."""
+    """Train an agent on top of a model's feedforward.
+
+    It learns in the simulator made from that model, and is tried on an arm with hidden effects.
+    """
     from agents.training.settings import read_settings
     from gapscope.train import train_files
 
@@ -496,7 +505,10 @@ def export(
         bool, typer.Option("--relative-meshes", help="name meshes from the folder of FILE, not absolutely")
     ] = False,
 ) -> None:
-    """Write the corrected arm for other simulators, and say what the format cannot hold."""
+    """Write the corrected arm for other simulators.
+
+    What the format cannot hold is listed in the file and on the terminal.
+    """
     from gapscope.export import export_file
 
     with _Progress(corrected.name) as progress:
@@ -518,7 +530,7 @@ def demo(
     ),
     seed: Annotated[Optional[int], typer.Option(help="draw the same mystery arm again")] = None,  # noqa: UP045
 ) -> None:
-    """Record a mystery arm, diagnose it, and open the truth beside the verdict."""
+    """Record a mystery arm, diagnose it, and open the truth."""
     from gapscope.mystery import play
 
     with _Progress("mystery arm") as progress:
