@@ -86,8 +86,8 @@ class Recording:
 
     @property
     def rate(self) -> float:
-        """Sampling rate [Hz]: the inverse of the median step of t."""
-        return float(1.0 / np.median(np.diff(self.t)))
+        """Sampling rate [Hz]: the inverse of the median step of t; nan of a single sample."""
+        return float(1.0 / np.median(np.diff(self.t))) if len(self.t) > 1 else float("nan")
 
     @property
     def duration(self) -> float:

@@ -89,7 +89,7 @@ class Scan:
         """The candidate, shape (K,), with the largest gain, refined by a parabola through its neighbours."""
         gains = self.gains(columns, per_candidate)
         k = int(np.argmax(gains))
-        if k in (0, len(candidates) - 1):
+        if k in (0, len(candidates) - 1) or not np.diff(candidates[k - 1 : k + 2]).all():  # two at a bound
             return Shape((float(candidates[k]),), (float(np.ptp(candidates) / 2),))
         curve = np.polyfit(candidates[k - 1 : k + 2], gains[k - 1 : k + 2], 2)
         if curve[0] >= 0:
