@@ -2,83 +2,22 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from copy import copy
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
 from arm.errors import InputError
-from arm.inertials import check_inertials
 from arm.known_load import KnownLoad
 from arm.nominal import NominalArm
 from arm.recent import Recent
+from arm.robot_file import build
 
 INERTIAL_PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 """Order of the ten inertial parameters of a link, expressed in the frame of the joint that moves it (pinocchio)."""
 UNLIMITED = 1e6
 """Position limits beyond this [rad or m] are none."""
-
-
-def _root(path: Path) -> ET.Element:
-    """Root element of a URDF, <robot>, or of an MJCF file, <mujoco>."""
-    try:
-        root = ET.parse(path).getroot()
-    except FileNotFoundError:
-        raise InputError("no such file", "check the robot: entry of the case", file=path) from None
-    except ET.ParseError as error:
-        raise InputError(
-            f"is not valid XML ({error})", "give a complete URDF or MJCF file; was it cut short?", file=path
-        ) from None
-    if root.tag not in ("robot", "mujoco"):
-        raise InputError(
-            f"root element is <{root.tag}>, expected <robot> or <mujoco>", "give a URDF or MJCF file", file=path
-        )
-    return root
-
-
-def _urdf_text(root: ET.Element) -> str:
-    """URDF as text, with continuous joints turned into revolute ones (pinocchio would give them two coordinates)."""
-    for joint in root.iter("joint"):
-        if joint.get("type") == "continuous":
-            joint.set("type", "revolute")
-            limit = joint.find("limit")
-            if limit is None:
-                limit = ET.SubElement(joint, "limit", effort="0", velocity="0")
-            limit.set("lower", "-1e9")
-            limit.set("upper", "1e9")
-    return ET.tostring(root, encoding="unicode")
-
-
-def actuated_joints(path: Path) -> list[str]:
-    """Names of the movable joints of a URDF or MJCF file in kinematic order."""
-    model = _build(path)
-    return list(model.names)[1:]
-
-
-def joint_entries(path: Path, joints: Sequence[str]) -> dict[str, np.ndarray]:
-    """What an MJCF file says about these joints beyond inertia, as a data sheet; nothing for a URDF.
-
-    armature [kg m^2], coulomb [N m] (its ``frictionloss``) and viscous [N m s/rad] (its ``damping``), each (n,).
-    """
-    if _root(path).tag == "robot":
-        return {}
-    model = _build(path)
-    columns = [model.joints[model.getJointId(name)].idx_v for name in joints]
-    values = {"armature": model.armature, "coulomb": model.upperDryFrictionLimit, "viscous": model.damping}
-    return {name: np.array(value)[columns] for name, value in values.items()}
-
-
-def _build(path: Path) -> pin.Model:
-    root = _root(path)
-    if root.tag == "robot":
-        check_inertials(root, path)
-    try:
-        return pin.buildModelFromMJCF(str(path)) if root.tag == "mujoco" else pin.buildModelFromXML(_urdf_text(root))
-    except (ValueError, RuntimeError) as error:
-        raise InputError(f"cannot be read as a robot ({error})", file=path) from None
 
 
 class RigidBody:
@@ -96,7 +35,7 @@ class RigidBody:
 
     def __init__(self, arm: NominalArm) -> None:
         self.file, self.joints = arm.urdf, arm.joints
-        full = _build(arm.urdf)
+        full = build(arm.urdf)
         names = list(full.names)[1:]
         missing = [name for name in arm.joints if name not in names]
         if missing:
@@ -243,12 +182,12 @@ class RigidBody:
         return np.where(none, -np.inf, lower), np.where(none, np.inf, upper)
 
     def velocity_limits(self) -> np.ndarray:
-        """Velocity limits of the URDF [rad/s], shape (n,); 0 where there are none."""
-        return self.model.velocityLimit[self._to_arm]
+        """Velocity limits of the file [rad/s], shape (n,); 0 where there are none."""
+        return _finite(self.model.velocityLimit[self._to_arm])
 
     def effort_limits(self) -> np.ndarray:
-        """Torque limits of the URDF [N m], shape (n,); 0 where there are none."""
-        return self.model.effortLimit[self._to_arm]
+        """Torque limits of the file [N m], shape (n,); 0 where there are none."""
+        return _finite(self.model.effortLimit[self._to_arm])
 
     def sensitivities(
         self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
@@ -312,3 +251,8 @@ class RigidBody:
     def inertial_parameters(self) -> np.ndarray:
         """Inertial parameters pi of the links in joint order, shape (10 n,); units kg, kg m, kg m^2."""
         return np.concatenate([self.model.inertias[int(link)].toDynamicParameters() for link in self.links])
+
+
+def _finite(limits: np.ndarray) -> np.ndarray:
+    """Limits with 0 for those that are none."""
+    return np.where(np.isfinite(limits), limits, 0.0)

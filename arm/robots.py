@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from arm.dynamics import actuated_joints, joint_entries
 from arm.errors import InputError
 from arm.nearest import nearest
 from arm.nominal import NominalArm
+from arm.robot_file import actuated_joints, mjcf_entries
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,8 @@ def load_nominal_arm(
         robot: path of a URDF or MJCF file, relative to ``folder``, or one of ``KNOWN_ROBOTS``.
         folder: folder that a relative path starts from; the current one by default.
         joints: order of the joints; by default the URDF's actuated joints.
-        gravity: [m/s^2] in the base frame, shape (3,); default (0, 0, -9.81).
+        gravity: [m/s^2] in the base frame, shape (3,); default that of an MJCF file, else
+            (0, 0, -9.81).
         sheet: the data sheet, the ``nominal:`` section of a case: armature [kg m^2], coulomb [N m], viscous
             [N m s/rad], torque_limit [N m], encoder, encoder_step [rad]. Where coulomb or viscous is absent, the
             URDF's ``<dynamics friction= damping=>`` stands in, and zero where that is absent too; of an MJCF file the
@@ -80,7 +81,7 @@ def load_nominal_arm(
                 file=source or urdf,
                 where=f"field nominal.{key}",
             )
-    values = {**joint_entries(urdf, names), **values}
+    values = {**mjcf_entries(urdf, names), **values}
     values.setdefault("viscous", _dynamics(urdf, names, "damping"))
     values.setdefault("coulomb", _dynamics(urdf, names, "friction"))
     if gravity is not None:

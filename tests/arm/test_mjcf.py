@@ -1,5 +1,6 @@
-"""An arm from an MJCF file is the arm from its URDF: inverse dynamics, limits and data sheet."""
+"""An arm from an MJCF file is the arm from its URDF, and nothing of the file is changed or left out without a word."""
 
+import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -8,12 +9,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from arm.dynamics import RigidBody
+from arm.errors import InputError, ModelWarning
 from arm.nominal import NominalArm
 from arm.plain_mjcf import plain_mjcf
 from arm.plain_urdf import moving_links
 from arm.robots import KNOWN_ROBOTS, load_nominal_arm
 
 SHEET = {"armature": "0.05", "frictionloss": "0.4", "damping": "0.3"}
+INERTIAL = '<inertial pos="0 0 0.2" mass="2" diaginertia="0.1 0.1 0.02"/>'
 
 
 def _numbers(text: str | None) -> np.ndarray:
@@ -109,3 +112,117 @@ def test_what_is_written_for_mujoco_reads_back_as_the_same_arm(robot: str, tmp_p
     back = RigidBody(load_nominal_arm(tmp_path / "plain.xml"))
     expected, found = (x.inverse_dynamics(*_samples(body.n_joints)) for x in (body, back))
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
+def _one(inside: str = "", *, inertial: str = INERTIAL, before: str = "", joint: str = "", after: str = "") -> str:
+    """An arm of one joint, with this and that in it."""
+    return (
+        f'<mujoco model="one"><compiler angle="radian"/>{before}<worldbody><body name="rod">{inertial}'
+        f'<joint name="hinge" axis="0 1 0" {joint}/>{inside}</body></worldbody>{after}</mujoco>'
+    )
+
+
+def _load(tmp_path: Path, text: str) -> NominalArm:
+    (tmp_path / "one.xml").write_text(text)
+    return load_nominal_arm(tmp_path / "one.xml")
+
+
+MESH = '<asset><mesh name="hull" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/></asset>'
+REFUSED = {
+    "negative mass": ({"inertial": INERTIAL.replace('"2"', '"-2"')}, "body rod, <inertial>: mass is -2 kg"),
+    "mass that is no number": ({"inertial": INERTIAL.replace('"2"', '"two"')}, "mass: expected a number, got 'two'"),
+    "no mass": ({"inertial": '<inertial pos="0 0 0" diaginertia="1 1 1"/>'}, "body rod, <inertial>: has no mass"),
+    "no moments": ({"inertial": '<inertial pos="0 0 0" mass="1"/>'}, "has no diaginertia"),
+    "two moments": (
+        {"inertial": INERTIAL.replace("0.1 0.1", "0.1")},
+        "diaginertia: expected 3 numbers, got '0.1 0.02'",
+    ),
+    "negative moment": (
+        {"inertial": INERTIAL.replace("0.1 0.1", "-0.1 0.1")},
+        "body rod, <inertial>: it has the principal moments -0.1, 0.02, 0.1 kg m^2",
+    ),
+    "negative moment of six": (
+        {"inertial": '<inertial pos="0 0 0" mass="1" fullinertia="0.1 0.1 0.1 0.3 0 0"/>'},
+        "principal moments -0.2, 0.1, 0.4 kg m^2",
+    ),
+    "mass by a mesh": (
+        {"inertial": '<geom type="mesh" mesh="hull"/>', "before": MESH},
+        "body rod: has no <inertial>, and its mass cannot be taken from the shape hull",
+    ),
+    "included file": ({"before": '<include file="more.xml"/>'}, "<include> is not read"),
+    "frame": ({"inside": '<frame pos="0 0 1"><body name="tip"/></frame>'}, "<frame> is not read"),
+    "gravity of two": ({"before": '<option gravity="0 -9.81"/>'}, "<option gravity>: expected 3 numbers"),
+    "other zero": ({"joint": 'ref="0.2"'}, "joint hinge: ref is 0.2, expected 0"),
+    "unknown class": ({"joint": 'class="none"'}, "names a default class that it does not have"),
+}
+
+
+@pytest.mark.parametrize(("change", "message"), REFUSED.values(), ids=REFUSED)
+def test_what_would_be_read_as_something_else_is_refused(tmp_path: Path, change: dict[str, str], message: str) -> None:
+    with pytest.raises(InputError, match=re.escape(message)) as caught:
+        _load(tmp_path, _one(**change))
+    assert caught.value.file == tmp_path / "one.xml" and caught.value.remedy
+
+
+CLASSES = (
+    '<default><joint stiffness="3"/><motor ctrlrange="-9 9"/>'
+    '<default class="soft"><joint stiffness="5"/><motor ctrlrange="-2 2"/></default></default>'
+)
+LEFT_OUT = {
+    "spring": ({"joint": 'stiffness="5" springref="0.3"'}, "the spring of joint hinge (stiffness 5, springref 0.3)"),
+    "spring of all": ({"before": CLASSES}, "the spring of joint hinge (stiffness 3, springref 0)"),
+    "spring of a class": ({"before": CLASSES, "joint": 'class="soft"'}, "spring of joint hinge (stiffness 5"),
+    "constraint": ({"after": '<equality><joint joint1="hinge"/></equality>'}, "<equality> is not read"),
+    "weight held up": ({"inside": '<body name="tip" gravcomp="1"/>'}, "gravcomp of body tip is not read"),
+    "mass by shapes": ({"inertial": '<geom size="0.1"/>'}, "body rod has no <inertial> and is weighed by its shapes"),
+}
+
+
+@pytest.mark.parametrize(("change", "message"), LEFT_OUT.values(), ids=LEFT_OUT)
+@pytest.mark.filterwarnings("always::arm.errors.ModelWarning")
+def test_what_is_left_out_is_told(tmp_path: Path, change: dict[str, str], message: str) -> None:
+    with pytest.warns(ModelWarning, match=re.escape(message)):
+        _load(tmp_path, _one(**change))
+
+
+@pytest.mark.parametrize(
+    ("option", "expected"),
+    [
+        ('<option gravity="0 0 -1.62"/>', [0, 0, -1.62]),
+        ('<option><flag gravity="disable"/></option>', [0, 0, 0]),
+        ("", [0, 0, -9.81]),
+    ],
+)
+def test_gravity_of_the_file_counts_where_nothing_else_says_it(
+    tmp_path: Path, option: str, expected: list[float]
+) -> None:
+    np.testing.assert_array_equal(_load(tmp_path, _one(before=option)).gravity, expected)
+    given = load_nominal_arm(tmp_path / "one.xml", gravity=[0, 0, -3.7])
+    np.testing.assert_array_equal(given.gravity, [0, 0, -3.7])
+
+
+@pytest.mark.parametrize(
+    ("change", "limit"),
+    [
+        ({}, 0.0),
+        ({"joint": 'actuatorfrcrange="-7 7"'}, 7.0),
+        ({"after": '<actuator><motor joint="hinge" ctrlrange="-3 4" gear="2"/></actuator>'}, 6.0),
+        ({"after": '<actuator><motor joint="hinge" ctrlrange="-3 3" ctrllimited="false"/></actuator>'}, 0.0),
+        ({"after": '<actuator><general joint="hinge" ctrlrange="-3 3" gainprm="10"/></actuator>'}, 30.0),
+        ({"after": '<actuator><position joint="hinge" ctrlrange="-1 1" forcerange="-4 4"/></actuator>'}, 4.0),
+        ({"before": CLASSES, "after": '<actuator><motor class="soft" joint="hinge"/></actuator>'}, 2.0),
+        ({"joint": 'actuatorfrcrange="-7 7"', "after": '<actuator><motor joint="hinge" gear="3"/></actuator>'}, 7.0),
+    ],
+)
+def test_torque_limit_of_joint_and_actuator(tmp_path: Path, change: dict[str, str], limit: float) -> None:
+    """As ``effort`` of a URDF, 0 where there is none."""
+    body = RigidBody(_load(tmp_path, _one(**change)))
+    assert body.effort_limits() == pytest.approx([limit]) and body.velocity_limits() == pytest.approx([0.0])
+
+
+def test_a_body_without_a_name_weighs_what_it_weighs(tmp_path: Path) -> None:
+    """Fixed to the rod, and turning on it."""
+    fixed = _load(tmp_path, _one(f"<body>{INERTIAL}</body>"))
+    assert RigidBody(fixed).inertial_parameters()[0] == 4.0
+    turning = _load(tmp_path, _one(f'<body>{INERTIAL}<joint name="tip"/></body>'))
+    assert turning.joints == ("hinge", "tip")

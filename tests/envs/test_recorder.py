@@ -19,6 +19,7 @@ from arm.trajectory import Fourier, urdf_limits
 from arm.velocity_filter import VelocityFilter
 from effects.applied import AppliedEffect
 from effects.corrected import CorrectedArm
+from envs.engines import ENGINES
 from envs.mystery import HIDDEN, POSTURE, position_controller
 from envs.recorder import record
 
@@ -227,10 +228,11 @@ def test_without_effects_only_the_form_of_friction_is_left(data_sheet_arm: Nomin
     assert (_rms(gap) < 0.05 * np.maximum(recording.tau.std(axis=0), 1.0)).all()
 
 
-def test_torque_belongs_to_the_motion_of_its_own_row(bare_arm: NominalArm) -> None:
+@pytest.mark.parametrize("engine", ENGINES)
+def test_torque_belongs_to_the_motion_of_its_own_row(engines, bare_arm: NominalArm, engine: str) -> None:
     """Inverse dynamics of central differences against the torque: a skew of 0.005 dt, 0.05 dt on light joints."""
     dt = 1e-3
-    recording = _record(bare_arm, rate=1000.0, encoder_step=0.0)
+    recording = _record(bare_arm, rate=1000.0, encoder_step=0.0, engine=engines(engine))
     q = recording.q
     ddq, dq = (q[2:] - 2 * q[1:-1] + q[:-2]) / dt**2, (q[2:] - q[:-2]) / (2 * dt)
     needed, torque = RigidBody(bare_arm).inverse_dynamics(q[1:-1], dq, ddq), recording.tau

@@ -18,6 +18,7 @@ from arm.recording import Recording
 from arm.trajectory import Fourier, urdf_limits
 from arm.velocity_filter import RULES, VelocityFilter, rule_of
 from effects.applied import AppliedEffect
+from envs.engines import ENGINES
 from envs.mystery import POSTURE, position_controller
 from envs.recorder import record
 from envs.replay import HORIZON, TRIM, replay
@@ -156,9 +157,9 @@ def _damper(arm: NominalArm, joint: int, stiffness: float, ratio: float = 0.05) 
 @pytest.mark.shared_data
 @pytest.mark.skipif(not SAMPLES.is_dir(), reason="needs ../shared/data/sample_cases, which is not part of the project")
 @pytest.mark.parametrize("name", [f"case00{i}" for i in (0, 1, 2, 3, 4, 5, 7)])
-@pytest.mark.parametrize("engine", ["pybullet", "mujoco"])
+@pytest.mark.parametrize("engine", ENGINES)
 def test_labelled_effects_close_a_case_of_another_simulator(engines, engine: str, name: str) -> None:
-    """By at least 80 %; LuGre friction, noise and another integrator are what is left."""
+    """By at least 80 %, the mean over the joints; LuGre friction, noise and another integrator are what is left."""
     case = load_case(SAMPLES / name, read_recordings=False)
     recording = load_recording(SAMPLES / name / "recording_d.csv", case.arm, None)
     truth = _labelled(name, case.arm)

@@ -12,8 +12,10 @@ from arm.case import Case, load_case
 from arm.dynamics import RigidBody
 from arm.nominal import NominalArm
 from arm.recording import Recording
+from arm.tables import read_csv, read_npz, read_parquet
 from effects.applied import AppliedEffect
 from effects.corrected_file import read_corrected, write_corrected
+from envs.engines import ENGINES
 from envs.mystery import iiwa
 from envs.session import Plan, hidden_by_reading_back, record_case
 from gapscope.cli import main
@@ -21,6 +23,7 @@ from gapscope.cli import main
 PAYLOAD = AppliedEffect("payload", (), {"mass": 1.2345, "com": [0.0, 0.01, 0.05]})
 DELAY = AppliedEffect("actuator_delay", (2,), {"delay": [0.0087]})
 SEED = 918273
+READERS = {"csv": read_csv, "parquet": read_parquet, "npz": read_npz}
 
 
 @pytest.fixture
@@ -86,15 +89,29 @@ def test_a_case_lends_its_data_sheet_and_controller(effects: Path, tmp_path: Pat
     np.testing.assert_array_equal(second.controller.kp, first.controller.kp)
 
 
-def test_sealed_truth_leaves_no_trace_in_the_case(effects: Path, tmp_path: Path) -> None:
-    assert _record(effects, tmp_path / "case", "--sealed", tmp_path / "safe") == 0
+COLUMNS = {"t"} | {f"{name}{j}" for name in ("q", "dq", "tau", "q_ref", "dq_ref") for j in range(1, 8)}
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet", "npz"])
+def test_sealed_truth_leaves_no_trace_in_the_case(effects: Path, tmp_path: Path, ending: str) -> None:
+    """The case is that of an arm without effects but for the numbers in the recordings."""
+    write_corrected("made", (), tmp_path / "none.yaml")
+    case, plain = tmp_path / "with" / "case", tmp_path / "without" / "case"
+    for file, out, safe in ((effects, case, tmp_path / "safe"), (tmp_path / "none.yaml", plain, tmp_path / "empty")):
+        assert _record(file, out, "--sealed", safe, "--format", ending) == 0
     assert [e.name for e in read_corrected(tmp_path / "safe" / "truth.yaml")] == ["payload", "actuator_delay"]
-    files = sorted(path.name for path in (tmp_path / "case").rglob("*"))
-    assert files == ["case.yaml", "recording_1.csv", "recording_2.csv", "robot.urdf"]
-    text = (tmp_path / "case" / "case.yaml").read_text()
-    text += (tmp_path / "case" / "recording_1.csv").read_text().splitlines()[0]
-    for secret in ("payload", "delay", "1.2345", "0.0087", str(SEED), "seed", "safe"):
-        assert secret not in text
+    files = sorted(path.name for path in case.rglob("*"))
+    assert files == ["case.yaml", f"recording_1.{ending}", f"recording_2.{ending}", "robot.urdf"]
+    assert (case / "case.yaml").read_bytes() == (plain / "case.yaml").read_bytes()
+    assert (case / "robot.urdf").read_bytes() == iiwa().urdf.read_bytes()
+    for name in files[1:3]:
+        table = READERS[ending](case / name)
+        assert set(table.columns) == COLUMNS
+        secrets = [1.2345, 0.0087, float(SEED)]
+        assert not any(np.isin(secrets, np.asarray(cells, dtype=float)).any() for cells in table.columns.values())
+    for path in (case / name for name in files):
+        content = path.read_bytes().lower()
+        assert not [word for word in (b"payload", b"delay", b"safe", b"seed") if word in content], path
 
 
 def test_the_same_seed_records_the_same(effects: Path, tmp_path: Path) -> None:
@@ -140,12 +157,14 @@ def test_a_case_is_never_overwritten(effects: Path, tmp_path: Path) -> None:
     assert (tmp_path / "case" / "recording_1.csv").read_bytes() == before
 
 
+@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("read_back", [False, True])
-def test_torque_and_motion_belong_to_the_same_instant(read_back: bool) -> None:
+def test_torque_and_motion_belong_to_the_same_instant(engine: str, read_back: bool) -> None:
     """Inverse dynamics of central differences against the torque of the same row, not of the one before or after."""
+    pytest.importorskip(ENGINES[engine].library)
     dt, known = 1e-3, iiwa()
     bare = NominalArm("bare", known.urdf, known.joints)
-    made = _case(bare, rate=1.0 / dt, noise=0.0, read_back=read_back).recordings[0]
+    made = _case(bare, rate=1.0 / dt, noise=0.0, read_back=read_back, engine=engine).recordings[0]
     q, torque = made.q, made.tau
     ddq, dq = (q[2:] - 2 * q[1:-1] + q[:-2]) / dt**2, (q[2:] - q[:-2]) / (2 * dt)
     needed = RigidBody(bare).inverse_dynamics(q[1:-1], dq, ddq)
@@ -248,9 +267,9 @@ def _columns(path: Path) -> Recording:
     return Recording(path.name, table["t"], q, tau)
 
 
-@pytest.mark.parametrize("engine", ["pybullet", "mujoco"])
+@pytest.mark.parametrize("engine", ENGINES)
 def test_replay_with_the_truth_follows_the_recording(effects: Path, tmp_path: Path, engine: str, capsys) -> None:
-    pytest.importorskip(engine)
+    pytest.importorskip(ENGINES[engine].library)
     case, out = tmp_path / "case", tmp_path / "replayed.csv"
     assert _record(effects, case) == 0
     common = ("replay", case, "--recording", case / "recording_2.csv", "--engine", engine, "--out", out)

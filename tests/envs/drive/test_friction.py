@@ -44,7 +44,7 @@ def test_formulas_are_those_of_the_catalogue(data_sheet_arm: NominalArm) -> None
         np.testing.assert_allclose(friction.viscous, data_sheet_arm.viscous * factor, rtol=1e-12)
 
 
-@pytest.mark.parametrize("engine", ["pybullet", "mujoco", "dart"])
+@pytest.mark.parametrize("engine", ENGINES)
 def test_arm_held_by_friction_on_a_slope_does_not_creep(engines, data_sheet_arm: NominalArm, engine: str) -> None:
     """60 s at steps of 1 ms, each joint's gravity torque below its friction: less than 1e-4 rad, in fact 1e-7."""
     arm = replace(data_sheet_arm, coulomb=np.full(7, 60.0), viscous=np.zeros(7))
@@ -83,7 +83,8 @@ def test_drift_fades_with_the_time_of_the_recording(pendulum) -> None:
 @pytest.mark.parametrize(
     "name", ["coulomb_friction", "viscous_friction", "stribeck_friction", "load_friction", "friction_drift"]
 )
-def test_friction_takes_energy_out(data_sheet_arm: NominalArm, name: str) -> None:
+@pytest.mark.parametrize("engine", ENGINES)
+def test_friction_takes_energy_out(engines, data_sheet_arm: NominalArm, engine: str, name: str) -> None:
     """A swing without gravity loses energy at every step; load friction shows under a held torque only."""
     base = 1.0 if name == "friction_drift" else 0.0
     arm = replace(data_sheet_arm, gravity=np.zeros(3), coulomb=np.full(7, base), viscous=np.full(7, base))
@@ -96,7 +97,7 @@ def test_friction_takes_energy_out(data_sheet_arm: NominalArm, name: str) -> Non
     }[name]
     lost = []
     for effects in ((), (AppliedEffect(name, ALL, values),)):
-        with SimulatedArm(arm, effects) as simulated:
+        with SimulatedArm(arm, effects, engine=engines(engine)) as simulated:
             simulated.reset(SLOPE, np.array([0.5, -0.4, 0.6, 0.5, -0.6, 0.7, 0.5]))
             torque = np.full(7, 2.0) if name == "load_friction" else np.zeros(7)
             energy = [_kinetic(simulated)]

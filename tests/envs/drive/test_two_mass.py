@@ -9,6 +9,7 @@ from scipy.optimize import curve_fit
 from arm.errors import InputError
 from arm.nominal import NominalArm
 from effects.applied import AppliedEffect
+from envs.engines import ENGINES
 from envs.simulated_arm import SimulatedArm
 
 LINK = 0.55
@@ -118,25 +119,30 @@ def test_motor_friction_does_not_brake_the_link(pendulum) -> None:
     assert half == pytest.approx(np.pi * np.sqrt(LINK / 1000.0), rel=0.01)
 
 
-def test_energy_only_falls(pendulum) -> None:
-    """Kinetic energy of both sides and of the spring, after a blow, with damping and free play."""
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize(("dt", "allowed"), [(1e-3, 1e-3), (1e-4, 1e-4)])
+def test_energy_only_falls(engines, pendulum, engine: str, dt: float, allowed: float) -> None:
+    """Kinetic energy of both sides and of the spring, after a blow, with damping and free play.
+
+    Discretisation lets it rise by up to 7e-5 of itself at 0.1 ms, which falls with the square of the step.
+    """
     arm = replace(pendulum(armature=0.3), gravity=np.zeros(3))
     effects = (
         AppliedEffect("backlash", (1,), {"width": [0.01]}),
         AppliedEffect("joint_elasticity", (1,), {"stiffness": [2000.0], "damping": [2.0]}),
     )
-    with SimulatedArm(arm, effects, 1e-4) as simulated:
-        simulated.step(np.array([2e3]))
+    with SimulatedArm(arm, effects, dt, engine=engines(engine)) as simulated:
+        simulated.step(np.array([0.2 / dt]))
         energies = []
-        for _ in range(5000):
+        for _ in range(round(0.5 / dt)):
             twist = simulated.motor_q - simulated.q
             wound = np.maximum(np.abs(twist) - 0.005, 0.0)
             speed = simulated._motors.velocity
             energies.append(float((0.15 * speed**2 + 0.5 * LINK * simulated.dq**2 + 1000.0 * wound**2)[0]))
             simulated.step(np.zeros(1))
     energy = np.array(energies)
-    assert np.diff(energy).max() < 0.02 * energy[0] and energy[-1] < 0.9 * energy[0]
-    assert energy.max() < 1.03 * energy[0]
+    lowest = np.minimum.accumulate(energy)
+    assert (energy - lowest).max() < allowed * energy[0] and energy[-1] < 0.5 * energy[0]
 
 
 def test_stiffness_that_no_part_of_the_step_holds_is_refused(pendulum) -> None:
