@@ -51,7 +51,7 @@ class Gauge:
 
     def __init__(self, arm: NominalArm, body: RigidBody, space: Workspace, reward: Reward | None = None) -> None:
         self.limit = torque_limit(arm, body)
-        self._rated = rated_torque(self.limit, body, space.posture, space.limits.acceleration)
+        self._rated = rated_torque(arm, body, space)
         self._kinematics: Kinematics = space.kinematics
         self._reward = reward or Reward()
 

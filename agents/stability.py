@@ -8,8 +8,8 @@ import numpy as np
 
 from agents.controllers import Controller
 from agents.tracking import Course, track
-from envs.plant import VELOCITY_CUTOFF
 from envs.simulated_arm import SimulatedArm
+from envs.velocity_estimate import VELOCITY_CUTOFF
 
 KICK = 0.2
 """Velocity of all joints at the start of one of two runs [rad/s]."""

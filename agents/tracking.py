@@ -11,8 +11,8 @@ from arm.motion import Motion
 from arm.trajectory import Reference
 from arm.velocity_filter import VelocityFilter
 from envs.divergence import diverged
-from envs.plant import VELOCITY_CUTOFF, VELOCITY_DAMPING
 from envs.simulated_arm import SimulatedArm
+from envs.velocity_estimate import VELOCITY_CUTOFF, VELOCITY_DAMPING
 
 SETTLE = 0.5
 """The start of the reference is held for this long before t = 0 [s]."""

@@ -41,7 +41,7 @@ class InputError(GapscopeError):
         place = ", ".join(part for part in (str(file) if file is not None else "", where) if part)
         super().__init__(f"{place}: {message}" if place else message, remedy)
 
-    def at(self, file: Path, where: str = "") -> InputError:
+    def at(self, file: Path | None, where: str = "") -> InputError:
         """The same error with the file at fault, and the place in it before what it says itself."""
         place = ", ".join(part for part in (where, self.where) if part)
         return InputError(self.problem, self.remedy, file=file, where=place)

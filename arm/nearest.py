@@ -7,6 +7,9 @@ from difflib import get_close_matches
 
 from arm.errors import InputError
 
+SHORTEST = 3
+"""Letters that a part of a name needs for the name to be offered."""
+
 
 def check_known(kind: str, name: object, known: Iterable[str], where: str = "") -> str:
     """The name, if it is one of the known ones.
@@ -29,6 +32,12 @@ def check_known(kind: str, name: object, known: Iterable[str], where: str = "") 
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """A question after the nearest of the known names, or nothing where none is near."""
-    close = get_close_matches(name, list(known), n=1)
-    return f"did you mean {close[0]!r}? " if close else ""
+    """A question after the nearest of the known names, or nothing where none is near; case does not matter.
+
+    Near is what is written alike, else what has the name as a part, or is a part of it.
+    """
+    names = {each.casefold(): each for each in known}
+    wanted = name.strip().casefold()
+    parts = [each for each in names if min(len(wanted), len(each)) >= SHORTEST and (wanted in each or each in wanted)]
+    close = get_close_matches(wanted, names, n=1) or parts
+    return f"did you mean {names[close[0]]!r}? " if close else ""

@@ -32,7 +32,7 @@ class NominalArm:
             identified on recordings of the arm itself.
 
     Raises:
-        InputError: a data sheet list does not have one value per joint.
+        InputError: a data sheet list does not have one number per joint.
     """
 
     name: str
@@ -57,11 +57,16 @@ class NominalArm:
             value = getattr(self, name)
             if value is None:
                 continue
-            array = np.array(value, dtype=float)
+            try:
+                array = np.array(value, dtype=float)
+            except (TypeError, ValueError):
+                raise InputError(f"holds what is not a number, {value!r}", where=f"nominal.{name}") from None
             if array.shape != (length,):
                 raise InputError(
                     f"expected {length} numbers, got {array.size}", file=self.urdf, where=f"nominal.{name}"
                 )
+            if np.isnan(array).any():
+                raise InputError("holds what is not a number, nan", file=self.urdf, where=f"nominal.{name}")
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         if self.encoder not in ("motor", "joint"):

@@ -10,6 +10,7 @@ from arm.errors import InputError
 from arm.trajectory import Limits
 
 _QUINTIC = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
+_DERIVATIVES = tuple(_QUINTIC.deriv(k) for k in range(3))
 PEAK_SPEED = 15 / 8
 """Largest s' of the quintic s(x) = 10 x^3 - 15 x^4 + 6 x^5."""
 PEAK_ACCELERATION = 10 / np.sqrt(3)
@@ -72,4 +73,4 @@ class PointToPoint:
 
     def _progress(self, t: np.ndarray, derivative: int) -> np.ndarray:
         x = np.clip(np.asarray(t, dtype=float) / self.duration, 0.0, 1.0)
-        return (_QUINTIC.deriv(derivative)(x) / self.duration**derivative)[:, None]
+        return (_DERIVATIVES[derivative](x) / self.duration**derivative)[:, None]

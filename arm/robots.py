@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from arm.data_sheet import UNITS, checked_sheet
 from arm.errors import InputError
 from arm.nearest import nearest
 from arm.nominal import NominalArm
@@ -32,7 +33,7 @@ KNOWN_ROBOTS = {
 }
 """Robots that may be given by name."""
 
-PER_JOINT = ("armature", "coulomb", "viscous", "torque_limit")
+PER_JOINT = tuple(UNITS)
 """Entries of the data sheet with one value per joint."""
 
 
@@ -60,7 +61,7 @@ def load_nominal_arm(
         source: the case file, for messages.
 
     Raises:
-        InputError: no such robot or joint, or a list of the data sheet does not have one value per joint.
+        InputError: no such robot or joint, or a data sheet that cannot be used.
     """
     urdf, default_joints = _locate(robot, folder or Path())
     available = actuated_joints(urdf)
@@ -73,15 +74,11 @@ def load_nominal_arm(
                 file=source or urdf,
                 where="field joints",
             )
-    values = dict(sheet or {})
-    for key in PER_JOINT:
-        if key in values and len(values[key]) != len(names):
-            raise InputError(
-                f"expected {len(names)} numbers, one per joint, got {len(values[key])}",
-                file=source or urdf,
-                where=f"field nominal.{key}",
-            )
-    values = {**mjcf_entries(urdf, names), **values}
+    try:
+        given = checked_sheet(sheet, len(names), "sheet" if source is None else "field nominal")
+    except InputError as error:
+        raise (error if source is None else error.at(source)) from None
+    values = {**mjcf_entries(urdf, names), **given}
     values.setdefault("viscous", _dynamics(urdf, names, "damping"))
     values.setdefault("coulomb", _dynamics(urdf, names, "friction"))
     if gravity is not None:

@@ -19,6 +19,7 @@ KNOTS = 41
 CHECKS = 401
 """Points at which the limits are checked."""
 _RISE = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6]).integ()
+_RISE_RATE, _RISE_CURVE = _RISE.deriv(), _RISE.deriv(2)
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,7 @@ def _progress(x: np.ndarray, derivative: int) -> np.ndarray:
     x = np.clip(np.asarray(x, dtype=float), 0.0, 1.0)
     flank = np.minimum(np.minimum(x, 1 - x) / RAMP, 1.0)
     if derivative == 1:
-        return _RISE.deriv()(flank) / (1 - RAMP)
+        return _RISE_RATE(flank) / (1 - RAMP)
     beyond = np.maximum(np.minimum(x, 1 - x) - RAMP, 0.0)
     half = (RAMP * _RISE(flank) + beyond) / (1 - RAMP)
     return np.where(x <= 0.5, half, 1.0 - half)
@@ -115,7 +116,7 @@ def _second_derivative(path: BSpline, x: np.ndarray) -> np.ndarray:
     x = np.asarray(x, dtype=float)
     inside = (x > 0) & (x < 1)
     flank = np.minimum(np.minimum(x, 1 - x) / RAMP, 1.0)
-    curve = np.where(inside, _RISE.deriv(2)(flank) * np.sign(0.5 - x) / (RAMP * (1 - RAMP)), 0.0)
+    curve = np.where(inside, _RISE_CURVE(flank) * np.sign(0.5 - x) / (RAMP * (1 - RAMP)), 0.0)
     s, ds = _progress(x, 0), _progress(x, 1)
     return path(s, 2) * (ds**2)[:, None] + path(s, 1) * curve[:, None]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
@@ -70,7 +70,12 @@ def read_corrected(path: Path | str) -> tuple[AppliedEffect, ...]:
     """
     content, path = _content(Path(path)), Path(path)
     if content.get("residual"):
-        warnings.warn(f"{path}: the residual network is left out, it only predicts torque", ModelWarning, stacklevel=2)
+        warnings.warn(
+            f"{path}: the residual network is left out, it is no effect; to simulate it too, give the environment "
+            "simulated=effects.corrected_file.read_corrected_arm(arm, path) in place of effects",
+            ModelWarning,
+            stacklevel=2,
+        )
     return _effects(content, path)
 
 
@@ -83,7 +88,7 @@ def read_with_faults(path: Path | str) -> tuple[tuple[AppliedEffect, ...], tuple
     content, path = _content(Path(path)), Path(path)
     entries = content["effects"]
     faults = {i: x for i, x in enumerate(entries) if isinstance(x, dict) and x.get("effect") in FAULTS}
-    effects = tuple(_entry(x, f"effects[{i}]", path) for i, x in enumerate(entries) if i not in faults)
+    effects = tuple(read_entry(x, f"effects[{i}]", path) for i, x in enumerate(entries) if i not in faults)
     return effects, tuple(_fault(x, f"effects[{i}]", path) for i, x in faults.items())
 
 
@@ -159,7 +164,7 @@ def _content(path: Path) -> dict[str, Any]:
 
 
 def _effects(content: dict[str, Any], path: Path) -> tuple[AppliedEffect, ...]:
-    return tuple(_entry(entry, f"effects[{i}]", path) for i, entry in enumerate(content["effects"]))
+    return tuple(read_entry(entry, f"effects[{i}]", path) for i, entry in enumerate(content["effects"]))
 
 
 @contextmanager
@@ -182,15 +187,25 @@ def blaming(path: Path | str | None, effects: Sequence[AppliedEffect]) -> Iterat
         raise error.at(Path(path), f"effects[{place}]") from None
 
 
-def _entry(entry: Any, where: str, path: Path) -> AppliedEffect:
-    if not isinstance(entry, dict) or not isinstance(entry.get("parameters", {}), dict) or "effect" not in entry:
+def read_entry(entry: Any, where: str, path: Path | None = None) -> AppliedEffect:
+    """An effect from an entry of ``effects:``, a mapping with ``effect``, ``joints`` and ``parameters``.
+
+    Args:
+        entry: the entry.
+        where: its place, for messages.
+        path: the file that it comes from, or ``None``.
+
+    Raises:
+        InputError: it is not an effect of the catalogue.
+    """
+    if not isinstance(entry, Mapping) or not isinstance(entry.get("parameters", {}), Mapping) or "effect" not in entry:
         raise InputError(
             "expected effect:, joints: and parameters:",
             "write for instance {effect: coulomb_friction, joints: [2], parameters: {torque: [4.0]}}",
             file=path,
             where=where,
         )
-    if entry["effect"] in FAULTS:
+    if str(entry["effect"]) in FAULTS:
         raise InputError(
             f"{entry['effect']!r} is a fault of the set-up: it lies in recordings, not in the arm",
             "leave it out here; gapscope record makes recordings with it",

@@ -97,7 +97,7 @@ def _log(rng: np.random.Generator, low: float, high: float, size: int) -> np.nda
 
 
 def _stribeck(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
-    return {"torque": scale.torque[j] * rng.uniform(0.05, 0.2), "velocity": _log(rng, 0.02, 1.0, len(j))}
+    return {"torque": scale.torque[j] * rng.uniform(0.05, 0.2), "velocity": _log(rng, 0.02, 2.9, len(j))}
 
 
 def _drift(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
@@ -167,6 +167,6 @@ _DRAWS: dict[str, Callable[[np.random.Generator, ArmScale, np.ndarray], Values]]
     "actuator_lag": lambda rng, a, j: {"time_constant": _log(rng, 0.005, 0.03, len(j))},
     "actuator_delay": lambda rng, a, j: {"delay": _log(rng, 0.002, 0.02, len(j))},
     "encoder_offset": lambda rng, a, j: {"offset": _sign(rng, len(j)) * rng.uniform(0.0175, 0.0873, len(j))},
-    "encoder_quantization": lambda rng, a, j: {"step": 2 * np.pi / 2.0 ** rng.integers(10, 18, len(j))},
+    "encoder_quantization": lambda rng, a, j: {"step": 2 * np.pi / 2.0 ** rng.integers(10, 20, len(j), endpoint=True)},
     "external_force": _force,
 }

@@ -19,6 +19,10 @@ SHARES = {"residual": 0.2, "scale": 0.0, "torque": 1.0}
 """Torque of an action of 1 over the rated torque, by default; ``scale`` has none."""
 FEEDFORWARD_SPAN = 0.5
 """With ``scale``, share by which an action of 1 raises the feedforward [1]."""
+GENEROUS = 2.0
+"""Rated torque over what motions need at the working posture, where the torque limit allows it [1]."""
+BRISK = 50.0
+"""Acceleration that the rated torque gives a joint's own inertia, where the torque limit allows it [rad/s^2]."""
 DAMPING = 0.7
 """Damping ratio of the PD loop [1]."""
 
@@ -36,7 +40,7 @@ class Control(NamedTuple):
     Attributes:
         kind: one of ``KINDS``.
         scale: torque of an action of 1 [N m], shape (n,).
-        rated: rated torque [N m], shape (n,).
+        rated: rated torque, see ``rated_torque`` [N m], shape (n,).
         limit: at which the commanded torque is clipped [N m], shape (n,).
         gains: of the PD loop with feedforward, or ``None`` where the action is the whole torque.
     """
@@ -72,14 +76,19 @@ def torque_limit(arm: NominalArm, body: RigidBody) -> np.ndarray:
     return np.where(effort > 0, effort, np.inf)
 
 
-def rated_torque(limit: np.ndarray, body: RigidBody, posture: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+def rated_torque(arm: NominalArm, body: RigidBody, space: Workspace) -> np.ndarray:
     """Torque that an action of 1 stands for before its share [N m], shape (n,).
 
-    The limit, and where there is none twice what gravity and inertia need at the posture, at least 1 N m.
+    The torque limit, but no more than the joint bears: ``GENEROUS`` times what motions need, |g| + sum_j |M_ij| a_j +
+    I_i a_i + c + b v at the working posture with the largest acceleration a and velocity v of motions, or what gives
+    its own inertia M_ii + I_i ``BRISK``. Limits of a URDF are often placeholders, at which a wrist runs away at once.
     """
-    inertia = np.diag(body.mass_matrix(posture))
-    needed = 2 * (np.abs(body.bias(posture, np.zeros(len(posture)))) + inertia * acceleration)
-    return np.where(np.isfinite(limit), limit, np.maximum(needed, 1.0))
+    posture, limits = space.posture, space.limits
+    mass = body.mass_matrix(posture) + np.diag(arm.armature)
+    gravity = np.abs(body.bias(posture, np.zeros(len(posture))))
+    friction = arm.coulomb + arm.viscous * limits.velocity
+    needed = gravity + np.abs(mass) @ limits.acceleration + friction
+    return np.minimum(torque_limit(arm, body), np.maximum(GENEROUS * needed, BRISK * np.diag(mass)))
 
 
 def low_gains(arm: NominalArm, body: RigidBody, posture: np.ndarray, bandwidth: float) -> Gains:
@@ -91,6 +100,12 @@ def low_gains(arm: NominalArm, body: RigidBody, posture: np.ndarray, bandwidth: 
     inertia = np.diag(body.mass_matrix(posture)) + arm.armature
     w = 2 * np.pi * bandwidth
     return Gains(w**2 * inertia + w * arm.viscous, 2 * DAMPING * w * inertia)
+
+
+def slower(gains: Gains, viscous: np.ndarray, share: float) -> Gains:
+    """Gains as ``low_gains`` gives them at a share of the bandwidth; viscous friction b [N m s/rad], shape (n,)."""
+    w = gains.kp / (gains.kd / (2 * DAMPING) + viscous)
+    return Gains(share**2 * (gains.kp - w * viscous) + share * w * viscous, share * gains.kd)
 
 
 def control(
@@ -118,8 +133,7 @@ def control(
         InputError: unknown kind, or a reach beside a share or without ``residual``.
     """
     check_known("action", kind, KINDS, where="action")
-    limit = torque_limit(arm, body)
-    rated = rated_torque(limit, body, space.posture, space.limits.acceleration)
+    limit, rated = torque_limit(arm, body), rated_torque(arm, body, space)
     gains = None if kind == "torque" else low_gains(arm, body, space.posture, bandwidth)
     if reach is None:
         return Control(kind, (SHARES[kind] if share is None else share) * rated, rated, limit, gains)

@@ -6,7 +6,7 @@ import math
 import numbers
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -15,15 +15,14 @@ from arm.feedforward import KINDS as FEEDFORWARDS
 from arm.motions import check_motion_name
 from arm.nearest import check_known
 from arm.nominal import NominalArm
-from arm.robots import load_nominal_arm
-from arm.trajectory import Reference
+from arm.robots import KNOWN_ROBOTS, load_nominal_arm
+from arm.trajectory import Limits, Reference
 from effects.applied import AppliedEffect
 from effects.corrected import CorrectedArm
-from effects.corrected_file import blaming, read_corrected
 from envs.course import Feedforward
 
-Effects = Sequence[AppliedEffect] | Path | str | None
-"""Effects as records, as a file of the form of ``corrected.yaml``, or none."""
+READ = "read one with effects.corrected_file.read_corrected_arm(arm, path)"
+"""How to come by an arm to simulate."""
 
 
 def positive(name: str, value: float, unit: str) -> float:
@@ -48,14 +47,110 @@ def whole(name: str, value: int) -> int:
     return int(value)
 
 
+def noise(name: str, value: float | Sequence[float], n_joints: int) -> np.ndarray:
+    """Standard deviations of n joints, shape (n,), from one number or one per joint, each finite and from zero on.
+
+    Raises:
+        InputError: they are not.
+    """
+    array = numbers_of(name, value)
+    if array.shape not in ((), (n_joints,)) or not (np.isfinite(array).all() and (array >= 0).all()):
+        raise InputError(f"expected one number from zero on, or {n_joints}, one per joint; got {value!r}", where=name)
+    return np.broadcast_to(array, (n_joints,))
+
+
+def numbers_of(name: str, value: object) -> np.ndarray:
+    """The value as an array of numbers, of any shape.
+
+    Raises:
+        InputError: it holds what is not a number.
+    """
+    try:
+        return np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"holds what is not a number, {value!r}", where=name) from None
+
+
+def times(name: str, value: Sequence[float]) -> tuple[float, ...]:
+    """The value, if it is a list of times above zero [s].
+
+    Raises:
+        InputError: it is not.
+    """
+    if np.ndim(array := numbers_of(name, value)) != 1 or not (np.isfinite(array).all() and (array > 0).all()):
+        raise InputError(f"expected times above zero [s], got {value!r}", "give a list, which may be empty", where=name)
+    return tuple(float(time) for time in array)
+
+
+Record = TypeVar("Record")
+
+
+def record_of(name: str, value: object, kind: type[Record], remedy: str) -> Record:
+    """The value, if it is of a class.
+
+    Raises:
+        InputError: it is not.
+    """
+    if not isinstance(value, kind):
+        raise InputError(f"expected {kind.__name__}, got {value!r}", remedy, where=name)
+    return value
+
+
+def checked_limits(limits: Limits | None, n_joints: int) -> Limits | None:
+    """Limits of the motions drawn, as arrays.
+
+    Raises:
+        InputError: they are no limits, are not of n joints, or leave no room.
+    """
+    if limits is None:
+        return None
+    remedy = "give arm.trajectory.Limits(lower, upper, velocity, acceleration) in rad, rad/s and rad/s^2"
+    arrays = [numbers_of("limits", value) for value in record_of("limits", limits, Limits, remedy)]
+    for name, array in zip(Limits._fields, arrays, strict=True):
+        if array.shape != (n_joints,) or not np.isfinite(array).all():
+            raise InputError(
+                f"expected {n_joints} numbers, one per joint, got {array.tolist()}", where=f"limits.{name}"
+            )
+    found = Limits(*arrays)
+    if not ((found.lower < found.upper).all() and (found.velocity > 0).all() and (found.acceleration > 0).all()):
+        raise InputError("lower has to be below upper, velocity and acceleration above zero", where="limits")
+    return found
+
+
+def checked_posture(posture: Sequence[float] | None) -> np.ndarray | None:
+    """The posture about which motions are drawn [rad], as an array; its size is checked with the limits.
+
+    Raises:
+        InputError: it holds what is not a number.
+    """
+    return None if posture is None else numbers_of("posture", posture)
+
+
+def checked_action(action: object, size: int) -> np.ndarray:
+    """An action, shape (size,).
+
+    Raises:
+        InputError: it has another shape, or holds what is not a finite number.
+    """
+    array = numbers_of("action", action)
+    if array.shape != (size,):
+        raise InputError(f"expected {size} numbers in -1 .. 1, got shape {array.shape}", where="action")
+    if not np.isfinite(array).all():
+        raise InputError(
+            f"holds a number that is not finite, {array.tolist()}", "has the agent diverged?", where="action"
+        )
+    return array
+
+
 def chosen_robot(robot: str | Path | NominalArm, sheet: Mapping[str, Any] | None) -> NominalArm:
     """The nominal arm.
 
     Raises:
         InputError: no such robot, a data sheet that does not fit it, or one beside a nominal arm, which has its own.
     """
-    if not isinstance(robot, NominalArm):
+    if isinstance(robot, (str, Path)):
         return load_nominal_arm(robot, sheet=sheet)
+    record_of("robot", robot, NominalArm, f"give {', '.join(KNOWN_ROBOTS)}, the path of a URDF, or a nominal arm")
     if sheet is not None:
         raise InputError("a nominal arm has its own data sheet", "leave sheet out, or give a URDF", where="sheet")
     return robot
@@ -99,7 +194,7 @@ def chosen_feedforward(feedforward: str | Feedforward) -> str | Feedforward:
     return feedforward
 
 
-def chosen_base(simulated: CorrectedArm | None, arm: NominalArm, effects: Effects) -> CorrectedArm:
+def chosen_base(simulated: CorrectedArm | None, arm: NominalArm, effects: object) -> CorrectedArm:
     """The arm that is simulated: the one given, or the nominal arm.
 
     Raises:
@@ -107,6 +202,7 @@ def chosen_base(simulated: CorrectedArm | None, arm: NominalArm, effects: Effect
     """
     if simulated is None:
         return CorrectedArm(arm)
+    record_of("simulated", simulated, CorrectedArm, READ)
     if effects is not None:
         raise InputError("are given beside simulated, which has its own", "leave them out", where="effects")
     if simulated.arm.joints != arm.joints:
@@ -117,27 +213,6 @@ def chosen_base(simulated: CorrectedArm | None, arm: NominalArm, effects: Effect
         )
     simulated.check()
     return simulated
-
-
-def chosen_effects(effects: Effects, arm: NominalArm) -> tuple[AppliedEffect, ...]:
-    """The effects as records.
-
-    Raises:
-        InputError: the file is at fault, what was given is no effect, or an effect acts on a joint that the arm lacks.
-    """
-    if effects is None:
-        return ()
-    found = read_corrected(effects) if isinstance(effects, (str, Path)) else tuple(effects)
-    for applied in found:
-        if not isinstance(applied, AppliedEffect):
-            raise InputError(
-                f"{applied!r} is no effect with values",
-                "give AppliedEffect records, or the path of a corrected.yaml",
-                where="effects",
-            )
-    with blaming(effects if isinstance(effects, (str, Path)) else None, found):
-        CorrectedArm(arm, found).check()
-    return found
 
 
 def described(applied: AppliedEffect) -> dict[str, Any]:

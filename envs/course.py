@@ -80,13 +80,12 @@ class Course:
         timing: Timing,
         control: Control,
     ) -> None:
-        t = timing.period * np.arange(timing.actions + 1)
-        self.q = reference.position(t)
-        ahead = [reference.position(t + time) - self.q for time in timing.look_ahead]
-        dq = reference.velocity(t)
-        self.dq = dq[0]
         steps = timing.actions * timing.sub_steps + 1
         self.motion = sampled(reference, timing, steps + (0 if isinstance(model, str) else round(BEYOND / timing.dt)))
+        chosen = slice(0, steps, timing.sub_steps)
+        t, self.q, dq = self.motion.t[chosen], self.motion.q[chosen], self.motion.dq[chosen]
+        ahead = [reference.position(t + time) - self.q for time in timing.look_ahead]
+        self.dq = dq[0]
         if isinstance(model, str):
             self.step_torque = feedforward(arm, body, model, self.motion.q, self.motion.dq, self.motion.ddq)
         else:

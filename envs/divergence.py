@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,8 +10,18 @@ import numpy as np
 
 from arm.dynamics import RigidBody
 from arm.nominal import NominalArm
-from envs.actions import Control, Gains
+from envs.actions import Control, Gains, slower
 from envs.observation import FASTEST
+from envs.velocity_estimate import estimate_gains
+
+SMALLEST = 1e-3
+"""A share of the step or of the bandwidth below this is no remedy [1]."""
+SMALLER = {
+    "residual": "a smaller action_share or action_reach",
+    "scale": "smaller actions",
+    "torque": "a smaller action_share",
+}
+"""What makes an action of 1 less, by kind of action."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +42,8 @@ class Divergence:
 
     def as_info(self) -> dict[str, Any]:
         """As plain data, with all in one ``message``."""
-        what = f"joint {self.joint} ran away: {self.speed:.3g} rad/s after {self.time:.4g} s"
+        speed = f"{self.speed:.3g} rad/s" if np.isfinite(self.speed) else "a speed that is no number"
+        what = f"joint {self.joint} ran away: {speed} after {self.time:.4g} s"
         return {
             "joint": self.joint,
             "time": self.time,
@@ -41,8 +53,10 @@ class Divergence:
 
 
 def diverged(dq: np.ndarray) -> bool:
-    """Whether velocities [rad/s], shape (n,), are not those of an arm: beyond ``FASTEST`` together, or not finite."""
-    return not dq.dot(dq) <= FASTEST**2
+    """Whether velocities [rad/s], shape (n,), are not those of an arm: a joint beyond ``FASTEST``, or not finite."""
+    if dq.dot(dq) <= FASTEST**2:  # then no joint can be
+        return False
+    return not np.abs(dq).max() <= FASTEST
 
 
 def explain(
@@ -65,28 +79,31 @@ def explain(
         q, dq: last position that made sense [rad], and velocity [rad/s], each (n,).
     """
     joint = int(np.argmax(np.where(np.isfinite(dq), np.abs(dq), np.inf)))
-    causes, gains = [], control.gains
-    longest = None if gains is None else longest_step(body.mass_matrix(q) + np.diag(arm.armature), arm, gains, dt)
-    if longest is not None:
-        causes.append(
-            f"too large a step: the PD loop is unstable at {dt:.3g} s; time_step below {0.5 * longest:.2g} s, "
-            "or a lower bandwidth"
-        )
+    causes = [] if control.gains is None else unstable_loop(body.mass_matrix(q), arm, control.gains, dt)
     if not np.isfinite(control.limit[joint]):
         causes.append("no torque limit: give sheet={'torque_limit': [...]} in N m, one number per joint")
     if arm.viscous[joint] == 0:
         causes.append(
             f"no damping: joint {joint + 1} has no viscous friction; give sheet={{'viscous': [...]}} in N m s/rad"
         )
-    causes.append("actions or effects drive it: smaller actions, or milder effects")
+    causes.append(f"actions or effects drive it: {SMALLER[control.kind]}, or milder effects")
     return Divergence(joint + 1, float(time), float(abs(dq[joint])), tuple(causes))
 
 
-def longest_step(mass: np.ndarray, arm: NominalArm, gains: Gains, dt: float) -> float | None:
-    """Longest stable step of the sampled PD loop [s], or ``None`` where ``dt`` is stable.
+def unstable_loop(mass: np.ndarray, arm: NominalArm, gains: Gains, dt: float) -> list[str]:
+    """What to change where the PD loop is unstable; nothing where it is stable. M [kg m^2] is without armature."""
+    mass = mass + np.diag(arm.armature)
+    longest = longest_step(mass, arm, gains, dt)
+    if longest is None:
+        return []
+    lower = _largest(lambda share: stable(mass, arm, slower(gains, arm.viscous, share), dt), 1.0)
+    ways = [f"time_step below {0.5 * longest:.2g} s"] if longest > 0 else []
+    ways.append(f"bandwidth below {0.7 * lower:.2g} of what it is" if lower > 0 else "a lower bandwidth")
+    return [f"too large a step or gains: the PD loop is unstable at {dt:.3g} s; {', or '.join(ways)}"]
 
-    The loop is (M + dt B) dq[k+1] = M dq[k] - dt (Kp q[k] + Kd dq[k]), q[k+1] = q[k] + dt dq[k+1], without the lag of
-    the velocity estimate. It is stable if all eigenvalues lie within the unit circle.
+
+def longest_step(mass: np.ndarray, arm: NominalArm, gains: Gains, dt: float) -> float | None:
+    """Longest stable step of the sampled PD loop [s]: ``None`` where ``dt`` is stable, 0 where none is; see ``stable``.
 
     Args:
         mass: M with armature [kg m^2], shape (n, n).
@@ -94,19 +111,33 @@ def longest_step(mass: np.ndarray, arm: NominalArm, gains: Gains, dt: float) -> 
         gains: Kp and Kd.
         dt: [s].
     """
+    return None if stable(mass, arm, gains, dt) else _largest(lambda step: stable(mass, arm, gains, step), dt)
 
-    def stable(step: float) -> bool:
-        n = len(mass)
-        to_velocity = np.linalg.solve(
-            mass + step * np.diag(arm.viscous), np.hstack([-step * np.diag(gains.kp), mass - step * np.diag(gains.kd)])
-        )
-        to_position = np.hstack([np.eye(n), np.zeros((n, n))]) + step * to_velocity
-        return bool(np.abs(np.linalg.eigvals(np.vstack([to_position, to_velocity]))).max() < 1.0)
 
-    if stable(dt):
-        return None
-    low, high = 1e-3 * dt, dt
+def stable(mass: np.ndarray, arm: NominalArm, gains: Gains, dt: float) -> bool:
+    """Whether all eigenvalues of the sampled PD loop lie within the unit circle.
+
+    The loop is (M + dt B) dq[k+1] = M dq[k] - dt (Kp q[k] + Kd v[k]), q[k+1] = q[k] + dt dq[k+1], with the velocity
+    estimate v[k] = b0 q[k] + b1 q[k-1] + b2 q[k-2] + a1 v[k-1] + a2 v[k-2]. Arguments as in ``longest_step``.
+    """
+    n = len(mass)
+    one, none = np.eye(n), np.zeros((n, n))
+    b0, b1, b2, a1, a2 = estimate_gains(1.0 / dt)
+    # columns q[k], dq[k], q[k-1], q[k-2], v[k-1], v[k-2]
+    estimate = np.hstack([b0 * one, none, b1 * one, b2 * one, a1 * one, a2 * one])
+    position, velocity = np.eye(n, 6 * n), np.eye(n, 6 * n, n)
+    pushed = mass @ velocity - dt * (gains.kp[:, None] * position + gains.kd[:, None] * estimate)
+    faster = np.linalg.solve(mass + dt * np.diag(arm.viscous), pushed)
+    kept = (position, np.eye(n, 6 * n, 2 * n), estimate, np.eye(n, 6 * n, 4 * n))
+    return bool(np.abs(np.linalg.eigvals(np.vstack([position + dt * faster, faster, *kept]))).max() < 1.0)
+
+
+def _largest(works: Callable[[float], bool], fails: float) -> float:
+    """The largest number that works, below one that fails, by bisection; 0 where ``SMALLEST`` of that fails too."""
+    low, high = SMALLEST * fails, fails
+    if not works(low):
+        return 0.0
     for _ in range(20):
-        middle = np.sqrt(low * high)
-        low, high = (middle, high) if stable(middle) else (low, middle)
-    return float(low)
+        middle = float(np.sqrt(low * high))
+        low, high = (middle, high) if works(middle) else (low, middle)
+    return low

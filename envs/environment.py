@@ -22,21 +22,26 @@ from effects.corrected import CorrectedArm
 from effects.severity import ArmScale
 from envs.actions import control
 from envs.arguments import (
-    Effects,
+    checked_action,
+    checked_limits,
     checked_motion,
+    checked_posture,
     chosen_base,
-    chosen_effects,
     chosen_feedforward,
     chosen_robot,
     described,
+    noise,
     positive,
+    record_of,
+    times,
     whole,
 )
 from envs.course import Course, Feedforward, Timing
 from envs.divergence import explain
+from envs.given_effects import Effects, chosen_effects
 from envs.observation import Layout
 from envs.plant import Plant
-from envs.randomisation import Randomisation, draw_effects
+from envs.randomisation import Randomisation, checked_randomisation, draw_effects
 from envs.rendering.screen import Screen
 from envs.reward import Reward, RewardParts
 
@@ -55,7 +60,8 @@ class ArmTracking(gymnasium.Env):
 
     Args:
         robot: a name of ``arm.robots.KNOWN_ROBOTS``, a path of a URDF, or a nominal arm.
-        effects: what the simulated arm has beyond the nominal arm; records, or the path of a ``corrected.yaml``.
+        effects: what the simulated arm has beyond the nominal arm; records, entries as in a ``corrected.yaml``, or the
+            path of one.
         engine: name of the engine that steps the simulation.
         sheet: data sheet of the nominal arm, as ``nominal:`` in a case; not with a nominal arm as ``robot``.
         action: ``residual``: torque added to a low-gain PD with feedforward, which runs at every step of the
@@ -64,13 +70,18 @@ class ArmTracking(gymnasium.Env):
         feedforward: ``none``, ``gravity`` or ``nominal``, or a model with ``series(motion)``; with ``torque`` it is
             observed only.
         simulated: the arm that is simulated in place of the nominal arm with ``effects``: identified or corrected, with
-            its residual network. Gains, torque scale and encoders stay those of ``robot``.
+            its own inertia [kg m^2], friction [N m] and residual network [N m]. Gains, torque scale and encoders stay
+            those of ``robot``.
+        encoder_noise: standard deviation of the encoders' white noise before they round [rad], a number or shape (n,);
+            it comes from the seed of ``reset``.
         motion: a name of ``arm.motions.MOTIONS``, ``random``, or a reference motion.
-        posture: about which motions are drawn [rad], shape (n,); limits: of motions drawn.
+        posture: about which motions are drawn [rad], shape (n,).
+        limits: of motions drawn: lower and upper position [rad], velocity [rad/s], acceleration [rad/s^2], each (n,).
         time_step: of the simulation [s]; sub_steps: steps of the simulation per action.
         episode_length: [s], rounded up to whole actions.
         look_ahead: how far ahead the reference is observed [s].
-        action_share: torque of an action of 1 over the rated torque; by default 0.2 for ``residual``, 1 for ``torque``.
+        action_share: torque of an action of 1 over the rated torque [1], see ``envs.actions.rated_torque``; by default
+            0.2 for ``residual``, 1 for ``torque``.
         action_reach: in place of the share, with ``residual``: tracking error at which kp alone commands as much as an
             action of 1 [rad].
         bandwidth: of the PD loop [Hz].
@@ -95,6 +106,7 @@ class ArmTracking(gymnasium.Env):
         action: str = "residual",
         feedforward: str | Feedforward = "nominal",
         simulated: CorrectedArm | None = None,
+        encoder_noise: float | Sequence[float] = 0.0,
         motion: str | Reference = "random",
         posture: Sequence[float] | None = None,
         limits: Limits | None = None,
@@ -113,25 +125,27 @@ class ArmTracking(gymnasium.Env):
         self.arm = chosen_robot(robot, sheet)
         self.body = RigidBody(self.arm)
         self._feedforward = chosen_feedforward(feedforward)
-        self._motion, self._randomisation = checked_motion(motion, self.arm.n_joints), randomisation
+        self._motion = checked_motion(motion, self.arm.n_joints)
+        self._randomisation = checked_randomisation(randomisation)
         self._timing = Timing(
             positive("time_step", time_step, "s"),
             whole("sub_steps", sub_steps),
             positive("episode_length", episode_length, "s"),
-            look_ahead,
+            times("look_ahead", look_ahead),
         )
-        self.space = workspace(self.body, limits, None if posture is None else np.asarray(posture, dtype=float))
+        self.space = workspace(self.body, checked_limits(limits, self.arm.n_joints), checked_posture(posture))
         share = None if action_share is None else positive("action_share", action_share, "1")
         bandwidth = positive("bandwidth", bandwidth, "Hz")
         reach = None if action_reach is None else positive("action_reach", action_reach, "rad")
         self._control = control(self.arm, self.body, self.space, action, share, bandwidth, reach)
-        self.layout = Layout(self.arm.n_joints, look_ahead, self._control.size)
+        self.layout = Layout(self.arm.n_joints, self._timing.look_ahead, self._control.size)
         base = chosen_base(simulated, self.arm, effects)
         self._given = chosen_effects(effects, self.arm) if simulated is None else base.effects
-        step = self.arm.encoder_step or 0.0
-        self._plant = Plant(base, step, engine, self._given, self._control, self._timing)
+        step, spread = self.arm.encoder_step or 0.0, noise("encoder_noise", encoder_noise, self.arm.n_joints)
+        self._plant = Plant(base, step, spread, engine, self._given, self._control, self._timing)
         self._scale = ArmScale.of(self.arm)
-        self._reward, self._debug = reward or Reward(), debug
+        self._reward = Reward() if reward is None else record_of("reward", reward, Reward, "give an envs.reward.Reward")
+        self._debug = debug
         lower, upper = self.body.position_limits()
         self._stops = lower + NEAR_STOP, upper - NEAR_STOP
         self._course: Course | None = None
@@ -183,7 +197,7 @@ class ArmTracking(gymnasium.Env):
         seeds = self.np_random.integers(2**63, size=2)
         reference = checked_motion(options.pop("motion", self._motion), self.arm.n_joints)
         effects = chosen_effects(options.pop("effects"), self.arm) if "effects" in options else self._given
-        randomisation = options.pop("randomisation", self._randomisation)
+        randomisation = checked_randomisation(options.pop("randomisation", self._randomisation))
         for name in options:
             check_known("option", name, ("motion", "effects", "randomisation"), where="reset")
         if randomisation is not None:
@@ -193,7 +207,7 @@ class ArmTracking(gymnasium.Env):
             length = self._timing.duration
             reference = draw_motion(reference, np.random.default_rng(seeds[0]), self.space, length)
         self._course = Course(self.arm, self.body, self._feedforward, reference, self._timing, self._control)
-        self._plant.reset(effects, self._course)
+        self._plant.reset(effects, self._course, seeds)
         self._count = 0
         self._action: np.ndarray = np.zeros(self._control.size)
         if self._screen is not None:
@@ -205,15 +219,21 @@ class ArmTracking(gymnasium.Env):
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Carry out an action in -1 .. 1, shape (n,) or (2 n,); what exceeds these bounds is clipped.
 
+        In the action in which the arm diverges nothing is earned for tracking.
+
         Raises:
+            InputError: an action of another shape, or with what is not a finite number.
             ResetNeeded: the episode has ended, or has not begun.
         """
         course = self._running
-        action = np.minimum(np.maximum(np.asarray(action, dtype=float), self._lowest), self._highest)
+        action = checked_action(action, self._control.size)
+        action = np.minimum(np.maximum(action, self._lowest), self._highest)
         done = self._plant.act(self._count, action)
         self._count += 1
         error = course.q[self._count] - self._plant.position
         parts = self._reward(error, self._plant.load, action - self._action)
+        if done < self._timing.sub_steps:
+            parts = parts._replace(tracking=0.0)
         self._action = action
         info: dict[str, Any] = dict(zip(REWARDS, parts, strict=True))
         info["tracking_rms"] = math.sqrt(error.dot(error) / len(error))
@@ -258,7 +278,8 @@ class ArmTracking(gymnasium.Env):
         if not np.count_nonzero(stopped):
             return {}
         joint = int(stopped.argmax())
-        return {"limit": f"joint {joint + 1} ({self.arm.joints[joint]}) came to its stop at {q[joint]:.4g} rad"}
+        read = f"its encoder reads {self._plant.position[joint]:.4g} rad"
+        return {"limit": f"joint {joint + 1} ({self.arm.joints[joint]}) came to its stop; {read}"}
 
     def _truth(self) -> dict[str, Any]:
         """What no controller would know."""

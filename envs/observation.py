@@ -7,8 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from gymnasium.spaces import Box
 
-from arm.errors import InputError
-
 FASTEST = 50.0
 """Bound of observed velocities [rad/s]."""
 FURTHEST = 4 * np.pi
@@ -21,7 +19,7 @@ class Layout:
     ============== =========== ===== ==================================================================
     name           length      unit  quantity
     ============== =========== ===== ==================================================================
-    position       n           rad   encoders, quantised as the data sheet says
+    position       n           rad   encoders, with noise, quantised as the data sheet says
     velocity       n           rad/s estimate from them, see ``envs.plant.Plant``
     error          n           rad   reference minus encoders
     action         n or 2 n    1     the action before
@@ -39,13 +37,13 @@ class Layout:
         planned: slice of the last four, known from the start.
         space: the observation space.
 
-    Raises:
-        InputError: times to look ahead that are not above zero.
+    Args:
+        n_joints: n.
+        look_ahead: times at which the reference is observed ahead [s].
+        n_actions: numbers in an action; n by default.
     """
 
     def __init__(self, n_joints: int, look_ahead: Sequence[float], n_actions: int | None = None) -> None:
-        if not all(time > 0 for time in look_ahead):
-            raise InputError(f"expected times above zero [s], got {list(look_ahead)}", where="look_ahead")
         n = n_joints
         lengths = {
             "position": (n, FURTHEST),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -14,15 +15,10 @@ from envs.course import Course, Timing
 from envs.divergence import diverged
 from envs.network_torque import NetworkTorque
 from envs.simulated_arm import SimulatedArm
+from envs.velocity_estimate import VELOCITY_DAMPING, cutoff
 
 SENSOR_PERIOD = 10e-3
 """The encoders are read at least this often [s], and at every step where a PD loop runs."""
-VELOCITY_CUTOFF = 80.0
-"""Cut-off of the velocity estimate [Hz]; at most ``WIDEST`` of the rate at which the encoders are read."""
-WIDEST = 0.4
-"""Largest cut-off over that rate [1]."""
-VELOCITY_DAMPING = 0.9
-"""Damping ratio of the velocity estimate [1]."""
 
 
 class Plant:
@@ -35,6 +31,7 @@ class Plant:
         base: the arm that is simulated: nominal or identified, with its residual network if it has one; its effects are
             not used.
         encoder_step: quantisation of the encoders [rad].
+        encoder_noise: standard deviation of their white noise before rounding [rad], a number or shape (n,).
         engine: name of the engine.
         effects: what the simulated arm has beyond the base.
         control: how actions become torque.
@@ -47,7 +44,8 @@ class Plant:
         velocity: estimate from the encoders [rad/s], shape (n,).
         torque: commanded in the last step [N m], shape (n,).
         torque_rate: RMS over joints and steps of the last action of the change of the torque commanded [N m/s].
-        load: mean of (commanded / rated torque)^2 over joints and steps of the last action [1].
+        load: mean of (commanded / rated torque)^2 over joints and steps of the last action [1]; of an action in which
+            the arm diverged, both are over its steps until then.
 
     Raises:
         InputError: an engine that is not there, or that cannot simulate one of the effects.
@@ -57,12 +55,14 @@ class Plant:
         self,
         base: CorrectedArm,
         encoder_step: float,
+        encoder_noise: np.ndarray | float,
         engine: str,
         effects: tuple[AppliedEffect, ...],
         control: Control,
         timing: Timing,
     ) -> None:
-        self._base, self._encoder_step = base, encoder_step
+        self._base, self._encoder_step, self._encoder_noise = base, encoder_step, encoder_noise
+        self._rng = np.random.default_rng()
         self._engine, self._control, self._timing = engine, control, timing
         self.effects, self.simulated = effects, self._simulate(effects)
         self._chunk = 1 if control.gains is not None else _chunk(timing)
@@ -72,20 +72,24 @@ class Plant:
         """Free the engine."""
         self.simulated.close()
 
-    def reset(self, effects: tuple[AppliedEffect, ...], course: Course) -> None:
+    def reset(self, effects: tuple[AppliedEffect, ...], course: Course, seed: np.ndarray) -> None:
         """Put the arm where its encoders read the start of the course, with these effects.
 
+        ``seed`` is that of the encoders' noise, whole numbers of shape (k,).
+
         Raises:
-            InputError: the engine cannot simulate one of them.
+            InputError: the engine cannot simulate one of the effects.
         """
+        self._rng.bit_generator.state = np.random.default_rng(seed).bit_generator.state
         if effects is not self.effects:
+            simulated = self._simulate(effects)
             self.close()
-            self.simulated, self.effects = self._simulate(effects), effects
+            self.simulated, self.effects = simulated, effects
         self._course = course
         self.simulated.start(course.q[0], course.dq)
         rate, still = 1.0 / (self._timing.dt * self._chunk), np.zeros(len(course.dq))
         start = (course.q[0], course.dq) if self._control.gains is None else (still, still)
-        self._estimate = VelocityFilter(rate, min(VELOCITY_CUTOFF, WIDEST * rate), VELOCITY_DAMPING, *start)
+        self._estimate = VelocityFilter(rate, cutoff(rate), VELOCITY_DAMPING, *start)
         self.position, self.velocity = self.simulated.encoders(), course.dq
         self.torque, self.load, self.torque_rate = course.step_torque[0], 0.0, 0.0
         if self._base.residual is not None:
@@ -102,13 +106,13 @@ class Plant:
             return self._track(first, control.scale * action, 1.0, control.gains)
         before, self.torque = self.torque, np.clip(control.scale * action, -control.limit, control.limit)
         share, jump = self.torque / control.rated, self.torque - before
-        self.load = float(share.dot(share)) / len(share)
-        self._roughness(float(jump.dot(jump)))
-        for done in range(0, self._timing.sub_steps, self._chunk):
-            if not self._step(first + done):
-                return done
+        steps, done = self._timing.sub_steps, 0
+        while done < steps and self._step(first + done):
             self.velocity = self._estimate(self.position)
-        return self._timing.sub_steps
+            done += self._chunk
+        held = min(done + self._chunk, steps)
+        self._note(held * share.dot(share), jump.dot(jump), held)
+        return done
 
     def _track(self, first: int, added: np.ndarray | float, factor: np.ndarray | float, gains: Gains) -> int:
         """PD with feedforward times a factor, and a torque [N m] added, from this step of the course on."""
@@ -121,22 +125,23 @@ class Plant:
             wanted += gains.kp * error
             wanted += gains.kd * rate
             before, self.torque = self.torque, np.minimum(np.maximum(wanted, -limit), limit)
-            if not self._step(step):
-                return done
-            error = course.step_q[step + 1] - self.position
-            rate = self._estimate(error)
             share, jump = self.torque / rated, self.torque - before
             squares += share.dot(share)
             jumps += jump.dot(jump)
+            if not self._step(step):
+                self._note(squares, jumps, done + 1)
+                return done
+            error = course.step_q[step + 1] - self.position
+            rate = self._estimate(error)
         self.velocity = course.step_dq[first + steps] - rate
-        self.load = squares / (steps * len(rated))
-        self._roughness(jumps)
+        self._note(squares, jumps, steps)
         return steps
 
-    def _roughness(self, jumps: float) -> None:
-        """Note the sum of squared changes of the torque [N^2 m^2] over an action."""
-        count = self._timing.sub_steps * len(self._control.rated)
-        self.torque_rate = float(np.sqrt(jumps / count)) / self._timing.dt
+    def _note(self, squares: float, jumps: float, steps: int) -> None:
+        """Note the sums over an action's steps of (tau / tau_rated)^2 [1] and of (change of tau)^2 [N^2 m^2]."""
+        count = steps * len(self._control.rated)
+        self.load = float(squares / count)
+        self.torque_rate = math.sqrt(jumps / count) / self._timing.dt
 
     def _step(self, step: int) -> bool:
         """Hold the torque until the encoders are read again; whether the arm has not diverged."""
@@ -148,8 +153,15 @@ class Plant:
         return True
 
     def _simulate(self, effects: tuple[AppliedEffect, ...]) -> SimulatedArm:
-        step = self._encoder_step
-        return SimulatedArm(self._base.arm, effects, self._timing.dt, engine=self._engine, encoder_step=step)
+        return SimulatedArm(
+            self._base.arm,
+            effects,
+            self._timing.dt,
+            engine=self._engine,
+            encoder_step=self._encoder_step,
+            encoder_noise=self._encoder_noise,
+            rng=self._rng,
+        )
 
 
 def _chunk(timing: Timing) -> int:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from numbers import Integral, Real
 from typing import Any
 
 import gymnasium
@@ -17,6 +18,7 @@ from effects.catalogue import CATALOGUE
 from effects.corrected import CorrectedArm
 from effects.effect import Parameter, Transmission
 from effects.severity import ArmScale, draw
+from envs.arguments import record_of
 
 REVERSED = {("torque_saturation", "limit"), ("joint_elasticity", "stiffness"), ("joint_elasticity", "damping")}
 """Parameters that are the more severe the smaller they are."""
@@ -26,6 +28,8 @@ INCIDENTAL = {
     *(("external_force", "start"), ("external_force", "end")),
 }
 """Parameters that say where or when, not how severe."""
+GIVE = "give an envs.randomisation.Randomisation"
+"""What to do where something else was given."""
 LEAST, MOST = 1e-3, 10.0
 """Bounds of severities [1]."""
 
@@ -37,7 +41,7 @@ class Randomisation:
     Values are those of ``effects.severity``, in proportion to the arm, times a severity: 1 is what real arms show.
 
     Attributes:
-        names: effects of the catalogue to draw from.
+        names: effects of the catalogue to draw from, one or several.
         joints: joints that joint effects may act on, counted from 1; all where ``None``. Effects on the arm or a link
             (payload, base tilt, external force, link inertia) have no joints and are drawn all the same: leave them
             out of ``names`` where they are not wanted.
@@ -49,29 +53,63 @@ class Randomisation:
         InputError: an unknown effect, a joint below 1, or a range that is not one.
     """
 
-    names: Sequence[str]
+    names: Sequence[str] | str
     joints: Sequence[int] | None = None
     count: tuple[int, int] = (1, 1)
     joint_count: tuple[int, int] = (1, 2)
     severity: tuple[float, float] = (0.5, 1.0)
 
     def __post_init__(self) -> None:
-        """Check names and ranges."""
-        for name in self.names:
+        """Check names and ranges; a name may stand alone."""
+        names = (self.names,) if isinstance(self.names, str) else _listed("names", self.names)
+        object.__setattr__(self, "names", names)
+        for name in names:
             check_known("effect", name, sorted(CATALOGUE), where="randomisation.names")
-        if not self.names or (self.joints is not None and (not self.joints or min(self.joints) < 1)):
+        joints = None if self.joints is None else _listed("joints", self.joints)
+        if not names or (joints is not None and not (joints and all(map(_is_joint, joints)))):
             raise InputError(
                 "there is nothing to draw", "name effects, and joints from 1 on or None", where="randomisation"
             )
-        for label, (low, high), least, most in (
-            ("count", self.count, 0, len(self.names)),
-            ("joint_count", self.joint_count, 1, np.inf),
-            ("severity", self.severity, LEAST, MOST),
-        ):
-            if not least <= low <= high <= most:
-                raise InputError(
-                    f"{low} .. {high} is no range within {least} .. {most}", where=f"randomisation.{label}"
-                )
+        _check_range("count", self.count, 0, len(names))
+        _check_range("joint_count", self.joint_count, 1, np.inf)
+        _check_range("severity", self.severity, LEAST, MOST)
+
+
+def checked_randomisation(randomisation: Randomisation | None) -> Randomisation | None:
+    """What is to be drawn, or ``None`` for nothing.
+
+    Raises:
+        InputError: it is something else.
+    """
+    if randomisation is None:
+        return None
+    return record_of("randomisation", randomisation, Randomisation, GIVE)
+
+
+def _listed(name: str, value: object) -> tuple[Any, ...]:
+    """The value as a tuple.
+
+    Raises:
+        InputError: it is no list.
+    """
+    if isinstance(value, str) or not isinstance(value, Iterable):
+        raise InputError(f"expected a list, got {value!r}", where=f"randomisation.{name}")
+    return tuple(value)
+
+
+def _is_joint(joint: object) -> bool:
+    return isinstance(joint, Integral) and int(joint) >= 1
+
+
+def _check_range(name: str, value: object, least: float, most: float) -> None:
+    """Check that a value is a range, its lowest and highest number, within bounds; numbers of things are whole."""
+    ends, kind = _listed(name, value), Real if name == "severity" else Integral
+    if len(ends) != 2 or not all(isinstance(end, kind) for end in ends) or not least <= ends[0] <= ends[1] <= most:
+        raise InputError(
+            f"{value!r} is no range within {least} .. {most}",
+            f"give the lowest and the highest {'number' if kind is Real else 'whole number'}",
+            where=f"randomisation.{name}",
+        )
 
 
 def draw_effects(
@@ -142,11 +180,14 @@ class RandomiseEffects(gymnasium.Wrapper):
     """Draws other effects at every reset of an ``ArmTracking`` environment.
 
     The draw uses the environment's own ``np_random``: one seed gives the same episodes, motions and effects alike.
+
+    Raises:
+        InputError: what is to be drawn is no ``Randomisation``.
     """
 
     def __init__(self, env: gymnasium.Env, randomisation: Randomisation) -> None:
         super().__init__(env)
-        self._randomisation = randomisation
+        self._randomisation = record_of("randomisation", randomisation, Randomisation, GIVE)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Reset with effects drawn anew; ``options`` go before."""

@@ -25,8 +25,8 @@ NUMBERS = ("duration", "bandwidth", "damping")
 KNOWN = (*TEXTS, *LISTS, *NUMBERS, "seeds", "sheet", *ALIASES)
 """Keys that a file may have."""
 APART = (
-    "action", "action_share", "feedforward", "look_ahead", "sub_steps", "time_step", "posture", "limits", "reward",
-    "debug", "render_mode",
+    "action", "action_share", "action_reach", "encoder_noise", "feedforward", "look_ahead", "sub_steps", "time_step",
+    "posture", "limits", "reward", "debug", "render_mode",
 )  # fmt: skip
 """Arguments of the environment that have no say in an evaluation."""
 

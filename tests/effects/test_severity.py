@@ -25,6 +25,16 @@ def test_every_effect_is_drawn_within_its_bounds_and_from_the_seed_alone(arm) ->
         assert len({np.atleast_1d(one.parameters[key]).tolist()[0] for one in first}) > 3
 
 
+@pytest.mark.parametrize(("name", "parameter"), [("stribeck_friction", "velocity"), ("encoder_quantization", "step")])
+def test_what_does_not_depend_on_the_arm_covers_what_is_met_on_real_arms(arm, name: str, parameter: str) -> None:
+    """The whole of the catalogue's typical range, and nothing beyond it."""
+    scale, rng = ArmScale.of(arm), np.random.default_rng(0)
+    drawn = np.concatenate([draw(name, rng, scale).parameters[parameter] for _ in range(300)])
+    low, high = CATALOGUE[name].parameter(parameter).typical
+    assert low <= 1.01 * drawn.min() and drawn.max() <= 1.01 * high
+    assert drawn.min() < 1.1 * low and drawn.max() > 0.9 * high
+
+
 def test_joints_may_be_chosen(arm) -> None:
     assert draw("backlash", np.random.default_rng(0), ArmScale.of(arm), joints=(5, 2)).joints == (2, 5)
 

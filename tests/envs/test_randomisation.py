@@ -99,6 +99,15 @@ BAD = [
     ({"names": ["payload"], "severity": (0.6, 0.5)}, "severity"),
     ({"names": ["payload"], "count": (1, 2)}, "count"),
     ({"names": ["payload"], "joint_count": (0, 1)}, "joint_count"),
+    ({"names": "payloads"}, "did you mean 'payload'"),
+    ({"names": 3}, "randomisation.names: expected a list"),
+    ({"names": ["payload"], "joints": 2}, "randomisation.joints: expected a list"),
+    ({"names": ["payload"], "joints": ["elbow"]}, "joints from 1"),
+    ({"names": ["payload"], "count": 1}, "randomisation.count: expected a list"),
+    ({"names": ["payload"], "count": (1, 1, 1)}, r"count: \(1, 1, 1\) is no range"),
+    ({"names": ["payload"], "count": (0.5, 1)}, "whole number"),
+    ({"names": ["payload"], "severity": ("mild", "bad")}, "severity"),
+    ({"names": ["payload"], "severity": (0.5, float("nan"))}, "severity"),
 ]
 
 
@@ -106,6 +115,17 @@ BAD = [
 def test_bad_requests_are_refused(options: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
         Randomisation(**options)
+
+
+def test_one_name_may_stand_alone() -> None:
+    assert Randomisation("payload").names == ("payload",)
+
+
+def test_a_wrapper_wants_a_randomisation() -> None:
+    env = ArmTracking()
+    with pytest.raises(InputError, match="randomisation: expected Randomisation, got 'payload'"):
+        RandomiseEffects(env, "payload")
+    env.close()
 
 
 def test_a_joint_that_the_arm_lacks_is_refused(data_sheet_arm: NominalArm) -> None:
