@@ -116,26 +116,28 @@ class Plant:
 
     def _track(self, first: int, added: np.ndarray | float, factor: np.ndarray | float, gains: Gains) -> int:
         """PD with feedforward times a factor, and a torque [N m] added, from this step of the course on."""
-        course, limit, rated = self._course, self._control.limit, self._control.rated
-        squares, jumps, steps = 0.0, 0.0, self._timing.sub_steps
+        course, limit, steps = self._course, self._control.limit, self._timing.sub_steps
+        wanted = course.step_torque[first : first + steps] * factor + added
+        reference, before, lowest = course.step_q[first + 1 :], self.torque, -limit
         error, rate = course.step_q[first] - self.position, course.step_dq[first] - self.velocity
-        for done in range(steps):
-            step = first + done
-            wanted = course.step_torque[step] * factor + added
-            wanted += gains.kp * error
-            wanted += gains.kd * rate
-            before, self.torque = self.torque, np.minimum(np.maximum(wanted, -limit), limit)
-            share, jump = self.torque / rated, self.torque - before
-            squares += share.dot(share)
-            jumps += jump.dot(jump)
-            if not self._step(step):
-                self._note(squares, jumps, done + 1)
+        for done, torque in enumerate(wanted):  # rows, filled in place
+            torque += gains.kp * error
+            torque += gains.kd * rate
+            np.maximum(torque, lowest, torque)
+            self.torque = np.minimum(torque, limit, torque)
+            if not self._step(first + done):
+                self._note_series(wanted[: done + 1], before)
                 return done
-            error = course.step_q[step + 1] - self.position
+            error = reference[done] - self.position
             rate = self._estimate(error)
         self.velocity = course.step_dq[first + steps] - rate
-        self._note(squares, jumps, steps)
+        self._note_series(wanted, before)
         return steps
+
+    def _note_series(self, torque: np.ndarray, before: np.ndarray) -> None:
+        """Note the torque of an action's steps [N m], shape (S, n), and of the step before, shape (n,)."""
+        share, jumps = torque / self._control.rated, np.diff(torque, axis=0, prepend=before[None])
+        self._note(float(np.vdot(share, share)), float(np.vdot(jumps, jumps)), len(torque))
 
     def _note(self, squares: float, jumps: float, steps: int) -> None:
         """Note the sums over an action's steps of (tau / tau_rated)^2 [1] and of (change of tau)^2 [N^2 m^2]."""

@@ -2,10 +2,11 @@
 
 The bare PyBullet loop sets torques, steps and reads joint states; the bare MuJoCo loop sets torque, steps and copies
 the state. The simulated arm is reset and stepped directly; the environment is ``gapscope/ArmTracking-v0`` as
-``gymnasium.make`` gives it, with torque actions. All play the torque of the same Fourier motion, at 20, 4 and 1
-sub-steps per action. Then eight environments in vector form are compared with one. A ratio is the median over rounds
-in which the loops take turns; resets are not timed. Time is that of the processor, so that other work on the machine
-counts little; for environments in vector form, which have processes of their own, that of the clock.
+``gymnasium.make`` gives it, with torque actions, and with residual actions, whose PD loop runs in every step. All play
+the torque of the same Fourier motion, or track it, at 20, 4 and 1 sub-steps per action. Then eight environments in
+vector form are compared with one. A ratio is the median over rounds in which the loops take turns; resets are not
+timed. Time is that of the processor, so that other work on the machine counts little; for environments in vector
+form, which have processes of their own, that of the clock.
 
     python experiments/03_engine_speed.py [--rounds 21] [--part loops|vector]
 """
@@ -132,10 +133,13 @@ def arm_loop(simulated: SimulatedArm, torque: np.ndarray, substeps: int) -> Loop
     return Loop(lambda: simulated.reset(POSTURE), run)
 
 
-def make(arm: NominalArm, effects: tuple[AppliedEffect, ...], engine: str, substeps: int) -> gymnasium.Env:
-    """The environment with torque actions, which follows the same motion."""
+def make(
+    arm: NominalArm, effects: tuple[AppliedEffect, ...], engine: str, substeps: int, action: str = "torque"
+) -> gymnasium.Env:
+    """The environment, which follows the same motion; torque actions are scaled such that none is clipped."""
+    share = {"action_share": 100.0} if action == "torque" else {}
     return gymnasium.make(
-        "gapscope/ArmTracking-v0", robot=arm, effects=effects, engine=engine, action="torque",
+        "gapscope/ArmTracking-v0", robot=arm, effects=effects, engine=engine, action=action, **share,
         motion=reference(arm)[0], sub_steps=substeps, time_step=DT, episode_length=DURATION,
     )  # fmt: skip
 
@@ -156,9 +160,8 @@ def actions(environment: gymnasium.Env, torque: np.ndarray, substeps: int) -> np
     return np.array(rows)
 
 
-def environment_loop(environment: gymnasium.Env, torque: np.ndarray, substeps: int) -> Loop:
-    """The environment through one episode."""
-    rows = list(actions(environment, torque, substeps))
+def environment_loop(environment: gymnasium.Env, rows: list[np.ndarray]) -> Loop:
+    """The environment through one episode of these actions."""
 
     def run() -> None:
         for action in rows:
@@ -170,16 +173,19 @@ def environment_loop(environment: gymnasium.Env, torque: np.ndarray, substeps: i
 def against_bare_loops(arm: NominalArm, rounds: int) -> None:
     """Print the first table: the simulated arm and the environment against the bare loop."""
     print("time per simulated ms [us], and speed over that of the bare loop")
-    print("engine   sub-steps   bare    arm, no effects  arm, friction    env, no effects  env, friction")
+    print("engine   sub-steps   bare    arm, no effects  arm, friction    env, no effects  env, friction    ", end="")
+    print("residual         residual, friction")
     free, rough = torques(arm, ()), torques(arm, FRICTION)
     for name, bare in (("pybullet", bare_pybullet), ("mujoco", bare_mujoco)):
         for substeps in (20, 4, 1):
             arms = [SimulatedArm(arm, effects, DT, engine=name) for effects in ((), FRICTION)]
-            environments = [make(arm, effects, name, substeps) for effects in ((), FRICTION)]
+            kinds = [(effects, kind) for kind in ("torque", "residual") for effects in ((), FRICTION)]
+            environments = [make(arm, effects, name, substeps, kind) for effects, kind in kinds]
             loops = [bare(arms[0], free)]
             loops += [arm_loop(x, torque, substeps) for x, torque in zip(arms, (free, rough), strict=True)]
-            pairs = zip(environments, (free, rough), strict=True)
-            loops += [environment_loop(x, torque, substeps) for x, torque in pairs]
+            played = [actions(x, y, substeps) for x, y in zip(environments[:2], (free, rough), strict=True)]
+            played += [np.zeros_like(played[0])] * 2
+            loops += [environment_loop(x, list(rows)) for x, rows in zip(environments, played, strict=True)]
             times = timed(loops, rounds, time.process_time)
             for x in (*arms, *environments):
                 x.close()
