@@ -18,16 +18,17 @@ def test_a_sheet_of_lists_and_arrays() -> None:
     np.testing.assert_array_equal(arm.armature, PLAIN)
     assert arm.encoder == "joint" and arm.encoder_step == 1e-4
     assert arm.torque_limit is not None and not arm.viscous.any()
+    bare = load_nominal_arm("kuka_iiwa", sheet={"coulomb": None, "encoder_step": 0.0})
+    assert not bare.coulomb.any() and not bare.encoder_step
 
 
 BAD = [
     ({"coulomb": [0.1] * 6}, "sheet.coulomb: expected 7 numbers, one per joint, got 6"),
     ({"coulomb": [PLAIN]}, "sheet.coulomb: expected 7 numbers"),
-    ({"coulomb": None}, "sheet.coulomb: expected 7 numbers"),
     ({"coulomb": [np.inf] * 7}, "sheet.coulomb: inf N m at joint 1"),
     ({"armature": [-0.1] * 7}, "sheet.armature: -0.1 kg m"),
     ({"torque_limit": [0.0] * 7}, "sheet.torque_limit: 0 N m at joint 1"),
-    ({"encoder_step": 0.0}, "sheet.encoder_step: expected a number above zero"),
+    ({"encoder_step": -1e-4}, "sheet.encoder_step: expected a number from zero on"),
     ({"encoder_step": "fine"}, "sheet.encoder_step"),
     ({"encoder": "link"}, "nominal.encoder: expected motor or joint"),
     ({"Viscous": PLAIN}, "did you mean 'viscous'"),

@@ -450,7 +450,7 @@ BAD = [
     ({"effects": "coulomb_friction"}, "is the name of an effect, without values(?s:.)*give AppliedEffect"),
     ({"effects": 3}, "effects: 3 is no effect with values"),
     ({"effects": {"effects": [], "residual": "residual.npz"}}, "a residual network is no effect(?s:.)*simulated="),
-    ({"effects": {"effect": "payload"}}, r"effects\[0\]: expected effect:, joints: and parameters:"),
+    ({"effects": {"effect": "payload"}}, r"effects\[0\], payload: expected the parameters"),
     (
         {"effects": [{"effect": "payload", "parameters": {"mass": 1}}]},
         r"effects\[0\], payload: expected the parameters",
@@ -501,7 +501,7 @@ BAD = [
     ({"sheet": {"viscous": [float("nan")] * 7}}, "sheet.viscous: nan N m s/rad at joint 1"),
     ({"sheet": {"viscous": 1.0}}, "sheet.viscous: expected 7 numbers, one per joint, got 1.0(?s:.)*give a list"),
     ({"sheet": {"coulomb": ["much"] * 7}}, "sheet.coulomb: holds what is not a number"),
-    ({"sheet": {"encoder_step": -1e-4}}, "sheet.encoder_step: expected a number above zero"),
+    ({"sheet": {"encoder_step": -1e-4}}, "sheet.encoder_step: expected a number from zero on"),
     ({"sheet": {"encoder_step": float("nan")}}, "sheet.encoder_step"),
     ({"sheet": {"armatur": [0.1] * 7}}, "sheet: unknown entry of a data sheet 'armatur'(?s:.)*did you mean 'armature'"),
     ({"sheet": "sheet.yaml"}, "sheet: expected entries by name"),
