@@ -181,13 +181,19 @@ def identify(
         Optional[float],  # noqa: UP045
         typer.Option(min=0.1, help="cut-off of both sides [Hz]; default: from the spectra of the positions"),
     ] = None,
-    estimator: Annotated[str, typer.Option(help="consistent, wls, ols, irls, ridge, ...")] = "consistent",
+    estimator: Annotated[
+        str,
+        typer.Option(
+            help="consistent, wls, ols, irls, ridge, truncated_svd, total_least_squares, maximum_likelihood, "
+            "partial_update, log_cholesky, sdp_euclidean or sdp_entropic"
+        ),
+    ] = "consistent",
     judge: Annotated[
         Optional[list[str]],  # noqa: UP045
         typer.Option(help="name of a recording to judge on; default: the case's, or the last", metavar="NAME"),
     ] = None,
     any_torque: Annotated[
-        bool, typer.Option("--any-torque", help="go on where the torque seems to be in another unit")
+        bool, typer.Option("--any-torque", help="go on where the torque seems not to be in N m")
     ] = False,
 ) -> None:
     """Identify base and physical parameters and friction."""

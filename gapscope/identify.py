@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import textwrap
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,18 +12,23 @@ from rich.table import Table
 from rich.text import Text
 
 from arm.case import load_case
-from arm.errors import GapscopeError
+from arm.errors import GapscopeError, InputError
 from arm.whole import written_whole
 from effects.corrected_file import write_corrected
 from gapscope.identification_report import render
 from gapscope.run import make_folder
+from ident.base_file import write_base
 from ident.document import document, write_document
 from ident.identification import Identification, Settings, identify
 from ident.identified_arm import effects, expressible, urdf_text, write_case_beside
-from ident.troubleshooting import FOUND
+from ident.troubleshooting import FOUND, Row
 
 DOCUMENT, REPORT, EFFECTS = "identification.json", "report.html", "identified.yaml"
-CASE, URDF = "identified_case.yaml", "identified.urdf"
+CASE, URDF, BASE = "identified_case.yaml", "identified.urdf", "base_parameters.npz"
+RECORDINGS = (".csv", ".parquet", ".npz", ".mcap", ".db3")
+"""How files end that hold a recording and no case."""
+SHORT = 160
+"""Most characters of a warning on the terminal; the report has all of it."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +51,15 @@ def identify_path(
 ) -> Identified:
     """Identify the case at a path and write report, identified arm and, as the last, ``identification.json``.
 
+    Raises:
+        InputError: ``path`` is a recording, or the case cannot be identified from.
+        GapscopeError: no physically consistent parameters were found, or a file cannot be written.
+
     The identified arm is a URDF of consistent bodies, a case beside it with the data sheet, and ``identified.yaml``
     with the effects that the catalogue has: ``predict``, ``replay`` and ``gap`` read the case with that as model.
     """
+    if path.suffix.lower() in RECORDINGS:
+        raise InputError("is a recording, not a case", "give the case.yaml that lists it, or its folder", file=path)
     make_folder(out)
     try:
         (out / DOCUMENT).unlink(missing_ok=True)
@@ -71,11 +83,12 @@ def identify_path(
         aside.write_text(urdf_text(plain), encoding="utf-8")
     write_case_beside(plain, path / "case.yaml" if path.is_dir() else path, out / CASE, URDF)
     write_corrected(case.name, effects(plain), out / EFFECTS)
-    files = {"report": REPORT, "urdf": URDF, "case": CASE, "effects": EFFECTS}
+    write_base(result, out / BASE)
+    files = {"report": REPORT, "urdf": URDF, "case": CASE, "effects": EFFECTS, "base": BASE}
     content = document(result, files)
     render(result, content, out / REPORT)
     write_document(content, out / DOCUMENT)
-    paths = tuple(out / name for name in (REPORT, DOCUMENT, CASE, URDF, EFFECTS))
+    paths = tuple(out / name for name in (REPORT, DOCUMENT, CASE, URDF, EFFECTS, BASE))
     return Identified(result, paths, left_out)
 
 
@@ -90,9 +103,10 @@ def _unsaid(result: Identification) -> str:
 
 
 def summary(identified: Identified) -> Group:
-    """What the terminal shows: errors per joint, what was recovered, what was found, what is asked."""
+    """What the terminal shows: errors per joint, what was fitted, found, asked, and what is doubtful."""
     result = identified.result
     fit, judged = result.validation
+    found = [row for row in result.table if row.verdict == FOUND]
     title = f"RMS residual over RMS torque of {result.case.name} [%]"
     table = Table(title=title, title_justify="left", padding=(0, 0, 0, 1))
     table.add_column("", no_wrap=True)
@@ -107,13 +121,35 @@ def summary(identified: Identified) -> Group:
     ):
         table.add_row(label, *(_percent(x) for x in errors.relative), _percent(errors.overall))
     lines = [
+        f"fitted {_named(fit.recordings)}; judged {_named(judged.recordings)}",
         f"{result.base.count} base parameters of {len(result.base.names)}, condition number {result.condition:.3g}; "
         f"friction: {result.choice.law}; cut-off {result.settings.cutoff:.3g} Hz",
         *(f"asks: {question}" for question in result.questions),
-        *(f"found: {row.entry.cause}" + _where(row.joints) for row in result.table if row.verdict == FOUND),
-        *([f"note: {identified.left_out}"] if identified.left_out else []),
+        *(f"found: {row.entry.cause}" + _where(row.joints) for row in found),
+        *(f"warning: {shortened(warning)}" for warning in result.warnings if not _said(warning, found)),
     ]
     return Group(table, *(Text(line) for line in lines))
+
+
+def shortened(warning: str, most: int = SHORT) -> str:
+    """The first of a warning: whole clauses, as many as ``most`` characters hold, or words of the first clause."""
+    parts = warning.split("; ")
+    kept = parts[0]
+    for part in parts[1:]:
+        if len(kept) + 2 + len(part) > most:
+            break
+        kept = f"{kept}; {part}"
+    return textwrap.shorten(kept, most, placeholder=" ...")
+
+
+def _said(warning: str, found: Sequence[Row]) -> bool:
+    """Whether a warning says no more than a row that is shown."""
+    return any(warning.startswith(row.entry.cause) for row in found)
+
+
+def _named(recordings: Sequence[str], most: int = 3) -> str:
+    """Names of recordings, or how many there are."""
+    return ", ".join(recordings) if len(recordings) <= most else f"{len(recordings)} recordings, {recordings[0]} first"
 
 
 def _where(joints: tuple[int, ...]) -> str:

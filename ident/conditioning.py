@@ -122,11 +122,15 @@ def condition(recording: Recording, cutoff: float) -> list[Segment]:
     """
     spans = pieces(recording)
     if not spans:
-        raise InputError(
-            f"no stretch without a gap lasts {SHORTEST} s", "record for longer, or repair the time stamps",
-            file=recording.name,
-        )  # fmt: skip
+        raise InputError(_too_short(recording), "record for longer, or repair the time stamps", file=recording.name)
     return [_segment(recording, span, cutoff) for span in spans]
+
+
+def _too_short(recording: Recording) -> str:
+    whole = recording.t[-1] - recording.t[0]
+    if whole >= SHORTEST:
+        return f"no stretch without a gap lasts {SHORTEST} s"
+    return f"lasts {whole:.3g} s, at least {SHORTEST} s is needed"
 
 
 def thinned(segment: Segment, rate: float) -> Segment:

@@ -14,7 +14,10 @@ import numpy as np
 
 from arm.errors import GapscopeError
 from arm.whole import written_whole
+from ident.examined_document import examined_document
 from ident.identification import Identification
+from ident.law_choice import STRONGEST
+from ident.methods import method
 from ident.physical import LinkCheck
 from ident.troubleshooting import Row
 from ident.validation import LEVEL, MOVING, Errors, Validation
@@ -41,9 +44,11 @@ def document(result: Identification, files: Mapping[str, str] | None = None) -> 
             "stribeck_speed": law.stribeck_speed,
             "presliding": law.presliding,
             "pull": result.choice.pull,
+            "strongest_pull": result.choice.pull >= STRONGEST,
             "tried": [{"what": what, "unseen_error": error} for what, error in result.choice.tried],
         },
         "base": _base(result),
+        **examined_document(result.examined, result.predicted),
         "parameters": [
             {
                 "name": r.name, "unit": r.unit, "status": r.status, "reason": r.reason, "nominal": r.nominal,
@@ -71,14 +76,17 @@ def _base(result: Identification) -> dict[str, Any]:
     base, value = result.base, result.estimate.value
     low, high = result.uncertainty.interval(value)
     nominal = base.of(result.columns.nominal(result.choice.law))
+    bodies = base.of(result.physical.value)
     expressions = base.expressions(1e-4)
-    entries = zip(expressions, value, result.uncertainty.deviation, low, high, nominal, strict=True)
+    entries = zip(expressions, value, result.uncertainty.deviation, low, high, bodies, nominal, strict=True)
     return {
         "count": base.count,
         "condition": result.condition,
+        "interval": method(result.settings.estimator).kind,
         "freedom": result.uncertainty.freedom,
         "parameters": [
-            {"expression": e, "value": v, "std": s, "interval": [a, b], "nominal": x} for e, v, s, a, b, x in entries
+            {"expression": e, "value": v, "std": s, "interval": [a, b], "consistent": c, "nominal": x}
+            for e, v, s, a, b, c, x in entries
         ],
     }
 

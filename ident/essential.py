@@ -41,7 +41,7 @@ class EssentialParameters:
         names: of the essential parameters, shape (e,).
         places: theirs among the b base parameters, shape (e,), ascending.
         value: their least-squares estimate without the others, shape (e,).
-        relative_deviation: standard deviation over magnitude, for white noise [1], shape (e,).
+        relative_deviation: standard deviation over magnitude [1], shape (e,).
         dropped: the others, in the order in which they were dropped.
         residual: RMS residual before and after [N m].
     """
@@ -74,6 +74,7 @@ def essential_parameters(
     deviation: float = DEVIATION,
     contribution: float = CONTRIBUTION,
     growth: float = GROWTH,
+    inflation: float = 1.0,
 ) -> EssentialParameters:
     """Reduce a model step by step to its essential parameters.
 
@@ -88,6 +89,7 @@ def essential_parameters(
         deviation: relative standard deviation above which a parameter is dropped.
         contribution: share of the RMS torque below which a parameter is dropped.
         growth: share by which the residual may grow.
+        inflation: how many rows are worth one, since what is left is alike from sample to sample [1].
 
     Raises:
         InputError: no more rows than parameters, or base columns that depend on each other in these samples.
@@ -105,7 +107,7 @@ def essential_parameters(
     current = factor
     while True:
         value = current.solve()
-        spread = np.sqrt(np.diag(current.covariance()))
+        spread = np.sqrt(inflation * np.diag(current.covariance()))
         relative = spread / np.maximum(np.abs(value), np.finfo(float).tiny)
         rise = np.abs(value) / np.linalg.norm(np.linalg.inv(current.triangle), axis=1)
         worst = int(np.argmin(rise))

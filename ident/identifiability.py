@@ -9,7 +9,7 @@ import numpy as np
 
 from arm.errors import InputError
 from ident.base_parameters import BaseParameters
-from ident.rank import rank_by_gap
+from ident.rank import EMPTY, rank_by_gap
 from ident.tsqr import TriangularFactor
 
 CONDITION_LIMIT = 1000.0
@@ -122,7 +122,8 @@ def identifiability(samples: np.ndarray | TriangularFactor, base: BaseParameters
     if not norms.any():
         raise InputError("the regressor is zero: nothing moves and nothing weighs", "record a motion")
     own = triangle[:, base.kept]
-    unit = own / np.where(norms[base.kept] > 0, norms[base.kept], 1.0)
+    full = norms[base.kept] > EMPTY * norms.max()
+    unit = np.where(full, own, 0.0) / np.where(full, norms[base.kept], 1.0)
     values, right = np.linalg.svd(unit)[1:]
     rank = rank_by_gap(values / values[0])
     last = np.abs(right[-1])

@@ -19,6 +19,8 @@ EXCEEDED = 3.0
 """Every moving drive has to be faster at times than a Stribeck speed by this factor."""
 PULLS = (1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0)
 """Strengths of the pull to the nominal arm that are tried [1]."""
+STRONGEST = 1e4
+"""Where the strongest of them predicts best, tenfold ones are tried up to this [1]."""
 LOOSE = 1e-8
 """Pull on parameters of which the nominal arm says nothing, in units of their columns [1]."""
 
@@ -62,10 +64,18 @@ def choose(samples: Samples, *, stribeck: bool = True, presliding: bool = True) 
         if errors[winner] < (1 - worth) * best:
             law, best = winner, errors[winner]
     noise = joint_noise(samples, law, pull)
-    by_pull = {value: unseen_error(samples, law, value, noise) for value in PULLS}
+    by_pull = _errors_by_pull(samples, law, noise)
     tried += [(f"{law}; pull {value:g}", error) for value, error in by_pull.items()]
     pull = min(by_pull, key=lambda value: by_pull[value])
     return Choice(law, pull, joint_noise(samples, law, pull), tuple(tried))
+
+
+def _errors_by_pull(samples: Samples, law: FrictionLaw, noise: np.ndarray) -> dict[float, float]:
+    """Error on unseen stretches by strength of the pull, beyond ``PULLS`` as long as a stronger one is better."""
+    errors = {value: unseen_error(samples, law, value, noise) for value in PULLS}
+    while min(errors, key=lambda value: errors[value]) == max(errors) < STRONGEST:
+        errors[10 * max(errors)] = unseen_error(samples, law, 10 * max(errors), noise)
+    return errors
 
 
 def _speeds(samples: Samples) -> list[float]:

@@ -109,4 +109,5 @@ def _precision(problem: Problem, beta: np.ndarray, cutoff: float) -> np.ndarray:
     remembered = low_pass_inflation(cutoff, problem.interval)
     free = max(1 - remembered * len(beta) / residual.size, 1 / residual.size)
     variance = np.maximum((residual**2).mean(axis=0) / free * remembered, 1e-300)
-    return np.einsum("ija,j,ijb->ab", problem.matrix, 1 / variance, problem.matrix)
+    flat = (problem.matrix / np.sqrt(variance)[:, None]).reshape(-1, len(beta))
+    return np.asarray(flat.T @ flat)

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from arm.motion import Motion
 from arm.recording import Recording
-from ident.conditioning import Segment, condition, low_pass
+from ident.conditioning import Segment, blocks, condition, low_pass
 from ident.friction_law import FrictionLaw
 from ident.model_columns import ModelColumns
 from ident.problem import Problem
 
 PER_CUTOFF = 4.0
 """Samples per period of the cut-off that are kept to fit; more hold nothing new."""
+MOST = 20_000
+"""Samples that are kept at most: long recordings are thinned further, which bounds the memory."""
+LONGEST = 60.0
+"""Longer segments are worked on in blocks of at most this [s]."""
 
 
 @dataclass(frozen=True)
@@ -25,10 +29,18 @@ class Band:
     Attributes:
         cutoff: of positions, columns and torque [Hz].
         trim: whether both ends of a segment, where the filter settles, are left out.
+        thinning: by which factor fewer samples are kept than the band holds [1].
     """
 
     cutoff: float
     trim: bool = True
+    thinning: int = 1
+
+    def bounded(self, segments: Sequence[Segment], most: int = MOST) -> Band:
+        """The band that keeps no more than about ``most`` samples of these segments."""
+        plain = replace(self, thinning=1)
+        count = sum(len(s.motion.t) / plain.step(s) for s in segments)
+        return replace(self, thinning=max(1, int(np.ceil(count / most))))
 
     def filtered(self, series: np.ndarray, segment: Segment) -> np.ndarray:
         """A series of a segment in the band, trimmed; axis 0 is time."""
@@ -40,16 +52,26 @@ class Band:
 
     def step(self, segment: Segment) -> int:
         """Every which sample is kept to fit."""
-        return max(1, int(segment.motion.rate / (PER_CUTOFF * self.cutoff) + 1e-6))
+        return self.thinning * max(1, int(segment.motion.rate / (PER_CUTOFF * self.cutoff) + 1e-6))
 
     def segments(self, recordings: Sequence[Recording]) -> list[Segment]:
-        """Segments of recordings, positions filtered at the cut-off; those without torque are left out."""
-        found = [s for recording in recordings for s in condition(recording, self.cutoff)]
-        return [s for s in found if s.torque is not None]
+        """Segments of recordings, positions filtered at the cut-off; those without torque are left out.
+
+        Long ones are cut into blocks, whose trimmed samples follow each other without a gap.
+        """
+        found = [s for r in recordings if r.tau is not None for s in condition(r, self.cutoff)]
+        return [block for s in found for block in (blocks(s, _count(s)) if self.trim else [s])]
+
+
+def _count(segment: Segment) -> int:
+    """Number of blocks of a segment."""
+    return int(np.ceil(len(segment.motion.t) / segment.motion.rate / LONGEST))
 
 
 class Samples:
     """Samples to fit, stacked over segments and thinned to what the band holds.
+
+    Columns at the full rate are held of one segment at a time.
 
     Args:
         columns: the model.
@@ -66,8 +88,8 @@ class Samples:
 
     def __init__(self, columns: ModelColumns, segments: Sequence[Segment], band: Band) -> None:
         self.columns, self.segments, self.band = columns, list(segments), band
-        self.smooth = self._stack([columns.smooth(s.motion) for s in self.segments])
-        self.torque = self._stack([np.asarray(s.torque) - s.known_torque(columns.body) for s in self.segments])
+        self.smooth = self._stack(columns.smooth(s.motion) for s in self.segments)
+        self.torque = self._stack(np.asarray(s.torque) - s.known_torque(columns.body) for s in self.segments)
         self.velocity = np.concatenate([s.motion.dq[band.rows(s)][:: band.step(s)] for s in self.segments])
         lengths = [len(s.motion.t[band.rows(s)][:: band.step(s)]) for s in self.segments]
         self.group = np.repeat(np.arange(len(lengths)), lengths)
@@ -84,8 +106,9 @@ class Samples:
 
     def filtered_each(self, series: Callable[[Motion], np.ndarray]) -> np.ndarray:
         """A function of the motion, (N, ...), in the band and thinned; shape (M, ...)."""
-        return self._stack([series(s.motion) for s in self.segments])
+        return self._stack(series(s.motion) for s in self.segments)
 
-    def _stack(self, series: list[np.ndarray]) -> np.ndarray:
+    def _stack(self, series: Iterable[np.ndarray]) -> np.ndarray:
         pairs = zip(series, self.segments, strict=True)
-        return np.concatenate([self.band.filtered(x, s)[:: self.band.step(s)] for x, s in pairs])
+        # a copy, since a view would hold the samples that are left out
+        return np.concatenate([self.band.filtered(x, s)[:: self.band.step(s)].copy() for x, s in pairs])

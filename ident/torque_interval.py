@@ -45,7 +45,7 @@ class TorqueInterval:
             level: share of samples that the interval is to hold [1].
             recorded: of the torque as it would be recorded, noise included, in place of the torque itself.
         """
-        own = np.einsum("ijb,bc,ijc->ij", matrix, self.parameters.covariance, matrix)
+        own = ((matrix @ self.parameters.covariance) * matrix).sum(axis=2)
         systematic = self.error.systematic**2
         variance = own + systematic
         few = own**2 / max(self.parameters.freedom, 1.0) + systematic**2 / max(self.error.groups - 1, 1)
@@ -54,8 +54,45 @@ class TorqueInterval:
         return student.ppf(0.5 + level / 2, freedom) * np.sqrt(total)
 
 
+@dataclass(frozen=True)
+class PredictedTorque:
+    """Intervals of predicted torque on some recordings, n joints.
+
+    Attributes:
+        level: share of samples that an interval is to hold [1].
+        half_width: RMS half width for the arm's torque [N m], shape (n,).
+        recorded: the same for the torque as it is recorded, noise included [N m], shape (n,).
+        held: share of recorded samples within the latter [1], shape (n,).
+    """
+
+    level: float
+    half_width: np.ndarray
+    recorded: np.ndarray
+    held: np.ndarray
+
+
+def predicted_torque(
+    interval: TorqueInterval, problem: Problem, beta: np.ndarray, level: float = 0.95
+) -> PredictedTorque:
+    """Intervals on recordings that were not fitted, and how many of their samples lie within.
+
+    Args:
+        interval: of the model.
+        problem: other recordings in the same base columns.
+        beta: what is predicted with, shape (b,).
+        level: share of samples that an interval is to hold [1].
+    """
+    own, recorded = (interval.half_width(problem.matrix, level, recorded=noisy) for noisy in (False, True))
+    held = (np.abs(problem.residual(beta)) <= recorded).mean(axis=0)
+    return PredictedTorque(level, np.sqrt((own**2).mean(axis=0)), np.sqrt((recorded**2).mean(axis=0)), held)
+
+
 def torque_interval(
-    problem: Problem, estimator: Estimator, uncertainty: Uncertainty, cutoff: float = TORQUE_CUTOFF
+    problem: Problem,
+    estimator: Estimator,
+    uncertainty: Uncertainty,
+    cutoff: float = TORQUE_CUTOFF,
+    estimate: Estimate | None = None,
 ) -> TorqueInterval:
     """Intervals from torque held out: each group is predicted by the model that the others give.
 
@@ -64,11 +101,12 @@ def torque_interval(
         estimator: of the model.
         uncertainty: of its parameters.
         cutoff: of the low-pass that the torque passed [Hz].
+        estimate: of the whole problem; estimated where ``None``.
 
     Raises:
         InputError: the other groups do not determine the parameters.
     """
-    estimate = estimator.estimate(problem)
+    estimate = estimate or estimator.estimate(problem)
     error = model_error(problem, held_out(problem, estimator), cutoff)
     return TorqueInterval(estimate, uncertainty, error, error.warnings())
 

@@ -11,6 +11,7 @@ from ident import symptoms
 from ident.evidence import Evidence, Likeness, likeness
 from ident.physical import inconsistent
 from ident.plausible_samples import UNIT_FACTOR, resting, unit_factor
+from ident.torque_gain import GAIN, torque_gain
 
 FOUND, CLEAR = "found", "clear"
 
@@ -80,6 +81,18 @@ def _unit(evidence: Evidence, alike: Likeness) -> Row:
         "state unit, scale and transmission in the case's import section",
     )
     return _row(entry, max(factor, 1 / max(factor, 1e-300)), UNIT_FACTOR)
+
+
+def _gain(evidence: Evidence, alike: Likeness) -> Row:
+    found = torque_gain(alike)
+    entry = Entry(
+        "torque_gain",
+        "masses and friction of all joints off by about the same factor",
+        "torque in another unit, or a wrong torque constant or gear ratio",
+        "gain of the nominal bodies' torque, or its inverse, median joint, where most joints agree",
+        "state unit, scale and transmission in the case's import section, or correct the URDF",
+    )
+    return Row(entry, found.size, GAIN, "1", FOUND if found.found else CLEAR, found.joints if found.found else ())
 
 
 def _sign(evidence: Evidence, alike: Likeness) -> Row:
@@ -221,7 +234,7 @@ def _saturated(evidence: Evidence, alike: Likeness) -> Row:
 
 
 CHECKS: tuple[Callable[[Evidence, Likeness], Row], ...] = (
-    *(_unit, _sign, _swapped, _zero, _bodies, _low_speed),
+    *(_unit, _gain, _sign, _swapped, _zero, _bodies, _low_speed),
     *(_condition, _rest, _noise, _cutoff, _late, _saturated),
 )
 """The rows, in the order in which to look at them."""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from diagnosis.report.figures import encode, keep_extremes
+from ident.identifiability import CONDITION_LIMIT
 from ident.identification import Identification
 from ident.validation import Validation
 
@@ -15,6 +16,8 @@ POINTS = 3000
 """Most points of one curve over time."""
 DOTS = 1200
 """Most points of one cloud."""
+FLOOR = 1e-8
+"""Where the spectrum ends at the bottom [1]."""
 
 
 def payload(result: Identification) -> dict[str, Any]:
@@ -23,7 +26,13 @@ def payload(result: Identification) -> dict[str, Any]:
     judged = result.validation[1]
     worst = int(np.nanargmax(judged.every.relative))
     groups = [_group(validation, a, b, k) for validation in result.validation[::-1] for k, (a, b) in _spans(validation)]
-    return {"joints": [f"J{j + 1} {name}" for j, name in enumerate(names)], "worst": worst, "groups": groups}
+    return {
+        "joints": [f"J{j + 1} {name}" for j, name in enumerate(names)],
+        "worst": worst,
+        "groups": groups,
+        "spectrum": [float(x) for x in np.maximum(result.examined.shown.singular_values, FLOOR)],
+        "limit": 1 / CONDITION_LIMIT,
+    }
 
 
 def _spans(validation: Validation) -> list[tuple[int, tuple[int, int]]]:

@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from arm.whole import written_whole
 from diagnosis import quantities
-from gapscope.identification_report import figures, sections
+from gapscope.identification_report import examined, figures, sections
 from ident.document import plain
 from ident.identification import Identification
 
@@ -43,6 +43,8 @@ def render(result: Identification, document: Mapping[str, Any], path: Path | str
             joints=sections.joints(content),
             friction=sections.friction(content),
             links=sections.links(content),
+            shown=examined.identifiability(content),
+            intervals=examined.intervals(content),
             found=[row for row in content["troubleshooting"] if row["verdict"] == "found"],
         )
     )

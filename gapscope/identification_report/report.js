@@ -1,4 +1,4 @@
-/* Draws torque over time and what is left over the speed. */
+/* Draws torque over time, what is left over the speed, and the singular values. */
 "use strict";
 
 const curves = JSON.parse(document.getElementById("curves").textContent);
@@ -53,6 +53,18 @@ function drawAll() {
   }], { xaxis: axis("speed [rad/s]"), yaxis: axis("left [N m]") });
 }
 
+function drawSpectrum() {
+  const place = curves.spectrum.map((_, i) => i + 1);
+  const ends = [1, Math.max(2, place.length)];
+  draw("spectrum-figure", [{
+    type: "scatter", mode: "markers", x: place, y: curves.spectrum, name: "singular value", showlegend: false,
+    marker: { color: colour("corrected"), size: 5 }, hovertemplate: "%{x}: %{y:.2~e}<extra></extra>",
+  }, {
+    type: "scatter", mode: "lines", x: ends, y: [curves.limit, curves.limit], name: "limit of the condition number", hoverinfo: "skip",
+    line: { color: colour("floor"), width: 1.5, dash: "dash" },
+  }], { xaxis: axis("singular value, number"), yaxis: axis("over the largest", { type: "log", dtick: 1, exponentformat: "power" }) });
+}
+
 function select(change) {
   Object.assign(shown, change);
   document.querySelectorAll("#joint-tabs button").forEach((button, i) => button.setAttribute("aria-pressed", i === shown.joint));
@@ -69,4 +81,5 @@ curves.joints.forEach((label, joint) => {
 const list = document.getElementById("recording");
 curves.groups.forEach((group, i) => list.add(new Option(group.name, String(i))));
 list.addEventListener("change", () => select({ group: Number(list.value) }));
+drawSpectrum();
 select({});

@@ -141,7 +141,7 @@ def test_too_short() -> None:
     case = synthetic.case(COULOMB, seed=7)
     short = case.recordings[0]
     cut = Recording(short.name, short.t[:300], short.q[:300], short.tau[:300])
-    with pytest.raises(InputError, match=r"recording_0\.csv: no stretch without a gap"):
+    with pytest.raises(InputError, match=r"recording_0\.csv: lasts 1\.2 s, at least 1\.5 s"):
         diagnose(replace(case, recordings=(cut,)))
 
 

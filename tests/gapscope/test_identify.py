@@ -17,10 +17,14 @@ from arm.case import load_case
 from arm.dynamics import RigidBody
 from effects.corrected_file import read_corrected
 from ident.document import check
+from ident.methods import METHODS
 from ident.physical import check_links
 
 Command = Callable[..., Any]
-RESULTS = {"identification.json", "report.html", "identified.urdf", "identified_case.yaml", "identified.yaml"}
+RESULTS = {
+    "identification.json", "report.html", "identified.urdf", "identified_case.yaml", "identified.yaml",
+    "base_parameters.npz",
+}  # fmt: skip
 
 
 def rewrite(case: Path, change: Callable[[list[str], list[list[str]]], list[list[str]]]) -> None:
@@ -42,7 +46,7 @@ def column(name: str, change: Callable[[float], float]) -> Callable[[list[str], 
 
 
 class TestResults:
-    def test_writes_five_files_and_names_them(self, gapscope: Command, sick: Path, tmp_path: Path) -> None:
+    def test_writes_its_files_and_names_them(self, gapscope: Command, sick: Path, tmp_path: Path) -> None:
         out = tmp_path / "out"
         done = gapscope("identify", sick, "--out", out)
         assert done.code == 0, done.err
@@ -107,13 +111,52 @@ class TestResults:
         assert judged["recordings"] == ["recording_0.csv"]
         assert fit["recordings"] == ["recording_1.csv", "recording_2.csv"]
 
-    @pytest.mark.parametrize("estimator", ["ols", "irls", "ridge"])
-    def test_other_estimators(self, gapscope: Command, healthy: Path, tmp_path: Path, estimator: str) -> None:
+    def test_terminal_names_what_was_fitted_and_judged_and_warns(
+        self, gapscope: Command, healthy: Path, tmp_path: Path
+    ) -> None:
+        rewrite(healthy, column("tau2", lambda x: 1.1 * x + 4 * np.sin(1e3 * x)))
+        out = " ".join(gapscope("identify", healthy, "--out", tmp_path / "out").out.split())
+        assert "fitted recording_0.csv, recording_1.csv; judged recording_2.csv" in out
+        document = json.loads((tmp_path / "out" / "identification.json").read_text(encoding="utf-8"))
+        assert document["warnings"]
+        assert all(warning[:60] in out for warning in document["warnings"])
+
+    def test_document_says_what_the_recordings_tell(self, gapscope: Command, healthy: Path, tmp_path: Path) -> None:
+        gapscope("identify", healthy, "--out", tmp_path / "out")
+        document = json.loads((tmp_path / "out" / "identification.json").read_text(encoding="utf-8"))
+        shown, base = document["identifiability"], document["base"]
+        assert shown["rank"] == shown["structural"] == base["count"] == len(shown["singular_values"])
+        assert shown["singular_values"][0] == 1.0 and shown["condition"] == pytest.approx(base["condition"], rel=1e-3)
+        assert set(shown["column_norms"]) == {p["name"] for p in document["parameters"]}
+        essential = document["essential"]
+        assert len(essential["names"]) + len(essential["dropped"]) == base["count"]
+        assert document["repeated_groups"]["verdict"] == "noise"
+        interval = document["torque_interval"]
+        assert np.min(interval["held"]) > 0.9
+        assert (np.array(interval["half_width"]) < interval["half_width_recorded"]).all()
+        report = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+        assert "Identifiability" in report and "spectrum-figure" in report and "Intervals of the predicted" in report
+
+    def test_consistent_base_values_are_those_of_the_bodies(
+        self, gapscope: Command, healthy: Path, tmp_path: Path
+    ) -> None:
+        gapscope("identify", healthy, "--out", tmp_path / "out")
+        document = json.loads((tmp_path / "out" / "identification.json").read_text(encoding="utf-8"))
+        arrays = np.load(tmp_path / "out" / "base_parameters.npz", allow_pickle=False)
+        values = [p["value"] for p in document["parameters"]]
+        np.testing.assert_allclose([p["consistent"] for p in document["base"]["parameters"]],
+                                   arrays["combination"] @ values, rtol=1e-6, atol=1e-9)  # fmt: skip
+
+    @pytest.mark.parametrize("estimator", METHODS)
+    def test_every_estimator(self, gapscope: Command, healthy: Path, tmp_path: Path, estimator: str) -> None:
         out = tmp_path / "out"
         assert gapscope("identify", healthy, "--out", out, "--estimator", estimator).code == 0
         document = json.loads((out / "identification.json").read_text(encoding="utf-8"))
         assert document["settings"]["estimator"] == estimator
         assert document["validation"][1]["every"]["overall"] < 0.05
+        assert document["base"]["interval"] == METHODS[estimator].kind
+        inside = [p["interval"][0] <= p["nominal"] <= p["interval"][1] for p in document["base"]["parameters"]]
+        assert np.mean(inside) > 0.6
 
 
 class TestBadInput:
@@ -167,6 +210,16 @@ class TestBadInput:
         content = yaml.safe_load(file.read_text(encoding="utf-8"))
         file.write_text(yaml.safe_dump(content | {"import": {"tau": None}}), encoding="utf-8")
         assert "no recording holds a torque" in self.refused(gapscope, healthy, tmp_path)
+
+    @pytest.mark.parametrize("name", ["recording_0.csv", "log.db3"])
+    def test_a_recording_in_place_of_a_case(self, gapscope: Command, healthy: Path, tmp_path: Path, name: str) -> None:
+        (healthy / name).touch()
+        message = self.refused(gapscope, healthy / name, tmp_path)
+        assert "is a recording, not a case" in message and "case.yaml that lists it" in message
+
+    def test_too_short_a_recording(self, gapscope: Command, healthy: Path, tmp_path: Path) -> None:
+        rewrite(healthy, lambda header, rows: rows[:301])
+        assert "lasts 1.2 s, at least 1.5 s is needed" in self.refused(gapscope, healthy, tmp_path)
 
     def test_unknown_estimator_and_recording(self, gapscope: Command, healthy: Path, tmp_path: Path) -> None:
         assert "consistent" in self.refused(gapscope, healthy, tmp_path, "--estimator", "magic")

@@ -175,7 +175,7 @@ class TestCondition:
 
     def test_too_short_a_recording_is_an_input_error(self) -> None:
         with pytest.raises(
-            InputError, match=r"sine\.csv: no stretch without a gap lasts 1\.5 s(.|\n)*remedy"
+            InputError, match=r"sine\.csv: lasts 1\.2 s, at least 1\.5 s is needed(.|\n)*remedy"
         ) as caught:
             condition(sine(duration=1.2), 10.0)
         assert caught.value.exit_code == 2

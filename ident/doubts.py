@@ -1,0 +1,73 @@
+"""What makes an identification doubtful: warnings, each a sentence with a remedy."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from ident.estimate import Estimate
+from ident.evidence import Evidence, Likeness
+from ident.examination import Examination
+from ident.physical import inconsistent
+from ident.plausible_samples import resting
+from ident.torque_gain import torque_gain
+from ident.troubleshooting import FOUND, Row
+from ident.validation import Validation
+
+SAID_OTHERWISE = ("low_speed_friction", "resting_joint", "torque_gain", "condition")
+"""Rows of the troubleshooting table that need no warning, or have a fuller one here."""
+
+
+def doubts(
+    evidence: Evidence,
+    estimate: Estimate,
+    examined: Examination,
+    alike: Likeness,
+    table: Sequence[Row],
+    judged: Validation,
+) -> tuple[str, ...]:
+    """The warnings, those that concern all results first."""
+    return (
+        *_torque(alike, judged),
+        *estimate.warnings,
+        *examined.warnings(),
+        *_still(evidence),
+        *_bodies(evidence),
+        *_rows(table),
+    )
+
+
+def _torque(alike: Likeness, judged: Validation) -> Iterator[str]:
+    gain = torque_gain(alike)
+    if gain.found:
+        yield gain.warning()
+    off = judged.nominal.overall
+    if off > 1.0:
+        yield (
+            f"the nominal arm's torque is off by {off:.0%} of the recorded one, more than no torque would be: "
+            "another unit, another arm, or a load it knows nothing of; values near it mean little until that is clear"
+        )
+
+
+def _still(evidence: Evidence) -> Iterator[str]:
+    still = resting([r for r in evidence.recordings if r.tau is not None])
+    if len(still):
+        joints = ", ".join(str(j + 1) for j in still)
+        yield f"joint {joints} rests in every fitted recording: its own parameters are not identifiable"
+
+
+def _bodies(evidence: Evidence) -> Iterator[str]:
+    wrong = inconsistent(evidence.physical.before)
+    if wrong:
+        negative = [str(c.link) for c in wrong if not c.positive_mass]
+        masses = f"; link {', '.join(negative)} even of negative mass" if negative else ""
+        yield (
+            f"the parameters nearest to the nominal arm that fit best are those of no body on link "
+            f"{', '.join(str(c.link) for c in wrong)}{masses}: the consistent ones are used instead"
+        )
+
+
+def _rows(table: Sequence[Row]) -> Iterator[str]:
+    for row in table:
+        if row.verdict == FOUND and row.entry.key not in SAID_OTHERWISE:
+            where = f" on joint {', '.join(map(str, row.joints))}" if row.joints else ""
+            yield f"{row.entry.cause}{where}: {row.entry.remedy}"

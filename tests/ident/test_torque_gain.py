@@ -1,0 +1,84 @@
+"""Torque in another unit is refused or said with its factor; healthy arms and arms full of friction are let pass."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import arms
+import numpy as np
+import pytest
+
+from arm.case import Case, load_case
+from arm.errors import InputError
+from ident.conditioning import position_cutoff
+from ident.evidence import Likeness, likeness
+from ident.identification import Identification, Settings, identify
+from ident.model_columns import ModelColumns
+from ident.samples import Band, Samples
+from ident.split import split
+from ident.torque_gain import torque_gain
+
+CUTOFF = Settings(cutoff=20.0)
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def scaled(factor: float) -> Case:
+    return arms.changed(arms.case(), lambda r: replace(r, tau=factor * np.asarray(r.tau)))
+
+
+@cache
+def identified(factor: float) -> Identification:
+    return identify(scaled(factor), replace(CUTOFF, any_torque=True))
+
+
+def compared(case: Case) -> Likeness:
+    fit, _ = split(case)
+    band, columns = Band(position_cutoff(tuple(fit))), ModelColumns(case.arm, case.importing)
+    return likeness(Samples(columns, band.segments(fit), band))
+
+
+@pytest.mark.parametrize("factor", [5.0, 1 / 5, 9.81, 1 / 9.81, 0.738, 1 / 0.738])
+def test_a_wrong_factor_is_quoted(factor: float) -> None:
+    result = identified(factor)
+    (warning,) = (w for w in result.warnings if "times the nominal arm's" in w)
+    assert f"is {factor:.3g} times" in warning and "alike" in warning
+    assert any(row.entry.key == "torque_gain" and row.verdict == "found" for row in result.table)
+
+
+def test_the_unit_is_guessed() -> None:
+    assert any("as if it were in lbf ft" in w for w in identified(0.738).warnings)
+
+
+def test_large_factors_are_refused() -> None:
+    with pytest.raises(InputError, match="9.81 times larger"):
+        identify(scaled(9.81), CUTOFF)
+
+
+def test_a_nominal_arm_that_is_off_by_more_than_the_torque_is_said_plainly() -> None:
+    assert any("off by 400% of the recorded" in w for w in identified(1 / 5).warnings)
+
+
+def test_silent_on_a_healthy_arm() -> None:
+    assert not torque_gain(compared(arms.case())).found
+
+
+@pytest.mark.parametrize("number", range(9))
+def test_silent_on_sample_cases(number: int) -> None:
+    """None of them has torque in another unit; one has scaled torque on some joints, one a payload."""
+    folder = data() / "sample_cases" / f"case{number:03d}"
+    assert not torque_gain(compared(load_case(folder))).found
+
+
+def test_silent_on_an_arm_full_of_friction(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GAPSCOPE_DATA", str(data()))
+    assert not torque_gain(compared(load_case(ROOT / "experiments" / "cases" / "staubli_tx40.yaml"))).found
+
+
+def data() -> Path:
+    root = Path(os.environ.get("GAPSCOPE_DATA") or ROOT.parent / "shared" / "data")
+    if not (root / "sample_cases").is_dir():
+        pytest.skip(f"no recordings in {root} (set GAPSCOPE_DATA)")
+    return root
