@@ -18,12 +18,12 @@ import resource
 import subprocess
 import sys
 import time
-import venv
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from figaroh_environment import FIGAROH, install
 from threadpoolctl import threadpool_limits
 
 from arm.motion import Motion
@@ -33,7 +33,7 @@ from ident.base_parameters import base_parameters, random_states, structural_bas
 from ident.regressor import Regressor
 from ident.tsqr import JointFactors, factored
 
-FIGAROH, OURS, STREAMED = "figaroh==1.0.2", "this project", "... streamed"
+OURS, STREAMED = "this project", "... streamed"
 STATES = 40_000
 CHUNK, RATE, NOISE = 5_000, 1e3, 0.5
 """Samples at a time, their rate [Hz], and noise of their torque [N m]."""
@@ -44,20 +44,6 @@ FULL = 10_000_000
 def iiwa() -> Regressor:
     """The regressor that both tables use."""
     return Regressor(load_nominal_arm("kuka_iiwa", sheet={"coulomb": [1.0] * 7, "viscous": [0.5] * 7}))
-
-
-def install(folder: Path) -> Path | None:
-    """Python of an environment with FIGAROH, or ``None`` where it cannot be had."""
-    python = folder / "bin" / "python"
-    if not python.exists():
-        venv.create(folder, with_pip=True)
-    done = subprocess.run(
-        [python, "-m", "pip", "--disable-pip-version-check", "install", "-q", FIGAROH], capture_output=True, text=True
-    )
-    if done.returncode == 0:
-        return python
-    print(f"FIGAROH cannot be installed: {done.stderr.strip().splitlines()[-1]}")
-    return None
 
 
 def figaroh(python: Path, urdf: Path, states: Path) -> dict[str, Any]:

@@ -1,72 +1,121 @@
-"""What each optimiser finds for a KUKA iiwa within all limits, against the best of 1000 random trajectories.
+"""What each optimiser and each criterion finds for a KUKA iiwa within all limits, over several seeds.
 
-Fourier series of order 5 on 0.1 Hz over 10 s; limits as ``gapscope excite`` has them by default, all met at every
-sample of 1 ms. The condition number is that of the base regressor with columns for rotor inertia, viscous and Coulomb
-friction and offset, every column scaled to unit norm. Each optimiser may judge as many candidates as the random search
-needed for 1000 that keep all limits; a candidate with its gradient counts as eight.
+    .venv/bin/python experiments/07_excitation.py [--seeds 3] [--tables optimisers criteria]
+
+Limits are as ``gapscope excite`` has them by default, all met at every sample of 1 ms; series have order 5 on 0.1 Hz
+over 10 s. The base regressor has columns for rotor inertia, viscous and Coulomb friction and offset.
+
+``optimisers``: the condition number, every column scaled to unit norm, that each optimiser reaches with a Fourier
+series. Each may judge as many candidates as the random search needed for 1000 that keep all limits; a candidate with
+its gradient counts as eight.
+
+``criteria``: for each kind of trajectory what is optimal by each criterion, beside the best of random candidates by
+that criterion, ``--evaluations`` for both: condition number; geometric mean and smallest of the singular values, in
+fixed scales (what D and E make large); separation of Coulomb from load friction, which is found by CMA-ES, the others
+by gradients.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Callable
 
 import numpy as np
 
 from arm.dynamics import RigidBody
+from arm.nominal import NominalArm
 from arm.robots import load_nominal_arm
 from ident.excitation.criteria import CRITERIA, condition_number
-from ident.excitation.design import TIGHTER, accept, sampled
-from ident.excitation.limits import Checker
+from ident.excitation.design import accept, design, prepare, sampled
+from ident.excitation.families import KINDS
 from ident.excitation.model import ExcitationModel
 from ident.excitation.optimiser import Optimiser
-from ident.excitation.parametrisation import Parametrisation
 from ident.excitation.plan import OPTIMISERS, LimitPlan, Plan
 from ident.excitation.random_search import RandomSearch
-from ident.excitation.search import Budget, Search
+from ident.excitation.search import Budget
+
+EFFECTS = ("coulomb_friction", "load_friction")
+RATE = 200.0
+"""Samples per second on which figures are stated [Hz]."""
+
+
+def optimisers(arm: NominalArm, seeds: int, feasible: int) -> None:
+    """Print the condition number that each optimiser reaches, with each seed."""
+    print(
+        f"{'optimiser':10} {'seed':>4} {'condition':>10} {'inertial':>10} {'of random':>10} {'time [s]':>8} "
+        f"{'evaluations':>11} {'feasible':>9} {'best at':>8} {'distance [m]':>12}"
+    )
+    for seed in range(seeds):
+        count, best = optimised(arm, "random", RandomSearch(feasible), Budget(1_000_000), seed)
+        for name, make in OPTIMISERS.items():
+            if name != "random":
+                optimised(arm, name, make(), Budget(count), seed, best)
+
+
+def optimised(
+    arm: NominalArm, name: str, optimiser: Optimiser, budget: Budget, seed: int, best: float = np.nan
+) -> tuple[int, float]:
+    """Run one optimiser and print its row; evaluations, and the condition number [1]."""
+    plan, limits = Plan(budget=budget), LimitPlan()
+    search, final, _, body = prepare(arm, plan, limits)
+    begun = time.process_time()
+    optimiser.run(search, np.random.default_rng(seed))
+    taken = time.process_time() - begun
+    _, reference, margins = accept(search, final, plan)
+    few = sampled(reference, plan.length, RATE)
+    found, inertial = (condition_number(m.matrix(few)) for m in (search.model, ExcitationModel(arm, body)))
+    distance = next(float(m.limit + m.margin) for m in margins if m.name == "distance")
+    print(
+        f"{name:10} {seed:4} {found:10.1f} {inertial:10.1f} {found / best:10.2f} {taken:8.1f} "
+        f"{search.evaluations:11} {search.feasible:9} {search.found[-1].evaluations:8} {distance:12.3f}",
+        flush=True,
+    )
+    return search.evaluations, found
+
+
+def criteria(arm: NominalArm, seeds: int, evaluations: int) -> None:
+    """Print what is optimal by each criterion, for each kind of trajectory: median over the seeds, least and most."""
+    body = RigidBody(arm)
+    model = ExcitationModel(arm, body, Plan().columns)
+    measures: tuple[Callable[[float], float], ...] = (float, *[lambda v: float(np.exp(-v))] * 2, float)
+
+    def figures(kind: str, criterion: str, optimiser: str | None, seed: int) -> list[float]:
+        plan = Plan(kind, criterion=criterion, effects=EFFECTS, optimiser=optimiser, budget=Budget(evaluations))
+        begun = time.process_time()
+        found = design(arm, plan, LimitPlan(), np.random.default_rng(seed), body=body)
+        taken = time.process_time() - begun
+        matrix = model.matrix(sampled(found.reference, plan.length, RATE))
+        d, e = (CRITERIA[name].evaluate(matrix, model.reference) for name in "de")
+        assert found.separated is not None
+        values = (condition_number(matrix), d, e, found.separated.least)
+        return [*(f(v) for f, v in zip(measures, values, strict=True)), taken]
+
+    print(f"\n{evaluations} evaluations, {seeds} seeds: median (least, most)")
+    heads = ("condition", "mean singular value", "smallest", "separation", "time [s]")
+    print(f"{'kind':10} {'criterion':10} {'search':8} " + " ".join(f"{head:>22}" for head in heads))
+    for kind in KINDS:
+        for name in (*CRITERIA, "separation"):
+            for optimiser in ("random", None):
+                rows = np.array([figures(kind, name, optimiser, seed) for seed in range(seeds)]).T
+                cells = [f"{f'{np.median(x):.3g} ({x.min():.3g}, {x.max():.3g})':>22}" for x in rows]
+                print(f"{kind:10} {name:10} {optimiser or 'optimum':8}", *cells, flush=True)
 
 
 def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--robot", default="kuka_iiwa")
+    parser.add_argument("--seeds", type=int, default=3, help="searches of each sort")
     parser.add_argument("--feasible", type=int, default=1000, help="random trajectories that keep all limits")
-    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--evaluations", type=int, default=1000, help="of each search in the table of criteria")
+    parser.add_argument("--tables", nargs="+", choices=("optimisers", "criteria"), default=("optimisers", "criteria"))
     given = parser.parse_args()
     arm = load_nominal_arm(given.robot)
-    body, plan, limits = RigidBody(arm), Plan(), LimitPlan()
-    allowed, collision = limits.allowed(arm, body), limits.collision(arm, body)
-    assert collision is not None
-    tight, final = allowed.tightened(**TIGHTER), Checker(arm, body, allowed, collision)
-    checker = Checker(arm, body, tight, collision.nearby(tight.clearance))
-    space = Parametrisation(plan.family(arm.n_joints), allowed.motion)
-    model, inertial = ExcitationModel(arm, body, plan.columns), ExcitationModel(arm, body)
-
-    def run(name: str, optimiser: Optimiser, budget: Budget, seed: int) -> int:
-        search = Search(space, model, CRITERIA["condition"], checker, budget)
-        begun = time.perf_counter()
-        optimiser.run(search, np.random.default_rng(seed))
-        taken = time.perf_counter() - begun
-        reference, margins = accept(search, final, plan)
-        few = sampled(reference, plan.length, 200.0)
-        slack = {margin.name: float(np.min(margin.margin)) for margin in margins}
-        print(
-            f"{name:10} {seed:4} {condition_number(model.matrix(few)):10.1f} "
-            f"{condition_number(inertial.matrix(few)):10.1f} {taken:8.1f} {search.evaluations:11} "
-            f"{search.feasible:9} {search.found[-1].evaluations:8} {slack['distance'] + allowed.clearance:12.3f}",
-            flush=True,
-        )
-        return search.evaluations
-
-    print(
-        f"{'optimiser':10} {'seed':>4} {'condition':>10} {'inertial':>10} {'time [s]':>8} {'evaluations':>11} "
-        f"{'feasible':>9} {'best at':>8} {'distance [m]':>12}"
-    )
-    for seed in range(given.seeds):
-        count = run("random", RandomSearch(given.feasible), Budget(1_000_000), seed)
-        for name, make in OPTIMISERS.items():
-            if name != "random":
-                run(name, make(), Budget(count), seed)
+    if "optimisers" in given.tables:
+        optimisers(arm, given.seeds, given.feasible)
+    if "criteria" in given.tables:
+        criteria(arm, given.seeds, given.evaluations)
 
 
 if __name__ == "__main__":

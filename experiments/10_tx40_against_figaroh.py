@@ -6,7 +6,8 @@ Rows 0-24749 of the published log are fitted, rows 29250-44999 judged; every row
 both ends, where the filter settles. Both sides pass a zero-phase Butterworth filter of order 4 at 10 and at 100 Hz. The
 error is the RMS residual over the RMS torque, stacked over joints and per joint; *moving* are samples with |dq| > 0.05
 rad/s. FIGAROH is installed in an environment of its own and runs as a child on the arrays that the project fits;
-``experiments/figaroh_fit.py`` says what of it is called. *Plain* is least squares of minimum norm on all columns.
+``experiments/figaroh_fit.py`` says what of it is called. *Plain* is least squares of minimum norm on all columns, with
+the smoothed sign of the velocity; *sharp* has its sign, as FIGAROH, and *unfiltered* columns that pass no filter.
 
 Then what is left on joint rows of the project's fit is explained by one effect after another, fitted to what is left
 of the fitted rows, and judged on what is left of the others.
@@ -22,6 +23,7 @@ from pathlib import Path
 from time import perf_counter, process_time
 
 import numpy as np
+from figaroh_environment import FIGAROH, install
 
 from arm.case import Case, load_case
 from arm.nominal import smooth_sign
@@ -37,16 +39,6 @@ ORDERS = (1, 2)
 """Cycles of ripple per turn of a motor."""
 
 
-def environment(folder: Path) -> Path:
-    """Interpreter of an environment with FIGAROH, made where it is missing."""
-    python = folder / "bin" / "python"
-    if not (folder / "installed").exists():
-        subprocess.run([sys.executable, "-m", "venv", folder], check=True)
-        subprocess.run([python, "-m", "pip", "install", "--quiet", "figaroh"], check=True)
-        (folder / "installed").touch()
-    return python
-
-
 def without_meshes(urdf: Path, path: Path) -> Path:
     """A copy of a URDF without shapes, whose meshes FIGAROH would look for."""
     tree = ET.parse(urdf)
@@ -58,7 +50,7 @@ def without_meshes(urdf: Path, path: Path) -> Path:
 
 
 def figaroh(python: Path, case: Case, fit: Segment, judged: Segment, cutoff: float, out: Path) -> dict[str, np.ndarray]:
-    """Torque that FIGAROH's fit gives on both segments [N m], (N, 6) each, number of parameters and seconds."""
+    """Torque of FIGAROH's fit on both segments [N m], (N, 6), number of parameters, wall and processor time [s]."""
     motions = {key: np.stack([s.motion.q, s.motion.dq, s.motion.ddq]) for key, s in (("fit", fit), ("judged", judged))}
     arrays, result = out / "arrays.npz", out / "figaroh.npz"
     urdf = without_meshes(case.arm.urdf, out / "arm.urdf")
@@ -67,10 +59,21 @@ def figaroh(python: Path, case: Case, fit: Segment, judged: Segment, cutoff: flo
     return dict(np.load(result))
 
 
-def plain(columns: ModelColumns, fit: Segment, judged: Segment, band: Band) -> tuple[np.ndarray, np.ndarray]:
-    """Torque of the plain fit on both segments, in the band [N m]."""
-    law = FrictionLaw()
-    x, z = (band.filtered(columns.matrix(s.motion, law), s) for s in (fit, judged))
+class SharpLaw(FrictionLaw):
+    """Coulomb friction by the sign of the velocity, which flips with the encoder's last digit at rest."""
+
+    def columns(self, position: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
+        """What c multiplies [1], (N, k)."""
+        return [np.sign(velocity)]
+
+
+def plain(
+    columns: ModelColumns, fit: Segment, judged: Segment, band: Band, law: FrictionLaw, filtered: bool = True
+) -> tuple[np.ndarray, np.ndarray]:
+    """Torque of a plain fit on both segments, in the band [N m]."""
+    x, z = (columns.matrix(s.motion, law) for s in (fit, judged))
+    if filtered:
+        x, z = band.filtered(x, fit), band.filtered(z, judged)
     y = band.filtered(np.asarray(fit.torque), fit)
     parameters = np.linalg.lstsq(x.reshape(-1, x.shape[2]), y.ravel(), rcond=1e-9)[0]
     return x @ parameters, z @ parameters
@@ -97,7 +100,7 @@ def table(name: str, fitted: np.ndarray, predicted: np.ndarray, fit: Segment, ju
     }
     for label, entry in rows.items():
         total, *joints = relative(*entry)
-        print(f"  {name:9} {label:27} {total:6.1%}  joints " + " ".join(f"{x:6.1%}" for x in joints))
+        print(f"  {name:10} {label:27} {total:6.1%}  joints " + " ".join(f"{x:6.1%}" for x in joints))
 
 
 def left_over(result: Identification, fit: Segment, judged: Segment, band: Band) -> None:
@@ -153,7 +156,9 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("out/tx40"))
     out = parser.parse_args().out
     out.mkdir(parents=True, exist_ok=True)
-    python = environment(out / "figaroh_environment")
+    python = install(out / "figaroh")
+    if python is None:
+        sys.exit(f"this comparison needs {FIGAROH}")
     start = perf_counter()
     case = load_case(HERE / "cases" / "staubli_tx40.yaml")
     print(f"read in {perf_counter() - start:.2f} s")
@@ -167,8 +172,12 @@ def main() -> None:
         possible = all(check.consistent for check in result.physical.after)
         print(f"\n{cutoff:g} Hz, {result.choice.law}; bodies {'all possible' if possible else 'NOT possible'}")
         print(f"  Gapscope: {result.base.count} base parameters, {seconds:.2f} s, {work:.2f} s of processor")
-        print(f"  FIGAROH: {int(other['count'])} base parameters, {float(other['seconds']):.2f} s")
-        table("plain", *plain(result.columns, fit, judged, band), fit, judged, band)
+        seconds, work = float(other["seconds"]), float(other["work"])
+        print(f"  FIGAROH: {int(other['count'])} base parameters, {seconds:.2f} s, {work:.2f} s of processor")
+        for name, law, filtered in (
+            ("plain", FrictionLaw(), True), ("sharp", SharpLaw(), True), ("unfiltered", FrictionLaw(), False),
+        ):  # fmt: skip
+            table(name, *plain(result.columns, fit, judged, band, law, filtered), fit, judged, band)
         table("FIGAROH", other["fit"], other["judged"], fit, judged, band)
         ours = (band.filtered(result.predict(s.motion), s) for s in (fit, judged))
         table("Gapscope", *ours, fit, judged, band)

@@ -13,7 +13,7 @@ Regressor and torque pass the filter that the arrays name.
 from __future__ import annotations
 
 import sys
-from time import perf_counter
+from time import perf_counter, process_time
 
 import numpy as np
 from figaroh.identification.parameter import add_standard_additional_parameters, get_standard_parameters
@@ -52,7 +52,7 @@ def main() -> None:
     options = ("has_friction", "has_actuator_inertia", "has_joint_offset", "is_joint_torques")
     config = {key: True for key in options} | {key: [0.0] * 6 for key in ("fv", "fs", "Ia", "off")}
     config |= {"act_idxv": list(range(6)), "is_external_wrench": False, "force_torque": None}
-    start = perf_counter()
+    start, work = perf_counter(), process_time()
     fit = regressor(robot, config, arrays["fit"], rate, cutoff)
     torque = np.concatenate(list(filtered(arrays["torque"], rate, cutoff).T))
     standard = get_standard_parameters(robot.model, config) | add_standard_additional_parameters(robot.model, config)
@@ -61,7 +61,7 @@ def main() -> None:
     reduced = build_regressor_reduced(fit, dropped)
     found = QRDecomposer().double_decomposition(torque, reduced, kept, standard)
     values, places = np.asarray(found[3], dtype=float), get_baseIndex(reduced, kept)
-    seconds = perf_counter() - start
+    seconds, work = perf_counter() - start, process_time() - work
     judged = build_regressor_reduced(regressor(robot, config, arrays["judged"], rate, cutoff), dropped)
     np.savez(
         sys.argv[2],
@@ -69,6 +69,7 @@ def main() -> None:
         judged=(build_baseRegressor(judged, places) @ values).reshape(6, -1).T,
         count=len(values),
         seconds=seconds,
+        work=work,
     )
 
 

@@ -21,7 +21,7 @@ app = typer.Typer(
     help="Finds out why a simulated robot arm and a real one disagree.",
     no_args_is_help=True,
     add_completion=False,
-    rich_markup_mode=None,
+    rich_markup_mode=None,  # markup would swallow the units, [m]
     pretty_exceptions_enable=False,
 )
 app.add_typer(blind, name="blind")
@@ -267,10 +267,10 @@ def excite(
     robot: Annotated[str, typer.Argument(help="kuka_iiwa, ..., a URDF, or a case with a data sheet", metavar="ROBOT")],
     out: Annotated[Path, typer.Option(help="CSV to write; .yaml for ROS and .html with plots beside", metavar="FILE")],
     kind: Annotated[str, typer.Option(help="fourier, quintic (through way points) or multisine")] = "fourier",
-    order: Annotated[int, typer.Option(help="number of harmonics; half the number of way points")] = 5,
+    order: Annotated[int, typer.Option(help="number of harmonics; half that of way points")] = 5,
     frequency: Annotated[float, typer.Option(help="of the first harmonic [Hz]")] = 0.1,
-    duration: Annotated[Optional[float], typer.Option(help="[s]; by default 10, or one period")] = None,  # noqa: UP045
-    rate: Annotated[float, typer.Option(help="samples per second [Hz]")] = 250.0,
+    duration: Annotated[Optional[float], typer.Option(help="length [s]; by default 10, or one period")] = None,  # noqa: UP045
+    rate: Annotated[float, typer.Option(help="samples per second that are written [Hz]")] = 250.0,
     criterion: Annotated[str, typer.Option(help="condition, d, e or separation (of --effects)")] = "condition",
     effects: Annotated[str, typer.Option(help="effects to tell apart, with commas between them")] = "",
     optimiser: Annotated[Optional[str], typer.Option(help="random, swarm, cma or gradient")] = None,  # noqa: UP045
@@ -278,11 +278,11 @@ def excite(
     seconds: Annotated[Optional[float], typer.Option(help="time to search, at most [s]")] = None,  # noqa: UP045
     velocity: Annotated[float, typer.Option(help="no joint moves faster [rad/s]")] = 1.5,
     acceleration: Annotated[float, typer.Option(help="limit of every joint [rad/s^2]")] = 5.0,
-    torque: Annotated[float, typer.Option(help="share of the torque limits that may be used")] = 0.8,
+    torque: Annotated[float, typer.Option(help="share of the torque limits that may be used [1]")] = 0.8,
     margin: Annotated[float, typer.Option(help="distance from the position limits [rad]")] = 0.1,
-    singular: Annotated[float, typer.Option(help="least singular value of the tool's Jacobian; 0 for any")] = 0.02,
+    singular: Annotated[float, typer.Option(help="least singular value of the Jacobian [m/rad, 1]; 0 for any")] = 0.02,
     clearance: Annotated[float, typer.Option(help="least distance between bodies and to the surface [m]")] = 0.01,
-    surface: Annotated[float, typer.Option(help="height of the surface under the arm in the base frame [m]")] = 0.0,
+    surface: Annotated[float, typer.Option(help="height of the surface under the arm, base frame [m]")] = 0.0,
     collisions: Annotated[bool, typer.Option(help="check collisions with the meshes of the URDF")] = True,
     seed: Annotated[Optional[int], typer.Option(min=0, help="find the same trajectory again")] = None,  # noqa: UP045
 ) -> None:

@@ -105,8 +105,8 @@ class SearchProgress:
 def summary(found: Excitation, plan: Plan) -> list[str]:
     """What was found, in a few lines."""
     lines = [
-        f"condition number {found.condition:.1f}, {len(found.names)} base columns scaled to unit norm; "
-        f"{found.inertial_condition:.1f} for the inertial ones alone",
+        f"condition number {found.condition:.3g}, {len(found.names)} base columns scaled to unit norm; "
+        f"{found.inertial_condition:.3g} for the inertial ones alone",
         f"{plan.method}: {found.evaluations} evaluations, {found.feasible} candidates within all limits, "
         f"{found.seconds:.1f} s",
     ]

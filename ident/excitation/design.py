@@ -21,6 +21,7 @@ from ident.excitation.parametrisation import Parametrisation
 from ident.excitation.plan import OPTIMISERS, LimitPlan, Plan
 from ident.excitation.search import SAMPLES, Search
 from ident.excitation.separation import Separated, Separator, Signatures
+from ident.excitation.starved import check_condition
 
 CHECKED_RATE = 1000.0
 """Limits are checked at no less than this rate [Hz], and at every sample that is written."""
@@ -90,16 +91,20 @@ def design(
         body: the arm's rigid bodies where they are not the nominal ones, as with a known payload.
 
     Raises:
-        InputError: the limits allow no trajectory, or none was found within the budget.
+        InputError: the limits allow no trajectory, none was found within the budget, or the best one tells nothing.
+
+    Warns:
+        ModelWarning: the condition number exceeds 1000; not where effects are to be separated.
     """
     prepared = prepare(arm, plan, limits, progress, separator, body)
     begun = time.monotonic()
     OPTIMISERS[plan.method]().run(prepared.search, rng)
     seconds = time.monotonic() - begun
-    reference, margins = accept(prepared.search, prepared.final, plan)
-    left_out = () if prepared.final.collision is None else prepared.final.collision.left_out
-    found = _Accepted(reference, margins, seconds, left_out)
-    return _result(arm, prepared.body, plan, prepared.search, prepared.separator, found)
+    accepted = accept(prepared.search, prepared.final, plan)
+    found = _result(arm, plan, prepared, accepted, seconds)
+    if plan.criterion != "separation":
+        check_condition(prepared.search, accepted.x, found.condition)
+    return found
 
 
 class Prepared(NamedTuple):
@@ -146,28 +151,37 @@ def prepare(
     return Prepared(search, final, separator, body)
 
 
-def accept(search: Search, final: Checker, plan: Plan) -> tuple[Reference, tuple[Margin, ...]]:
-    """The best candidate of a search that keeps the final limits at every sample, with its margins to them.
+class Accepted(NamedTuple):
+    """A candidate that keeps all limits at every sample: its numbers, its trajectory, and its margins."""
+
+    x: np.ndarray
+    reference: Reference
+    margins: tuple[Margin, ...]
+
+
+def accept(search: Search, final: Checker, plan: Plan) -> Accepted:
+    """The best candidate of a search that keeps the final limits at every sample.
 
     Raises:
         InputError: there is none.
     """
     parts = int(np.ceil(CHECKED_RATE / plan.rate))
-    broken = ""
+    broken = search.hardest
     for found in search.found[: -TRIES - 1 : -1]:
         reference = search.parametrisation.reference(found.x)
         motion = sampled(reference, plan.length, plan.rate * parts)
         margins = final.margins(motion, search.model.torque(motion))
         if all(margin.kept for margin in margins):
-            return reference, margins
-        broken = ", ".join(margin.name for margin in margins if not margin.kept)
+            return Accepted(found.x, reference, margins)
+        broken = tuple(margin.name for margin in margins if not margin.kept)
     if search.found:
-        problem = f"the best candidates break {broken} between the samples of the search"
+        problem = f"the best candidates break {', '.join(broken)} between the samples of the search"
     else:
-        problem = f"none of {search.judged} candidates keeps all limits; broken most: {search.hardest}"
+        problem = f"none of {search.judged} candidates keeps all limits; broken most: {', '.join(broken)}"
+    postures = _postures(final.allowed.motion)
     raise InputError(
         f"no trajectory within the limits was found: {problem}",
-        "widen that limit, allow more evaluations, or slow the motion down",
+        "; ".join([*(final.remedy(name, postures) for name in broken), "or allow more evaluations"]),
         where="limits",
     )
 
@@ -178,16 +192,8 @@ def sampled(reference: Reference, duration: float, rate: float) -> Motion:
     return Motion(t, reference.position(t), reference.velocity(t), reference.acceleration(t))
 
 
-class _Accepted(NamedTuple):
-    reference: Reference
-    margins: tuple[Margin, ...]
-    seconds: float
-    left_out: tuple[tuple[str, str], ...]
-
-
-def _result(
-    arm: NominalArm, body: RigidBody, plan: Plan, search: Search, signatures: Separator | None, accepted: _Accepted
-) -> Excitation:
+def _result(arm: NominalArm, plan: Plan, prepared: Prepared, accepted: Accepted, seconds: float) -> Excitation:
+    search, final, separator, body = prepared
     motion = sampled(accepted.reference, plan.length, plan.rate)
     step = -(-len(motion.t) // JUDGED)
     few = Motion(*(x[::step] for x in (motion.t, motion.q, motion.dq, motion.ddq)))
@@ -201,11 +207,11 @@ def _result(
         condition_number(model.matrix(few)),
         condition_number(matrix),
         model.names,
-        None if signatures is None else signatures.separate(few, matrix),
+        None if separator is None else separator.separate(few, matrix),
         search.evaluations,
         search.feasible,
-        accepted.seconds,
-        accepted.left_out,
+        seconds,
+        () if final.collision is None else final.collision.left_out,
     )
 
 

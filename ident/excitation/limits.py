@@ -15,6 +15,16 @@ from arm.nominal import NominalArm
 from arm.singularity import smallest_singular_value
 from arm.trajectory import Limits
 
+SURFACE = "surface"
+"""Name of the surface among the bodies of a ``CollisionModel``."""
+REMEDIES = {
+    "torque": "raise --torque, or lower --acceleration and --velocity",
+    "singular value": "lower --singular",
+    "distance": "lower --clearance",
+    SURFACE: "lower --surface, the height under the arm",
+}
+"""What to change where candidates break a limit."""
+
 
 @dataclass(frozen=True)
 class Allowed:
@@ -136,9 +146,22 @@ class Checker:
         if distances.max() < self.allowed.clearance:
             raise InputError(
                 f"the limits allow no trajectory: no posture keeps {self.allowed.clearance:.4g} m between bodies and "
-                f"to the surface; the best keeps {distances.max():.3g} m", "choose a smaller clearance",
+                f"to the surface; the best keeps {distances.max():.3g} m", self.remedy("distance", postures),
                 where="clearance",
             )  # fmt: skip
+
+    def remedy(self, name: str, postures: np.ndarray) -> str:
+        """What to change where candidates break one limit, named as in ``Margin``.
+
+        Args:
+            name: of the limit.
+            postures: random ones within the position limits, shape (N, n), for what mostly comes too near.
+        """
+        if name != "distance" or self.collision is None:
+            return REMEDIES.get(name, "slow the motion down")
+        distance, nearest = self.collision.distance(postures)
+        close = [SURFACE in self.collision.pairs[i] for i in nearest[distance < self.allowed.clearance]]
+        return REMEDIES[SURFACE if sum(close) > len(close) / 2 else name]
 
 
 def _margin(name: str, unit: str, limit: np.ndarray, slack: np.ndarray, t: np.ndarray) -> Margin:

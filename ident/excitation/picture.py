@@ -33,8 +33,8 @@ def write_picture(found: Excitation, arm: NominalArm, plan: Plan, path: Path) ->
         font=escape(FONT), ink=INK, soft=SOFT, line=LINE, ground=GROUND,
         title=escape(f"Exciting trajectory of {arm.name}"),
         facts=escape(
-            f"{plan.kind}, {plan.length:g} s, criterion {plan.criterion}: condition number {found.condition:.1f} of "
-            f"{len(found.names)} base columns scaled to unit norm, {found.inertial_condition:.1f} of the inertial ones "
+            f"{plan.kind}, {plan.length:g} s, criterion {plan.criterion}: condition number {found.condition:.3g} of "
+            f"{len(found.names)} base columns scaled to unit norm, {found.inertial_condition:.3g} of the inertial ones "
             "alone."
         ),
         figure=_figure(found), rows=_rows(found),

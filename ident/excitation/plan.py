@@ -17,7 +17,7 @@ from ident.excitation.criteria import CRITERIA
 from ident.excitation.evolution import Evolution
 from ident.excitation.families import KINDS, Family, family
 from ident.excitation.gradient import GradientRefinement
-from ident.excitation.limits import Allowed, check_motion_limits
+from ident.excitation.limits import REMEDIES, SURFACE, Allowed, check_motion_limits
 from ident.excitation.optimiser import Optimiser
 from ident.excitation.random_search import RandomSearch
 from ident.excitation.sampling import check_sampling
@@ -157,5 +157,17 @@ class LimitPlan:
         return Allowed(motion, torque, self.singular, self.clearance)
 
     def collision(self, arm: NominalArm, body: RigidBody) -> CollisionModel | None:
-        """The collision shapes of an arm, or ``None`` where collisions are not checked."""
-        return CollisionModel(arm, body, self.surface) if self.collisions else None
+        """The collision shapes of an arm, or ``None`` where collisions are not checked.
+
+        Raises:
+            InputError: there are none, or every body lies below the surface in nearly every posture.
+        """
+        if not self.collisions:
+            return None
+        collision = CollisionModel(arm, body, self.surface)
+        if self.surface is not None and not any(SURFACE in pair for pair in collision.pairs):
+            raise InputError(
+                f"the whole arm lies below a surface at {self.surface:g} m in nearly every posture",
+                f"{REMEDIES[SURFACE]}; it is measured in the base frame", where="surface",
+            )  # fmt: skip
+        return collision

@@ -124,9 +124,10 @@ class Search:
         return min(max(parts), 1.0)
 
     @property
-    def hardest(self) -> str:
-        """Which limit most candidates broke."""
-        return PENALISED[int(self._broken.argmax())]
+    def hardest(self) -> tuple[str, ...]:
+        """Limits that half of the candidates broke, and the one that most broke, which comes first."""
+        order = np.argsort(-self._broken, kind="stable")
+        return tuple(PENALISED[i] for i in order if 2 * self._broken[i] >= self.judged or i == order[0])
 
     @property
     def has_gradient(self) -> bool:

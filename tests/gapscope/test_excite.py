@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 import yaml
 
 from arm.dynamics import RigidBody
+from arm.errors import ModelWarning
 from arm.robots import load_nominal_arm
 
 Command = Callable[..., object]
@@ -75,6 +77,9 @@ def test_same_seed_same_trajectory_and_effects_are_reported(gapscope: Command, s
         ("kuka_iiwa", ("--margin", 2.5), ("allow no trajectory", "position")),
         ("kuka_iiwa", ("--clearance", 2), ("allow no trajectory", "clearance")),
         ("kuka_iiwa", ("--effects", "stiction,payload"), ("stiction",)),
+        ("kuka_iiwa", ("--acceleration", 1e-4, *QUICK), ("acceleration starves", "raise --acceleration")),
+        ("kuka_iiwa", ("--surface", 0.7, *QUICK), ("broken most: distance", "lower --surface")),
+        ("kuka_iiwa", ("--surface", 2), ("whole arm lies below", "lower --surface")),
     ],
 )
 def test_bad_input_is_refused_with_a_remedy(
@@ -85,6 +90,23 @@ def test_bad_input_is_refused_with_a_remedy(
     for word in words:
         assert word in done.err
     assert not list(tmp_path.iterdir())
+
+
+def test_a_starved_trajectory_is_written_with_a_warning(gapscope: Command, tmp_path: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", ModelWarning)
+        done = gapscope("excite", "kuka_iiwa", "--out", tmp_path / "x.csv", "--velocity", 0.01, *QUICK)
+    assert done.code == 0 and (tmp_path / "x.csv").exists()
+    assert "velocity starves it; raise --velocity" in done.err
+
+
+def test_help_names_units_and_fits_a_narrow_terminal(gapscope: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    lines = gapscope("excite", "--help").out.splitlines()
+    text = " ".join(line.strip() for line in lines)
+    for unit in ("[Hz]", "[s]", "[rad/s]", "[rad/s^2]", "[rad]", "[m]", "[1]"):
+        assert unit in text
+    assert max(map(len, lines)) <= 80 and len(lines) < 60
 
 
 def test_another_ending_is_refused(gapscope: Command, tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ ARMS = {
     "one oblique axis": ["revolute"],
     "two oblique axes": ["revolute", "revolute"],
     "a slide between": ["revolute", "prismatic"],
+    "three oblique axes": ["revolute"] * 3,
 }
 SQUARE = ("0 0 0", "1.570796326794897 0 0", "0 -1.5708 0.1")
 
@@ -46,7 +47,9 @@ def text(values) -> str:
     return " ".join(repr(float(x)) for x in values)
 
 
-@pytest.mark.parametrize("kinds", ARMS.values(), ids=ARMS)
+@pytest.mark.parametrize(
+    "kinds", [pytest.param(k, marks=pytest.mark.slow if len(k) > 2 else (), id=name) for name, k in ARMS.items()]
+)
 def test_closed_form_is_pinocchios_regressor(tmp_path, kinds):
     rng = np.random.default_rng(len(kinds))
     joints = [(kind, *(text(rng.uniform(-1, 1, 3)) for _ in range(3))) for kind in kinds]

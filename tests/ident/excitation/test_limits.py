@@ -123,6 +123,20 @@ def test_limits_that_allow_no_posture_are_named(
         checker(arm, body, limits, **changed).check_static(postures)
 
 
+@pytest.mark.parametrize(("height", "clearance", "word"), [(0.55, 0.01, "--surface"), (None, 0.3, "--clearance")])
+def test_remedy_for_a_distance_is_what_most_postures_come_near(
+    height: float | None, clearance: float, word: str, arm: NominalArm, body: RigidBody, limits: Limits
+) -> None:
+    postures = np.random.default_rng(0).uniform(limits.lower, limits.upper, (50, 3))
+    allowed = Allowed(limits, np.full(3, 40.0), 0.0, clearance)
+    assert word in Checker(arm, body, allowed, CollisionModel(arm, body, height)).remedy("distance", postures)
+
+
+def test_a_surface_above_the_whole_arm_is_refused(arm: NominalArm, body: RigidBody) -> None:
+    with pytest.raises(InputError, match="(?s)below a surface at 3 m.*--surface"):
+        LimitPlan(surface=3.0).collision(arm, body)
+
+
 def test_limits_without_room_are_refused(arm: NominalArm, body: RigidBody) -> None:
     for bad in (LimitPlan(velocity=0.0), LimitPlan(acceleration=-1.0), LimitPlan(margin=2.6), LimitPlan(torque=0.0)):
         with pytest.raises(InputError):

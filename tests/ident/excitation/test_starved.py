@@ -1,0 +1,83 @@
+"""Trajectories that tell nothing: which limit starves them, a warning, and a refusal."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from arm.dynamics import RigidBody
+from arm.errors import InputError, ModelWarning
+from arm.nominal import NominalArm
+from arm.trajectory import Limits
+from ident.excitation import starved
+from ident.excitation.criteria import CRITERIA, condition_number
+from ident.excitation.families import family
+from ident.excitation.limits import Allowed, Checker
+from ident.excitation.model import ExcitationModel
+from ident.excitation.parametrisation import Parametrisation
+from ident.excitation.search import SAMPLES, Budget, Search
+from ident.excitation.starved import check_condition, starving_limit
+
+Candidate = Callable[..., tuple[Search, np.ndarray, float]]
+TINY = {
+    "acceleration": {"acceleration": np.full(3, 1e-3)},
+    "velocity": {"velocity": np.full(3, 1e-3)},
+    "position": {"lower": np.full(3, 0.500), "upper": np.full(3, 0.501)},
+}
+"""Limits that starve a motion of the arm, each by itself."""
+
+
+@pytest.fixture
+def candidate(arm: NominalArm, body: RigidBody, limits: Limits) -> Candidate:
+    """A search within changed limits, a random candidate of it, and its condition number."""
+
+    def made(**changed: np.ndarray) -> tuple[Search, np.ndarray, float]:
+        within = limits._replace(**changed)
+        space = Parametrisation(family("fourier", 3, 10.0, 3, 0.1), within)
+        model = ExcitationModel(arm, body, ("armature", "viscous_friction"))
+        checker = Checker(arm, body, Allowed(within, np.full(3, 40.0), 0.0, 0.0), None)
+        search = Search(space, model, CRITERIA["condition"], checker, Budget(10))
+        x, t = space.draw(np.random.default_rng(0)), np.linspace(0, 10.0, SAMPLES)
+        return search, x, condition_number(model.matrix(space.motion(x, t, space.family.basis(t))))
+
+    return made
+
+
+@pytest.mark.parametrize("name", TINY)
+def test_the_limit_that_starves_a_motion_is_named(name: str, candidate: Candidate) -> None:
+    search, x, condition = candidate(**TINY[name])
+    found = starving_limit(search, x, condition)
+    assert found is not None and found.limit == name and found.condition < condition / 5
+
+
+def test_a_useless_trajectory_is_refused_with_the_option_that_helps(candidate: Candidate) -> None:
+    search, x, condition = candidate(acceleration=np.full(3, 1e-5))
+    assert condition > 1e8
+    with pytest.raises(InputError, match="(?s)acceleration starves it.*remedy: raise --acceleration"):
+        check_condition(search, x, condition)
+
+
+def test_a_poor_trajectory_is_warned_of(candidate: Candidate) -> None:
+    search, x, condition = candidate(velocity=np.full(3, 0.01))
+    assert 1e3 < condition < 1e8
+    with pytest.warns(ModelWarning, match="velocity starves it; raise --velocity"):
+        check_condition(search, x, condition)
+
+
+def test_where_no_limit_is_to_blame_more_search_is_advised(
+    candidate: Candidate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    search, x, _ = candidate()
+    monkeypatch.setattr(starved, "condition_number", lambda matrix: 1999.0)
+    with pytest.warns(ModelWarning, match="2e\\+03; allow more evaluations"):
+        check_condition(search, x, 2000.0)
+
+
+def test_a_good_trajectory_passes_without_a_word(candidate: Candidate) -> None:
+    search, x, _ = candidate()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_condition(search, x, 999.0)

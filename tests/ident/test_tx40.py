@@ -1,0 +1,33 @@
+"""A real arm: the TX40's published log, fitted and judged as in the comparison with FIGAROH."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from arm.case import load_case
+from ident.identification import Settings, identify
+from ident.samples import Band
+
+ROOT = Path(__file__).resolve().parents[2]
+CUTOFF = 10.0
+"""Cut-off of both sides [Hz]."""
+MOST = 0.11
+"""RMS residual over RMS torque, stacked over joints, all judged rows [1]; FIGAROH has 0.21, a plain fit 0.13."""
+
+
+@pytest.mark.shared_data
+@pytest.mark.slow
+def test_rows_that_were_not_fitted_are_predicted_by_bodies_that_can_exist():
+    data = Path(os.environ.get("GAPSCOPE_DATA") or ROOT.parent / "shared" / "data")
+    if not (data / "staubli_tx40").is_dir():
+        pytest.skip(f"no recordings of the TX40 in {data} (set GAPSCOPE_DATA)")
+    case = load_case(ROOT / "experiments" / "cases" / "staubli_tx40.yaml", data_root=data)
+    found = identify(case, Settings(cutoff=CUTOFF, trim=False))
+    band = Band(CUTOFF, trim=False)
+    (judged,) = band.segments(case.judged)
+    torque = band.filtered(np.asarray(judged.torque), judged)
+    left = torque - band.filtered(found.predict(judged.motion), judged)
+    assert np.sqrt((left**2).sum() / (torque**2).sum()) <= MOST
+    assert all(check.consistent for check in found.physical.after)
