@@ -12,6 +12,7 @@ however long the step, and vanishes where a joint moves.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,29 +91,31 @@ class RollOut:
 
 
 class Stepper:
-    """Steps of a plant; positions, velocities and torques of shape (n,) in kinematic order.
+    """Steps of a plant in R states at once; positions, velocities, torques of shape (R, n) in kinematic order.
 
     Args:
         body: rigid bodies of the arm; its inertias are replaced by the plant's.
         plant: what moves.
         dt: time step h [s].
+        states: R.
 
     Attributes:
-        forward: its forward dynamics.
         order: ``q[order]`` is in kinematic order.
     """
 
-    def __init__(self, body: RigidBody, plant: Plant, dt: float) -> None:
+    def __init__(self, body: RigidBody, plant: Plant, dt: float, states: int = 1) -> None:
         own = body.inertial_parameters().reshape(-1, 10)
         self.order, self.dt, self._links = body.order, dt, plant.inertial.copy()
-        self.forward = ForwardDynamics(body.changed(plant.inertial - own), plant.armature[self.order])
+        moved = body.changed(plant.inertial - own)
+        self._forward = [ForwardDynamics(moved, plant.armature[self.order]) for _ in range(states)]
         self.set_drives(plant)
 
     def set_plant(self, plant: Plant) -> None:
         """Take another plant."""
         for place, link in enumerate(self.order):
             if (plant.inertial[link] != self._links[link]).any():
-                self.forward.set_link(place, plant.inertial[link])
+                for forward in self._forward:
+                    forward.set_link(place, plant.inertial[link])
                 self._links[link] = plant.inertial[link]
         self.set_drives(plant)
 
@@ -122,17 +125,22 @@ class Stepper:
         self._armature, self._viscous, self._coulomb, self._offset = (x[self.order] for x in law)
 
     def friction(self, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """B v + c tanh(v / v0) [N m], and the slope b + s [N m s/rad]; shape (n,) each."""
+        """B v + c tanh(v / v0) [N m], and the slope b + s [N m s/rad]; shape (R, n) each."""
         x = dq / FRICTION_SMOOTHING
         bent = np.tanh(x)
         slope = self._coulomb / FRICTION_SMOOTHING * taper(x)
         return self._viscous * dq + self._coulomb * bent, self._viscous + slope
 
     def acceleration(self, q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> np.ndarray:
-        """A of the step [rad/s^2]; q is the position half a step on. Valid until the next call."""
+        """A of the step [rad/s^2]; q is the position half a step on."""
         friction, slope = self.friction(dq)
-        self.forward.set_rotors(self._armature + self.dt * slope)
-        return self.forward.acceleration(q, dq, torque + self._offset - friction)
+        rotors = self._armature + self.dt * slope
+        free = torque + self._offset - friction
+        out = np.empty_like(q)
+        for row, forward in enumerate(self._forward):
+            forward.set_rotors(rotors[row])
+            out[row] = forward.acceleration(q[row], dq[row], free[row])
+        return out
 
     def __call__(self, q: np.ndarray, dq: np.ndarray, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Position and velocity after one step under a torque [N m]."""
@@ -162,7 +170,21 @@ def roll_out(
     start: tuple[np.ndarray, np.ndarray] | None = None,
     rule: str = "bilinear",
 ) -> RollOut:
-    """Roll the closed loop out.
+    """Roll the closed loop out under one series of commands, as ``roll_outs`` does under several."""
+    (out,) = roll_outs(body, plant, controller, [commands], limit, None if start is None else [start], rule)
+    return out
+
+
+def roll_outs(
+    body: RigidBody,
+    plant: Plant,
+    controller: Controller,
+    commands: Sequence[Commands],
+    limit: np.ndarray | None = None,
+    starts: Sequence[tuple[np.ndarray, np.ndarray]] | None = None,
+    rule: str = "bilinear",
+) -> tuple[RollOut, ...]:
+    """Roll the closed loop out under several series of commands at once; the last command of a shorter one is held.
 
     At each tick tau = feedforward + kp (q_ref - q) + kd (dq_ref - dq), clipped, and held until the next.
 
@@ -172,37 +194,49 @@ def roll_out(
         controller: in the arm's joint order.
         commands: at the controller's ticks.
         limit: of the torque [N m], shape (n,), or ``None``.
-        start: position [rad] and velocity [rad/s], each of shape (n,); the reference's by default.
+        starts: position [rad] and velocity [rad/s], each of shape (n,); the references' by default.
         rule: how the controller discretises its velocity filter, one of ``arm.velocity_filter.RULES``.
 
     Raises:
         GapscopeError: the arm ran away.
     """
     count = steps_per_tick(controller)
-    stepper = Stepper(body, plant, 1.0 / (controller.rate * count))
+    stepper = Stepper(body, plant, 1.0 / (controller.rate * count), len(commands))
     order, places = body.order, body.places
-    kp, kd = controller.kp, controller.kd
-    bound = np.full(len(kp), np.inf) if limit is None else limit
-    first, speed = start or (commands.q[0], commands.dq[0])
-    q, dq = first[order], speed[order]
+    bound = np.inf if limit is None else limit
+    q_ref, dq_ref, feedforward = (together([getattr(c, name) for c in commands]) for name in ("q", "dq", "torque"))
+    first, speed = (q_ref[0], dq_ref[0]) if starts is None else (np.array(x) for x in zip(*starts, strict=True))
+    q, dq = first[:, order], speed[:, order]
     velocity = VelocityFilter(
         controller.rate, controller.velocity_cutoff, controller.velocity_damping, first, speed, rule
     )
-    out = RollOut(commands.t, *(np.empty_like(commands.q) for _ in range(4)))
-    for i in range(len(commands.t)):
-        now = q[places]
+    out = [np.empty_like(q_ref) for _ in range(4)]
+    for i in range(len(q_ref)):
+        now = q[:, places]
         seen = velocity(now)
-        torque = commands.torque[i] + kp * (commands.q[i] - now) + kd * (commands.dq[i] - seen)
+        torque = feedforward[i] + controller.kp * (q_ref[i] - now) + controller.kd * (dq_ref[i] - seen)
         torque = np.minimum(np.maximum(torque, -bound), bound)
-        out.q[i], out.dq[i], out.tau[i], out.speed[i] = now, seen, torque, dq[places]
-        held = torque[order]
+        for series, value in zip(out, (now, seen, torque, dq[:, places]), strict=True):
+            series[i] = value
+        held = torque[:, order]
         for _ in range(count):
             q, dq = stepper(q, dq, held)
         if not np.abs(dq).max() < UNSTABLE_SPEED:
-            joint = int(np.argmax(~(np.abs(dq[places]) < UNSTABLE_SPEED))) + 1
-            raise GapscopeError(
-                f"the rolled out arm ran away at joint {joint}, at t = {commands.t[i]:.3g} s",
-                "check (a) the controller's gains and units, (b) that the parameters make a positive mass matrix, "
-                "(c) that reference and recording belong together",
-            )
-    return out
+            raise _ran_away(dq[:, places], i / controller.rate + np.array([c.t[0] for c in commands]))
+    return tuple(RollOut(c.t, *(series[: len(c.t), k] for series in out)) for k, c in enumerate(commands))
+
+
+def together(series: Sequence[np.ndarray]) -> np.ndarray:
+    """R series of shape (K_r, ...) side by side, (K, R, ...); the last row of a shorter one is repeated."""
+    longest = max(map(len, series))
+    return np.stack([np.concatenate([x, np.repeat(x[-1:], longest - len(x), axis=0)]) for x in series], axis=1)
+
+
+def _ran_away(dq: np.ndarray, t: np.ndarray) -> GapscopeError:
+    """The error that names the first joint that is too fast; dq of shape (R, n), t of shape (R,)."""
+    row, joint = np.argwhere(~(np.abs(dq) < UNSTABLE_SPEED))[0]
+    return GapscopeError(
+        f"the rolled out arm ran away at joint {joint + 1}, at t = {t[row]:.3g} s",
+        "check (a) the controller's gains and units, (b) that the parameters make a positive mass matrix, "
+        "(c) that reference and recording belong together",
+    )

@@ -1,38 +1,31 @@
 """Bias, deviation and coverage of the estimators by Monte Carlo over arms simulated in PyBullet and MuJoCo.
 
-Three joints of the KUKA iiwa (1, 2 and 4 by default; the others locked) with rotors and viscous friction follow random
-Fourier motions of 10 s, four to fit and two to judge, in each engine; noise is drawn anew in each run, on encoders and
-torque. Positions are filtered at 20 Hz and differentiated, columns and torque at 12 Hz, one sample of five is kept.
+The arms are those of ``monte_carlo_arms.py``, simulated in each engine; noise is drawn anew in each run, on encoders
+and torque.
 
 Tables: (1) per estimator and noise level the bias and the standard deviation of the base parameters, both as the
-torque that they make, and the RMSE of the torque predicted on the motions to judge; (2) coverage of 95 % intervals of
-the parameters; (3) the same and of the predicted torque with one effect in the arm that the model lacks.
+torque that they make, and the RMSE of the torque predicted on the motions to judge; (2) the same with dry friction in
+arm and model; (3) coverage of 95 % intervals of the parameters and of the predicted torque, without and with dry
+friction, and with one effect in the arm that the model lacks.
 
-Run with ``--runs 100 --simulating 10``; ``--out FILE.md`` writes the tables.
+Run with ``--runs 100 --consistent 20``, and with ``--runs 0 --consistent 0 --simulating 10`` for the estimators that
+simulate, whose draws are their own; ``--arms`` chooses. ``--out FILE.md`` holds the tables so far after each run.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from monte_carlo_arms import ENGINES, JOINTS, LEVELS, World, simulated, unmodelled
 from rich.console import Console
 from rich.progress import Progress
 
-from arm.dynamics import RigidBody
-from arm.motions import workspace
-from arm.recording import Recording
-from arm.robots import load_nominal_arm
 from arm.whole import written_whole
-from effects.applied import AppliedEffect
-from envs.mystery import position_controller
-from envs.session import Plan, record_case
-from ident.base_parameters import BaseParameters, base_parameters
-from ident.conditioning import condition, low_pass
-from ident.estimate import Estimate, Estimator
+from ident.estimate import Estimator
 from ident.estimators.consistent_sdp import ConsistentSdp
 from ident.estimators.didim import DirectInverse
 from ident.estimators.instrumental_variables import InstrumentalVariables
@@ -48,82 +41,13 @@ from ident.estimators.truncated_svd import TruncatedSvd
 from ident.estimators.wls import WeightedLeastSquares
 from ident.experiment import Experiment
 from ident.problem import Problem
-from ident.regressor import Regressor
 from ident.torque_interval import torque_interval
 from ident.uncertainty import Uncertainty, block_jackknife, plain, sandwich
 
-JOINTS = (1, 2, 4)
-"""Joints of the iiwa that move, by default."""
-ARMATURE = (0.3, 0.3, 0.2, 0.2, 0.1, 0.1, 0.05)
-VISCOUS = (4.0, 4.0, 2.0, 2.0, 1.0, 1.0, 0.5)
-LEVELS = (0.01, 0.03, 0.1)
-"""Noise: white torque noise over the joint's standard deviation; encoders have ``ENCODER`` times as much [rad]."""
-ENCODER = 1e-3
-POSITION_CUTOFF, CUTOFF, RATE, EVERY = 20.0, 12.0, 250.0, 5
-FIT, JUDGE = 4, 2
-TICKS = 4000.0
-"""Rate of the controller, and so of the simulation [Hz]: its steps bias rotor inertias by viscous friction times half
-a step."""
-ENGINES = ("pybullet", "mujoco")
-
-
-@dataclass(frozen=True)
-class World:
-    """A simulated truth.
-
-    Attributes:
-        regressor: of the nominal arm, which is the truth but for what ``unmodelled`` adds.
-        base: its base parameters.
-        fit, judge: recordings without noise.
-    """
-
-    regressor: Regressor
-    base: BaseParameters
-    fit: tuple[Recording, ...]
-    judge: tuple[Recording, ...]
-
-    @property
-    def truth(self) -> np.ndarray:
-        """True base parameters, shape (b,)."""
-        return self.base.of(self.regressor.nominal())
-
-    @property
-    def prior(self) -> np.ndarray:
-        """What a simulated arm would give: bodies 10 % too light, friction and rotors 30 % too large, shape (p,)."""
-        count = 10 * self.regressor.arm.n_joints
-        nominal = self.regressor.nominal()
-        return np.concatenate([nominal[:count] / 1.1, 1.3 * nominal[count:]])
-
-    def problem(self, recordings: tuple[Recording, ...], level: float, rng: np.random.Generator) -> Problem:
-        """Noise added, signals conditioned, all p columns and the torque through one filter."""
-        parts = []
-        for recording in recordings:
-            assert recording.tau is not None
-            q = recording.q + ENCODER * level * rng.standard_normal(recording.q.shape)
-            spread = level * recording.tau.std(axis=0)
-            tau = recording.tau + spread * rng.standard_normal(recording.tau.shape)
-            (segment,) = condition(replace(recording, q=q, tau=tau, dq=None), POSITION_CUTOFF)
-            matrix = self.regressor.matrix(segment.motion)
-            assert segment.torque is not None
-            both = np.concatenate([matrix, segment.torque[..., None]], axis=2)
-            filtered = low_pass(both.reshape(len(both), -1), RATE, CUTOFF)[segment.inner][::EVERY]
-            parts.append(filtered.reshape(-1, *both.shape[1:]))
-        group = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
-        stacked = np.concatenate(parts)
-        return Problem(stacked[..., :-1], stacked[..., -1], self.regressor.names, group, EVERY / RATE)
-
-    def errors(self, level: float) -> tuple[np.ndarray, float]:
-        """Standard deviation of the errors of each base column, shape (b,), and of the torque [N m], by one draw."""
-        noisy, clean = (self.reduced(self.problem(self.fit, own, np.random.default_rng(0))) for own in (level, 0.0))
-        columns = (noisy.matrix - clean.matrix).std(axis=(0, 1))
-        return np.where(columns > 1e-9, columns, 0.0), float((noisy.torque - clean.torque).std())
-
-    def reduced(self, problem: Problem) -> Problem:
-        """The base columns of a problem."""
-        kept = self.base.kept
-        names = tuple(np.asarray(problem.names)[kept])
-        return Problem(problem.matrix[..., kept], problem.torque, names, problem.group, problem.interval)
-
+DRY, LACKING = "dry", "lacking"
+ARMS = (*ENGINES, DRY, LACKING)
+"""What ``--arms`` chooses from: an engine's arm, one with dry friction, and those that the model lacks an effect of."""
+HEAD = ["estimator", "runs", *(f"noise {level:.0%}" for level in LEVELS)]
 
 Made = Callable[[World, float], Estimator]
 BASE: dict[str, Made] = {
@@ -148,129 +72,89 @@ STANDARD: dict[str, Made] = {
 """Estimators of all standard parameters, ``--consistent`` runs each."""
 
 
-def repeated(world: World, recordings: tuple[Recording, ...]) -> Experiment:
-    """Noisy recordings, how the simulator repeats them, and how both become a problem."""
-    nominal, still = world.regressor.arm, np.random.default_rng(0)
-    posture = workspace(world.regressor.body).posture
-    controller = replace(position_controller(nominal, posture), rate=TICKS)
-    build = lambda given: world.reduced(world.problem(tuple(given), 0.0, still))  # noqa: E731
-    return Experiment(world.regressor, world.base, controller, recordings, build, world.prior)
-
-
-def by_simulation(kind: Callable[[Experiment], Estimator]) -> Callable[[World, tuple[Recording, ...]], Estimate]:
-    """An estimator that simulates, as a function of world and noisy recordings; it starts from the prior."""
-
-    def estimate(world: World, recordings: tuple[Recording, ...]) -> Estimate:
-        experiment = repeated(world, recordings)
-        return kind(experiment).estimate(experiment.build(recordings))
-
-    return estimate
-
-
-SIMULATING: dict[str, Callable[[World, tuple[Recording, ...]], Estimate]] = {
-    "IDIM-IV": by_simulation(InstrumentalVariables),
-    "DIDIM": by_simulation(DirectInverse),
-    "output error": by_simulation(OutputError),
+SIMULATING: dict[str, Callable[[Experiment], Estimator]] = {
+    "WLS, same draws": lambda experiment: WeightedLeastSquares(),
+    "IDIM-IV": InstrumentalVariables,
+    "DIDIM": DirectInverse,
+    "output error": OutputError,
 }
-"""Estimators that simulate, ``--simulating`` runs each: world and noisy recordings to base parameters."""
-
-
-def unmodelled(joints: tuple[int, ...]) -> dict[str, tuple[AppliedEffect, ...]]:
-    """What the arm has and the model lacks; effects count joints among those that move."""
-    two, four = joints.index(2) + 1, joints.index(4) + 1
-    every = tuple(range(1, len(joints) + 1))
-    return {
-        "load friction 0.15, joints 2 and 4": (
-            AppliedEffect("load_friction", (two, four), {"coefficient": [0.15, 0.15]}),
-        ),
-        "Stribeck friction 2 N m, all joints": (
-            AppliedEffect("stribeck_friction", every, {"torque": 2.0, "velocity": 0.2}),
-        ),
-        "elasticity 1500 N m/rad, joint 2": (
-            AppliedEffect("joint_elasticity", (two,), {"stiffness": [1500.0], "damping": [5.0]}),
-        ),
-    }
-
-
-def simulated(engine: str, joints: tuple[int, ...], effects: tuple[AppliedEffect, ...], seed: int = 5) -> World:
-    """Record the true arm, without noise."""
-    at = np.array(joints) - 1
-    sheet = {"armature": np.array(ARMATURE)[at].tolist(), "viscous": np.array(VISCOUS)[at].tolist()}
-    nominal = load_nominal_arm("kuka_iiwa", joints=[f"lbr_iiwa_joint_{joint}" for joint in joints], sheet=sheet)
-    rng = np.random.default_rng(seed)
-    controller = replace(position_controller(nominal, workspace(RigidBody(nominal)).posture), rate=TICKS)
-    plan = Plan(recordings=1, noise=0.0, rate=RATE, engine=engine)
-    recordings = [
-        replace(record_case("truth", nominal, effects, plan, rng, controller=controller).recordings[0], name=f"{i + 1}")
-        for i in range(FIT + JUDGE)
-    ]
-    regressor = Regressor(nominal)
-    (segment,) = condition(recordings[0], POSITION_CUTOFF)
-    matrix = regressor.matrix(segment.motion)
-    base = base_parameters(matrix.reshape(-1, matrix.shape[2]), regressor.names)
-    return World(regressor, base, tuple(recordings[:FIT]), tuple(recordings[FIT:]))
+"""Estimators that simulate, and the one that they start from, ``--simulating`` runs each."""
 
 
 @dataclass
 class Tally:
     """Values and judged torque of one estimator over the runs."""
 
-    values: list[np.ndarray]
-    errors: list[float]
+    values: list[np.ndarray] = field(default_factory=list)
+    errors: list[float] = field(default_factory=list)
 
     def row(self, truth: np.ndarray, rms: np.ndarray) -> str:
-        """Bias, standard deviation and torque RMSE [mN m]."""
+        """Bias, standard deviation and torque RMSE [mN m]; empty before the second run."""
+        if len(self.values) < 2:
+            return ""
         values = np.array(self.values)
         bias, spread = (values.mean(axis=0) - truth) * rms, values.std(axis=0, ddof=1) * rms
         figures = (np.sqrt((bias**2).mean()), np.sqrt((spread**2).mean()), np.mean(self.errors))
         return " / ".join(f"{1e3 * figure:.1f}" for figure in figures)
 
 
-def compare(
-    world: World, level: float, counts: dict[str, int], rng: np.random.Generator, step: Callable[[], None]
-) -> dict[str, str]:
-    """Figures of every estimator at one noise level."""
-    still = np.random.default_rng(0)
-    judged = world.reduced(world.problem(world.judge, 0.0, still))
-    fitted = world.reduced(world.problem(world.fit, 0.0, still))
-    rms = np.sqrt((fitted.matrix**2).mean(axis=(0, 1)))
-    base = {name: made(world, level) for name, made in BASE.items()}
-    tallies = {name: Tally([], []) for name in (*BASE, *STANDARD, *SIMULATING)}
-    for run in range(max(counts.values())):
-        found: dict[str, np.ndarray] = {}
-        problem = world.problem(world.fit, level, rng)
-        if run < counts["runs"]:
-            reduced = world.reduced(problem)
-            found |= {name: estimator.estimate(reduced).value for name, estimator in base.items()}
-        if run < counts["consistent"]:
-            standard = {name: made(world, level).estimate(problem).value for name, made in STANDARD.items()}
-            found |= {name: world.base.of(value) for name, value in standard.items()}
-        if run < counts["simulating"] and SIMULATING:
-            noisy = tuple(noised(recording, level, rng) for recording in world.fit)
-            found |= {name: estimate(world, noisy).value for name, estimate in SIMULATING.items()}
+class Comparison:
+    """What the estimators make of one world, a column per noise level."""
+
+    def __init__(self, label: str, world: World) -> None:
+        self.label, self._world = label, world
+        self._judged = world.reduced(world.problem(world.judge))
+        fitted = world.reduced(world.problem(world.fit))
+        self._rms = np.sqrt((fitted.matrix**2).mean(axis=(0, 1)))
+        self._tallies: dict[str, dict[float, Tally]] = {}
+
+    def add(self, level: float, found: dict[str, np.ndarray]) -> None:
+        """The base parameters of one run, by estimator."""
         for name, value in found.items():
-            tallies[name].values.append(value)
-            tallies[name].errors.append(float(np.sqrt((judged.residual(value) ** 2).mean())))
+            levels = self._tallies.setdefault(name, {own: Tally() for own in LEVELS})
+            levels[level].values.append(value)
+            levels[level].errors.append(float(np.sqrt((self._judged.residual(value) ** 2).mean())))
+
+    def linear(self, level: float, counts: dict[str, int], rng: np.random.Generator, step: Callable[[], None]) -> None:
+        """Runs of the estimators that do not simulate."""
+        world = self._world
+        base = {name: made(world, level) for name, made in BASE.items()}
+        for run in range(max(counts["runs"], counts["consistent"])):
+            problem = world.problem(world.noisy(level, rng))
+            if run < counts["runs"]:
+                reduced = world.reduced(problem)
+                self.add(level, {name: estimator.estimate(reduced).value for name, estimator in base.items()})
+            if run < counts["consistent"]:
+                standard = {name: made(world, level).estimate(problem).value for name, made in STANDARD.items()}
+                self.add(level, {name: world.base.of(value) for name, value in standard.items()})
+            step()
+
+    def simulating(self, level: float, rng: np.random.Generator, step: Callable[[], None]) -> None:
+        """One run of the estimators that simulate."""
+        recordings = self._world.noisy(level, rng)
+        experiment = self._world.experiment(recordings)
+        problem = experiment.build(recordings)
+        self.add(level, {name: made(experiment).estimate(problem).value for name, made in SIMULATING.items()})
         step()
-    return {name: tally.row(world.truth, rms) for name, tally in tallies.items() if len(tally.values) > 1}
 
-
-def noised(recording: Recording, level: float, rng: np.random.Generator) -> Recording:
-    """A recording with the noise of one run."""
-    assert recording.tau is not None
-    q = recording.q + ENCODER * level * rng.standard_normal(recording.q.shape)
-    spread = level * recording.tau.std(axis=0)
-    return replace(recording, q=q, tau=recording.tau + spread * rng.standard_normal(recording.tau.shape), dq=None)
+    def text(self) -> str:
+        """The table so far."""
+        rows = []
+        for name, levels in self._tallies.items():
+            runs = "/".join(str(len(tally.values)) for tally in levels.values())
+            figures = (tally.row(self._world.truth, self._rms) for tally in levels.values())
+            rows.append([name, runs, *figures])
+        return f"{self.label}: bias / standard deviation / RMSE of judged torque [mN m]\n\n{table(HEAD, rows)}"
 
 
 def coverage(
     world: World, level: float, runs: int, rng: np.random.Generator, step: Callable[[], None]
 ) -> dict[str, float]:
     """Share of parameters, and of samples of predicted torque, within their 95 % intervals; share of runs warned."""
-    judged = world.reduced(world.problem(world.judge, 0.0, np.random.default_rng(0)))
+    judged = world.reduced(world.problem(world.judge))
     hits: dict[str, list[float]] = {}
     for _ in range(runs):
-        problem = world.reduced(world.problem(world.fit, level, rng))
+        problem = world.reduced(world.problem(world.noisy(level, rng)))
         estimator = WeightedLeastSquares()
         estimate = estimator.estimate(problem)
         weight = np.diag(estimate.residual**-2)
@@ -306,45 +190,89 @@ def table(head: list[str], rows: list[list[str]]) -> str:
     return "\n".join(lines + ["| " + " | ".join(row) + " |" for row in rows])
 
 
+class Report:
+    """Tables as they grow, written after each run."""
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        self.comparisons: list[Comparison] = []
+        self.shares: list[tuple[str, dict[str, float]]] = []
+
+    def text(self) -> str:
+        """All tables so far."""
+        texts = [comparison.text() for comparison in self.comparisons]
+        if self.shares:
+            kinds = list(self.shares[0][1])
+            rows = [[label, *(f"{share[kind]:.1%}" for kind in kinds)] for label, share in self.shares]
+            texts.append(f"coverage of 95 % intervals, weighted least squares\n\n{table(['arm', *kinds], rows)}")
+        return "\n\n".join(texts)
+
+    def write(self) -> None:
+        """Write the tables so far."""
+        if self._path:
+            with written_whole(self._path) as aside:
+                aside.write_text(self.text() + "\n", encoding="utf-8")
+
+
+def measure(
+    label: str,
+    world: World,
+    counts: dict[str, int],
+    rng: np.random.Generator,
+    seed: list[int],
+    report: Report,
+    step: Callable[[], None],
+) -> None:
+    """All tables of one arm; ``seed`` is that of the estimators that simulate."""
+    comparison = Comparison(label, world)
+    report.comparisons.append(comparison)
+    for level in LEVELS:
+        comparison.linear(level, counts, rng, step)
+    for run in range(counts["simulating"]):
+        for place, level in enumerate(LEVELS):
+            comparison.simulating(level, np.random.default_rng([*seed, place, run]), step)
+    for level in LEVELS if counts["runs"] else ():
+        report.shares.append((f"{label}, noise {level:.0%}", coverage(world, level, counts["runs"], rng, step)))
+
+
 def main() -> None:
     """Run, print and write the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=100)
     parser.add_argument("--consistent", type=int, default=20)
-    parser.add_argument("--simulating", type=int, default=10)
+    parser.add_argument("--simulating", type=int, default=0)
+    parser.add_argument("--arms", nargs="+", choices=ARMS, default=ARMS)
     parser.add_argument("--joints", type=int, nargs="+", default=JOINTS, help="of the iiwa, 2 and 4 among them")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=None)
     options = parser.parse_args()
     joints, rng = tuple(options.joints), np.random.default_rng(options.seed)
     counts = {"runs": options.runs, "consistent": options.consistent, "simulating": options.simulating}
-    largest, console = max(counts.values()), Console()
-    texts = []
+    console, report = Console(), Report(options.out)
+    per_arm = len(LEVELS) * (max(options.runs, options.consistent) + options.simulating + options.runs)
+    lacking = unmodelled(joints) if LACKING in options.arms and options.runs else {}
+    whole = [arm for arm in options.arms if arm != LACKING]
     with Progress(console=console) as progress:
-        total = len(ENGINES) * len(LEVELS) * (largest + options.runs) + len(unmodelled(joints)) * options.runs
-        task = progress.add_task("runs", total=total)
-        step = lambda: progress.advance(task)  # noqa: E731
-        shares = []
-        for engine in ENGINES:
-            world = simulated(engine, joints, ())
-            columns = [compare(world, level, counts, rng, step) for level in LEVELS]
-            rows = [[name, *(column[name] for column in columns)] for name in columns[0]]
-            head = ["estimator", *(f"noise {level:.0%}" for level in LEVELS)]
-            texts.append(f"{engine}: bias / standard deviation / RMSE of judged torque [mN m]\n\n{table(head, rows)}")
-            shares += [
-                [f"{engine}, noise {level:.0%}", coverage(world, level, options.runs, rng, step)] for level in LEVELS
-            ]
-        for name, effects in unmodelled(joints).items():
+        task = progress.add_task("runs", total=len(whole) * per_arm + len(lacking) * options.runs)
+
+        def step() -> None:
+            progress.advance(task)
+            report.write()
+
+        for place, engine in enumerate(ENGINES):
+            if engine in whole:
+                measure(engine, simulated(engine, joints), counts, rng, [options.seed, place], report, step)
+        for name, effects in lacking.items():
             world = simulated(ENGINES[0], joints, effects)
-            shares.append([f"lacks {name}, noise {LEVELS[1]:.0%}", coverage(world, LEVELS[1], options.runs, rng, step)])
-    kinds = list(shares[0][1])
-    rows = [[label, *(f"{share[kind]:.1%}" for kind in kinds)] for label, share in shares]
-    texts.append(f"coverage of 95 % intervals, weighted least squares\n\n{table(['arm', *kinds], rows)}")
-    text = "\n\n".join(texts)
-    console.print(text, soft_wrap=True, highlight=False, markup=False)
+            share = coverage(world, LEVELS[1], options.runs, rng, step)
+            report.shares.append((f"lacks {name}, noise {LEVELS[1]:.0%}", share))
+        if DRY in whole:
+            own, seed = np.random.default_rng([options.seed, 1]), [options.seed, len(ENGINES)]
+            label = f"{ENGINES[0]} with dry friction"
+            measure(label, simulated(ENGINES[0], joints, dry=True), counts, own, seed, report, step)
+    report.write()
+    console.print(report.text(), soft_wrap=True, highlight=False, markup=False)
     if options.out:
-        with written_whole(options.out) as aside:
-            aside.write_text(text + "\n", encoding="utf-8")
         console.print(f"wrote {options.out}")
 
 

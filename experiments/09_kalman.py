@@ -6,7 +6,8 @@ MuJoCo by turns. Base parameters are unknown to the search throughout.
 
 Tables: (1) per recording the moment and the mass of the pick-up, as the two-sided fit finds them, and when the
 sequential alarm sounds; (2) how near recordings without change come to the thresholds; (3) recursive against batch
-estimates; (4) the time constant of friction that warms up. ``--out FILE.md`` writes them.
+estimates; (4) the time constant of friction that warms up; (5) with ``--unscented N``, when the alarm sounds on the
+innovations of the unscented filter, over the first N recordings of each kind. ``--out FILE.md`` writes the tables.
 """
 
 from __future__ import annotations
@@ -31,15 +32,18 @@ from ident.assembly import Assembly
 from ident.base_parameters import structural_base
 from ident.estimators.wls import WeightedLeastSquares
 from ident.kalman.alarm import alarm
-from ident.kalman.change import Change, find_change, friction_hypothesis, payload_hypothesis
+from ident.kalman.change import Change, Hypothesis, find_change, friction_hypothesis, payload_hypothesis
 from ident.kalman.drift import fit_warming
 from ident.kalman.recursive import Recursive
+from ident.kalman.unscented import Unscented
 from ident.regressor import Regressor
 
 ENGINES = tuple(name for name in ("pybullet", "mujoco") if installed(name))
 DURATION = 10.0
 WARMING = 40.0
 """Length of a recording while friction warms up [s]."""
+LEARNT = 2.0
+"""Length of the stretch from which the alarm's filter knows the noise [s]."""
 LACKED = (
     AppliedEffect("stribeck_friction", (1, 2, 3, 4), {"torque": [0.8, 0.8, 0.5, 0.5], "velocity": [0.1] * 4}),
     AppliedEffect("load_friction", (2, 4), {"coefficient": [0.05, 0.05]}),
@@ -90,18 +94,29 @@ class Bench:
             torque_noise=0.1, engine=engine, later=later,
         )  # fmt: skip
 
-    def run(self, seed: int, pickup: bool) -> Run:
-        """Record, search, listen."""
+    def drawn(self, seed: int, pickup: bool) -> tuple[Recording, float, float]:
+        """A recording, the moment at which something is picked up [s], and its mass [kg]."""
         rng = np.random.default_rng([seed, int(pickup)])
-        engine, lacked = ENGINES[seed // 2 % len(ENGINES)], LACKED if seed % 2 else ()
+        engine, lacked = self.kind(seed)
         moment, mass = float(rng.uniform(2.5, 7.5)), float(rng.uniform(0.5, 3.0))
         com = np.append(rng.uniform(-0.05, 0.05, 2), rng.uniform(0.0, 0.1))
         load = AppliedEffect("payload", (), {"mass": np.array(mass), "com": com})
-        recording = self.recorded(rng, engine, lacked, (moment, (*lacked, load)) if pickup else None)
+        return self.recorded(rng, engine, lacked, (moment, (*lacked, load)) if pickup else None), moment, mass
+
+    @staticmethod
+    def kind(seed: int) -> tuple[str, tuple[AppliedEffect, ...]]:
+        """Engine of a recording, and what its arm has beyond the model."""
+        return ENGINES[seed // 2 % len(ENGINES)], LACKED if seed % 2 else ()
+
+    def run(self, seed: int, pickup: bool) -> Run:
+        """Record, search, listen; the alarm knows the noise of the first ``LEARNT`` seconds."""
+        recording, moment, mass = self.drawn(seed, pickup)
+        engine, lacked = self.kind(seed)
         problem, t = self.assembly([recording]), self.assembly.times(recording)
         batch = WeightedLeastSquares().estimate(problem)
         recursive = Recursive(batch.residual).follow(problem, t)
-        heard = alarm(recursive, self.payload)
+        early = WeightedLeastSquares().estimate(problem.rows(slice(0, int(np.searchsorted(t - t[0], LEARNT)))))
+        heard = alarm(Recursive(early.residual).follow(problem, t), self.payload)
         return Run(
             f"{seed + 1}, {engine}{', lacks effects' if lacked else ''}",
             moment if pickup else None,
@@ -111,6 +126,16 @@ class Bench:
             float(heard.statistic.max()),
             float((np.abs(recursive.value[-1] - batch.value) / batch.deviation).max()),
         )
+
+    def heard_without_derivatives(self, seed: int, pickup: bool) -> tuple[float | None, float | None]:
+        """Moment of the pick-up [s], and when the alarm sounds on the innovations of the unscented filter [s]."""
+        recording, moment, _ = self.drawn(seed, pickup)
+        n = self.arm.n_joints
+        names, spread = tuple(f"{kind}{n}" for kind in ("m", "mx", "my", "mz")), np.array([0.3, 0.02, 0.02, 0.02])
+        filtered = Unscented(Regressor(self.arm), names, spread, 0.1 * spread, 3e-5, np.full(n, 0.5))
+        directions = np.concatenate([np.zeros((2 * n, len(names))), np.eye(len(names))])
+        track = filtered.follow(recording, every=5)
+        return moment if pickup else None, alarm(track, Hypothesis("payload", names, directions), window=0.3).time
 
     def warming(self, seed: int) -> list[str]:
         """A row about friction that warms up."""
@@ -154,10 +179,47 @@ def good(run: Run) -> bool:
     return abs(change.time - run.moment) <= 0.5 and abs(change.size[0] / run.mass - 1) <= 0.1
 
 
+def unscented(bench: Bench, seeds: range, console: Console) -> str:
+    """What the alarm hears from the unscented filter, on arms whose effects the model has, and on others."""
+    lines = []
+    for label, own in (("has all effects", 0), ("lacks effects", 1)):
+        alike = [seed for seed in seeds if seed % 2 == own]
+        runs = [(bench.heard_without_derivatives(seed, True), bench.heard_without_derivatives(seed, False))
+                for seed in progress(alike, f"unscented, {label}", console=console)]  # fmt: skip
+        delays = [when - moment for (moment, when), _ in runs if when is not None and moment is not None]
+        soon, false = sum(-0.1 < delay < 0.5 for delay in delays), sum(when is not None for _, (_, when) in runs)
+        lines.append(
+            f"Alarm on the unscented filter, model {label}: {soon} of {len(alike)} pick-ups within 0.5 s, "
+            f"{false} alarms in {len(alike)} recordings without change; delays "
+            + ", ".join(f"{delay:.2f}" for delay in delays)
+        )
+    return "\n".join(lines)
+
+
 def table(head: list[str], rows: list[list[str]]) -> str:
     """A table in Markdown."""
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     return "\n".join(lines + ["| " + " | ".join(cells) + " |" for cells in rows])
+
+
+def followed(bench: Bench, seeds: range, console: Console) -> list[str]:
+    """Pick-ups and recordings without change."""
+    picked = [bench.run(seed, True) for seed in progress(seeds, "pick-ups", console=console)]
+    still = [bench.run(seed, False) for seed in progress(seeds, "without change", console=console)]
+    delays = [run.heard - run.moment for run in picked if run.heard is not None and run.moment is not None]
+    found, early = sum(map(good, picked)), sum(delay < -0.1 for delay in delays)
+    return [
+        table(["recording", "moment [s]", "found off by [s]", "mass [kg]", "found [kg]", "off by", "alarm after [s]"],
+              [row(run) for run in picked]),
+        f"{found} of {len(picked)} found within 0.5 s and 10 % of the mass. The sequential alarm sounded in "
+        f"{len(delays)}, {early} of them before the pick-up, {sum(delay < 0.5 for delay in delays) - early} within "
+        f"0.5 s; median delay {np.median(delays):.2f} s.",
+        f"Without change: {sum(run.change is not None for run in still)} changes found and "
+        f"{sum(run.heard is not None for run in still)} alarms in {len(still)} recordings; the alarm's statistic "
+        f"reached {max(run.nearest for run in still):.0%} of its threshold.",
+        f"Recursive against batch (weighted least squares) without change: parameters differ by at most "
+        f"{max(run.agreement for run in still):.2f} standard errors.",
+    ]  # fmt: skip
 
 
 def main() -> None:
@@ -166,27 +228,18 @@ def main() -> None:
     parser.add_argument("--recordings", type=int, default=20)
     parser.add_argument("--first", type=int, default=0, help="number of the first recording")
     parser.add_argument("--warming", type=int, default=4)
+    parser.add_argument("--unscented", type=int, default=0)
     parser.add_argument("--out", type=Path, default=None)
     options = parser.parse_args()
     bench, console = Bench(), Console()
     seeds = range(options.first, options.first + options.recordings)
-    picked = [bench.run(seed, True) for seed in progress(seeds, "pick-ups", console=console)]
-    still = [bench.run(seed, False) for seed in progress(seeds, "without change", console=console)]
-    warm = [bench.warming(seed) for seed in progress(range(options.warming), "warming", console=console)]
-    delays = [run.heard - run.moment for run in picked if run.heard is not None and run.moment is not None]
-    found, early = sum(map(good, picked)), sum(delay < -0.1 for delay in delays)
-    texts = [
-        table(["recording", "moment [s]", "found off by [s]", "mass [kg]", "found [kg]", "off by", "alarm after [s]"],
-              [row(run) for run in picked]),
-        f"{found} of {len(picked)} found within 0.5 s and 10 % of the mass. The sequential alarm sounded in "
-        f"{len(delays)}, {early} of them before the pick-up; median delay {np.median(delays):.2f} s.",
-        f"Without change: {sum(run.change is not None for run in still)} changes found and "
-        f"{sum(run.heard is not None for run in still)} alarms in {len(still)} recordings; the alarm's statistic "
-        f"reached {max(run.nearest for run in still):.0%} of its threshold.",
-        f"Recursive against batch (weighted least squares) without change: parameters differ by at most "
-        f"{max(run.agreement for run in still):.2f} standard errors.",
-        table(["joint", "amplitude", "found", "time constant [s]", "found", "viscous friction followed, off by"], warm),
-    ]  # fmt: skip
+    texts = followed(bench, seeds, console) if options.recordings else []
+    if options.warming:
+        rows = [bench.warming(seed) for seed in progress(range(options.warming), "warming", console=console)]
+        head = ["joint", "amplitude", "found", "time constant [s]", "found", "viscous friction followed, off by"]
+        texts.append(table(head, rows))
+    if options.unscented:
+        texts.append(unscented(bench, range(options.first, options.first + options.unscented), console))
     text = "\n\n".join(texts)
     console.print(text, soft_wrap=True, highlight=False, markup=False)
     if options.out:

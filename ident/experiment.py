@@ -12,9 +12,10 @@ from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 from arm.controller import Controller
 from arm.errors import GapscopeError, InputError
 from arm.feedforward import feedforward
+from arm.recent import Recent
 from arm.recording import Recording
-from arm.rollout import Commands, Plant, RollOut, roll_out
-from arm.sensitivity import sensitivity
+from arm.rollout import Commands, Plant, RollOut, roll_outs
+from arm.sensitivity import sensitivity, ticks_per_step
 from arm.velocity_filter import rule_of
 from ident.base_parameters import BaseParameters
 from ident.conditioning import GAP_STEPS
@@ -89,8 +90,7 @@ class Experiment:
         Raises:
             GapscopeError: the arm ran away.
         """
-        plant = self.plant(beta)
-        return tuple(self._recorded(k, self._roll_out(k, plant)) for k in range(len(self.recordings)))
+        return tuple(self._recorded(k, rolled) for k, rolled in enumerate(self._rolled(beta)))
 
     def problem(self, beta: np.ndarray) -> Problem:
         """The problem that the simulated recordings make."""
@@ -98,18 +98,17 @@ class Experiment:
 
     def tangents(self, beta: np.ndarray) -> tuple[tuple[Recording, np.ndarray, np.ndarray], ...]:
         """Simulated recordings with d q / d beta [rad] and d tau / d beta [N m], each of shape (N, n, b)."""
-        plant = self.plant(beta)
+        plant, rolled = self.plant(beta), self._rolled(beta)
         increments = np.linalg.pinv(self.base.combination)
         directions = np.stack([self._full(column) - self._full(0 * column) for column in increments.T], axis=1)
-        arm = (self.regressor.body, plant, self.controller)
-        out = []
-        for k, recording in enumerate(self.recordings):
-            rolled = self._roll_out(k, plant)
-            q, tau = sensitivity(*arm, rolled, directions, self._limit, self._rules[k])
-            rows = self._rows(k)
-            out.append((self._recorded(k, rolled), q[rows], tau[rows]))
-            assert len(rows) == len(recording.t)
-        return tuple(out)
+        arm, every = (self.regressor.body, plant, self.controller), ticks_per_step(self.controller)
+        out: dict[int, tuple[Recording, np.ndarray, np.ndarray]] = {}
+        for rule, members in self._alike.items():
+            along = sensitivity(*arm, [rolled[k] for k in members], directions, self._limit, rule)
+            for k, (q, tau) in zip(members, along, strict=True):
+                rows = self._rows(k) / every
+                out[k] = (self._recorded(k, rolled[k]), _at(rows, q), _at(rows, tau))
+        return tuple(out[k] for k in range(len(self.recordings)))
 
     def check(self, problem: Problem) -> None:
         """Check that a problem is one of these recordings; raises ``InputError`` otherwise."""
@@ -120,8 +119,15 @@ class Experiment:
             )
 
     @cached_property
-    def _rules(self) -> tuple[str, ...]:
-        return tuple(rule_of(recording, self.controller) for recording in self.recordings)
+    def _alike(self) -> dict[str, list[int]]:
+        """Numbers of the recordings whose controller discretised its filter alike, by that rule."""
+        rules = [rule_of(recording, self.controller) for recording in self.recordings]
+        return {rule: [k for k, own in enumerate(rules) if own == rule] for rule in dict.fromkeys(rules)}
+
+    @cached_property
+    def _recent(self) -> Recent:
+        """Roll-outs of the last parameters: an estimator asks for those of one point more than once."""
+        return Recent()
 
     def _full(self, parameters: np.ndarray) -> np.ndarray:
         """Parameters in the order of ``Plant.of``; effects without a column keep the data sheet's values; (14 n,)."""
@@ -132,22 +138,38 @@ class Experiment:
             laws[name] = parameters[(10 + k) * n : (11 + k) * n]
         return np.concatenate([parameters[: 10 * n], *laws.values()])
 
-    def _roll_out(self, k: int, plant: Plant) -> RollOut:
+    def _rolled(self, beta: np.ndarray) -> tuple[RollOut, ...]:
+        """Roll-outs of all recordings, computed or remembered."""
+        flat = self._recent.get("roll-outs", (beta,), lambda: self._computed(beta))
+        return tuple(RollOut(*flat[5 * k : 5 * k + 5]) for k in range(len(self.recordings)))
+
+    def _computed(self, beta: np.ndarray) -> tuple[np.ndarray, ...]:
+        """The arrays of the roll-outs, one after the other."""
+        body, plant = self.regressor.body, self.plant(beta)
+        out: dict[int, RollOut] = {}
+        for rule, members in self._alike.items():
+            commands, starts = zip(*map(self._begun, members), strict=True)
+            found = roll_outs(body, plant, self.controller, commands, self._limit, starts, rule)
+            out |= dict(zip(members, found, strict=True))
+        return tuple(x for _, r in sorted(out.items()) for x in (r.t, r.q, r.dq, r.tau, r.speed))
+
+    def _begun(self, k: int) -> tuple[Commands, tuple[np.ndarray, np.ndarray]]:
+        """Commands of a recording, held before a start at rest, and the position and velocity at their start."""
         commands = self.commands[k]
-        start = None
-        if np.abs(commands.dq[0]).max() < AT_REST:
-            held = round(self.settle * self.controller.rate)
-            commands = _held(commands, held)
-        else:
-            start = (self.recordings[k].q[0], commands.dq[0])
-        body = self.regressor.body
-        return roll_out(body, plant, self.controller, commands, self._limit, start, self._rules[k])
+        held = self._ticks_held(k)
+        if held:
+            return _held(commands, held), (commands.q[0], commands.dq[0])
+        return commands, (self.recordings[k].q[0], commands.dq[0])
+
+    def _ticks_held(self, k: int) -> int:
+        """Ticks for which a reference that starts at rest was held before the recording."""
+        rests = np.abs(self.commands[k].dq[0]).max() < AT_REST
+        return round(self.settle * self.controller.rate) if rests else 0
 
     def _rows(self, k: int) -> np.ndarray:
         """Ticks of a roll-out at which the recording has its rows, shape (N,)."""
-        t, commands = self.recordings[k].t, self.commands[k]
-        held = round(self.settle * self.controller.rate) if np.abs(commands.dq[0]).max() < AT_REST else 0
-        return held + ((t - t[0]) * self.controller.rate + 1e-6).astype(int)
+        t = self.recordings[k].t
+        return self._ticks_held(k) + ((t - t[0]) * self.controller.rate + 1e-6).astype(int)
 
     def _recorded(self, k: int, rolled: RollOut) -> Recording:
         own, rows = self.recordings[k], self._rows(k)
@@ -172,6 +194,14 @@ class Experiment:
         q, dq, ddq = CubicHermiteSpline(t, q_ref, dq_ref)(held), velocity(held), velocity(held, 1)
         arm, body = self.regressor.arm, self.regressor.body
         return Commands(ticks, q, dq, feedforward(arm, body, self.controller.feedforward, q, dq, ddq))
+
+
+def _at(rows: np.ndarray, series: np.ndarray) -> np.ndarray:
+    """Rows of a series, numbers between two of them interpolated."""
+    below = np.minimum(rows.astype(int), len(series) - 1)
+    above = np.minimum(below + 1, len(series) - 1)
+    share = (rows - below)[:, None, None]
+    return series[below] if not share.any() else (1 - share) * series[below] + share * series[above]
 
 
 def _held(commands: Commands, ticks: int) -> Commands:

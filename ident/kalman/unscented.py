@@ -83,6 +83,7 @@ class Unscented:
         for k in range(1, len(t)):
             try:
                 kalman.predict(dt=t[k] - t[k - 1], torque=tau[k - 1])
+                seen = self._shown(kalman.P)
                 kalman.update(q[k])
             except np.linalg.LinAlgError as error:
                 raise GapscopeError(
@@ -92,11 +93,18 @@ class Unscented:
                 ) from error
             root = np.linalg.cholesky(kalman.S)
             innovation[k] = np.linalg.solve(root, kalman.y)
-            whitened[k, :, :n] = np.linalg.inv(root)
+            whitened[k, :, 2 * n :] = np.linalg.solve(root, seen)
             value[k], spread[k] = kalman.x, kalman.P
         names = tuple(f"{kind}{j}" for kind in ("q", "dq") for j in range(1, n + 1))
         walk = np.diff(t, append=t[-1])[:, None] * np.concatenate([np.zeros(2 * n), np.asarray(self.drift) ** 2])
         return Track((*names, *self.names), t, value, spread, innovation, whitened, walk)
+
+    def _shown(self, covariance: np.ndarray) -> np.ndarray:
+        """How parameters that are off by one unit show in the predicted positions, P_q,theta P_theta^-1, (n, s)."""
+        n = self.regressor.arm.n_joints
+        own, cross = covariance[2 * n :, 2 * n :], covariance[:n, 2 * n :]
+        scale = np.sqrt(np.diag(own))
+        return np.linalg.solve(own / np.outer(scale, scale), (cross / scale).T).T / scale
 
     def _filter(self, start: np.ndarray, period: float) -> UnscentedKalmanFilter:
         n, s = len(start), len(self.names)
@@ -126,9 +134,9 @@ class Unscented:
             parameters[places] += x[2 * n :]
             stepper.set_plant(Plant.of(parameters))
             stepper.dt = dt / count
-            q, dq, held = x[:n][order], x[n : 2 * n][order], torque[order]
+            q, dq, held = x[:n][None, order], x[n : 2 * n][None, order], torque[None, order]
             for _ in range(count):
                 q, dq = stepper(q, dq, held)
-            return np.concatenate([q[back], dq[back], x[2 * n :]])
+            return np.concatenate([q[0, back], dq[0, back], x[2 * n :]])
 
         return after

@@ -5,10 +5,21 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from arm.dynamics import RigidBody
 from arm.errors import InputError
+from arm.recording import Recording
+from arm.robots import load_nominal_arm
+from arm.trajectory import Fourier, urdf_limits
+from effects.applied import AppliedEffect
+from envs.mystery import position_controller
+from envs.recorder import record
+from ident.assembly import Assembly
+from ident.base_parameters import structural_base
 from ident.conditioning import low_pass
 from ident.estimators.ols import OrdinaryLeastSquares
+from ident.estimators.wls import WeightedLeastSquares
 from ident.problem import Problem
+from ident.regressor import Regressor
 from ident.repeated_groups import compare_groups
 
 BETA = np.array([2.0, -1.0, 0.5])
@@ -74,3 +85,26 @@ def test_a_group_that_is_too_short_is_named() -> None:
     uneven = Problem(given.matrix, given.torque, given.names, group, INTERVAL)
     with pytest.raises(InputError, match="group 2.*too few"):
         compare_groups(uneven, OrdinaryLeastSquares())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("coefficient", "verdict"), [(0.0, "noise"), (0.2, "model error that differs between groups")])
+def test_on_a_simulated_arm(coefficient: float, verdict: str) -> None:
+    """Five recordings of three joints under 2 % noise, without and with load friction that the model lacks."""
+    pytest.importorskip("pybullet_data")
+    sheet = {"armature": [0.3, 0.3, 0.2], "viscous": [4.0, 4.0, 2.0]}
+    arm = load_nominal_arm("kuka_iiwa", joints=[f"lbr_iiwa_joint_{j}" for j in (1, 2, 4)], sheet=sheet)
+    centre, regressor = np.array([0.0, 0.6, -1.2]), Regressor(arm)
+    effects = (AppliedEffect("load_friction", (2, 3), {"coefficient": [coefficient] * 2}),) if coefficient else ()
+    limits = urdf_limits(RigidBody(arm), 6.0)._replace(velocity=np.full(3, 1.3))
+    recordings = []
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        motion = Fourier.random(rng, limits, duration=8.0, centre=centre, frequency=0.2)
+        one = record(arm, effects, motion, position_controller(arm, centre), duration=8.0, rng=rng)
+        tau = np.asarray(one.tau)
+        noise = 0.02 * tau.std(axis=0) * rng.standard_normal(tau.shape)
+        recordings.append(Recording(one.name, one.t, one.q, tau + noise))
+    base = structural_base(regressor, np.random.default_rng(0))
+    problem = Assembly(regressor, base, position_cutoff=20.0, every=5)(recordings)
+    assert compare_groups(problem, WeightedLeastSquares()).verdict == verdict

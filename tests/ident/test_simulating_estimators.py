@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import ident.experiment as rolled
 from arm.dynamics import RigidBody
 from arm.errors import GapscopeError, InputError
 from arm.known_load import KnownLoad
 from arm.robots import load_nominal_arm
+from arm.rollout import roll_outs
 from arm.trajectory import Fourier, urdf_limits
 from effects.applied import AppliedEffect
 from effects.corrected import CorrectedArm
@@ -126,6 +128,17 @@ def test_tangents_are_derivatives_of_the_simulated_recordings(clean, world):
             assert np.abs(tau[..., k] - numeric).max() < 1e-3 * np.abs(numeric).max()
             numeric = (high.q - low.q) / (2 * step)
             assert np.abs(q[..., k] - numeric).max() < 1e-3 * np.abs(numeric).max()
+
+
+def test_parameters_are_rolled_out_once_however_often_they_are_asked_for(clean, world, monkeypatch):
+    calls = []
+    monkeypatch.setattr(rolled, "roll_outs", lambda *arguments: calls.append(1) or roll_outs(*arguments))
+    fresh = experiment(world, clean.recordings[:1])
+    (simulated,), ((again, *_),) = fresh.simulate(world[3]), fresh.tangents(world[3])
+    assert len(calls) == 1
+    assert np.array_equal(simulated.q, again.q)
+    fresh.simulate(1.01 * world[3])
+    assert len(calls) == 2
 
 
 def test_wrong_gains_are_named_with_the_factor(clean, world):
