@@ -14,6 +14,7 @@ import numpy as np
 
 from arm.errors import GapscopeError
 from arm.whole import written_whole
+from ident.changes import FoundChange
 from ident.examined_document import examined_document
 from ident.identification import Identification
 from ident.law_choice import STRONGEST
@@ -49,6 +50,7 @@ def document(result: Identification, files: Mapping[str, str] | None = None) -> 
         },
         "base": _base(result),
         **examined_document(result.examined, result.predicted),
+        "changes": [_change(found) for found in result.changes],
         "parameters": [
             {
                 "name": r.name, "unit": r.unit, "status": r.status, "reason": r.reason, "nominal": r.nominal,
@@ -88,6 +90,20 @@ def _base(result: Identification) -> dict[str, Any]:
             {"expression": e, "value": v, "std": s, "interval": [a, b], "consistent": c, "nominal": x}
             for e, v, s, a, b, c, x in entries
         ],
+    }
+
+
+def _change(found: FoundChange) -> dict[str, Any]:
+    change = found.change
+    return {
+        "recording": found.recording,
+        "what": change.hypothesis.name,
+        "time": change.time,
+        "interval": list(change.interval),
+        "parameters": list(change.hypothesis.names),
+        "size": change.size,
+        "std": change.deviation,
+        "statistic": change.statistic,
     }
 
 

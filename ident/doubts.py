@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from ident.changes import FoundChange
 from ident.estimate import Estimate
 from ident.evidence import Evidence, Likeness
 from ident.examination import Examination
@@ -21,6 +22,7 @@ def doubts(
     evidence: Evidence,
     estimate: Estimate,
     examined: Examination,
+    changes: Sequence[FoundChange],
     alike: Likeness,
     table: Sequence[Row],
     judged: Validation,
@@ -28,6 +30,7 @@ def doubts(
     """The warnings, those that concern all results first."""
     return (
         *_torque(alike, judged),
+        *_changed(changes),
         *estimate.warnings,
         *examined.warnings(),
         *_still(evidence),
@@ -46,6 +49,11 @@ def _torque(alike: Likeness, judged: Validation) -> Iterator[str]:
             f"the nominal arm's torque is off by {off:.0%} of the recorded one, more than no torque would be: "
             "another unit, another arm, or a load it knows nothing of; values near it mean little until that is clear"
         )
+
+
+def _changed(changes: Sequence[FoundChange]) -> Iterator[str]:
+    for found in changes:
+        yield f"{found}; cut the recording there, and name a known load in payloads:"
 
 
 def _still(evidence: Evidence) -> Iterator[str]:

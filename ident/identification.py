@@ -11,6 +11,7 @@ from arm.case import Case
 from arm.motion import Motion
 from arm.recording import Recording
 from ident.base_parameters import BaseParameters, base_parameters
+from ident.changes import FoundChange, find_changes
 from ident.conditioning import Segment, position_cutoff
 from ident.doubts import doubts
 from ident.estimate import Estimate
@@ -67,6 +68,7 @@ class Identification:
         estimate: of the base parameters.
         uncertainty: of the base parameters, as belongs to the estimator.
         examined: what the recordings tell about the parameters.
+        changes: changes of load or friction during recordings.
         predicted: intervals of the torque on the judged recordings; ``None`` where model error cannot be told.
         physical: consistent parameters.
         recovered: what can be said about each parameter.
@@ -87,6 +89,7 @@ class Identification:
     estimate: Estimate
     uncertainty: Uncertainty
     examined: Examination
+    changes: tuple[FoundChange, ...]
     predicted: PredictedTorque | None
     physical: Physical
     recovered: tuple[Recovery, ...]
@@ -130,7 +133,7 @@ def identify(
     value = evidence.physical.value
     if settings.estimator != "consistent":
         value = evidence.base.spread(estimate.value)
-    progress("validates")
+    progress("validates, and looks for changes")
     law = evidence.choice.law
     nominal = columns.nominal(law)
     models = [
@@ -145,10 +148,11 @@ def identify(
     table = fill_in(evidence)
     found = recoveries(evidence.base, uncertainty.covariance, evidence.physical.value, nominal, columns.units(law))
     condition = next(row.measured for row in table if row.entry.key == "condition")
-    warnings = (*case.warnings, *doubts(evidence, estimate, examined, alike, table, validation[1]))
+    changes = find_changes((*fit, *judged), columns, law, evidence.base, band)
+    warnings = (*case.warnings, *doubts(evidence, estimate, examined, changes, alike, table, validation[1]))
     return Identification(
         case, settings, columns, evidence.choice, evidence.base, estimate, uncertainty, examined,
-        _predicted(evidence, examined, value, unseen), evidence.physical, found, evidence.zeros, value, validation,
+        changes, _predicted(evidence, examined, value, unseen), evidence.physical, found, evidence.zeros, value, validation,
         table, condition, evidence.zeros.questions(), warnings,
     )  # fmt: skip
 

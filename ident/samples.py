@@ -82,6 +82,7 @@ class Samples:
         smooth: columns that do not depend on the friction law, in the band, shape (M, n, p_smooth).
         torque: recorded torque in the band, less that of known loads [N m], shape (M, n).
         velocity: dq [rad/s], shape (M, n).
+        times: of the recording that a sample belongs to [s], shape (M,).
         group: number of the segment of each sample, shape (M,).
         interval: time between samples [s].
     """
@@ -91,7 +92,8 @@ class Samples:
         self.smooth = self._stack(columns.smooth(s.motion) for s in self.segments)
         self.torque = self._stack(np.asarray(s.torque) - s.known_torque(columns.body) for s in self.segments)
         self.velocity = np.concatenate([s.motion.dq[band.rows(s)][:: band.step(s)] for s in self.segments])
-        lengths = [len(s.motion.t[band.rows(s)][:: band.step(s)]) for s in self.segments]
+        times = [s.motion.t[band.rows(s)][:: band.step(s)] for s in self.segments]
+        self.times, lengths = np.concatenate(times), [len(t) for t in times]
         self.group = np.repeat(np.arange(len(lengths)), lengths)
         self.interval = band.step(self.segments[0]) / self.segments[0].motion.rate
 

@@ -134,7 +134,8 @@ def find_change(
     for _ in range(ROUNDS):
         whitened = white(problem, _residual(problem, t, best))
         tries = len(moments) * len(hypotheses)
-        scans = [_Scan.over(whitened, hypothesis, moments) for hypothesis in hypotheses]
+        sums = _Sums.of(whitened, moments)
+        scans = [_Scan.over(sums, hypothesis) for hypothesis in hypotheses]
         best = max(scans, key=lambda scan: scan.evidence)
     assert best is not None
     threshold = float(chi2.isf(false_alarms / tries, len(best.hypothesis.names)))
@@ -149,6 +150,36 @@ def find_change(
         best.hypothesis, float(t[best.moment]), (float(near.min()), float(near.max())), best.size, best.covariance,
         best.peak / threshold,
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Sums:
+    """Sums over a problem with columns scaled to RMS 1: over all samples, and over those after each moment.
+
+    Attributes:
+        moments: T of them, places in the record, shape (T,).
+        scale: RMS of the columns, shape (b,).
+        inverse: A^-1, shape (b, b).
+        right: s, shape (b,).
+        gram_after, right_after: A' and s' of each moment, shapes (T, b, b) and (T, b).
+    """
+
+    moments: np.ndarray
+    scale: np.ndarray
+    inverse: np.ndarray
+    right: np.ndarray
+    gram_after: np.ndarray
+    right_after: np.ndarray
+
+    @classmethod
+    def of(cls, problem: Problem, moments: np.ndarray) -> _Sums:
+        W, tau = problem.matrix, problem.torque
+        scale = np.maximum(np.sqrt(np.mean(W**2, axis=(0, 1))), 1e-12)
+        W = W / scale
+        gram = np.cumsum(np.matmul(W.transpose(0, 2, 1), W), axis=0)
+        right = np.cumsum(np.einsum("kja,kj->ka", W, tau), axis=0)
+        inverse = np.linalg.pinv(gram[-1], hermitian=True)
+        return cls(moments, scale, inverse, right[-1], gram[-1] - gram[moments], right[-1] - right[moments])
 
 
 @dataclass(frozen=True)
@@ -171,22 +202,17 @@ class _Scan:
         return -float(chi2.logsf(self.peak, len(self.size)))
 
     @classmethod
-    def over(cls, problem: Problem, hypothesis: Hypothesis, moments: np.ndarray) -> _Scan:
-        W, tau = problem.matrix, problem.torque
-        scale = np.maximum(np.sqrt(np.mean(W**2, axis=(0, 1))), 1e-12)
-        W, D = W / scale, hypothesis.directions * scale[:, None]
-        gram = np.cumsum(np.einsum("kja,kjb->kab", W, W), axis=0)
-        right = np.cumsum(np.einsum("kja,kj->ka", W, tau), axis=0)
-        inverse = np.linalg.pinv(gram[-1], hermitian=True)
-        after = gram[-1] - gram[moments]
-        cross = after @ D
-        information = np.einsum("as,kat->kst", D, cross) - np.einsum("kas,ab,kbt->kst", cross, inverse, cross)
-        score = (right[-1] - right[moments]) @ D - np.einsum("kas,a->ks", cross, inverse @ right[-1])
+    def over(cls, sums: _Sums, hypothesis: Hypothesis) -> _Scan:
+        D = hypothesis.directions * sums.scale[:, None]
+        cross = sums.gram_after @ D
+        through = sums.inverse @ cross
+        information = D.T @ cross - cross.transpose(0, 2, 1) @ through
+        score = sums.right_after @ D - np.einsum("kas,a->ks", through, sums.right)
         covariance = np.linalg.pinv(information, hermitian=True, rcond=1e-10)
         size = np.einsum("kst,kt->ks", covariance, score)
         statistic = np.einsum("ks,ks->k", size, score)
         k = int(statistic.argmax())
-        return cls(hypothesis, statistic, int(moments[k]), size[k], covariance[k])
+        return cls(hypothesis, statistic, int(sums.moments[k]), size[k], covariance[k])
 
 
 def _usual(problem: Problem, scan: _Scan, moments: np.ndarray, threshold: float) -> float:
@@ -198,7 +224,7 @@ def _usual(problem: Problem, scan: _Scan, moments: np.ndarray, threshold: float)
         problem = Problem(matrix, problem.torque, (*problem.names, *hypothesis.names), problem.group, problem.interval)
         directions = np.concatenate([hypothesis.directions, np.zeros((s, s))])
         hypothesis = Hypothesis(hypothesis.name, hypothesis.names, directions)
-        scan = _Scan.over(problem, hypothesis, moments)
+        scan = _Scan.over(_Sums.of(problem, moments), hypothesis)
     return max(1.0, float(np.median(scan.statistic) / chi2.median(s)), STANDS_OUT * scan.peak / threshold)
 
 
