@@ -152,8 +152,8 @@ def identify(
     warnings = (*case.warnings, *doubts(evidence, estimate, examined, changes, alike, table, validation[1]))
     return Identification(
         case, settings, columns, evidence.choice, evidence.base, estimate, uncertainty, examined,
-        changes, _predicted(evidence, examined, value, unseen), evidence.physical, found, evidence.zeros, value, validation,
-        table, condition, evidence.zeros.questions(), warnings,
+        changes, _predicted(evidence, examined, value, unseen), evidence.physical, found, evidence.zeros, value,
+        validation, table, condition, evidence.zeros.questions(), warnings,
     )  # fmt: skip
 
 
