@@ -21,8 +21,8 @@ MOST = 500
 """Samples of a recording among which a change is looked for; 10 s at a cut-off of 12 Hz."""
 PLAIN = 5.0
 """A change is told when its 2 log L is this many times the threshold of a likely one [1]: models lack effects. On 75
-arms of the blind generator, with effects that the model lacks, errors feigned changes of up to 4.2; pick-ups of a kilogram
-and more were beyond 20."""
+arms of the blind generator, with effects that it lacks, errors feigned changes of up to 4.2; pick-ups of a kilogram and
+more were beyond 20."""
 
 
 @dataclass(frozen=True)
