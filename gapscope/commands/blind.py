@@ -7,18 +7,17 @@ from pathlib import Path
 from typing import Annotated, Optional
 
 import typer
-from rich.console import Console
+
+from gapscope.terminal import console, log
 
 blind = typer.Typer(help="The sealed check of the diagnosis.", no_args_is_help=True, add_completion=False)
-_console = Console()
-_log = Console(stderr=True)
 
 Cases = Annotated[Path, typer.Argument(help="folder of the cases", metavar="DIR")]
 Count = Annotated[Optional[int], typer.Option(min=0, help="number of such cases")]  # noqa: UP045
 
 
 def _say(message: str) -> None:
-    _log.print(message, highlight=False, markup=False)
+    log.print(message, highlight=False, markup=False)
 
 
 @blind.command()
@@ -56,8 +55,8 @@ def make(
     commitment, truth = make_cases(out, chosen, seed=seed, labels=labels, jobs=jobs, progress=_say)
     if show:
         for line in truth_lines(truth):
-            _console.print(line, highlight=False, markup=False, soft_wrap=True)
-    _console.print(f"wrote {commitment}\nwrote {truth}", highlight=False, soft_wrap=True)
+            console.print(line, highlight=False, markup=False, soft_wrap=True)
+    console.print(f"wrote {commitment}\nwrote {truth}", highlight=False, soft_wrap=True)
 
 
 @blind.command()
@@ -75,7 +74,7 @@ def run(
     from diagnosis.blind.run import run as run_cases
 
     failed = run_cases(cases, out, labels=labels, jobs=jobs, progress=_say)
-    _console.print(f"wrote {out / FROZEN}", highlight=False, soft_wrap=True)
+    console.print(f"wrote {out / FROZEN}", highlight=False, soft_wrap=True)
     if failed:
         _say(f"{failed} of the cases failed; run the command again to try these once more")
         raise typer.Exit(1)
@@ -106,6 +105,6 @@ def score(
     )  # fmt: skip
     for table in tables(scored.figures):
         if table.title in BRIEFLY:
-            _console.print(table.rich())
+            console.print(table.rich())
     for path in write_score(scored, out):
-        _console.print(f"wrote {path}", highlight=False, soft_wrap=True)
+        console.print(f"wrote {path}", highlight=False, soft_wrap=True)

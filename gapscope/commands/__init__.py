@@ -1,0 +1,1 @@
+"""The commands, by topic; each imports what it needs when it runs."""

@@ -1,0 +1,91 @@
+"""The commands about an arm's own parameters: identify and excite."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Optional
+
+import typer
+
+from gapscope.terminal import Progress, console, log, wrote
+
+CasePath = Annotated[Path, typer.Argument(help="folder of the case, or its case file", metavar="CASE")]
+Model = Annotated[Optional[Path], typer.Option(help="corrected.yaml of a diagnosis; default: the nominal arm")]  # noqa: UP045
+
+
+def identify(
+    case: CasePath,
+    out: Annotated[Path, typer.Option(help="folder for the results", metavar="DIR")],
+    cutoff: Annotated[
+        Optional[float],  # noqa: UP045
+        typer.Option(min=0.1, help="cut-off of both sides [Hz]; default: from the spectra of the positions"),
+    ] = None,
+    estimator: Annotated[
+        str,
+        typer.Option(
+            help="consistent, wls, ols, irls, ridge, truncated_svd, total_least_squares, maximum_likelihood, "
+            "partial_update, log_cholesky, sdp_euclidean or sdp_entropic"
+        ),
+    ] = "consistent",
+    judge: Annotated[
+        Optional[list[str]],  # noqa: UP045
+        typer.Option(help="name of a recording to judge on; default: the case's, or the last", metavar="NAME"),
+    ] = None,
+    any_torque: Annotated[
+        bool, typer.Option("--any-torque", help="go on where the torque seems not to be in N m")
+    ] = False,
+) -> None:
+    """Identify base and physical parameters and friction."""
+    from gapscope.identify import identify_path, summary
+    from ident.identification import Settings
+
+    settings = Settings(cutoff, estimator, tuple(judge or ()), any_torque)
+    with Progress(case.name or str(case)) as progress:
+        identified = identify_path(case, out, settings, progress)
+    console.print(summary(identified))
+    wrote(*identified.paths)
+
+
+def excite(
+    robot: Annotated[str, typer.Argument(help="kuka_iiwa, ..., a URDF, or a case with a data sheet", metavar="ROBOT")],
+    out: Annotated[Path, typer.Option(help="CSV to write; .yaml for ROS and .html with plots beside", metavar="FILE")],
+    kind: Annotated[str, typer.Option(help="fourier, quintic (through way points) or multisine")] = "fourier",
+    order: Annotated[int, typer.Option(help="number of harmonics; half that of way points")] = 5,
+    frequency: Annotated[float, typer.Option(help="of the first harmonic [Hz]")] = 0.1,
+    duration: Annotated[Optional[float], typer.Option(help="length [s]; by default 10, or one period")] = None,  # noqa: UP045
+    rate: Annotated[float, typer.Option(help="samples per second that are written [Hz]")] = 250.0,
+    criterion: Annotated[str, typer.Option(help="condition, d, e or separation (of --effects)")] = "condition",
+    effects: Annotated[str, typer.Option(help="effects to tell apart, with commas between them")] = "",
+    optimiser: Annotated[Optional[str], typer.Option(help="random, swarm, cma or gradient")] = None,  # noqa: UP045
+    evaluations: Annotated[int, typer.Option(help="candidates to judge; 8 for one with its gradient")] = 3000,
+    seconds: Annotated[Optional[float], typer.Option(help="time to search, at most [s]")] = None,  # noqa: UP045
+    velocity: Annotated[float, typer.Option(help="no joint moves faster [rad/s]")] = 1.5,
+    acceleration: Annotated[float, typer.Option(help="limit of every joint [rad/s^2]")] = 5.0,
+    torque: Annotated[float, typer.Option(help="share of the torque limits that may be used [1]")] = 0.8,
+    margin: Annotated[float, typer.Option(help="distance from the position limits [rad]")] = 0.1,
+    singular: Annotated[float, typer.Option(help="least singular value of the Jacobian [m/rad, 1]; 0 for any")] = 0.02,
+    clearance: Annotated[float, typer.Option(help="least distance between bodies and to the surface [m]")] = 0.01,
+    surface: Annotated[float, typer.Option(help="height of the surface under the arm, base frame [m]")] = 0.0,
+    collisions: Annotated[bool, typer.Option(help="check collisions with the meshes of the URDF")] = True,
+    seed: Annotated[Optional[int], typer.Option(min=0, help="find the same trajectory again")] = None,  # noqa: UP045
+) -> None:
+    """Design an exciting trajectory within limits.
+
+    It is written as CSV, as a ROS JointTrajectory, and as a page of plots.
+    """
+    from gapscope.excite import SearchProgress, excite_files, margin_lines, margin_table, summary
+    from ident.excitation.plan import LimitPlan, Plan
+    from ident.excitation.search import Budget
+
+    names = tuple(name.strip() for name in effects.split(",") if name.strip())
+    plan = Plan(
+        kind, order, frequency, duration, rate, criterion, names, optimiser=optimiser,
+        budget=Budget(evaluations, seconds),
+    )  # fmt: skip
+    limits = LimitPlan(velocity, acceleration, torque, margin, singular, clearance, surface, collisions)
+    with SearchProgress(robot, criterion, log) as progress:
+        found, paths = excite_files(robot, out, plan, limits, seed=seed, progress=progress)
+    console.print(margin_table(found))
+    for line in (*margin_lines(found), *summary(found, plan)):
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+    wrote(*paths)
