@@ -13,6 +13,8 @@ from ident.autocorrelation import inflation
 from ident.conditioning import uniform
 from ident.evidence import Evidence
 
+SLOW = 0.1
+"""A joint hardly moves below this share of its speed [1]."""
 FLAT = 3
 """Equal samples in a row at a joint's largest torque that count as clipped."""
 
@@ -20,10 +22,12 @@ FLAT = 3
 def time_offset(evidence: Evidence) -> tuple[np.ndarray, np.ndarray]:
     """How far the recorded torque lags behind the motion, and its standard deviation [s], each (n,).
 
-    tau(t - T) = tau - T d tau / dt: the derivative of the fitted torque of each joint is a further column.
+    tau(t - T) = tau - T d tau / dt: the derivative of the fitted torque of each joint is a further column. Where a joint
+    hardly moves its friction jumps, or is held back as at rest, which looks like an offset: these samples do not count.
     """
     samples, base = evidence.samples, evidence.base
-    weight = 1 / evidence.choice.noise
+    speed = np.abs(samples.velocity)
+    weight = (speed > SLOW * np.quantile(speed, 0.95, axis=0)) / evidence.choice.noise
     fitted = evidence.fitted
     rate = np.zeros_like(fitted)
     for g in np.unique(samples.group):
@@ -31,14 +35,15 @@ def time_offset(evidence: Evidence) -> tuple[np.ndarray, np.ndarray]:
         rate[rows] = np.gradient(fitted[rows], samples.interval, axis=0)
     n = fitted.shape[1]
     late = -rate[:, :, None] * np.eye(n)
-    full = np.concatenate([evidence.matrix[:, :, base.kept], late], axis=2) * weight[:, None]
+    full = np.concatenate([evidence.matrix[:, :, base.kept], late], axis=2) * weight[:, :, None]
     flat, left = full.reshape(-1, full.shape[2]), ((samples.torque - fitted) * weight)
     size = np.linalg.norm(flat, axis=0)
     size = np.where(size > 0, size, 1.0)
     triangle = np.asarray(np.linalg.qr(np.column_stack([flat / size, left.ravel()]), mode="r"))
     inverse: np.ndarray = np.linalg.pinv(triangle[:-1, :-1], rcond=1e-9)
     solution, spread = inverse @ triangle[:-1, -1], np.sqrt((inverse**2).sum(axis=1))
-    scale = np.sqrt((left**2).mean(axis=0) * inflation(left, samples.group))
+    used = np.maximum((weight > 0).mean(axis=0), 1e-9)
+    scale = np.sqrt((left**2).mean(axis=0) / used * inflation(left, samples.group))
     return solution[-n:] / size[-n:], spread[-n:] / size[-n:] * scale
 
 
