@@ -22,8 +22,9 @@ FLAT = 3
 def time_offset(evidence: Evidence) -> tuple[np.ndarray, np.ndarray]:
     """How far the recorded torque lags behind the motion, and its standard deviation [s], each (n,).
 
-    tau(t - T) = tau - T d tau / dt: the derivative of the fitted torque of each joint is a further column. Where a joint
-    hardly moves its friction jumps, or is held back as at rest, which looks like an offset: these samples do not count.
+    tau(t - T) = tau - T d tau / dt: the derivative of the fitted torque of each joint is a further column. Where a
+    joint hardly moves its friction jumps, or is held back as at rest, which looks like an offset: these samples do not
+    count.
     """
     samples, base = evidence.samples, evidence.base
     speed = np.abs(samples.velocity)
