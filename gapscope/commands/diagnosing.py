@@ -10,15 +10,29 @@ from typing import Annotated, Optional
 import typer
 
 from arm.errors import InputError
+from gapscope.commands.options import (
+    Acceleration,
+    CasePath,
+    Clearance,
+    Collisions,
+    Engine,
+    Margin,
+    Model,
+    Rate,
+    Results,
+    SearchSeed,
+    Singular,
+    Surface,
+    Torque,
+    Trajectory,
+    Velocity,
+)
 from gapscope.terminal import Progress, console, log, wrote
-
-CasePath = Annotated[Path, typer.Argument(help="folder of the case, or its case file", metavar="CASE")]
-Model = Annotated[Optional[Path], typer.Option(help="corrected.yaml of a diagnosis; default: the nominal arm")]  # noqa: UP045
 
 
 def diagnose(
     cases: Annotated[list[Path], typer.Argument(help="folders of cases, or case files", metavar="CASE...")],
-    out: Annotated[Path, typer.Option(help="folder for the results", metavar="DIR")],
+    out: Results,
     jobs: Annotated[int, typer.Option(min=1, help="cases at a time, where there are several")] = 1,
     backend: Annotated[str, typer.Option(help="local, or ray (a cluster; needs ray installed)")] = "local",
     again: Annotated[
@@ -91,7 +105,7 @@ def replay(
     recording: Annotated[Path, typer.Option(help="recording with q_ref1.., or tau1.. without", metavar="FILE")],
     out: Annotated[Path, typer.Option(help="CSV to write: t, q1.., tau1..", metavar="FILE.csv")],
     model: Model = None,
-    engine: Annotated[str, typer.Option(help="pybullet, mujoco or dart")] = "pybullet",
+    engine: Engine = "pybullet",
 ) -> None:
     """Move the simulated arm under the same commands as a recording."""
     from arm.writing import write_columns
@@ -128,7 +142,7 @@ def gap(
 
 def advise(
     case: CasePath,
-    out: Annotated[Path, typer.Option(help="CSV to write; .yaml for ROS and .html with plots beside", metavar="FILE")],
+    out: Trajectory,
     diagnosis: Annotated[
         Optional[Path],  # noqa: UP045
         typer.Option(help="folder that diagnose wrote for this case; default: diagnose it now", metavar="DIR"),
@@ -141,17 +155,17 @@ def advise(
         str, typer.Option(help="its centre in the frame of the joint that moves the last link, x,y,z [m]")
     ] = "0,0,0",
     fastest: Annotated[float, typer.Option(help="highest frequency that the controller follows [Hz]")] = 5.0,
-    rate: Annotated[float, typer.Option(help="samples per second [Hz]")] = 250.0,
+    rate: Rate = 250.0,
     evaluations: Annotated[int, typer.Option(min=1, help="candidates to judge, over all speeds and loads")] = 1000,
-    velocity: Annotated[float, typer.Option(help="no joint moves faster [rad/s]")] = 1.5,
-    acceleration: Annotated[float, typer.Option(help="limit of every joint [rad/s^2]")] = 5.0,
-    torque: Annotated[float, typer.Option(help="share of the torque limits that may be used")] = 0.8,
-    margin: Annotated[float, typer.Option(help="distance from the position limits [rad]")] = 0.1,
-    singular: Annotated[float, typer.Option(help="least singular value of the tool's Jacobian; 0 for any")] = 0.02,
-    clearance: Annotated[float, typer.Option(help="least distance between bodies and to the surface [m]")] = 0.01,
-    surface: Annotated[float, typer.Option(help="height of the surface under the arm in the base frame [m]")] = 0.0,
-    collisions: Annotated[bool, typer.Option(help="check collisions with the meshes of the URDF")] = True,
-    seed: Annotated[Optional[int], typer.Option(min=0, help="find the same trajectory again")] = None,  # noqa: UP045
+    velocity: Velocity = 1.5,
+    acceleration: Acceleration = 5.0,
+    torque: Torque = 0.8,
+    margin: Margin = 0.1,
+    singular: Singular = 0.02,
+    clearance: Clearance = 0.01,
+    surface: Surface = 0.0,
+    collisions: Collisions = True,
+    seed: SearchSeed = None,
 ) -> None:
     """Design the recording that separates what is still confounded."""
     from diagnosis.advice.advise import Request

@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Optional
 
 import typer
 
+from gapscope.commands.options import (
+    Acceleration,
+    CasePath,
+    Clearance,
+    Collisions,
+    Margin,
+    Rate,
+    Results,
+    RobotArgument,
+    SearchSeed,
+    Singular,
+    Surface,
+    Torque,
+    Trajectory,
+    Velocity,
+)
 from gapscope.terminal import Progress, console, log, wrote
-
-CasePath = Annotated[Path, typer.Argument(help="folder of the case, or its case file", metavar="CASE")]
-Model = Annotated[Optional[Path], typer.Option(help="corrected.yaml of a diagnosis; default: the nominal arm")]  # noqa: UP045
 
 
 def identify(
     case: CasePath,
-    out: Annotated[Path, typer.Option(help="folder for the results", metavar="DIR")],
+    out: Results,
     cutoff: Annotated[
         Optional[float],  # noqa: UP045
         typer.Option(min=0.1, help="cut-off of both sides [Hz]; default: from the spectra of the positions"),
@@ -47,27 +59,27 @@ def identify(
 
 
 def excite(
-    robot: Annotated[str, typer.Argument(help="kuka_iiwa, ..., a URDF, or a case with a data sheet", metavar="ROBOT")],
-    out: Annotated[Path, typer.Option(help="CSV to write; .yaml for ROS and .html with plots beside", metavar="FILE")],
+    robot: RobotArgument,
+    out: Trajectory,
     kind: Annotated[str, typer.Option(help="fourier, quintic (through way points) or multisine")] = "fourier",
     order: Annotated[int, typer.Option(help="number of harmonics; half that of way points")] = 5,
     frequency: Annotated[float, typer.Option(help="of the first harmonic [Hz]")] = 0.1,
     duration: Annotated[Optional[float], typer.Option(help="length [s]; by default 10, or one period")] = None,  # noqa: UP045
-    rate: Annotated[float, typer.Option(help="samples per second that are written [Hz]")] = 250.0,
+    rate: Rate = 250.0,
     criterion: Annotated[str, typer.Option(help="condition, d, e or separation (of --effects)")] = "condition",
     effects: Annotated[str, typer.Option(help="effects to tell apart, with commas between them")] = "",
     optimiser: Annotated[Optional[str], typer.Option(help="random, swarm, cma or gradient")] = None,  # noqa: UP045
     evaluations: Annotated[int, typer.Option(help="candidates to judge; 8 for one with its gradient")] = 3000,
     seconds: Annotated[Optional[float], typer.Option(help="time to search, at most [s]")] = None,  # noqa: UP045
-    velocity: Annotated[float, typer.Option(help="no joint moves faster [rad/s]")] = 1.5,
-    acceleration: Annotated[float, typer.Option(help="limit of every joint [rad/s^2]")] = 5.0,
-    torque: Annotated[float, typer.Option(help="share of the torque limits that may be used [1]")] = 0.8,
-    margin: Annotated[float, typer.Option(help="distance from the position limits [rad]")] = 0.1,
-    singular: Annotated[float, typer.Option(help="least singular value of the Jacobian [m/rad, 1]; 0 for any")] = 0.02,
-    clearance: Annotated[float, typer.Option(help="least distance between bodies and to the surface [m]")] = 0.01,
-    surface: Annotated[float, typer.Option(help="height of the surface under the arm, base frame [m]")] = 0.0,
-    collisions: Annotated[bool, typer.Option(help="check collisions with the meshes of the URDF")] = True,
-    seed: Annotated[Optional[int], typer.Option(min=0, help="find the same trajectory again")] = None,  # noqa: UP045
+    velocity: Velocity = 1.5,
+    acceleration: Acceleration = 5.0,
+    torque: Torque = 0.8,
+    margin: Margin = 0.1,
+    singular: Singular = 0.02,
+    clearance: Clearance = 0.01,
+    surface: Surface = 0.0,
+    collisions: Collisions = True,
+    seed: SearchSeed = None,
 ) -> None:
     """Design an exciting trajectory within limits.
 

@@ -7,11 +7,12 @@ from typing import Annotated, Optional
 
 import typer
 
+from gapscope.commands.options import Engine, RobotArgument
 from gapscope.terminal import Progress, console, log, wrote
 
 
 def record(
-    robot: Annotated[str, typer.Argument(help="kuka_iiwa, ..., a URDF, or a case with a data sheet", metavar="ROBOT")],
+    robot: RobotArgument,
     effects: Annotated[Path, typer.Option(help="effects, in the form of corrected.yaml", metavar="FILE")],
     out: Annotated[Path, typer.Option(help="folder of the case to make", metavar="CASE")],
     trajectory: Annotated[
@@ -39,7 +40,7 @@ def record(
     noise: Annotated[float, typer.Option(help="noise of the torque, as a share of its standard deviation")] = 0.01,
     encoder_noise: Annotated[float, typer.Option(help="noise of the encoders [rad]")] = 0.0,
     file_format: Annotated[str, typer.Option("--format", help="csv, parquet or npz")] = "csv",
-    engine: Annotated[str, typer.Option(help="pybullet, mujoco or dart")] = "pybullet",
+    engine: Engine = "pybullet",
     seed: Annotated[Optional[int], typer.Option(min=0, help="draw the same motions and noise again")] = None,  # noqa: UP045
     sealed: Annotated[
         Optional[Path],  # noqa: UP045

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Optional
 
 import typer
 
+from gapscope.commands.options import Results, RobotOption
 from gapscope.terminal import Progress, console, log, wrote
 
 
@@ -19,10 +20,8 @@ def evaluate(
             metavar="MODEL...",
         ),
     ],
-    out: Annotated[Path, typer.Option(help="folder for the results", metavar="DIR")],
-    robot: Annotated[
-        str, typer.Option(help="kuka_iiwa, ..., a URDF, or a case with a data sheet", metavar="ROBOT")
-    ] = "kuka_iiwa",
+    out: Results,
+    robot: RobotOption = "kuka_iiwa",
     effects: Annotated[
         Optional[Path],  # noqa: UP045
         typer.Option(help="what the arm that is tracked has beyond the nominal one, as corrected.yaml", metavar="FILE"),
@@ -77,10 +76,8 @@ def train(
         str,
         typer.Argument(help="pd, gravity, nominal, a corrected.yaml, or an identification.json", metavar="MODEL"),
     ],
-    out: Annotated[Path, typer.Option(help="folder for the results", metavar="DIR")],
-    robot: Annotated[
-        str, typer.Option(help="kuka_iiwa, ..., a URDF, or a case with a data sheet", metavar="ROBOT")
-    ] = "kuka_iiwa",
+    out: Results,
+    robot: RobotOption = "kuka_iiwa",
     effects: Annotated[
         Optional[Path],  # noqa: UP045
         typer.Option(
