@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from agents.model import ArmModel, Gravity, Model
 from arm.case import load_case
 from arm.errors import InputError
+from arm.json_file import read_json
 from arm.nearest import nearest
 from arm.nominal import NominalArm
 from effects.corrected import CorrectedArm
@@ -78,12 +78,7 @@ def read_arm(source: str, arm: NominalArm) -> CorrectedArm:
 def _identified(path: Path, arm: NominalArm) -> CorrectedArm:
     """The identified arm that ``gapscope identify`` wrote beside its document."""
     remedy = "give the identification.json that gapscope identify wrote, in its folder"
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror})", remedy, file=path) from None
-    except ValueError as error:
-        raise InputError(f"is not valid JSON ({error})", remedy, file=path) from None
+    content = read_json(path, remedy)
     files = content.get("files") if isinstance(content, dict) else None
     if not isinstance(files, dict) or not {"case", "effects"} <= set(files):
         raise InputError("names no files of an identified arm", remedy, file=path, where="files")

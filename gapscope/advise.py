@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from arm.case import Case, load_case
 from arm.errors import GapscopeError, InputError
+from arm.json_file import read_json
 from arm.known_load import KnownLoad
 from diagnosis.advice.advise import Advice, Request, advise
 from diagnosis.diagnose import diagnose
@@ -93,12 +93,7 @@ def write_advice(
 
 def _document(path: Path) -> Mapping[str, Any]:
     remedy = "give the folder that gapscope diagnose wrote"
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror})", remedy, file=path) from None
-    except ValueError as error:
-        raise InputError(f"is not valid JSON ({error})", remedy, file=path) from None
+    content = read_json(path, remedy)
     if not isinstance(content, dict):
         raise InputError("is no diagnosis", remedy, file=path)
     try:

@@ -11,10 +11,11 @@ from typing import Any
 from joblib import Parallel, delayed
 
 from arm.errors import GapscopeError, InputError
+from arm.json_file import read_json
 from diagnosis.blind.generator.case import make_case, write_case
 from diagnosis.blind.generator.conditions import Spec
 from diagnosis.blind.plan import Plan, dealt
-from diagnosis.blind.seal import COMMITMENT, LABELS, UNSEEN, commit, labels_folder, read_json, sha256, write_json
+from diagnosis.blind.seal import COMMITMENT, LABELS, UNSEEN, commit, labels_folder, sha256, write_json
 
 PLAN = "plan.json"
 """Seed and plan of a set that is being made, beside its labels."""

@@ -12,8 +12,9 @@ from joblib import Parallel, delayed
 
 from arm.case import load_case
 from arm.errors import GapscopeError, InputError
+from arm.json_file import read_json
 from diagnosis.blind.frozen import frozen, source_hash
-from diagnosis.blind.seal import read_commitment, read_json, readable_labels, sha256, write_json
+from diagnosis.blind.seal import read_commitment, readable_labels, sha256, write_json
 from diagnosis.diagnose import diagnose
 from diagnosis.document import write_document
 from effects.corrected_file import write_corrected

@@ -12,6 +12,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from arm.errors import GapscopeError
+from arm.json_file import read_json
 from diagnosis.blind.baselines.classifier import Classifier, features, train
 from diagnosis.blind.baselines.columns import Design, design
 from diagnosis.blind.baselines.methods import chance, forward_bic, largest_r2, ridge
@@ -21,7 +22,7 @@ from diagnosis.blind.scoring.classes import CLASSES
 from diagnosis.blind.scoring.closure import closure
 from diagnosis.blind.scoring.compare import Compared, compare
 from diagnosis.blind.scoring.summary import healthy, scores, summary, unknown
-from diagnosis.blind.seal import UNSEEN, open_labels, read_json, sha256
+from diagnosis.blind.seal import UNSEEN, open_labels, sha256
 
 METHODS = {"largest R^2": largest_r2, "forward BIC": forward_bic, "ridge": ridge}
 """Baselines that need nothing but the case."""

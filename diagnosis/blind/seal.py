@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from arm.errors import InputError
+from arm.json_file import read_json
 from arm.whole import written_whole
 
 COMMITMENT = "commitment.json"
@@ -34,20 +35,6 @@ def write_json(content: Any, path: Path, *, private: bool = False) -> None:
     with written_whole(path) as aside:
         aside.touch(mode=0o600 if private else 0o644)
         aside.write_text(json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def read_json(path: Path, remedy: str) -> Any:
-    """JSON of a file.
-
-    Raises:
-        InputError: it cannot be read.
-    """
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror})", remedy, file=path) from None
-    except ValueError as error:
-        raise InputError(f"is not JSON ({error})", remedy, file=path) from None
 
 
 def commit(cases: Path, labels: Path, count: int) -> None:

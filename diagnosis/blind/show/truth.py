@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from diagnosis.blind.seal import read_json
+from arm.json_file import read_json
 
 
 def truth_lines(labels: Path) -> Iterator[str]:
