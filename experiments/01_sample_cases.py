@@ -20,11 +20,11 @@ from time import monotonic
 
 import numpy as np
 
-from arm.case import load_case
-from arm.reading import load_recording
-from arm.tables import read_csv
-from diagnosis.gap import torque_scale
-from ident.conditioning import TORQUE_CUTOFF, TRIM, low_pass
+from gapscope.arm.case import load_case
+from gapscope.arm.io.load_recording import load_recording
+from gapscope.arm.io.table_files import read_csv
+from gapscope.diagnosis.gap.torque_gap import torque_scale
+from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, TRIM, low_pass
 
 ROOT = Path(__file__).resolve().parents[1]
 GAPSCOPE = [sys.executable, "-m", "gapscope"]
@@ -33,7 +33,9 @@ GAPSCOPE = [sys.executable, "-m", "gapscope"]
 def nrmse(measured: np.ndarray, predicted: np.ndarray, rate: float) -> np.ndarray:
     """``torque_nrmse`` per joint, both sides filtered at 12 Hz and trimmed by 0.3 s."""
     edge = int(np.ceil(TRIM * rate))
-    measured, predicted = (low_pass(x, rate, TORQUE_CUTOFF)[edge:-edge] for x in (measured, predicted))
+    measured, predicted = (
+        low_pass(x, rate, TORQUE_CUTOFF)[edge:-edge] for x in (measured, predicted)
+    )
     return np.sqrt(((measured - predicted) ** 2).mean(axis=0)) / torque_scale(measured)
 
 
@@ -42,16 +44,31 @@ def predicted(case: Path, out: Path, model: Path | None) -> np.ndarray:
     file = out / ("corrected.csv" if model else "nominal.csv")
     options = ["--model", str(model)] if model else []
     recording = case / "recording_d.csv"
-    command = [*GAPSCOPE, "predict", str(case), "--recording", str(recording), *options, "--out", str(file)]
+    command = [
+        *GAPSCOPE,
+        "predict",
+        str(case),
+        "--recording",
+        str(recording),
+        *options,
+        "--out",
+        str(file),
+    ]
     subprocess.run(command, check=True, capture_output=True)
     table = read_csv(file)
-    return np.column_stack([table.numbers(name) for name in table.columns if name.startswith("tau")])
+    return np.column_stack(
+        [table.numbers(name) for name in table.columns if name.startswith("tau")]
+    )
 
 
 def main() -> None:
     """Run all cases and print a table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--data", type=Path, default=Path(os.environ.get("GAPSCOPE_DATA", ROOT / "../shared/data")))
+    parser.add_argument(
+        "--data",
+        type=Path,
+        default=Path(os.environ.get("GAPSCOPE_DATA", ROOT / "../shared/data")),
+    )
     parser.add_argument("--out", type=Path, default=Path("out/sample_cases"))
     arguments = parser.parse_args()
     folder = arguments.data / "sample_cases"
@@ -60,17 +77,34 @@ def main() -> None:
     for label in labels:
         case, out = folder / label["case"], arguments.out / label["case"]
         start = monotonic()
-        subprocess.run([*GAPSCOPE, "diagnose", str(case), "--out", str(out)], check=True, capture_output=True)
+        subprocess.run(
+            [*GAPSCOPE, "diagnose", str(case), "--out", str(out)],
+            check=True,
+            capture_output=True,
+        )
         elapsed = monotonic() - start
         document = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))
-        held_out = load_recording(case / "recording_d.csv", load_case(case, read_recordings=False).arm)
+        held_out = load_recording(
+            case / "recording_d.csv", load_case(case, read_recordings=False).arm
+        )
         assert held_out.tau is not None
         before = nrmse(held_out.tau, predicted(case, out, None), held_out.rate)
-        after = nrmse(held_out.tau, predicted(case, out, out / "corrected.yaml"), held_out.rate)
+        after = nrmse(
+            held_out.tau, predicted(case, out, out / "corrected.yaml"), held_out.rate
+        )
         floor = np.array(label["floor"])
-        closed = (before - after).sum() / (before - floor).sum() if document["effects"] else np.nan
-        found, truth = ("; ".join(f"{e['effect']} {e['joints']}" for e in x["effects"]) for x in (document, label))
-        verdict = f"{label['case']:8} {document['verdict']:13} {closed:7.1%} {elapsed:5.1f}s"
+        closed = (
+            (before - after).sum() / (before - floor).sum()
+            if document["effects"]
+            else np.nan
+        )
+        found, truth = (
+            "; ".join(f"{e['effect']} {e['joints']}" for e in x["effects"])
+            for x in (document, label)
+        )
+        verdict = (
+            f"{label['case']:8} {document['verdict']:13} {closed:7.1%} {elapsed:5.1f}s"
+        )
         print(f"{verdict}  {found or 'none'} | {truth or 'none'}")
 
 

@@ -16,14 +16,14 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from arm.case import Case, load_case
-from arm.dynamics import RigidBody
-from arm.errors import GapscopeError
-from arm.nominal import smooth_sign
-from diagnosis.result import Diagnosis
-from effects.corrected import CorrectedArm
-from gapscope.run import diagnose_path
-from ident.conditioning import Segment, condition, low_pass
+from gapscope.arm.case import Case, load_case
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import GapscopeError
+from gapscope.arm.nominal import smooth_sign
+from gapscope.commands.diagnose import diagnose_path
+from gapscope.diagnosis.result import Diagnosis
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.ident.signals.conditioning import Segment, condition, low_pass
 
 CASES = Path(__file__).parent / "cases"
 MOVING = 0.05
@@ -53,14 +53,21 @@ def relative(error: np.ndarray, torque: np.ndarray, rows: np.ndarray) -> float:
 def tx40_errors(case: Case, found: Diagnosis, cutoff: float) -> None:
     """Print the relative errors of the nominal arm, the corrected arm and plain least squares at one cut-off [Hz]."""
     body = RigidBody(case.arm)
-    fit, judged = (condition(r, cutoff)[0] for r in (case.recordings[0], case.judged[0]))
-    x, y = (low_pass(z, fit.motion.rate, cutoff)[fit.inner] for z in (features(body, fit), fit.torque))
+    fit, judged = (
+        condition(r, cutoff)[0] for r in (case.recordings[0], case.judged[0])
+    )
+    x, y = (
+        low_pass(z, fit.motion.rate, cutoff)[fit.inner]
+        for z in (features(body, fit), fit.torque)
+    )
     parameters = np.linalg.lstsq(x.reshape(-1, x.shape[2]), y.ravel(), rcond=1e-9)[0]
     in_sample = relative(y - x @ parameters, y, np.full(y.shape, True))
     print(f"  both sides at {cutoff:g} Hz: in-sample least squares {in_sample:.1%}")
     models = {
         "nominal": CorrectedArm(case.arm).predict(body, judged.motion),
-        "with the effects found": CorrectedArm(case.arm, found.effects).predict(body, judged.motion),
+        "with the effects found": CorrectedArm(case.arm, found.effects).predict(
+            body, judged.motion
+        ),
         "plain least squares": features(body, judged) @ parameters,
     }
     torque = low_pass(judged.torque, judged.motion.rate, cutoff)[judged.inner]
@@ -70,7 +77,9 @@ def tx40_errors(case: Case, found: Diagnosis, cutoff: float) -> None:
         every = np.full(torque.shape, True)
         first = np.zeros_like(every)
         first[:, :4] = True
-        figures = [relative(error, torque, rows) for rows in (every, moving, moving & first)]
+        figures = [
+            relative(error, torque, rows) for rows in (every, moving, moving & first)
+        ]
         row = "  ".join(f"{figure:6.1%}" for figure in figures)
         print(f"    {name:23} all judged rows, moving, moving joints 1-4: {row}")
 
@@ -78,14 +87,18 @@ def tx40_errors(case: Case, found: Diagnosis, cutoff: float) -> None:
 def tx40_parameters(case: Case, found: Diagnosis) -> None:
     """Print friction and rotor inertia beside the published values."""
     path = case.arm.urdf.parent / "TX40_config.yaml"
-    published = yaml.safe_load(path.read_text(encoding="utf-8"))["identification"]["robot_params"][0]
+    published = yaml.safe_load(path.read_text(encoding="utf-8"))["identification"][
+        "robot_params"
+    ][0]
     for name, parameter, key in (
         ("viscous_friction", "coefficient", "fv"),
         ("coulomb_friction", "torque", "fs"),
         ("armature", "inertia", "Ia"),
     ):
         values = CorrectedArm(case.arm, found.effects).value(name, parameter)
-        print(f"  {name:17} found {np.round(values, 3).tolist()}  published {published[key]}")
+        print(
+            f"  {name:17} found {np.round(values, 3).tolist()}  published {published[key]}"
+        )
 
 
 def main() -> None:
@@ -103,10 +116,17 @@ def main() -> None:
         document = found.document
         print(f"{case.name}: {document['verdict']}")
         for stage in ("before", "after"):
-            print(f"  torque NRMSE {stage:6} {np.round(document['gap'][stage]['torque_nrmse'], 3).tolist()}")
-        print(f"  floor               {np.round(document['gap']['before']['floor'], 3).tolist()}")
+            print(
+                f"  torque NRMSE {stage:6} {np.round(document['gap'][stage]['torque_nrmse'], 3).tolist()}"
+            )
+        print(
+            f"  floor               {np.round(document['gap']['before']['floor'], 3).tolist()}"
+        )
         for applied in found.effects:
-            values = {name: np.round(value, 3).tolist() for name, value in applied.parameters.items()}
+            values = {
+                name: np.round(value, 3).tolist()
+                for name, value in applied.parameters.items()
+            }
             print(f"  {applied.name} {list(applied.joints)} {values}")
         if case.name == "staubli_tx40":
             tx40_parameters(case, found)

@@ -24,16 +24,16 @@ import numpy as np
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
 
 import gapscope  # noqa: F401 (makes the environment known)
-from arm.dynamics import RigidBody
-from arm.motion import Motion
-from arm.nominal import NominalArm
-from arm.robots import load_nominal_arm
-from arm.trajectory import Fourier, urdf_limits
-from effects.applied import AppliedEffect
-from effects.corrected import CorrectedArm
-from envs.engines.mujoco import MuJoCoEngine
-from envs.engines.pybullet import PyBulletEngine, pybullet
-from envs.simulated_arm import SimulatedArm
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.motions.trajectory import Fourier, urdf_limits
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.envs.engines.mujoco import MuJoCoEngine
+from gapscope.envs.engines.pybullet import PyBulletEngine, pybullet
+from gapscope.envs.simulated_arm import SimulatedArm
 
 JOINTS = (1, 2, 3, 4, 5, 6, 7)
 POSTURE = np.array([0.0, 0.6, 0.0, -1.2, 0.0, 0.8, 0.0])
@@ -42,9 +42,17 @@ SCALE = np.array([3.0, 3.5, 2.0, 2.5, 1.2, 0.8, 0.5])
 FRICTION = (
     AppliedEffect("coulomb_friction", JOINTS, {"torque": SCALE}),
     AppliedEffect("viscous_friction", JOINTS, {"coefficient": SCALE}),
-    AppliedEffect("stribeck_friction", JOINTS, {"torque": 0.3 * SCALE, "velocity": np.full(7, 0.1)}),
+    AppliedEffect(
+        "stribeck_friction",
+        JOINTS,
+        {"torque": 0.3 * SCALE, "velocity": np.full(7, 0.1)},
+    ),
     AppliedEffect("load_friction", JOINTS, {"coefficient": np.full(7, 0.1)}),
-    AppliedEffect("friction_drift", JOINTS, {"amplitude": np.full(7, 0.3), "time_constant": np.full(7, 300.0)}),
+    AppliedEffect(
+        "friction_drift",
+        JOINTS,
+        {"amplitude": np.full(7, 0.3), "time_constant": np.full(7, 300.0)},
+    ),
 )
 
 
@@ -58,7 +66,13 @@ class Loop(NamedTuple):
 def reference(arm: NominalArm) -> tuple[Fourier, np.ndarray]:
     """A Fourier motion and its times [s]."""
     limits = urdf_limits(RigidBody(arm), 6.0)._replace(velocity=np.full(7, 1.5))
-    motion = Fourier.random(np.random.default_rng(0), limits, duration=DURATION, centre=POSTURE, frequency=0.2)
+    motion = Fourier.random(
+        np.random.default_rng(0),
+        limits,
+        duration=DURATION,
+        centre=POSTURE,
+        frequency=0.2,
+    )
     return motion, np.arange(0.0, DURATION, DT)
 
 
@@ -94,7 +108,11 @@ def bare_pybullet(simulated: SimulatedArm, torque: np.ndarray) -> Loop:
     def run() -> None:
         for force in forces:
             pybullet.setJointMotorControlArray(
-                robot, joints, pybullet.TORQUE_CONTROL, forces=force, physicsClientId=client
+                robot,
+                joints,
+                pybullet.TORQUE_CONTROL,
+                forces=force,
+                physicsClientId=client,
             )
             pybullet.stepSimulation(physicsClientId=client)
             pybullet.getJointStates(robot, joints, physicsClientId=client)
@@ -123,28 +141,51 @@ def arm_loop(simulated: SimulatedArm, torque: np.ndarray, substeps: int) -> Loop
     A weak feedback keeps the arm on its motion, away from its limits.
     """
     motion, t = reference(simulated.arm)
-    rows = list(zip(torque[::substeps], *(x(t)[::substeps] for x in (motion.position, motion.velocity)), strict=True))
+    rows = list(
+        zip(
+            torque[::substeps],
+            *(x(t)[::substeps] for x in (motion.position, motion.velocity)),
+            strict=True,
+        )
+    )
     gain = np.diag(simulated.body.mass_matrix(POSTURE))
 
     def run() -> None:
         for force, q, dq in rows:
-            simulated.step(force + gain * (40.0 * (q - simulated.q) + 9.0 * (dq - simulated.dq)), substeps)
+            simulated.step(
+                force + gain * (40.0 * (q - simulated.q) + 9.0 * (dq - simulated.dq)),
+                substeps,
+            )
 
     return Loop(lambda: simulated.reset(POSTURE), run)
 
 
 def make(
-    arm: NominalArm, effects: tuple[AppliedEffect, ...], engine: str, substeps: int, action: str = "torque"
+    arm: NominalArm,
+    effects: tuple[AppliedEffect, ...],
+    engine: str,
+    substeps: int,
+    action: str = "torque",
 ) -> gymnasium.Env:
     """The environment, which follows the same motion; torque actions are scaled such that none is clipped."""
     share = {"action_share": 100.0} if action == "torque" else {}
     return gymnasium.make(
-        "gapscope/ArmTracking-v0", robot=arm, effects=effects, engine=engine, action=action, **share,
-        motion=reference(arm)[0], sub_steps=substeps, time_step=DT, episode_length=DURATION,
-    )  # fmt: skip
+        "gapscope/ArmTracking-v0",
+        robot=arm,
+        effects=effects,
+        engine=engine,
+        action=action,
+        **share,
+        motion=reference(arm)[0],
+        sub_steps=substeps,
+        time_step=DT,
+        episode_length=DURATION,
+    )
 
 
-def actions(environment: gymnasium.Env, torque: np.ndarray, substeps: int) -> np.ndarray:
+def actions(
+    environment: gymnasium.Env, torque: np.ndarray, substeps: int
+) -> np.ndarray:
     """Actions of the motion's torque with a weak feedback [1], shape (K, 7); the same actions give the same motion."""
     inner = environment.unwrapped
     gain, parts = np.diag(inner.body.mass_matrix(POSTURE)), inner.layout.slices
@@ -173,50 +214,92 @@ def environment_loop(environment: gymnasium.Env, rows: list[np.ndarray]) -> Loop
 def against_bare_loops(arm: NominalArm, rounds: int) -> None:
     """Print the first table: the simulated arm and the environment against the bare loop."""
     print("time per simulated ms [us], and speed over that of the bare loop")
-    print("engine   sub-steps   bare    arm, no effects  arm, friction    env, no effects  env, friction    ", end="")
+    print(
+        "engine   sub-steps   bare    arm, no effects  arm, friction    env, no effects  env, friction    ",
+        end="",
+    )
     print("residual         residual, friction")
     free, rough = torques(arm, ()), torques(arm, FRICTION)
     for name, bare in (("pybullet", bare_pybullet), ("mujoco", bare_mujoco)):
         for substeps in (20, 4, 1):
-            arms = [SimulatedArm(arm, effects, DT, engine=name) for effects in ((), FRICTION)]
-            kinds = [(effects, kind) for kind in ("torque", "residual") for effects in ((), FRICTION)]
-            environments = [make(arm, effects, name, substeps, kind) for effects, kind in kinds]
+            arms = [
+                SimulatedArm(arm, effects, DT, engine=name)
+                for effects in ((), FRICTION)
+            ]
+            kinds = [
+                (effects, kind)
+                for kind in ("torque", "residual")
+                for effects in ((), FRICTION)
+            ]
+            environments = [
+                make(arm, effects, name, substeps, kind) for effects, kind in kinds
+            ]
             loops = [bare(arms[0], free)]
-            loops += [arm_loop(x, torque, substeps) for x, torque in zip(arms, (free, rough), strict=True)]
-            played = [actions(x, y, substeps) for x, y in zip(environments[:2], (free, rough), strict=True)]
+            loops += [
+                arm_loop(x, torque, substeps)
+                for x, torque in zip(arms, (free, rough), strict=True)
+            ]
+            played = [
+                actions(x, y, substeps)
+                for x, y in zip(environments[:2], (free, rough), strict=True)
+            ]
             played += [np.zeros_like(played[0])] * 2
-            loops += [environment_loop(x, list(rows)) for x, rows in zip(environments, played, strict=True)]
+            loops += [
+                environment_loop(x, list(rows))
+                for x, rows in zip(environments, played, strict=True)
+            ]
             times = timed(loops, rounds, time.process_time)
             for x in (*arms, *environments):
                 x.close()
             floor, *ours = 1e6 * np.median(times, axis=0) / len(free)
             ratios = np.median(times[:, :1] / times[:, 1:], axis=0)
-            columns = "  ".join(f"{value:8.2f} {ratio:6.2f}" for value, ratio in zip(ours, ratios, strict=True))
+            columns = "  ".join(
+                f"{value:8.2f} {ratio:6.2f}"
+                for value, ratio in zip(ours, ratios, strict=True)
+            )
             print(f"{name:9} {substeps:8d} {floor:6.2f}  {columns}", flush=True)
 
 
 def in_vector_form(arm: NominalArm, rounds: int) -> None:
     """Print the second table: environments in vector form against one."""
     substeps = 20
-    print(f"environment steps per second, {COPIES} environments in vector form, {substeps} sub-steps per action")
+    print(
+        f"environment steps per second, {COPIES} environments in vector form, {substeps} sub-steps per action"
+    )
     print("engine    effects    one     SyncVectorEnv    AsyncVectorEnv")
     for name in ("pybullet", "mujoco"):
         for label, effects in (("none", ()), ("friction", FRICTION)):
             one = make(arm, effects, name, substeps)
-            rows = actions(one, torques(arm, effects), substeps)[:-1]  # the last would end all episodes
-            makers = [lambda effects=effects, name=name: make(arm, effects, name, substeps)] * COPIES
+            rows = actions(one, torques(arm, effects), substeps)[
+                :-1
+            ]  # the last would end all episodes
+            makers = [
+                lambda effects=effects, name=name: make(arm, effects, name, substeps)
+            ] * COPIES
             many = [SyncVectorEnv(makers), AsyncVectorEnv(makers)]
             stacked = np.repeat(rows[:, None], COPIES, axis=1).astype(np.float32)
-            times = timed([_stepping(one, rows), *(_stepping(x, stacked) for x in many)], rounds, time.perf_counter)
+            times = timed(
+                [_stepping(one, rows), *(_stepping(x, stacked) for x in many)],
+                rounds,
+                time.perf_counter,
+            )
             for x in (one, *many):
                 x.close()
             speed = len(rows) * np.array([1, COPIES, COPIES]) / times
-            rates, ratios = np.median(speed, axis=0), np.median(speed[:, 1:] / speed[:, :1], axis=0)
-            columns = "  ".join(f"{rate:8.0f} {ratio:6.2f}" for rate, ratio in zip(rates[1:], ratios, strict=True))
+            rates, ratios = (
+                np.median(speed, axis=0),
+                np.median(speed[:, 1:] / speed[:, :1], axis=0),
+            )
+            columns = "  ".join(
+                f"{rate:8.0f} {ratio:6.2f}"
+                for rate, ratio in zip(rates[1:], ratios, strict=True)
+            )
             print(f"{name:9} {label:9} {rates[0]:5.0f}  {columns}", flush=True)
 
 
-def _stepping(environment: gymnasium.Env | gymnasium.vector.VectorEnv, rows: np.ndarray) -> Loop:
+def _stepping(
+    environment: gymnasium.Env | gymnasium.vector.VectorEnv, rows: np.ndarray
+) -> Loop:
     """All actions in turn."""
 
     def run() -> None:
@@ -232,7 +315,9 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=21)
     parser.add_argument("--part", choices=("loops", "vector"))
     options = parser.parse_args()
-    arm = load_nominal_arm("kuka_iiwa", sheet={"coulomb": [0.0] * 7, "viscous": [0.0] * 7})
+    arm = load_nominal_arm(
+        "kuka_iiwa", sheet={"coulomb": [0.0] * 7, "viscous": [0.0] * 7}
+    )
     if options.part != "vector":
         against_bare_loops(arm, options.rounds)
     if options.part != "loops":

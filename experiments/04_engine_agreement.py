@@ -14,14 +14,14 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pinocchio as pin
 
-from arm.dynamics import RigidBody
-from arm.feedforward import feedforward
-from arm.nominal import NominalArm
-from arm.trajectory import Fourier, urdf_limits
-from effects.applied import AppliedEffect
-from envs.engines import ENGINES, installed
-from envs.mystery import POSTURE, iiwa, position_controller
-from envs.simulated_arm import SimulatedArm
+from gapscope.arm.dynamics.feedforward import feedforward
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.motions.trajectory import Fourier, urdf_limits
+from gapscope.arm.nominal import NominalArm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.envs.engines import ENGINES, installed
+from gapscope.envs.mystery_arm import POSTURE, iiwa, position_controller
+from gapscope.envs.simulated_arm import SimulatedArm
 
 DURATION, RATE = 10.0, 1000.0
 SWING = np.array([0.075, 0.1, 0.05, -0.125, 0.025, 0.1, 0.0])
@@ -29,7 +29,9 @@ SWING = np.array([0.075, 0.1, 0.05, -0.125, 0.025, 0.1, 0.0])
 CASES: dict[str, tuple[AppliedEffect, ...]] = {
     "none": (),
     "Stribeck and load friction, joints 2 and 4": (
-        AppliedEffect("stribeck_friction", (2, 4), {"torque": [2.0, 1.5], "velocity": [0.1, 0.1]}),
+        AppliedEffect(
+            "stribeck_friction", (2, 4), {"torque": [2.0, 1.5], "velocity": [0.1, 0.1]}
+        ),
         AppliedEffect("load_friction", (2, 4), {"coefficient": [0.15, 0.1]}),
     ),
     "payload 2 kg, base tilt 3 deg": (
@@ -41,18 +43,32 @@ CASES: dict[str, tuple[AppliedEffect, ...]] = {
         AppliedEffect("actuator_lag", (1, 4), {"time_constant": [0.01, 0.01]}),
     ),
     "elasticity 1e4 N m/rad, joint 2": (
-        AppliedEffect("joint_elasticity", (2,), {"stiffness": [1e4], "damping": [20.0]}),
+        AppliedEffect(
+            "joint_elasticity", (2,), {"stiffness": [1e4], "damping": [20.0]}
+        ),
     ),
     "backlash 0.3 deg, joint 4": (AppliedEffect("backlash", (4,), {"width": [0.005]}),),
 }
 
 
 def follow(
-    arm: NominalArm, effects: tuple[AppliedEffect, ...], engine: str, parts: int, duration: float = DURATION
+    arm: NominalArm,
+    effects: tuple[AppliedEffect, ...],
+    engine: str,
+    parts: int,
+    duration: float = DURATION,
 ) -> np.ndarray:
     """True positions [rad] at every tick of the controller, shape (N, n), with ``parts`` steps per tick."""
-    limits = urdf_limits(RigidBody(arm), 5.0)._replace(velocity=np.full(arm.n_joints, 1.2))
-    motion = Fourier.random(np.random.default_rng(1), limits, duration=DURATION, centre=POSTURE, frequency=0.15)
+    limits = urdf_limits(RigidBody(arm), 5.0)._replace(
+        velocity=np.full(arm.n_joints, 1.2)
+    )
+    motion = Fourier.random(
+        np.random.default_rng(1),
+        limits,
+        duration=DURATION,
+        centre=POSTURE,
+        frequency=0.15,
+    )
     t = np.arange(0.0, duration, 1.0 / RATE)
     q, dq, ddq = motion.position(t), motion.velocity(t), motion.acceleration(t)
     torque = feedforward(arm, RigidBody(arm), "nominal", q, dq, ddq)
@@ -64,7 +80,12 @@ def follow(
         for i in range(len(t)):
             seen, out[i] = simulated.encoders(), simulated.q
             velocity, last = (seen - last) * RATE, seen
-            simulated.step(torque[i] + controller.kp * (q[i] - seen) + controller.kd * (dq[i] - velocity), parts)
+            simulated.step(
+                torque[i]
+                + controller.kp * (q[i] - seen)
+                + controller.kd * (dq[i] - velocity),
+                parts,
+            )
     return out
 
 
@@ -77,7 +98,9 @@ def hanging_arm(folder: Path) -> NominalArm:
     """A bare KUKA iiwa upside down, whose joints have no limits."""
     arm = iiwa()
     file = folder / "free.urdf"
-    file.write_text(arm.urdf.read_text().replace('type="revolute"', 'type="continuous"'))
+    file.write_text(
+        arm.urdf.read_text().replace('type="revolute"', 'type="continuous"')
+    )
     return NominalArm("free", file, arm.joints, gravity=np.array([0.0, 0.0, 9.81]))
 
 
@@ -93,31 +116,49 @@ def swing(arm: NominalArm, engine: str, dt: float) -> tuple[float, float]:
             kinetic[i] = pin.computeKineticEnergy(model, data, q, dq)
             total[i] = kinetic[i] + pin.computePotentialEnergy(model, data, q)
             simulated.step(np.zeros(arm.n_joints))
-    return float(np.ptp(total) / kinetic.max()), float((total[-1] - total[0]) / kinetic.max())
+    return float(np.ptp(total) / kinetic.max()), float(
+        (total[-1] - total[0]) / kinetic.max()
+    )
 
 
 def print_agreement() -> None:
     """Print the table of the engines against each other."""
     arm = iiwa()
     others = [name for name in ENGINES if name != "pybullet" and installed(name)]
-    print("largest RMSE of a joint [rad]".ljust(46), *(f"{name:>20}" for name in others), f"{'step size alone':>20}")
+    print(
+        "largest RMSE of a joint [rad]".ljust(46),
+        *(f"{name:>20}" for name in others),
+        f"{'step size alone':>20}",
+    )
     for label, effects in CASES.items():
         fine = follow(arm, effects, "pybullet", 8)
         for parts in (1, 2):
             base = follow(arm, effects, "pybullet", parts)
-            row = [rmse(base, follow(arm, effects, name, parts)) for name in others] + [rmse(base, fine)]
-            print(f"{label:42} {1 / parts:3g}", *(f"{value:20.2e}" for value in row), flush=True)
+            row = [rmse(base, follow(arm, effects, name, parts)) for name in others] + [
+                rmse(base, fine)
+            ]
+            print(
+                f"{label:42} {1 / parts:3g}",
+                *(f"{value:20.2e}" for value in row),
+                flush=True,
+            )
 
 
 def print_swing() -> None:
     """Print the table of free swing."""
-    print("\nfree swing of 10 s".ljust(20), f"{'step [ms]':>10}{'range':>10}{'at the end':>12}")
+    print(
+        "\nfree swing of 10 s".ljust(20),
+        f"{'step [ms]':>10}{'range':>10}{'at the end':>12}",
+    )
     with TemporaryDirectory() as folder:
         arm = hanging_arm(Path(folder))
         for engine in filter(installed, ENGINES):
             for dt in (1e-3, 5e-4, 2.5e-4):
                 strays, gained = swing(arm, engine, dt)
-                print(f"{engine:19} {1e3 * dt:10g}{strays:10.3%}{gained:12.3%}", flush=True)
+                print(
+                    f"{engine:19} {1e3 * dt:10g}{strays:10.3%}{gained:12.3%}",
+                    flush=True,
+                )
 
 
 def main() -> None:

@@ -14,13 +14,13 @@ from time import perf_counter
 
 import numpy as np
 
-from arm.case import load_case
-from arm.dynamics import RigidBody
-from arm.nominal import NominalArm
-from arm.reading import load_recording
-from effects.applied import AppliedEffect
-from envs.engines import ENGINES, installed
-from envs.replay import replay
+from gapscope.arm.case import load_case
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.io.load_recording import load_recording
+from gapscope.arm.nominal import NominalArm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.envs.engines import ENGINES, installed
+from gapscope.envs.replay import replay
 
 CASES = tuple(f"case00{i}" for i in (0, 1, 2, 3, 4, 5, 7))
 DAMPING_RATIO = 0.05
@@ -33,27 +33,39 @@ def labelled(label: dict, arm: NominalArm) -> tuple[AppliedEffect, ...]:
     """The effects of a label."""
     effects = []
     for entry in label["effects"]:
-        values = {name: parameter["value"] for name, parameter in entry["parameters"].items()}
+        values = {
+            name: parameter["value"] for name, parameter in entry["parameters"].items()
+        }
         if entry["effect"] == "joint_elasticity":
             joint = entry["joints"][0] - 1
             link = RigidBody(arm).mass_matrix(np.zeros(arm.n_joints))[joint, joint]
             inertia = 1 / (1 / link + 1 / arm.armature[joint])
-            values["damping"] = [2 * DAMPING_RATIO * np.sqrt(values["stiffness"][0] * inertia)]
+            values["damping"] = [
+                2 * DAMPING_RATIO * np.sqrt(values["stiffness"][0] * inertia)
+            ]
         effects.append(AppliedEffect(entry["effect"], tuple(entry["joints"]), values))
     return tuple(effects)
 
 
 def main(folder: Path) -> None:
     """Print the table."""
-    labels = {label["case"]: label for label in json.loads((folder / "labels.json").read_text())}
-    print(f"{'case':8} {'engine':9} {'before':>8} {'after':>8} {'closed':>7} {'least':>14} {'time':>5}")
+    labels = {
+        label["case"]: label
+        for label in json.loads((folder / "labels.json").read_text())
+    }
+    print(
+        f"{'case':8} {'engine':9} {'before':>8} {'after':>8} {'closed':>7} {'least':>14} {'time':>5}"
+    )
     for name in CASES:
         case = load_case(folder / name, read_recordings=False)
         recording = load_recording(folder / name / "recording_d.csv", case.arm)
         for engine in filter(installed, ENGINES):
             start = perf_counter()
             before, after = (
-                1e3 * replay(case.arm, effects, recording, case.controller, engine=engine).rmse
+                1e3
+                * replay(
+                    case.arm, effects, recording, case.controller, engine=engine
+                ).rmse
                 for effects in ((), labelled(labels[name], case.arm))
             )
             closed = np.where(before > 1e3 * SEEN, 1 - after / before, np.inf)
@@ -64,4 +76,10 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else Path(__file__).parents[2] / "shared/data/sample_cases"))
+    main(
+        Path(
+            sys.argv[1]
+            if len(sys.argv) > 1
+            else Path(__file__).parents[2] / "shared/data/sample_cases"
+        )
+    )

@@ -23,17 +23,17 @@ from collections.abc import Callable
 
 import numpy as np
 
-from arm.dynamics import RigidBody
-from arm.nominal import NominalArm
-from arm.robots import load_nominal_arm
-from ident.excitation.criteria import CRITERIA, condition_number
-from ident.excitation.design import accept, design, prepare, sampled
-from ident.excitation.families import KINDS
-from ident.excitation.model import ExcitationModel
-from ident.excitation.optimiser import Optimiser
-from ident.excitation.plan import OPTIMISERS, LimitPlan, Plan
-from ident.excitation.random_search import RandomSearch
-from ident.excitation.search import Budget
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.ident.excitation.candidate_model import ExcitationModel
+from gapscope.ident.excitation.criteria import CRITERIA, condition_number
+from gapscope.ident.excitation.design import accept, design, prepare, sampled
+from gapscope.ident.excitation.excitation_plan import OPTIMISERS, LimitPlan, Plan
+from gapscope.ident.excitation.families import KINDS
+from gapscope.ident.excitation.optimiser import Optimiser
+from gapscope.ident.excitation.random_search import RandomSearch
+from gapscope.ident.excitation.trajectory_search import Budget
 
 EFFECTS = ("coulomb_friction", "load_friction")
 RATE = 200.0
@@ -47,14 +47,21 @@ def optimisers(arm: NominalArm, seeds: int, feasible: int) -> None:
         f"{'evaluations':>11} {'feasible':>9} {'best at':>8} {'distance [m]':>12}"
     )
     for seed in range(seeds):
-        count, best = optimised(arm, "random", RandomSearch(feasible), Budget(1_000_000), seed)
+        count, best = optimised(
+            arm, "random", RandomSearch(feasible), Budget(1_000_000), seed
+        )
         for name, make in OPTIMISERS.items():
             if name != "random":
                 optimised(arm, name, make(), Budget(count), seed, best)
 
 
 def optimised(
-    arm: NominalArm, name: str, optimiser: Optimiser, budget: Budget, seed: int, best: float = np.nan
+    arm: NominalArm,
+    name: str,
+    optimiser: Optimiser,
+    budget: Budget,
+    seed: int,
+    best: float = np.nan,
 ) -> tuple[int, float]:
     """Run one optimiser and print its row; evaluations, and the condition number [1]."""
     plan, limits = Plan(budget=budget), LimitPlan()
@@ -64,7 +71,10 @@ def optimised(
     taken = time.process_time() - begun
     _, reference, margins = accept(search, final, plan)
     few = sampled(reference, plan.length, RATE)
-    found, inertial = (condition_number(m.matrix(few)) for m in (search.model, ExcitationModel(arm, body)))
+    found, inertial = (
+        condition_number(m.matrix(few))
+        for m in (search.model, ExcitationModel(arm, body))
+    )
     distance = next(float(m.limit + m.margin) for m in margins if m.name == "distance")
     print(
         f"{name:10} {seed:4} {found:10.1f} {inertial:10.1f} {found / best:10.2f} {taken:8.1f} "
@@ -78,10 +88,22 @@ def criteria(arm: NominalArm, seeds: int, evaluations: int) -> None:
     """Print what is optimal by each criterion, for each kind of trajectory: median over the seeds, least and most."""
     body = RigidBody(arm)
     model = ExcitationModel(arm, body, Plan().columns)
-    measures: tuple[Callable[[float], float], ...] = (float, *[lambda v: float(np.exp(-v))] * 2, float)
+    measures: tuple[Callable[[float], float], ...] = (
+        float,
+        *[lambda v: float(np.exp(-v))] * 2,
+        float,
+    )
 
-    def figures(kind: str, criterion: str, optimiser: str | None, seed: int) -> list[float]:
-        plan = Plan(kind, criterion=criterion, effects=EFFECTS, optimiser=optimiser, budget=Budget(evaluations))
+    def figures(
+        kind: str, criterion: str, optimiser: str | None, seed: int
+    ) -> list[float]:
+        plan = Plan(
+            kind,
+            criterion=criterion,
+            effects=EFFECTS,
+            optimiser=optimiser,
+            budget=Budget(evaluations),
+        )
         begun = time.process_time()
         found = design(arm, plan, LimitPlan(), np.random.default_rng(seed), body=body)
         taken = time.process_time() - begun
@@ -93,23 +115,52 @@ def criteria(arm: NominalArm, seeds: int, evaluations: int) -> None:
 
     print(f"\n{evaluations} evaluations, {seeds} seeds: median (least, most)")
     heads = ("condition", "mean singular value", "smallest", "separation", "time [s]")
-    print(f"{'kind':10} {'criterion':10} {'search':8} " + " ".join(f"{head:>22}" for head in heads))
+    print(
+        f"{'kind':10} {'criterion':10} {'search':8} "
+        + " ".join(f"{head:>22}" for head in heads)
+    )
     for kind in KINDS:
         for name in (*CRITERIA, "separation"):
             for optimiser in ("random", None):
-                rows = np.array([figures(kind, name, optimiser, seed) for seed in range(seeds)]).T
-                cells = [f"{f'{np.median(x):.3g} ({x.min():.3g}, {x.max():.3g})':>22}" for x in rows]
-                print(f"{kind:10} {name:10} {optimiser or 'optimum':8}", *cells, flush=True)
+                rows = np.array(
+                    [figures(kind, name, optimiser, seed) for seed in range(seeds)]
+                ).T
+                cells = [
+                    f"{f'{np.median(x):.3g} ({x.min():.3g}, {x.max():.3g})':>22}"
+                    for x in rows
+                ]
+                print(
+                    f"{kind:10} {name:10} {optimiser or 'optimum':8}",
+                    *cells,
+                    flush=True,
+                )
 
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--robot", default="kuka_iiwa")
     parser.add_argument("--seeds", type=int, default=3, help="searches of each sort")
-    parser.add_argument("--feasible", type=int, default=1000, help="random trajectories that keep all limits")
-    parser.add_argument("--evaluations", type=int, default=1000, help="of each search in the table of criteria")
-    parser.add_argument("--tables", nargs="+", choices=("optimisers", "criteria"), default=("optimisers", "criteria"))
+    parser.add_argument(
+        "--feasible",
+        type=int,
+        default=1000,
+        help="random trajectories that keep all limits",
+    )
+    parser.add_argument(
+        "--evaluations",
+        type=int,
+        default=1000,
+        help="of each search in the table of criteria",
+    )
+    parser.add_argument(
+        "--tables",
+        nargs="+",
+        choices=("optimisers", "criteria"),
+        default=("optimisers", "criteria"),
+    )
     given = parser.parse_args()
     arm = load_nominal_arm(given.robot)
     if "optimisers" in given.tables:

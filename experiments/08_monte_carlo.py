@@ -24,25 +24,30 @@ from monte_carlo_arms import ENGINES, JOINTS, LEVELS, World, simulated, unmodell
 from rich.console import Console
 from rich.progress import Progress
 
-from arm.whole import written_whole
-from ident.estimate import Estimator
-from ident.estimators.consistent_sdp import ConsistentSdp
-from ident.estimators.didim import DirectInverse
-from ident.estimators.instrumental_variables import InstrumentalVariables
-from ident.estimators.irls import HuberLeastSquares
-from ident.estimators.log_cholesky import LogCholesky
-from ident.estimators.maximum_likelihood import MaximumLikelihood
-from ident.estimators.ols import OrdinaryLeastSquares
-from ident.estimators.output_error import OutputError
-from ident.estimators.partial_update import PartialUpdate
-from ident.estimators.ridge import Ridge
-from ident.estimators.total_least_squares import TotalLeastSquares
-from ident.estimators.truncated_svd import TruncatedSvd
-from ident.estimators.wls import WeightedLeastSquares
-from ident.experiment import Experiment
-from ident.problem import Problem
-from ident.torque_interval import torque_interval
-from ident.uncertainty import Uncertainty, block_jackknife, plain, sandwich
+from gapscope.arm.io.atomic_write import written_whole
+from gapscope.ident.estimators.consistent_sdp import ConsistentSdp
+from gapscope.ident.estimators.didim import DirectInverse
+from gapscope.ident.estimators.estimate import Estimator
+from gapscope.ident.estimators.experiment import Experiment
+from gapscope.ident.estimators.instrumental_variables import InstrumentalVariables
+from gapscope.ident.estimators.irls import HuberLeastSquares
+from gapscope.ident.estimators.log_cholesky import LogCholesky
+from gapscope.ident.estimators.maximum_likelihood import MaximumLikelihood
+from gapscope.ident.estimators.ols import OrdinaryLeastSquares
+from gapscope.ident.estimators.output_error import OutputError
+from gapscope.ident.estimators.partial_update import PartialUpdate
+from gapscope.ident.estimators.ridge import Ridge
+from gapscope.ident.estimators.total_least_squares import TotalLeastSquares
+from gapscope.ident.estimators.truncated_svd import TruncatedSvd
+from gapscope.ident.estimators.wls import WeightedLeastSquares
+from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.uncertainty.intervals import (
+    Uncertainty,
+    block_jackknife,
+    plain,
+    sandwich,
+)
+from gapscope.ident.uncertainty.torque_interval import torque_interval
 
 DRY, LACKING = "dry", "lacking"
 ARMS = (*ENGINES, DRY, LACKING)
@@ -58,7 +63,9 @@ BASE: dict[str, Made] = {
     "ridge, L-curve": lambda world, level: Ridge("l_curve"),
     "truncated SVD, GCV": lambda world, level: TruncatedSvd(),
     "total least squares": lambda world, level: TotalLeastSquares(),
-    "TLS, column noise given": lambda world, level: TotalLeastSquares(*world.errors(level)),
+    "TLS, column noise given": lambda world, level: TotalLeastSquares(
+        *world.errors(level)
+    ),
     "maximum likelihood": lambda world, level: MaximumLikelihood(),
     "partial update": lambda world, level: PartialUpdate(world.base.of(world.prior)),
 }
@@ -93,8 +100,15 @@ class Tally:
         if len(self.values) < 2:
             return ""
         values = np.array(self.values)
-        bias, spread = (values.mean(axis=0) - truth) * rms, values.std(axis=0, ddof=1) * rms
-        figures = (np.sqrt((bias**2).mean()), np.sqrt((spread**2).mean()), np.mean(self.errors))
+        bias, spread = (
+            (values.mean(axis=0) - truth) * rms,
+            values.std(axis=0, ddof=1) * rms,
+        )
+        figures = (
+            np.sqrt((bias**2).mean()),
+            np.sqrt((spread**2).mean()),
+            np.mean(self.errors),
+        )
         return " / ".join(f"{1e3 * figure:.1f}" for figure in figures)
 
 
@@ -113,9 +127,17 @@ class Comparison:
         for name, value in found.items():
             levels = self._tallies.setdefault(name, {own: Tally() for own in LEVELS})
             levels[level].values.append(value)
-            levels[level].errors.append(float(np.sqrt((self._judged.residual(value) ** 2).mean())))
+            levels[level].errors.append(
+                float(np.sqrt((self._judged.residual(value) ** 2).mean()))
+            )
 
-    def linear(self, level: float, counts: dict[str, int], rng: np.random.Generator, step: Callable[[], None]) -> None:
+    def linear(
+        self,
+        level: float,
+        counts: dict[str, int],
+        rng: np.random.Generator,
+        step: Callable[[], None],
+    ) -> None:
         """Runs of the estimators that do not simulate."""
         world = self._world
         base = {name: made(world, level) for name, made in BASE.items()}
@@ -123,18 +145,38 @@ class Comparison:
             problem = world.problem(world.noisy(level, rng))
             if run < counts["runs"]:
                 reduced = world.reduced(problem)
-                self.add(level, {name: estimator.estimate(reduced).value for name, estimator in base.items()})
+                self.add(
+                    level,
+                    {
+                        name: estimator.estimate(reduced).value
+                        for name, estimator in base.items()
+                    },
+                )
             if run < counts["consistent"]:
-                standard = {name: made(world, level).estimate(problem).value for name, made in STANDARD.items()}
-                self.add(level, {name: world.base.of(value) for name, value in standard.items()})
+                standard = {
+                    name: made(world, level).estimate(problem).value
+                    for name, made in STANDARD.items()
+                }
+                self.add(
+                    level,
+                    {name: world.base.of(value) for name, value in standard.items()},
+                )
             step()
 
-    def simulating(self, level: float, rng: np.random.Generator, step: Callable[[], None]) -> None:
+    def simulating(
+        self, level: float, rng: np.random.Generator, step: Callable[[], None]
+    ) -> None:
         """One run of the estimators that simulate."""
         recordings = self._world.noisy(level, rng)
         experiment = self._world.experiment(recordings)
         problem = experiment.build(recordings)
-        self.add(level, {name: made(experiment).estimate(problem).value for name, made in SIMULATING.items()})
+        self.add(
+            level,
+            {
+                name: made(experiment).estimate(problem).value
+                for name, made in SIMULATING.items()
+            },
+        )
         step()
 
     def text(self) -> str:
@@ -142,13 +184,19 @@ class Comparison:
         rows = []
         for name, levels in self._tallies.items():
             runs = "/".join(str(len(tally.values)) for tally in levels.values())
-            figures = (tally.row(self._world.truth, self._rms) for tally in levels.values())
+            figures = (
+                tally.row(self._world.truth, self._rms) for tally in levels.values()
+            )
             rows.append([name, runs, *figures])
         return f"{self.label}: bias / standard deviation / RMSE of judged torque [mN m]\n\n{table(HEAD, rows)}"
 
 
 def coverage(
-    world: World, level: float, runs: int, rng: np.random.Generator, step: Callable[[], None]
+    world: World,
+    level: float,
+    runs: int,
+    rng: np.random.Generator,
+    step: Callable[[], None],
 ) -> dict[str, float]:
     """Share of parameters, and of samples of predicted torque, within their 95 % intervals; share of runs warned."""
     judged = world.reduced(world.problem(world.judge))
@@ -171,8 +219,12 @@ def coverage(
         error = np.abs(judged.residual(estimate.value))
         inside = error <= interval.half_width(judged.matrix)
         hits.setdefault("torque", []).append(float(inside.mean()))
-        hits.setdefault("torque, worst joint", []).append(float(inside.mean(axis=0).min()))
-        hits.setdefault("torque, parameters only", []).append(float(_bare(methods["plain formula"], judged, error)))
+        hits.setdefault("torque, worst joint", []).append(
+            float(inside.mean(axis=0).min())
+        )
+        hits.setdefault("torque, parameters only", []).append(
+            float(_bare(methods["plain formula"], judged, error))
+        )
         hits.setdefault("warned", []).append(float(bool(interval.warnings)))
         step()
     return {name: float(np.mean(values)) for name, values in hits.items()}
@@ -180,7 +232,9 @@ def coverage(
 
 def _bare(uncertainty: Uncertainty, judged: Problem, error: np.ndarray) -> float:
     """Coverage of the torque by the plain formula's parameter covariance alone."""
-    own = np.einsum("ijb,bc,ijc->ij", judged.matrix, uncertainty.covariance, judged.matrix)
+    own = np.einsum(
+        "ijb,bc,ijc->ij", judged.matrix, uncertainty.covariance, judged.matrix
+    )
     return float((error <= 1.96 * np.sqrt(own)).mean())
 
 
@@ -203,8 +257,13 @@ class Report:
         texts = [comparison.text() for comparison in self.comparisons]
         if self.shares:
             kinds = list(self.shares[0][1])
-            rows = [[label, *(f"{share[kind]:.1%}" for kind in kinds)] for label, share in self.shares]
-            texts.append(f"coverage of 95 % intervals, weighted least squares\n\n{table(['arm', *kinds], rows)}")
+            rows = [
+                [label, *(f"{share[kind]:.1%}" for kind in kinds)]
+                for label, share in self.shares
+            ]
+            texts.append(
+                f"coverage of 95 % intervals, weighted least squares\n\n{table(['arm', *kinds], rows)}"
+            )
         return "\n\n".join(texts)
 
     def write(self) -> None:
@@ -230,9 +289,16 @@ def measure(
         comparison.linear(level, counts, rng, step)
     for run in range(counts["simulating"]):
         for place, level in enumerate(LEVELS):
-            comparison.simulating(level, np.random.default_rng([*seed, place, run]), step)
+            comparison.simulating(
+                level, np.random.default_rng([*seed, place, run]), step
+            )
     for level in LEVELS if counts["runs"] else ():
-        report.shares.append((f"{label}, noise {level:.0%}", coverage(world, level, counts["runs"], rng, step)))
+        report.shares.append(
+            (
+                f"{label}, noise {level:.0%}",
+                coverage(world, level, counts["runs"], rng, step),
+            )
+        )
 
 
 def main() -> None:
@@ -242,18 +308,32 @@ def main() -> None:
     parser.add_argument("--consistent", type=int, default=20)
     parser.add_argument("--simulating", type=int, default=0)
     parser.add_argument("--arms", nargs="+", choices=ARMS, default=ARMS)
-    parser.add_argument("--joints", type=int, nargs="+", default=JOINTS, help="of the iiwa, 2 and 4 among them")
+    parser.add_argument(
+        "--joints",
+        type=int,
+        nargs="+",
+        default=JOINTS,
+        help="of the iiwa, 2 and 4 among them",
+    )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=None)
     options = parser.parse_args()
     joints, rng = tuple(options.joints), np.random.default_rng(options.seed)
-    counts = {"runs": options.runs, "consistent": options.consistent, "simulating": options.simulating}
+    counts = {
+        "runs": options.runs,
+        "consistent": options.consistent,
+        "simulating": options.simulating,
+    }
     console, report = Console(), Report(options.out)
-    per_arm = len(LEVELS) * (max(options.runs, options.consistent) + options.simulating + options.runs)
+    per_arm = len(LEVELS) * (
+        max(options.runs, options.consistent) + options.simulating + options.runs
+    )
     lacking = unmodelled(joints) if LACKING in options.arms and options.runs else {}
     whole = [arm for arm in options.arms if arm != LACKING]
     with Progress(console=console) as progress:
-        task = progress.add_task("runs", total=len(whole) * per_arm + len(lacking) * options.runs)
+        task = progress.add_task(
+            "runs", total=len(whole) * per_arm + len(lacking) * options.runs
+        )
 
         def step() -> None:
             progress.advance(task)
@@ -261,15 +341,34 @@ def main() -> None:
 
         for place, engine in enumerate(ENGINES):
             if engine in whole:
-                measure(engine, simulated(engine, joints), counts, rng, [options.seed, place], report, step)
+                measure(
+                    engine,
+                    simulated(engine, joints),
+                    counts,
+                    rng,
+                    [options.seed, place],
+                    report,
+                    step,
+                )
         for name, effects in lacking.items():
             world = simulated(ENGINES[0], joints, effects)
             share = coverage(world, LEVELS[1], options.runs, rng, step)
             report.shares.append((f"lacks {name}, noise {LEVELS[1]:.0%}", share))
         if DRY in whole:
-            own, seed = np.random.default_rng([options.seed, 1]), [options.seed, len(ENGINES)]
+            own, seed = (
+                np.random.default_rng([options.seed, 1]),
+                [options.seed, len(ENGINES)],
+            )
             label = f"{ENGINES[0]} with dry friction"
-            measure(label, simulated(ENGINES[0], joints, dry=True), counts, own, seed, report, step)
+            measure(
+                label,
+                simulated(ENGINES[0], joints, dry=True),
+                counts,
+                own,
+                seed,
+                report,
+                step,
+            )
     report.write()
     console.print(report.text(), soft_wrap=True, highlight=False, markup=False)
     if options.out:

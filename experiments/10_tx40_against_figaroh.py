@@ -25,14 +25,14 @@ from time import perf_counter, process_time
 import numpy as np
 from figaroh_environment import FIGAROH, install
 
-from arm.case import Case, load_case
-from arm.nominal import smooth_sign
-from ident.conditioning import TRIM, Segment
-from ident.friction_law import FrictionLaw
-from ident.identification import Identification, Settings, identify
-from ident.model_columns import ModelColumns
-from ident.samples import Band
-from ident.validation import MOVING
+from gapscope.arm.case import Case, load_case
+from gapscope.arm.nominal import smooth_sign
+from gapscope.ident.identification import Identification, Settings, identify
+from gapscope.ident.model.friction_law import FrictionLaw
+from gapscope.ident.model.model_columns import ModelColumns
+from gapscope.ident.signals.conditioning import TRIM, Segment
+from gapscope.ident.signals.samples import Band
+from gapscope.ident.uncertainty.validation import MOVING
 
 HERE = Path(__file__).parent
 ORDERS = (1, 2)
@@ -49,13 +49,29 @@ def without_meshes(urdf: Path, path: Path) -> Path:
     return path
 
 
-def figaroh(python: Path, case: Case, fit: Segment, judged: Segment, cutoff: float, out: Path) -> dict[str, np.ndarray]:
+def figaroh(
+    python: Path, case: Case, fit: Segment, judged: Segment, cutoff: float, out: Path
+) -> dict[str, np.ndarray]:
     """Torque of FIGAROH's fit on both segments [N m], (N, 6), number of parameters, wall and processor time [s]."""
-    motions = {key: np.stack([s.motion.q, s.motion.dq, s.motion.ddq]) for key, s in (("fit", fit), ("judged", judged))}
+    motions = {
+        key: np.stack([s.motion.q, s.motion.dq, s.motion.ddq])
+        for key, s in (("fit", fit), ("judged", judged))
+    }
     arrays, result = out / "arrays.npz", out / "figaroh.npz"
     urdf = without_meshes(case.arm.urdf, out / "arm.urdf")
-    np.savez(arrays, **motions, torque=fit.torque, rate=fit.motion.rate, cutoff=cutoff, urdf=str(urdf.resolve()))
-    subprocess.run([python, HERE / "figaroh_fit.py", arrays, result], check=True, stderr=subprocess.DEVNULL)
+    np.savez(
+        arrays,
+        **motions,
+        torque=fit.torque,
+        rate=fit.motion.rate,
+        cutoff=cutoff,
+        urdf=str(urdf.resolve()),
+    )
+    subprocess.run(
+        [python, HERE / "figaroh_fit.py", arrays, result],
+        check=True,
+        stderr=subprocess.DEVNULL,
+    )
     return dict(np.load(result))
 
 
@@ -68,7 +84,12 @@ class SharpLaw(FrictionLaw):
 
 
 def plain(
-    columns: ModelColumns, fit: Segment, judged: Segment, band: Band, law: FrictionLaw, filtered: bool = True
+    columns: ModelColumns,
+    fit: Segment,
+    judged: Segment,
+    band: Band,
+    law: FrictionLaw,
+    filtered: bool = True,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Torque of a plain fit on both segments, in the band [N m]."""
     x, z = (columns.matrix(s.motion, law) for s in (fit, judged))
@@ -82,10 +103,20 @@ def plain(
 def relative(left: np.ndarray, torque: np.ndarray, rows: np.ndarray) -> list[float]:
     """RMS residual over RMS torque on the chosen samples: of all joints, and of each."""
     power = [(np.where(rows, x, 0.0) ** 2).sum(axis=0) for x in (left, torque)]
-    return [float(np.sqrt(power[0].sum() / power[1].sum())), *np.sqrt(power[0] / power[1]).tolist()]
+    return [
+        float(np.sqrt(power[0].sum() / power[1].sum())),
+        *np.sqrt(power[0] / power[1]).tolist(),
+    ]
 
 
-def table(name: str, fitted: np.ndarray, predicted: np.ndarray, fit: Segment, judged: Segment, band: Band) -> None:
+def table(
+    name: str,
+    fitted: np.ndarray,
+    predicted: np.ndarray,
+    fit: Segment,
+    judged: Segment,
+    band: Band,
+) -> None:
     """Print the errors of one model; predictions in the band on every row, (N, 6)."""
     torque = [band.filtered(np.asarray(s.torque), s) for s in (fit, judged)]
     moving = np.abs(judged.motion.dq) > MOVING
@@ -95,34 +126,55 @@ def table(name: str, fitted: np.ndarray, predicted: np.ndarray, fit: Segment, ju
         "fitted": (torque[0] - fitted, torque[0], np.full(fitted.shape, True)),
         "judged, moving": (torque[1] - predicted, torque[1], moving),
         "judged": (torque[1] - predicted, torque[1], np.full(moving.shape, True)),
-        f"judged, moving, less {TRIM} s": (torque[1] - predicted, torque[1], moving & inner),
+        f"judged, moving, less {TRIM} s": (
+            torque[1] - predicted,
+            torque[1],
+            moving & inner,
+        ),
         f"judged, less {TRIM} s": (torque[1] - predicted, torque[1], inner),
     }
     for label, entry in rows.items():
         total, *joints = relative(*entry)
-        print(f"  {name:10} {label:27} {total:6.1%}  joints " + " ".join(f"{x:6.1%}" for x in joints))
+        print(
+            f"  {name:10} {label:27} {total:6.1%}  joints "
+            + " ".join(f"{x:6.1%}" for x in joints)
+        )
 
 
-def left_over(result: Identification, fit: Segment, judged: Segment, band: Band) -> None:
+def left_over(
+    result: Identification, fit: Segment, judged: Segment, band: Band
+) -> None:
     """Print which effect explains how much of what is left, joint by joint, and where it stands."""
     left, rows = [], []
     for segment in (fit, judged):
         predicted = result.predict(segment.motion)
-        rate, after = (band.filtered(x, segment) for x in _derivatives(predicted, segment))
+        rate, after = (
+            band.filtered(x, segment) for x in _derivatives(predicted, segment)
+        )
         left.append(band.filtered(np.asarray(segment.torque) - predicted, segment))
-        rows.append(_effects(result, segment, band, predicted) | {"delay": [rate], "elasticity": [after]})
+        rows.append(
+            _effects(result, segment, band, predicted)
+            | {"delay": [rate], "elasticity": [after]}
+        )
     rest = np.abs(judged.motion.dq) <= MOVING
     power = (left[1] ** 2).sum()
-    print(f"  of what is left on the judged rows, {(np.where(rest, left[1], 0) ** 2).sum() / power:.0%} at rest,")
-    print(f"  {(left[1][:, 4:] ** 2).sum() / power:.0%} on joints 5 and 6, whose residuals are correlated by "
-          f"{np.corrcoef(left[1][:, 4], left[1][:, 5])[0, 1]:+.2f}")  # fmt: skip
+    print(
+        f"  of what is left on the judged rows, {(np.where(rest, left[1], 0) ** 2).sum() / power:.0%} at rest,"
+    )
+    print(
+        f"  {(left[1][:, 4:] ** 2).sum() / power:.0%} on joints 5 and 6, whose residuals are correlated by "
+        f"{np.corrcoef(left[1][:, 4], left[1][:, 5])[0, 1]:+.2f}"
+    )
     for name in rows[0]:
         shares = []
         for j in range(6):
             x, z = (np.column_stack([column[:, j] for column in r[name]]) for r in rows)
             solution = np.linalg.lstsq(x, left[0][:, j], rcond=1e-9)[0]
             before = [(e[:, j] ** 2).sum() for e in left]
-            after = [((e[:, j] - c @ solution) ** 2).sum() for e, c in zip(left, (x, z), strict=True)]
+            after = [
+                ((e[:, j] - c @ solution) ** 2).sum()
+                for e, c in zip(left, (x, z), strict=True)
+            ]
             shares.append([1 - a / b for a, b in zip(after, before, strict=True)])
         fitted, unseen = (" ".join(f"{s[k]:6.1%}" for s in shares) for k in range(2))
         print(f"    {name:20} explains of the fitted {fitted}   of the judged {unseen}")
@@ -147,7 +199,10 @@ def _effects(
         "friction, v |v|": [motion.dq * np.abs(motion.dq)],
         "ripple of the motor": [f(angle) for angle in angles for f in (np.sin, np.cos)],
     }
-    return {name: [band.filtered(x, segment) for x in columns] for name, columns in found.items()}
+    return {
+        name: [band.filtered(x, segment) for x in columns]
+        for name, columns in found.items()
+    }
 
 
 def main() -> None:
@@ -170,14 +225,28 @@ def main() -> None:
         (fit,), (judged,) = band.segments(case.recordings), band.segments(case.judged)
         other = figaroh(python, case, fit, judged, cutoff, out)
         possible = all(check.consistent for check in result.physical.after)
-        print(f"\n{cutoff:g} Hz, {result.choice.law}; bodies {'all possible' if possible else 'NOT possible'}")
-        print(f"  Gapscope: {result.base.count} base parameters, {seconds:.2f} s, {work:.2f} s of processor")
+        print(
+            f"\n{cutoff:g} Hz, {result.choice.law}; bodies {'all possible' if possible else 'NOT possible'}"
+        )
+        print(
+            f"  Gapscope: {result.base.count} base parameters, {seconds:.2f} s, {work:.2f} s of processor"
+        )
         seconds, work = float(other["seconds"]), float(other["work"])
-        print(f"  FIGAROH: {int(other['count'])} base parameters, {seconds:.2f} s, {work:.2f} s of processor")
+        print(
+            f"  FIGAROH: {int(other['count'])} base parameters, {seconds:.2f} s, {work:.2f} s of processor"
+        )
         for name, law, filtered in (
-            ("plain", FrictionLaw(), True), ("sharp", SharpLaw(), True), ("unfiltered", FrictionLaw(), False),
-        ):  # fmt: skip
-            table(name, *plain(result.columns, fit, judged, band, law, filtered), fit, judged, band)
+            ("plain", FrictionLaw(), True),
+            ("sharp", SharpLaw(), True),
+            ("unfiltered", FrictionLaw(), False),
+        ):
+            table(
+                name,
+                *plain(result.columns, fit, judged, band, law, filtered),
+                fit,
+                judged,
+                band,
+            )
         table("FIGAROH", other["fit"], other["judged"], fit, judged, band)
         ours = (band.filtered(result.predict(s.motion), s) for s in (fit, judged))
         table("Gapscope", *ours, fit, judged, band)

@@ -24,16 +24,16 @@ from typing import Any
 
 import numpy as np
 
-from arm.case import load_case
-from arm.errors import GapscopeError
-from diagnosis.against.changed import diagnose_change
-from diagnosis.blind.generator.bench import Bench, draw_bench
-from diagnosis.blind.generator.case import Made, write_case
-from diagnosis.blind.generator.conditions import Conditions
-from diagnosis.blind.generator.law import Cause
-from diagnosis.blind.generator.laws import LAWS
-from diagnosis.blind.generator.plant import Columns, Plant
-from diagnosis.blind.scoring.statistics import wilson
+from gapscope.arm.case import load_case
+from gapscope.arm.errors import GapscopeError
+from gapscope.blind_check.generator.bench import Bench, draw_bench
+from gapscope.blind_check.generator.case import Made, write_case
+from gapscope.blind_check.generator.conditions import Conditions
+from gapscope.blind_check.generator.law import Cause
+from gapscope.blind_check.generator.laws import LAWS
+from gapscope.blind_check.generator.plant import Columns, Plant
+from gapscope.blind_check.scoring.statistics import wilson
+from gapscope.diagnosis.reference.diagnose_change import diagnose_change
 
 DAY = 0.12
 """Change of friction from day to day, at most [1]."""
@@ -41,17 +41,28 @@ REFERENCE, CASE = (0, 1, 2), (3, -1)
 """Motions of a bench with four recordings and an unseen one that are recorded on either day."""
 
 
-def recorded(bench: Bench, plant: Plant, which: tuple[int, ...]) -> list[Columns] | None:
+def recorded(
+    bench: Bench, plant: Plant, which: tuple[int, ...]
+) -> list[Columns] | None:
     """The recordings of some motions, or none where one of them does not run well."""
     rows = [bench.run(plant, k) for k in which]
     return None if any(r is None for r in rows) else [r for r in rows if r is not None]
 
 
-def make_pair(robot: str, loaded: bool, seed: tuple[int, ...], folder: Path) -> dict[str, Any]:
+def make_pair(
+    robot: str, loaded: bool, seed: tuple[int, ...], folder: Path
+) -> dict[str, Any]:
     """Write ``reference`` and ``case`` into a folder; the label of the load, empty where there is none."""
     rng = np.random.default_rng(seed)
     off = float(rng.uniform(0.1, 0.3))
-    conditions = Conditions(robot, inertials_off=off, rate=250, loop_rate=500, recordings=4, duration=(8.0, 12.0))
+    conditions = Conditions(
+        robot,
+        inertials_off=off,
+        rate=250,
+        loop_rate=500,
+        recordings=4,
+        duration=(8.0, 12.0),
+    )
     for _ in range(40):
         bench = draw_bench(conditions, rng)
         if bench is None:
@@ -61,13 +72,23 @@ def make_pair(robot: str, loaded: bool, seed: tuple[int, ...], folder: Path) -> 
         causes = [Cause(law, none, law.draw(rng, bench.scene, none))] if loaded else []
         healthy, today = bench.plant(()), bench.plant(causes)
         for name in ("coulomb", "viscous"):
-            today.values[name] = today.values[name] * (1.0 + rng.uniform(-DAY, DAY, bench.arm.n))
-        before, after = recorded(bench, healthy, REFERENCE), recorded(bench, today, CASE)
+            today.values[name] = today.values[name] * (
+                1.0 + rng.uniform(-DAY, DAY, bench.arm.n)
+            )
+        before, after = (
+            recorded(bench, healthy, REFERENCE),
+            recorded(bench, today, CASE),
+        )
         if before is None or after is None:
             continue
         none_known = np.zeros(bench.arm.n)
-        believed = replace(bench, arm=replace(bench.arm, coulomb=none_known, viscous=none_known))
-        for name, plant, rows in (("reference", healthy, before), ("case", today, after)):
+        believed = replace(
+            bench, arm=replace(bench.arm, coulomb=none_known, viscous=none_known)
+        )
+        for name, plant, rows in (
+            ("reference", healthy, before),
+            ("case", today, after),
+        ):
             made = Made(believed, plant, tuple(causes), [*rows, rows[-1]], {})
             write_case(made, name, False, folder / name, folder / f"{name}.csv")
         return causes[0].label()["parameters"] if causes else {}
@@ -80,13 +101,20 @@ def judged(robot: str, loaded: bool, seed: tuple[int, ...]) -> dict[str, Any]:
         folder = Path(name)
         truth = make_pair(robot, loaded, seed, folder)
         started = time.perf_counter()
-        change = diagnose_change(load_case(folder / "case"), load_case(folder / "reference"), folder)
+        change = diagnose_change(
+            load_case(folder / "case"), load_case(folder / "reference"), folder
+        )
         document = change.diagnosis.document
     found = {effect["effect"]: effect["parameters"] for effect in document["effects"]}
     out: dict[str, Any] = {
-        "robot": robot, "seed": list(seed), "loaded": loaded, "verdict": document["verdict"], "effects": sorted(found),
-        "seconds": time.perf_counter() - started, "inertials": change.reference.torque_ratio,
-    }  # fmt: skip
+        "robot": robot,
+        "seed": list(seed),
+        "loaded": loaded,
+        "verdict": document["verdict"],
+        "effects": sorted(found),
+        "seconds": time.perf_counter() - started,
+        "inertials": change.reference.torque_ratio,
+    }
     if loaded:
         mass = truth["mass"]["value"]
         out["mass"] = mass
@@ -94,7 +122,9 @@ def judged(robot: str, loaded: bool, seed: tuple[int, ...]) -> dict[str, Any]:
             value = found["payload"]["mass"]
             out["error"] = value["value"] / mass - 1.0
             out["deviations"] = (value["value"] - mass) / max(value["std"], 1e-9)
-            com = np.array(found["payload"]["com"]["value"]) - np.array(truth["com"]["value"])
+            com = np.array(found["payload"]["com"]["value"]) - np.array(
+                truth["com"]["value"]
+            )
             out["com_error"] = float(np.linalg.norm(com))
     return out
 
@@ -115,30 +145,49 @@ def show(rows: list[dict[str, Any]]) -> None:
         ("load found", len(named), len(loaded)),
         ("load found, nothing else", len(alone), len(loaded)),
         ("mass within 5 %", inside, len(loaded)),
-        ("mass within two deviations", sum(abs(r["deviations"]) < 2 for r in named), len(named)),
+        (
+            "mass within two deviations",
+            sum(abs(r["deviations"]) < 2 for r in named),
+            len(named),
+        ),
     ):
         if of:
             low, high = wilson(count, of)
-            print(f"| {text} | {of} | {count} | {100 * low:.0f} to {100 * high:.0f} % |")
+            print(
+                f"| {text} | {of} | {count} | {100 * low:.0f} to {100 * high:.0f} % |"
+            )
     if named:
         com = 1e3 * np.array([r["com_error"] for r in named])
-        print(f"\nmass error: median {100 * np.median(error):.2f} %, largest {100 * error.max():.1f} %; ", end="")
+        print(
+            f"\nmass error: median {100 * np.median(error):.2f} %, largest {100 * error.max():.1f} %; ",
+            end="",
+        )
         print(f"centre: median {np.median(com):.1f} mm, largest {com.max():.0f} mm")
     print(f"seconds per pair: median {np.median([r['seconds'] for r in rows]):.1f}")
     for r in rows:
-        if (not r["loaded"] and r["verdict"] != "no_gap") or (r["loaded"] and r["effects"] != ["payload"]):
-            print(f"{r['robot']} {r['seed']}: loaded {r['loaded']}, {r['verdict']}, {', '.join(r['effects'])}")
+        if (not r["loaded"] and r["verdict"] != "no_gap") or (
+            r["loaded"] and r["effects"] != ["payload"]
+        ):
+            print(
+                f"{r['robot']} {r['seed']}: loaded {r['loaded']}, {r['verdict']}, {', '.join(r['effects'])}"
+            )
 
 
 def main() -> None:
     """Make and diagnose pairs until the time is up."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seconds", type=float, default=720.0)
     parser.add_argument("--robots", default="small")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()
-    robots, rows, end = arguments.robots.split(","), [], time.perf_counter() + arguments.seconds
+    robots, rows, end = (
+        arguments.robots.split(","),
+        [],
+        time.perf_counter() + arguments.seconds,
+    )
     while time.perf_counter() < end:
         k = len(rows)
         row = judged(robots[k // 3 % len(robots)], k % 3 == 2, (arguments.seed, k))

@@ -22,17 +22,17 @@ from dataclasses import replace
 import numpy as np
 from transferred_arm import Transfer
 
-from arm.case import Case
-from arm.recording import Recording
-from arm.robots import load_nominal_arm
-from effects.applied import AppliedEffect
-from envs.session import Plan, record_case
-from ident.estimators.ols import OrdinaryLeastSquares
-from ident.estimators.partial_update import PartialUpdate
-from ident.estimators.wls import WeightedLeastSquares
-from ident.identification import Identification, Settings, identify
-from ident.repeated_groups import compare_groups
-from ident.troubleshooting import FOUND
+from gapscope.arm.case import Case
+from gapscope.arm.recording import Recording
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.envs.session import Plan, record_case
+from gapscope.ident.checks.troubleshooting import FOUND
+from gapscope.ident.estimators.ols import OrdinaryLeastSquares
+from gapscope.ident.estimators.partial_update import PartialUpdate
+from gapscope.ident.estimators.wls import WeightedLeastSquares
+from gapscope.ident.identification import Identification, Settings, identify
+from gapscope.ident.uncertainty.repeated_groups import compare_groups
 
 SHEET = {
     "armature": [0.4, 0.4, 0.25, 0.25, 0.1, 0.08, 0.05],
@@ -45,34 +45,54 @@ SETTINGS = Settings(cutoff=20.0)
 def recorded(*effects: AppliedEffect) -> Case:
     """Four recordings of a Panda with effects, the fastest to judge on."""
     arm = load_nominal_arm("franka_panda", sheet=SHEET)
-    return record_case("panda", arm, effects, Plan(recordings=4), np.random.default_rng(0))
+    return record_case(
+        "panda", arm, effects, Plan(recordings=4), np.random.default_rng(0)
+    )
 
 
 def zero(joint: int, degrees: float = 5.0) -> AppliedEffect:
     """An encoder zero that is off."""
-    return AppliedEffect("encoder_offset", (joint,), {"offset": np.array([np.deg2rad(degrees)])})
+    return AppliedEffect(
+        "encoder_offset", (joint,), {"offset": np.array([np.deg2rad(degrees)])}
+    )
 
 
 def late(recording: Recording) -> Recording:
     """Torque recorded 20 ms late."""
     assert recording.tau is not None
-    cut = {name: getattr(recording, name)[5:] for name in ("t", "q", "dq", "q_ref", "dq_ref")}
+    cut = {
+        name: getattr(recording, name)[5:]
+        for name in ("t", "q", "dq", "q_ref", "dq_ref")
+    }
     return replace(recording, tau=recording.tau[:-5], **cut)
 
 
 def columns(order: list[int], signs: list[int]) -> Callable[[Recording], Recording]:
     """Torque columns in another order, or with other signs."""
-    return lambda recording: replace(recording, tau=np.asarray(recording.tau)[:, order] * signs)
+    return lambda recording: replace(
+        recording, tau=np.asarray(recording.tau)[:, order] * signs
+    )
 
 
 def told(name: str, result: Identification, joint: int | None = None) -> None:
     """Print one story."""
     zeros, before = result.zeros, result.physical.before
-    offset = "" if joint is None else (
-        f"zero {np.rad2deg(zeros.offset[joint - 1]):+.2f} ± {np.rad2deg(zeros.deviation[joint - 1]):.2f} deg; "
-    )  # fmt: skip
-    fired = [f"{row.entry.key} {list(row.joints) or ''}".strip() for row in result.table if row.verdict == FOUND]
-    judged, negative = result.validation[1], [c.link for c in before if not c.positive_mass]
+    offset = (
+        ""
+        if joint is None
+        else (
+            f"zero {np.rad2deg(zeros.offset[joint - 1]):+.2f} ± {np.rad2deg(zeros.deviation[joint - 1]):.2f} deg; "
+        )
+    )
+    fired = [
+        f"{row.entry.key} {list(row.joints) or ''}".strip()
+        for row in result.table
+        if row.verdict == FOUND
+    ]
+    judged, negative = (
+        result.validation[1],
+        [c.link for c in before if not c.positive_mass],
+    )
     print(
         f"{name}: {offset}asks about {(zeros.asked + 1).tolist() or 'nothing'}; no body "
         f"{[c.link for c in before if not c.consistent]}, negative mass {negative}; "
@@ -84,29 +104,45 @@ def zeros() -> None:
     """A zero that is five degrees off."""
     told("healthy arm", identify(recorded(), SETTINGS))
     for joint in (2, 3, 4, 5, 6):
-        told(f"zero of joint {joint} off by 5 deg", identify(recorded(zero(joint)), SETTINGS), joint)
+        told(
+            f"zero of joint {joint} off by 5 deg",
+            identify(recorded(zero(joint)), SETTINGS),
+            joint,
+        )
 
 
 def faults() -> None:
     """Faults that the troubleshooting table is to name; a zero of joint 4 is the fifth."""
     healthy = recorded()
-    stribeck = AppliedEffect("stribeck_friction", (1, 2), {"torque": [4.0, 4.0], "velocity": [0.2, 0.2]})
+    stribeck = AppliedEffect(
+        "stribeck_friction", (1, 2), {"torque": [4.0, 4.0], "velocity": [0.2, 0.2]}
+    )
     told("Stribeck friction on joints 1 and 2", identify(recorded(stribeck), SETTINGS))
     told("zero of joint 4 off by 5 deg", identify(recorded(zero(4)), SETTINGS), 4)
     changes = {
-        "torque of joint 4 counted backwards": columns([0, 1, 2, 3, 4, 5, 6], [1, 1, 1, -1, 1, 1, 1]),
+        "torque of joint 4 counted backwards": columns(
+            [0, 1, 2, 3, 4, 5, 6], [1, 1, 1, -1, 1, 1, 1]
+        ),
         "torque of joints 3 and 4 exchanged": columns([0, 1, 3, 2, 4, 5, 6], [1] * 7),
         "torque 20 ms late": late,
     }
     for name, change in changes.items():
-        told(name, identify(replace(healthy, recordings=tuple(map(change, healthy.recordings))), SETTINGS))
+        told(
+            name,
+            identify(
+                replace(healthy, recordings=tuple(map(change, healthy.recordings))),
+                SETTINGS,
+            ),
+        )
 
 
 def update() -> None:
     """Partial update against prior and full refit, by the length of the recording."""
     transfer = Transfer()
     judged = transfer.problem(transfer.recorded(20.0, 1000, noise=0.0))
-    print("| recorded [s] | prior | full refit | partial update | RMSE on other motions [N m], mean of five draws |")
+    print(
+        "| recorded [s] | prior | full refit | partial update | RMSE on other motions [N m], mean of five draws |"
+    )
     for duration in (2.0, 3.0, 5.0, 10.0, 30.0):
         errors = []
         for seed in range(5):
@@ -116,21 +152,40 @@ def update() -> None:
                 OrdinaryLeastSquares().estimate(given).value,
                 PartialUpdate(transfer.prior).estimate(given).value,
             )
-            errors.append([float(np.sqrt((judged.residual(value) ** 2).mean())) for value in values])
-        print(f"| {duration:g} | " + " | ".join(f"{x:.2f}" for x in np.mean(errors, axis=0)) + " | |")
+            errors.append(
+                [
+                    float(np.sqrt((judged.residual(value) ** 2).mean()))
+                    for value in values
+                ]
+            )
+        print(
+            f"| {duration:g} | "
+            + " | ".join(f"{x:.2f}" for x in np.mean(errors, axis=0))
+            + " | |"
+        )
 
 
 def groups() -> None:
     """Variance between six recordings over the variance that they state, with and without a missing effect."""
     transfer = Transfer(dry=False)
     load = AppliedEffect("load_friction", (2, 4), {"coefficient": [0.15, 0.15]})
-    for label, effects in (("nothing missing", ()), ("load friction 0.15 of joints 2 and 4 missing", (load,))):
+    for label, effects in (
+        ("nothing missing", ()),
+        ("load friction 0.15 of joints 2 and 4 missing", (load,)),
+    ):
         for same in (False, True):
             seeds = [0] * 6 if same else range(6)
-            recordings = [transfer.recorded(10.0, seed, effects, 0.02, k) for k, seed in enumerate(seeds)]
-            found = compare_groups(transfer.problem(*recordings), WeightedLeastSquares())
+            recordings = [
+                transfer.recorded(10.0, seed, effects, 0.02, k)
+                for k, seed in enumerate(seeds)
+            ]
+            found = compare_groups(
+                transfer.problem(*recordings), WeightedLeastSquares()
+            )
             motions = "one motion six times" if same else "six motions"
-            print(f"{label}, {motions}: ratio {found.ratio:.2f}, p {found.p_value:.1g}: {found.verdict}")
+            print(
+                f"{label}, {motions}: ratio {found.ratio:.2f}, p {found.p_value:.1g}: {found.verdict}"
+            )
 
 
 STORIES = {"zeros": zeros, "faults": faults, "update": update, "groups": groups}

@@ -22,23 +22,33 @@ import numpy as np
 import torch
 from residual_outside import report
 
-from arm.case import Case, load_case
-from arm.dynamics import RigidBody
-from arm.motion import Motion
-from arm.nominal import smooth_sign
-from arm.reading import load_recording
-from arm.recording import Recording
-from diagnosis.diagnose import diagnose
-from diagnosis.gap import torque_scale
-from effects.corrected import CorrectedArm
-from effects.residual.file import read_residual, write_residual
-from effects.residual.model import ResidualNetwork
-from ident.conditioning import TORQUE_CUTOFF, Segment, condition, low_pass, position_cutoff
-from ident.residual.baselines import Baseline, gaussian_process, gradient_boosting
-from ident.residual.export import torchscript
-from ident.residual.fit import Report, fit_residual, rows_of
-from ident.residual.settings import Settings
-from ident.residual.trajectory import Trajectory, chosen_rows, from_segment
+from gapscope.arm.case import Case, load_case
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.io.load_recording import load_recording
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.nominal import smooth_sign
+from gapscope.arm.recording import Recording
+from gapscope.diagnosis.diagnose import diagnose
+from gapscope.diagnosis.gap.torque_gap import torque_scale
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.residual.file import read_residual, write_residual
+from gapscope.effects.residual.model import ResidualNetwork
+from gapscope.ident.residual.baselines import (
+    Baseline,
+    gaussian_process,
+    gradient_boosting,
+)
+from gapscope.ident.residual.export import torchscript
+from gapscope.ident.residual.fit import Report, fit_residual, rows_of
+from gapscope.ident.residual.settings import Settings
+from gapscope.ident.residual.trajectory import Trajectory, chosen_rows, from_segment
+from gapscope.ident.signals.conditioning import (
+    TORQUE_CUTOFF,
+    Segment,
+    condition,
+    low_pass,
+    position_cutoff,
+)
 
 CASES = Path(__file__).parent / "cases"
 DATA = Path(os.environ.get("GAPSCOPE_DATA", CASES.parents[1] / "../shared/data"))
@@ -59,7 +69,9 @@ class Problem:
 def cut(recording: Recording, rows: slice) -> Recording:
     """Some rows of a recording."""
     names = ("t", "q", "tau", "dq", "q_ref", "dq_ref", "tau_sensor", "temperature")
-    parts = {k: x[rows] for k in names if (x := getattr(recording, k, None)) is not None}
+    parts = {
+        k: x[rows] for k in names if (x := getattr(recording, k, None)) is not None
+    }
     return replace(recording, **parts)
 
 
@@ -69,12 +81,23 @@ def split(recording: Recording) -> tuple[Recording, Recording]:
     return cut(recording, slice(0, edge)), cut(recording, slice(edge, None))
 
 
-def diagnosed(name: str, case: Case, fit: Sequence[Recording], judge: Sequence[Recording]) -> Problem:
+def diagnosed(
+    name: str, case: Case, fit: Sequence[Recording], judge: Sequence[Recording]
+) -> Problem:
     """What the effects found on ``fit`` leave of both."""
     result = diagnose(replace(case, recordings=tuple(fit), judged=()))
-    print(f"{name}: {result.document['verdict']}; {', '.join(e.name for e in result.effects) or 'no effects'}\n")
-    corrected, body, cutoff = CorrectedArm(case.arm, result.effects), RigidBody(case.arm), position_cutoff(tuple(fit))
-    parts = [[from_segment(corrected, body, s) for r in rs for s in condition(r, cutoff)] for rs in (fit, judge)]
+    print(
+        f"{name}: {result.document['verdict']}; {', '.join(e.name for e in result.effects) or 'no effects'}\n"
+    )
+    corrected, body, cutoff = (
+        CorrectedArm(case.arm, result.effects),
+        RigidBody(case.arm),
+        position_cutoff(tuple(fit)),
+    )
+    parts = [
+        [from_segment(corrected, body, s) for r in rs for s in condition(r, cutoff)]
+        for rs in (fit, judge)
+    ]
     return Problem(name, *parts)
 
 
@@ -82,10 +105,18 @@ def current_and_sensor(case: Case) -> Problem:
     """Torque from motor current against the joint torque sensors of the same arm."""
     recording = next(r for r in case.recordings if r.tau_sensor is not None)
     cutoff = position_cutoff((recording,))
-    parts = [[s for s in condition(r, cutoff) if s.torque is not None] for r in split(recording)]
+    parts = [
+        [s for s in condition(r, cutoff) if s.torque is not None]
+        for r in split(recording)
+    ]
     columns = [[sensor_columns(s) for s in segments] for segments in parts]
-    x, y = (np.concatenate(z) for z in (columns[0], [filtered(s, np.asarray(s.torque)) for s in parts[0]]))
-    theta = np.stack([np.linalg.lstsq(x[:, j], y[:, j], rcond=None)[0] for j in range(y.shape[1])])
+    x, y = (
+        np.concatenate(z)
+        for z in (columns[0], [filtered(s, np.asarray(s.torque)) for s in parts[0]])
+    )
+    theta = np.stack(
+        [np.linalg.lstsq(x[:, j], y[:, j], rcond=None)[0] for j in range(y.shape[1])]
+    )
     found = [
         [sensor_trajectory(s, c, theta) for s, c in zip(segments, cs, strict=True)]
         for segments, cs in zip(parts, columns, strict=True)
@@ -98,7 +129,16 @@ def sensor_columns(segment: Segment) -> np.ndarray:
     m = segment.motion
     return filtered(
         segment,
-        np.stack([np.asarray(segment.torque_sensor), smooth_sign(m.dq), m.dq, m.ddq, np.ones_like(m.dq)], axis=2),
+        np.stack(
+            [
+                np.asarray(segment.torque_sensor),
+                smooth_sign(m.dq),
+                m.dq,
+                m.ddq,
+                np.ones_like(m.dq),
+            ],
+            axis=2,
+        ),
     )
 
 
@@ -107,13 +147,22 @@ def filtered(segment: Segment, series: np.ndarray) -> np.ndarray:
     return low_pass(series, segment.motion.rate, TORQUE_CUTOFF)
 
 
-def sensor_trajectory(segment: Segment, columns: np.ndarray, theta: np.ndarray) -> Trajectory:
+def sensor_trajectory(
+    segment: Segment, columns: np.ndarray, theta: np.ndarray
+) -> Trajectory:
     """What the fitted columns leave of the torque from current."""
-    torque, load = filtered(segment, np.asarray(segment.torque)), np.asarray(segment.torque_sensor)
+    torque, load = (
+        filtered(segment, np.asarray(segment.torque)),
+        np.asarray(segment.torque_sensor),
+    )
     n, rows = load.shape[1], chosen_rows(segment)
-    apart = np.einsum("mjk,ji->mjik", columns[rows], np.eye(n)).reshape(len(rows), n, -1)
+    apart = np.einsum("mjk,ji->mjik", columns[rows], np.eye(n)).reshape(
+        len(rows), n, -1
+    )
     left = torque - np.einsum("mjk,jk->mj", columns, theta)
-    return Trajectory(segment.recording, segment.motion, load, left, torque, apart, apart, rows)
+    return Trajectory(
+        segment.recording, segment.motion, load, left, torque, apart, apart, rows
+    )
 
 
 def sources() -> dict[str, Callable[[], Problem]]:
@@ -121,7 +170,11 @@ def sources() -> dict[str, Callable[[], Problem]]:
 
     def sample() -> Problem:
         case = load_case(DATA / "sample_cases" / "case008" / "case.yaml")
-        unseen = load_recording(DATA / "sample_cases" / "case008" / "recording_d.csv", case.arm, case.importing)
+        unseen = load_recording(
+            DATA / "sample_cases" / "case008" / "recording_d.csv",
+            case.arm,
+            case.importing,
+        )
         return diagnosed("case008", case, case.recordings, [unseen])
 
     def ur10() -> Problem:
@@ -134,9 +187,16 @@ def sources() -> dict[str, Callable[[], Problem]]:
         return diagnosed("staubli_tx40", case, case.recordings, case.judged)
 
     def kinova() -> Problem:
-        return current_and_sensor(load_case(CASES / "kinova_gen3_current.yaml", data_root=DATA))
+        return current_and_sensor(
+            load_case(CASES / "kinova_gen3_current.yaml", data_root=DATA)
+        )
 
-    return {"case008": sample, "ur10": ur10, "staubli_tx40": tx40, "kinova_current": kinova}
+    return {
+        "case008": sample,
+        "ur10": ur10,
+        "staubli_tx40": tx40,
+        "kinova_current": kinova,
+    }
 
 
 def nrmse(problem: Problem, predict: Predict | None) -> np.ndarray:
@@ -148,7 +208,10 @@ def nrmse(problem: Problem, predict: Predict | None) -> np.ndarray:
             said = low_pass(predict(x.motion, x.load), x.motion.rate, TORQUE_CUTOFF)
         errors.append((x.left - said)[x.rows])
         torques.append(x.recorded[x.rows])
-    return np.asarray(np.sqrt((np.concatenate(errors) ** 2).mean(axis=0)) / torque_scale(np.concatenate(torques)))
+    return np.asarray(
+        np.sqrt((np.concatenate(errors) ** 2).mean(axis=0))
+        / torque_scale(np.concatenate(torques))
+    )
 
 
 def of_baseline(baseline: Baseline, problem: Problem, settings: Settings) -> Predict:
@@ -159,7 +222,9 @@ def of_baseline(baseline: Baseline, problem: Problem, settings: Settings) -> Pre
         step = max(1, int(motion.rate / 50))  # it is low-passed after
         rows = np.arange(0, len(motion.t), step)
         parts = np.array_split(rows, max(1, len(rows) // 1000))
-        said = np.concatenate([baseline(inputs.windows(motion, load, part)) for part in parts])
+        said = np.concatenate(
+            [baseline(inputs.windows(motion, load, part)) for part in parts]
+        )
         return np.column_stack([np.interp(motion.t, motion.t[rows], x) for x in said.T])
 
     return predict
@@ -168,10 +233,19 @@ def of_baseline(baseline: Baseline, problem: Problem, settings: Settings) -> Pre
 def study(problem: Problem, out: Path) -> list[ResidualNetwork]:
     """Train, compare and print one table; the networks."""
     print(f"### {problem.name}\n")
-    seconds = [sum(float(x.motion.t[-1] - x.motion.t[0]) for x in xs) for xs in (problem.fit, problem.judge)]
-    print(f"Trained on {seconds[0]:.1f} s, judged on {seconds[1]:.1f} s that nothing has seen.\n")
+    seconds = [
+        sum(float(x.motion.t[-1] - x.motion.t[0]) for x in xs)
+        for xs in (problem.fit, problem.judge)
+    ]
+    print(
+        f"Trained on {seconds[0]:.1f} s, judged on {seconds[1]:.1f} s that nothing has seen.\n"
+    )
     n = problem.fit[0].left.shape[1]
-    print("| | " + " | ".join(f"J{j + 1}" for j in range(n)) + " | mean | processor time [s] |")
+    print(
+        "| | "
+        + " | ".join(f"J{j + 1}" for j in range(n))
+        + " | mean | processor time [s] |"
+    )
     print("|---|" + "---|" * (n + 2))
     row("without", nrmse(problem, None), 0.0)
     networks, notes = [], []
@@ -184,23 +258,36 @@ def study(problem: Problem, out: Path) -> list[ResidualNetwork]:
         networks.append(read_residual(path))
         notes.append(note(form, report, residual, problem))
     plain = Settings()
-    for name, make in (("gradient boosting", gradient_boosting), ("Gaussian process", gaussian_process)):
+    for name, make in (
+        ("gradient boosting", gradient_boosting),
+        ("Gaussian process", gaussian_process),
+    ):
         start = time.process_time()
         baseline = make(rows_of(problem.fit, plain))
-        row(name, nrmse(problem, of_baseline(baseline, problem, plain)), time.process_time() - start)
+        row(
+            name,
+            nrmse(problem, of_baseline(baseline, problem, plain)),
+            time.process_time() - start,
+        )
     print("\n" + "\n".join(notes) + "\n", flush=True)
     return networks
 
 
 def row(name: str, values: np.ndarray, seconds: float) -> None:
     """One row of the table."""
-    print(f"| {name} | " + " | ".join(f"{v:.3f}" for v in values) + f" | {values.mean():.3f} | {seconds:.1f} |")
+    print(
+        f"| {name} | "
+        + " | ".join(f"{v:.3f}" for v in values)
+        + f" | {values.mean():.3f} | {seconds:.1f} |"
+    )
 
 
 def note(form: str, report: Report, residual: ResidualNetwork, problem: Problem) -> str:
     """What a training says of itself, in a line."""
     moves = [float(m.max(initial=0.0)) for m in report.moves]
-    trust = np.mean([residual.predict(x.motion, x.load).trust[x.rows].mean() for x in problem.judge])
+    trust = np.mean(
+        [residual.predict(x.motion, x.load).trust[x.rows].mean() for x in problem.judge]
+    )
     gains = ", ".join(f"{g:.2f}" for g in report.gain)
     return (
         f"- {form.upper()}: gain per joint {gains}; squares of the residual in the span of the physics "
@@ -214,7 +301,9 @@ def latency(residual: ResidualNetwork) -> tuple[float, float]:
     """Median time per call for one sample on one core [us]: by numpy, and by TorchScript."""
     torch.set_num_threads(1)
     inputs = residual.inputs
-    windows = np.random.default_rng(0).standard_normal((inputs.n, 1, inputs.taps, inputs.channels))
+    windows = np.random.default_rng(0).standard_normal(
+        (inputs.n, 1, inputs.taps, inputs.channels)
+    )
     module, tensor = torchscript(residual), torch.as_tensor(windows)
     with torch.inference_mode():
         calls = (lambda: residual.of_windows(windows), lambda: module(tensor))
@@ -236,16 +325,25 @@ def main() -> None:
     parser.add_argument("--only", choices=list(sources()))
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
-    problems = [make() for name, make in sources().items() if arguments.only in (None, name)]
+    problems = [
+        make() for name, make in sources().items() if arguments.only in (None, name)
+    ]
     networks = [study(problem, arguments.out) for problem in problems]
-    print("### Time per call\n\n| recording | form | numpy [µs] | TorchScript [µs] |\n|---|---|---|---|")
+    print(
+        "### Time per call\n\n| recording | form | numpy [µs] | TorchScript [µs] |\n|---|---|---|---|"
+    )
     for problem, forms in zip(problems, networks, strict=True):
         for residual in forms:
             numpy_time, script_time = latency(residual)
-            print(f"| {problem.name} | {residual.network.form.upper()} | {numpy_time:.0f} | {script_time:.0f} |")
+            print(
+                f"| {problem.name} | {residual.network.form.upper()} | {numpy_time:.0f} | {script_time:.0f} |"
+            )
     print()
     for problem, forms in zip(problems, networks, strict=True):
-        print(report(problem.name, forms, problem.fit[0], arguments.out) + "\n", flush=True)
+        print(
+            report(problem.name, forms, problem.fit[0], arguments.out) + "\n",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

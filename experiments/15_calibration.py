@@ -1,4 +1,6 @@
-"""Fit the probabilities of findings to a blind set made for it alone; writes ``diagnosis/calibration.json``.
+"""Fit the probabilities of findings to a blind set made for it alone.
+
+Writes ``gapscope/diagnosis/assessment/calibration.json``.
 
     .venv/bin/python experiments/15_calibration.py CASES RESULTS LABELS [CASES RESULTS LABELS ...] [--dry]
 
@@ -18,13 +20,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from arm.whole import written_whole
-from diagnosis.blind.scoring.compare import compare
-from diagnosis.blind.scoring.statistics import brier, ece
-from diagnosis.blind.seal import open_labels
-from diagnosis.calibration import FILE, Support, probability, shared
-from diagnosis.rivals import Rival
-from effects.catalogue import CATALOGUE
+from gapscope.arm.io.atomic_write import written_whole
+from gapscope.blind_check.scoring.compare import compare
+from gapscope.blind_check.scoring.statistics import brier, ece
+from gapscope.blind_check.seal import open_labels
+from gapscope.diagnosis.assessment.alternatives import Rival
+from gapscope.diagnosis.assessment.calibration import FILE, Support, probability, shared
+from gapscope.effects.catalogue import CATALOGUE
 
 PRIOR, PRIOR_EFFECT = 0.3, 4.0
 """Inverse variances of the weights, and of the number of each effect: few errors are seen of any one."""
@@ -56,9 +58,21 @@ def findings(cases: Path, results: Path, labels: Path) -> list[Finding]:
         judged = compare(name, label, document).findings
         for entry, finding in zip(document["effects"], judged, strict=True):
             if "support" in entry:
-                rivals = tuple(Rival(r["effect"], (), 0.0, r["evidence"]) for r in entry["alternatives"])
+                rivals = tuple(
+                    Rival(r["effect"], (), 0.0, r["evidence"])
+                    for r in entry["alternatives"]
+                )
                 support = Support(**entry["support"])
-                out.append(Finding(f"{cases}/{name}", entry["effect"], support, rivals, finding.right, missed))
+                out.append(
+                    Finding(
+                        f"{cases}/{name}",
+                        entry["effect"],
+                        support,
+                        rivals,
+                        finding.right,
+                        missed,
+                    )
+                )
     return out
 
 
@@ -72,7 +86,9 @@ def fit(known: Sequence[Finding]) -> dict[str, Any]:
     count = x.shape[1]
 
     def loss(v: np.ndarray) -> float:
-        p = known_rivals / (1.0 + np.exp(-(v[0] + x @ v[1 : 1 + count] + which @ v[1 + count :])))
+        p = known_rivals / (
+            1.0 + np.exp(-(v[0] + x @ v[1 : 1 + count] + which @ v[1 + count :]))
+        )
         likelihood = -np.log(np.where(right > 0, p, 1.0 - p) + 1e-12).sum()
         return float(
             likelihood
@@ -84,8 +100,12 @@ def fit(known: Sequence[Finding]) -> dict[str, Any]:
     return {
         "intercept": round(float(v[0]), 4),
         "weights": [round(float(w), 4) for w in v[1 : 1 + count]],
-        "effects": {name: round(float(w), 4) for name, w in zip(names, v[1 + count :], strict=True) if abs(w) > 5e-4},
-    }  # fmt: skip
+        "effects": {
+            name: round(float(w), 4)
+            for name, w in zip(names, v[1 + count :], strict=True)
+            if abs(w) > 5e-4
+        },
+    }
 
 
 def fit_rivals(known: Sequence[Finding]) -> dict[str, float]:
@@ -95,14 +115,26 @@ def fit_rivals(known: Sequence[Finding]) -> dict[str, float]:
     def likelihood(temper: float, unlisted: float) -> float:
         total = 0.0
         for f in wrong:
-            ranked = shared(f.rivals, 0.0, f.support, {"temper": temper, "unlisted": unlisted})
+            ranked = shared(
+                f.rivals, 0.0, f.support, {"temper": temper, "unlisted": unlisted}
+            )
             true = f.missed or {"none"}
             listed = [rival.probability for rival in ranked if rival.effect in true]
-            total += np.log(max(sum(listed) if listed else 1.0 - sum(r.probability for r in ranked), 1e-6))
+            total += np.log(
+                max(
+                    sum(listed) if listed else 1.0 - sum(r.probability for r in ranked),
+                    1e-6,
+                )
+            )
         return total
 
-    grid = itertools.product((0.005, 0.01, 0.02, 0.05, 0.1, 0.2), (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0))
-    temper, unlisted = max(grid, key=lambda pair: likelihood(*pair)) if wrong else (0.05, 0.5)
+    grid = itertools.product(
+        (0.005, 0.01, 0.02, 0.05, 0.1, 0.2),
+        (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0),
+    )
+    temper, unlisted = (
+        max(grid, key=lambda pair: likelihood(*pair)) if wrong else (0.05, 0.5)
+    )
     return {"temper": temper, "unlisted": unlisted}
 
 
@@ -120,14 +152,19 @@ def fit_level(known: Sequence[Finding], values: dict[str, Any]) -> float:
                 break
             total += rival.probability
         reached.append(total)
-    quantile = float(np.quantile(reached, min(1.0, LEVEL * (1 + 1 / len(reached))), method="higher"))
+    quantile = float(
+        np.quantile(reached, min(1.0, LEVEL * (1 + 1 / len(reached))), method="higher")
+    )
     return round(float(np.clip(quantile + 1e-6, LEVEL, 0.999)), 6)
 
 
 def left_out(known: Sequence[Finding], folds: int = 10) -> np.ndarray:
     """Probability of each finding by a fit without a tenth of the cases, its own among them."""
     cases = sorted({f.case for f in known})
-    place = {case: k % folds for k, case in enumerate(np.random.default_rng(0).permutation(cases))}
+    place = {
+        case: k % folds
+        for k, case in enumerate(np.random.default_rng(0).permutation(cases))
+    }
     out = np.empty(len(known))
     for fold in range(folds):
         values = fit([f for f in known if place[f.case] != fold])
@@ -145,17 +182,29 @@ def main() -> None:
     arguments = parser.parse_args()
     if len(arguments.folders) % 3:
         parser.error("give three folders for each set: cases, results, labels")
-    known = [f for k in range(0, len(arguments.folders), 3) for f in findings(*arguments.folders[k : k + 3])]
+    known = [
+        f
+        for k in range(0, len(arguments.folders), 3)
+        for f in findings(*arguments.folders[k : k + 3])
+    ]
     right = np.array([f.right for f in known], dtype=float)
     p = left_out(known)
-    print(f"{len(known)} findings, {right.mean():.1%} right; left out of the fit: mean probability {p.mean():.1%}, "
-          f"Brier {brier(p, right):.3f} (constant {right.var():.3f}), ECE {ece(p, right):.3f}")  # fmt: skip
+    print(
+        f"{len(known)} findings, {right.mean():.1%} right; left out of the fit: mean probability {p.mean():.1%}, "
+        f"Brier {brier(p, right):.3f} (constant {right.var():.3f}), ECE {ece(p, right):.3f}"
+    )
     for low, high in itertools.pairwise((0.0, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 1.0)):
         inside = (p > low) & (p <= high)
         if inside.any():
-            print(f"  {low:.2f} to {high:.2f}: {inside.sum():3d} findings, said {p[inside].mean():.2f}, "
-                  f"right {right[inside].mean():.2f}")  # fmt: skip
-    values: dict[str, Any] = {"fitted_by": "experiments/15_calibration.py", "findings": len(known), **fit(known)}
+            print(
+                f"  {low:.2f} to {high:.2f}: {inside.sum():3d} findings, said {p[inside].mean():.2f}, "
+                f"right {right[inside].mean():.2f}"
+            )
+    values: dict[str, Any] = {
+        "fitted_by": "experiments/15_calibration.py",
+        "findings": len(known),
+        **fit(known),
+    }
     values |= fit_rivals(known)
     values["level"] = fit_level(known, values)
     print(json.dumps(values, indent=2))

@@ -27,48 +27,71 @@ from typing import Any
 import numpy as np
 from feedforward_arms import MODELS, ROBOTS, prepare
 
-from agents.evaluation import Bench, Plan
-from agents.model_files import read_model
-from agents.statistics import interquartile_mean, mean_of
-from arm.errors import GapscopeError
-from arm.nominal import NominalArm
-from arm.whole import written_whole
-from diagnosis.blind.scoring.statistics import wilson
-from effects.applied import AppliedEffect
-from effects.corrected_file import read_corrected
+from gapscope.agents.evaluation import Bench, Plan
+from gapscope.agents.model_files import read_model
+from gapscope.agents.statistics import interquartile_mean, mean_of
+from gapscope.arm.errors import GapscopeError
+from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.nominal import NominalArm
+from gapscope.blind_check.scoring.statistics import wilson
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected_file import read_corrected
 
 INSIDE = tuple(MODELS)[2:]
 """Models that can stand inside the loop."""
 COLUMNS = (
-    ("joint_error", "none", 1e3), ("joint_error", "push", 1e3), ("tool_error", "none", 1e3), ("reward", "none", 1.0),
+    ("joint_error", "none", 1e3),
+    ("joint_error", "push", 1e3),
+    ("tool_error", "none", 1e3),
+    ("reward", "none", 1.0),
     ("torque_error", "none", 1e2),
-)  # fmt: skip
+)
 """Measure, disturbance and factor of a table's columns."""
 
 
-def cell(arm: NominalArm, effects: tuple[AppliedEffect, ...], model: str, engine: str, seed: int, folder: Path) -> Any:
+def cell(
+    arm: NominalArm,
+    effects: tuple[AppliedEffect, ...],
+    model: str,
+    engine: str,
+    seed: int,
+    folder: Path,
+) -> Any:
     """Episodes of one model, and the largest stable bandwidths [Hz] of both laws."""
     source = MODELS[model]
     tried = read_model(str(folder / source) if "." in source else source, arm)
     plan = Plan(engines=(engine,), seeds=(seed,))
     bench = Bench(arm, effects, plan)
     out: dict[str, Any] = {
-        "episodes": [episode.row() for episode in bench.episodes(model, tried, engine, seed)],
+        "episodes": [
+            episode.row() for episode in bench.episodes(model, tried, engine, seed)
+        ],
         "margin": {"feedforward": bench.margin(tried, engine)},
     }
     if model in INSIDE:
-        out["margin"]["computed"] = Bench(arm, effects, replace(plan, law="computed")).margin(tried, engine)
+        out["margin"]["computed"] = Bench(
+            arm, effects, replace(plan, law="computed")
+        ).margin(tried, engine)
     return out
 
 
 def show(cells: dict[tuple[str, str, str, int], Any]) -> None:
     """Print Markdown tables, one per robot and engine."""
     for robot, engine in sorted({(key[0], key[2]) for key in cells}):
-        own = {key: value for key, value in cells.items() if (key[0], key[2]) == (robot, engine)}
+        own = {
+            key: value
+            for key, value in cells.items()
+            if (key[0], key[2]) == (robot, engine)
+        }
         seeds = sorted({key[3] for key in own})
         print(f"\n{robot}, {engine}, {len(seeds)} arms\n")
-        print("| model | joints [mrad] | pushed [mrad] | tool [mm] | reward | torque NRMSE [%] | diverged |", end="")
-        print(" stable to [Hz], feedforward | computed |\n|---|---|---|---|---|---|---|---|---|")
+        print(
+            "| model | joints [mrad] | pushed [mrad] | tool [mm] | reward | torque NRMSE [%] | diverged |",
+            end="",
+        )
+        print(
+            " stable to [Hz], feedforward | computed |\n|---|---|---|---|---|---|---|---|---|"
+        )
         for model in MODELS:
             found = [value for key, value in own.items() if key[1] == model]
             if found:
@@ -76,7 +99,9 @@ def show(cells: dict[tuple[str, str, str, int], Any]) -> None:
         ratios = [compared(own, robot, engine, seed) for seed in seeds]
         known = [ratio for ratio in ratios if ratio is not None]
         if known:
-            print(f"\nundisturbed joint error, nominal over corrected, by arm: {', '.join(f'{r:.1f}' for r in known)}")
+            print(
+                f"\nundisturbed joint error, nominal over corrected, by arm: {', '.join(f'{r:.1f}' for r in known)}"
+            )
 
 
 def row(model: str, found: list[Any]) -> str:
@@ -93,25 +118,40 @@ def row(model: str, found: list[Any]) -> str:
     texts.append(f"{count} of {len(episodes)} ({100 * low:.0f}–{100 * high:.0f} %)")
     for law in ("feedforward", "computed"):
         margins = [value["margin"][law] for value in found if law in value["margin"]]
-        texts.append(f"{np.mean(margins):.1f} ({min(margins):.1f}–{max(margins):.1f})" if margins else "–")
+        texts.append(
+            f"{np.mean(margins):.1f} ({min(margins):.1f}–{max(margins):.1f})"
+            if margins
+            else "–"
+        )
     return f"| {model} | {' | '.join(texts)} |"
 
 
-def compared(cells: dict[tuple[str, str, str, int], Any], robot: str, engine: str, seed: int) -> float | None:
+def compared(
+    cells: dict[tuple[str, str, str, int], Any], robot: str, engine: str, seed: int
+) -> float | None:
     """Joint error of the nominal over that of the corrected feedforward [1] on one arm, or ``None``."""
-    pair = [cells.get((robot, model, engine, seed)) for model in ("nominal", "corrected")]
+    pair = [
+        cells.get((robot, model, engine, seed)) for model in ("nominal", "corrected")
+    ]
     if None in pair:
         return None
-    calm = [[e["joint_error"] for e in c["episodes"] if e["disturbance"] == "none"] for c in pair if c]
+    calm = [
+        [e["joint_error"] for e in c["episodes"] if e["disturbance"] == "none"]
+        for c in pair
+        if c
+    ]
     nominal, corrected = (
-        float(interquartile_mean(np.array([inf if e is None else e for e in errors]))) for errors in calm
+        float(interquartile_mean(np.array([inf if e is None else e for e in errors])))
+        for errors in calm
     )
     return nominal / corrected
 
 
 def main() -> None:
     """Work through the cells, then print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--robots", default="iiwa,panda")
     parser.add_argument("--engines", default="pybullet,mujoco")
     parser.add_argument("--seeds", type=int, default=3)
@@ -137,11 +177,17 @@ def main() -> None:
                         if arguments.table:
                             continue
                         effects = read_corrected(folder / "truth.yaml")
-                        found = cell(ROBOTS[robot](), effects, model, engine, seed, folder)
+                        found = cell(
+                            ROBOTS[robot](), effects, model, engine, seed, folder
+                        )
                         with written_whole(file) as aside:
-                            aside.write_text(json.dumps(found, indent=1), encoding="utf-8")
+                            aside.write_text(
+                                json.dumps(found, indent=1), encoding="utf-8"
+                            )
                         print(f"{robot} {seed} {engine} {model}", flush=True)
-                    cells[robot, model, engine, seed] = json.loads(file.read_text(encoding="utf-8"))
+                    cells[robot, model, engine, seed] = json.loads(
+                        file.read_text(encoding="utf-8")
+                    )
     show(cells)
 
 

@@ -27,14 +27,14 @@ from typing import Any
 import numpy as np
 from feedforward_arms import MODELS, ROBOTS, prepare
 
-from agents.statistics import mean_of
-from agents.training.judge import Policy, episodes, held_out, idle
-from agents.training.loop import Training
-from agents.training.policy import write_agent
-from agents.training.settings import Settings, read_settings
-from agents.training.task import Task
-from arm.whole import written_whole
-from effects.corrected_file import read_corrected
+from gapscope.agents.statistics import mean_of
+from gapscope.agents.training.held_out_trial import Policy, episodes, held_out, idle
+from gapscope.agents.training.policy import write_agent
+from gapscope.agents.training.task import Task
+from gapscope.agents.training.training_loop import Training
+from gapscope.agents.training.training_settings import Settings, read_settings
+from gapscope.arm.io.atomic_write import written_whole
+from gapscope.effects.corrected_file import read_corrected
 
 ROBOT, SEVERITY = "iiwa", 1.5
 RANDOMISED = "nominal + randomisation"
@@ -47,7 +47,9 @@ UNSEEN = 1000
 Cells = dict[tuple[str, str, int], Any]
 
 
-def cell(model: str, agent: str, seed: int, steps: int | None, arms: Path, out: Path) -> str:
+def cell(
+    model: str, agent: str, seed: int, steps: int | None, arms: Path, out: Path
+) -> str:
     """Train and try one agent, and write its cell; returns what to print."""
     warnings.simplefilter("ignore")
     file = place(model, agent, seed, out)
@@ -59,16 +61,23 @@ def cell(model: str, agent: str, seed: int, steps: int | None, arms: Path, out: 
     trained = Training(task, settings, file.with_suffix("")).run()
     write_agent(task, settings, trained, file.with_suffix(""))
     found = {
-        "model": model, "agent": agent, "seed": seed, "steps": trained.curve[-1].steps,
-        "kept": trained.curve[trained.best].steps, "curve": [point.plain() for point in trained.curve],
-        "untrained": tried(task, settings, None), "trained": tried(task, settings, trained.policy),
-    }  # fmt: skip
+        "model": model,
+        "agent": agent,
+        "seed": seed,
+        "steps": trained.curve[-1].steps,
+        "kept": trained.curve[trained.best].steps,
+        "curve": [point.plain() for point in trained.curve],
+        "untrained": tried(task, settings, None),
+        "trained": tried(task, settings, trained.policy),
+    }
     with written_whole(file) as aside:
         aside.write_text(json.dumps(found, indent=1, allow_nan=False), encoding="utf-8")
     return f"{model}, {agent}, {seed}"
 
 
-def tried(task: Task, settings: Settings, policy: Policy | None) -> dict[str, list[dict[str, Any]]]:
+def tried(
+    task: Task, settings: Settings, policy: Policy | None
+) -> dict[str, list[dict[str, Any]]]:
     """Episodes on the hidden arm by engine, of a policy or of none."""
     out = {}
     for engine in ENGINES:
@@ -76,7 +85,10 @@ def tried(task: Task, settings: Settings, policy: Policy | None) -> dict[str, li
         motions = held_out(settings, env, UNSEEN)
         scores = episodes(env, policy or idle(env), motions)
         env.close()
-        out[engine] = [{"motion": name, **s.plain()} for (name, _), s in zip(motions, scores, strict=True)]
+        out[engine] = [
+            {"motion": name, **s.plain()}
+            for (name, _), s in zip(motions, scores, strict=True)
+        ]
     return out
 
 
@@ -88,9 +100,15 @@ def place(model: str, agent: str, seed: int, out: Path) -> Path:
 def show(cells: Cells) -> None:
     """Print Markdown tables, one per agent."""
     for agent in dict.fromkeys(key[1] for key in cells):
-        own = {(model, seed): value for (model, name, seed), value in cells.items() if name == agent}
+        own = {
+            (model, seed): value
+            for (model, name, seed), value in cells.items()
+            if name == agent
+        }
         steps = max(value["steps"] for value in own.values())
-        print(f"\n{agent.upper()}, {steps} actions, {len({seed for _, seed in own})} arms; joint errors in mrad\n")
+        print(
+            f"\n{agent.upper()}, {steps} actions, {len({seed for _, seed in own})} arms; joint errors in mrad\n"
+        )
         print(
             "| model | untrained | trained | trained, MuJoCo | last round | kept after | reward | torque rate [N m/s] |"
         )
@@ -99,10 +117,16 @@ def show(cells: Cells) -> None:
             found = [value for (name, _), value in own.items() if name == model]
             if found:
                 print(row(model, found))
-        print("\n| model | gain of the agent on PD that the model gives alone [%] | actions to reach that agent |")
+        print(
+            "\n| model | gain of the agent on PD that the model gives alone [%] | actions to reach that agent |"
+        )
         print("|---|---|---|")
         for model in TRIED[1:]:
-            pairs = [(own[model, s], own["pd", s]) for m, s in own if m == model and ("pd", s) in own]
+            pairs = [
+                (own[model, s], own["pd", s])
+                for m, s in own
+                if m == model and ("pd", s) in own
+            ]
             if pairs:
                 print(f"| {model} | {shares(pairs)} | {reached(pairs)} |")
 
@@ -120,13 +144,17 @@ def row(model: str, found: Sequence[Any]) -> str:
     return f"| {model} | {' | '.join(texts)} |"
 
 
-def spread(found: Sequence[Any], state: str, engine: str, measure: str, factor: float) -> str:
+def spread(
+    found: Sequence[Any], state: str, engine: str, measure: str, factor: float
+) -> str:
     """Interquartile mean with its interval."""
     rows = [episode for value in found for episode in value[state][engine]]
     values = [inf if e[measure] is None else factor * e[measure] for e in rows]
     mean = mean_of(values, [e["motion"] for e in rows], np.random.default_rng(0))
     ended = sum(e["ended"] for e in rows)
-    return f"{mean.value:.3g} ({mean.low:.3g}–{mean.high:.3g})" + (f", {ended} ended early" if ended else "")
+    return f"{mean.value:.3g} ({mean.low:.3g}–{mean.high:.3g})" + (
+        f", {ended} ended early" if ended else ""
+    )
 
 
 def error(point: dict[str, Any]) -> float:
@@ -137,7 +165,9 @@ def error(point: dict[str, Any]) -> float:
 
 def kept(value: Any) -> float:
     """Joint error on the hidden arm of the agent that is kept [rad]."""
-    return next(error(point) for point in value["curve"] if point["steps"] == value["kept"])
+    return next(
+        error(point) for point in value["curve"] if point["steps"] == value["kept"]
+    )
 
 
 def shares(pairs: Sequence[tuple[Any, Any]]) -> str:
@@ -146,13 +176,18 @@ def shares(pairs: Sequence[tuple[Any, Any]]) -> str:
     for value, pd in pairs:
         gain = error(pd["curve"][0]) - kept(pd)
         alone = error(pd["curve"][0]) - error(value["curve"][0])
-        out.append(f"{100 * alone / gain:.0f}" if gain > 0 else "the agent gains nothing")
+        out.append(
+            f"{100 * alone / gain:.0f}" if gain > 0 else "the agent gains nothing"
+        )
     return ", ".join(out)
 
 
 def reached(pairs: Sequence[tuple[Any, Any]]) -> str:
     """Per arm, actions of training after which the agent on the model is as good as the one on PD in the end."""
-    found = [next((str(p["steps"]) for p in value["curve"] if error(p) <= kept(pd)), "never") for value, pd in pairs]
+    found = [
+        next((str(p["steps"]) for p in value["curve"] if error(p) <= kept(pd)), "never")
+        for value, pd in pairs
+    ]
     return ", ".join(found)
 
 
@@ -166,25 +201,41 @@ def draw(cells: Cells, path: Path) -> None:
     from plotly.graph_objects import Scatter
     from plotly.subplots import make_subplots
 
-    from ident.excitation.picture import COLOURS
+    from gapscope.reports.trajectory.page import COLOURS
 
     names = list(dict.fromkeys(key[1] for key in cells))
-    figure = make_subplots(rows=1, cols=len(names), shared_yaxes=True, subplot_titles=[n.upper() for n in names])
+    figure = make_subplots(
+        rows=1,
+        cols=len(names),
+        shared_yaxes=True,
+        subplot_titles=[n.upper() for n in names],
+    )
     for column, agent in enumerate(names, 1):
         for model, colour in zip(TRIED, COLOURS, strict=False):
-            curves = [value["curve"] for key, value in cells.items() if key[:2] == (model, agent)]
+            curves = [
+                value["curve"]
+                for key, value in cells.items()
+                if key[:2] == (model, agent)
+            ]
             length = min((len(curve) for curve in curves), default=0)
             if not length:
                 continue
-            errors = np.array([[error(point) for point in curve[:length]] for curve in curves])
+            errors = np.array(
+                [[error(point) for point in curve[:length]] for curve in curves]
+            )
             mean = 1e3 * np.exp(np.log(errors).mean(axis=0))
             figure.add_trace(
                 Scatter(
-                    x=[point["steps"] for point in curves[0][:length]], y=np.where(np.isfinite(mean), mean, None),
-                    name=model, legendgroup=model, showlegend=column == 1, line={"color": colour},
+                    x=[point["steps"] for point in curves[0][:length]],
+                    y=np.where(np.isfinite(mean), mean, None),
+                    name=model,
+                    legendgroup=model,
+                    showlegend=column == 1,
+                    line={"color": colour},
                 ),
-                row=1, col=column,
-            )  # fmt: skip
+                row=1,
+                col=column,
+            )
     figure.update_yaxes(type="log")
     figure.update_yaxes(title={"text": "joint error on the hidden arm [mrad]"}, col=1)
     figure.update_xaxes(title={"text": "actions of training"})
@@ -194,7 +245,9 @@ def draw(cells: Cells, path: Path) -> None:
 
 def main() -> None:
     """Work through the cells, then print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--first", type=int, default=1)
     parser.add_argument("--agents", default="ppo,sac")
@@ -207,7 +260,9 @@ def main() -> None:
     arguments = parser.parse_args()
     agents, models = arguments.agents.split(","), arguments.models.split(",")
     if unknown := set(models) - set(TRIED):
-        parser.error(f"unknown model {sorted(unknown)[0]!r}; known are {', '.join(TRIED)}")
+        parser.error(
+            f"unknown model {sorted(unknown)[0]!r}; known are {', '.join(TRIED)}"
+        )
     warnings.simplefilter("ignore")
     seeds = range(arguments.first, arguments.first + arguments.seeds)
     keys = [
@@ -222,11 +277,18 @@ def main() -> None:
             prepare(ROBOT, seed, SEVERITY, arguments.arms / ROBOT / str(seed))
         missing = [key for key in keys if not place(*key, arguments.out).is_file()]
         with ProcessPoolExecutor(arguments.jobs) as pool:
-            tasks = [pool.submit(cell, *key, arguments.steps, arguments.arms, arguments.out) for key in missing]
+            tasks = [
+                pool.submit(cell, *key, arguments.steps, arguments.arms, arguments.out)
+                for key in missing
+            ]
             for task in as_completed(tasks):
                 print(task.result(), flush=True)
     files = {key: place(*key, arguments.out) for key in keys}
-    cells = {key: json.loads(file.read_text(encoding="utf-8")) for key, file in files.items() if file.is_file()}
+    cells = {
+        key: json.loads(file.read_text(encoding="utf-8"))
+        for key, file in files.items()
+        if file.is_file()
+    }
     if cells:
         show(cells)
         draw(cells, arguments.out / "curves.html")

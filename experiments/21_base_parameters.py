@@ -20,15 +20,24 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from arm.dynamics import RigidBody
-from arm.nominal import NominalArm
-from arm.robots import load_nominal_arm
-from ident.base_parameters import structural_base
-from ident.regressor import JOINT_COLUMNS, Regressor
-from ident.symbolic import symbolic_regressor
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.ident.model.base_parameters import structural_base
+from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
+from gapscope.ident.model.symbolic import symbolic_regressor
 
-DATA = Path(os.environ.get("GAPSCOPE_DATA") or Path(__file__).resolve().parents[2] / "shared" / "data")
-KNOWN = {"kuka_iiwa": "43-44", "franka_panda": "43", "xarm6": "-", "ur10": "36", "staubli_tx40": "-"}
+DATA = Path(
+    os.environ.get("GAPSCOPE_DATA")
+    or Path(__file__).resolve().parents[2] / "shared" / "data"
+)
+KNOWN = {
+    "kuka_iiwa": "43-44",
+    "franka_panda": "43",
+    "xarm6": "-",
+    "ur10": "36",
+    "staubli_tx40": "-",
+}
 """Known numbers of inertial base parameters, where there is one; that of the Panda by [gaz2019]."""
 JOINT = """
   <joint name="j{i}" type="revolute"><parent link="l{before}"/><child link="l{i}"/>
@@ -54,7 +63,9 @@ def counts(states: int) -> None:
             print(f"{name:14} left out: no {name} in GAPSCOPE_DATA")
             continue
         inertial, rotors, everything = (
-            structural_base(Regressor(arm, effects=effects), np.random.default_rng(0), states)
+            structural_base(
+                Regressor(arm, effects=effects), np.random.default_rng(0), states
+            )
             for effects in ((), ("armature",), JOINT_COLUMNS)
         )
         print(
@@ -69,10 +80,18 @@ def chain(n: int, folder: Path, rng: np.random.Generator) -> NominalArm:
     def text() -> str:
         return " ".join(repr(float(x)) for x in rng.uniform(-1, 1, 3))
 
-    joints = [JOINT.format(i=i, before=i - 1, xyz=text(), rpy=text(), axis=text()) for i in range(1, n + 1)]
+    joints = [
+        JOINT.format(i=i, before=i - 1, xyz=text(), rpy=text(), axis=text())
+        for i in range(1, n + 1)
+    ]
     urdf = folder / "chain.urdf"
     urdf.write_text(f'<robot name="chain"><link name="l0"/>{"".join(joints)}</robot>')
-    return NominalArm("chain", urdf, tuple(f"j{i}" for i in range(1, n + 1)), gravity=np.array([0.3, -0.2, -9.81]))
+    return NominalArm(
+        "chain",
+        urdf,
+        tuple(f"j{i}" for i in range(1, n + 1)),
+        gravity=np.array([0.3, -0.2, -9.81]),
+    )
 
 
 def symbolic(states: int) -> None:
@@ -87,15 +106,21 @@ def symbolic(states: int) -> None:
             taken = time.process_time() - begun
             state = rng.standard_normal((3, states, n))
             numeric = RigidBody(arm).regressor(*state)
-            off = np.abs(closed.evaluate(*state) - numeric).max() / np.abs(numeric).max()
+            off = (
+                np.abs(closed.evaluate(*state) - numeric).max() / np.abs(numeric).max()
+            )
         filled = sum(entry != 0 for entry in closed.matrix)
         print(f"{n:6d} {filled:8d} {taken:15.1f} {off:19.1e}", flush=True)
 
 
 def main() -> None:
     """Print both tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--states", type=int, default=300, help="random states of each arm")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--states", type=int, default=300, help="random states of each arm"
+    )
     states = parser.parse_args().states
     counts(states)
     symbolic(states)

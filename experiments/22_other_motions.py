@@ -16,18 +16,18 @@ from pathlib import Path
 
 import numpy as np
 
-from arm.case import Case
-from arm.dynamics import RigidBody
-from arm.motions import Workspace, draw_motion, workspace
-from arm.recording import Recording
-from arm.trajectory import Fourier, Reference
-from arm.whole import written_whole
-from effects.applied import AppliedEffect
-from envs.mystery import iiwa, position_controller
-from envs.recorder import record
-from ident.identification import Identification, Settings, identify
-from ident.samples import Band
-from ident.validation import Errors, Validation, validate
+from gapscope.arm.case import Case
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.motions.named_motions import Workspace, draw_motion, workspace
+from gapscope.arm.motions.trajectory import Fourier, Reference
+from gapscope.arm.recording import Recording
+from gapscope.effects.applied import AppliedEffect
+from gapscope.envs.mystery_arm import iiwa, position_controller
+from gapscope.envs.recorder import record
+from gapscope.ident.identification import Identification, Settings, identify
+from gapscope.ident.signals.samples import Band
+from gapscope.ident.uncertainty.validation import Errors, Validation, validate
 
 ENGINES = ("pybullet", "mujoco")
 FREQUENCIES = (0.1, 0.15, 0.2, 0.25)
@@ -48,7 +48,12 @@ def references(space: Workspace, rng: np.random.Generator) -> dict[str, Referenc
     """The motions by name, those to fit first."""
     fourier = {
         f"fourier {frequency:g} Hz": Fourier.random(
-            rng, space.limits, duration=DURATION, centre=space.posture, frequency=frequency, ramp=1.0
+            rng,
+            space.limits,
+            duration=DURATION,
+            centre=space.posture,
+            frequency=frequency,
+            ramp=1.0,
         )
         for frequency in (*FREQUENCIES, OTHER)
     }
@@ -61,10 +66,19 @@ def recorded(engine: str, seed: int) -> Case:
     space = workspace(RigidBody(arm))
     controller = position_controller(arm, space.posture)
     recordings = [
-        record(arm, EFFECTS, motion, controller, duration=DURATION, rng=rng, torque_noise=0.05, name=name,
-               engine=engine)
+        record(
+            arm,
+            EFFECTS,
+            motion,
+            controller,
+            duration=DURATION,
+            rng=rng,
+            torque_noise=0.05,
+            name=name,
+            engine=engine,
+        )
         for name, motion in references(space, rng).items()
-    ]  # fmt: skip
+    ]
     return Case(engine, Path(), arm, tuple(recordings), controller=controller)
 
 
@@ -73,9 +87,12 @@ def judged(result: Identification, recording: Recording) -> Validation:
     band, law, columns = Band(CUTOFF), result.choice.law, result.columns
     nominal = columns.nominal(law)
     return validate(
-        "judge", band.segments([recording]), band, lambda segment: result.predict(segment.motion),
+        "judge",
+        band.segments([recording]),
+        band,
+        lambda segment: result.predict(segment.motion),
         lambda segment: columns.matrix(segment.motion, law) @ nominal,
-    )  # fmt: skip
+    )
 
 
 def largest(errors: Errors) -> str:
@@ -87,15 +104,30 @@ def largest(errors: Errors) -> str:
 def summary(engine: str, motion: str, found: Validation) -> list[str]:
     """A row about one motion."""
     return [
-        engine, motion, f"{found.nominal.overall:.1%}", f"{found.every.overall:.1%}", f"{found.moving.overall:.1%}",
-        largest(found.every), largest(found.moving),
-    ]  # fmt: skip
+        engine,
+        motion,
+        f"{found.nominal.overall:.1%}",
+        f"{found.every.overall:.1%}",
+        f"{found.moving.overall:.1%}",
+        largest(found.every),
+        largest(found.moving),
+    ]
 
 
 def joints(engine: str, motion: str, found: Validation) -> list[str]:
     """RMSE [N m] and relative error of each joint, over every sample / where it moves."""
-    pairs = zip(found.every.rmse, found.every.relative, found.moving.rmse, found.moving.relative, strict=True)
-    return [engine, motion, *(f"{a:.2f}, {b:.1%} / {c:.2f}, {d:.1%}" for a, b, c, d in pairs)]
+    pairs = zip(
+        found.every.rmse,
+        found.every.relative,
+        found.moving.rmse,
+        found.moving.relative,
+        strict=True,
+    )
+    return [
+        engine,
+        motion,
+        *(f"{a:.2f}, {b:.1%} / {c:.2f}, {d:.1%}" for a, b, c, d in pairs),
+    ]
 
 
 def table(head: list[str], rows: list[list[str]]) -> str:
@@ -114,12 +146,36 @@ def main() -> None:
     for engine in ENGINES:
         case = recorded(engine, options.seed)
         others = case.recordings[len(FREQUENCIES) :]
-        result = identify(case, Settings(cutoff=CUTOFF, judge=tuple(recording.name for recording in others)))
-        found += [(engine, recording.name, judged(result, recording)) for recording in others]
+        result = identify(
+            case,
+            Settings(
+                cutoff=CUTOFF, judge=tuple(recording.name for recording in others)
+            ),
+        )
+        found += [
+            (engine, recording.name, judged(result, recording)) for recording in others
+        ]
         found.append((engine, "those fitted", result.validation[0]))
-    head = ["engine", "motion", "nominal", "every", "moving", "largest error [N m]", "moving [N m]"]
-    columns = ["engine", "motion", *(f"joint {j + 1}" for j in range(found[0][2].torque.shape[1]))]
-    text = "\n\n".join([table(head, [summary(*x) for x in found]), table(columns, [joints(*x) for x in found])])
+    head = [
+        "engine",
+        "motion",
+        "nominal",
+        "every",
+        "moving",
+        "largest error [N m]",
+        "moving [N m]",
+    ]
+    columns = [
+        "engine",
+        "motion",
+        *(f"joint {j + 1}" for j in range(found[0][2].torque.shape[1])),
+    ]
+    text = "\n\n".join(
+        [
+            table(head, [summary(*x) for x in found]),
+            table(columns, [joints(*x) for x in found]),
+        ]
+    )
     print(text)
     if options.out:
         with written_whole(options.out) as aside:

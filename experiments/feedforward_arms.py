@@ -7,27 +7,27 @@ from pathlib import Path
 
 import numpy as np
 
-from arm.case import load_case
-from arm.dynamics import RigidBody
-from arm.nominal import NominalArm
-from arm.robots import load_nominal_arm
-from arm.writing import write_case
-from diagnosis.blind.generator.arms import SHEETS
-from effects.corrected import CorrectedArm
-from effects.corrected_file import read_corrected, write_corrected
-from effects.residual.file import write_residual
-from effects.severity import ArmScale
-from envs.mystery import HIDDEN, iiwa
-from envs.randomisation import Randomisation, draw_effects
-from envs.session import Plan as Session
-from envs.session import record_case
-from gapscope.identify import identify_path
-from gapscope.run import diagnose_path
-from ident.conditioning import condition, position_cutoff
-from ident.identification import Settings as Identifying
-from ident.residual.fit import fit_residual
-from ident.residual.settings import Settings as Learning
-from ident.residual.trajectory import from_segment
+from gapscope.arm.case import load_case
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.io.write_case import write_case
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.blind_check.generator.arms import SHEETS
+from gapscope.commands.diagnose import diagnose_path
+from gapscope.commands.identify import identify_path
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.corrected_file import read_corrected, write_corrected
+from gapscope.effects.residual.file import write_residual
+from gapscope.effects.severity import ArmScale
+from gapscope.envs.mystery_arm import HIDDEN, iiwa
+from gapscope.envs.randomisation import Randomisation, draw_effects
+from gapscope.envs.session import Plan as Session
+from gapscope.envs.session import record_case
+from gapscope.ident.identification import Settings as Identifying
+from gapscope.ident.residual.fit import fit_residual
+from gapscope.ident.residual.settings import Settings as Learning
+from gapscope.ident.residual.trajectory import from_segment
+from gapscope.ident.signals.conditioning import condition, position_cutoff
 
 LIMITS = [87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0]
 """Torque limits of the Panda, as its maker states them [N m]."""
@@ -35,8 +35,14 @@ LIMITS = [87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0]
 
 def panda() -> NominalArm:
     """Franka Panda with rotors and friction of its class, and encoders of 17 bits per turn."""
-    sheet = {name: getattr(SHEETS["franka_panda"], name) for name in ("armature", "coulomb", "viscous")}
-    return load_nominal_arm("franka_panda", sheet={**sheet, "torque_limit": LIMITS, "encoder_step": 2 * np.pi / 2**17})
+    sheet = {
+        name: getattr(SHEETS["franka_panda"], name)
+        for name in ("armature", "coulomb", "viscous")
+    }
+    return load_nominal_arm(
+        "franka_panda",
+        sheet={**sheet, "torque_limit": LIMITS, "encoder_step": 2 * np.pi / 2**17},
+    )
 
 
 ROBOTS: dict[str, Callable[[], NominalArm]] = {
@@ -75,8 +81,23 @@ def prepare(robot: str, seed: int, severity: float, folder: Path) -> None:
 
 def learn(folder: Path) -> None:
     """Train a network on what the diagnosis of a case leaves, and write the corrected arm with it."""
-    case, effects = load_case(folder / "case"), read_corrected(folder / MODELS["corrected"])
-    corrected, body, cutoff = CorrectedArm(case.arm, effects), RigidBody(case.arm), position_cutoff(case.recordings)
-    parts = [from_segment(corrected, body, s) for r in case.recordings for s in condition(r, cutoff)]
-    write_residual(fit_residual(parts, Learning())[0], folder / "diagnosis" / "residual.npz")
-    write_corrected(case.name, effects, folder / MODELS["corrected + network"], "residual.npz")
+    case, effects = (
+        load_case(folder / "case"),
+        read_corrected(folder / MODELS["corrected"]),
+    )
+    corrected, body, cutoff = (
+        CorrectedArm(case.arm, effects),
+        RigidBody(case.arm),
+        position_cutoff(case.recordings),
+    )
+    parts = [
+        from_segment(corrected, body, s)
+        for r in case.recordings
+        for s in condition(r, cutoff)
+    ]
+    write_residual(
+        fit_residual(parts, Learning())[0], folder / "diagnosis" / "residual.npz"
+    )
+    write_corrected(
+        case.name, effects, folder / MODELS["corrected + network"], "residual.npz"
+    )

@@ -15,7 +15,9 @@ def install(folder: Path) -> Path | None:
     if not python.exists():
         venv.create(folder, with_pip=True)
     done = subprocess.run(
-        [python, "-m", "pip", "--disable-pip-version-check", "install", "-q", FIGAROH], capture_output=True, text=True
+        [python, "-m", "pip", "--disable-pip-version-check", "install", "-q", FIGAROH],
+        capture_output=True,
+        text=True,
     )
     if done.returncode == 0:
         return python

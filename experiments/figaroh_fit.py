@@ -16,9 +16,21 @@ import sys
 from time import perf_counter, process_time
 
 import numpy as np
-from figaroh.identification.parameter import add_standard_additional_parameters, get_standard_parameters
-from figaroh.tools.qrdecomposition import QRDecomposer, build_baseRegressor, get_baseIndex
-from figaroh.tools.regressor import RegressorBuilder, RegressorConfig, build_regressor_reduced, get_index_eliminate
+from figaroh.identification.parameter import (
+    add_standard_additional_parameters,
+    get_standard_parameters,
+)
+from figaroh.tools.qrdecomposition import (
+    QRDecomposer,
+    build_baseRegressor,
+    get_baseIndex,
+)
+from figaroh.tools.regressor import (
+    RegressorBuilder,
+    RegressorConfig,
+    build_regressor_reduced,
+    get_index_eliminate,
+)
 from figaroh.tools.robot import Robot
 from scipy.signal import butter, sosfiltfilt
 
@@ -26,14 +38,24 @@ from scipy.signal import butter, sosfiltfilt
 def filtered(series: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
     """Butterworth of order 4, forward and backward, with the padding of the project's filter; axis 0 is time."""
     sos = butter(4, min(cutoff, 0.95 * rate / 2), output="sos", fs=rate)
-    return sosfiltfilt(sos, series, axis=0, padlen=min(len(series) - 1, int(3 * rate / min(cutoff, rate / 2))))
+    return sosfiltfilt(
+        sos,
+        series,
+        axis=0,
+        padlen=min(len(series) - 1, int(3 * rate / min(cutoff, rate / 2))),
+    )
 
 
-def regressor(robot: Robot, config: dict, motion: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
+def regressor(
+    robot: Robot, config: dict, motion: np.ndarray, rate: float, cutoff: float
+) -> np.ndarray:
     """FIGAROH's regressor with the columns of the coupled wrist, filtered; joint after joint, shape (6 N, p)."""
     q, dq, ddq = motion
     builder = RegressorBuilder(
-        robot, RegressorConfig(has_friction=True, has_actuator_inertia=True, has_joint_offset=True)
+        robot,
+        RegressorConfig(
+            has_friction=True, has_actuator_inertia=True, has_joint_offset=True
+        ),
     )
     plain = builder.build_basic_regressor(q, dq, ddq, config)
     n, together = len(q), np.sign(dq[:, 4] + dq[:, 5])
@@ -47,22 +69,41 @@ def regressor(robot: Robot, config: dict, motion: np.ndarray, rate: float, cutof
 def main() -> None:
     """Fit on the arrays for fitting, predict on those for judging."""
     arrays = np.load(sys.argv[1])
-    rate, cutoff, urdf = float(arrays["rate"]), float(arrays["cutoff"]), str(arrays["urdf"])
+    rate, cutoff, urdf = (
+        float(arrays["rate"]),
+        float(arrays["cutoff"]),
+        str(arrays["urdf"]),
+    )
     robot = Robot(urdf, package_dirs=[urdf.rsplit("/", 1)[0]])
-    options = ("has_friction", "has_actuator_inertia", "has_joint_offset", "is_joint_torques")
-    config = {key: True for key in options} | {key: [0.0] * 6 for key in ("fv", "fs", "Ia", "off")}
-    config |= {"act_idxv": list(range(6)), "is_external_wrench": False, "force_torque": None}
+    options = (
+        "has_friction",
+        "has_actuator_inertia",
+        "has_joint_offset",
+        "is_joint_torques",
+    )
+    config = {key: True for key in options} | {
+        key: [0.0] * 6 for key in ("fv", "fs", "Ia", "off")
+    }
+    config |= {
+        "act_idxv": list(range(6)),
+        "is_external_wrench": False,
+        "force_torque": None,
+    }
     start, work = perf_counter(), process_time()
     fit = regressor(robot, config, arrays["fit"], rate, cutoff)
     torque = np.concatenate(list(filtered(arrays["torque"], rate, cutoff).T))
-    standard = get_standard_parameters(robot.model, config) | add_standard_additional_parameters(robot.model, config)
+    standard = get_standard_parameters(
+        robot.model, config
+    ) | add_standard_additional_parameters(robot.model, config)
     standard |= dict.fromkeys(("Iam6", "fvm6", "fsm6"), 0.0)
     dropped, kept = get_index_eliminate(fit, standard, 1e-6)
     reduced = build_regressor_reduced(fit, dropped)
     found = QRDecomposer().double_decomposition(torque, reduced, kept, standard)
     values, places = np.asarray(found[3], dtype=float), get_baseIndex(reduced, kept)
     seconds, work = perf_counter() - start, process_time() - work
-    judged = build_regressor_reduced(regressor(robot, config, arrays["judged"], rate, cutoff), dropped)
+    judged = build_regressor_reduced(
+        regressor(robot, config, arrays["judged"], rate, cutoff), dropped
+    )
     np.savez(
         sys.argv[2],
         fit=(build_baseRegressor(reduced, places) @ values).reshape(6, -1).T,

@@ -11,19 +11,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from arm.dynamics import RigidBody
-from arm.motions import workspace
-from arm.recording import Recording
-from arm.robots import load_nominal_arm
-from effects.applied import AppliedEffect
-from envs.mystery import position_controller
-from envs.session import Plan, record_case
-from ident.base_parameters import BaseParameters, base_parameters
-from ident.conditioning import condition, low_pass
-from ident.estimators.wls import WeightedLeastSquares
-from ident.experiment import Experiment
-from ident.problem import Problem
-from ident.regressor import Regressor
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.motions.named_motions import workspace
+from gapscope.arm.recording import Recording
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.envs.mystery_arm import position_controller
+from gapscope.envs.session import Plan, record_case
+from gapscope.ident.estimators.experiment import Experiment
+from gapscope.ident.estimators.wls import WeightedLeastSquares
+from gapscope.ident.model.base_parameters import BaseParameters, base_parameters
+from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.model.regressor import Regressor
+from gapscope.ident.signals.conditioning import condition, low_pass
 
 JOINTS = (1, 2, 4)
 """Joints of the iiwa that move, by default."""
@@ -81,33 +81,55 @@ class World:
             matrix = self.regressor.matrix(segment.motion)
             assert segment.torque is not None
             both = np.concatenate([matrix, segment.torque[..., None]], axis=2)
-            filtered = low_pass(both.reshape(len(both), -1), RATE, CUTOFF)[segment.inner][::EVERY]
+            filtered = low_pass(both.reshape(len(both), -1), RATE, CUTOFF)[
+                segment.inner
+            ][::EVERY]
             parts.append(filtered.reshape(-1, *both.shape[1:]))
         group = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
         stacked = np.concatenate(parts)
-        return Problem(stacked[..., :-1], stacked[..., -1], self.regressor.names, group, EVERY / RATE)
+        return Problem(
+            stacked[..., :-1],
+            stacked[..., -1],
+            self.regressor.names,
+            group,
+            EVERY / RATE,
+        )
 
     def errors(self, level: float) -> tuple[np.ndarray, float]:
         """Standard deviation of the errors of each base column, shape (b,), and of the torque [N m], by one draw."""
         noisy = self.reduced(self.problem(self.noisy(level, np.random.default_rng(0))))
         clean = self.reduced(self.problem(self.fit))
         columns = (noisy.matrix - clean.matrix).std(axis=(0, 1))
-        return np.where(columns > 1e-9, columns, 0.0), float((noisy.torque - clean.torque).std())
+        return np.where(columns > 1e-9, columns, 0.0), float(
+            (noisy.torque - clean.torque).std()
+        )
 
     def reduced(self, problem: Problem) -> Problem:
         """The base columns of a problem."""
         kept = self.base.kept
         names = tuple(np.asarray(problem.names)[kept])
-        return Problem(problem.matrix[..., kept], problem.torque, names, problem.group, problem.interval)
+        return Problem(
+            problem.matrix[..., kept],
+            problem.torque,
+            names,
+            problem.group,
+            problem.interval,
+        )
 
     def experiment(self, recordings: tuple[Recording, ...]) -> Experiment:
         """Noisy recordings and how the simulator repeats them; it starts from weighted least squares."""
         problem = self.reduced(self.problem(recordings))
-        start = self.base.nearest(WeightedLeastSquares().estimate(problem).value, self.prior)
+        start = self.base.nearest(
+            WeightedLeastSquares().estimate(problem).value, self.prior
+        )
         arm = self.regressor.arm
-        controller = replace(position_controller(arm, workspace(self.regressor.body).posture), rate=TICKS)
+        controller = replace(
+            position_controller(arm, workspace(self.regressor.body).posture), rate=TICKS
+        )
         build = lambda given: self.reduced(self.problem(tuple(given)))  # noqa: E731
-        return Experiment(self.regressor, self.base, controller, recordings, build, start)
+        return Experiment(
+            self.regressor, self.base, controller, recordings, build, start
+        )
 
 
 def noised(recording: Recording, level: float, rng: np.random.Generator) -> Recording:
@@ -115,7 +137,12 @@ def noised(recording: Recording, level: float, rng: np.random.Generator) -> Reco
     assert recording.tau is not None
     q = recording.q + ENCODER * level * rng.standard_normal(recording.q.shape)
     spread = level * recording.tau.std(axis=0)
-    return replace(recording, q=q, tau=recording.tau + spread * rng.standard_normal(recording.tau.shape), dq=None)
+    return replace(
+        recording,
+        q=q,
+        tau=recording.tau + spread * rng.standard_normal(recording.tau.shape),
+        dq=None,
+    )
 
 
 def unmodelled(joints: tuple[int, ...]) -> dict[str, tuple[AppliedEffect, ...]]:
@@ -130,25 +157,43 @@ def unmodelled(joints: tuple[int, ...]) -> dict[str, tuple[AppliedEffect, ...]]:
             AppliedEffect("stribeck_friction", every, {"torque": 2.0, "velocity": 0.2}),
         ),
         "elasticity 1500 N m/rad, joint 2": (
-            AppliedEffect("joint_elasticity", (two,), {"stiffness": [1500.0], "damping": [5.0]}),
+            AppliedEffect(
+                "joint_elasticity", (two,), {"stiffness": [1500.0], "damping": [5.0]}
+            ),
         ),
     }
 
 
 def simulated(
-    engine: str, joints: tuple[int, ...], effects: tuple[AppliedEffect, ...] = (), dry: bool = False, seed: int = 5
+    engine: str,
+    joints: tuple[int, ...],
+    effects: tuple[AppliedEffect, ...] = (),
+    dry: bool = False,
+    seed: int = 5,
 ) -> World:
     """Record the true arm, without noise; ``dry`` gives arm and model the friction ``COULOMB``."""
     at = np.array(joints) - 1
-    sheet = {"armature": np.array(ARMATURE)[at].tolist(), "viscous": np.array(VISCOUS)[at].tolist()}
+    sheet = {
+        "armature": np.array(ARMATURE)[at].tolist(),
+        "viscous": np.array(VISCOUS)[at].tolist(),
+    }
     if dry:
         sheet["coulomb"] = np.array(COULOMB)[at].tolist()
-    nominal = load_nominal_arm("kuka_iiwa", joints=[f"lbr_iiwa_joint_{joint}" for joint in joints], sheet=sheet)
+    nominal = load_nominal_arm(
+        "kuka_iiwa", joints=[f"lbr_iiwa_joint_{joint}" for joint in joints], sheet=sheet
+    )
     rng = np.random.default_rng(seed)
-    controller = replace(position_controller(nominal, workspace(RigidBody(nominal)).posture), rate=TICKS)
+    controller = replace(
+        position_controller(nominal, workspace(RigidBody(nominal)).posture), rate=TICKS
+    )
     plan = Plan(recordings=1, noise=0.0, rate=RATE, engine=engine)
     recordings = [
-        replace(record_case("truth", nominal, effects, plan, rng, controller=controller).recordings[0], name=f"{i + 1}")
+        replace(
+            record_case(
+                "truth", nominal, effects, plan, rng, controller=controller
+            ).recordings[0],
+            name=f"{i + 1}",
+        )
         for i in range(FIT + JUDGE)
     ]
     regressor = Regressor(nominal)

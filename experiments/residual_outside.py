@@ -16,9 +16,9 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from arm.motion import Motion
-from effects.residual.model import ResidualNetwork
-from ident.residual.trajectory import Trajectory
+from gapscope.arm.motions.motion import Motion
+from gapscope.effects.residual.model import ResidualNetwork
+from gapscope.ident.residual.trajectory import Trajectory
 
 GROUPS = ("position", "speed", "acceleration")
 STEPS = np.concatenate([np.linspace(0.0, 8.0, 81), np.geomspace(8.5, 100.0, 20)])
@@ -33,7 +33,13 @@ SILENT = 0.05
 """A torque below this share of that in training counts as silence."""
 NOTHING = 1e-9
 """A torque below this in training is none [N m]."""
-COLOURS = {"said": "#0072b2", "raw": "#d55e00", "spread": "#009e73", "bound": "#555555", "trust": "#0072b2"}
+COLOURS = {
+    "said": "#0072b2",
+    "raw": "#d55e00",
+    "spread": "#009e73",
+    "bound": "#555555",
+    "trust": "#0072b2",
+}
 
 
 @dataclass(frozen=True)
@@ -75,9 +81,21 @@ class WayOut:
 def moved(x: Trajectory, group: str, step: float, signs: np.ndarray) -> Motion:
     """A motion with one group of signals moved out; signs of shape (n,)."""
     motion, away = x.motion, step * signs
-    q = motion.q + signs * min(step, SHOWN) / SHOWN * np.pi if group == "position" else motion.q
-    dq = motion.dq + away * np.abs(motion.dq[x.rows]).max(axis=0) if group == "speed" else motion.dq
-    ddq = motion.ddq + away * np.abs(motion.ddq[x.rows]).max(axis=0) if group == "acceleration" else motion.ddq
+    q = (
+        motion.q + signs * min(step, SHOWN) / SHOWN * np.pi
+        if group == "position"
+        else motion.q
+    )
+    dq = (
+        motion.dq + away * np.abs(motion.dq[x.rows]).max(axis=0)
+        if group == "speed"
+        else motion.dq
+    )
+    ddq = (
+        motion.ddq + away * np.abs(motion.ddq[x.rows]).max(axis=0)
+        if group == "acceleration"
+        else motion.ddq
+    )
     return Motion(motion.t, q, dq, ddq)
 
 
@@ -85,22 +103,34 @@ def way_out(residual: ResidualNetwork, trajectory: Trajectory, group: str) -> Wa
     """Torque, spread and trust of a network from inside its training to far outside."""
     rows = trajectory.rows[:: max(1, len(trajectory.rows) // ROWS)]
     signs = np.random.default_rng(14).choice([-1.0, 1.0], (WAYS, residual.inputs.n))
-    found: dict[str, list[np.ndarray]] = {name: [] for name in ("said", "raw", "spread", "trust", "distance")}
+    found: dict[str, list[np.ndarray]] = {
+        name: [] for name in ("said", "raw", "spread", "trust", "distance")
+    }
     largest = np.zeros(residual.inputs.n)
     for step in STEPS:
         motions = [moved(trajectory, group, step, sign) for sign in signs]
-        windows = np.concatenate([residual.inputs.windows(m, trajectory.load, rows) for m in motions], axis=1)
+        windows = np.concatenate(
+            [residual.inputs.windows(m, trajectory.load, rows) for m in motions], axis=1
+        )
         prediction = residual.of_windows(windows)
         members = residual.network.outputs(windows)[0]
         found["said"].append(rms(prediction.torque))
         found["raw"].append(rms(members.mean(axis=0).T * residual.scale))
         found["spread"].append(rms(members.std(axis=0).T * residual.scale))
         found["trust"].append(prediction.trust.mean(axis=0))
-        distance = residual.trust.distance(windows[:, :, -1]) / residual.trust.radius[:, None]
+        distance = (
+            residual.trust.distance(windows[:, :, -1]) / residual.trust.radius[:, None]
+        )
         found["distance"].append(distance.mean(axis=1))
         if step > 0:
-            largest = np.maximum(largest, (np.abs(prediction.torque) / residual.bound).max(axis=0))
-    return WayOut(group, **{name: np.array(values) for name, values in found.items()}, largest=largest)
+            largest = np.maximum(
+                largest, (np.abs(prediction.torque) / residual.bound).max(axis=0)
+            )
+    return WayOut(
+        group,
+        **{name: np.array(values) for name, values in found.items()},
+        largest=largest,
+    )
 
 
 def rms(torque: np.ndarray) -> np.ndarray:
@@ -108,16 +138,26 @@ def rms(torque: np.ndarray) -> np.ndarray:
     return np.asarray(np.sqrt((torque**2).mean(axis=0)))
 
 
-def report(name: str, networks: Sequence[ResidualNetwork], trajectory: Trajectory, out: Path) -> str:
+def report(
+    name: str, networks: Sequence[ResidualNetwork], trajectory: Trajectory, out: Path
+) -> str:
     """Print where the networks fall silent, and draw the way out of the joint that each says most of.
 
     Returns:
         What was written, in words.
     """
-    studied = [(r, [way_out(r, trajectory, group) for group in GROUPS]) for r in networks]
+    studied = [
+        (r, [way_out(r, trajectory, group) for group in GROUPS]) for r in networks
+    ]
     print(f"### {name}: on the way out\n")
-    print("| form | joint | in training [N m] | bound [N m] | silent from, position | speed | acceleration | ", end="")
-    print("largest outside over bound | without trust and bound, 100 times the speed [N m] |\n|" + "---|" * 9)
+    print(
+        "| form | joint | in training [N m] | bound [N m] | silent from, position | speed | acceleration | ",
+        end="",
+    )
+    print(
+        "largest outside over bound | without trust and bound, 100 times the speed [N m] |\n|"
+        + "---|" * 9
+    )
     for residual, ways in studied:
         for joint in np.flatnonzero(ways[0].inside > NOTHING):
             places = []
@@ -125,26 +165,39 @@ def report(name: str, networks: Sequence[ResidualNetwork], trajectory: Trajector
                 step, distance = way.silent_from(joint)
                 least = way.said[:, joint].min() / way.inside[joint]
                 far = f"never: {least:.0%} at least ({way.distance[:, joint].max():.2g} r)"
-                places.append(f"{step:.2g} ({distance:.2g} r)" if np.isfinite(step) else far)
+                places.append(
+                    f"{step:.2g} ({distance:.2g} r)" if np.isfinite(step) else far
+                )
             largest = max(way.largest[joint] for way in ways)
             cells = [
-                residual.network.form.upper(), f"J{joint + 1}", f"{ways[0].inside[joint]:.3g}",
-                f"{residual.bound[joint]:.3g}", *places, f"{largest:.2f}", f"{ways[1].raw[-1, joint]:.3g}",
-            ]  # fmt: skip
+                residual.network.form.upper(),
+                f"J{joint + 1}",
+                f"{ways[0].inside[joint]:.3g}",
+                f"{residual.bound[joint]:.3g}",
+                *places,
+                f"{largest:.2f}",
+                f"{ways[1].raw[-1, joint]:.3g}",
+            ]
             print("| " + " | ".join(cells) + " |")
     print(
         f"\nSilent: below {SILENT:.0%} of the RMS in training, from there on; in brackets the mean distance by then.\n"
     )
     path = out / f"outside_{name}.html"
-    speaking = [(residual, ways) for residual, ways in studied if ways[0].inside.max() > NOTHING]
-    for residual in (residual for residual, ways in studied if ways[0].inside.max() <= NOTHING):
+    speaking = [
+        (residual, ways) for residual, ways in studied if ways[0].inside.max() > NOTHING
+    ]
+    for residual in (
+        residual for residual, ways in studied if ways[0].inside.max() <= NOTHING
+    ):
         print(f"{residual.network.form.upper()} says nothing, inside and outside.\n")
     if speaking:
         draw(name, speaking).write_html(path, include_plotlyjs=True)
     return f"wrote {path}" if speaking else "drew nothing"
 
 
-def draw(name: str, studied: Sequence[tuple[ResidualNetwork, list[WayOut]]]) -> go.Figure:
+def draw(
+    name: str, studied: Sequence[tuple[ResidualNetwork, list[WayOut]]]
+) -> go.Figure:
     """Per network a row of torque and a row of trust, a column per group."""
     joints = [int(ways[0].inside.argmax()) for _, ways in studied]
     titles = []
@@ -169,22 +222,52 @@ def draw(name: str, studied: Sequence[tuple[ResidualNetwork, list[WayOut]]]) -> 
                 "bound": ("bound", bound, "dashdot"),
             }
             for key, (label, values, dash) in curves.items():
-                line = {"color": COLOURS[key], "dash": dash, "width": 2.5 if key == "said" else 1.5}
+                line = {
+                    "color": COLOURS[key],
+                    "dash": dash,
+                    "width": 2.5 if key == "said" else 1.5,
+                }
                 drawn = go.Scatter(
-                    x=STEPS, y=np.maximum(values, 1e-12), name=label, line=line, legendgroup=key,
+                    x=STEPS,
+                    y=np.maximum(values, 1e-12),
+                    name=label,
+                    line=line,
+                    legendgroup=key,
                     showlegend=k == 0 and column == 1,
-                )  # fmt: skip
+                )
                 figure.add_trace(drawn, 2 * k + 1, column)
             line = {"color": COLOURS["trust"]}
-            figure.add_trace(go.Scatter(x=STEPS, y=way.trust[:, joint], line=line, showlegend=False), 2 * k + 2, column)
+            figure.add_trace(
+                go.Scatter(x=STEPS, y=way.trust[:, joint], line=line, showlegend=False),
+                2 * k + 2,
+                column,
+            )
             low, high = 0.003 * way.inside[joint], 30 * residual.bound[joint]
-            figure.update_yaxes(type="log", range=np.log10([low, high]).tolist(), row=2 * k + 1, col=column)
+            figure.update_yaxes(
+                type="log",
+                range=np.log10([low, high]).tolist(),
+                row=2 * k + 1,
+                col=column,
+            )
             figure.update_yaxes(range=[-0.05, 1.05], row=2 * k + 2, col=column)
     figure.update_xaxes(range=[0, SHOWN])
-    for column, unit in enumerate(("eighths of half a turn", "largest speed", "largest acceleration"), 1):
-        figure.update_xaxes(title_text=f"moved by [{unit}]", row=2 * len(studied), col=column)
+    for column, unit in enumerate(
+        ("eighths of half a turn", "largest speed", "largest acceleration"), 1
+    ):
+        figure.update_xaxes(
+            title_text=f"moved by [{unit}]", row=2 * len(studied), col=column
+        )
     legend = {"orientation": "h", "x": 0, "y": 1, "yref": "container", "yanchor": "top"}
-    title = {"text": f"{name}: a residual network on the way out of its training range", "y": 0.93}
+    title = {
+        "text": f"{name}: a residual network on the way out of its training range",
+        "y": 0.93,
+    }
     height = 430 * len(studied) + 120
-    figure.update_layout(title=title, height=height, template="plotly_white", legend=legend, margin={"t": 110})
+    figure.update_layout(
+        title=title,
+        height=height,
+        template="plotly_white",
+        legend=legend,
+        margin={"t": 110},
+    )
     return figure

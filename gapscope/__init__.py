@@ -2,7 +2,7 @@
 
 from importlib.metadata import version
 
-from envs.registration import register_environment
+from gapscope.envs.registration import register_environment
 
 __version__ = version("gapscope")
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import typer
 
-from arm.errors import GapscopeError, ModelWarning
+from gapscope.arm.errors import GapscopeError, ModelWarning
 from gapscope.commands.blind import blind
 from gapscope.commands.diagnosing import advise, diagnose, gap, predict, replay
 from gapscope.commands.identifying import excite, identify
@@ -24,8 +24,19 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 for command in (
-    diagnose, predict, replay, gap, identify, record, excite, advise, evaluate, train, export, demo,
-):  # fmt: skip
+    diagnose,
+    predict,
+    replay,
+    gap,
+    identify,
+    record,
+    excite,
+    advise,
+    evaluate,
+    train,
+    export,
+    demo,
+):
     app.command()(command)
 app.add_typer(blind, name="blind")
 INTERRUPTED = 130
@@ -33,7 +44,9 @@ INTERRUPTED = 130
 _python_warning = warnings.showwarning
 
 
-def _show_warning(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+def _show_warning(
+    message: Warning | str, category: type[Warning], *place: Any, **more: Any
+) -> None:
     """What is odd about a model as a note; other warnings as Python shows them."""
     if issubclass(category, ModelWarning):
         log.print(f"note: {message}", highlight=False, markup=False, soft_wrap=True)
@@ -47,9 +60,17 @@ def main(arguments: list[str] | None = None) -> Any:
     try:
         app(args=arguments)
     except GapscopeError as error:
-        log.print(f"gapscope: {error}", style="red", highlight=False, markup=False, soft_wrap=True)
+        log.print(
+            f"gapscope: {error}",
+            style="red",
+            highlight=False,
+            markup=False,
+            soft_wrap=True,
+        )
         sys.exit(error.exit_code)
     except SystemExit as end:
         if end.code == INTERRUPTED:  # typer ends the process so, without a word
-            log.print("gapscope: interrupted; what was written is whole, run the command again for the rest")
+            log.print(
+                "gapscope: interrupted; what was written is whole, run the command again for the rest"
+            )
         raise

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from joblib import Parallel, delayed
 
-from arm.errors import GapscopeError, InputError
+from gapscope.arm.errors import GapscopeError, InputError
 
 Result = TypeVar("Result")
 
@@ -25,13 +25,18 @@ def check_backend(backend: str) -> None:
         GapscopeError: Ray is not installed.
     """
     if backend not in (LOCAL, RAY):
-        raise InputError(f"unknown backend {backend!r}", "use local or ray", where="--backend")
+        raise InputError(
+            f"unknown backend {backend!r}", "use local or ray", where="--backend"
+        )
     if backend == RAY:
         _ray()
 
 
 def in_order(
-    function: Callable[..., Result], arguments: Sequence[tuple[Any, ...]], jobs: int, backend: str
+    function: Callable[..., Result],
+    arguments: Sequence[tuple[Any, ...]],
+    jobs: int,
+    backend: str,
 ) -> Iterator[Result | Exception]:
     """Results of the calls, in the order of the arguments, each as soon as it and those before are there.
 
@@ -47,7 +52,9 @@ def in_order(
     """
     if backend == RAY:
         return _by_ray(function, arguments, jobs)
-    made: Iterator[Result] = Parallel(n_jobs=jobs, return_as="generator")(delayed(function)(*a) for a in arguments)
+    made: Iterator[Result] = Parallel(n_jobs=jobs, return_as="generator")(
+        delayed(function)(*a) for a in arguments
+    )
     return made
 
 
@@ -59,7 +66,12 @@ def _by_ray(
         try:
             ray.init(address="auto", log_to_driver=False)
         except ConnectionError:
-            ray.init(address="local", num_cpus=jobs, include_dashboard=False, log_to_driver=False)
+            ray.init(
+                address="local",
+                num_cpus=jobs,
+                include_dashboard=False,
+                log_to_driver=False,
+            )
     remote = ray.remote(function)
     calls = iter(arguments)
     running = [remote.remote(*call) for call in islice(calls, jobs)]
@@ -77,9 +89,14 @@ def _by_ray(
 
 
 def _ray() -> Any:
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # read on import: nothing is told to anyone unless asked for
+    os.environ.setdefault(
+        "RAY_USAGE_STATS_ENABLED", "0"
+    )  # read on import: nothing is told to anyone unless asked for
     try:
         import ray
     except ImportError:
-        raise GapscopeError("ray is not installed", "pip install 'gapscope[cluster]', or use --backend local") from None
+        raise GapscopeError(
+            "ray is not installed",
+            "pip install 'gapscope[cluster]', or use --backend local",
+        ) from None
     return ray

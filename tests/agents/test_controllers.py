@@ -5,18 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from agents.controllers import ComputedTorque, Feedforward
-from agents.evaluation import Bench, Plan
-from agents.gains import Tuning, gains, own_inertia
-from agents.model import ArmModel, Gravity
-from agents.tracking import Course, track
-from arm.dynamics import RigidBody
-from arm.errors import InputError
-from arm.motions import draw_motion, workspace
-from arm.nominal import NominalArm
-from effects.corrected import CorrectedArm
-from envs.mystery import iiwa
-from envs.simulated_arm import SimulatedArm
+from gapscope.agents.controllers import ComputedTorque, Feedforward
+from gapscope.agents.evaluation import Bench, Plan
+from gapscope.agents.gains import Tuning, gains, own_inertia
+from gapscope.agents.torque_model import ArmModel, Gravity
+from gapscope.agents.tracking import Course, track
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError
+from gapscope.arm.motions.named_motions import draw_motion, workspace
+from gapscope.arm.nominal import NominalArm
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.envs.mystery_arm import iiwa
+from gapscope.envs.simulated_arm import SimulatedArm
 
 UNLIMITED = np.array([np.inf])
 NOW = tuple(np.array([x]) for x in (0.3, 0.2, 0.5, 0.1, -0.1))
@@ -29,7 +29,9 @@ def test_gains_of_the_pendulum(pendulum: NominalArm) -> None:
     inertia = own_inertia(pendulum, np.zeros(1))
     assert inertia == pytest.approx([2 * 0.5**2 + 0.1 + 0.4])  # 1 kg m^2
     kp, kd = gains(inertia, TUNING)
-    assert kp == pytest.approx([W**2]) and kd == pytest.approx([W])  # 2 zeta w M with zeta = 1/2
+    assert kp == pytest.approx([W**2]) and kd == pytest.approx(
+        [W]
+    )  # 2 zeta w M with zeta = 1/2
     doubled = gains(inertia, TUNING.times(2.0))
     assert doubled.kp == pytest.approx(4 * kp) and doubled.kd == pytest.approx(2 * kd)
 
@@ -47,10 +49,14 @@ def test_pd_with_gravity_by_hand(pendulum: NominalArm) -> None:
 
 
 def test_pd_with_inverse_dynamics_by_hand(pendulum: NominalArm) -> None:
-    controller = Feedforward(gains(np.ones(1), TUNING), UNLIMITED, ArmModel(CorrectedArm(pendulum)))
+    controller = Feedforward(
+        gains(np.ones(1), TUNING), UNLIMITED, ArmModel(CorrectedArm(pendulum))
+    )
     expected = W**2 * 0.2 + W * 0.3 - 9.81 * np.cos(0.3) + 1.0 * 0.5
     assert controller.torque(*NOW) == pytest.approx([expected])
-    assert controller.torque(*NOW, planned=np.array([7.0])) == pytest.approx([W**2 * 0.2 + W * 0.3 + 7.0])
+    assert controller.torque(*NOW, planned=np.array([7.0])) == pytest.approx(
+        [W**2 * 0.2 + W * 0.3 + 7.0]
+    )
 
 
 def test_computed_torque_by_hand(pendulum: NominalArm) -> None:
@@ -72,14 +78,18 @@ def test_torque_is_clipped(pendulum: NominalArm, limit: float) -> None:
         assert controller.torque(*far) == pytest.approx([limit])
 
 
-@pytest.mark.parametrize("bad", [{"bandwidth": 0.0}, {"bandwidth": float("nan")}, {"damping": -1.0}])
+@pytest.mark.parametrize(
+    "bad", [{"bandwidth": 0.0}, {"bandwidth": float("nan")}, {"damping": -1.0}]
+)
 def test_bad_tuning_is_refused(bad: dict) -> None:
     with pytest.raises(InputError, match="above zero"):
         Tuning(**bad)
 
 
 @pytest.mark.parametrize("computed", [False, True])
-def test_inverse_dynamics_tracks_an_arm_without_effects_within_a_milliradian(computed: bool) -> None:
+def test_inverse_dynamics_tracks_an_arm_without_effects_within_a_milliradian(
+    computed: bool,
+) -> None:
     """Without dry friction, which no smooth feedforward meets where a joint turns round."""
     arm = replace(iiwa(), coulomb=np.zeros(7))
     body = RigidBody(arm)
@@ -91,7 +101,9 @@ def test_inverse_dynamics_tracks_an_arm_without_effects_within_a_milliradian(com
         if computed
         else Feedforward(gains(own_inertia(arm, space.posture), tuning), limit, model)
     )
-    course = Course.of(draw_motion("fourier", np.random.default_rng(5), space, 2.0), 2.0, 1e-3).planned(controller)
+    course = Course.of(
+        draw_motion("fourier", np.random.default_rng(5), space, 2.0), 2.0, 1e-3
+    ).planned(controller)
     with SimulatedArm(arm, encoder_step=arm.encoder_step) as simulated:
         done = track(simulated, controller, course)
     assert not done.diverged and len(done.t) == 2000 and done.t[0] == pytest.approx(0.0)

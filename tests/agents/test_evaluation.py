@@ -7,23 +7,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.evaluation import Bench, Plan, evaluate
-from agents.gains import Tuning
-from agents.measures import Gauge
-from agents.model import ArmModel, Gravity
-from agents.model_files import named, read_model, read_models
-from agents.summary import relation, summarise
-from agents.tracking import Track
-from arm.dynamics import RigidBody
-from arm.errors import InputError
-from arm.motions import workspace
-from arm.nominal import NominalArm
-from effects.applied import AppliedEffect
-from effects.corrected import CorrectedArm
-from envs.engines import installed
+from gapscope.agents.evaluation import Bench, Plan, evaluate
+from gapscope.agents.gains import Tuning
+from gapscope.agents.model_files import named, read_model, read_models
+from gapscope.agents.summary import relation, summarise
+from gapscope.agents.torque_model import ArmModel, Gravity
+from gapscope.agents.tracking import Track
+from gapscope.agents.tracking_metrics import Gauge
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError
+from gapscope.arm.motions.named_motions import workspace
+from gapscope.arm.nominal import NominalArm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.envs.engines import installed
 
 HIDDEN = (
-    AppliedEffect("payload", (), {"mass": np.array(2.0), "com": np.array([0.4, 0.0, 0.0])}),
+    AppliedEffect(
+        "payload", (), {"mass": np.array(2.0), "com": np.array([0.4, 0.0, 0.0])}
+    ),
     AppliedEffect("viscous_friction", (1, 2), {"coefficient": [4.0, 3.0]}),
 )
 SHORT = Plan(("fourier",), ("none", "push"), (0, 1), ("pybullet",), 2.0)
@@ -41,31 +43,53 @@ def test_measures_by_hand(pendulum: NominalArm) -> None:
     assert measured.joint_error == pytest.approx(0.01)
     assert measured.torque_rate == pytest.approx(5.0 * 1000 / 999)
     load, jump = np.mean((tau / 10) ** 2), 20 * 5 / 999 / 10
-    assert measured.reward == pytest.approx(49 / 50 * (0.5 - 0.1 * load - 0.05 * jump**2), abs=3e-3)
+    assert measured.reward == pytest.approx(
+        49 / 50 * (0.5 - 0.1 * load - 0.05 * jump**2), abs=3e-3
+    )
 
 
 def test_a_better_model_tracks_better(two: NominalArm) -> None:
     bench = Bench(two, HIDDEN, SHORT)
     models = {
-        "pd": None, "gravity": Gravity(two), "nominal": ArmModel(CorrectedArm(two)),
+        "pd": None,
+        "gravity": Gravity(two),
+        "nominal": ArmModel(CorrectedArm(two)),
         "truth": ArmModel(CorrectedArm(two, HIDDEN)),
-    }  # fmt: skip
+    }
     said: list[str] = []
     evaluation = evaluate(models, bench, said.append)
     every = summarise(evaluation)
     assert [line.disturbance for line in every] == ["none"] * 4 + ["push"] * 4
     lines = {line.model: line for line in every[:4]}
-    assert list(lines) == list(models) and len(evaluation.episodes) == 16 and len(said) == 12
+    assert (
+        list(lines) == list(models)
+        and len(evaluation.episodes) == 16
+        and len(said) == 12
+    )
     errors = [lines[name].means["joint_error"].value for name in models]
     assert errors[3] < 0.2 * errors[2] < 0.2 * errors[0]
-    assert lines["truth"].torque_error.value == pytest.approx(0.0) and lines["pd"].torque_error.value > 0.5
+    assert (
+        lines["truth"].torque_error.value == pytest.approx(0.0)
+        and lines["pd"].torque_error.value > 0.5
+    )
     assert lines["truth"].means["reward"].value > lines["nominal"].means["reward"].value
-    pushed = [e.measures.joint_error for e in evaluation.episodes if e.model == "truth" and e.disturbance == "push"]
-    calm = [e.measures.joint_error for e in evaluation.episodes if e.model == "truth" and e.disturbance == "none"]
+    pushed = [
+        e.measures.joint_error
+        for e in evaluation.episodes
+        if e.model == "truth" and e.disturbance == "push"
+    ]
+    calm = [
+        e.measures.joint_error
+        for e in evaluation.episodes
+        if e.model == "truth" and e.disturbance == "none"
+    ]
     assert min(pushed) > max(calm)
     correlation = relation(every)
     assert correlation is not None and correlation > 0.7
-    assert all(line.margin is not None and line.margin > 4.0 and line.diverged == 0 for line in lines.values())
+    assert all(
+        line.margin is not None and line.margin > 4.0 and line.diverged == 0
+        for line in lines.values()
+    )
     again = evaluate({"nominal": models["nominal"]}, Bench(two, HIDDEN, SHORT)).episodes
     assert again == tuple(e for e in evaluation.episodes if e.model == "nominal")
 
@@ -73,9 +97,15 @@ def test_a_better_model_tracks_better(two: NominalArm) -> None:
 def test_an_arm_that_runs_away_counts_as_diverged(two: NominalArm) -> None:
     free = replace(two, torque_limit=np.full(2, 1e6))
     delay = AppliedEffect("actuator_delay", (1, 2), {"delay": [0.03, 0.03]})
-    bench = Bench(free, (delay,), replace(SHORT, tuning=Tuning(40.0), disturbances=("none",)))
-    episodes = [e for seed in (0, 1) for e in bench.episodes("pd", None, "pybullet", seed)]
-    assert all(e.measures.diverged and e.measures.joint_error == np.inf for e in episodes)
+    bench = Bench(
+        free, (delay,), replace(SHORT, tuning=Tuning(40.0), disturbances=("none",))
+    )
+    episodes = [
+        e for seed in (0, 1) for e in bench.episodes("pd", None, "pybullet", seed)
+    ]
+    assert all(
+        e.measures.diverged and e.measures.joint_error == np.inf for e in episodes
+    )
     row = episodes[0].row()
     assert row["joint_error"] is None and row["diverged"] is True
     json.dumps(row, allow_nan=False)
@@ -89,14 +119,23 @@ def test_computed_torque_needs_a_model_with_inertia(two: NominalArm) -> None:
 
 
 @pytest.mark.parametrize(
-    "bad", [{"motions": ()}, {"law": "fuzzy"}, {"disturbances": ("wind",)}, {"engines": ("unity",)}, {"duration": 0.0}]
+    "bad",
+    [
+        {"motions": ()},
+        {"law": "fuzzy"},
+        {"disturbances": ("wind",)},
+        {"engines": ("unity",)},
+        {"duration": 0.0},
+    ],
 )
 def test_bad_plans_are_refused(bad: dict) -> None:
     with pytest.raises(InputError):
         replace(SHORT, **bad)
 
 
-def test_straight_lines_need_three_joints_and_a_push_no_other_force(two: NominalArm) -> None:
+def test_straight_lines_need_three_joints_and_a_push_no_other_force(
+    two: NominalArm,
+) -> None:
     with pytest.raises(InputError, match="three joints"):
         Bench(two, (), replace(SHORT, motions=("pick",)))
     values = {"force": np.ones(3), "start": np.array(0.0), "end": np.array(1.0)}
@@ -108,20 +147,33 @@ def test_engines_agree(two: NominalArm) -> None:
     if not installed("mujoco"):
         pytest.skip("needs MuJoCo")
     bench = Bench(two, HIDDEN, replace(SHORT, disturbances=("none",)))
-    pair = [next(bench.episodes("gravity", Gravity(two), engine, 0)).measures for engine in ("pybullet", "mujoco")]
+    pair = [
+        next(bench.episodes("gravity", Gravity(two), engine, 0)).measures
+        for engine in ("pybullet", "mujoco")
+    ]
     assert pair[0].joint_error == pytest.approx(pair[1].joint_error, rel=1e-4)
 
 
 def test_names_of_models() -> None:
-    assert named("pd") == ("pd", "pd") and named("mine=a/b.yaml") == ("mine", "a/b.yaml")
-    assert named("out/arm_7/corrected.yaml")[0] == "arm_7" and named("out/stiff.yaml")[0] == "stiff"
+    assert named("pd") == ("pd", "pd") and named("mine=a/b.yaml") == (
+        "mine",
+        "a/b.yaml",
+    )
+    assert (
+        named("out/arm_7/corrected.yaml")[0] == "arm_7"
+        and named("out/stiff.yaml")[0] == "stiff"
+    )
 
 
 def test_models_of_files(two: NominalArm, tmp_path: Path) -> None:
     text = "schema: 1\neffects:\n  - {effect: viscous_friction, joints: [2], parameters: {coefficient: [3.0]}}\n"
     (tmp_path / "found.yaml").write_text(text)
-    models = read_models(["pd", "gravity", "nominal", str(tmp_path / "found.yaml")], two)
-    assert list(models) == ["pd", "gravity", "nominal", "found"] and models["pd"] is None
+    models = read_models(
+        ["pd", "gravity", "nominal", str(tmp_path / "found.yaml")], two
+    )
+    assert (
+        list(models) == ["pd", "gravity", "nominal", "found"] and models["pd"] is None
+    )
     fast = (np.zeros(2), np.ones(2), np.zeros(2))
     nominal, found = models["nominal"], models["found"]
     assert nominal is not None and found is not None
@@ -145,7 +197,9 @@ def test_models_of_files(two: NominalArm, tmp_path: Path) -> None:
         ("odd.txt", "", "unknown model"),
     ],
 )
-def test_bad_files_are_refused(two: NominalArm, tmp_path: Path, name: str, text: str | None, message: str) -> None:
+def test_bad_files_are_refused(
+    two: NominalArm, tmp_path: Path, name: str, text: str | None, message: str
+) -> None:
     if text is not None:
         (tmp_path / name).write_text(text)
     with pytest.raises(InputError, match=message):

@@ -5,34 +5,45 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from agents.controllers import Feedforward
-from agents.gains import Tuning, gains
-from agents.model import ArmModel
-from arm.dynamics import RigidBody
-from arm.errors import InputError
-from arm.motion import Motion
-from arm.nominal import NominalArm
-from arm.trajectory import Fourier, Limits
-from effects.applied import AppliedEffect
-from effects.catalogue import CATALOGUE
-from effects.corrected import CorrectedArm
-from effects.residual.inputs import Inputs
-from effects.residual.model import ResidualNetwork
-from effects.residual.network import Network
-from effects.residual.trust import Trust
-from effects.severity import ArmScale, draw
+from gapscope.agents.controllers import Feedforward
+from gapscope.agents.gains import Tuning, gains
+from gapscope.agents.torque_model import ArmModel
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.motions.trajectory import Fourier, Limits
+from gapscope.arm.nominal import NominalArm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.residual.inputs import Inputs
+from gapscope.effects.residual.model import ResidualNetwork
+from gapscope.effects.residual.network import Network
+from gapscope.effects.residual.trust import Trust
+from gapscope.effects.severity import ArmScale, draw
 
 INSTANT = sorted(
     set(CATALOGUE)
-    - {"actuator_lag", "actuator_delay", "joint_elasticity", "backlash", "friction_drift", "external_force"}
+    - {
+        "actuator_lag",
+        "actuator_delay",
+        "joint_elasticity",
+        "backlash",
+        "friction_drift",
+        "external_force",
+    }
 )
 """Effects that a single sample undoes."""
 LIMITS = Limits(np.full(2, -2.0), np.full(2, 2.0), np.full(2, 2.0), np.full(2, 8.0))
-REFERENCE = Fourier.random(np.random.default_rng(1), LIMITS, duration=2.0, frequency=0.4, ramp=0.5)
+REFERENCE = Fourier.random(
+    np.random.default_rng(1), LIMITS, duration=2.0, frequency=0.4, ramp=0.5
+)
 
 
 def motion(t: np.ndarray) -> Motion:
-    return Motion(t, REFERENCE.position(t), REFERENCE.velocity(t), REFERENCE.acceleration(t))
+    return Motion(
+        t, REFERENCE.position(t), REFERENCE.velocity(t), REFERENCE.acceleration(t)
+    )
 
 
 def samples(model: ArmModel, t: np.ndarray) -> np.ndarray:
@@ -40,20 +51,34 @@ def samples(model: ArmModel, t: np.ndarray) -> np.ndarray:
     out = np.empty((len(t), 2))
     for joint, ahead in enumerate(model.ahead):
         seen = motion(t + ahead)
-        out[:, joint] = [model(*now)[joint] for now in zip(seen.q, seen.dq, seen.ddq, strict=True)]
+        out[:, joint] = [
+            model(*now)[joint] for now in zip(seen.q, seen.dq, seen.ddq, strict=True)
+        ]
     return out
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=40,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
 @given(names=st.sets(st.sampled_from(INSTANT), max_size=4), seed=st.integers(0, 2**20))
-def test_feedforward_is_what_the_corrected_arm_predicts(two: NominalArm, names: set[str], seed: int) -> None:
+def test_feedforward_is_what_the_corrected_arm_predicts(
+    two: NominalArm, names: set[str], seed: int
+) -> None:
     rng, scale = np.random.default_rng(seed), ArmScale.of(two)
-    corrected = CorrectedArm(two, tuple(draw(name, rng, scale) for name in sorted(names)))
+    corrected = CorrectedArm(
+        two, tuple(draw(name, rng, scale) for name in sorted(names))
+    )
     model, seen = ArmModel(corrected), motion(np.linspace(0.0, 2.0, 101))
     predicted = corrected.predict(RigidBody(two), seen)
-    planned = Feedforward(gains(np.ones(2), Tuning()), np.full(2, np.inf), model).plan(seen)
+    planned = Feedforward(gains(np.ones(2), Tuning()), np.full(2, np.inf), model).plan(
+        seen
+    )
     np.testing.assert_array_equal(planned, predicted)
-    np.testing.assert_allclose(samples(model, seen.t), predicted, atol=1e-9 * np.abs(predicted).max())
+    np.testing.assert_allclose(
+        samples(model, seen.t), predicted, atol=1e-9 * np.abs(predicted).max()
+    )
 
 
 def test_a_delay_is_made_up_for_by_looking_ahead(two: NominalArm) -> None:
@@ -63,15 +88,22 @@ def test_a_delay_is_made_up_for_by_looking_ahead(two: NominalArm) -> None:
     t = np.arange(0.0, 2.2, 1e-3)
     planned, needed = model.series(motion(t)), plain.series(motion(t))
     inner = slice(100, 1900)
-    np.testing.assert_allclose(planned[:-13, 1][inner], needed[13:, 1][inner], atol=0.05)
+    np.testing.assert_allclose(
+        planned[:-13, 1][inner], needed[13:, 1][inner], atol=0.05
+    )
     np.testing.assert_array_equal(planned[:, 0], needed[:, 0])
-    np.testing.assert_allclose(samples(model, t[inner][::50]), planned[inner][::50], atol=0.05)
+    np.testing.assert_allclose(
+        samples(model, t[inner][::50]), planned[inner][::50], atol=0.05
+    )
 
 
 def test_a_lag_is_undone_so_that_the_needed_torque_arrives(two: NominalArm) -> None:
     smooth = NominalArm("smooth", two.urdf, two.joints, armature=two.armature)
     lag = AppliedEffect("actuator_lag", (1,), {"time_constant": [0.02]})
-    model, plain = ArmModel(CorrectedArm(smooth, (lag,))), ArmModel(CorrectedArm(smooth))
+    model, plain = (
+        ArmModel(CorrectedArm(smooth, (lag,))),
+        ArmModel(CorrectedArm(smooth)),
+    )
     t = np.arange(0.0, 2.0, 1e-3)
     commanded, needed = model.series(motion(t))[:, 0], plain.series(motion(t))[:, 0]
     arrives = np.zeros(len(t))
@@ -79,14 +111,22 @@ def test_a_lag_is_undone_so_that_the_needed_torque_arrives(two: NominalArm) -> N
     for i in range(1, len(t)):
         arrives[i] = arrives[i - 1] + 1e-3 / 0.02 * (commanded[i - 1] - arrives[i - 1])
     assert np.abs(commanded - needed).max() > 0.5
-    np.testing.assert_allclose(arrives, needed, atol=0.05 * np.abs(commanded - needed).max())
+    np.testing.assert_allclose(
+        arrives, needed, atol=0.05 * np.abs(commanded - needed).max()
+    )
 
 
 def test_a_force_from_outside_is_left_out(two: NominalArm) -> None:
-    values = {"force": np.array([50.0, 0.0, 30.0]), "start": np.array(0.2), "end": np.array(1.5)}
+    values = {
+        "force": np.array([50.0, 0.0, 30.0]),
+        "start": np.array(0.2),
+        "end": np.array(1.5),
+    }
     force = AppliedEffect("external_force", (), values)
     seen = motion(np.linspace(0.0, 2.0, 101))
-    with_force, without = (ArmModel(CorrectedArm(two, effects)).series(seen) for effects in ((force,), ()))
+    with_force, without = (
+        ArmModel(CorrectedArm(two, effects)).series(seen) for effects in ((force,), ())
+    )
     np.testing.assert_array_equal(with_force, without)
 
 
@@ -98,9 +138,14 @@ def test_the_network_adds_its_torque(two: NominalArm) -> None:
     biases = (np.zeros((3, 2, 4)), np.tile([1.0, 0.0], (3, 2, 1)))
     network = Network("mlp", inputs.seen_by_mlp, weights, biases)
     trust = Trust(np.zeros((2, 1, channels)), np.full(2, 1e3))
-    residual = ResidualNetwork(inputs, network, trust, np.array([0.5, 2.0]), np.full(2, 10.0), 12.0)
+    residual = ResidualNetwork(
+        inputs, network, trust, np.array([0.5, 2.0]), np.full(2, 10.0), 12.0
+    )
     seen = motion(np.linspace(0.0, 2.0, 101))
-    plain, learnt = ArmModel(CorrectedArm(two)), ArmModel(CorrectedArm(two, (), residual))
+    plain, learnt = (
+        ArmModel(CorrectedArm(two)),
+        ArmModel(CorrectedArm(two, (), residual)),
+    )
     expected = plain.series(seen) + np.array([0.5, 2.0])
     np.testing.assert_allclose(learnt.series(seen), expected)
     np.testing.assert_allclose(samples(learnt, seen.t[::10]), expected[::10])
@@ -108,12 +153,20 @@ def test_the_network_adds_its_torque(two: NominalArm) -> None:
 
 def test_an_effect_on_a_joint_that_is_not_there_is_refused(two: NominalArm) -> None:
     with pytest.raises(InputError):
-        ArmModel(CorrectedArm(two, (AppliedEffect("coulomb_friction", (7,), {"torque": [1.0]}),)))
+        ArmModel(
+            CorrectedArm(
+                two, (AppliedEffect("coulomb_friction", (7,), {"torque": [1.0]}),)
+            )
+        )
 
 
-def test_one_sample_of_an_arm_whose_columns_are_in_another_order(two: NominalArm) -> None:
+def test_one_sample_of_an_arm_whose_columns_are_in_another_order(
+    two: NominalArm,
+) -> None:
     swapped = RigidBody(NominalArm("swapped", two.urdf, ("pitch", "yaw")))
     q, dq, ddq = (np.array(x) for x in ([0.3, -0.4], [1.0, 0.5], [-2.0, 3.0]))
     expected = swapped.inverse_dynamics(q[None], dq[None], ddq[None])[0]
     np.testing.assert_allclose(swapped.torque(q, dq, ddq), expected, rtol=1e-12)
-    np.testing.assert_allclose(RigidBody(two).torque(q[::-1], dq[::-1], ddq[::-1]), expected[::-1], rtol=1e-12)
+    np.testing.assert_allclose(
+        RigidBody(two).torque(q[::-1], dq[::-1], ddq[::-1]), expected[::-1], rtol=1e-12
+    )

@@ -3,16 +3,22 @@
 import numpy as np
 import pytest
 
-from agents.controllers import Feedforward
-from agents.gains import Tuning, gains
-from agents.shaking import CASES, shaking
-from agents.stability import HIGHEST, LOWEST, RESOLUTION, largest_factor, settles
-from agents.tracking import Course
-from arm.nominal import NominalArm
-from arm.point_to_point import PointToPoint
-from effects.applied import AppliedEffect
-from envs.mystery import iiwa
-from envs.simulated_arm import SimulatedArm
+from gapscope.agents.controllers import Feedforward
+from gapscope.agents.gains import Tuning, gains
+from gapscope.agents.instability_demo import CASES, shaking
+from gapscope.agents.stability import (
+    HIGHEST,
+    LOWEST,
+    RESOLUTION,
+    largest_factor,
+    settles,
+)
+from gapscope.agents.tracking import Course
+from gapscope.arm.motions.point_to_point import PointToPoint
+from gapscope.arm.nominal import NominalArm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.envs.mystery_arm import iiwa
+from gapscope.envs.simulated_arm import SimulatedArm
 
 DT = 1e-3
 
@@ -44,13 +50,22 @@ def test_margin_of_a_joint_with_a_delay(floating: NominalArm, delay: float) -> N
     """
     zeta = 0.7
     ratio = np.sqrt(2 * zeta**2 + np.sqrt(4 * zeta**4 + 1))
-    limit = np.arctan(2 * zeta * ratio) / ratio / (delay + 0.5 * DT + 0.5 * DT) / (2 * np.pi)
+    limit = (
+        np.arctan(2 * zeta * ratio)
+        / ratio
+        / (delay + 0.5 * DT + 0.5 * DT)
+        / (2 * np.pi)
+    )
     effects = (AppliedEffect("actuator_delay", (1,), {"delay": [delay]}),)
-    course = Course.of(PointToPoint(np.zeros(1), np.full(1, 0.3), 1.0), 2.0, DT, settle=0.0)
+    course = Course.of(
+        PointToPoint(np.zeros(1), np.full(1, 0.3), 1.0), 2.0, DT, settle=0.0
+    )
     with SimulatedArm(floating, effects, DT) as simulated:
 
         def stable(factor: float) -> bool:
-            controller = Feedforward(gains(np.ones(1), Tuning(factor, zeta)), np.full(1, np.inf))
+            controller = Feedforward(
+                gains(np.ones(1), Tuning(factor, zeta)), np.full(1, np.inf)
+            )
             return settles(simulated, controller, course, cutoff=None)
 
         assert largest_factor(stable) == pytest.approx(limit, rel=0.05)
@@ -63,6 +78,11 @@ def test_an_arm_with_a_wrong_model_inside_the_loop_shakes() -> None:
     right, wrong = found["computed, right model"], found["computed, wrong model"]
     assert right.joint_error < 1e-3 and wrong.joint_error > 0.01
     assert wrong.torque_rate > 50 * right.torque_rate
-    beside = found["feedforward, wrong model"]  # outside the loop it only costs accuracy
-    assert beside.torque_rate < 2 * found["pd"].torque_rate and beside.joint_error > found["pd"].joint_error
+    beside = found[
+        "feedforward, wrong model"
+    ]  # outside the loop it only costs accuracy
+    assert (
+        beside.torque_rate < 2 * found["pd"].torque_rate
+        and beside.joint_error > found["pd"].joint_error
+    )
     assert found["feedforward, right model"].joint_error < 1e-3

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from arm.nominal import NominalArm
-from arm.recording import Recording
-from arm.robots import load_nominal_arm
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
+from gapscope.arm.robots import load_nominal_arm
 
 JOINT = """
   <joint name="{name}" type="revolute">
@@ -25,7 +25,9 @@ JOINT = """
 
 URDF = (
     '<robot name="two"><link name="base"/>'
-    + JOINT.format(name="shoulder", parent="base", child="upper", damping=0.5, friction=0.25)
+    + JOINT.format(
+        name="shoulder", parent="base", child="upper", damping=0.5, friction=0.25
+    )
     + JOINT.format(name="elbow", parent="upper", child="lower", damping=0.1, friction=0)
     + "</robot>"
 )
@@ -52,13 +54,28 @@ def recording() -> Recording:
     q = np.column_stack([np.sin(3 * t), 0.5 * np.cos(4 * t)])
     dq = np.column_stack([3 * np.cos(3 * t), -2 * np.sin(4 * t)])
     noise = np.random.default_rng(1).normal(size=(200, 2))
-    return Recording("motion.csv", t, q, dq + noise, dq, q + 0.01, dq + 0.01, dq + 2 * noise, 30 + 0.1 * noise)
+    return Recording(
+        "motion.csv",
+        t,
+        q,
+        dq + noise,
+        dq,
+        q + 0.01,
+        dq + 0.01,
+        dq + 2 * noise,
+        30 + 0.1 * noise,
+    )
 
 
 @pytest.fixture(scope="session")
 def data_root() -> Path:
     """The folder with recordings of real arms, which a user of the project does not have."""
-    root = Path(os.environ.get("GAPSCOPE_DATA") or Path(__file__).resolve().parents[3] / "shared" / "data")
+    root = Path(
+        os.environ.get("GAPSCOPE_DATA")
+        or Path(__file__).resolve().parents[3] / "shared" / "data"
+    )
     if not root.is_dir():
-        pytest.skip(f"no recordings of real arms: {root} is no folder (set GAPSCOPE_DATA)")
+        pytest.skip(
+            f"no recordings of real arms: {root} is no folder (set GAPSCOPE_DATA)"
+        )
     return root

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from arm.errors import InputError
-from arm.nominal import NominalArm
-from arm.reading import load_recording
-from arm.recording import Recording
-from arm.writing import write_recording
+from gapscope.arm.errors import InputError
+from gapscope.arm.io.load_recording import load_recording
+from gapscope.arm.io.write_case import write_recording
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
 
 N = 50
 Rows = list[list[str]]
@@ -21,8 +21,13 @@ Rows = list[list[str]]
 def rows() -> Rows:
     """A sound file: header in line 1, then ``N`` rows."""
     t = np.arange(N) / 100
-    table = np.column_stack([t, np.sin(9 * t), np.cos(9 * t), np.cos(9 * t), -np.sin(9 * t)])
-    return [["t", "q1", "q2", "tau1", "tau2"], *([f"{x:.6f}" for x in row] for row in table)]
+    table = np.column_stack(
+        [t, np.sin(9 * t), np.cos(9 * t), np.cos(9 * t), -np.sin(9 * t)]
+    )
+    return [
+        ["t", "q1", "q2", "tau1", "tau2"],
+        *([f"{x:.6f}" for x in row] for row in table),
+    ]
 
 
 def cell(line: int, column: int, text: str) -> Callable[[Rows], Rows]:
@@ -41,49 +46,132 @@ def times(factor: float, column: int = 0) -> Callable[[Rows], Rows]:
     def change(table: Rows) -> Rows:
         return [
             table[0],
-            *([*row[:column], repr(float(row[column]) * factor), *row[column + 1 :]] for row in table[1:]),
+            *(
+                [*row[:column], repr(float(row[column]) * factor), *row[column + 1 :]]
+                for row in table[1:]
+            ),
         ]
 
     return change
 
 
 BAD: list[tuple[str, Callable[[Rows], Rows], str, str]] = [
-    ("no header", lambda x: x[1:], "line 1: the first line holds numbers", "add a header line"),
+    (
+        "no header",
+        lambda x: x[1:],
+        "line 1: the first line holds numbers",
+        "add a header line",
+    ),
     ("header only", lambda x: x[:1], "has a header and no rows", "samples"),
     ("empty", lambda x: [], "is empty", "give a file with a header"),
-    ("one row", lambda x: x[:2], "time stands still in all of its rows (1)", "longer recording"),
-    ("missing q2", lambda x: [[*r[:2], *r[3:]] for r in x], "has no column q2; it has t, q1, tau1, tau2", "import:"),
+    (
+        "one row",
+        lambda x: x[:2],
+        "time stands still in all of its rows (1)",
+        "longer recording",
+    ),
+    (
+        "missing q2",
+        lambda x: [[*r[:2], *r[3:]] for r in x],
+        "has no column q2; it has t, q1, tau1, tau2",
+        "import:",
+    ),
     ("missing tau", lambda x: [r[:4] for r in x], "has no column tau2", "import:"),
     ("missing time", lambda x: [r[1:] for r in x], "has no column t;", "import:"),
-    ("third joint", lambda x: [[*x[0], "q3"], *([*r, "0"] for r in x[1:])],
-     "has a column q3, but the arm has only 2 joints: shoulder, elbow", "URDF of the recorded arm"),
+    (
+        "third joint",
+        lambda x: [[*x[0], "q3"], *([*r, "0"] for r in x[1:])],
+        "has a column q3, but the arm has only 2 joints: shoulder, elbow",
+        "URDF of the recorded arm",
+    ),
     ("column twice", cell(1, 2, "q1"), "line 1: has the column 'q1' twice", "rename"),
-    ("nan", cell(31, 2, "nan"), "line 31, column q2: is not a finite number (nan), the first of 1", "never guessed"),
-    ("inf", cell(31, 3, "inf"), "line 31, column tau1: is not a finite number (inf)", "never guessed"),
-    ("empty cell", cell(12, 3, ""), "line 12, column tau1: the cell is empty", "never guessed"),
-    ("text", cell(13, 1, "#REF!"), "line 13, column q1: expected a number, got '#REF!'", "repair the cell"),
-    ("ragged", lambda x: [*x[:20], x[20][:3], *x[21:]], "line 21: has 3 cells, the header has 5", "cut short"),
-    ("cut short", lambda x: [*x[:-1], x[-1][:2]], f"line {N + 1}: has 2 cells", "cut short"),
-    ("back in time", cell(25, 0, "0.1"), "line 25, column t: time jumps back, from 0.22 s to 0.1 s", "split the log"),
-    ("ms", times(1e3), "column t: looks like ms: taken as s the rate is 0.1 Hz", "unit: ms"),
+    (
+        "nan",
+        cell(31, 2, "nan"),
+        "line 31, column q2: is not a finite number (nan), the first of 1",
+        "never guessed",
+    ),
+    (
+        "inf",
+        cell(31, 3, "inf"),
+        "line 31, column tau1: is not a finite number (inf)",
+        "never guessed",
+    ),
+    (
+        "empty cell",
+        cell(12, 3, ""),
+        "line 12, column tau1: the cell is empty",
+        "never guessed",
+    ),
+    (
+        "text",
+        cell(13, 1, "#REF!"),
+        "line 13, column q1: expected a number, got '#REF!'",
+        "repair the cell",
+    ),
+    (
+        "ragged",
+        lambda x: [*x[:20], x[20][:3], *x[21:]],
+        "line 21: has 3 cells, the header has 5",
+        "cut short",
+    ),
+    (
+        "cut short",
+        lambda x: [*x[:-1], x[-1][:2]],
+        f"line {N + 1}: has 2 cells",
+        "cut short",
+    ),
+    (
+        "back in time",
+        cell(25, 0, "0.1"),
+        "line 25, column t: time jumps back, from 0.22 s to 0.1 s",
+        "split the log",
+    ),
+    (
+        "ms",
+        times(1e3),
+        "column t: looks like ms: taken as s the rate is 0.1 Hz",
+        "unit: ms",
+    ),
     ("us", times(1e6), "column t: looks like us:", "unit: us"),
     ("ns", times(1e9), "column t: looks like ns:", "unit: ns"),
     ("hours", times(1 / 3600), "column t: the rate is 3.6e+05 Hz", "correct the unit"),
     ("still time", times(0), "time stands still in all of its rows (50)", "longer"),
-    ("degrees", times(100, 1),
-     "q1 goes from -95.46 to 99.92, shoulder is limited to -2 to 2 rad: looks like degrees", "unit: deg"),
-    ("motor side", times(9999, 2), "elbow is limited to -2 to 2 rad", "the transmission"),
-]  # fmt: skip
+    (
+        "degrees",
+        times(100, 1),
+        "q1 goes from -95.46 to 99.92, shoulder is limited to -2 to 2 rad: looks like degrees",
+        "unit: deg",
+    ),
+    (
+        "motor side",
+        times(9999, 2),
+        "elbow is limited to -2 to 2 rad",
+        "the transmission",
+    ),
+]
 
 
-@pytest.mark.parametrize(("change", "message", "remedy"), [case[1:] for case in BAD], ids=[case[0] for case in BAD])
-def test_refused(change: Callable[[Rows], Rows], message: str, remedy: str, arm: NominalArm, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("change", "message", "remedy"),
+    [case[1:] for case in BAD],
+    ids=[case[0] for case in BAD],
+)
+def test_refused(
+    change: Callable[[Rows], Rows],
+    message: str,
+    remedy: str,
+    arm: NominalArm,
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "log.csv"
     path.write_text("\n".join(",".join(row) for row in change(rows())))
     with pytest.raises(InputError) as caught:
         load_recording(path, arm, complete=True)
     text = str(caught.value)
-    assert text.startswith(str(path)) and message in text and remedy in caught.value.remedy
+    assert (
+        text.startswith(str(path)) and message in text and remedy in caught.value.remedy
+    )
     assert caught.value.exit_code == 2
 
 
@@ -96,7 +184,9 @@ def test_sound(arm: NominalArm, tmp_path: Path) -> None:
 def test_decimal_comma(arm: NominalArm, tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text("\n".join(";".join(row).replace(".", ",") for row in rows()))
-    with pytest.raises(InputError, match="line 2, column t: '0,000000' has a decimal comma"):
+    with pytest.raises(
+        InputError, match="line 2, column t: '0,000000' has a decimal comma"
+    ):
         load_recording(path, arm)
 
 
@@ -104,29 +194,42 @@ def test_beyond_the_limits_is_a_note(arm: NominalArm, tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text("\n".join(",".join(row) for row in times(2.5, 2)(rows())))
     (note,) = load_recording(path, arm).notes
-    assert note.startswith("q2 goes from -2.5") and "elbow is limited to -2 to 2 rad" in note
+    assert (
+        note.startswith("q2 goes from -2.5")
+        and "elbow is limited to -2 to 2 rad" in note
+    )
 
 
 @pytest.mark.parametrize("ending", ["npz", "parquet"])
-def test_damaged_binary_files(ending: str, recording: Recording, arm: NominalArm, tmp_path: Path) -> None:
+def test_damaged_binary_files(
+    ending: str, recording: Recording, arm: NominalArm, tmp_path: Path
+) -> None:
     path = write_recording(recording, tmp_path / f"log.{ending}")
     path.write_bytes(path.read_bytes()[:-100])
-    with pytest.raises(InputError, match=f"log.{ending}: cannot be read as (NPZ|Parquet)") as caught:
+    with pytest.raises(
+        InputError, match=f"log.{ending}: cannot be read as (NPZ|Parquet)"
+    ) as caught:
         load_recording(path, arm)
     assert caught.value.remedy == "is the file complete?"
 
 
 def test_arrays_of_different_length(arm: NominalArm, tmp_path: Path) -> None:
     np.savez(tmp_path / "log.npz", t=np.arange(5.0), q=np.zeros((4, 2)))
-    with pytest.raises(InputError, match="its arrays differ in length: t 5, q1 4, q2 4"):
+    with pytest.raises(
+        InputError, match="its arrays differ in length: t 5, q1 4, q2 4"
+    ):
         load_recording(tmp_path / "log.npz", arm)
 
 
-def test_nan_in_a_binary_file_names_the_row(recording: Recording, arm: NominalArm, tmp_path: Path) -> None:
+def test_nan_in_a_binary_file_names_the_row(
+    recording: Recording, arm: NominalArm, tmp_path: Path
+) -> None:
     q = recording.q.copy()
     q[6, 1] = np.nan
     np.savez(tmp_path / "log.npz", t=recording.t, q=q)
-    with pytest.raises(InputError, match=r"log.npz, row 7, column q2: is not a finite number \(nan\)"):
+    with pytest.raises(
+        InputError, match=r"log.npz, row 7, column q2: is not a finite number \(nan\)"
+    ):
         load_recording(tmp_path / "log.npz", arm)
 
 

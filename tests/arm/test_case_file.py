@@ -9,13 +9,17 @@ import numpy as np
 import pytest
 import yaml
 
-from arm.case import Case, load_case
-from arm.errors import InputError
-from arm.recording import CHANNELS, Recording
-from arm.robots import KNOWN_ROBOTS, load_nominal_arm
-from arm.writing import write_case, write_recording
+from gapscope.arm.case import Case, load_case
+from gapscope.arm.errors import InputError
+from gapscope.arm.io.write_case import write_case, write_recording
+from gapscope.arm.recording import CHANNELS, Recording
+from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm
 
-CONTENT: dict[str, Any] = {"name": "two", "robot": "robot.urdf", "recordings": ["a.csv"]}
+CONTENT: dict[str, Any] = {
+    "name": "two",
+    "robot": "robot.urdf",
+    "recordings": ["a.csv"],
+}
 
 
 @pytest.fixture
@@ -36,9 +40,17 @@ def write(folder: Path, **content: Any) -> Path:
 def test_the_least_case(folder: Path) -> None:
     write(folder)
     case = load_case(folder)
-    assert case.name == case.arm.name == "two" and case.arm.joints == ("shoulder", "elbow")
+    assert case.name == case.arm.name == "two" and case.arm.joints == (
+        "shoulder",
+        "elbow",
+    )
     assert [recording.name for recording in case.recordings] == ["a.csv"]
-    assert case.judged == () and case.controller is None and case.warnings == () and case.importing is None
+    assert (
+        case.judged == ()
+        and case.controller is None
+        and case.warnings == ()
+        and case.importing is None
+    )
     np.testing.assert_array_equal(case.arm.viscous, [0.5, 0.1])
     np.testing.assert_array_equal(case.arm.coulomb, [0.25, 0])
 
@@ -55,51 +67,103 @@ def test_a_full_case(folder: Path) -> None:
             "encoder": "joint",
             "encoder_step": 1e-3,
         },
-        controller={"kind": "pd", "rate": 1000, "kp": [1, 2], "kd": [3, 4], "velocity_filter": {"cutoff": 80}},
+        controller={
+            "kind": "pd",
+            "rate": 1000,
+            "kp": [1, 2],
+            "kd": [3, 4],
+            "velocity_filter": {"cutoff": 80},
+        },
         judge=["b.npz"],
     )
     case = load_case(path)
-    assert case.arm.joints == ("elbow", "shoulder") and case.arm.encoder == "joint" and case.arm.encoder_step == 1e-3
+    assert (
+        case.arm.joints == ("elbow", "shoulder")
+        and case.arm.encoder == "joint"
+        and case.arm.encoder_step == 1e-3
+    )
     np.testing.assert_array_equal(case.arm.viscous, [3, 4])
     np.testing.assert_array_equal(case.arm.coulomb, [0, 0.25])
     assert (
-        case.controller is not None and case.controller.velocity_cutoff == 80 and case.controller.feedforward == "none"
+        case.controller is not None
+        and case.controller.velocity_cutoff == 80
+        and case.controller.feedforward == "none"
     )
     assert [recording.name for recording in case.judged] == ["b.npz"]
     assert load_case(path, read_recordings=False).recordings == ()
 
 
 def test_rows_to_fit_and_to_judge(folder: Path) -> None:
-    path = write(folder, **{"import": {"rows": {"fit": [[0, 109], [90, 199]], "judge": [50, 150]}}})
+    path = write(
+        folder,
+        **{"import": {"rows": {"fit": [[0, 109], [90, 199]], "judge": [50, 150]}}},
+    )
     case = load_case(path)
-    assert [(r.name, len(r.t)) for r in case.recordings] == [("a.csv rows 0-109", 110), ("a.csv rows 90-199", 110)]
+    assert [(r.name, len(r.t)) for r in case.recordings] == [
+        ("a.csv rows 0-109", 110),
+        ("a.csv rows 90-199", 110),
+    ]
     assert case.judged[0].t[0] == 0.5 and len(case.judged[0].t) == 101
 
 
 BAD: list[tuple[dict[str, Any], str]] = [
-    ({"recording": ["a.csv"]}, "case.yaml: unknown key 'recording'\n  remedy: did you mean recordings?"),
+    (
+        {"recording": ["a.csv"]},
+        "case.yaml: unknown key 'recording'\n  remedy: did you mean recordings?",
+    ),
     ({"recordings": "a.csv"}, "field recordings: expected a list, got 'a.csv'"),
     ({"recordings": []}, "field recordings: "),
     ({"recordings": ["absent.csv"]}, "absent.csv: no such file"),
     ({"name": 5}, "field name: expected a text, got 5"),
     ({"gravity": [0, 0]}, "field gravity: expected at least 3 entries, got 2"),
-    ({"joints": ["shoulder", "wrist"]},
-     "field joints: {folder}/robot.urdf has no movable joint 'wrist'; it has shoulder, elbow"),
-    ({"robot": "r2d2"}, "r2d2: no such URDF file\n  remedy: give a URDF, or one of the known robots kuka_iiwa"),
-    ({"nominal": {"coulomb": [1]}}, "field nominal.coulomb: expected 2 numbers, one per joint, got 1"),
-    ({"nominal": {"viscous": [1, "x"]}}, "field nominal.viscous[2]: expected a number, got 'x'"),
-    ({"nominal": {"armature": [1, -1]}}, "field nominal.armature[2]: expected a number of at least 0, got -1"),
-    ({"nominal": {"encoder": "load"}}, "field nominal.encoder: expected one of motor, joint; got 'load'"),
+    (
+        {"joints": ["shoulder", "wrist"]},
+        "field joints: {folder}/robot.urdf has no movable joint 'wrist'; it has shoulder, elbow",
+    ),
+    (
+        {"robot": "r2d2"},
+        "r2d2: no such URDF file\n  remedy: give a URDF, or one of the known robots kuka_iiwa",
+    ),
+    (
+        {"nominal": {"coulomb": [1]}},
+        "field nominal.coulomb: expected 2 numbers, one per joint, got 1",
+    ),
+    (
+        {"nominal": {"viscous": [1, "x"]}},
+        "field nominal.viscous[2]: expected a number, got 'x'",
+    ),
+    (
+        {"nominal": {"armature": [1, -1]}},
+        "field nominal.armature[2]: expected a number of at least 0, got -1",
+    ),
+    (
+        {"nominal": {"encoder": "load"}},
+        "field nominal.encoder: expected one of motor, joint; got 'load'",
+    ),
     ({"nominal": {"friction": [1, 1]}}, "field nominal: unknown key 'friction'"),
-    ({"controller": {"rate": 1000, "kp": [1, 1]}}, "field controller: lacks the key 'kd'"),
-    ({"controller": {"rate": 1000, "kp": [1], "kd": [1, 1]}}, "field controller.kp: expected 2 numbers"),
-    ({"import": {"q": {"column": "p{j}", "unit": "grad"}}}, "field import.q.unit: expected one of rad, deg, rev"),
+    (
+        {"controller": {"rate": 1000, "kp": [1, 1]}},
+        "field controller: lacks the key 'kd'",
+    ),
+    (
+        {"controller": {"rate": 1000, "kp": [1], "kd": [1, 1]}},
+        "field controller.kp: expected 2 numbers",
+    ),
+    (
+        {"import": {"q": {"column": "p{j}", "unit": "grad"}}},
+        "field import.q.unit: expected one of rad, deg, rev",
+    ),
     ({"import": {"tau": "T{j}"}}, "a.csv: has no column T1; it has t, q1, q2"),
-    ({"import": {"rows": {"fit": [0, 50]}}}, "a.csv: lasts 0.5 s (51 samples), expected at least 1 s"),
-]  # fmt: skip
+    (
+        {"import": {"rows": {"fit": [0, 50]}}},
+        "a.csv: lasts 0.5 s (51 samples), expected at least 1 s",
+    ),
+]
 
 
-@pytest.mark.parametrize(("content", "message"), BAD, ids=[message[:50] for _, message in BAD])
+@pytest.mark.parametrize(
+    ("content", "message"), BAD, ids=[message[:50] for _, message in BAD]
+)
 def test_refused(content: dict[str, Any], message: str, folder: Path) -> None:
     write(folder, **content)
     with pytest.raises(InputError) as caught:
@@ -111,7 +175,10 @@ def test_refused(content: dict[str, Any], message: str, folder: Path) -> None:
     ("text", "message"),
     [
         ("name: [", "line 1, column 8: is not valid YAML"),
-        ("name: a\nname: b\n", "line 2, column 1: is not valid YAML: key 'name' is given twice"),
+        (
+            "name: a\nname: b\n",
+            "line 2, column 1: is not valid YAML: key 'name' is given twice",
+        ),
         ("", "expected a mapping (key: value), got None"),
         ("- a\n", "expected a mapping"),
     ],
@@ -135,19 +202,27 @@ def test_a_number_without_a_decimal_point(folder: Path) -> None:
     assert load_case(path).arm.encoder_step == 1e-4
 
 
-def test_unsigned_torque_is_a_warning_of_the_case(folder: Path, recording: Recording) -> None:
+def test_unsigned_torque_is_a_warning_of_the_case(
+    folder: Path, recording: Recording
+) -> None:
     assert recording.tau is not None
     tau = abs(recording.tau)
     tau[0] = 0
     write_recording(Recording("a", recording.t, recording.q, tau), folder / "a.csv")
     write(folder)
-    assert load_case(folder).warnings == ("a.csv: torque is unsigned: only commands and positions can be trusted",)
+    assert load_case(folder).warnings == (
+        "a.csv: torque is unsigned: only commands and positions can be trusted",
+    )
 
 
-def test_data_root(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_data_root(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = write(folder, recordings=["${GAPSCOPE_DATA}/a.csv"])
     monkeypatch.setenv("GAPSCOPE_DATA", str(tmp_path / "absent"))
-    with pytest.raises(InputError, match="field recordings: .* stands for .*absent, which is no folder"):
+    with pytest.raises(
+        InputError, match="field recordings: .* stands for .*absent, which is no folder"
+    ):
         load_case(path)
     assert len(load_case(path, data_root=folder).recordings) == 1
     monkeypatch.setenv("GAPSCOPE_DATA", str(folder))
@@ -164,22 +239,46 @@ def test_known_robots(robot: str) -> None:
 
 def same(one: Case, other: Case) -> None:
     """Everything but the names of files is equal."""
-    for name in ("joints", "gravity", "armature", "coulomb", "viscous", "torque_limit", "encoder", "encoder_step"):
-        np.testing.assert_array_equal(getattr(one.arm, name), getattr(other.arm, name), err_msg=name)
-    for a, b in zip((*one.recordings, *one.judged), (*other.recordings, *other.judged), strict=True):
+    for name in (
+        "joints",
+        "gravity",
+        "armature",
+        "coulomb",
+        "viscous",
+        "torque_limit",
+        "encoder",
+        "encoder_step",
+    ):
+        np.testing.assert_array_equal(
+            getattr(one.arm, name), getattr(other.arm, name), err_msg=name
+        )
+    for a, b in zip(
+        (*one.recordings, *one.judged), (*other.recordings, *other.judged), strict=True
+    ):
         for name in ("t", *CHANNELS):
-            np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
+            np.testing.assert_array_equal(
+                getattr(a, name), getattr(b, name), err_msg=name
+            )
     assert (one.controller is None) == (other.controller is None)
     if one.controller is not None and other.controller is not None:
         for name in vars(one.controller):
-            np.testing.assert_array_equal(getattr(one.controller, name), getattr(other.controller, name), err_msg=name)
+            np.testing.assert_array_equal(
+                getattr(one.controller, name),
+                getattr(other.controller, name),
+                err_msg=name,
+            )
 
 
 def test_write_case(folder: Path, tmp_path: Path) -> None:
     write(
         folder,
         nominal={"armature": [1, 1 / 3], "torque_limit": [5, 6], "encoder_step": 1e-5},
-        controller={"rate": 1000, "kp": [1, 2], "kd": [3, 4], "velocity_filter": {"cutoff": 80}},
+        controller={
+            "rate": 1000,
+            "kp": [1, 2],
+            "kd": [3, 4],
+            "velocity_filter": {"cutoff": 80},
+        },
         judge=["b.npz", "a.csv"],
         **{"import": {"rows": {"fit": [[0, 119], [60, 199]]}}},
     )
@@ -187,8 +286,13 @@ def test_write_case(folder: Path, tmp_path: Path) -> None:
     made = tmp_path / "deeper" / "made"
     assert write_case(case, made) == made / "case.yaml"
     assert sorted(path.name for path in made.iterdir()) == [
-        "a.csv", "a_rows_0_119.csv", "a_rows_60_199.csv", "b.csv", "case.yaml", "robot.urdf",
-    ]  # fmt: skip
+        "a.csv",
+        "a_rows_0_119.csv",
+        "a_rows_60_199.csv",
+        "b.csv",
+        "case.yaml",
+        "robot.urdf",
+    ]
     same(case, load_case(made))
     with pytest.raises(InputError, match="holds a case already"):
         write_case(case, made)
@@ -210,7 +314,9 @@ def test_write_case_leaves_other_folders_alone(folder: Path, tmp_path: Path) -> 
         write_case(case, tmp_path / "file", overwrite=True)
 
 
-def test_write_case_without_torque_and_with_equal_names(folder: Path, tmp_path: Path, recording: Recording) -> None:
+def test_write_case_without_torque_and_with_equal_names(
+    folder: Path, tmp_path: Path, recording: Recording
+) -> None:
     write(folder)
     case = load_case(folder)
     silent = Recording("a.csv", recording.t, recording.q)

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from arm.dynamics import RigidBody
-from arm.errors import InputError
-from arm.feedforward import feedforward
-from arm.nominal import NominalArm
+from gapscope.arm.dynamics.feedforward import feedforward
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError
+from gapscope.arm.nominal import NominalArm
 
 URDF = """<robot name="pendulum"><link name="base"/>
 <link name="rod"><inertial><origin xyz="0.5 0 0"/><mass value="2"/>
@@ -21,7 +21,11 @@ def arm(tmp_path: Path) -> NominalArm:
     """2 kg at 0.5 m, inertia 0.55 kg m^2 about the hinge."""
     path = tmp_path / "pendulum.urdf"
     path.write_text(URDF)
-    sheet = {"armature": np.array([0.2]), "coulomb": np.array([3.0]), "viscous": np.array([0.7])}
+    sheet = {
+        "armature": np.array([0.2]),
+        "coulomb": np.array([3.0]),
+        "viscous": np.array([0.7]),
+    }
     return NominalArm("pendulum", path, ("hinge",), **sheet)
 
 
@@ -30,7 +34,9 @@ def test_laws_by_hand(arm: NominalArm) -> None:
     gravity = -9.81  # the rod points along x, gravity turns it about +y
     nominal = gravity + (0.55 + 0.2) * 2.0 + 3.0 * np.tanh(1.0) + 0.7 * 0.005
     for kind, expected in (("none", 0.0), ("gravity", gravity), ("nominal", nominal)):
-        np.testing.assert_allclose(feedforward(arm, RigidBody(arm), kind, q, dq, ddq), [[expected]], rtol=1e-12)
+        np.testing.assert_allclose(
+            feedforward(arm, RigidBody(arm), kind, q, dq, ddq), [[expected]], rtol=1e-12
+        )
 
 
 def test_unknown_kind(arm: NominalArm) -> None:

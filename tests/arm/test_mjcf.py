@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from arm.dynamics import RigidBody
-from arm.errors import InputError, ModelWarning
-from arm.nominal import NominalArm
-from arm.plain_mjcf import plain_mjcf
-from arm.plain_urdf import moving_links
-from arm.robots import KNOWN_ROBOTS, load_nominal_arm
+from gapscope.arm.dynamics.plain_mjcf import plain_mjcf
+from gapscope.arm.dynamics.plain_urdf import moving_links
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError, ModelWarning
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm
 
 SHEET = {"armature": "0.05", "frictionloss": "0.4", "damping": "0.3"}
 INERTIAL = '<inertial pos="0 0 0.2" mass="2" diaginertia="0.1 0.1 0.02"/>'
@@ -25,7 +25,9 @@ def _numbers(text: str | None) -> np.ndarray:
 
 def _place(element: ET.Element, origin: ET.Element | None) -> None:
     """Pose of a URDF origin as pos and quat."""
-    xyz, rpy = (None, None) if origin is None else (origin.get("xyz"), origin.get("rpy"))
+    xyz, rpy = (
+        (None, None) if origin is None else (origin.get("xyz"), origin.get("rpy"))
+    )
     x, y, z, w = Rotation.from_euler("xyz", _numbers(rpy)).as_quat().tolist()
     element.set("pos", xyz or "0 0 0")
     element.set("quat", f"{w!r} {x!r} {y!r} {z!r}")
@@ -37,22 +39,49 @@ def written_as_mjcf(urdf: Path) -> str:
     root = ET.Element("mujoco", model="translated")
     ET.SubElement(root, "compiler", angle="degree", autolimits="true")
     ET.SubElement(ET.SubElement(root, "default"), "joint", SHEET)
-    bodies = {robot.findall("joint")[0].find("parent").get("link"): ET.SubElement(root, "worldbody")}
+    bodies = {
+        robot.findall("joint")[0].find("parent").get("link"): ET.SubElement(
+            root, "worldbody"
+        )
+    }
     for joint in robot.findall("joint"):
         child = joint.find("child").get("link")
-        body = ET.SubElement(bodies[joint.find("parent").get("link")], "body", name=child)
+        body = ET.SubElement(
+            bodies[joint.find("parent").get("link")], "body", name=child
+        )
         _place(body, joint.find("origin"))
         bodies[child] = body
-        source = next(link for link in robot.findall("link") if link.get("name") == child).find("inertial")
-        inertial = ET.SubElement(body, "inertial", mass=source.find("mass").get("value"))
-        xyz = (source.find("origin").get("xyz") if source.find("origin") is not None else None) or "0 0 0"
+        source = next(
+            link for link in robot.findall("link") if link.get("name") == child
+        ).find("inertial")
+        inertial = ET.SubElement(
+            body, "inertial", mass=source.find("mass").get("value")
+        )
+        xyz = (
+            source.find("origin").get("xyz")
+            if source.find("origin") is not None
+            else None
+        ) or "0 0 0"
         inertial.set("pos", xyz)
         moments = source.find("inertia")
-        inertial.set("fullinertia", " ".join(moments.get(f"i{ij}") for ij in ("xx", "yy", "zz", "xy", "xz", "yz")))
+        inertial.set(
+            "fullinertia",
+            " ".join(
+                moments.get(f"i{ij}") for ij in ("xx", "yy", "zz", "xy", "xz", "yz")
+            ),
+        )
         if joint.get("type") != "fixed":
-            limit = [np.rad2deg(float(joint.find("limit").get(side))) for side in ("lower", "upper")]
-            axis, reach = joint.find("axis").get("xyz"), f"{limit[0]:.17g} {limit[1]:.17g}"
-            ET.SubElement(body, "joint", {"name": joint.get("name"), "axis": axis, "range": reach})
+            limit = [
+                np.rad2deg(float(joint.find("limit").get(side)))
+                for side in ("lower", "upper")
+            ]
+            axis, reach = (
+                joint.find("axis").get("xyz"),
+                f"{limit[0]:.17g} {limit[1]:.17g}",
+            )
+            ET.SubElement(
+                body, "joint", {"name": joint.get("name"), "axis": axis, "range": reach}
+            )
     return ET.tostring(root, encoding="unicode")
 
 
@@ -69,18 +98,32 @@ def _samples(n: int) -> np.ndarray:
     return np.random.default_rng(0).uniform(-1.5, 1.5, (3, 50, n))
 
 
-def test_seven_joints_have_the_inverse_dynamics_of_their_urdf(both: tuple[NominalArm, NominalArm]) -> None:
+def test_seven_joints_have_the_inverse_dynamics_of_their_urdf(
+    both: tuple[NominalArm, NominalArm],
+) -> None:
     known, read = both
     assert read.joints == known.joints and read.name == "translated"
     expected, found = (RigidBody(arm).inverse_dynamics(*_samples(7)) for arm in both)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
-    for ours, theirs in zip(RigidBody(read).position_limits(), RigidBody(known).position_limits(), strict=True):
+    np.testing.assert_allclose(
+        found, expected, rtol=0, atol=1e-9 * np.abs(expected).max()
+    )
+    for ours, theirs in zip(
+        RigidBody(read).position_limits(),
+        RigidBody(known).position_limits(),
+        strict=True,
+    ):
         np.testing.assert_allclose(ours, theirs, atol=1e-12)
 
 
-def test_rotors_and_friction_of_the_file_are_the_data_sheet(both: tuple[NominalArm, NominalArm]) -> None:
+def test_rotors_and_friction_of_the_file_are_the_data_sheet(
+    both: tuple[NominalArm, NominalArm],
+) -> None:
     read = both[1]
-    for values, key in ((read.armature, "armature"), (read.coulomb, "frictionloss"), (read.viscous, "damping")):
+    for values, key in (
+        (read.armature, "armature"),
+        (read.coulomb, "frictionloss"),
+        (read.viscous, "damping"),
+    ):
         np.testing.assert_allclose(values, np.full(7, float(SHEET[key])))
 
 
@@ -92,29 +135,50 @@ def test_mujoco_reads_the_same_arm_from_it(both: tuple[NominalArm, NominalArm]) 
     model.dof_frictionloss[:] = 0.0
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
     data = mujoco.MjData(model)
-    expected = RigidBody(read).inverse_dynamics(*samples) + read.armature * samples[2] + read.viscous * samples[1]
+    expected = (
+        RigidBody(read).inverse_dynamics(*samples)
+        + read.armature * samples[2]
+        + read.viscous * samples[1]
+    )
     for q, dq, ddq, torque in zip(*samples, expected, strict=True):
         data.qpos[:], data.qvel[:], data.qacc[:] = q, dq, ddq
         mujoco.mj_inverse(model, data)
-        np.testing.assert_allclose(data.qfrc_inverse, torque, atol=1e-8 * np.abs(expected).max())
+        np.testing.assert_allclose(
+            data.qfrc_inverse, torque, atol=1e-8 * np.abs(expected).max()
+        )
 
 
 @pytest.mark.parametrize("robot", KNOWN_ROBOTS)
-def test_what_is_written_for_mujoco_reads_back_as_the_same_arm(robot: str, tmp_path: Path) -> None:
+def test_what_is_written_for_mujoco_reads_back_as_the_same_arm(
+    robot: str, tmp_path: Path
+) -> None:
     """Masses and moments, which are given to the engine after loading, are put into the text here."""
     body = RigidBody(load_nominal_arm(robot))
     links = moving_links(body)
     root = ET.fromstring(plain_mjcf(links, body.gravity, 1e-3))
     for inertial, link in zip(root.iter("inertial"), links, strict=True):
         inertial.set("mass", repr(link.mass))
-        inertial.set("diaginertia", " ".join(repr(float(moment)) for moment in link.moments))
+        inertial.set(
+            "diaginertia", " ".join(repr(float(moment)) for moment in link.moments)
+        )
     (tmp_path / "plain.xml").write_text(ET.tostring(root, encoding="unicode"))
     back = RigidBody(load_nominal_arm(tmp_path / "plain.xml"))
-    expected, found = (x.inverse_dynamics(*_samples(body.n_joints)) for x in (body, back))
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+    expected, found = (
+        x.inverse_dynamics(*_samples(body.n_joints)) for x in (body, back)
+    )
+    np.testing.assert_allclose(
+        found, expected, rtol=0, atol=1e-12 * np.abs(expected).max()
+    )
 
 
-def _one(inside: str = "", *, inertial: str = INERTIAL, before: str = "", joint: str = "", after: str = "") -> str:
+def _one(
+    inside: str = "",
+    *,
+    inertial: str = INERTIAL,
+    before: str = "",
+    joint: str = "",
+    after: str = "",
+) -> str:
     """An arm of one joint, with this and that in it."""
     return (
         f'<mujoco model="one"><compiler angle="radian"/>{before}<worldbody><body name="rod">{inertial}'
@@ -129,10 +193,22 @@ def _load(tmp_path: Path, text: str) -> NominalArm:
 
 MESH = '<asset><mesh name="hull" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/></asset>'
 REFUSED = {
-    "negative mass": ({"inertial": INERTIAL.replace('"2"', '"-2"')}, "body rod, <inertial>: mass is -2 kg"),
-    "mass that is no number": ({"inertial": INERTIAL.replace('"2"', '"two"')}, "mass: expected a number, got 'two'"),
-    "no mass": ({"inertial": '<inertial pos="0 0 0" diaginertia="1 1 1"/>'}, "body rod, <inertial>: has no mass"),
-    "no moments": ({"inertial": '<inertial pos="0 0 0" mass="1"/>'}, "has no diaginertia"),
+    "negative mass": (
+        {"inertial": INERTIAL.replace('"2"', '"-2"')},
+        "body rod, <inertial>: mass is -2 kg",
+    ),
+    "mass that is no number": (
+        {"inertial": INERTIAL.replace('"2"', '"two"')},
+        "mass: expected a number, got 'two'",
+    ),
+    "no mass": (
+        {"inertial": '<inertial pos="0 0 0" diaginertia="1 1 1"/>'},
+        "body rod, <inertial>: has no mass",
+    ),
+    "no moments": (
+        {"inertial": '<inertial pos="0 0 0" mass="1"/>'},
+        "has no diaginertia",
+    ),
     "two moments": (
         {"inertial": INERTIAL.replace("0.1 0.1", "0.1")},
         "diaginertia: expected 3 numbers, got '0.1 0.02'",
@@ -142,23 +218,39 @@ REFUSED = {
         "body rod, <inertial>: it has the principal moments -0.1, 0.02, 0.1 kg m^2",
     ),
     "negative moment of six": (
-        {"inertial": '<inertial pos="0 0 0" mass="1" fullinertia="0.1 0.1 0.1 0.3 0 0"/>'},
+        {
+            "inertial": '<inertial pos="0 0 0" mass="1" fullinertia="0.1 0.1 0.1 0.3 0 0"/>'
+        },
         "principal moments -0.2, 0.1, 0.4 kg m^2",
     ),
     "mass by a mesh": (
         {"inertial": '<geom type="mesh" mesh="hull"/>', "before": MESH},
         "body rod: has no <inertial>, and its mass cannot be taken from the shape hull",
     ),
-    "included file": ({"before": '<include file="more.xml"/>'}, "<include> is not read"),
-    "frame": ({"inside": '<frame pos="0 0 1"><body name="tip"/></frame>'}, "<frame> is not read"),
-    "gravity of two": ({"before": '<option gravity="0 -9.81"/>'}, "<option gravity>: expected 3 numbers"),
+    "included file": (
+        {"before": '<include file="more.xml"/>'},
+        "<include> is not read",
+    ),
+    "frame": (
+        {"inside": '<frame pos="0 0 1"><body name="tip"/></frame>'},
+        "<frame> is not read",
+    ),
+    "gravity of two": (
+        {"before": '<option gravity="0 -9.81"/>'},
+        "<option gravity>: expected 3 numbers",
+    ),
     "other zero": ({"joint": 'ref="0.2"'}, "joint hinge: ref is 0.2, expected 0"),
-    "unknown class": ({"joint": 'class="none"'}, "names a default class that it does not have"),
+    "unknown class": (
+        {"joint": 'class="none"'},
+        "names a default class that it does not have",
+    ),
 }
 
 
 @pytest.mark.parametrize(("change", "message"), REFUSED.values(), ids=REFUSED)
-def test_what_would_be_read_as_something_else_is_refused(tmp_path: Path, change: dict[str, str], message: str) -> None:
+def test_what_would_be_read_as_something_else_is_refused(
+    tmp_path: Path, change: dict[str, str], message: str
+) -> None:
     with pytest.raises(InputError, match=re.escape(message)) as caught:
         _load(tmp_path, _one(**change))
     assert caught.value.file == tmp_path / "one.xml" and caught.value.remedy
@@ -169,18 +261,38 @@ CLASSES = (
     '<default class="soft"><joint stiffness="5"/><motor ctrlrange="-2 2"/></default></default>'
 )
 LEFT_OUT = {
-    "spring": ({"joint": 'stiffness="5" springref="0.3"'}, "the spring of joint hinge (stiffness 5, springref 0.3)"),
-    "spring of all": ({"before": CLASSES}, "the spring of joint hinge (stiffness 3, springref 0)"),
-    "spring of a class": ({"before": CLASSES, "joint": 'class="soft"'}, "spring of joint hinge (stiffness 5"),
-    "constraint": ({"after": '<equality><joint joint1="hinge"/></equality>'}, "<equality> is not read"),
-    "weight held up": ({"inside": '<body name="tip" gravcomp="1"/>'}, "gravcomp of body tip is not read"),
-    "mass by shapes": ({"inertial": '<geom size="0.1"/>'}, "body rod has no <inertial> and is weighed by its shapes"),
+    "spring": (
+        {"joint": 'stiffness="5" springref="0.3"'},
+        "the spring of joint hinge (stiffness 5, springref 0.3)",
+    ),
+    "spring of all": (
+        {"before": CLASSES},
+        "the spring of joint hinge (stiffness 3, springref 0)",
+    ),
+    "spring of a class": (
+        {"before": CLASSES, "joint": 'class="soft"'},
+        "spring of joint hinge (stiffness 5",
+    ),
+    "constraint": (
+        {"after": '<equality><joint joint1="hinge"/></equality>'},
+        "<equality> is not read",
+    ),
+    "weight held up": (
+        {"inside": '<body name="tip" gravcomp="1"/>'},
+        "gravcomp of body tip is not read",
+    ),
+    "mass by shapes": (
+        {"inertial": '<geom size="0.1"/>'},
+        "body rod has no <inertial> and is weighed by its shapes",
+    ),
 }
 
 
 @pytest.mark.parametrize(("change", "message"), LEFT_OUT.values(), ids=LEFT_OUT)
-@pytest.mark.filterwarnings("always::arm.errors.ModelWarning")
-def test_what_is_left_out_is_told(tmp_path: Path, change: dict[str, str], message: str) -> None:
+@pytest.mark.filterwarnings("always::gapscope.arm.errors.ModelWarning")
+def test_what_is_left_out_is_told(
+    tmp_path: Path, change: dict[str, str], message: str
+) -> None:
     with pytest.warns(ModelWarning, match=re.escape(message)):
         _load(tmp_path, _one(**change))
 
@@ -196,7 +308,9 @@ def test_what_is_left_out_is_told(tmp_path: Path, change: dict[str, str], messag
 def test_gravity_of_the_file_counts_where_nothing_else_says_it(
     tmp_path: Path, option: str, expected: list[float]
 ) -> None:
-    np.testing.assert_array_equal(_load(tmp_path, _one(before=option)).gravity, expected)
+    np.testing.assert_array_equal(
+        _load(tmp_path, _one(before=option)).gravity, expected
+    )
     given = load_nominal_arm(tmp_path / "one.xml", gravity=[0, 0, -3.7])
     np.testing.assert_array_equal(given.gravity, [0, 0, -3.7])
 
@@ -206,18 +320,54 @@ def test_gravity_of_the_file_counts_where_nothing_else_says_it(
     [
         ({}, 0.0),
         ({"joint": 'actuatorfrcrange="-7 7"'}, 7.0),
-        ({"after": '<actuator><motor joint="hinge" ctrlrange="-3 4" gear="2"/></actuator>'}, 6.0),
-        ({"after": '<actuator><motor joint="hinge" ctrlrange="-3 3" ctrllimited="false"/></actuator>'}, 0.0),
-        ({"after": '<actuator><general joint="hinge" ctrlrange="-3 3" gainprm="10"/></actuator>'}, 30.0),
-        ({"after": '<actuator><position joint="hinge" ctrlrange="-1 1" forcerange="-4 4"/></actuator>'}, 4.0),
-        ({"before": CLASSES, "after": '<actuator><motor class="soft" joint="hinge"/></actuator>'}, 2.0),
-        ({"joint": 'actuatorfrcrange="-7 7"', "after": '<actuator><motor joint="hinge" gear="3"/></actuator>'}, 7.0),
+        (
+            {
+                "after": '<actuator><motor joint="hinge" ctrlrange="-3 4" gear="2"/></actuator>'
+            },
+            6.0,
+        ),
+        (
+            {
+                "after": '<actuator><motor joint="hinge" ctrlrange="-3 3" ctrllimited="false"/></actuator>'
+            },
+            0.0,
+        ),
+        (
+            {
+                "after": '<actuator><general joint="hinge" ctrlrange="-3 3" gainprm="10"/></actuator>'
+            },
+            30.0,
+        ),
+        (
+            {
+                "after": '<actuator><position joint="hinge" ctrlrange="-1 1" forcerange="-4 4"/></actuator>'
+            },
+            4.0,
+        ),
+        (
+            {
+                "before": CLASSES,
+                "after": '<actuator><motor class="soft" joint="hinge"/></actuator>',
+            },
+            2.0,
+        ),
+        (
+            {
+                "joint": 'actuatorfrcrange="-7 7"',
+                "after": '<actuator><motor joint="hinge" gear="3"/></actuator>',
+            },
+            7.0,
+        ),
     ],
 )
-def test_torque_limit_of_joint_and_actuator(tmp_path: Path, change: dict[str, str], limit: float) -> None:
+def test_torque_limit_of_joint_and_actuator(
+    tmp_path: Path, change: dict[str, str], limit: float
+) -> None:
     """As ``effort`` of a URDF, 0 where there is none."""
     body = RigidBody(_load(tmp_path, _one(**change)))
-    assert body.effort_limits() == pytest.approx([limit]) and body.velocity_limits() == pytest.approx([0.0])
+    assert body.effort_limits() == pytest.approx(
+        [limit]
+    ) and body.velocity_limits() == pytest.approx([0.0])
 
 
 def test_a_body_without_a_name_weighs_what_it_weighs(tmp_path: Path) -> None:

@@ -3,16 +3,22 @@
 import numpy as np
 import pytest
 
-from arm.chain import Chain, Reversed
-from arm.dynamics import RigidBody
-from arm.errors import GapscopeError, InputError
-from arm.inverse_kinematics import inverse_kinematics
-from arm.kinematics import Kinematics, Pose
-from arm.motions import MOTIONS, Workspace, draw_motion, motions_for, workspace
-from arm.point_to_point import PointToPoint
-from arm.robots import KNOWN_ROBOTS, load_nominal_arm
-from arm.trajectory import Limits
-from arm.weld_seam import WeldSeam
+from gapscope.arm.dynamics.inverse_kinematics import inverse_kinematics
+from gapscope.arm.dynamics.kinematics import Kinematics, Pose
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.motions.chain import Chain, Reversed
+from gapscope.arm.motions.named_motions import (
+    MOTIONS,
+    Workspace,
+    draw_motion,
+    motions_for,
+    workspace,
+)
+from gapscope.arm.motions.point_to_point import PointToPoint
+from gapscope.arm.motions.trajectory import Limits
+from gapscope.arm.motions.weld_seam import WeldSeam
+from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm
 
 DURATION = 8.0
 
@@ -25,7 +31,10 @@ def space(request: pytest.FixtureRequest) -> Workspace:
 @pytest.mark.parametrize("name", MOTIONS)
 @pytest.mark.parametrize("seed", range(2))
 def test_limits_hold_at_every_sample(space: Workspace, name: str, seed: int) -> None:
-    motion, limits = draw_motion(name, np.random.default_rng(seed), space, DURATION), space.limits
+    motion, limits = (
+        draw_motion(name, np.random.default_rng(seed), space, DURATION),
+        space.limits,
+    )
     t = np.linspace(0.0, DURATION, 8001)
     q, dq, ddq = motion.position(t), motion.velocity(t), motion.acceleration(t)
     assert (q >= limits.lower).all() and (q <= limits.upper).all()
@@ -39,19 +48,34 @@ def test_limits_hold_at_every_sample(space: Workspace, name: str, seed: int) -> 
 def test_derivatives_agree_with_finite_differences(space: Workspace, name: str) -> None:
     motion = draw_motion(name, np.random.default_rng(3), space, DURATION)
     t, h = np.linspace(0.01, DURATION - 0.01, 777), 1e-5
-    for function, derivative in ((motion.position, motion.velocity), (motion.velocity, motion.acceleration)):
-        np.testing.assert_allclose((function(t + h) - function(t - h)) / (2 * h), derivative(t), atol=5e-6)
+    for function, derivative in (
+        (motion.position, motion.velocity),
+        (motion.velocity, motion.acceleration),
+    ):
+        np.testing.assert_allclose(
+            (function(t + h) - function(t - h)) / (2 * h), derivative(t), atol=5e-6
+        )
 
 
-def test_weld_seam_is_straight_at_constant_speed_and_keeps_the_orientation(space: Workspace) -> None:
+def test_weld_seam_is_straight_at_constant_speed_and_keeps_the_orientation(
+    space: Workspace,
+) -> None:
     """The tool is on the line to 10 um, turns by less than 0.1 mrad and keeps its speed over 60 % of the time."""
     way = np.array([0.03, -0.06, 0.02])
-    seam = WeldSeam.along(space.kinematics, space.posture, way, space.limits, speed=0.05)
+    seam = WeldSeam.along(
+        space.kinematics, space.posture, way, space.limits, speed=0.05
+    )
     t = np.linspace(-0.1, seam.duration + 0.1, 501)
     poses = [space.kinematics.tool(q) for q in seam.position(t)]
-    tool = np.array([pose.position for pose in poses]) - space.kinematics.tool(space.posture).position
+    tool = (
+        np.array([pose.position for pose in poses])
+        - space.kinematics.tool(space.posture).position
+    )
     along = tool @ way / np.linalg.norm(way)
-    assert np.linalg.norm(tool - np.outer(along, way / np.linalg.norm(way)), axis=1).max() < 1e-5
+    assert (
+        np.linalg.norm(tool - np.outer(along, way / np.linalg.norm(way)), axis=1).max()
+        < 1e-5
+    )
     np.testing.assert_allclose([along[0], along[-1]], [0.0, seam.length], atol=1e-6)
     turned = np.array([pose.rotation for pose in poses]) - poses[0].rotation
     assert np.abs(turned).max() < 1e-4
@@ -61,47 +85,73 @@ def test_weld_seam_is_straight_at_constant_speed_and_keeps_the_orientation(space
     assert speed.max() <= 0.05 * 1.001
 
 
-def test_inverse_kinematics_finds_the_posture_it_came_from_and_says_when_out_of_reach(space: Workspace) -> None:
+def test_inverse_kinematics_finds_the_posture_it_came_from_and_says_when_out_of_reach(
+    space: Workspace,
+) -> None:
     near = space.posture + 0.1
     target = space.kinematics.tool(near)
-    found = space.kinematics.tool(inverse_kinematics(space.kinematics, target, space.posture))
+    found = space.kinematics.tool(
+        inverse_kinematics(space.kinematics, target, space.posture)
+    )
     np.testing.assert_allclose(found.position, target.position, atol=1e-6)
     np.testing.assert_allclose(found.rotation, target.rotation, atol=1e-5)
     with pytest.raises(GapscopeError, match="cannot reach"):
-        inverse_kinematics(space.kinematics, Pose(np.full(3, 5.0), target.rotation), space.posture)
+        inverse_kinematics(
+            space.kinematics, Pose(np.full(3, 5.0), target.rotation), space.posture
+        )
 
 
 def test_tool_jacobian_agrees_with_finite_differences(space: Workspace) -> None:
     kinematics, h = space.kinematics, 1e-6
     jacobian = kinematics.tool_jacobian(space.posture)
     for joint, step in enumerate(h * np.eye(len(space.posture))):
-        ahead, behind = kinematics.tool(space.posture + step), kinematics.tool(space.posture - step)
-        np.testing.assert_allclose((ahead.position - behind.position) / (2 * h), jacobian[:3, joint], atol=1e-8)
+        ahead, behind = (
+            kinematics.tool(space.posture + step),
+            kinematics.tool(space.posture - step),
+        )
+        np.testing.assert_allclose(
+            (ahead.position - behind.position) / (2 * h), jacobian[:3, joint], atol=1e-8
+        )
         spin = (ahead.rotation @ behind.rotation.T - np.eye(3)) / (2 * h)
-        np.testing.assert_allclose([spin[2, 1], spin[0, 2], spin[1, 0]], jacobian[3:, joint], atol=1e-5)
+        np.testing.assert_allclose(
+            [spin[2, 1], spin[0, 2], spin[1, 0]], jacobian[3:, joint], atol=1e-5
+        )
 
 
 def test_skeleton_begins_at_the_base_and_ends_at_the_tool(space: Workspace) -> None:
     points = space.kinematics.skeleton(space.posture)
     assert points.shape == (len(space.posture) + 2, 3)
     np.testing.assert_array_equal(points[0], 0.0)
-    assert np.abs(points[-1] - space.kinematics.tool(space.posture).position).max() < 0.05
+    assert (
+        np.abs(points[-1] - space.kinematics.tool(space.posture).position).max() < 0.05
+    )
 
 
 def test_quintic_by_hand() -> None:
     """From 0 to 2 rad in 4 s: 1 rad at half time, there 15/8 * 2/4 rad/s; 16 s(1/4) = 53/32."""
     motion = PointToPoint(np.zeros(1), np.full(1, 2.0), 4.0)
     t = np.array([-1.0, 0.0, 1.0, 2.0, 4.0, 9.0])
-    np.testing.assert_allclose(motion.position(t)[:, 0], [0, 0, 2 * 53 / 512, 1, 2, 2], atol=1e-14)
-    np.testing.assert_allclose(motion.velocity(t)[:, 0], [0, 0, 2 / 4 * 135 / 128, 0.9375, 0, 0], atol=1e-14)
-    np.testing.assert_allclose(motion.acceleration(t)[[0, 1, 3, 4, 5], 0], 0, atol=1e-14)
+    np.testing.assert_allclose(
+        motion.position(t)[:, 0], [0, 0, 2 * 53 / 512, 1, 2, 2], atol=1e-14
+    )
+    np.testing.assert_allclose(
+        motion.velocity(t)[:, 0], [0, 0, 2 / 4 * 135 / 128, 0.9375, 0, 0], atol=1e-14
+    )
+    np.testing.assert_allclose(
+        motion.acceleration(t)[[0, 1, 3, 4, 5], 0], 0, atol=1e-14
+    )
 
 
 def test_fastest_point_to_point_meets_a_limit() -> None:
-    limits = Limits(np.full(2, -3.0), np.full(2, 3.0), np.array([1.0, 1.0]), np.array([2.0, 50.0]))
+    limits = Limits(
+        np.full(2, -3.0), np.full(2, 3.0), np.array([1.0, 1.0]), np.array([2.0, 50.0])
+    )
     motion = PointToPoint.within(np.zeros(2), np.array([0.5, 2.0]), limits)
     t = np.linspace(0, motion.duration, 4001)
-    use = [np.abs(motion.velocity(t)) / limits.velocity, np.abs(motion.acceleration(t)) / limits.acceleration]
+    use = [
+        np.abs(motion.velocity(t)) / limits.velocity,
+        np.abs(motion.acceleration(t)) / limits.acceleration,
+    ]
     assert np.max(use) == pytest.approx(1.0, abs=1e-6)
 
 
@@ -117,7 +167,10 @@ def test_chain_is_continuous_and_backwards_is_backwards() -> None:
 def test_same_seed_same_motion(space: Workspace) -> None:
     t = np.linspace(0, DURATION, 100)
     for seed in range(3):
-        first, second = (draw_motion("random", np.random.default_rng(seed), space, DURATION) for _ in range(2))
+        first, second = (
+            draw_motion("random", np.random.default_rng(seed), space, DURATION)
+            for _ in range(2)
+        )
         np.testing.assert_array_equal(first.position(t), second.position(t))
 
 

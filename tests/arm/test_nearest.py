@@ -2,8 +2,8 @@
 
 import pytest
 
-from arm.errors import InputError
-from arm.nearest import check_known, nearest
+from gapscope.arm.errors import InputError
+from gapscope.arm.nearest_name import check_known, nearest
 
 ROBOTS = ("kuka_iiwa", "franka_panda", "xarm6")
 
@@ -29,7 +29,9 @@ def test_nothing_is_offered_where_none_is_near(name: str) -> None:
 
 
 def test_the_name_is_offered_as_it_is_written() -> None:
-    with pytest.raises(InputError, match="unknown engine 'MuJoCo'(?s:.)*did you mean 'mujoco'") as caught:
+    with pytest.raises(
+        InputError, match="unknown engine 'MuJoCo'(?s:.)*did you mean 'mujoco'"
+    ) as caught:
         check_known("engine", "MuJoCo", ("pybullet", "mujoco"), where="engine")
     assert caught.value.where == "engine"
     assert check_known("engine", "mujoco", ("pybullet", "mujoco")) == "mujoco"

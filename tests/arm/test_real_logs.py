@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from arm.case import load_case
-from arm.dynamics import RigidBody
+from gapscope.arm.case import load_case
+from gapscope.arm.dynamics.rigid_body import RigidBody
 
 CASES = Path(__file__).resolve().parents[2] / "experiments" / "cases"
 
@@ -23,8 +23,19 @@ EXPECTED = [
 ]
 
 
-@pytest.mark.parametrize(("name", "n_joints", "rate", "fit", "judge"), EXPECTED, ids=[case[0] for case in EXPECTED])
-def test_loads(name: str, n_joints: int, rate: float, fit: list[int], judge: list[int], data_root: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "n_joints", "rate", "fit", "judge"),
+    EXPECTED,
+    ids=[case[0] for case in EXPECTED],
+)
+def test_loads(
+    name: str,
+    n_joints: int,
+    rate: float,
+    fit: list[int],
+    judge: list[int],
+    data_root: Path,
+) -> None:
     case = load_case(CASES / f"{name}.yaml", data_root=data_root)
     assert case.arm.n_joints == n_joints
     assert [len(recording.t) for recording in case.recordings] == fit
@@ -37,13 +48,22 @@ def test_loads(name: str, n_joints: int, rate: float, fit: list[int], judge: lis
 
 def test_so101_warns_that_its_torque_is_unsigned(data_root: Path) -> None:
     (warning,) = load_case(CASES / "so101.yaml", data_root=data_root).warnings
-    assert warning.endswith("torque is unsigned: only commands and positions can be trusted")
+    assert warning.endswith(
+        "torque is unsigned: only commands and positions can be trusted"
+    )
 
 
 def test_repeated_rows_of_the_kinova_are_reported(data_root: Path) -> None:
-    recording, silent = load_case(CASES / "kinova_gen3_current.yaml", data_root=data_root).recordings
-    assert recording.notes[0] == "rows dropped that repeat the measurement before them: 23 (0.49%)"
-    assert silent.tau_sensor is None and silent.notes == ("tau_sensor is zero throughout and was left out",)
+    recording, silent = load_case(
+        CASES / "kinova_gen3_current.yaml", data_root=data_root
+    ).recordings
+    assert (
+        recording.notes[0]
+        == "rows dropped that repeat the measurement before them: 23 (0.49%)"
+    )
+    assert silent.tau_sensor is None and silent.notes == (
+        "tau_sensor is zero throughout and was left out",
+    )
 
 
 def test_sign_and_scale_of_the_staubli_transmission(data_root: Path) -> None:
@@ -56,7 +76,14 @@ def test_sign_and_scale_of_the_staubli_transmission(data_root: Path) -> None:
     dq = np.gradient(q, 50 / recording.rate, axis=0)
     ddq = np.gradient(dq, 50 / recording.rate, axis=0)
     needed = RigidBody(case.arm).inverse_dynamics(q, dq, ddq)
-    needed += dq * [8.05, 5.53, 1.97, 1.11, 1.86, 0.65] + ddq * [0.362, 0.362, 0.0988, 0.0313, 0.0468, 0.0105]
+    needed += dq * [8.05, 5.53, 1.97, 1.11, 1.86, 0.65] + ddq * [
+        0.362,
+        0.362,
+        0.0988,
+        0.0313,
+        0.0468,
+        0.0105,
+    ]
     needed += np.tanh(dq / 0.005) * [7.14, 8.26, 6.34, 2.48, 3.03, 0.282]
     for j in range(4):
         slope, _ = np.polyfit(needed[:, j], recording.tau[step, j], 1)

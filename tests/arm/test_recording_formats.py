@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from arm.errors import GapscopeError, InputError
-from arm.nominal import NominalArm
-from arm.reading import load_recording
-from arm.recording import CHANNELS, Recording
-from arm.writing import write_recording
+from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.io.load_recording import load_recording
+from gapscope.arm.io.write_case import write_recording
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import CHANNELS, Recording
 
 FORMATS = ("csv", "parquet", "npz")
 JOINT = '<joint name="{0}" type="continuous"><parent link="{1}"/><child link="{2}"/></joint><link name="{2}"/>'
@@ -33,7 +33,9 @@ def assert_same(one: Recording, other: Recording) -> None:
 
 
 @pytest.mark.parametrize("ending", FORMATS)
-def test_round_trip(ending: str, recording: Recording, arm: NominalArm, tmp_path: Path) -> None:
+def test_round_trip(
+    ending: str, recording: Recording, arm: NominalArm, tmp_path: Path
+) -> None:
     path = write_recording(recording, tmp_path / f"motion.{ending}")
     back = load_recording(path, arm, complete=True)
     assert_same(recording, back)
@@ -45,7 +47,9 @@ def test_round_trip(ending: str, recording: Recording, arm: NominalArm, tmp_path
 def test_positions_alone_are_a_recording_but_not_a_complete_one(
     ending: str, recording: Recording, arm: NominalArm, tmp_path: Path
 ) -> None:
-    path = write_recording(Recording("motion", recording.t, recording.q), tmp_path / f"motion.{ending}")
+    path = write_recording(
+        Recording("motion", recording.t, recording.q), tmp_path / f"motion.{ending}"
+    )
     assert load_recording(path, arm).tau is None
     with pytest.raises(InputError, match="has no column tau1; it has t, q1, q2"):
         load_recording(path, arm, complete=True)
@@ -72,8 +76,13 @@ def test_any_recording_survives(q: np.ndarray, tau: np.ndarray, ending: str) -> 
 def test_delimiters(delimiter: str, arm: NominalArm, tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     rows = [f"{i / 100},{np.sin(i)},{np.cos(i)}" for i in range(30)]
-    path.write_text("\ufeff" + "\n".join([" t ,q1, q2", *rows, ""]).replace(",", delimiter), encoding="utf-8")
-    np.testing.assert_array_equal(load_recording(path, arm).q[:, 1], np.cos(np.arange(30)))
+    path.write_text(
+        "\ufeff" + "\n".join([" t ,q1, q2", *rows, ""]).replace(",", delimiter),
+        encoding="utf-8",
+    )
+    np.testing.assert_array_equal(
+        load_recording(path, arm).q[:, 1], np.cos(np.arange(30))
+    )
 
 
 def test_no_format_to_write(recording: Recording, tmp_path: Path) -> None:

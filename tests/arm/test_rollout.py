@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from arm.controller import Controller
-from arm.dynamics import RigidBody
-from arm.errors import GapscopeError
-from arm.nominal import NominalArm
-from arm.rollout import Commands, Plant, roll_out, roll_outs
-from arm.sensitivity import sensitivity, ticks_per_step
+from gapscope.arm.controller import Controller
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.dynamics.rollout import Commands, Plant, roll_out, roll_outs
+from gapscope.arm.dynamics.sensitivity import sensitivity, ticks_per_step
+from gapscope.arm.errors import GapscopeError
+from gapscope.arm.nominal import NominalArm
 
 ROD = """<robot name="rod"><link name="base"/><link name="rod"><inertial><origin xyz="0.5 0 0"/><mass value="2"/>
   <inertia ixx="0.01" iyy="0.05" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -26,7 +26,10 @@ def rod(tmp_path):
 
 def plant_of(arm, armature=0.0, viscous=0.0, coulomb=0.0, offset=0.0):
     n = arm.n_joints
-    laws = [np.broadcast_to(np.asarray(x, dtype=float), n) for x in (armature, viscous, coulomb, offset)]
+    laws = [
+        np.broadcast_to(np.asarray(x, dtype=float), n)
+        for x in (armature, viscous, coulomb, offset)
+    ]
     return Plant.of(np.concatenate([RigidBody(arm).inertial_parameters(), *laws]))
 
 
@@ -52,7 +55,9 @@ def test_position_control_sags_by_gravity_over_stiffness_and_an_offset_lifts(rod
     plain = roll_out(RigidBody(rod), plant_of(rod), pd(1, 200.0, 30.0), commands)
     sag = plain.q[-1, 0]
     assert 200.0 * sag == pytest.approx(WEIGHT * np.cos(sag), rel=1e-5)
-    lifted = roll_out(RigidBody(rod), plant_of(rod, offset=-WEIGHT), pd(1, 200.0, 30.0), commands)
+    lifted = roll_out(
+        RigidBody(rod), plant_of(rod, offset=-WEIGHT), pd(1, 200.0, 30.0), commands
+    )
     assert lifted.q[-1, 0] == pytest.approx(0.0, abs=1e-6)
     assert lifted.tau[-1, 0] == pytest.approx(0.0, abs=1e-4)
 
@@ -70,14 +75,23 @@ def test_dry_friction_stops_a_rod_at_constant_deceleration_and_holds_it(rod):
 def test_viscous_friction_decays_exponentially(rod):
     floating = NominalArm("rod", rod.urdf, rod.joints, gravity=np.zeros(3))
     out = roll_out(
-        RigidBody(floating), plant_of(floating, armature=0.45, viscous=3.0), pd(1), hold(1.0, [0.0]),
+        RigidBody(floating),
+        plant_of(floating, armature=0.45, viscous=3.0),
+        pd(1),
+        hold(1.0, [0.0]),
         start=(np.zeros(1), np.ones(1)),
-    )  # fmt: skip
+    )
     assert out.speed[:, 0] == pytest.approx(np.exp(-3.0 * out.t), abs=2e-3)
 
 
 def test_torque_stays_within_its_limit(rod):
-    out = roll_out(RigidBody(rod), plant_of(rod), pd(1, 200.0, 5.0), hold(0.5, [0.0]), np.array([3.0]))
+    out = roll_out(
+        RigidBody(rod),
+        plant_of(rod),
+        pd(1, 200.0, 5.0),
+        hold(0.5, [0.0]),
+        np.array([3.0]),
+    )
     assert np.abs(out.tau).max() == 3.0
 
 
@@ -99,7 +113,7 @@ def motion(data_arm):
 @pytest.fixture
 def data_arm():
     pytest.importorskip("pybullet_data")
-    from arm.robots import load_nominal_arm
+    from gapscope.arm.robots import load_nominal_arm
 
     return load_nominal_arm("kuka_iiwa")
 
@@ -111,20 +125,30 @@ def test_the_order_of_the_joints_is_only_a_matter_of_columns(data_arm, motion):
     way = np.array([3, 0, 6, 1, 5, 2, 4])
     other = NominalArm("other", data_arm.urdf, tuple(np.array(data_arm.joints)[way]))
     rotors, controller = np.arange(1, 8) / 10, pd(7, 500, 50, **SOFT)
-    first = roll_out(RigidBody(data_arm), plant_of(data_arm, rotors, 1.0, 1.0), controller, motion)
-    swapped = Commands(motion.t, motion.q[:, way], motion.dq[:, way], motion.torque[:, way])
-    second = roll_out(RigidBody(other), plant_of(other, rotors[way], 1.0, 1.0), controller, swapped)
+    first = roll_out(
+        RigidBody(data_arm), plant_of(data_arm, rotors, 1.0, 1.0), controller, motion
+    )
+    swapped = Commands(
+        motion.t, motion.q[:, way], motion.dq[:, way], motion.torque[:, way]
+    )
+    second = roll_out(
+        RigidBody(other), plant_of(other, rotors[way], 1.0, 1.0), controller, swapped
+    )
     assert second.q == pytest.approx(first.q[:, way], abs=1e-10)
 
 
 def test_several_roll_outs_at_once_are_those_one_by_one(data_arm, motion):
     body, controller = RigidBody(data_arm), pd(7, 500, 50, **SOFT)
     plant = plant_of(data_arm, 0.3, 2.0, 1.0, 0.2)
-    short = Commands(motion.t[:700] + 3.0, *(x[-700:] for x in (motion.q, motion.dq, motion.torque)))
+    short = Commands(
+        motion.t[:700] + 3.0, *(x[-700:] for x in (motion.q, motion.dq, motion.torque))
+    )
     together = roll_outs(body, plant, controller, [motion, short], np.full(7, 60.0))
     directions = np.random.default_rng(2).standard_normal((98, 2))
     along = sensitivity(body, plant, controller, together, directions)
-    for commands, both, derivatives in zip((motion, short), together, along, strict=True):
+    for commands, both, derivatives in zip(
+        (motion, short), together, along, strict=True
+    ):
         alone = roll_out(body, plant, controller, commands, np.full(7, 60.0))
         for name in ("t", "q", "dq", "tau", "speed"):
             assert getattr(both, name) == pytest.approx(getattr(alone, name), abs=1e-9)
@@ -139,7 +163,13 @@ def test_the_roll_out_that_runs_away_is_named_by_its_time(rod):
     late = Commands(late.t + 100.0, late.q, late.dq, late.torque)
     starts = [(np.zeros(1), np.zeros(1)), (np.zeros(1), np.ones(1))]
     with pytest.raises(GapscopeError, match=r"ran away at joint 1, at t = 10\d"):
-        roll_outs(RigidBody(floating), plant_of(floating), pd(1, -2000.0, 0.0), [still, late], starts=starts)
+        roll_outs(
+            RigidBody(floating),
+            plant_of(floating),
+            pd(1, -2000.0, 0.0),
+            [still, late],
+            starts=starts,
+        )
 
 
 def test_close_ticks_share_a_step_of_the_sensitivity(rod):
@@ -148,13 +178,18 @@ def test_close_ticks_share_a_step_of_the_sensitivity(rod):
     q = 0.5 * np.sin(3 * t)[:, None]
     commands = Commands(t, q, 1.5 * np.cos(3 * t)[:, None], np.zeros_like(q))
     controller = Controller(4000.0, np.full(1, 200.0), np.full(1, 20.0), **SOFT)
-    vector = np.concatenate([RigidBody(rod).inertial_parameters(), [0.3, 2.0, 0.5, 0.1]])
+    vector = np.concatenate(
+        [RigidBody(rod).inertial_parameters(), [0.3, 2.0, 0.5, 0.1]]
+    )
     body, directions = RigidBody(rod), np.eye(14)[:, [0, 10, 11, 12]]
     rolled = roll_out(body, Plant.of(vector), controller, commands)
     ((q, tau),) = sensitivity(body, Plant.of(vector), controller, [rolled], directions)
     assert ticks_per_step(controller) == 4 and len(q) == 2001
     for k, way in enumerate(directions.T):
-        up, down = (roll_out(body, Plant.of(vector + s * 1e-4 * way), controller, commands) for s in (1, -1))
+        up, down = (
+            roll_out(body, Plant.of(vector + s * 1e-4 * way), controller, commands)
+            for s in (1, -1)
+        )
         for along, high, low in ((q, up.q, down.q), (tau, up.tau, down.tau)):
             numeric = (high - low)[::4] / 2e-4
             assert np.std(along[..., k] - numeric) <= 0.02 * np.std(numeric)
@@ -164,19 +199,40 @@ def test_close_ticks_share_a_step_of_the_sensitivity(rod):
 def test_sensitivities_are_those_of_finite_differences(data_arm, motion, swapped):
     if swapped:
         way = np.array([3, 0, 6, 1, 5, 2, 4])
-        data_arm = NominalArm("other", data_arm.urdf, tuple(np.array(data_arm.joints)[way]))
+        data_arm = NominalArm(
+            "other", data_arm.urdf, tuple(np.array(data_arm.joints)[way])
+        )
         motion = Commands(motion.t, motion.q[:, way], motion.dq[:, way], motion.torque)
     body, rng = RigidBody(data_arm), np.random.default_rng(1)
-    vector = np.concatenate([body.inertial_parameters(), np.full(7, 0.3), np.full(7, 2.0), np.ones(7), np.full(7, 0.2)])
-    directions = rng.standard_normal((98, 2)) * np.maximum(np.abs(vector), 0.01)[:, None] * 0.1
+    vector = np.concatenate(
+        [
+            body.inertial_parameters(),
+            np.full(7, 0.3),
+            np.full(7, 2.0),
+            np.ones(7),
+            np.full(7, 0.2),
+        ]
+    )
+    directions = (
+        rng.standard_normal((98, 2)) * np.maximum(np.abs(vector), 0.01)[:, None] * 0.1
+    )
     limit = np.full(7, 60.0)
     controller = pd(7, 500, 50, **SOFT)
     rolled = roll_out(body, Plant.of(vector), controller, motion, limit)
-    ((q, tau),) = sensitivity(body, Plant.of(vector), controller, [rolled], directions, limit)
+    ((q, tau),) = sensitivity(
+        body, Plant.of(vector), controller, [rolled], directions, limit
+    )
     step = 1e-4
     for k in range(2):
         up, down = (
-            roll_out(body, Plant.of(vector + s * step * directions[:, k]), controller, motion, limit) for s in (1, -1)
+            roll_out(
+                body,
+                Plant.of(vector + s * step * directions[:, k]),
+                controller,
+                motion,
+                limit,
+            )
+            for s in (1, -1)
         )
         for along, high, low in ((q, up.q, down.q), (tau, up.tau, down.tau)):
             numeric = (high - low) / (2 * step)

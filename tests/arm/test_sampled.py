@@ -7,20 +7,33 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from arm.errors import InputError
-from arm.motion import Motion
-from arm.sampled import Sampled, read_sampled
-from arm.trajectory import Fourier, Limits
-from arm.writing import write_columns
+from gapscope.arm.errors import InputError
+from gapscope.arm.io.write_case import write_columns
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.motions.sampled import Sampled, read_sampled
+from gapscope.arm.motions.trajectory import Fourier, Limits
 
 LIMITS = Limits(np.full(2, -1.0), np.full(2, 1.0), np.full(2, 2.0), np.full(2, 9.0))
 
 
 def written(path: Path) -> Fourier:
     """A motion of two joints, written every 20 ms."""
-    motion, t = Fourier.random(np.random.default_rng(0), LIMITS, duration=4.0, frequency=0.25), np.arange(201) / 50
-    series = {"q_ref": motion.position(t), "dq_ref": motion.velocity(t), "ddq_ref": motion.acceleration(t)}
-    write_columns({"t": t, **{f"{k}{j + 1}": x for k, a in series.items() for j, x in enumerate(a.T)}}, path)
+    motion, t = (
+        Fourier.random(np.random.default_rng(0), LIMITS, duration=4.0, frequency=0.25),
+        np.arange(201) / 50,
+    )
+    series = {
+        "q_ref": motion.position(t),
+        "dq_ref": motion.velocity(t),
+        "ddq_ref": motion.acceleration(t),
+    }
+    write_columns(
+        {
+            "t": t,
+            **{f"{k}{j + 1}": x for k, a in series.items() for j, x in enumerate(a.T)},
+        },
+        path,
+    )
     return motion
 
 
@@ -34,9 +47,16 @@ def test_motion_between_the_samples_is_that_of_the_source(tmp_path: Path) -> Non
 
 
 def test_it_rests_outside(tmp_path: Path) -> None:
-    found, t = Sampled(Motion(np.array([0.0, 1.0]), np.array([[0.0], [1.0]]), *np.ones((2, 2, 1)))), np.array([-1.0, 2])
+    found, t = (
+        Sampled(
+            Motion(np.array([0.0, 1.0]), np.array([[0.0], [1.0]]), *np.ones((2, 2, 1)))
+        ),
+        np.array([-1.0, 2]),
+    )
     np.testing.assert_array_equal(found.position(t), [[0.0], [1.0]])
-    np.testing.assert_array_equal([found.velocity(t), found.acceleration(t)], np.zeros((2, 2, 1)))
+    np.testing.assert_array_equal(
+        [found.velocity(t), found.acceleration(t)], np.zeros((2, 2, 1))
+    )
 
 
 def test_bad_files_are_refused(tmp_path: Path) -> None:
@@ -47,7 +67,9 @@ def test_bad_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="q_ref3"):
         read_sampled(path, 3)
     text = path.read_text().splitlines()
-    path.write_text("\n".join([*text[:5], text[5].replace(text[5].split(",")[1], "nan"), *text[6:]]))
+    path.write_text(
+        "\n".join([*text[:5], text[5].replace(text[5].split(",")[1], "nan"), *text[6:]])
+    )
     with pytest.raises(InputError, match="line 6"):
         read_sampled(path, 2)
     path.write_text("\n".join([text[0], *text[3:]]))

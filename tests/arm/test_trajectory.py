@@ -3,14 +3,21 @@
 import numpy as np
 import pytest
 
-from arm.errors import InputError
-from arm.trajectory import Fourier, Limits
+from gapscope.arm.errors import InputError
+from gapscope.arm.motions.trajectory import Fourier, Limits
 
-LIMITS = Limits(np.array([-1.0, -2.0]), np.array([1.5, 0.5]), np.array([0.8, 2.0]), np.array([3.0, 40.0]))
+LIMITS = Limits(
+    np.array([-1.0, -2.0]),
+    np.array([1.5, 0.5]),
+    np.array([0.8, 2.0]),
+    np.array([3.0, 40.0]),
+)
 
 
 def _motion(seed: int = 0, **options: object) -> Fourier:
-    return Fourier.random(np.random.default_rng(seed), LIMITS, **({"duration": 12.0} | options))
+    return Fourier.random(
+        np.random.default_rng(seed), LIMITS, **({"duration": 12.0} | options)
+    )
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -27,10 +34,14 @@ def test_limits_hold_and_one_is_met(seed: int, frequency: float) -> None:
 def test_derivatives_agree_with_finite_differences() -> None:
     motion, t, h = _motion(), np.linspace(0.0, 12.0, 997), 1e-6
     np.testing.assert_allclose(
-        (motion.position(t + h) - motion.position(t - h)) / (2 * h), motion.velocity(t), atol=1e-7
+        (motion.position(t + h) - motion.position(t - h)) / (2 * h),
+        motion.velocity(t),
+        atol=1e-7,
     )
     np.testing.assert_allclose(
-        (motion.velocity(t + h) - motion.velocity(t - h)) / (2 * h), motion.acceleration(t), atol=1e-6
+        (motion.velocity(t + h) - motion.velocity(t - h)) / (2 * h),
+        motion.acceleration(t),
+        atol=1e-6,
     )
 
 

@@ -3,16 +3,21 @@
 import numpy as np
 import pytest
 
-from arm.controller import Controller
-from arm.recording import Recording
-from arm.velocity_filter import RULES, VelocityFilter, rule_of, stable
+from gapscope.arm.controller import Controller
+from gapscope.arm.recording import Recording
+from gapscope.arm.velocity_filter import RULES, VelocityFilter, rule_of, stable
 
 
 @pytest.mark.parametrize("rate", [200.0, 500.0, 1000.0])
 @pytest.mark.parametrize("rule", RULES)
-def test_stable_says_whether_the_answer_to_an_impulse_dies(rule: str, rate: float) -> None:
+def test_stable_says_whether_the_answer_to_an_impulse_dies(
+    rule: str, rate: float
+) -> None:
     a1, a2 = RULES[rule](rate, 80.0, 0.9)[3:]
-    assert stable(RULES[rule](rate, 80.0, 0.9)) == (np.abs(np.roots([1.0, -a1, -a2])) < 1).all()
+    assert (
+        stable(RULES[rule](rate, 80.0, 0.9))
+        == (np.abs(np.roots([1.0, -a1, -a2])) < 1).all()
+    )
 
 
 @pytest.mark.parametrize("rule", ["bilinear", "backward"])
@@ -23,5 +28,7 @@ def test_rule_is_recognised_where_another_would_be_unstable(rule: str) -> None:
     q = 0.5 * np.sin(2 * np.pi * 1.5 * t)[:, None]
     filtered = VelocityFilter(rate, 80.0, 0.9, q[0], np.array([np.pi * 1.5]), rule=rule)
     dq = np.array([filtered(row) for row in q])
-    controller = Controller(rate, np.ones(1), np.ones(1), velocity_cutoff=80.0, velocity_damping=0.9)
+    controller = Controller(
+        rate, np.ones(1), np.ones(1), velocity_cutoff=80.0, velocity_damping=0.9
+    )
     assert rule_of(Recording("log", t, q, dq=dq), controller) == rule

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.result import Diagnosis, Signature, Spectrum, Trace
-from effects.applied import AppliedEffect
+from gapscope.diagnosis.result import Diagnosis, Signature, Spectrum, Trace
+from gapscope.effects.applied import AppliedEffect
 
 JOINTS = [f"panda_joint{number}" for number in range(1, 8)]
 BEFORE = [0.062, 0.181, 0.094, 0.412, 0.655, 0.071, 0.058]
@@ -28,15 +28,28 @@ def two_effects() -> dict[str, Any]:
                 "replay_rmse": [0.004, 0.011, 0.005, 0.021, 0.034, 0.003, 0.002],
                 "floor": list(FLOOR),
             },
-            "after": {"torque_nrmse": list(AFTER), "replay_rmse": [0.001, 0.001, 0.001, 0.002, 0.0025, 0.001, None]},
+            "after": {
+                "torque_nrmse": list(AFTER),
+                "replay_rmse": [0.001, 0.001, 0.001, 0.002, 0.0025, 0.001, None],
+            },
         },
         "effects": [_delay(), _payload()],
         "unexplained": {"share": 0.03, "above_floor": False, "where": []},
         "next_recording": "a chirp on joints 4 and 5 up to 15 Hz, amplitude 0.02 rad, to settle delay against lag",
         "arm": {"robot": "Franka Panda", "joints": list(JOINTS)},
         "recordings": [
-            {"name": "excitation_a.csv", "duration": 24.0, "rate": 500.0, "role": "fit"},
-            {"name": "excitation_b.csv", "duration": 18.0, "rate": 500.0, "role": "judge"},
+            {
+                "name": "excitation_a.csv",
+                "duration": 24.0,
+                "rate": 500.0,
+                "role": "fit",
+            },
+            {
+                "name": "excitation_b.csv",
+                "duration": 18.0,
+                "rate": 500.0,
+                "role": "judge",
+            },
         ],
         "conditioning": {
             "rate": 500.0,
@@ -44,16 +57,38 @@ def two_effects() -> dict[str, Any]:
             "torque_cutoff": 12.0,
             "how": "zero-phase Butterworth",
         },
-        "warnings": ["excitation_a.csv: 3 samples repeat their time stamp; they were dropped"],
+        "warnings": [
+            "excitation_a.csv: 3 samples repeat their time stamp; they were dropped"
+        ],
         "where": [
             _region(4, "acceleration reversals above 2 Hz", 0.70, 0.21, "regime"),
             _region(5, "2 to 5 Hz", 0.81, 0.25, "frequency"),
-            _region(2, "arm stretched out, |gravity torque| above 40 N m", 0.52, 0.3, "position"),
+            _region(
+                2,
+                "arm stretched out, |gravity torque| above 40 N m",
+                0.52,
+                0.3,
+                "position",
+            ),
         ],
         "considered": [
-            _considered("actuator_lag", [4, 5], -14.2, 0.61, "the phase grows linearly with frequency, a lag bends it"),
-            _considered("link_inertia", [], -31.0, 0.22, "explains joint 2, but not joints 4 and 6 at the same time"),
-            _considered("armature", [4], -88.5, 0.09, "gains less than its parameter costs"),
+            _considered(
+                "actuator_lag",
+                [4, 5],
+                -14.2,
+                0.61,
+                "the phase grows linearly with frequency, a lag bends it",
+            ),
+            _considered(
+                "link_inertia",
+                [],
+                -31.0,
+                0.22,
+                "explains joint 2, but not joints 4 and 6 at the same time",
+            ),
+            _considered(
+                "armature", [4], -88.5, 0.09, "gains less than its parameter costs"
+            ),
         ],
         "judged_on": "excitation_b.csv, which was set aside",
     }
@@ -70,7 +105,9 @@ def no_gap() -> dict[str, Any]:
         "warnings": [],
         "where": [],
     }
-    document["gap"]["before"]["torque_nrmse"] = document["gap"]["after"]["torque_nrmse"] = list(FLOOR)
+    document["gap"]["before"]["torque_nrmse"] = document["gap"]["after"][
+        "torque_nrmse"
+    ] = list(FLOOR)
     document["unexplained"] = {"share": 0.0, "above_floor": False, "where": []}
     return document
 
@@ -100,13 +137,22 @@ def changed() -> dict[str, Any]:
         "torque_ratio_to_nominal": 0.94,
         "sampling_skew": -0.0004,
         "held_out": {"rmse": [0.1] * 7, "torque_nrmse": [0.013] * 7},
-        "inherent": [{"effect": "torque_offset", "joints": [1, 2, 3], "parameters": {"torque": [0.6, -0.5, 0.2]}}],
+        "inherent": [
+            {
+                "effect": "torque_offset",
+                "joints": [1, 2, 3],
+                "parameters": {"torque": [0.6, -0.5, 0.2]},
+            }
+        ],
         "today": {
             **sheet,
             "coulomb": [2.2] * 7,
             "torque_nrmse": [0.017] * 7,
             "friction_allowed": 0.15,
-            "left_open": [{"effect": "viscous_friction", "joint": j, "closes": 0.004} for j in (5, 2)],
+            "left_open": [
+                {"effect": "viscous_friction", "joint": j, "closes": 0.004}
+                for j in (5, 2)
+            ],
         },
     }
     return document
@@ -115,16 +161,24 @@ def changed() -> dict[str, Any]:
 def diagnosis(document: dict[str, Any]) -> Diagnosis:
     """A diagnosis around a document, with curves that look like its effects."""
     rng = np.random.default_rng(5)
-    traces = tuple(_trace(r["name"], r["duration"], document, rng) for r in document["recordings"])
+    traces = tuple(
+        _trace(r["name"], r["duration"], document, rng) for r in document["recordings"]
+    )
     found = bool(document["effects"])
     effects = (
         AppliedEffect("actuator_delay", (4, 5), {"delay": np.array([0.0088, 0.0146])}),
-        AppliedEffect("payload", (), {"mass": np.array(1.05), "com": np.array([0.01, 0.0, 0.05])}),
+        AppliedEffect(
+            "payload", (), {"mass": np.array(1.05), "com": np.array([0.01, 0.0, 0.05])}
+        ),
     )
-    signatures = tuple(_signature(e, j, axis, unit, rng) for e, j, axis, unit in _SIGNATURES if found)
+    signatures = tuple(
+        _signature(e, j, axis, unit, rng) for e, j, axis, unit in _SIGNATURES if found
+    )
     frequency = np.linspace(0.0, 12.0, 200)
     shape = np.exp(-((frequency[:, None] - 2.5) ** 2) / 3.0) + 0.02
-    spectrum = Spectrum(frequency, shape * np.array(BEFORE) * 10.0, shape * np.array(AFTER) * 10.0)
+    spectrum = Spectrum(
+        frequency, shape * np.array(BEFORE) * 10.0, shape * np.array(AFTER) * 10.0
+    )
     return Diagnosis(document, effects if found else (), traces, signatures, spectrum)
 
 
@@ -141,12 +195,26 @@ def _delay() -> dict[str, Any]:
         "effect": "actuator_delay",
         "joints": [4, 5],
         "probability": 0.98,
-        "parameters": {"delay": {"unit": "s", "value": [0.0088, 0.0146], "std": [0.0002, 0.0003]}},
-        "gap_with_only_this": {"torque_nrmse": [0.062, 0.181, 0.094, 0.118, 0.081, 0.071, 0.058]},
-        "gap_without_this": {"torque_nrmse": [0.031, 0.029, 0.041, 0.372, 0.641, 0.043, 0.055]},
+        "parameters": {
+            "delay": {"unit": "s", "value": [0.0088, 0.0146], "std": [0.0002, 0.0003]}
+        },
+        "gap_with_only_this": {
+            "torque_nrmse": [0.062, 0.181, 0.094, 0.118, 0.081, 0.071, 0.058]
+        },
+        "gap_without_this": {
+            "torque_nrmse": [0.031, 0.029, 0.041, 0.372, 0.641, 0.043, 0.055]
+        },
         "share": 0.78,
-        "where": [{"joint": 4, "regime": "acceleration reversals above 2 Hz", "share": 0.7}],
-        "alternatives": [{"effect": "actuator_lag", "probability": 0.02, "separated_by": "a chirp above 10 Hz"}],
+        "where": [
+            {"joint": 4, "regime": "acceleration reversals above 2 Hz", "share": 0.7}
+        ],
+        "alternatives": [
+            {
+                "effect": "actuator_lag",
+                "probability": 0.02,
+                "separated_by": "a chirp above 10 Hz",
+            }
+        ],
     }
 
 
@@ -157,41 +225,88 @@ def _payload() -> dict[str, Any]:
         "probability": 0.999,
         "parameters": {
             "mass": {"unit": "kg", "value": 1.0512, "std": 0.013},
-            "com": {"unit": "m", "value": [0.0098, -0.0012, 0.0514], "std": [0.0011, 0.001, 0.002]},
+            "com": {
+                "unit": "m",
+                "value": [0.0098, -0.0012, 0.0514],
+                "std": [0.0011, 0.001, 0.002],
+            },
         },
-        "gap_with_only_this": {"torque_nrmse": [0.031, 0.029, 0.041, 0.372, 0.641, 0.043, 0.055]},
-        "gap_without_this": {"torque_nrmse": [0.062, 0.181, 0.094, 0.118, 0.081, 0.071, 0.058]},
+        "gap_with_only_this": {
+            "torque_nrmse": [0.031, 0.029, 0.041, 0.372, 0.641, 0.043, 0.055]
+        },
+        "gap_without_this": {
+            "torque_nrmse": [0.062, 0.181, 0.094, 0.118, 0.081, 0.071, 0.058]
+        },
         "share": 0.19,
         "where": [],
         "alternatives": [],
     }
 
 
-def _region(joint: int, regime: str, share: float, coverage: float, kind: str) -> dict[str, Any]:
+def _region(
+    joint: int, regime: str, share: float, coverage: float, kind: str
+) -> dict[str, Any]:
     return {
-        "joint": joint, "kind": kind, "regime": regime, "share": share, "coverage": coverage,
+        "joint": joint,
+        "kind": kind,
+        "regime": regime,
+        "share": share,
+        "coverage": coverage,
         "enrichment": share / coverage,
-    }  # fmt: skip
+    }
 
 
-def _considered(effect: str, joints: list[int], evidence: float, closed: float, reason: str) -> dict[str, Any]:
-    return {"effect": effect, "joints": joints, "log_evidence": evidence, "gap_closed": closed, "reason": reason}
+def _considered(
+    effect: str, joints: list[int], evidence: float, closed: float, reason: str
+) -> dict[str, Any]:
+    return {
+        "effect": effect,
+        "joints": joints,
+        "log_evidence": evidence,
+        "gap_closed": closed,
+        "reason": reason,
+    }
 
 
-def _trace(name: str, duration: float, document: dict[str, Any], rng: np.random.Generator) -> Trace:
+def _trace(
+    name: str, duration: float, document: dict[str, Any], rng: np.random.Generator
+) -> Trace:
     n = len(JOINTS)
     t = np.arange(0.0, duration, 0.002)
     scale = np.array([8.0, 35.0, 9.0, 18.0, 2.0, 1.6, 0.4])
     phase = rng.uniform(0.0, 6.0, n)
-    measured = scale * (np.sin(2.0 * t[:, None] + phase) + 0.4 * np.sin(7.3 * t[:, None] + 2 * phase))
+    measured = scale * (
+        np.sin(2.0 * t[:, None] + phase) + 0.4 * np.sin(7.3 * t[:, None] + 2 * phase)
+    )
     wave = 1.3 * np.sin(7.3 * t[:, None] + 2 * phase + 1.5)
-    before, after = (np.array(document["gap"][stage]["torque_nrmse"], dtype=float) for stage in ("before", "after"))
-    return Trace(name, t, measured, measured - before * scale * wave, measured - after * scale * wave)
+    before, after = (
+        np.array(document["gap"][stage]["torque_nrmse"], dtype=float)
+        for stage in ("before", "after")
+    )
+    return Trace(
+        name,
+        t,
+        measured,
+        measured - before * scale * wave,
+        measured - after * scale * wave,
+    )
 
 
-def _signature(effect: str, joint: int, axis: str, unit: str, rng: np.random.Generator) -> Signature:
-    x = np.linspace(0.0, 18.0, 3000) if axis == "time" else rng.uniform(-60.0, 60.0, 3000)
+def _signature(
+    effect: str, joint: int, axis: str, unit: str, rng: np.random.Generator
+) -> Signature:
+    x = (
+        np.linspace(0.0, 18.0, 3000)
+        if axis == "time"
+        else rng.uniform(-60.0, 60.0, 3000)
+    )
     explained = 3.0 * np.sin(x) if axis == "time" else 0.0088 * x
     return Signature(
-        effect, joint, axis, unit, x, explained + rng.normal(0.0, 0.2 * np.std(explained), 3000), explained
+        effect,
+        joint,
+        axis,
+        unit,
+        x,
+        explained + rng.normal(0.0, 0.2 * np.std(explained), 3000),
+        explained,
     )

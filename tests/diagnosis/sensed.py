@@ -9,8 +9,8 @@ import pinocchio as pin
 import synthetic
 from synthetic import Truth
 
-from arm.case import Case
-from arm.trajectory import Fourier
+from gapscope.arm.case import Case
+from gapscope.arm.motions.trajectory import Fourier
 
 ZERO = np.array([0.4, -0.6, 0.2])
 """What the sensors read without load [N m]."""
@@ -25,15 +25,25 @@ def reading(truth: Truth, motion: Fourier, t: np.ndarray) -> np.ndarray:
     of = synthetic.model(truth)
     data = of.createData()
     q, dq, ddq = motion.position(t), motion.velocity(t), motion.acceleration(t)
-    torque = np.array([pin.rnea(of, data, *row) for row in zip(q, dq, ddq, strict=True)])
+    torque = np.array(
+        [pin.rnea(of, data, *row) for row in zip(q, dq, ddq, strict=True)]
+    )
     torque += np.array(truth.spring) * (q - truth.rest)
     return torque - (synthetic.pushed(truth, t, q) if any(truth.force) else 0.0)
 
 
-def case(truth: Truth, *, on_link: Truth | None = None, seed: int = 2, duration: float = 8.0) -> Case:
+def case(
+    truth: Truth, *, on_link: Truth | None = None, seed: int = 2, duration: float = 8.0
+) -> Case:
     """Three recordings with sensors, which read an arm with ``on_link``, or else that with ``truth``."""
-    plain, rng, told = synthetic.case(truth, seed, duration=duration), np.random.default_rng(3000 + seed), []
-    for k, (recording, frequency) in enumerate(zip(plain.recordings, (0.1, 0.2, 0.3), strict=True)):
+    plain, rng, told = (
+        synthetic.case(truth, seed, duration=duration),
+        np.random.default_rng(3000 + seed),
+        [],
+    )
+    for k, (recording, frequency) in enumerate(
+        zip(plain.recordings, (0.1, 0.2, 0.3), strict=True)
+    ):
         motion = synthetic.motion(10 * seed + k, frequency, duration)
         link = reading(on_link or truth, motion, recording.t)
         sensor = (1.0 + SCALE) * link + ZERO + NOISE * rng.standard_normal(link.shape)
@@ -43,4 +53,6 @@ def case(truth: Truth, *, on_link: Truth | None = None, seed: int = 2, duration:
 
 def without_sensors(case: Case) -> Case:
     """The same case with the sensors left out."""
-    return replace(case, recordings=tuple(replace(r, tau_sensor=None) for r in case.recordings))
+    return replace(
+        case, recordings=tuple(replace(r, tau_sensor=None) for r in case.recordings)
+    )

@@ -14,11 +14,11 @@ from tempfile import mkdtemp
 import numpy as np
 import pinocchio as pin
 
-from arm.case import Case
-from arm.dynamics import RigidBody
-from arm.nominal import NominalArm
-from arm.recording import Recording
-from arm.trajectory import Fourier, Limits
+from gapscope.arm.case import Case
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.motions.trajectory import Fourier, Limits
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
 
 N = 3
 ARMATURE = np.array([1.0, 1.0, 0.4])
@@ -84,7 +84,13 @@ def arm() -> NominalArm:
     urdf.write_text(URDF)
     joints = ("joint_1", "joint_2", "joint_3")
     return NominalArm(
-        "yaw_pitch_pitch", urdf, joints, armature=ARMATURE, coulomb=COULOMB, viscous=VISCOUS, encoder_step=ENCODER_STEP
+        "yaw_pitch_pitch",
+        urdf,
+        joints,
+        armature=ARMATURE,
+        coulomb=COULOMB,
+        viscous=VISCOUS,
+        encoder_step=ENCODER_STEP,
     )
 
 
@@ -156,11 +162,25 @@ class Truth:
 def model(truth: Truth) -> pin.Model:
     """Bodies of the recorded arm: load welded on, one link off, base tilted; frame ``hand`` at the last centre."""
     out = pin.buildModelFromUrdf(str(arm().urdf))
-    out.addFrame(pin.Frame("hand", N, 0, pin.SE3(np.eye(3), out.inertias[N].lever), pin.FrameType.OP_FRAME))
+    out.addFrame(
+        pin.Frame(
+            "hand",
+            N,
+            0,
+            pin.SE3(np.eye(3), out.inertias[N].lever),
+            pin.FrameType.OP_FRAME,
+        )
+    )
     own = out.inertias[truth.link]
     grown = own.mass + truth.link_mass
-    out.inertias[truth.link] = pin.Inertia(grown, own.lever + truth.link_com, own.inertia * grown / own.mass)
-    out.appendBodyToJoint(N, pin.Inertia(truth.mass, np.array(truth.com), np.zeros((3, 3))), pin.SE3.Identity())
+    out.inertias[truth.link] = pin.Inertia(
+        grown, own.lever + truth.link_com, own.inertia * grown / own.mass
+    )
+    out.appendBodyToJoint(
+        N,
+        pin.Inertia(truth.mass, np.array(truth.com), np.zeros((3, 3))),
+        pin.SE3.Identity(),
+    )
     out.gravity.linear = pin.rpy.rpyToMatrix(*truth.tilt, 0.0).T @ [0.0, 0.0, -9.81]
     return out
 
@@ -171,7 +191,9 @@ def pushed(truth: Truth, t: np.ndarray, q: np.ndarray) -> np.ndarray:
     data, hand = of.createData(), of.getFrameId("hand")
     force = pin.rpy.rpyToMatrix(*truth.tilt, 0.0).T @ truth.force
     for i in np.flatnonzero((t >= truth.window[0]) & (t < truth.window[1])):
-        jacobian = pin.computeFrameJacobian(of, data, q[i], hand, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        jacobian = pin.computeFrameJacobian(
+            of, data, q[i], hand, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        )
         out[i] = jacobian[:3].T @ force
     return out
 
@@ -181,14 +203,20 @@ def needed(truth: Truth, motion: Fourier, t: np.ndarray) -> np.ndarray:
     of = model(truth)
     data = of.createData()
     q, dq, ddq = motion.position(t), motion.velocity(t), motion.acceleration(t)
-    torque = np.array([pin.rnea(of, data, *row) for row in zip(q, dq, ddq, strict=True)])
-    torque += (ARMATURE + np.array(truth.armature)) * ddq + np.array(truth.spring) * (q - truth.rest)
+    torque = np.array(
+        [pin.rnea(of, data, *row) for row in zip(q, dq, ddq, strict=True)]
+    )
+    torque += (ARMATURE + np.array(truth.armature)) * ddq + np.array(truth.spring) * (
+        q - truth.rest
+    )
     torque += truth.extra(t, q, dq) - (pushed(truth, t, q) if any(truth.force) else 0.0)
     warm = 1.0 + np.array(truth.drift) * np.exp(-t / truth.drift_time)[:, None]
     torque += warm * friction(truth, dq)
     motor = torque
     for _ in range(60 if any(truth.load) else 0):  # tau = torque + mu |tau| sgn v
-        motor = torque + warm * np.array(truth.load) * np.abs(motor) * np.tanh(dq / 0.005)
+        motor = torque + warm * np.array(truth.load) * np.abs(motor) * np.tanh(
+            dq / 0.005
+        )
     return motor
 
 
@@ -199,7 +227,13 @@ def friction(truth: Truth, dq: np.ndarray) -> np.ndarray:
     return dry * np.tanh(dq / 0.005) + (VISCOUS + np.array(truth.viscous)) * dq
 
 
-def recording(truth: Truth, motion: Fourier, rng: np.random.Generator, name: str, rate: float = RATE) -> Recording:
+def recording(
+    truth: Truth,
+    motion: Fourier,
+    rng: np.random.Generator,
+    name: str,
+    rate: float = RATE,
+) -> Recording:
     """What would be logged: u behind a lag and late, (1 + s) u(t) + offset + ripple, is what is needed; and noise."""
     t = np.arange(round(motion.duration * rate) + 1) / rate
     if any((*truth.limit, *truth.stiffness, *truth.play)):
@@ -208,8 +242,12 @@ def recording(truth: Truth, motion: Fourier, rng: np.random.Generator, name: str
         q, tau = motion.position(t), np.empty((len(t), N))
         for j in range(N):
             late = t + SKEW + truth.delay[j]
-            wave = truth.ripple[j] * np.sin(truth.cycles * motion.position(late)[:, j] + truth.phase)
-            tau[:, j] = (_undone(truth, motion, late, j) - truth.offset[j] - wave) / (1.0 + truth.scale[j])
+            wave = truth.ripple[j] * np.sin(
+                truth.cycles * motion.position(late)[:, j] + truth.phase
+            )
+            tau[:, j] = (_undone(truth, motion, late, j) - truth.offset[j] - wave) / (
+                1.0 + truth.scale[j]
+            )
     q = np.round((q + np.array(truth.encoder)) / ENCODER_STEP) * ENCODER_STEP
     return Recording(name, t, q, tau + NOISE * rng.standard_normal(tau.shape))
 
@@ -223,15 +261,24 @@ def _undone(truth: Truth, motion: Fourier, t: np.ndarray, j: int) -> np.ndarray:
     return torque
 
 
-def simulated(truth: Truth, motion: Fourier, t: np.ndarray, step: float = 5e-4) -> tuple[np.ndarray, np.ndarray]:
+def simulated(
+    truth: Truth, motion: Fourier, t: np.ndarray, step: float = 5e-4
+) -> tuple[np.ndarray, np.ndarray]:
     """Motors' positions and commanded torques at times t, (N, n), of an arm that follows a motion under PD control.
 
     Motors with joints of their own are joined to the links by springs with free play; semi-implicit Euler steps.
     """
     of, every = model(truth), round((t[1] - t[0]) / step)
     data, grid = of.createData(), np.arange((len(t) - 1) * every + 1) * step
-    wanted, speed, ahead = motion.position(grid), motion.velocity(grid), needed(Truth(), motion, grid)
-    k, d, half = (np.array(x) for x in (truth.stiffness, truth.damping, 0.5 * np.array(truth.play)))
+    wanted, speed, ahead = (
+        motion.position(grid),
+        motion.velocity(grid),
+        needed(Truth(), motion, grid),
+    )
+    k, d, half = (
+        np.array(x)
+        for x in (truth.stiffness, truth.damping, 0.5 * np.array(truth.play))
+    )
     soft = (k > 0) | (half > 0)
     k, d = np.where(soft & (k == 0), 3e4, k), np.where(soft & (k == 0), 30.0, d)
     limit = np.where(np.array(truth.limit) > 0, truth.limit, np.inf)
@@ -239,7 +286,11 @@ def simulated(truth: Truth, motion: Fourier, t: np.ndarray, step: float = 5e-4) 
     theta, q, dtheta, dq = wanted[0].copy(), wanted[0].copy(), np.zeros(N), np.zeros(N)
     seen, command = np.empty_like(wanted), np.empty_like(wanted)
     for i in range(len(grid)):
-        u = ahead[i] + 800.0 * rotor * (wanted[i] - theta) + 40.0 * rotor * (speed[i] - dtheta)
+        u = (
+            ahead[i]
+            + 800.0 * rotor * (wanted[i] - theta)
+            + 40.0 * rotor * (speed[i] - dtheta)
+        )
         seen[i], command[i] = theta, u
         pushes = np.clip(u, -limit, limit) - friction(truth, dtheta)
         twist = theta - q
@@ -258,22 +309,45 @@ def motion(seed: int, frequency: float = 0.2, duration: float = 10.0) -> Fourier
     limits = Limits(np.full(N, -1.6), np.full(N, 1.6), np.full(N, 1.6), np.full(N, 7.0))
     centre = np.array([0.0, -0.4, 0.5])
     return Fourier.random(
-        np.random.default_rng(seed), limits, duration=duration, centre=centre, frequency=frequency, order=5
+        np.random.default_rng(seed),
+        limits,
+        duration=duration,
+        centre=centre,
+        frequency=frequency,
+        order=5,
     )
 
 
-def recordings(truth: Truth, seed: int = 0, *, duration: float = 8.0, rate: float = RATE) -> tuple[Recording, ...]:
+def recordings(
+    truth: Truth, seed: int = 0, *, duration: float = 8.0, rate: float = RATE
+) -> tuple[Recording, ...]:
     """Three recordings, slow to fast."""
     rng = np.random.default_rng(1000 + seed)
     return tuple(
-        recording(truth, motion(10 * seed + k, frequency, duration), rng, f"recording_{k}.csv", rate)
+        recording(
+            truth,
+            motion(10 * seed + k, frequency, duration),
+            rng,
+            f"recording_{k}.csv",
+            rate,
+        )
         for k, frequency in enumerate((0.1, 0.2, 0.3))
     )
 
 
-def case(truth: Truth = Truth(), seed: int = 0, *, judged: bool = False, duration: float = 8.0) -> Case:
+def case(
+    truth: Truth = Truth(),
+    seed: int = 0,
+    *,
+    judged: bool = False,
+    duration: float = 8.0,
+) -> Case:
     """A case of three recordings, and where ``judged`` a fourth that is set aside."""
     fitted = recordings(truth, seed, duration=duration)
     rng = np.random.default_rng(2000 + seed)
-    aside = (recording(truth, motion(500 + seed, 0.25, 8.0), rng, "judged.csv"),) if judged else ()
+    aside = (
+        (recording(truth, motion(500 + seed, 0.25, 8.0), rng, "judged.csv"),)
+        if judged
+        else ()
+    )
     return Case("synthetic", arm().urdf.parent, arm(), fitted, aside)

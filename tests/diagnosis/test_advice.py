@@ -9,22 +9,22 @@ import pytest
 import synthetic
 import yaml
 
-from arm.case import Case
-from arm.errors import InputError
-from arm.known_load import KnownLoad
-from arm.trajectory import Fourier
-from diagnosis.advice.advise import Advice, Request, advise
-from diagnosis.advice.contrast import Pair
-from diagnosis.advice.hypothesis import Hypothesis
-from diagnosis.advice.options import Option, options
-from diagnosis.advice.present import Present, fitted
-from diagnosis.advice.questions import MOST, Question, open_questions
-from diagnosis.advice.vector import scales, vector, with_values
-from diagnosis.advice.wording import lines
-from diagnosis.diagnose import diagnose
-from effects.applied import AppliedEffect
-from effects.corrected import CorrectedArm
-from ident.excitation.plan import LimitPlan
+from gapscope.arm.case import Case
+from gapscope.arm.errors import InputError
+from gapscope.arm.known_load import KnownLoad
+from gapscope.arm.motions.trajectory import Fourier
+from gapscope.diagnosis.advice.advice_wording import lines
+from gapscope.diagnosis.advice.contrast import Pair
+from gapscope.diagnosis.advice.hypothesis import Hypothesis
+from gapscope.diagnosis.advice.motion_options import Option, options
+from gapscope.diagnosis.advice.next_recording import Advice, Request, advise
+from gapscope.diagnosis.advice.parameter_vector import scales, vector, with_values
+from gapscope.diagnosis.advice.questions import MOST, Question, open_questions
+from gapscope.diagnosis.advice.recorded_data import Present, fitted
+from gapscope.diagnosis.diagnose import diagnose
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.ident.excitation.excitation_plan import LimitPlan
 
 LIMITS = LimitPlan(velocity=1.6, acceleration=7.0, singular=0.0, collisions=False)
 FLOOR = [0.02, 0.01, 0.01]
@@ -34,8 +34,13 @@ COULOMB = AppliedEffect("coulomb_friction", (2,), {"torque": [2.0]})
 
 def slow_case(truth: synthetic.Truth) -> Case:
     rng = np.random.default_rng(1)
-    motions = [synthetic.motion(k, frequency, 20.0) for k, frequency in enumerate((0.05, 0.06))]
-    recordings = tuple(synthetic.recording(truth, m, rng, f"slow_{k}.csv") for k, m in enumerate(motions))
+    motions = [
+        synthetic.motion(k, frequency, 20.0) for k, frequency in enumerate((0.05, 0.06))
+    ]
+    recordings = tuple(
+        synthetic.recording(truth, m, rng, f"slow_{k}.csv")
+        for k, m in enumerate(motions)
+    )
     return Case("slow", synthetic.arm().urdf.parent, synthetic.arm(), recordings)
 
 
@@ -44,24 +49,54 @@ def case_at_one_load(truth: synthetic.Truth) -> Case:
     rng, recordings = np.random.default_rng(2), []
     for k in range(2):
         wide = synthetic.motion(20 + k, 0.2, 10.0)
-        small = Fourier(np.array([0.0, -0.4, 0.5]), 0.1 * wide.sine, 0.1 * wide.cosine, 0.2, 10.0, wide.ramp)
+        small = Fourier(
+            np.array([0.0, -0.4, 0.5]),
+            0.1 * wide.sine,
+            0.1 * wide.cosine,
+            0.2,
+            10.0,
+            wide.ramp,
+        )
         recordings.append(synthetic.recording(truth, small, rng, f"small_{k}.csv"))
-    return Case("one load", synthetic.arm().urdf.parent, synthetic.arm(), tuple(recordings))
+    return Case(
+        "one load", synthetic.arm().urdf.parent, synthetic.arm(), tuple(recordings)
+    )
 
 
 def document(effect: AppliedEffect, rival: str, **more: Any) -> dict[str, Any]:
     """As much of a diagnosis as advice reads."""
-    other = {"effect": rival, "joints": list(effect.joints), "probability": 0.4, "separated_by": "another motion"}
-    values = {name: {"value": value.tolist()} for name, value in effect.parameters.items()}
-    entry = {"effect": effect.name, "joints": list(effect.joints), "parameters": values, "alternatives": [other]}
+    other = {
+        "effect": rival,
+        "joints": list(effect.joints),
+        "probability": 0.4,
+        "separated_by": "another motion",
+    }
+    values = {
+        name: {"value": value.tolist()} for name, value in effect.parameters.items()
+    }
+    entry = {
+        "effect": effect.name,
+        "joints": list(effect.joints),
+        "parameters": values,
+        "alternatives": [other],
+    }
     return {
-        "verdict": "effects_found", "effects": [entry], "gap": {"before": {"floor": FLOOR}},
-        "unexplained": {"share": 0.0, "above_floor": False, "where": []}, "next_recording": None, **more,
-    }  # fmt: skip
+        "verdict": "effects_found",
+        "effects": [entry],
+        "gap": {"before": {"floor": FLOOR}},
+        "unexplained": {"share": 0.0, "above_floor": False, "where": []},
+        "next_recording": None,
+        **more,
+    }
 
 
 def advised(case: Case, effect: AppliedEffect, rival: str, **request: Any) -> Advice:
-    return advise(case, document(effect, rival), (effect,), Request(LIMITS, evaluations=150, seed=0, **request))
+    return advise(
+        case,
+        document(effect, rival),
+        (effect,),
+        Request(LIMITS, evaluations=150, seed=0, **request),
+    )
 
 
 @pytest.mark.slow
@@ -70,28 +105,47 @@ def test_a_delay_on_slow_motions_leads_to_a_motion_that_tells_it_from_a_lag() ->
     result = diagnose(case)
     [question] = open_questions(result.document)
     assert {question.effect, question.rival} == {"actuator_delay", "actuator_lag"}
-    advice = advise(case, result.document, result.effects, Request(LIMITS, evaluations=150, seed=0))
+    advice = advise(
+        case, result.document, result.effects, Request(LIMITS, evaluations=150, seed=0)
+    )
     [pair] = advice.pairs
     assert pair.present < 0.3 and pair.new > 4 * pair.present and pair.joint == 3
     assert advice.option is not None and advice.option.speed in ("quick", "lively")
     found, rival = (CorrectedArm(h.arm, h.effects) for h in advice.hypotheses)
-    value = (found.value("actuator_delay", "delay") + rival.value("actuator_delay", "delay"))[2]
+    value = (
+        found.value("actuator_delay", "delay") + rival.value("actuator_delay", "delay")
+    )[2]
     assert value == pytest.approx(0.012, abs=0.001)
     text = "\n".join(lines(advice, result.document))
     assert "Still open: actuator delay (joint 3)" in text and "times as much" in text
 
 
 def test_limits_are_kept_at_every_sample() -> None:
-    advice = advised(slow_case(synthetic.Truth(delay=(0.0, 0.0, 0.012))), DELAY, "actuator_lag", fastest=0.5)
+    advice = advised(
+        slow_case(synthetic.Truth(delay=(0.0, 0.0, 0.012))),
+        DELAY,
+        "actuator_lag",
+        fastest=0.5,
+    )
     assert advice.excitation is not None and advice.option is not None
     assert all(margin.kept for margin in advice.excitation.margins)
     motion = advice.excitation.motion
-    assert np.abs(motion.dq).max() <= 1.6 and np.abs(motion.ddq).max() <= 7.0 and np.abs(motion.q).max() <= 2.4
-    assert advice.option.speed in ("slow", "moderate"), "no motion above 0.5 Hz was asked for"
+    assert (
+        np.abs(motion.dq).max() <= 1.6
+        and np.abs(motion.ddq).max() <= 7.0
+        and np.abs(motion.q).max() <= 2.4
+    )
+    assert advice.option.speed in ("slow", "moderate"), (
+        "no motion above 0.5 Hz was asked for"
+    )
 
 
 def test_coulomb_at_one_load_leads_to_a_motion_over_many_loads() -> None:
-    advice = advised(case_at_one_load(synthetic.Truth(coulomb=(0.0, 2.0, 0.0))), COULOMB, "load_friction")
+    advice = advised(
+        case_at_one_load(synthetic.Truth(coulomb=(0.0, 2.0, 0.0))),
+        COULOMB,
+        "load_friction",
+    )
     [pair] = advice.pairs
     assert pair.new > 3 * pair.present and pair.joint == 2
     assert advice.hypotheses[1].effects[0].name == "load_friction"
@@ -99,7 +153,9 @@ def test_coulomb_at_one_load_leads_to_a_motion_over_many_loads() -> None:
 
 def test_a_payload_is_mounted_only_where_it_is_worth_it() -> None:
     case = case_at_one_load(synthetic.Truth(coulomb=(0.0, 2.0, 0.0)))
-    advice = advised(case, COULOMB, "load_friction", payload=KnownLoad(0.2), fastest=0.5)
+    advice = advised(
+        case, COULOMB, "load_friction", payload=KnownLoad(0.2), fastest=0.5
+    )
     assert advice.option is not None and advice.option.payload is None
     assert {option.payload for option, _ in advice.tried} == {None, KnownLoad(0.2)}
     assert "not" in lines(advice, document(COULOMB, "load_friction"))[-1]
@@ -107,18 +163,28 @@ def test_a_payload_is_mounted_only_where_it_is_worth_it() -> None:
 
 def test_a_payload_to_mount_is_told_as_lines_of_the_case() -> None:
     load = KnownLoad(2.0, (0.0, 0.0, 0.05))
-    question = Question("coulomb_friction", (2,), 0, "load_friction", (2,), 0.4, "this", "that")
-    advice = Advice((question,), pairs=(Pair(0, 1, 0.1, 3.0, 2),), option=Option("slow", load))
+    question = Question(
+        "coulomb_friction", (2,), 0, "load_friction", (2,), 0.4, "this", "that"
+    )
+    advice = Advice(
+        (question,), pairs=(Pair(0, 1, 0.1, 3.0, 2),), option=Option("slow", load)
+    )
     text = lines(advice, document(COULOMB, "load_friction"))
     section = yaml.safe_load("\n".join(text[-2:]))
-    assert "case.yaml" in text[-3] and section == {"payloads": {"recording.csv": load.entry()}}
+    assert "case.yaml" in text[-3] and section == {
+        "payloads": {"recording.csv": load.entry()}
+    }
 
 
 def test_a_payload_changes_the_bodies_by_its_own_weight() -> None:
     body = Option("slow", KnownLoad(2.0, (0.1, 0.0, 0.0))).body(synthetic.body())
     still = np.zeros((1, 3))
-    more = body.inverse_dynamics(still, still, still) - synthetic.body().inverse_dynamics(still, still, still)
-    np.testing.assert_allclose(more, [[0.0, -2 * 9.81 * 0.55, -2 * 9.81 * 0.1]], rtol=1e-9)
+    more = body.inverse_dynamics(
+        still, still, still
+    ) - synthetic.body().inverse_dynamics(still, still, still)
+    np.testing.assert_allclose(
+        more, [[0.0, -2 * 9.81 * 0.55, -2 * 9.81 * 0.1]], rtol=1e-9
+    )
 
 
 def test_nothing_open_needs_nothing() -> None:
@@ -134,37 +200,65 @@ def test_an_unexplained_gap_gets_a_general_motion() -> None:
     left = {"share": 0.4, "above_floor": True, "where": where}
     odd = document(DELAY, "none", verdict="unexplained", unexplained=left)
     odd["effects"] = []
-    advice = advise(slow_case(synthetic.Truth()), odd, (), Request(LIMITS, evaluations=60, seed=0))
-    assert advice.excitation is not None and all(m.kept for m in advice.excitation.margins)
-    assert "40 % of the gap is unexplained, most of it on joint 2" in lines(advice, odd)[0]
+    advice = advise(
+        slow_case(synthetic.Truth()), odd, (), Request(LIMITS, evaluations=60, seed=0)
+    )
+    assert advice.excitation is not None and all(
+        m.kept for m in advice.excitation.margins
+    )
+    assert (
+        "40 % of the gap is unexplained, most of it on joint 2" in lines(advice, odd)[0]
+    )
 
 
 def test_questions_are_few_and_of_physics() -> None:
     content = document(DELAY, "actuator_lag")
-    rivals = ["actuator_lag", "torque_saturation", "sign_flip", "armature", "joint_elasticity", "torque_ripple"]
+    rivals = [
+        "actuator_lag",
+        "torque_saturation",
+        "sign_flip",
+        "armature",
+        "joint_elasticity",
+        "torque_ripple",
+    ]
     content["effects"][0]["alternatives"] = [
-        {"effect": name, "joints": [3], "probability": 0.4 - 0.01 * k} for k, name in enumerate(rivals)
+        {"effect": name, "joints": [3], "probability": 0.4 - 0.01 * k}
+        for k, name in enumerate(rivals)
     ]
     asked = open_questions(content)
-    assert [question.rival for question in asked] == ["actuator_lag", "armature", "joint_elasticity"]
+    assert [question.rival for question in asked] == [
+        "actuator_lag",
+        "armature",
+        "joint_elasticity",
+    ]
     assert len(asked) == MOST
 
 
 def test_values_are_fitted_to_the_recordings() -> None:
-    present = Present.of(slow_case(synthetic.Truth(coulomb=(0.0, 2.0, 0.0))), np.array(FLOOR))
+    present = Present.of(
+        slow_case(synthetic.Truth(coulomb=(0.0, 2.0, 0.0))), np.array(FLOOR)
+    )
     wrong = AppliedEffect("coulomb_friction", (2,), {"torque": [0.3]})
     right, left = fitted(present, Hypothesis("", synthetic.arm(), (wrong,)))
-    assert right.effects[0].parameters["torque"][0] == pytest.approx(2.0, rel=0.02) and left < 2.0
+    assert (
+        right.effects[0].parameters["torque"][0] == pytest.approx(2.0, rel=0.02)
+        and left < 2.0
+    )
 
 
 def test_a_vector_of_values_goes_there_and_back() -> None:
-    link = AppliedEffect("link_inertia", (), {"link": 2, "mass": 0.4, "com": [0.0, 0.01, 0.0]})
+    link = AppliedEffect(
+        "link_inertia", (), {"link": 2, "mass": 0.4, "com": [0.0, 0.01, 0.0]}
+    )
     both = (COULOMB, link)
     values = vector(both)
     np.testing.assert_allclose(values, [2.0, 0.4, 0.0, 0.01, 0.0])
     assert (scales(both) > 0).all()
     again = with_values(both, 2 * values)
-    assert float(again[1].parameters["mass"]) == pytest.approx(0.8) and float(again[1].parameters["link"]) == 2
+    assert (
+        float(again[1].parameters["mass"]) == pytest.approx(0.8)
+        and float(again[1].parameters["link"]) == 2
+    )
 
 
 def test_what_cannot_be_is_refused() -> None:
@@ -175,4 +269,9 @@ def test_what_cannot_be_is_refused() -> None:
     tight = LimitPlan(torque=0.0001, singular=0.0, collisions=False)
     case = slow_case(synthetic.Truth(delay=(0.0, 0.0, 0.012)))
     with pytest.raises(InputError, match="gravity"):
-        advise(case, document(DELAY, "actuator_lag"), (DELAY,), Request(tight, evaluations=150))
+        advise(
+            case,
+            document(DELAY, "actuator_lag"),
+            (DELAY,),
+            Request(tight, evaluations=150),
+        )

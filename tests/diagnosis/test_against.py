@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 from synthetic import COULOMB, ENCODER_STEP, URDF, VISCOUS, Truth, arm, recordings
 
-from arm.case import Case, load_case
-from arm.errors import InputError
-from arm.nominal import NominalArm
-from arm.writing import write_case
-from diagnosis.against.change import combined
-from diagnosis.against.changed import diagnose_change
-from diagnosis.against.document import SCALED
-from diagnosis.against.reference import check_same_arm, identify_reference
-from diagnosis.document import validate
-from effects.applied import AppliedEffect
+from gapscope.arm.case import Case, load_case
+from gapscope.arm.errors import InputError
+from gapscope.arm.io.write_case import write_case
+from gapscope.arm.nominal import NominalArm
 from gapscope.cli import main
+from gapscope.diagnosis.document.diagnosis_json import validate
+from gapscope.diagnosis.reference.change import combined
+from gapscope.diagnosis.reference.diagnose_change import diagnose_change
+from gapscope.diagnosis.reference.reference import check_same_arm, identify_reference
+from gapscope.diagnosis.reference.reference_json import SCALED
+from gapscope.effects.applied import AppliedEffect
 
 OFFSET = (0.6, -0.5, 0.2)
 """Torque offsets that the arm has on both days [N m]."""
@@ -32,16 +32,29 @@ HEALTHY = Truth(offset=OFFSET)
 @cache
 def vendor() -> NominalArm:
     """The arm as a poor URDF has it: masses 15 to 25 % off, a centre of mass 2 cm off, no friction known."""
-    text = URDF.replace('mass value="6"', 'mass value="7"').replace('mass value="5"', 'mass value="4"')
-    text = text.replace('mass value="3"', 'mass value="3.6"').replace('xyz="0.15 0.03 0.02"', 'xyz="0.13 0.03 0.02"')
-    assert text.count('value="7"') == text.count('value="4"') == text.count('value="3.6"') == 1
+    text = URDF.replace('mass value="6"', 'mass value="7"').replace(
+        'mass value="5"', 'mass value="4"'
+    )
+    text = text.replace('mass value="3"', 'mass value="3.6"').replace(
+        'xyz="0.15 0.03 0.02"', 'xyz="0.13 0.03 0.02"'
+    )
+    assert (
+        text.count('value="7"')
+        == text.count('value="4"')
+        == text.count('value="3.6"')
+        == 1
+    )
     urdf = Path(mkdtemp(prefix="gapscope-tests-")) / "robot.urdf"
     urdf.write_text(text)
-    return NominalArm("vendor", urdf, arm().joints, armature=arm().armature, encoder_step=ENCODER_STEP)
+    return NominalArm(
+        "vendor", urdf, arm().joints, armature=arm().armature, encoder_step=ENCODER_STEP
+    )
 
 
 def case(truth: Truth, seed: int, name: str = "case") -> Case:
-    return Case(name, vendor().urdf.parent, vendor(), recordings(truth, seed, duration=6.0))
+    return Case(
+        name, vendor().urdf.parent, vendor(), recordings(truth, seed, duration=6.0)
+    )
 
 
 @cache
@@ -72,25 +85,35 @@ def test_another_day_and_motion_is_no_gap(tmp_path):
 
 
 def test_friction_that_rose_on_one_joint(tmp_path):
-    found = named(changed(replace(HEALTHY, coulomb=(0.0, 0.6 * COULOMB[1], 0.0)), tmp_path))
+    found = named(
+        changed(replace(HEALTHY, coulomb=(0.0, 0.6 * COULOMB[1], 0.0)), tmp_path)
+    )
     assert set(found) == {"coulomb_friction"}
     assert found["coulomb_friction"]["joints"] == [2]
-    assert found["coulomb_friction"]["parameters"]["torque"]["value"][0] == pytest.approx(0.6 * COULOMB[1], rel=0.15)
+    assert found["coulomb_friction"]["parameters"]["torque"]["value"][
+        0
+    ] == pytest.approx(0.6 * COULOMB[1], rel=0.15)
 
 
 def test_torque_constant_that_changed_on_one_joint(tmp_path):
     found = named(changed(replace(HEALTHY, scale=(0.0, 0.12, 0.0)), tmp_path))
     assert set(found) == {"torque_scale"}
     assert found["torque_scale"]["joints"] == [2]
-    assert found["torque_scale"]["parameters"]["scale"]["value"][0] == pytest.approx(0.12, abs=0.02)
+    assert found["torque_scale"]["parameters"]["scale"]["value"][0] == pytest.approx(
+        0.12, abs=0.02
+    )
 
 
 def test_offset_that_changed_is_told_as_the_change(tmp_path):
-    change = changed(replace(HEALTHY, offset=(OFFSET[0], OFFSET[1] + 1.5, OFFSET[2])), tmp_path)
+    change = changed(
+        replace(HEALTHY, offset=(OFFSET[0], OFFSET[1] + 1.5, OFFSET[2])), tmp_path
+    )
     found = named(change)
     assert set(found) == {"torque_offset"}
     assert found["torque_offset"]["joints"] == [2]
-    assert found["torque_offset"]["parameters"]["torque"]["value"][0] == pytest.approx(1.5, rel=0.1)
+    assert found["torque_offset"]["parameters"]["torque"]["value"][0] == pytest.approx(
+        1.5, rel=0.1
+    )
     (whole,) = (e for e in change.corrected if e.name == "torque_offset")
     assert whole.per_joint("torque", 3)[1] == pytest.approx(OFFSET[1] + 1.5, rel=0.15)
 
@@ -107,7 +130,14 @@ def test_load_with_intervals_and_files_that_predict_what_was_recorded(tmp_path):
     write_case(case(loaded, 2), tmp_path / "case")
     with pytest.raises(SystemExit) as end:
         main(
-            ["diagnose", str(tmp_path / "case"), "--against", str(tmp_path / "reference"), "--out", str(tmp_path / "o")]
+            [
+                "diagnose",
+                str(tmp_path / "case"),
+                "--against",
+                str(tmp_path / "reference"),
+                "--out",
+                str(tmp_path / "o"),
+            ]
         )
     assert end.value.code == 0
     out = tmp_path / "o"
@@ -121,9 +151,18 @@ def test_load_with_intervals_and_files_that_predict_what_was_recorded(tmp_path):
     assert abs(mass["value"] - 1.2) < 4 * mass["std"]
     assert com["value"][0] == pytest.approx(0.1, abs=0.02)
     assert (out / "report.html").is_file()
-    assert load_case(out / "identified_case.yaml").arm.coulomb == pytest.approx(COULOMB, rel=0.1)
+    assert load_case(out / "identified_case.yaml").arm.coulomb == pytest.approx(
+        COULOMB, rel=0.1
+    )
     file = tmp_path / "case" / "recording_2.csv"
-    arguments = ["--recording", str(file), "--model", str(out / "corrected.yaml"), "--out", str(tmp_path / "tau.csv")]
+    arguments = [
+        "--recording",
+        str(file),
+        "--model",
+        str(out / "corrected.yaml"),
+        "--out",
+        str(tmp_path / "tau.csv"),
+    ]
     with pytest.raises(SystemExit) as end:
         main(["predict", str(out / "identified_case.yaml"), *arguments])
     assert end.value.code == 0
@@ -148,17 +187,24 @@ def test_another_robot_is_refused(change, says):
 
 
 def test_fewer_joints_and_other_places_are_refused(tmp_path):
-    two = replace(vendor(), joints=vendor().joints[:2], armature=None, coulomb=None, viscous=None)
+    two = replace(
+        vendor(), joints=vendor().joints[:2], armature=None, coulomb=None, viscous=None
+    )
     with pytest.raises(InputError, match="has 2 joints"):
         check_same_arm(case(HEALTHY, 2), replace(reference(), arm=two))
     longer = tmp_path / "longer.urdf"
     longer.write_text(URDF.replace('xyz="0.45 0 0"', 'xyz="0.5 0 0"'))
     with pytest.raises(InputError, match="other places"):
-        check_same_arm(case(HEALTHY, 2), replace(reference(), arm=replace(vendor(), urdf=longer)))
+        check_same_arm(
+            case(HEALTHY, 2), replace(reference(), arm=replace(vendor(), urdf=longer))
+        )
 
 
 def test_reference_without_torque_or_too_short_is_refused():
-    silent = replace(reference(), recordings=tuple(replace(r, tau=None) for r in reference().recordings))
+    silent = replace(
+        reference(),
+        recordings=tuple(replace(r, tau=None) for r in reference().recordings),
+    )
     with pytest.raises(InputError, match="no recording holds a torque"):
         identify_reference(silent)
     only = reference().recordings[0]
@@ -169,8 +215,12 @@ def test_reference_without_torque_or_too_short_is_refused():
 
 
 def test_offsets_add_up_below_a_new_scale():
-    offset = lambda joints, values: AppliedEffect("torque_offset", joints, {"torque": np.array(values)})  # noqa: E731
+    def offset(joints, values):
+        return AppliedEffect("torque_offset", joints, {"torque": np.array(values)})
+
     scale = AppliedEffect("torque_scale", (1,), {"scale": np.array([0.1])})
-    first, *rest = combined((offset((1, 2), [1.0, 2.0]),), (scale, offset((2, 3), [0.5, 0.3])))
+    first, *rest = combined(
+        (offset((1, 2), [1.0, 2.0]),), (scale, offset((2, 3), [0.5, 0.3]))
+    )
     assert first.per_joint("torque", 3) == pytest.approx([1.1, 2.5, 0.3])
     assert rest == [scale]

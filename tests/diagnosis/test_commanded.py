@@ -10,13 +10,16 @@ import numpy as np
 import pytest
 import synthetic
 
-from arm.case import Case, load_case
-from arm.errors import GapscopeError
-from diagnosis.commanded import commanded_torque, with_commanded_torque
-from diagnosis.diagnose import diagnose
-from diagnosis.document import validate
-from effects.applied import AppliedEffect
-from envs.session import Plan, record_case
+from gapscope.arm.case import Case, load_case
+from gapscope.arm.errors import GapscopeError
+from gapscope.diagnosis.diagnose import diagnose
+from gapscope.diagnosis.document.diagnosis_json import validate
+from gapscope.diagnosis.gap.commanded_torque import (
+    commanded_torque,
+    with_commanded_torque,
+)
+from gapscope.effects.applied import AppliedEffect
+from gapscope.envs.session import Plan, record_case
 
 COULOMB = AppliedEffect("coulomb_friction", (2,), {"torque": [2.0]})
 
@@ -32,14 +35,24 @@ def case() -> Case:
 def without(case: Case, *channels: str) -> Case:
     """The case without some channels of its recordings."""
     nothing = dict.fromkeys(channels)
-    return replace(case, recordings=tuple(replace(r, **nothing) for r in case.recordings))
+    return replace(
+        case, recordings=tuple(replace(r, **nothing) for r in case.recordings)
+    )
 
 
-@pytest.mark.parametrize(("channels", "close"), [(("tau",), 1e-3), (("tau", "dq"), 0.02)], ids=["dq", "no dq"])
-def test_it_is_the_torque_that_was_commanded(channels: tuple[str, ...], close: float) -> None:
+@pytest.mark.parametrize(
+    ("channels", "close"),
+    [(("tau",), 1e-3), (("tau", "dq"), 0.02)],
+    ids=["dq", "no dq"],
+)
+def test_it_is_the_torque_that_was_commanded(
+    channels: tuple[str, ...], close: float
+) -> None:
     controller = case().controller
     assert controller is not None
-    for told, bare in zip(case().recordings, without(case(), *channels).recordings, strict=True):
+    for told, bare in zip(
+        case().recordings, without(case(), *channels).recordings, strict=True
+    ):
         assert told.tau is not None
         torque = commanded_torque(case().arm, controller, bare)
         inner = slice(75, -75)
@@ -59,13 +72,24 @@ def test_the_same_effect_is_found_as_with_the_torque() -> None:
     told, bare = (diagnose(c).document for c in (case(), without(case(), "tau")))
     validate(bare)
     for document in (told, bare):
-        assert [(e["effect"], e["joints"]) for e in document["effects"]] == [("coulomb_friction", [2])]
-        assert document["effects"][0]["parameters"]["torque"]["value"] == pytest.approx([2.0], rel=0.05)
+        assert [(e["effect"], e["joints"]) for e in document["effects"]] == [
+            ("coulomb_friction", [2])
+        ]
+        assert document["effects"][0]["parameters"]["torque"]["value"] == pytest.approx(
+            [2.0], rel=0.05
+        )
     assert (told["torque_from"], bare["torque_from"]) == ("recorded", "controller")
-    assert bare["judged_on"].endswith("the torque there is the one that the known controller must have commanded")
-    assert any("must have commanded" in warning and "gains" in warning for warning in bare["warnings"])
+    assert bare["judged_on"].endswith(
+        "the torque there is the one that the known controller must have commanded"
+    )
+    assert any(
+        "must have commanded" in warning and "gains" in warning
+        for warning in bare["warnings"]
+    )
     assert not any("must have commanded" in warning for warning in told["warnings"])
-    before, after = (np.array(bare["gap"][stage]["replay_rmse"]) for stage in ("before", "after"))
+    before, after = (
+        np.array(bare["gap"][stage]["replay_rmse"]) for stage in ("before", "after")
+    )
     assert after[1] < 0.5 * before[1]
 
 
@@ -77,8 +101,14 @@ def test_recorded_torque_is_never_replaced() -> None:
 
 
 @pytest.mark.parametrize("unknown", ["controller", "reference"])
-def test_without_controller_or_reference_the_error_says_what_to_do(unknown: str) -> None:
-    bare = without(case(), "tau") if unknown == "controller" else without(case(), "tau", "q_ref")
+def test_without_controller_or_reference_the_error_says_what_to_do(
+    unknown: str,
+) -> None:
+    bare = (
+        without(case(), "tau")
+        if unknown == "controller"
+        else without(case(), "tau", "q_ref")
+    )
     bare = replace(bare, controller=None) if unknown == "controller" else bare
     with pytest.raises(GapscopeError, match="no recording carries a torque") as caught:
         diagnose(bare)
@@ -91,18 +121,29 @@ def test_a_gap_in_time_is_not_bridged() -> None:
     whole = case().recordings[0]
     kept = (whole.t < 2.5) | (whole.t > 3.0)
     cut = replace(
-        whole, t=whole.t[kept], q=whole.q[kept], tau=None, dq=None,
-        q_ref=whole.q_ref[kept], dq_ref=whole.dq_ref[kept],
-    )  # fmt: skip
+        whole,
+        t=whole.t[kept],
+        q=whole.q[kept],
+        tau=None,
+        dq=None,
+        q_ref=whole.q_ref[kept],
+        dq_ref=whole.dq_ref[kept],
+    )
     assert whole.tau is not None
     torque = commanded_torque(case().arm, controller, cut)
     late = cut.t > 3.4
-    assert np.abs(torque - whole.tau[kept])[late].max() < 0.2 * whole.tau.std(axis=0).max()
+    assert (
+        np.abs(torque - whole.tau[kept])[late].max() < 0.2 * whole.tau.std(axis=0).max()
+    )
 
 
 @pytest.mark.slow
 @pytest.mark.shared_data
 def test_a_sample_case_without_its_torque(shared: Path) -> None:
     """Delays of case005 on all joints, by another simulator, from positions and references alone."""
-    document = diagnose(without(load_case(shared / "sample_cases" / "case005"), "tau")).document
-    assert [(e["effect"], e["joints"]) for e in document["effects"]] == [("actuator_delay", [1, 2, 3, 4, 5, 6])]
+    document = diagnose(
+        without(load_case(shared / "sample_cases" / "case005"), "tau")
+    ).document
+    assert [(e["effect"], e["joints"]) for e in document["effects"]] == [
+        ("actuator_delay", [1, 2, 3, 4, 5, 6])
+    ]

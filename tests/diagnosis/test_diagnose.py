@@ -11,13 +11,13 @@ import pytest
 import synthetic
 from synthetic import Truth
 
-from arm.case import Case
-from arm.errors import GapscopeError, InputError
-from arm.nominal import NominalArm
-from arm.recording import Recording
-from diagnosis.diagnose import diagnose
-from diagnosis.document import plain, validate
-from diagnosis.result import Diagnosis
+from gapscope.arm.case import Case
+from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
+from gapscope.diagnosis.diagnose import diagnose
+from gapscope.diagnosis.document.diagnosis_json import plain, validate
+from gapscope.diagnosis.result import Diagnosis
 
 COULOMB = Truth(coulomb=(0.0, 2.0, 0.0))
 
@@ -33,20 +33,27 @@ def found(judged: Case) -> Diagnosis:
     return diagnose(judged)
 
 
-def changed(recording: Recording, change: Callable[[np.ndarray], np.ndarray]) -> Recording:
+def changed(
+    recording: Recording, change: Callable[[np.ndarray], np.ndarray]
+) -> Recording:
     assert recording.tau is not None
     return replace(recording, tau=change(np.array(recording.tau)))
 
 
 def values(result: Diagnosis) -> list[tuple[str, tuple[int, ...], list[list[float]]]]:
-    return [(e.name, e.joints, [np.atleast_1d(v).tolist() for v in e.parameters.values()]) for e in result.effects]
+    return [
+        (e.name, e.joints, [np.atleast_1d(v).tolist() for v in e.parameters.values()])
+        for e in result.effects
+    ]
 
 
 def test_document_is_valid_json(found: Diagnosis) -> None:
     validate(found.document)
     text = json.dumps(plain(found.document), allow_nan=False)
     assert json.loads(text) == plain(found.document)
-    assert json.loads(json.dumps(found.document, allow_nan=False)) == found.document  # plain values already
+    assert (
+        json.loads(json.dumps(found.document, allow_nan=False)) == found.document
+    )  # plain values already
 
 
 def test_same_case_same_diagnosis(judged: Case, found: Diagnosis) -> None:
@@ -61,10 +68,16 @@ def test_progress_is_told(judged: Case) -> None:
 
 def test_case_is_described(found: Diagnosis) -> None:
     document = found.document
-    assert document["arm"] == {"robot": "yaw_pitch_pitch", "joints": ["joint_1", "joint_2", "joint_3"]}
+    assert document["arm"] == {
+        "robot": "yaw_pitch_pitch",
+        "joints": ["joint_1", "joint_2", "joint_3"],
+    }
     assert [(r["name"], r["role"]) for r in document["recordings"]] == [
-        ("recording_0.csv", "fit"), ("recording_1.csv", "fit"), ("recording_2.csv", "fit"), ("judged.csv", "judge"),
-    ]  # fmt: skip
+        ("recording_0.csv", "fit"),
+        ("recording_1.csv", "fit"),
+        ("recording_2.csv", "fit"),
+        ("judged.csv", "judge"),
+    ]
     assert document["judged_on"] == "recordings set aside for judging"
     assert document["case"] == "synthetic" and document["schema"] == 1
 
@@ -72,40 +85,75 @@ def test_case_is_described(found: Diagnosis) -> None:
 def test_curves_fit_the_document(found: Diagnosis) -> None:
     (trace,) = found.traces
     assert trace.recording == "judged.csv"
-    assert trace.measured.shape == trace.nominal.shape == trace.corrected.shape == (len(trace.t), 3)
+    assert (
+        trace.measured.shape
+        == trace.nominal.shape
+        == trace.corrected.shape
+        == (len(trace.t), 3)
+    )
     assert {s.effect for s in found.signatures} == {"coulomb_friction"}
     assert found.spectrum.before.shape == (len(found.spectrum.frequency), 3)
 
 
 class TestJudgedRecordings:
-    def test_torque_of_a_judged_recording_changes_no_value(self, judged: Case, found: Diagnosis) -> None:
-        other = replace(judged, judged=tuple(changed(r, lambda tau: 1.3 * tau + 1.0) for r in judged.judged))
+    def test_torque_of_a_judged_recording_changes_no_value(
+        self, judged: Case, found: Diagnosis
+    ) -> None:
+        other = replace(
+            judged,
+            judged=tuple(
+                changed(r, lambda tau: 1.3 * tau + 1.0) for r in judged.judged
+            ),
+        )
         result = diagnose(other)
         assert values(result) == values(found)
-        gaps = [np.array(d.document["gap"]["after"]["torque_nrmse"]) for d in (found, result)]
+        gaps = [
+            np.array(d.document["gap"]["after"]["torque_nrmse"])
+            for d in (found, result)
+        ]
         assert (gaps[1] > gaps[0] + 0.02).all()
 
-    def test_gaps_are_those_of_the_judged_recording(self, judged: Case, found: Diagnosis) -> None:
+    def test_gaps_are_those_of_the_judged_recording(
+        self, judged: Case, found: Diagnosis
+    ) -> None:
         """Only the judged arm has a further effect: the gap after it shows there, and is not explained."""
         (aside,) = judged.judged
-        result = diagnose(replace(judged, judged=(changed(aside, lambda tau: tau + np.array([3.0, 0.0, 0.0])),)))
+        result = diagnose(
+            replace(
+                judged,
+                judged=(changed(aside, lambda tau: tau + np.array([3.0, 0.0, 0.0])),),
+            )
+        )
         assert values(result) == values(found)
         assert result.document["gap"]["after"]["torque_nrmse"][0] > 0.1
         assert result.document["verdict"] == "unexplained"
 
-    def test_motion_of_a_judged_recording_changes_no_value(self, judged: Case, found: Diagnosis) -> None:
+    def test_motion_of_a_judged_recording_changes_no_value(
+        self, judged: Case, found: Diagnosis
+    ) -> None:
         (aside,) = judged.judged
         shaken = aside.q + 0.01 * np.sin(2 * np.pi * 25 * aside.t)[:, None]
-        assert values(diagnose(replace(judged, judged=(replace(aside, q=shaken),)))) == values(found)
+        assert values(
+            diagnose(replace(judged, judged=(replace(aside, q=shaken),)))
+        ) == values(found)
 
-    def test_healthy_judged_recording_does_not_undo_what_was_fitted(self, judged: Case, found: Diagnosis) -> None:
-        result = diagnose(replace(judged, judged=synthetic.case(Truth(), seed=7, judged=True).judged))
+    def test_healthy_judged_recording_does_not_undo_what_was_fitted(
+        self, judged: Case, found: Diagnosis
+    ) -> None:
+        result = diagnose(
+            replace(judged, judged=synthetic.case(Truth(), seed=7, judged=True).judged)
+        )
         assert result.document["verdict"] != "no_gap"
 
-    def test_judged_recording_without_torque_is_not_said_to_be_judged_on(self, judged: Case) -> None:
+    def test_judged_recording_without_torque_is_not_said_to_be_judged_on(
+        self, judged: Case
+    ) -> None:
         silent = tuple(replace(r, tau=None) for r in judged.judged)
         document = diagnose(replace(judged, judged=silent)).document
-        assert document["judged_on"] == "each half of a recording, with the values fitted to all else"
+        assert (
+            document["judged_on"]
+            == "each half of a recording, with the values fitted to all else"
+        )
 
 
 def test_a_single_recording() -> None:
@@ -114,12 +162,17 @@ def test_a_single_recording() -> None:
     validate(result.document)
     assert [(e.name, e.joints) for e in result.effects] == [("coulomb_friction", (2,))]
     assert result.effects[0].parameters["torque"] == pytest.approx([2.0], rel=0.05)
-    assert result.document["judged_on"].startswith("halves of blocks of the one recording")
+    assert result.document["judged_on"].startswith(
+        "halves of blocks of the one recording"
+    )
 
 
 def test_a_single_healthy_recording() -> None:
     case = synthetic.case(Truth(), seed=8)
-    assert diagnose(replace(case, recordings=case.recordings[1:2])).document["verdict"] == "no_gap"
+    assert (
+        diagnose(replace(case, recordings=case.recordings[1:2])).document["verdict"]
+        == "no_gap"
+    )
 
 
 def test_recording_without_torque_is_left_out() -> None:
@@ -132,7 +185,9 @@ def test_recording_without_torque_is_left_out() -> None:
 def test_no_torque_at_all() -> None:
     case = synthetic.case(COULOMB, seed=7)
     silent = tuple(replace(r, tau=None) for r in case.recordings)
-    with pytest.raises(GapscopeError, match=r"synthetic: no recording carries a torque(.|\n)*tau1") as caught:
+    with pytest.raises(
+        GapscopeError, match=r"synthetic: no recording carries a torque(.|\n)*tau1"
+    ) as caught:
         diagnose(replace(case, recordings=silent))
     assert caught.value.exit_code == 1
 
@@ -141,7 +196,9 @@ def test_too_short() -> None:
     case = synthetic.case(COULOMB, seed=7)
     short = case.recordings[0]
     cut = Recording(short.name, short.t[:300], short.q[:300], short.tau[:300])
-    with pytest.raises(InputError, match=r"recording_0\.csv: lasts 1\.2 s, at least 1\.5 s"):
+    with pytest.raises(
+        InputError, match=r"recording_0\.csv: lasts 1\.2 s, at least 1\.5 s"
+    ):
         diagnose(replace(case, recordings=(cut,)))
 
 
@@ -149,12 +206,23 @@ def test_order_of_the_columns() -> None:
     """The same arm with its joints listed in another order gives the same effects on the joints renumbered."""
     order = np.array([2, 0, 1])  # column k holds joint order[k] + 1 of the URDF
     base = synthetic.arm()
-    sheet = {name: getattr(base, name)[order] for name in ("armature", "coulomb", "viscous")}
-    arm = NominalArm(base.name, base.urdf, tuple(base.joints[j] for j in order), **sheet)
-    case = synthetic.case(Truth(mass=1.0, com=(0.2, 0.0, 0.0), encoder=(0.0, 0.06, 0.0)), seed=2)
-    turned = tuple(Recording(r.name, r.t, r.q[:, order], r.tau[:, order]) for r in case.recordings)
+    sheet = {
+        name: getattr(base, name)[order] for name in ("armature", "coulomb", "viscous")
+    }
+    arm = NominalArm(
+        base.name, base.urdf, tuple(base.joints[j] for j in order), **sheet
+    )
+    case = synthetic.case(
+        Truth(mass=1.0, com=(0.2, 0.0, 0.0), encoder=(0.0, 0.06, 0.0)), seed=2
+    )
+    turned = tuple(
+        Recording(r.name, r.t, r.q[:, order], r.tau[:, order]) for r in case.recordings
+    )
     result = diagnose(replace(case, arm=arm, recordings=turned))
-    assert sorted((e.name, e.joints) for e in result.effects) == [("encoder_offset", (3,)), ("payload", ())]
+    assert sorted((e.name, e.joints) for e in result.effects) == [
+        ("encoder_offset", (3,)),
+        ("payload", ()),
+    ]
     payload = next(e for e in result.effects if e.name == "payload")
     assert payload.parameters["mass"] == pytest.approx(1.0, rel=0.03)
     np.testing.assert_allclose(payload.parameters["com"], [0.2, 0.0, 0.0], atol=0.01)
@@ -164,14 +232,22 @@ def test_order_of_the_columns_of_other_effects() -> None:
     """As above, of effects that are no load."""
     order = np.array([2, 0, 1])
     base = synthetic.arm()
-    sheet = {name: getattr(base, name)[order] for name in ("armature", "coulomb", "viscous")}
-    arm = NominalArm(base.name, base.urdf, tuple(base.joints[j] for j in order), **sheet)
+    sheet = {
+        name: getattr(base, name)[order] for name in ("armature", "coulomb", "viscous")
+    }
+    arm = NominalArm(
+        base.name, base.urdf, tuple(base.joints[j] for j in order), **sheet
+    )
     truth = Truth(force=(8.0, 0.0, -12.0), window=(2.0, 4.0), ripple=(1.5, 0.0, 0.0))
     turned = tuple(
-        Recording(r.name, r.t, r.q[:, order], r.tau[:, order]) for r in synthetic.recordings(truth, 2, duration=6.0)
+        Recording(r.name, r.t, r.q[:, order], r.tau[:, order])
+        for r in synthetic.recordings(truth, 2, duration=6.0)
     )
     result = diagnose(replace(synthetic.case(seed=2), arm=arm, recordings=turned))
-    assert sorted((e.name, e.joints) for e in result.effects) == [("external_force", ()), ("torque_ripple", (2,))]
+    assert sorted((e.name, e.joints) for e in result.effects) == [
+        ("external_force", ()),
+        ("torque_ripple", (2,)),
+    ]
     force = next(e for e in result.effects if e.name == "external_force")
     np.testing.assert_allclose(force.parameters["force"], [8.0, 0.0, -12.0], atol=0.5)
 
@@ -189,8 +265,12 @@ def test_a_joint_that_never_moves() -> None:
     held = []
     for k, r in enumerate(case.recordings):
         motion = synthetic.motion(70 + k, (0.1, 0.2, 0.3)[k], 8.0)
-        motion = replace(motion, sine=motion.sine * [1, 1, 0], cosine=motion.cosine * [1, 1, 0])
-        held.append(synthetic.recording(COULOMB, motion, np.random.default_rng(k), r.name))
+        motion = replace(
+            motion, sine=motion.sine * [1, 1, 0], cosine=motion.cosine * [1, 1, 0]
+        )
+        held.append(
+            synthetic.recording(COULOMB, motion, np.random.default_rng(k), r.name)
+        )
     result = diagnose(replace(case, recordings=tuple(held)))
     validate(result.document)
     assert [(e.name, e.joints) for e in result.effects] == [("coulomb_friction", (2,))]
@@ -206,7 +286,9 @@ def test_recordings_of_different_rates() -> None:
     fast, slow = (synthetic.recordings(truth, 3, rate=rate) for rate in (250.0, 125.0))
     case = replace(synthetic.case(truth, 3), recordings=(slow[0], *fast[1:]))
     document = diagnose(case).document
-    assert "4 to 8 Hz" in [region["regime"] for region in document["unexplained"]["where"]]
+    assert "4 to 8 Hz" in [
+        region["regime"] for region in document["unexplained"]["where"]
+    ]
 
 
 def test_gaps_in_time_are_survived() -> None:

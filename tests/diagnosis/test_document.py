@@ -13,27 +13,43 @@ import documents
 import numpy as np
 import pytest
 
-from arm.errors import GapscopeError
-from diagnosis.document import plain, validate, write_document
+from gapscope.arm.errors import GapscopeError
+from gapscope.diagnosis.document.diagnosis_json import plain, validate, write_document
 
 Change = Callable[[dict[str, Any]], Any]
 
 
-@pytest.mark.parametrize("make", [documents.two_effects, documents.no_gap, documents.unexplained, documents.changed])
+@pytest.mark.parametrize(
+    "make",
+    [documents.two_effects, documents.no_gap, documents.unexplained, documents.changed],
+)
 def test_good_documents_are_accepted(make: Callable[[], dict[str, Any]]) -> None:
     validate(make())
 
 
 def test_the_example_of_the_format_without_optional_keys_is_accepted() -> None:
     document = documents.two_effects()
-    for key in ("arm", "recordings", "conditioning", "warnings", "where", "considered", "judged_on"):
+    for key in (
+        "arm",
+        "recordings",
+        "conditioning",
+        "warnings",
+        "where",
+        "considered",
+        "judged_on",
+    ):
         del document[key]
     validate(document)
 
 
 def test_unknown_keys_are_allowed_everywhere() -> None:
     document = documents.two_effects()
-    for place in (document, document["gap"]["before"], document["effects"][0], document["unexplained"]):
+    for place in (
+        document,
+        document["gap"]["before"],
+        document["effects"][0],
+        document["unexplained"],
+    ):
         place["note"] = {"anything": [1, None]}
     validate(document)
 
@@ -51,11 +67,23 @@ def test_unknown_values_are_null() -> None:
     [
         (lambda a: a.pop("today"), "field against: 'today' is a required property"),
         (lambda a: a.update(recordings=[]), "field against.recordings"),
-        (lambda a: a["identified"].pop("coulomb"), "field against.identified: 'coulomb'"),
+        (
+            lambda a: a["identified"].pop("coulomb"),
+            "field against.identified: 'coulomb'",
+        ),
         (lambda a: a["today"].pop("viscous"), "field against.today: 'viscous'"),
-        (lambda a: a["held_out"].update(torque_nrmse=[-0.1]), "field against.held_out.torque_nrmse[0]"),
-        (lambda a: a["today"]["left_open"][0].update(joint=-1), "field against.today.left_open[0].joint"),
-        (lambda a: a["held_out"].update(rmse=[0.1]), "against.held_out.rmse: has 1 entries"),
+        (
+            lambda a: a["held_out"].update(torque_nrmse=[-0.1]),
+            "field against.held_out.torque_nrmse[0]",
+        ),
+        (
+            lambda a: a["today"]["left_open"][0].update(joint=-1),
+            "field against.today.left_open[0].joint",
+        ),
+        (
+            lambda a: a["held_out"].update(rmse=[0.1]),
+            "against.held_out.rmse: has 1 entries",
+        ),
     ],
 )
 def test_broken_references_are_rejected(change: Change, message: str) -> None:
@@ -69,15 +97,39 @@ BROKEN: dict[str, tuple[Change, str]] = {
     "schema": (lambda d: d.update(schema=2), "schema"),
     "verdict": (lambda d: d.update(verdict="fine"), "verdict"),
     "no case": (lambda d: d.pop("case"), "'case' is a required property"),
-    "no next_recording": (lambda d: d.pop("next_recording"), "'next_recording' is a required property"),
+    "no next_recording": (
+        lambda d: d.pop("next_recording"),
+        "'next_recording' is a required property",
+    ),
     "no floor": (lambda d: d["gap"]["before"].pop("floor"), "field gap.before"),
-    "no probability": (lambda d: d["effects"][1].pop("probability"), "field effects[1]: 'probability'"),
-    "probability": (lambda d: d["effects"][0].update(probability=1.4), "field effects[0].probability: 1.4"),
-    "negative share": (lambda d: d["effects"][0].update(share=-0.1), "field effects[0].share"),
-    "joint zero": (lambda d: d["effects"][0].update(joints=[0, 5]), "field effects[0].joints[0]"),
-    "joint eight": (lambda d: d["effects"][0].update(joints=[4, 8]), "effects[0].joints: names joint 8"),
-    "text in gap": (lambda d: d["gap"]["after"]["torque_nrmse"].__setitem__(2, "low"), "gap.after.torque_nrmse[2]"),
-    "short gap": (lambda d: d["gap"]["after"]["torque_nrmse"].pop(), "gap.after.torque_nrmse: has 6 entries"),
+    "no probability": (
+        lambda d: d["effects"][1].pop("probability"),
+        "field effects[1]: 'probability'",
+    ),
+    "probability": (
+        lambda d: d["effects"][0].update(probability=1.4),
+        "field effects[0].probability: 1.4",
+    ),
+    "negative share": (
+        lambda d: d["effects"][0].update(share=-0.1),
+        "field effects[0].share",
+    ),
+    "joint zero": (
+        lambda d: d["effects"][0].update(joints=[0, 5]),
+        "field effects[0].joints[0]",
+    ),
+    "joint eight": (
+        lambda d: d["effects"][0].update(joints=[4, 8]),
+        "effects[0].joints: names joint 8",
+    ),
+    "text in gap": (
+        lambda d: d["gap"]["after"]["torque_nrmse"].__setitem__(2, "low"),
+        "gap.after.torque_nrmse[2]",
+    ),
+    "short gap": (
+        lambda d: d["gap"]["after"]["torque_nrmse"].pop(),
+        "gap.after.torque_nrmse: has 6 entries",
+    ),
     "NaN": (
         lambda d: d["gap"]["after"]["torque_nrmse"].__setitem__(0, float("nan")),
         "torque_nrmse[0]: is not a finite",
@@ -86,9 +138,18 @@ BROKEN: dict[str, tuple[Change, str]] = {
         lambda d: d["effects"][0]["parameters"]["delay"].update(value=[0.1]),
         "parameters.delay.value: is 1",
     ),
-    "std": (lambda d: d["effects"][0]["parameters"]["delay"].update(std=0.1), "delay.std: does not have the shape"),
-    "no unit": (lambda d: d["effects"][0]["parameters"]["delay"].pop("unit"), "effects[0].parameters.delay"),
-    "found nothing": (lambda d: d.update(effects=[]), "verdict: is effects_found, but effects lists 0"),
+    "std": (
+        lambda d: d["effects"][0]["parameters"]["delay"].update(std=0.1),
+        "delay.std: does not have the shape",
+    ),
+    "no unit": (
+        lambda d: d["effects"][0]["parameters"]["delay"].pop("unit"),
+        "effects[0].parameters.delay",
+    ),
+    "found nothing": (
+        lambda d: d.update(effects=[]),
+        "verdict: is effects_found, but effects lists 0",
+    ),
     "order": (lambda d: d["effects"].reverse(), "effects: are not ordered by share"),
     "role": (lambda d: d["recordings"][0].update(role="test"), "recordings[0].role"),
     "kind": (lambda d: d["where"][0].update(kind="mood"), "where[0].kind"),
@@ -115,7 +176,10 @@ def test_no_gap_lists_no_effects() -> None:
 def test_round_trip(tmp_path: Path) -> None:
     document = documents.two_effects() | {"case": "Zelle 4 – Übergabe"}
     write_document(document, tmp_path / "new" / "diagnosis.json")
-    assert json.loads((tmp_path / "new" / "diagnosis.json").read_text(encoding="utf-8")) == document
+    assert (
+        json.loads((tmp_path / "new" / "diagnosis.json").read_text(encoding="utf-8"))
+        == document
+    )
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["diagnosis.json"]
 
 
@@ -124,7 +188,9 @@ def test_numpy_values_and_tuples_are_written_as_plain_ones(tmp_path: Path) -> No
     document["gap"]["after"]["torque_nrmse"] = np.array(documents.AFTER)
     document["effects"][0]["joints"] = (np.int64(4), np.int64(5))
     write_document(document, tmp_path / "diagnosis.json")
-    assert json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8")) == plain(document)
+    assert json.loads(
+        (tmp_path / "diagnosis.json").read_text(encoding="utf-8")
+    ) == plain(document)
 
 
 def test_a_document_that_is_not_valid_leaves_the_old_file(tmp_path: Path) -> None:

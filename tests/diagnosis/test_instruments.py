@@ -9,20 +9,25 @@ import pytest
 import synthetic
 from synthetic import Truth
 
-from arm.case import Case
-from arm.controller import Controller
-from diagnosis.diagnose import diagnose
-from diagnosis.document import validate
-from diagnosis.instruments import commanded
+from gapscope.arm.case import Case
+from gapscope.arm.controller import Controller
+from gapscope.diagnosis.assessment.instrumental_values import commanded
+from gapscope.diagnosis.diagnose import diagnose
+from gapscope.diagnosis.document.diagnosis_json import validate
 
 ROTOR = Truth(armature=(0.0, 0.0, 0.5))
-CONTROLLER = Controller(rate=500.0, kp=np.full(3, 100.0), kd=np.full(3, 10.0), feedforward="nominal")
+CONTROLLER = Controller(
+    rate=500.0, kp=np.full(3, 100.0), kd=np.full(3, 10.0), feedforward="nominal"
+)
 
 
 def case(noise: float) -> Case:
     """A case whose encoders have white noise [rad], and whose references are what the arm did."""
     sound, rng = synthetic.case(ROTOR, seed=11), np.random.default_rng(2)
-    loud = tuple(replace(r, q=r.q + noise * rng.standard_normal(r.q.shape), q_ref=r.q) for r in sound.recordings)
+    loud = tuple(
+        replace(r, q=r.q + noise * rng.standard_normal(r.q.shape), q_ref=r.q)
+        for r in sound.recordings
+    )
     return replace(sound, recordings=loud, controller=CONTROLLER)
 
 
@@ -39,7 +44,9 @@ def rotor(of: Case) -> tuple[float, float, float]:
 @pytest.mark.slow
 def test_good_encoders_need_none() -> None:
     value, _, by_commands = rotor(case(0.0))
-    assert value == pytest.approx(0.5, rel=0.03) and by_commands == pytest.approx(value, rel=0.02)
+    assert value == pytest.approx(0.5, rel=0.03) and by_commands == pytest.approx(
+        value, rel=0.02
+    )
 
 
 @pytest.mark.slow
@@ -54,5 +61,8 @@ def test_it_takes_a_known_controller_and_every_reference() -> None:
     assert commanded(known) is not None
     assert commanded(replace(known, controller=None)) is None
     first, *others = known.recordings
-    assert commanded(replace(known, recordings=(replace(first, q_ref=None), *others))) is None
+    assert (
+        commanded(replace(known, recordings=(replace(first, q_ref=None), *others)))
+        is None
+    )
     assert commanded(synthetic.case(ROTOR, seed=11)) is None

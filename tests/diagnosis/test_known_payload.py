@@ -12,32 +12,32 @@ import synthetic
 from sensed import reading
 from synthetic import Truth
 
-from arm.case import Case
-from arm.dynamics import RigidBody
-from arm.known_load import KnownLoad
-from arm.motion import Motion
-from arm.nominal import NominalArm
-from diagnosis.advice.present import Present
-from diagnosis.against.changed import diagnose_change
-from diagnosis.columns import columns
-from diagnosis.data import Data
-from diagnosis.diagnose import diagnose
-from diagnosis.document import validate
-from diagnosis.faults.nuisance import equations
-from diagnosis.faults.readings import Reading
-from diagnosis.faults.samples import sample
-from diagnosis.gap import torque_gap
-from diagnosis.predict import predict_torque
-from diagnosis.result import Diagnosis
-from diagnosis.ringing import _Bodies
-from diagnosis.sensed import link_torque
-from diagnosis.setup import find_setup_faults
-from diagnosis.state import State
-from diagnosis.terms import Terms
-from effects.applied import AppliedEffect
-from effects.corrected import CorrectedArm
-from ident.conditioning import Segment, blocks, condition, thinned
-from ident.identification import Settings, identify
+from gapscope.arm.case import Case
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.known_load import KnownLoad
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.nominal import NominalArm
+from gapscope.diagnosis.advice.recorded_data import Present
+from gapscope.diagnosis.diagnose import diagnose
+from gapscope.diagnosis.document.diagnosis_json import validate
+from gapscope.diagnosis.gap.predict import predict_torque
+from gapscope.diagnosis.gap.torque_gap import torque_gap
+from gapscope.diagnosis.model.fit_data import Data
+from gapscope.diagnosis.model.jacobian import columns
+from gapscope.diagnosis.model.terms import Terms
+from gapscope.diagnosis.model.torque_sensor import link_torque
+from gapscope.diagnosis.reference.diagnose_change import diagnose_change
+from gapscope.diagnosis.result import Diagnosis
+from gapscope.diagnosis.selection.resonance_starts import _Bodies
+from gapscope.diagnosis.selection.state import State
+from gapscope.diagnosis.setup_faults.channel_mapping import Reading
+from gapscope.diagnosis.setup_faults.detection import find_setup_faults
+from gapscope.diagnosis.setup_faults.fault_samples import sample
+from gapscope.diagnosis.setup_faults.nuisance import equations
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.ident.identification import Settings, identify
+from gapscope.ident.signals.conditioning import Segment, blocks, condition, thinned
 
 LOAD = KnownLoad(2.0, (0.1, -0.03, 0.05))
 CUTOFF = 10.0
@@ -54,16 +54,31 @@ def loaded(truth: Truth) -> Truth:
     return replace(truth, mass=mass, com=tuple(moment / mass))
 
 
-def case(truth: Truth = HEALTHY, seed: int = 2, *, declared: bool = True, sensors: bool = False) -> Case:
+def case(
+    truth: Truth = HEALTHY,
+    seed: int = 2,
+    *,
+    declared: bool = True,
+    sensors: bool = False,
+) -> Case:
     """Three recordings, the second with a load, which the case declares or not; with torque sensors or without."""
     rng, recordings = np.random.default_rng(1000 + seed), []
     for k, frequency in enumerate((0.1, 0.2, 0.3)):
-        there, motion = loaded(truth) if k == 1 else truth, synthetic.motion(10 * seed + k, frequency, 8.0)
+        there, motion = (
+            loaded(truth) if k == 1 else truth,
+            synthetic.motion(10 * seed + k, frequency, 8.0),
+        )
         made = synthetic.recording(there, motion, rng, f"recording_{k}.csv")
         if sensors:
-            made = replace(made, tau_sensor=reading(there, motion, made.t) + 0.1 * rng.standard_normal(made.q.shape))
+            made = replace(
+                made,
+                tau_sensor=reading(there, motion, made.t)
+                + 0.1 * rng.standard_normal(made.q.shape),
+            )
         recordings.append(replace(made, payload=LOAD) if k == 1 and declared else made)
-    return Case("synthetic", synthetic.arm().urdf.parent, synthetic.arm(), tuple(recordings))
+    return Case(
+        "synthetic", synthetic.arm().urdf.parent, synthetic.arm(), tuple(recordings)
+    )
 
 
 def segment(k: int = 1) -> Segment:
@@ -75,7 +90,11 @@ def segment(k: int = 1) -> Segment:
 def welded() -> pin.Model:
     """The arm by pinocchio with the load welded to its last link."""
     out = pin.buildModelFromUrdf(str(synthetic.arm().urdf))
-    out.appendBodyToJoint(3, pin.Inertia(LOAD.mass, np.array(LOAD.com), np.zeros((3, 3))), pin.SE3.Identity())
+    out.appendBodyToJoint(
+        3,
+        pin.Inertia(LOAD.mass, np.array(LOAD.com), np.zeros((3, 3))),
+        pin.SE3.Identity(),
+    )
     return out
 
 
@@ -87,7 +106,9 @@ def urdf_with_load(folder: Path) -> NominalArm:
         f'<mass value="{total.mass!r}"/><origin xyz="{" ".join(map(repr, total.lever.tolist()))}"/>'
         f'<inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="{xy}" ixz="{xz}" iyz="{yz}"/></inertial>'
     )
-    start = synthetic.URDF.index("<inertial>", synthetic.URDF.index('link name="link_3"')) + len("<inertial>")
+    start = synthetic.URDF.index(
+        "<inertial>", synthetic.URDF.index('link name="link_3"')
+    ) + len("<inertial>")
     end = synthetic.URDF.index("</inertial>", start) + len("</inertial>")
     path = folder / "loaded.urdf"
     path.write_text(synthetic.URDF[:start] + inertial + synthetic.URDF[end:])
@@ -107,31 +128,47 @@ class TestBodies:
         q, dq, ddq = rng.uniform(-1, 1, (3, 20, 3))
         expected = [pin.rnea(model, data, *row) for row in zip(q, dq, ddq, strict=True)]
         laden = synthetic.body().carrying(LOAD)
-        np.testing.assert_allclose(laden.inverse_dynamics(q, dq, ddq), expected, rtol=1e-9)
+        np.testing.assert_allclose(
+            laden.inverse_dynamics(q, dq, ddq), expected, rtol=1e-9
+        )
         motion = Motion(np.arange(20) / 250, q, dq, ddq)
         one = Segment("a", motion, None, None, LOAD)
         bare = synthetic.body().inverse_dynamics(q, dq, ddq)
-        np.testing.assert_allclose(bare + one.known_torque(synthetic.body()), expected, rtol=1e-9)
+        np.testing.assert_allclose(
+            bare + one.known_torque(synthetic.body()), expected, rtol=1e-9
+        )
 
     def test_it_is_made_once_and_not_at_all_without_a_load(self) -> None:
         body = synthetic.body()
-        assert body.carrying(None) is body and body.carrying(LOAD) is body.carrying(KnownLoad(2.0, LOAD.com))
+        assert body.carrying(None) is body and body.carrying(LOAD) is body.carrying(
+            KnownLoad(2.0, LOAD.com)
+        )
         tilted = body.changed(np.zeros((3, 10)), np.array([1.0, 0.0, -9.0]))
         np.testing.assert_allclose(tilted.carrying(LOAD).gravity, [1.0, 0.0, -9.0])
 
     def test_a_force_acts_where_it_did(self) -> None:
         q = np.random.default_rng(1).uniform(-1, 1, (5, 3))
         body = synthetic.body()
-        np.testing.assert_array_equal(body.carrying(LOAD).force_regressor(q), body.force_regressor(q))
+        np.testing.assert_array_equal(
+            body.carrying(LOAD).force_regressor(q), body.force_regressor(q)
+        )
 
     def test_errors_of_the_last_link_are_those_of_the_link_itself(self) -> None:
-        wrong = AppliedEffect("link_inertia", (), {"link": 3, "mass": 1.0, "com": [0.02, 0.0, 0.0]})
+        wrong = AppliedEffect(
+            "link_inertia", (), {"link": 3, "mass": 1.0, "com": [0.02, 0.0, 0.0]}
+        )
         arm, body = CorrectedArm(synthetic.arm(), (wrong,)), synthetic.body()
-        np.testing.assert_array_equal(arm.inertial_increments(body.carrying(LOAD)), arm.inertial_increments(body))
+        np.testing.assert_array_equal(
+            arm.inertial_increments(body.carrying(LOAD)), arm.inertial_increments(body)
+        )
 
     def test_a_payload_found_adds_to_it(self) -> None:
         found = AppliedEffect("payload", (), {"mass": 1.0, "com": [0.2, 0.0, 0.0]})
-        arm, body, s = CorrectedArm(synthetic.arm(), (found,)), synthetic.body(), segment()
+        arm, body, s = (
+            CorrectedArm(synthetic.arm(), (found,)),
+            synthetic.body(),
+            segment(),
+        )
         both = arm.rigid_torque(body.carrying(LOAD), s.motion)
         expected = arm.rigid_torque(body, s.motion) + s.known_torque(body)
         np.testing.assert_allclose(both, expected, atol=1e-9)
@@ -146,7 +183,9 @@ class TestSegment:
             assert piece.payload == LOAD
 
     @pytest.mark.parametrize("found", [False, True])
-    def test_columns_are_those_of_a_nominal_arm_with_the_load_in_its_urdf(self, found: bool, tmp_path: Path) -> None:
+    def test_columns_are_those_of_a_nominal_arm_with_the_load_in_its_urdf(
+        self, found: bool, tmp_path: Path
+    ) -> None:
         """All but those of a force, which acts where it did; around no effects and around some."""
         body, s, terms = synthetic.body(), segment(), Terms(3)
         theta = np.zeros(terms.size)
@@ -162,40 +201,66 @@ class TestSegment:
             of = body if nominal is synthetic.arm() else RigidBody(nominal)
             data = Data(nominal, of, [[piece]], CUTOFF)
             effects = terms.effects(theta)
-            results.append(columns(CorrectedArm(nominal, effects), of, piece, data.bodies[0], terms, theta))
+            results.append(
+                columns(
+                    CorrectedArm(nominal, effects),
+                    of,
+                    piece,
+                    data.bodies[0],
+                    terms,
+                    theta,
+                )
+            )
         (base, x), (expected, y) = results
         np.testing.assert_allclose(base, expected, atol=1e-6)
         size = np.abs(y).max(axis=(0, 1)).clip(1e-3)
         np.testing.assert_allclose(x / size, y / size, atol=1e-4)
         assert x.any(axis=(0, 1)).sum() > 30
 
-    def test_where_a_joint_may_ring_or_play_is_looked_for_with_the_load(self, tmp_path: Path) -> None:
+    def test_where_a_joint_may_ring_or_play_is_looked_for_with_the_load(
+        self, tmp_path: Path
+    ) -> None:
         arm, s, found = urdf_with_load(tmp_path), segment(), []
         for nominal, piece in ((synthetic.arm(), s), (arm, replace(s, payload=None))):
             folds = [[b] for b in blocks(thinned(piece, 100.0), 2)]
             bodies = _Bodies(State(nominal, RigidBody(nominal), folds, CUTOFF))
-            found.append([bodies.mass, bodies.elastic(1, 5e3, 10.0), bodies.loose(1, 0.01)])
+            found.append(
+                [bodies.mass, bodies.elastic(1, 5e3, 10.0), bodies.loose(1, 0.01)]
+            )
         for one, other in zip(*found, strict=True):
-            np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-4 * np.abs(other).max())
+            np.testing.assert_allclose(
+                one, other, rtol=1e-4, atol=1e-4 * np.abs(other).max()
+            )
 
     def test_setup_faults_are_told_by_the_torque_with_the_load(self) -> None:
         """The nominal column is the prediction of the arm with the load, where there was one."""
         arm, body = synthetic.arm(), synthetic.body()
         told = sample([[segment(0)], [segment(1)]])
         eq = equations(arm, body, told, Reading.plain(3))
-        none = equations(arm, body, replace(told, load=np.zeros_like(told.load)), Reading.plain(3))
+        none = equations(
+            arm, body, replace(told, load=np.zeros_like(told.load)), Reading.plain(3)
+        )
         np.testing.assert_array_equal(eq.gram[0], none.gram[0])
         rows = told.folds[1]
-        of = Motion(np.arange(rows.stop - rows.start) / 50, told.q[rows], told.dq[rows], told.ddq[rows])
+        of = Motion(
+            np.arange(rows.stop - rows.start) / 50,
+            told.q[rows],
+            told.dq[rows],
+            told.ddq[rows],
+        )
         more = Segment("b", of, None, None, LOAD).known_torque(body)
-        change = eq.gram[1, :, -6, -1] - none.gram[1, :, -6, -1]  # sum of the nominal column, of every joint
+        change = (
+            eq.gram[1, :, -6, -1] - none.gram[1, :, -6, -1]
+        )  # sum of the nominal column, of every joint
         np.testing.assert_allclose(change, more.sum(axis=0), rtol=1e-6)
         assert find_setup_faults(case()) == ()
 
     def test_the_sensor_behind_the_gear_carries_it(self) -> None:
         moved = synthetic.motion(21, 0.2, 8.0)
         s = segment()
-        predicted = link_torque(CorrectedArm(synthetic.arm()), s.bodies(synthetic.body()), s.motion)
+        predicted = link_torque(
+            CorrectedArm(synthetic.arm()), s.bodies(synthetic.body()), s.motion
+        )
         expected = reading(loaded(Truth()), moved, s.motion.t)
         error = (predicted - expected)[s.inner]
         assert np.abs(error).max() < 0.02 * np.abs(expected).max()
@@ -215,7 +280,11 @@ class TestDiagnosis:
         document = diagnose(case()).document
         validate(document)
         assert document["verdict"] == "no_gap"
-        assert [r.get("payload") for r in document["recordings"]] == [None, LOAD.entry(), None]
+        assert [r.get("payload") for r in document["recordings"]] == [
+            None,
+            LOAD.entry(),
+            None,
+        ]
 
     def test_one_that_is_not_declared_is(self) -> None:
         document = diagnose(case(declared=False)).document
@@ -224,12 +293,16 @@ class TestDiagnosis:
 
     def test_both_sides_of_the_sensors_carry_it(self) -> None:
         document = diagnose(case(sensors=True)).document
-        assert document["verdict"] == "no_gap" and set(document["sides"]["carried_by"]) == {"neither"}
+        assert document["verdict"] == "no_gap" and set(
+            document["sides"]["carried_by"]
+        ) == {"neither"}
 
     def test_load_friction_is_told_from_coulomb_friction(self) -> None:
         result = diagnose(case(Truth(load=(0.0, 0.15, 0.0))))
         assert named(result) == [("load_friction", (2,))]
-        assert result.effects[0].parameters["coefficient"] == pytest.approx([0.15], rel=0.1)
+        assert result.effects[0].parameters["coefficient"] == pytest.approx(
+            [0.15], rel=0.1
+        )
 
     def test_coulomb_friction_is_told_from_load_friction(self) -> None:
         result = diagnose(case(Truth(coulomb=(0.0, 3.0, 0.0))))
@@ -239,7 +312,9 @@ class TestDiagnosis:
     def test_an_unknown_payload_is_found_on_top(self) -> None:
         result = diagnose(case(Truth(mass=1.5, com=(0.2, 0.0, 0.0))))
         assert named(result) == [("payload", ())]
-        assert float(result.effects[0].parameters["mass"]) == pytest.approx(1.5, rel=0.05)
+        assert float(result.effects[0].parameters["mass"]) == pytest.approx(
+            1.5, rel=0.05
+        )
 
 
 class TestAgainst:
@@ -263,21 +338,30 @@ class TestPrediction:
     def test_predicted_torque_carries_it(self) -> None:
         recording = case().recordings[1]
         with_it, without = (
-            predict_torque(CorrectedArm(synthetic.arm()), r) for r in (recording, replace(recording, payload=None))
+            predict_torque(CorrectedArm(synthetic.arm()), r)
+            for r in (recording, replace(recording, payload=None))
         )
         assert recording.tau is not None
         inner = slice(100, -100)
-        left, more = (np.sqrt(((recording.tau - x)[inner] ** 2).mean(axis=0)) for x in (with_it, without))
+        left, more = (
+            np.sqrt(((recording.tau - x)[inner] ** 2).mean(axis=0))
+            for x in (with_it, without)
+        )
         assert (left[1:] < 0.1 * more[1:]).all()
 
 
 def test_identification_takes_it_out_of_the_torque() -> None:
     """The arm identified on recordings with and without a declared load is the arm without it."""
     few = Settings(plain=True)
-    told, hidden = (identify(case(declared=declared), few) for declared in (True, False))
+    told, hidden = (
+        identify(case(declared=declared), few) for declared in (True, False)
+    )
     mass = [float(result.validation[0].every.overall) for result in (told, hidden)]
     assert mass[0] < 0.02 and mass[1] > 2 * mass[0]
     nominal = told.columns.nominal(told.choice.law)
     row = told.columns.smooth(segment(0).motion)[:, 1, : told.columns.links]
     difference = row @ (told.physical.value - nominal)[: told.columns.links]
-    assert np.abs(difference).max() < 0.03 * np.abs(row @ nominal[: told.columns.links]).max()
+    assert (
+        np.abs(difference).max()
+        < 0.03 * np.abs(row @ nominal[: told.columns.links]).max()
+    )

@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 import synthetic
 
-from diagnosis.columns import PLAY
-from diagnosis.coordinates import COORDINATES
-from diagnosis.data import Data
-from diagnosis.gap import healthy
-from diagnosis.linear import Linearisation, effective_samples
-from diagnosis.terms import Term, Terms
-from effects.applied import AppliedEffect
-from effects.corrected import CorrectedArm
-from ident.conditioning import Segment, condition, thinned
+from gapscope.diagnosis.gap.torque_gap import healthy
+from gapscope.diagnosis.model.fit_data import Data
+from gapscope.diagnosis.model.jacobian import PLAY
+from gapscope.diagnosis.model.linearisation import Linearisation, effective_samples
+from gapscope.diagnosis.model.parametrisation import COORDINATES
+from gapscope.diagnosis.model.terms import Term, Terms
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.ident.signals.conditioning import Segment, condition, thinned
 
 N = synthetic.N
 PLAIN = Terms(N)
@@ -36,7 +36,12 @@ LINEAR = {
     "stribeck_friction": [[1.0, -0.8, 0.5]],
     "friction_drift": [[0.4, 0.3, -0.2]],
     "payload": [[1.5], [0.3], [-0.075], [0.15]],
-    "link_inertia": [[0.0, 0.5, 0.0], [0.0, 0.03, 0.0], [0.0, -0.02, 0.0], [0.0, 0.01, 0.0]],
+    "link_inertia": [
+        [0.0, 0.5, 0.0],
+        [0.0, 0.03, 0.0],
+        [0.0, -0.02, 0.0],
+        [0.0, 0.01, 0.0],
+    ],
     "armature": [[0.2, -0.3, 0.1]],
     "base_tilt": [[0.06], [-0.04]],
     "joint_elasticity": [[2e-4, 1e-4, 2e-4], [2e-7, 1e-7, 3e-7]],
@@ -57,13 +62,22 @@ SHAPES = {
     "torque_ripple": [(11.0,), (17.0,), (23.0,)],
     "external_force": [(1.5, 3.5)],
 }
-STEP = {"payload": 1e-3, "link_inertia": 1e-4, "base_tilt": 1e-4, "encoder_offset": 1e-4}
+STEP = {
+    "payload": 1e-3,
+    "link_inertia": 1e-4,
+    "base_tilt": 1e-4,
+    "encoder_offset": 1e-4,
+}
 """Steps for central differences; 1e-4 times the values where there are any otherwise."""
 
 
 def terms(*names: str) -> Terms:
     """All terms, with the shapes of some effects."""
-    shapes = {t: shape for name in names for t, shape in zip(PLAIN.of(name), SHAPES.get(name, ()), strict=False)}
+    shapes = {
+        t: shape
+        for name in names
+        for t, shape in zip(PLAIN.of(name), SHAPES.get(name, ()), strict=False)
+    }
     return Terms(N, shapes)
 
 
@@ -78,12 +92,16 @@ def theta(*names: str) -> np.ndarray:
 @cache
 def segment() -> Segment:
     """Six seconds of an arm with a little more friction."""
-    recording = synthetic.recordings(synthetic.Truth(coulomb=(1.0, 0.0, 0.0)), duration=6.0)[2]
+    recording = synthetic.recordings(
+        synthetic.Truth(coulomb=(1.0, 0.0, 0.0)), duration=6.0
+    )[2]
     return thinned(condition(recording, 20.0)[0], 100.0)
 
 
 def predict(effects: tuple[AppliedEffect, ...]) -> np.ndarray:
-    return CorrectedArm(synthetic.arm(), effects).predict(synthetic.body(), segment().motion)
+    return CorrectedArm(synthetic.arm(), effects).predict(
+        synthetic.body(), segment().motion
+    )
 
 
 def step(term: Term, around: np.ndarray) -> float:
@@ -101,7 +119,9 @@ def by_differences(known: Terms, around: np.ndarray, names: set[str]) -> np.ndar
         if term.effect == "parallel_spring" and not around[list(term.columns)].any():
             # 1 N m/rad, then 1 N m more at q = 0: a rest means nothing without a spring
             steps = np.cumsum([np.eye(known.size)[k] for k in term.columns], axis=0)
-            torque = [predict(known.effects(around + x)) for x in (0.0 * steps[0], *steps)]
+            torque = [
+                predict(known.effects(around + x)) for x in (0.0 * steps[0], *steps)
+            ]
             out[:, :, list(term.columns)] = np.diff(torque, axis=0).transpose(1, 2, 0)
             continue
         for i, k in enumerate(term.columns):
@@ -109,11 +129,15 @@ def by_differences(known: Terms, around: np.ndarray, names: set[str]) -> np.ndar
             if term.effect == "payload" and not used:
                 out[:, :, k] = massless(i - 1, known.effects(around))
             else:
-                up, down = (around + sign * h * np.eye(known.size)[k] for sign in (1, -1))
+                up, down = (
+                    around + sign * h * np.eye(known.size)[k] for sign in (1, -1)
+                )
                 if term.coordinates.lowest == 0.0 and around[k] < h:
                     down = around
                 span = (up - down).sum()
-                out[:, :, k] = (predict(known.effects(up)) - predict(known.effects(down))) / span
+                out[:, :, k] = (
+                    predict(known.effects(up)) - predict(known.effects(down))
+                ) / span
     return out
 
 
@@ -121,7 +145,9 @@ def massless(axis: int, others: tuple[AppliedEffect, ...]) -> np.ndarray:
     """By mass: a mass at the joint's centre. By first moment: the odd part in c, as inertia is even in it."""
 
     def with_load(mass: float, com: np.ndarray) -> np.ndarray:
-        return predict((*others, AppliedEffect("payload", (), {"mass": mass, "com": com})))
+        return predict(
+            (*others, AppliedEffect("payload", (), {"mass": mass, "com": com}))
+        )
 
     if axis < 0:
         return with_load(1.0, np.zeros(3)) - predict(others)
@@ -132,8 +158,19 @@ def massless(axis: int, others: tuple[AppliedEffect, ...]) -> np.ndarray:
 DIFFERENTIABLE = [name for name in COORDINATES if name != "torque_saturation"]
 AROUND = {
     **{name: (name,) for name in DIFFERENTIABLE},
-    "the way to the joint": ("torque_scale", "torque_offset", "actuator_delay", "torque_ripple"),
-    "friction": ("coulomb_friction", "viscous_friction", "load_friction", "stribeck_friction", "friction_drift"),
+    "the way to the joint": (
+        "torque_scale",
+        "torque_offset",
+        "actuator_delay",
+        "torque_ripple",
+    ),
+    "friction": (
+        "coulomb_friction",
+        "viscous_friction",
+        "load_friction",
+        "stribeck_friction",
+        "friction_drift",
+    ),
 }
 ON_EACH_OTHER = [
     ("payload", "encoder_offset", "torque_scale"),
@@ -143,7 +180,9 @@ ON_EACH_OTHER = [
 """Effects of which one changes what another does to the bodies; columns leave that out."""
 
 
-@pytest.mark.parametrize("name", [name for name in DIFFERENTIABLE if name not in BENDING])
+@pytest.mark.parametrize(
+    "name", [name for name in DIFFERENTIABLE if name not in BENDING]
+)
 def test_columns_where_no_effect_is_in_use(name: str) -> None:
     """Shapes are those that the search proposes."""
     compare((), {name})
@@ -155,10 +194,14 @@ def test_columns_around_values(names: tuple[str, ...]) -> None:
     compare(names, {*names, "coulomb_friction", "torque_offset", "armature"})
 
 
-@pytest.mark.parametrize("names", [("payload", "viscous_friction"), ("torque_scale", "actuator_lag")])
+@pytest.mark.parametrize(
+    "names", [("payload", "viscous_friction"), ("torque_scale", "actuator_lag")]
+)
 def test_columns_of_effects_that_may_come_next(names: tuple[str, ...]) -> None:
     """Columns of the links are not delayed by a lag in use: an entry is right to a tenth."""
-    compare(names, {name for name in DIFFERENTIABLE if name not in BENDING}, tolerance=0.1)
+    compare(
+        names, {name for name in DIFFERENTIABLE if name not in BENDING}, tolerance=0.1
+    )
 
 
 @pytest.mark.parametrize("names", ON_EACH_OTHER)
@@ -178,14 +221,20 @@ def compare(names: tuple[str, ...], effects: set[str], tolerance: float = 0.05) 
     assert torque is not None
     gap = data.thin(torque - predict(known.effects(around)), segment())
     full = np.concatenate([columns, gap[:, :, None]], axis=2)
-    doubt = healthy(CorrectedArm(synthetic.arm(), known.effects(around)), synthetic.body(), segment())
+    doubt = healthy(
+        CorrectedArm(synthetic.arm(), known.effects(around)),
+        synthetic.body(),
+        segment(),
+    )
     friction = doubt.sticking[:: data.step(segment())]
     weight = 1.0 / (1.0 + (friction / doubt.steady) ** 2)
     expected = np.einsum("tja,tj,tjb->jab", full, weight, full)
 
     owners = {c: t for t in known.open if t.effect in effects for c in t.columns}
     moving = {c for c in owners if np.abs(columns[:, :, c]).max() > 1e-9}
-    assert {owners[c].effect for c in moving} == effects, "an effect that does nothing anywhere"
+    assert {owners[c].effect for c in moving} == effects, (
+        "an effect that does nothing anywhere"
+    )
     gram = sum(fold.gram.sum(axis=0) for fold in linear.folds)
     for c in owners.keys() - moving:  # the offset of an encoder on a vertical axis, say
         assert np.abs(gram[:, c]).max() < 1e-6 * np.abs(gram).max()
@@ -204,9 +253,16 @@ def compare(names: tuple[str, ...], effects: set[str], tolerance: float = 0.05) 
         scale = np.where(there, size[j], size.max(axis=0))
         difference = (found[j] - expected[j]) / np.outer(scale, scale)
         worst = np.unravel_index(np.abs(difference).argmax(), difference.shape)
-        who = [f"{owners[places[w]].effect} {owners[places[w]].joint}" if w < len(places) else "gap" for w in worst]
+        who = [
+            f"{owners[places[w]].effect} {owners[places[w]].joint}"
+            if w < len(places)
+            else "gap"
+            for w in worst
+        ]
         largest = float(np.abs(difference).max())
-        assert largest < tolerance, f"joint {j + 1}, columns of {who}: {difference[worst]:.3g}"
+        assert largest < tolerance, (
+            f"joint {j + 1}, columns of {who}: {difference[worst]:.3g}"
+        )
 
 
 def test_saturation_counts_the_torque_beyond_the_limit() -> None:
@@ -219,22 +275,37 @@ def test_saturation_counts_the_torque_beyond_the_limit() -> None:
     around[list(term.columns)] = 1.0
     data = Data(synthetic.arm(), synthetic.body(), [[segment()]], CUTOFF)
     linear = Linearisation(data, around, Terms(N, {term: (limit,)}))
-    beyond = np.where(np.abs(torque[:, 1]) > limit, torque[:, 1] - limit * np.sign(torque[:, 1]), 0.0)[:, None]
-    cut, gap = (data.thin(x, segment()) for x in (beyond, torque[:, 1:2] - beyond - predict(())[:, 1:2]))
+    beyond = np.where(
+        np.abs(torque[:, 1]) > limit, torque[:, 1] - limit * np.sign(torque[:, 1]), 0.0
+    )[:, None]
+    cut, gap = (
+        data.thin(x, segment())
+        for x in (beyond, torque[:, 1:2] - beyond - predict(())[:, 1:2])
+    )
     y, k = gap + cut, term.columns[0]
     gram = sum(fold.gram[:, 1].sum(axis=0) for fold in linear.folds)
     limited = AppliedEffect("torque_saturation", (2,), {"limit": [limit]})
-    doubt = healthy(CorrectedArm(synthetic.arm(), (limited,)), synthetic.body(), segment())
-    weight = 1.0 / (1.0 + (doubt.sticking[:: data.step(segment()), 1] / doubt.steady[1]) ** 2)
+    doubt = healthy(
+        CorrectedArm(synthetic.arm(), (limited,)), synthetic.body(), segment()
+    )
+    weight = 1.0 / (
+        1.0 + (doubt.sticking[:: data.step(segment()), 1] / doubt.steady[1]) ** 2
+    )
     assert gram[k, k] == pytest.approx(float(weight @ cut[:, 0] ** 2), rel=0.05)
     assert gram[k, -2] == pytest.approx(float(weight @ (cut * y)[:, 0]), rel=0.05)
 
 
 @pytest.mark.parametrize(
     ("name", "joint", "coordinates"),
-    [("joint_elasticity", 2, [4e-5, 4e-8]), ("joint_elasticity", 3, [4e-5, 4e-8]), ("backlash", 1, [PLAY])],
+    [
+        ("joint_elasticity", 2, [4e-5, 4e-8]),
+        ("joint_elasticity", 3, [4e-5, 4e-8]),
+        ("backlash", 1, [PLAY]),
+    ],
 )
-def test_columns_before_a_joint_bends_or_plays(name: str, joint: int, coordinates: list[float]) -> None:
+def test_columns_before_a_joint_bends_or_plays(
+    name: str, joint: int, coordinates: list[float]
+) -> None:
     """Recorded with a small deflection the columns at nothing explain most of the gap that it leaves."""
     around = np.zeros(PLAIN.size)
     places = PLAIN.block(name)[:, joint - 1]
@@ -242,28 +313,51 @@ def test_columns_before_a_joint_bends_or_plays(name: str, joint: int, coordinate
     assert tuple(places) == PLAIN.of(name)[joint - 1].columns
     bent = replace(segment(), torque=predict(PLAIN.effects(around)))
     data = Data(synthetic.arm(), synthetic.body(), [[bent]], CUTOFF)
-    gram = sum(f.gram.sum(axis=0) for f in Linearisation(data, np.zeros(PLAIN.size), PLAIN).folds)
+    gram = sum(
+        f.gram.sum(axis=0)
+        for f in Linearisation(data, np.zeros(PLAIN.size), PLAIN).folds
+    )
     columns, last = gram[:, places[:, None], places], gram[:, places, -2]
     before = gram[:, -2, -2]
-    after = before - 2 * last @ around[places] + np.einsum("jab,a,b->j", columns, around[places], around[places])
+    after = (
+        before
+        - 2 * last @ around[places]
+        + np.einsum("jab,a,b->j", columns, around[places], around[places])
+    )
     assert before[joint - 1] > 0
     assert after[joint - 1] < 0.15 * before[joint - 1]
 
 
 def test_terms_of_one_half_do_not_reach_the_other() -> None:
     """A recording is judged in halves: rows add up, and each half has its own."""
-    data = Data(synthetic.arm(), synthetic.body(), [[segment()], [segment(), segment()]], CUTOFF)
-    first, second, of_two, other_of_two = Linearisation(data, np.zeros(PLAIN.size), PLAIN).folds
-    one, two = (a.gram.sum(axis=0) + b.gram.sum(axis=0) for a, b in ((first, second), (of_two, other_of_two)))
+    data = Data(
+        synthetic.arm(), synthetic.body(), [[segment()], [segment(), segment()]], CUTOFF
+    )
+    first, second, of_two, other_of_two = Linearisation(
+        data, np.zeros(PLAIN.size), PLAIN
+    ).folds
+    one, two = (
+        a.gram.sum(axis=0) + b.gram.sum(axis=0)
+        for a, b in ((first, second), (of_two, other_of_two))
+    )
     np.testing.assert_allclose(two, 2 * one, rtol=1e-6, atol=1e-6 * two.max())
-    for half in (of_two, other_of_two):  # each is the whole of one of the two equal segments
-        np.testing.assert_allclose(half.gram.sum(axis=0), one, rtol=1e-6, atol=1e-6 * one.max())
-        np.testing.assert_allclose(half.rows.sum(axis=0), first.rows.sum(axis=0) + second.rows.sum(axis=0))
+    for half in (
+        of_two,
+        other_of_two,
+    ):  # each is the whole of one of the two equal segments
+        np.testing.assert_allclose(
+            half.gram.sum(axis=0), one, rtol=1e-6, atol=1e-6 * one.max()
+        )
+        np.testing.assert_allclose(
+            half.rows.sum(axis=0), first.rows.sum(axis=0) + second.rows.sum(axis=0)
+        )
     assert not np.allclose(first.gram.sum(axis=0), second.gram.sum(axis=0), rtol=0.1)
 
 
 @pytest.mark.parametrize(("rho", "share"), [(0.0, 1.0), (0.5, 1 / 3), (0.9, 1 / 19)])
-def test_effective_samples_of_an_autoregressive_series(rho: float, share: float) -> None:
+def test_effective_samples_of_an_autoregressive_series(
+    rho: float, share: float
+) -> None:
     rng = np.random.default_rng(0)
     x = np.zeros((20000, 1))
     for i in range(1, len(x)):

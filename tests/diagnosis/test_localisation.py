@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy.signal import butter, sosfiltfilt
 
-from diagnosis.localisation.intervals import change_points, levels
-from diagnosis.localisation.locate import locate
-from diagnosis.localisation.region import Region
-from diagnosis.localisation.spectra import spectra
-from diagnosis.localisation.tree import hottest_leaf
-from diagnosis.rows import Rows
+from gapscope.diagnosis.localisation.locate import locate
+from gapscope.diagnosis.localisation.region import Region
+from gapscope.diagnosis.localisation.spectra import spectra
+from gapscope.diagnosis.localisation.stacked_rows import Rows
+from gapscope.diagnosis.localisation.time_intervals import change_points, levels
+from gapscope.diagnosis.localisation.tree import hottest_leaf
 
 RATE = 250.0
 SECONDS = 30.0
@@ -27,7 +27,8 @@ def motion(seed: int = 0, joints: int = 2, seconds: float = SECONDS) -> Rows:
     n = int(seconds * RATE)
     t = np.arange(n) / RATE
     q = sum(
-        rng.uniform(0.2, 0.8, joints) * np.sin(2 * np.pi * f * t[:, None] + rng.uniform(0, 6, joints))
+        rng.uniform(0.2, 0.8, joints)
+        * np.sin(2 * np.pi * f * t[:, None] + rng.uniform(0, 6, joints))
         for f in (0.11, 0.23, 0.37, 0.61)
     )
     dq = np.gradient(q, 1 / RATE, axis=0)
@@ -65,10 +66,15 @@ def found(rows: Rows, error: np.ndarray, kind: str) -> Region | None:
     ],
 )
 def test_a_planted_regime_is_told(
-    seed: int, where: Callable[[Rows], np.ndarray], quantity: str, bound: tuple[str, float, float]
+    seed: int,
+    where: Callable[[Rows], np.ndarray],
+    quantity: str,
+    bound: tuple[str, float, float],
 ) -> None:
     rows = motion(seed)
-    region = found(rows, noise(rows, seed) + 10 * where(rows) * noise(rows, 50 + seed), "rule")
+    region = found(
+        rows, noise(rows, seed) + 10 * where(rows) * noise(rows, 50 + seed), "rule"
+    )
     assert region is not None and region.share > 0.6 and region.enrichment > 1.6
     [condition] = [c for c in region.detail["conditions"] if c["quantity"] == quantity]
     side, value, margin = bound
@@ -80,7 +86,11 @@ def test_two_conditions_are_joined() -> None:
     rows = motion(1)
     inside = (np.abs(rows.dq) < 0.6) & (rows.dq < 0)
     region = found(rows, noise(rows, 1) + 10 * inside * noise(rows, 2), "rule")
-    assert region is not None and "moving backward" in region.regime and "|dq| <" in region.regime
+    assert (
+        region is not None
+        and "moving backward" in region.regime
+        and "|dq| <" in region.regime
+    )
     assert " and " in region.regime and region.share > 0.6
 
 
@@ -96,19 +106,33 @@ def test_noise_has_no_rule_no_interval_no_line(seed: int) -> None:
 def test_an_interval_of_time_starts_and_stops(seed: int) -> None:
     rows = motion(seed)
     pushed = ((rows.segment == 1) & (rows.t >= 3.0) & (rows.t <= 5.0))[:, None]
-    region = found(rows, noise(rows, seed) + 8 * pushed * noise(rows, 9 + seed), "interval")
+    region = found(
+        rows, noise(rows, seed) + 8 * pushed * noise(rows, 9 + seed), "interval"
+    )
     assert region is not None and region.regime.startswith("recording 2, starts at")
-    assert region.detail["start"] == pytest.approx(3.0, abs=0.3) and region.detail["end"] == pytest.approx(5.0, abs=0.3)
+    assert region.detail["start"] == pytest.approx(3.0, abs=0.3) and region.detail[
+        "end"
+    ] == pytest.approx(5.0, abs=0.3)
     assert region.share > 0.7 and region.coverage < 0.1
     rule = found(rows, noise(rows, seed) + 8 * pushed * noise(rows, 9 + seed), "rule")
-    assert rule is None or "t " not in rule.regime, "an interval knows the recording, a rule over time does not"
+    assert rule is None or "t " not in rule.regime, (
+        "an interval knows the recording, a rule over time does not"
+    )
 
 
 def test_two_contacts_are_two_intervals() -> None:
     rows = motion(3)
-    pushed = (((rows.t >= 3.0) & (rows.t <= 4.5)) | ((rows.t >= 9.0) & (rows.t <= 10.0))) & (rows.segment == 0)
-    places = locate(noise(rows, 3) + pushed[:, None], rows, load_of(rows), np.full(2, FLOOR), [1])
-    told = sorted((r.detail["start"], r.detail["end"]) for r in places[0].regions if r.kind == "interval")
+    pushed = (
+        ((rows.t >= 3.0) & (rows.t <= 4.5)) | ((rows.t >= 9.0) & (rows.t <= 10.0))
+    ) & (rows.segment == 0)
+    places = locate(
+        noise(rows, 3) + pushed[:, None], rows, load_of(rows), np.full(2, FLOOR), [1]
+    )
+    told = sorted(
+        (r.detail["start"], r.detail["end"])
+        for r in places[0].regions
+        if r.kind == "interval"
+    )
     np.testing.assert_allclose(told, [(3.0, 4.5), (9.0, 10.0)], atol=0.3)
 
 
@@ -118,18 +142,41 @@ def test_a_slow_gap_that_comes_and_goes_seldom_has_a_start() -> None:
         rows = motion(seed)
         slow = butter(2, (0.1, 1.0), "bandpass", output="sos", fs=RATE)
         white = np.random.default_rng(seed).standard_normal((3 * len(rows.t), 2))
-        error = sosfiltfilt(slow, white, axis=0)[len(rows.t) : 2 * len(rows.t)]  # without the filter's ends
-        [place] = locate(10 * FLOOR * error / error.std(), rows, load_of(rows), np.full(2, FLOOR), [1])
-        told += len({region.kind for region in place.regions} & {"interval", "rule", "line"})
+        error = sosfiltfilt(slow, white, axis=0)[
+            len(rows.t) : 2 * len(rows.t)
+        ]  # without the filter's ends
+        [place] = locate(
+            10 * FLOOR * error / error.std(),
+            rows,
+            load_of(rows),
+            np.full(2, FLOOR),
+            [1],
+        )
+        told += len(
+            {region.kind for region in place.regions} & {"interval", "rule", "line"}
+        )
     assert told <= 4
 
 
 def test_times_are_those_of_the_recording_that_was_cut() -> None:
     rows = motion(0)
-    cut = Rows(rows.t, rows.q, rows.dq, rows.ddq, rows.segment, rows.rates, ("a.csv", "a.csv"), (0.3, 15.3))
+    cut = Rows(
+        rows.t,
+        rows.q,
+        rows.dq,
+        rows.ddq,
+        rows.segment,
+        rows.rates,
+        ("a.csv", "a.csv"),
+        (0.3, 15.3),
+    )
     late = (cut.clock > 20.0)[:, None]
     region = found(cut, noise(cut, 0) + 8 * late * noise(cut, 1), "interval")
-    assert region is not None and region.detail["recording"] == "a.csv" and region.detail["end"] is None
+    assert (
+        region is not None
+        and region.detail["recording"] == "a.csv"
+        and region.detail["end"] is None
+    )
     assert region.detail["start"] == pytest.approx(20.0, abs=0.3)
     assert len(levels(late[:, 0].astype(float), cut, FLOOR)) == 1
 
@@ -138,9 +185,13 @@ def test_a_line_of_its_own() -> None:
     rows = motion(2)
     hum = 0.3 * np.sin(2 * np.pi * 6.0 * rows.t)[:, None]
     region = found(rows, noise(rows, 2) + hum, "line")
-    assert region is not None and region.detail["frequency"] == pytest.approx(6.0, abs=0.1)
+    assert region is not None and region.detail["frequency"] == pytest.approx(
+        6.0, abs=0.1
+    )
     assert region.regime == "line at 6.0 Hz" and region.share > 0.7
-    assert found(rows, noise(rows, 2) + hum, "coherence") is None, "the joint's own signals have nothing there"
+    assert found(rows, noise(rows, 2) + hum, "coherence") is None, (
+        "the joint's own signals have nothing there"
+    )
 
 
 @pytest.mark.parametrize(
@@ -156,8 +207,15 @@ def test_gain_and_phase_against_the_joints_own_signals(
 ) -> None:
     rows = motion(3)
     region = found(rows, gap(rows) + 0.2 * noise(rows, 3), "coherence")
-    assert region is not None and region.detail["signal"] == signal and words in region.regime
-    assert region.detail["gain"] == pytest.approx(gain, rel=0.1) and region.detail["coherence"] > 0.9
+    assert (
+        region is not None
+        and region.detail["signal"] == signal
+        and words in region.regime
+    )
+    assert (
+        region.detail["gain"] == pytest.approx(gain, rel=0.1)
+        and region.detail["coherence"] > 0.9
+    )
 
 
 def test_coherence_lies_between_zero_and_one() -> None:
@@ -168,7 +226,9 @@ def test_coherence_lies_between_zero_and_one() -> None:
 
 def test_change_points_of_a_staircase() -> None:
     rng = np.random.default_rng(0)
-    series = np.concatenate([np.zeros(40), np.full(20, 3.0), np.full(30, 1.0)]) + 0.3 * rng.standard_normal(90)
+    series = np.concatenate(
+        [np.zeros(40), np.full(20, 3.0), np.full(30, 1.0)]
+    ) + 0.3 * rng.standard_normal(90)
     assert change_points(series) == (0, 40, 60, 90)
     assert change_points(0.3 * rng.standard_normal(90)) == (0, 90)
     assert change_points(np.zeros(4)) == (0, 4)

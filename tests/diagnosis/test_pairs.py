@@ -5,9 +5,14 @@ from __future__ import annotations
 import synthetic
 from synthetic import Truth
 
-from diagnosis.search import _pair
-from diagnosis.state import State
-from ident.conditioning import TORQUE_CUTOFF, condition, position_cutoff, thinned
+from gapscope.diagnosis.selection.search import _pair
+from gapscope.diagnosis.selection.state import State
+from gapscope.ident.signals.conditioning import (
+    TORQUE_CUTOFF,
+    condition,
+    position_cutoff,
+    thinned,
+)
 
 
 def state(truth: Truth) -> State:
@@ -18,9 +23,15 @@ def state(truth: Truth) -> State:
 
 
 def test_both_effects_come_in_one_move() -> None:
-    of, told = state(Truth(armature=(0.0, 0.4, 0.0), offset=(0.0, 0.0, 1.5))), list[str]()
+    of, told = (
+        state(Truth(armature=(0.0, 0.4, 0.0), offset=(0.0, 0.0, 1.5))),
+        list[str](),
+    )
     assert _pair(of, told.append)
-    assert {(t.effect, t.joint) for t in of.fit.terms} == {("armature", 2), ("torque_offset", 3)}
+    assert {(t.effect, t.joint) for t in of.fit.terms} == {
+        ("armature", 2),
+        ("torque_offset", 3),
+    }
     assert len(told) == 1 and "armature" in told[0] and "torque_offset" in told[0]
 
 

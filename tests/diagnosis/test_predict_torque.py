@@ -9,12 +9,12 @@ import pytest
 import synthetic
 from synthetic import Truth
 
-from arm.recording import Recording
-from diagnosis.gap import torque_gap
-from diagnosis.predict import predict_torque
-from effects.applied import AppliedEffect
-from effects.corrected import CorrectedArm
-from ident.conditioning import condition, low_pass, position_cutoff
+from gapscope.arm.recording import Recording
+from gapscope.diagnosis.gap.predict import predict_torque
+from gapscope.diagnosis.gap.torque_gap import torque_gap
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.ident.signals.conditioning import condition, low_pass, position_cutoff
 
 COULOMB = AppliedEffect("coulomb_friction", (2,), {"torque": [2.0]})
 DELAY = AppliedEffect("actuator_delay", (1, 3), {"delay": [0.01, 0.02]})
@@ -55,11 +55,20 @@ def test_of_the_recording_only_t_and_q_are_used() -> None:
     r = recording()
     reference = predict_torque(corrected(COULOMB, DELAY), only(r))
     rng = np.random.default_rng(0)
-    noisy = {name: rng.standard_normal(r.q.shape) for name in ("tau", "dq", "q_ref", "dq_ref", "tau_sensor")}
-    np.testing.assert_array_equal(predict_torque(corrected(COULOMB, DELAY), replace(r, **noisy)), reference)
-    np.testing.assert_array_equal(predict_torque(corrected(COULOMB, DELAY), r), reference)
+    noisy = {
+        name: rng.standard_normal(r.q.shape)
+        for name in ("tau", "dq", "q_ref", "dq_ref", "tau_sensor")
+    }
+    np.testing.assert_array_equal(
+        predict_torque(corrected(COULOMB, DELAY), replace(r, **noisy)), reference
+    )
+    np.testing.assert_array_equal(
+        predict_torque(corrected(COULOMB, DELAY), r), reference
+    )
     moved = Recording(r.name, r.t, r.q + 0.1)
-    assert np.abs(predict_torque(corrected(COULOMB, DELAY), moved) - reference).max() > 0.1
+    assert (
+        np.abs(predict_torque(corrected(COULOMB, DELAY), moved) - reference).max() > 0.1
+    )
 
 
 def test_agrees_with_the_prediction_of_the_gap() -> None:
@@ -67,7 +76,9 @@ def test_agrees_with_the_prediction_of_the_gap() -> None:
     r = recording(Truth(coulomb=(0.0, 2.0, 0.0)))
     segments = condition(r, position_cutoff((r,)))
     gap = torque_gap(corrected(COULOMB, DELAY, PAYLOAD), synthetic.body(), segments)
-    predicted = low_pass(predict_torque(corrected(COULOMB, DELAY, PAYLOAD), r), 250.0, 12.0)[segments[0].inner]
+    predicted = low_pass(
+        predict_torque(corrected(COULOMB, DELAY, PAYLOAD), r), 250.0, 12.0
+    )[segments[0].inner]
     np.testing.assert_allclose(predicted, gap.predicted, atol=1e-6)
 
 
@@ -84,7 +95,9 @@ def test_repeated_time_stamps_give_repeated_rows() -> None:
     r = recording()
     keep = np.sort(np.r_[np.arange(len(r.t)), [10, 10, 700, len(r.t) - 1]])
     expected = predict_torque(corrected(COULOMB), only(r))[keep]
-    np.testing.assert_allclose(predict_torque(corrected(COULOMB), only(r, keep)), expected, atol=1e-9)
+    np.testing.assert_allclose(
+        predict_torque(corrected(COULOMB), only(r, keep)), expected, atol=1e-9
+    )
 
 
 def test_on_both_sides_of_a_gap() -> None:
@@ -106,7 +119,9 @@ def test_short_pieces_are_taken_to_stand_still() -> None:
     assert np.isfinite(predicted).all() and predicted.shape == (keep.sum(), 3)
     short = (r.t[keep] > 3.5) & (r.t[keep] < 3.6)
     np.testing.assert_allclose(
-        predict_torque(corrected(), only(r, keep))[short], standing(corrected(), r.q[keep][short]), atol=1e-9
+        predict_torque(corrected(), only(r, keep))[short],
+        standing(corrected(), r.q[keep][short]),
+        atol=1e-9,
     )
 
 

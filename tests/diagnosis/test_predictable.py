@@ -8,12 +8,12 @@ import documents
 import numpy as np
 import pytest
 
-from diagnosis.document import validate
-from diagnosis.gap import TorqueGap
-from diagnosis.predictable import Predictable, predictable
-from diagnosis.report import render
-from diagnosis.rows import Rows
-from ident.conditioning import low_pass
+from gapscope.diagnosis.assessment.predictable_share import Predictable, predictable
+from gapscope.diagnosis.document.diagnosis_json import validate
+from gapscope.diagnosis.gap.torque_gap import TorqueGap
+from gapscope.diagnosis.localisation.stacked_rows import Rows
+from gapscope.ident.signals.conditioning import low_pass
+from gapscope.reports.diagnosis import render
 
 RATE, SECONDS, N = 250.0, 20.0, 6
 FLOOR = np.full(N, 0.1)
@@ -25,15 +25,33 @@ def rows(recordings: int = 3, seconds: float = SECONDS) -> Rows:
     for seed in range(recordings):
         rng = np.random.default_rng(seed)
         t = np.arange(count) / RATE
-        w, a, p = rng.uniform(0.5, 3.0, (4, N)), rng.uniform(0.2, 0.5, (4, N)), rng.uniform(0.0, 6.0, (4, N))
+        w, a, p = (
+            rng.uniform(0.5, 3.0, (4, N)),
+            rng.uniform(0.2, 0.5, (4, N)),
+            rng.uniform(0.0, 6.0, (4, N)),
+        )
         angle = w * t[:, None, None] + p
-        parts.append([(a * f * g(angle)).sum(axis=1) for f, g in ((1, np.sin), (w, np.cos), (-(w**2), np.sin))])
+        parts.append(
+            [
+                (a * f * g(angle)).sum(axis=1)
+                for f, g in ((1, np.sin), (w, np.cos), (-(w**2), np.sin))
+            ]
+        )
     q, dq, ddq = (np.vstack(x) for x in zip(*parts, strict=True))
     segment = np.repeat(np.arange(recordings), count)
-    return Rows(np.tile(np.arange(count) / RATE, recordings), q, dq, ddq, segment, (RATE,) * recordings)
+    return Rows(
+        np.tile(np.arange(count) / RATE, recordings),
+        q,
+        dq,
+        ddq,
+        segment,
+        (RATE,) * recordings,
+    )
 
 
-def found(left: np.ndarray, at: Rows, joint: int = 1, floor: np.ndarray = FLOOR) -> Predictable:
+def found(
+    left: np.ndarray, at: Rows, joint: int = 1, floor: np.ndarray = FLOOR
+) -> Predictable:
     """What is predicted of a torque that is left on joint 1, with noise at the floor on top."""
     noise = np.random.default_rng(9).standard_normal((len(at.t), N))
     error = low_pass(np.sqrt(RATE / 24.0) * floor[0] * noise, RATE, 12.0)
@@ -95,11 +113,17 @@ def test_one_recording_is_judged_on_its_halves() -> None:
 
 def test_it_is_quick_and_the_same_every_time() -> None:
     at = rows()
-    gap = TorqueGap(np.random.default_rng(0).standard_normal((len(at.t), N)), 20.0 * np.cos(at.q), (0, len(at.t)))
+    gap = TorqueGap(
+        np.random.default_rng(0).standard_normal((len(at.t), N)),
+        20.0 * np.cos(at.q),
+        (0, len(at.t)),
+    )
     start = time.process_time()
     first = predictable(gap, at, FLOOR, [1, 2, 3])
     assert time.process_time() - start < 4.0  # 60 s of recordings, three open joints
-    assert [p.document() for p in first] == [p.document() for p in predictable(gap, at, FLOOR, [1, 2, 3])]
+    assert [p.document() for p in first] == [
+        p.document() for p in predictable(gap, at, FLOOR, [1, 2, 3])
+    ]
     assert predictable(gap, at, FLOOR, []) == []
 
 
@@ -110,4 +134,9 @@ def test_it_is_in_the_document_and_in_the_report(tmp_path) -> None:
     validate(document)
     render(documents.diagnosis(document), tmp_path / "report.html")
     html = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "J4: " in html and "can be predicted" in html and 'data-guess="0"' in html and "Its position alone" in html
+    assert (
+        "J4: " in html
+        and "can be predicted" in html
+        and 'data-guess="0"' in html
+        and "Its position alone" in html
+    )

@@ -9,11 +9,17 @@ import numpy as np
 import pytest
 import synthetic
 
-from arm.case import Case, load_case
-from diagnosis.quantization import encoder_step, find_quantization, lattice
+from gapscope.arm.case import Case, load_case
+from gapscope.diagnosis.setup_faults.quantization import (
+    encoder_step,
+    find_quantization,
+    lattice,
+)
 
 
-def rounded(case: Case, steps: dict[int, float], digits: int = 7, offset: float = 0.0) -> Case:
+def rounded(
+    case: Case, steps: dict[int, float], digits: int = 7, offset: float = 0.0
+) -> Case:
     """The case with joints, from 1, rounded to steps after noise, and written with so many significant digits."""
     rng = np.random.default_rng(0)
     recordings = []
@@ -63,9 +69,14 @@ def test_noise_after_rounding_is_no_lattice() -> None:
 
 @pytest.mark.shared_data
 def test_a_12_bit_servo_is_known_by_its_positions(shared: Path) -> None:
-    case = load_case(Path(__file__).parents[2] / "experiments" / "cases" / "so101.yaml", data_root=shared)
+    case = load_case(
+        Path(__file__).parents[2] / "experiments" / "cases" / "so101.yaml",
+        data_root=shared,
+    )
     (found,) = find_quantization(case)
-    np.testing.assert_allclose(found.parameters["step"].value[:5], 2 * np.pi / 4096, rtol=1e-4)
+    np.testing.assert_allclose(
+        found.parameters["step"].value[:5], 2 * np.pi / 4096, rtol=1e-4
+    )
 
 
 @pytest.mark.shared_data

@@ -13,45 +13,64 @@ import pytest
 import synthetic
 from synthetic import Truth
 
-from diagnosis.diagnose import diagnose
-from diagnosis.document import validate
-from diagnosis.result import Diagnosis
+from gapscope.diagnosis.diagnose import diagnose
+from gapscope.diagnosis.document.diagnosis_json import validate
+from gapscope.diagnosis.result import Diagnosis
 
 
 def named(result: Diagnosis) -> list[tuple[str, tuple[int, ...]]]:
-    return sorted((effect["effect"], tuple(effect["joints"])) for effect in result.document["effects"])
+    return sorted(
+        (effect["effect"], tuple(effect["joints"]))
+        for effect in result.document["effects"]
+    )
 
 
 PAIRS = {
     "Coulomb and delay": (
-        Truth(coulomb=(0.0, 2.0, 0.0), delay=(0.01, 0.0, 0.0)), [("actuator_delay", (1,)), ("coulomb_friction", (2,))],
+        Truth(coulomb=(0.0, 2.0, 0.0), delay=(0.01, 0.0, 0.0)),
+        [("actuator_delay", (1,)), ("coulomb_friction", (2,))],
     ),
     "on the same joint": (
-        Truth(viscous=(0.0, 2.0, 0.0), offset=(0.0, 2.0, 0.0)), [("torque_offset", (2,)), ("viscous_friction", (2,))],
+        Truth(viscous=(0.0, 2.0, 0.0), offset=(0.0, 2.0, 0.0)),
+        [("torque_offset", (2,)), ("viscous_friction", (2,))],
     ),
     "payload and friction": (
-        Truth(mass=2.0, com=(0.15, 0.0, 0.0), coulomb=(0.0, 2.0, 0.0)), [("coulomb_friction", (2,)), ("payload", ())],
+        Truth(mass=2.0, com=(0.15, 0.0, 0.0), coulomb=(0.0, 2.0, 0.0)),
+        [("coulomb_friction", (2,)), ("payload", ())],
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(
     ("truth", "other"),
     [
-        (Truth(mass=1.0, com=(0.15, 0.0, 0.0), armature=(0.0, 0.0, 0.4)), ("armature", (3,))),
-        (Truth(mass=1.0, com=(0.15, 0.0, 0.0), coulomb=(0.0, 2.0, 0.0)), ("coulomb_friction", (2,))),
+        (
+            Truth(mass=1.0, com=(0.15, 0.0, 0.0), armature=(0.0, 0.0, 0.4)),
+            ("armature", (3,)),
+        ),
+        (
+            Truth(mass=1.0, com=(0.15, 0.0, 0.0), coulomb=(0.0, 2.0, 0.0)),
+            ("coulomb_friction", (2,)),
+        ),
     ],
     ids=["armature", "Coulomb"],
 )
-def test_payload_of_a_third_of_its_link_beside(truth: Truth, other: tuple[str, tuple[int, ...]]) -> None:
+def test_payload_of_a_third_of_its_link_beside(
+    truth: Truth, other: tuple[str, tuple[int, ...]]
+) -> None:
     """The payload alone, of 0.6 kg and more, is found."""
     assert named(diagnose(synthetic.case(truth, seed=2))) == [other, ("payload", ())]
 
 
-@pytest.mark.xfail(strict=True, reason="so small a load is as likely an error of 6 % in the nominal inertials")
+@pytest.mark.xfail(
+    strict=True,
+    reason="so small a load is as likely an error of 6 % in the nominal inertials",
+)
 def test_floor_does_not_rise_to_the_gap() -> None:
     """0.3 kg on a link of 3 kg leave a gap of 0.16, a healthy arm one of 0.005: this is not no_gap."""
-    document = diagnose(synthetic.case(Truth(mass=0.3, com=(0.15, 0.0, 0.0)), seed=2)).document
+    document = diagnose(
+        synthetic.case(Truth(mass=0.3, com=(0.15, 0.0, 0.0)), seed=2)
+    ).document
     assert document["verdict"] != "no_gap"
     assert max(document["gap"]["before"]["floor"]) < 0.1
 
@@ -60,21 +79,31 @@ def test_floor_does_not_rise_to_the_gap() -> None:
     ("truth", "expected"),
     [pytest.param(*pair, id=name) for name, pair in PAIRS.items()],
 )
-def test_a_pair_of_effects(truth: Truth, expected: list[tuple[str, tuple[int, ...]]]) -> None:
+def test_a_pair_of_effects(
+    truth: Truth, expected: list[tuple[str, tuple[int, ...]]]
+) -> None:
     result = diagnose(synthetic.case(truth, seed=2))
     assert result.document["verdict"] == "effects_found"
     assert named(result) == expected
     shares = [effect["share"] for effect in result.document["effects"]]
     assert shares == sorted(shares, reverse=True) and 0.9 < sum(shares) <= 1.0 + 1e-9
     for effect in result.document["effects"]:
-        only, without = (np.array(effect[k]["torque_nrmse"]) for k in ("gap_with_only_this", "gap_without_this"))
-        before, after = (np.array(result.document["gap"][k]["torque_nrmse"]) for k in ("before", "after"))
+        only, without = (
+            np.array(effect[k]["torque_nrmse"])
+            for k in ("gap_with_only_this", "gap_without_this")
+        )
+        before, after = (
+            np.array(result.document["gap"][k]["torque_nrmse"])
+            for k in ("before", "after")
+        )
         assert (only < before - 0.01).any() and (without > after + 0.01).any()
 
 
 def test_effects_and_document_have_the_same_order() -> None:
     result = diagnose(synthetic.case(PAIRS["on the same joint"][0], seed=2))
-    assert [e.name for e in result.effects] == [e["effect"] for e in result.document["effects"]]
+    assert [e.name for e in result.effects] == [
+        e["effect"] for e in result.document["effects"]
+    ]
 
 
 def test_encoder_offset_beside_a_payload() -> None:
@@ -84,7 +113,9 @@ def test_encoder_offset_beside_a_payload() -> None:
     assert named(result) == [("encoder_offset", (2,)), ("payload", ())]
     by_name = {e["effect"]: e["parameters"] for e in result.document["effects"]}
     assert by_name["payload"]["mass"]["value"] == pytest.approx(1.5, rel=0.05)
-    assert by_name["encoder_offset"]["offset"]["value"] == pytest.approx([0.06], rel=0.05)
+    assert by_name["encoder_offset"]["offset"]["value"] == pytest.approx(
+        [0.06], rel=0.05
+    )
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -113,12 +144,23 @@ def one_sided_drag(t: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
     "extra",
     [ripple, one_sided_drag],
 )
-def test_effect_outside_the_catalogue_is_unexplained_on_its_joint(extra: Torque) -> None:
+def test_effect_outside_the_catalogue_is_unexplained_on_its_joint(
+    extra: Torque,
+) -> None:
     document = diagnose(synthetic.case(Truth(extra=extra), seed=3)).document
     validate(document)
     assert document["verdict"] == "unexplained"
-    assert document["unexplained"]["above_floor"] and document["unexplained"]["share"] > 0.3
-    after, floor = (np.array(x) for x in (document["gap"]["after"]["torque_nrmse"], document["gap"]["before"]["floor"]))
+    assert (
+        document["unexplained"]["above_floor"]
+        and document["unexplained"]["share"] > 0.3
+    )
+    after, floor = (
+        np.array(x)
+        for x in (
+            document["gap"]["after"]["torque_nrmse"],
+            document["gap"]["before"]["floor"],
+        )
+    )
     assert list(np.flatnonzero(after > 1.6 * floor) + 1) == [2]
     assert {region["joint"] for region in document["unexplained"]["where"]} <= {2}
     assert "joint 2" in document["next_recording"]
@@ -128,7 +170,9 @@ def test_effect_outside_the_catalogue_is_unexplained_on_its_joint(extra: Torque)
 
 def test_ripple_is_placed_in_its_frequency_band() -> None:
     document = diagnose(synthetic.case(Truth(extra=ripple), seed=3)).document
-    assert "4 to 8 Hz" in [region["regime"] for region in document["unexplained"]["where"]]
+    assert "4 to 8 Hz" in [
+        region["regime"] for region in document["unexplained"]["where"]
+    ]
 
 
 class TestVerdict:
@@ -142,9 +186,14 @@ class TestVerdict:
         truth = Truth(coulomb=(0.0, 4.0, 2.0), extra=self.little)
         document = diagnose(synthetic.case(truth, seed=4)).document
         assert document["verdict"] == "effects_found"
-        assert document["unexplained"]["above_floor"] and 0.0 < document["unexplained"]["share"] < 0.3
+        assert (
+            document["unexplained"]["above_floor"]
+            and 0.0 < document["unexplained"]["share"] < 0.3
+        )
 
-    def test_large_effect_and_a_little_on_another_joint_that_nothing_explains(self) -> None:
+    def test_large_effect_and_a_little_on_another_joint_that_nothing_explains(
+        self,
+    ) -> None:
         truth = Truth(coulomb=(4.0, 0.0, 2.0), extra=self.little)
         result = diagnose(synthetic.case(truth, seed=4))
         assert result.document["verdict"] == "unexplained"
@@ -160,17 +209,23 @@ class TestVerdict:
         assert document["unexplained"]["above_floor"]
 
     @pytest.mark.parametrize(("torque", "there"), [(0.04, False), (0.4, True)])
-    def test_effect_below_a_hundredth_is_not_named(self, torque: float, there: bool) -> None:
+    def test_effect_below_a_hundredth_is_not_named(
+        self, torque: float, there: bool
+    ) -> None:
         result = diagnose(synthetic.case(Truth(coulomb=(0.0, torque, 0.0)), seed=5))
         assert bool(result.effects) == there
         assert result.document["verdict"] == ("effects_found" if there else "no_gap")
 
     def test_every_effect_named_lowers_a_gap_by_a_hundredth(self) -> None:
-        truth = Truth(coulomb=(0.3, 2.0, 0.1), viscous=(0.1, 0.0, 0.3), armature=(0.05, 0.0, 0.0))
+        truth = Truth(
+            coulomb=(0.3, 2.0, 0.1), viscous=(0.1, 0.0, 0.3), armature=(0.05, 0.0, 0.0)
+        )
         document = diagnose(synthetic.case(truth, seed=6)).document
         after = np.array(document["gap"]["after"]["torque_nrmse"])
         for effect in document["effects"]:
-            assert (np.array(effect["gap_without_this"]["torque_nrmse"]) - after).max() > 0.008
+            assert (
+                np.array(effect["gap_without_this"]["torque_nrmse"]) - after
+            ).max() > 0.008
 
     def test_shorter_than_a_sampling_skew_is_no_delay(self) -> None:
         """Half a millisecond on every joint is what a held torque leaves."""
@@ -180,11 +235,17 @@ class TestVerdict:
 
 def test_probabilities_and_alternatives() -> None:
     """An effect, its rivals and what is not among them share one probability."""
-    document = diagnose(synthetic.case(Truth(coulomb=(0.0, 0.35, 0.0)), seed=5)).document
+    document = diagnose(
+        synthetic.case(Truth(coulomb=(0.0, 0.35, 0.0)), seed=5)
+    ).document
     assert document["effects"]
     for effect in document["effects"]:
         rivals = effect["alternatives"]
-        assert 0.8 < effect["probability"] + sum(r["probability"] for r in rivals) <= 1.0 + 1e-9
+        assert (
+            0.8
+            < effect["probability"] + sum(r["probability"] for r in rivals)
+            <= 1.0 + 1e-9
+        )
         assert effect["set"][0] == effect["effect"] and set(effect["set"][1:]) <= {
             "unknown",
             *(r["effect"] for r in rivals),
@@ -192,13 +253,17 @@ def test_probabilities_and_alternatives() -> None:
         assert all(r["probability"] <= effect["probability"] for r in rivals)
         probabilities = [r["probability"] for r in rivals]
         assert probabilities == sorted(probabilities, reverse=True)
-        assert all(r["effect"] != effect["effect"] and r["separated_by"] for r in rivals)
+        assert all(
+            r["effect"] != effect["effect"] and r["separated_by"] for r in rivals
+        )
 
 
 @pytest.mark.slow
 def test_standard_deviations_cover_the_errors() -> None:
     """Over six seeds the errors are of the size that the block bootstrap says, for three effects at once."""
-    truth = Truth(viscous=(3.0, 0.0, 0.0), offset=(0.0, 2.0, 0.0), armature=(0.0, 0.0, 0.3))
+    truth = Truth(
+        viscous=(3.0, 0.0, 0.0), offset=(0.0, 2.0, 0.0), armature=(0.0, 0.0, 0.3)
+    )
     true = {"viscous_friction": 3.0, "torque_offset": 2.0, "armature": 0.3}
     errors: dict[str, list[float]] = {name: [] for name in true}
     stds: dict[str, list[float]] = {name: [] for name in true}
@@ -207,7 +272,9 @@ def test_standard_deviations_cover_the_errors() -> None:
         assert {e["effect"] for e in document["effects"]} == set(true)
         for effect in document["effects"]:
             ((_, parameter),) = effect["parameters"].items()
-            errors[effect["effect"]].append(parameter["value"][0] - true[effect["effect"]])
+            errors[effect["effect"]].append(
+                parameter["value"][0] - true[effect["effect"]]
+            )
             stds[effect["effect"]].append(parameter["std"][0])
     for name in true:
         ratio = np.sqrt(np.mean(np.square(errors[name]))) / np.mean(stds[name])
@@ -216,7 +283,10 @@ def test_standard_deviations_cover_the_errors() -> None:
 
 @pytest.mark.parametrize(
     "truth",
-    [Truth(encoder=(0.0, 0.0, 0.06)), Truth(link=2, link_mass=1.0, ripple=(1.5, 0.0, 0.0))],
+    [
+        Truth(encoder=(0.0, 0.0, 0.06)),
+        Truth(link=2, link_mass=1.0, ripple=(1.5, 0.0, 0.0)),
+    ],
     ids=["encoder of the last joint", "a link beside a ripple"],
 )
 def test_nominal_errors_do_not_stand_for_an_effect(truth: Truth) -> None:

@@ -6,13 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from arm.case import Case
-from diagnosis.findings import _known
-from diagnosis.replay_gap import MOST_TICKS, attempt, replay_gap
-from diagnosis.terms import Terms
-from effects.applied import AppliedEffect
-from envs.mystery import iiwa
-from envs.session import Plan, record_case
+from gapscope.arm.case import Case
+from gapscope.diagnosis.assessment.replay_gap import MOST_TICKS, attempt, replay_gap
+from gapscope.diagnosis.document.findings import _known
+from gapscope.diagnosis.model.terms import Terms
+from gapscope.effects.applied import AppliedEffect
+from gapscope.envs.mystery_arm import iiwa
+from gapscope.envs.session import Plan, record_case
 
 PAYLOAD = AppliedEffect("payload", (), {"mass": 3.0, "com": [0.0, 0.02, 0.06]})
 WRONG = AppliedEffect("payload", (), {"mass": 30.0, "com": [0.0, 0.02, 0.06]})
@@ -20,7 +20,13 @@ WRONG = AppliedEffect("payload", (), {"mass": 30.0, "com": [0.0, 0.02, 0.06]})
 
 @pytest.fixture(scope="module")
 def case() -> Case:
-    return record_case("loaded", iiwa(), (PAYLOAD,), Plan(recordings=2, duration=2.0), np.random.default_rng(1))
+    return record_case(
+        "loaded",
+        iiwa(),
+        (PAYLOAD,),
+        Plan(recordings=2, duration=2.0),
+        np.random.default_rng(1),
+    )
 
 
 def _judge(case: Case, judged: bool = False, start: float = 0.0) -> SimpleNamespace:
@@ -29,10 +35,15 @@ def _judge(case: Case, judged: bool = False, start: float = 0.0) -> SimpleNamesp
     evidence = SimpleNamespace(
         fit=lambda terms: SimpleNamespace(theta=PAYLOAD if judged else WRONG),
         without_last=lambda terms: WRONG if judged else PAYLOAD,
-        terms=SimpleNamespace(clipped=lambda theta: theta, effects=lambda theta, terms: (theta,) if terms else ()),
+        terms=SimpleNamespace(
+            clipped=lambda theta: theta,
+            effects=lambda theta, terms: (theta,) if terms else (),
+        ),
     )
     folds = [[SimpleNamespace(motion=SimpleNamespace(t=t))] for t in times]
-    found = SimpleNamespace(evidence=evidence, fit=SimpleNamespace(terms=frozenset(Terms(7).of("payload"))))
+    found = SimpleNamespace(
+        evidence=evidence, fit=SimpleNamespace(terms=frozenset(Terms(7).of("payload")))
+    )
     return SimpleNamespace(judged=["some"] if judged else [], folds=folds, found=found)
 
 
@@ -43,7 +54,9 @@ def test_the_effects_found_close_it(case: Case) -> None:
     assert _known(found.after) == found.after.tolist()
 
 
-def test_the_only_effect_alone_closes_what_all_do_and_without_it_nothing_is_closed(case: Case) -> None:
+def test_the_only_effect_alone_closes_what_all_do_and_without_it_nothing_is_closed(
+    case: Case,
+) -> None:
     found = replay_gap(case, _judge(case))
     assert list(found.only) == list(found.without) == ["payload"]
     np.testing.assert_array_equal(found.only["payload"], found.after)
@@ -58,7 +71,9 @@ def test_another_engine_says_the_same(case: Case) -> None:
     assert after.mean() < 0.05 * before.mean()
 
 
-def test_a_recording_set_aside_is_replayed_with_values_fitted_to_all_others(case: Case) -> None:
+def test_a_recording_set_aside_is_replayed_with_values_fitted_to_all_others(
+    case: Case,
+) -> None:
     apart = replace(case, judged=case.recordings[:1])
     found = replay_gap(apart, _judge(apart, judged=True))
     assert found.after.mean() < 0.05 * found.before.mean()
@@ -71,9 +86,15 @@ def test_a_block_of_a_recording_is_replayed_alone(case: Case) -> None:
 
 
 @pytest.mark.parametrize("unknown", ["controller", "reference"])
-def test_without_controller_or_reference_the_recorded_torque_moves_the_arm(case: Case, unknown: str) -> None:
+def test_without_controller_or_reference_the_recorded_torque_moves_the_arm(
+    case: Case, unknown: str
+) -> None:
     bare = tuple(replace(recording, q_ref=None) for recording in case.recordings)
-    less = replace(case, controller=None) if unknown == "controller" else replace(case, recordings=bare)
+    less = (
+        replace(case, controller=None)
+        if unknown == "controller"
+        else replace(case, recordings=bare)
+    )
     through, driven = replay_gap(case, _judge(case)), replay_gap(less, _judge(case))
     assert (through.by, driven.by) == ("controller", "torque")
     assert not driven.warnings and driven.after.mean() < 0.5 * driven.before.mean()
@@ -82,9 +103,15 @@ def test_without_controller_or_reference_the_recorded_torque_moves_the_arm(case:
 def test_an_arm_that_runs_away_is_null_with_a_warning(case: Case) -> None:
     assert case.controller is not None
     gains = replace(case.controller, kp=np.full(7, 1e8))
-    found = replay_gap(replace(case, arm=replace(case.arm, torque_limit=None), controller=gains), _judge(case))
+    found = replay_gap(
+        replace(case, arm=replace(case.arm, torque_limit=None), controller=gains),
+        _judge(case),
+    )
     assert found.before is None and found.after is None
-    assert ["nominal arm" in found.warnings[0], "corrected arm" in found.warnings[1]] == [True, True]
+    assert [
+        "nominal arm" in found.warnings[0],
+        "corrected arm" in found.warnings[1],
+    ] == [True, True]
     assert all("ran away" in warning for warning in found.warnings)
 
 

@@ -16,15 +16,23 @@ import documents
 import numpy as np
 import pytest
 
-from diagnosis.localisation.locate import locate
-from diagnosis.report import SummaryRow, render, render_summary
-from diagnosis.report.figures import POINTS_PER_CURVE, encode, keep_extremes, payload
-from diagnosis.report.places import curves
-from diagnosis.result import Located, Spectrum
-from diagnosis.rows import Rows
-from diagnosis.wording import verdict_sentence
+from gapscope.diagnosis.document.wording import verdict_sentence
+from gapscope.diagnosis.localisation.locate import locate
+from gapscope.diagnosis.localisation.stacked_rows import Rows
+from gapscope.diagnosis.result import Located, Spectrum
+from gapscope.reports.diagnosis import SummaryRow, render, render_summary
+from gapscope.reports.diagnosis.figures import (
+    POINTS_PER_CURVE,
+    encode,
+    keep_extremes,
+    payload,
+)
+from gapscope.reports.diagnosis.places import curves
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+CHROMIUM = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))),
+    None,
+)
 EVIL = "<script>alert('x')</script><img src=http://evil.example/x.png>"
 
 
@@ -41,7 +49,11 @@ class Page(HTMLParser):
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append(tag)
-        self.addresses += [value or "" for name, value in attrs if name in ("src", "href", "srcset", "action")]
+        self.addresses += [
+            value or ""
+            for name, value in attrs
+            if name in ("src", "href", "srcset", "action")
+        ]
 
     def handle_data(self, data: str) -> None:
         if self.tags and self.tags[-1] not in ("script", "style"):
@@ -53,9 +65,21 @@ def located(stage: str) -> Located:
     t = np.arange(5000) / 250.0
     q = np.column_stack([np.sin(0.9 * t + j) + 0.3 * np.sin(2.3 * t) for j in range(7)])
     dq = np.gradient(q, 1 / 250, axis=0)
-    rows = Rows(t, q, dq, np.gradient(dq, 1 / 250, axis=0), np.zeros(5000, dtype=int), (250.0,), ("recording_a.csv",))
+    rows = Rows(
+        t,
+        q,
+        dq,
+        np.gradient(dq, 1 / 250, axis=0),
+        np.zeros(5000, dtype=int),
+        (250.0,),
+        ("recording_a.csv",),
+    )
     white = np.random.default_rng(0).standard_normal((5000, 7))
-    error = 0.05 * white + (np.abs(q) < 0.2) * white + 0.8 * np.sin(2 * np.pi * 6 * t)[:, None] * (t > 12)[:, None]
+    error = (
+        0.05 * white
+        + (np.abs(q) < 0.2) * white
+        + 0.8 * np.sin(2 * np.pi * 6 * t)[:, None] * (t > 12)[:, None]
+    )
     return Located(stage, locate(error, rows, 9 * np.cos(q), np.full(7, 0.05), [4])[0])
 
 
@@ -64,8 +88,13 @@ def rendered(document: dict[str, Any], folder: Path) -> Page:
     return Page((folder / "report.html").read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize("make", [documents.two_effects, documents.no_gap, documents.unexplained, documents.changed])
-def test_one_file_that_loads_nothing(make: Callable[[], dict[str, Any]], tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "make",
+    [documents.two_effects, documents.no_gap, documents.unexplained, documents.changed],
+)
+def test_one_file_that_loads_nothing(
+    make: Callable[[], dict[str, Any]], tmp_path: Path
+) -> None:
     page = rendered(make(), tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
     assert all(address.startswith("#") for address in page.addresses)
@@ -76,15 +105,39 @@ def test_one_file_that_loads_nothing(make: Callable[[], dict[str, Any]], tmp_pat
 def test_anchors_lead_somewhere(tmp_path: Path) -> None:
     page = rendered(documents.two_effects(), tmp_path)
     html = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert page.addresses and all(f'id="{address[1:]}"' in html for address in page.addresses)
+    assert page.addresses and all(
+        f'id="{address[1:]}"' in html for address in page.addresses
+    )
 
 
 def test_the_findings_are_in_the_report(tmp_path: Path) -> None:
     text = rendered(documents.two_effects(), tmp_path).text
     for expected in (
-        *("8.80 ± 0.20", "14.60 ± 0.30", "+1.051 ± 0.013", "−1.2 ± 1.0", "98 %", "78 %", "96 %", "0.655", "0.066"),
-        *("acceleration reversals above 2 Hz", "a chirp above 10 Hz", "a lag bends it", "−14.2", "500 Hz", "1.9°"),
-        *("3 samples repeat their time stamp", "A chirp on joints 4 and 5", "Torque NRMSE", "panda_joint7"),
+        *(
+            "8.80 ± 0.20",
+            "14.60 ± 0.30",
+            "+1.051 ± 0.013",
+            "−1.2 ± 1.0",
+            "98 %",
+            "78 %",
+            "96 %",
+            "0.655",
+            "0.066",
+        ),
+        *(
+            "acceleration reversals above 2 Hz",
+            "a chirp above 10 Hz",
+            "a lag bends it",
+            "−14.2",
+            "500 Hz",
+            "1.9°",
+        ),
+        *(
+            "3 samples repeat their time stamp",
+            "A chirp on joints 4 and 5",
+            "Torque NRMSE",
+            "panda_joint7",
+        ),
     ):
         assert expected in text, expected
 
@@ -92,22 +145,53 @@ def test_the_findings_are_in_the_report(tmp_path: Path) -> None:
 def test_without_optional_keys_and_without_curves(tmp_path: Path) -> None:
     document = documents.two_effects()
     full = documents.diagnosis(document)
-    for key in ("arm", "recordings", "conditioning", "warnings", "where", "considered", "judged_on"):
+    for key in (
+        "arm",
+        "recordings",
+        "conditioning",
+        "warnings",
+        "where",
+        "considered",
+        "judged_on",
+    ):
         del document[key]
     document["next_recording"] = None
-    document["gap"]["before"]["replay_rmse"] = document["gap"]["after"]["replay_rmse"] = None
+    document["gap"]["before"]["replay_rmse"] = document["gap"]["after"][
+        "replay_rmse"
+    ] = None
     empty = Spectrum(np.zeros(0), np.zeros((0, 7)), np.zeros((0, 7)))
     render(type(full)(document, full.effects, (), (), empty), tmp_path / "report.html")
     text = Page((tmp_path / "report.html").read_text(encoding="utf-8")).text
-    assert "Torque over time" not in text and "Replay RMSE before" not in text and "None needed" in text
+    assert (
+        "Torque over time" not in text
+        and "Replay RMSE before" not in text
+        and "None needed" in text
+    )
 
 
 def test_what_it_was_compared_with_is_told(tmp_path: Path) -> None:
     text = rendered(documents.changed(), tmp_path).text
     for expected in (
-        *("Compared with friday", "2 recordings: a.csv, b.csv", "43 base parameters", "2.000 ± 0.020", "0.013"),
-        *("2.20 (+10 %)", "3.00 (same)", "0.017", "up to 15 %", "viscous friction (joints 2 and 5)"),
-        *("torque offset (joints 1–3)", "94 %", "0.40 ms behind", "on top of what it was then"),
+        *(
+            "Compared with friday",
+            "2 recordings: a.csv, b.csv",
+            "43 base parameters",
+            "2.000 ± 0.020",
+            "0.013",
+        ),
+        *(
+            "2.20 (+10 %)",
+            "3.00 (same)",
+            "0.017",
+            "up to 15 %",
+            "viscous friction (joints 2 and 5)",
+        ),
+        *(
+            "torque offset (joints 1–3)",
+            "94 %",
+            "0.40 ms behind",
+            "on top of what it was then",
+        ),
     ):
         assert expected in text, expected
     page = rendered(documents.two_effects(), tmp_path)
@@ -121,13 +205,26 @@ def test_effects_outside_the_catalogue_are_shown(tmp_path: Path) -> None:
 
 
 def test_names_are_escaped(tmp_path: Path) -> None:
-    document = documents.two_effects() | {"case": EVIL, "warnings": [EVIL], "next_recording": EVIL, "judged_on": EVIL}
-    document["arm"] = {"robot": EVIL, "joints": [EVIL + str(number) for number in range(7)]}
-    document["recordings"][0]["name"] = document["where"][0]["regime"] = document["considered"][0]["reason"] = EVIL
+    document = documents.two_effects() | {
+        "case": EVIL,
+        "warnings": [EVIL],
+        "next_recording": EVIL,
+        "judged_on": EVIL,
+    }
+    document["arm"] = {
+        "robot": EVIL,
+        "joints": [EVIL + str(number) for number in range(7)],
+    }
+    document["recordings"][0]["name"] = document["where"][0]["regime"] = document[
+        "considered"
+    ][0]["reason"] = EVIL
     page = rendered(document, tmp_path)
     assert EVIL not in (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "img" not in page.tags and page.tags.count("script") == 3
-    render_summary([SummaryRow(EVIL, EVIL, document), SummaryRow(EVIL, "b", None, EVIL)], tmp_path / "summary.html")
+    render_summary(
+        [SummaryRow(EVIL, EVIL, document), SummaryRow(EVIL, "b", None, EVIL)],
+        tmp_path / "summary.html",
+    )
     summary = Page((tmp_path / "summary.html").read_text(encoding="utf-8"))
     assert "script" not in summary.tags and "img" not in summary.tags
 
@@ -138,37 +235,87 @@ def test_curves_are_thinned_but_keep_their_peaks() -> None:
     keep = keep_extremes([series, -series], 1000)
     assert len(keep) <= 1000 and series[keep].max() == 7.0 and np.all(np.diff(keep) > 0)
     assert np.array_equal(keep_extremes([series[:9]], 1000), np.arange(9))
-    curves = payload(documents.diagnosis(documents.two_effects()))["recordings"][0]["joints"][3]
+    curves = payload(documents.diagnosis(documents.two_effects()))["recordings"][0][
+        "joints"
+    ][3]
     t = np.frombuffer(base64.b64decode(curves["t"]), "<f4")
-    assert 500 < len(t) <= POINTS_PER_CURVE and len(base64.b64decode(curves["nominal"])) == t.nbytes
+    assert (
+        500 < len(t) <= POINTS_PER_CURVE
+        and len(base64.b64decode(curves["nominal"])) == t.nbytes
+    )
 
 
 def test_curves_survive_the_encoding() -> None:
     values = np.array([0.1, -3e5, np.nan])
-    assert np.array_equal(np.frombuffer(base64.b64decode(encode(values)), "<f4"), values.astype("f4"), equal_nan=True)
+    assert np.array_equal(
+        np.frombuffer(base64.b64decode(encode(values)), "<f4"),
+        values.astype("f4"),
+        equal_nan=True,
+    )
 
 
 def test_the_summary_has_one_row_per_case(tmp_path: Path) -> None:
     made = [documents.two_effects(), documents.no_gap(), documents.unexplained()]
-    rows = [SummaryRow(document["case"], f"cell {document['case']}", document) for document in made]
-    render_summary([*rows, SummaryRow("broken", "broken", None, "a.csv, line 12: not a number")], tmp_path / "s.html")
+    rows = [
+        SummaryRow(document["case"], f"cell {document['case']}", document)
+        for document in made
+    ]
+    render_summary(
+        [*rows, SummaryRow("broken", "broken", None, "a.csv, line 12: not a number")],
+        tmp_path / "s.html",
+    )
     page = Page((tmp_path / "s.html").read_text(encoding="utf-8"))
-    assert page.addresses == [f"./cell%20{document['case']}/report.html" for document in made]
-    for expected in ("4 cases", "Actuator delay", "joints 4 and 5", "96 %", "0.219", "No gap", "Failed", "line 12"):
+    assert page.addresses == [
+        f"./cell%20{document['case']}/report.html" for document in made
+    ]
+    for expected in (
+        "4 cases",
+        "Actuator delay",
+        "joints 4 and 5",
+        "96 %",
+        "0.219",
+        "No gap",
+        "Failed",
+        "line 12",
+    ):
         assert expected in page.text
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium on the PATH")
-@pytest.mark.parametrize(("make", "figures"), [(documents.two_effects, 6), (documents.no_gap, 2)])
-def test_a_browser_draws_the_figures_offline(make: Callable[[], Any], figures: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("make", "figures"), [(documents.two_effects, 6), (documents.no_gap, 2)]
+)
+def test_a_browser_draws_the_figures_offline(
+    make: Callable[[], Any], figures: int, tmp_path: Path
+) -> None:
     rendered(make(), tmp_path)
     command = [
-        *(str(CHROMIUM), "--headless", "--no-sandbox", "--disable-gpu", "--window-size=1280,6000"),
-        *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
-        *("--virtual-time-budget=5000", "--host-resolver-rules=MAP * ~NOTFOUND", "--enable-logging=stderr"),
-        *(f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", (tmp_path / "report.html").as_uri()),
+        *(
+            str(CHROMIUM),
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--window-size=1280,6000",
+        ),
+        *(
+            "--disable-background-networking",
+            "--disable-component-update",
+            "--disable-sync",
+        ),
+        *(
+            "--virtual-time-budget=5000",
+            "--host-resolver-rules=MAP * ~NOTFOUND",
+            "--enable-logging=stderr",
+        ),
+        *(
+            f"--user-data-dir={tmp_path / 'profile'}",
+            "--dump-dom",
+            (tmp_path / "report.html").as_uri(),
+        ),
     ]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    done = subprocess.run(
+        command, capture_output=True, text=True, timeout=120, check=True
+    )
     drawn = re.findall(r'class="figure[^"]*js-plotly-plot"', done.stdout)
     assert len(drawn) == figures
     assert len(re.findall(r'<g class="trace scatter', done.stdout)) >= 2 * figures
@@ -176,7 +323,9 @@ def test_a_browser_draws_the_figures_offline(make: Callable[[], Any], figures: i
 
 
 def test_where_the_gap_lies_as_pictures(tmp_path: Path) -> None:
-    diagnosis = replace(documents.diagnosis(documents.two_effects()), located=(located("before"),))
+    diagnosis = replace(
+        documents.diagnosis(documents.two_effects()), located=(located("before"),)
+    )
     told = curves(diagnosis)
     assert {picture["kind"] for picture in told} >= {"frequency"} and len(told) <= 3
     render(diagnosis, tmp_path / "report.html")
@@ -185,11 +334,20 @@ def test_where_the_gap_lies_as_pictures(tmp_path: Path) -> None:
         assert f'data-place="{index}"' in html and picture["title"].startswith("J4")
 
 
-def test_a_joint_left_above_its_floor_is_said_on_the_first_screen(tmp_path: Path) -> None:
+def test_a_joint_left_above_its_floor_is_said_on_the_first_screen(
+    tmp_path: Path,
+) -> None:
     document = documents.two_effects()
     assert "Not all is explained" not in rendered(document, tmp_path).text
     times_floor = [0.7, 0.7, 0.7, 10.0, 0.7, 0.7, 0.7]
-    document["unexplained"] |= {"above_floor": True, "joints": [4], "times_floor": times_floor}
+    document["unexplained"] |= {
+        "above_floor": True,
+        "joints": [4],
+        "times_floor": times_floor,
+    }
     text = rendered(document, tmp_path).text
-    assert "Not all is explained" in text and "Joint 4 is left at 10 times its floor" in text
+    assert (
+        "Not all is explained" in text
+        and "Joint 4 is left at 10 times its floor" in text
+    )
     assert "actuator delay may only stand for something else" in text

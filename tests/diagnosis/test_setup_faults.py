@@ -11,15 +11,22 @@ import pytest
 import synthetic
 from synthetic import Truth
 
-from arm.case import Case, load_case
-from diagnosis.faults.found import repaired
-from diagnosis.faults.inertials import shifted_arm
-from diagnosis.setup import find_setup_faults
-from effects.faults import Fault, JointSwap, ShiftedInertials, SignFlip, TimeStamps, UnitMismatch
-from effects.severity import ArmScale
-from envs.mystery import HIDDEN, iiwa
-from envs.randomisation import Randomisation, draw_effects
-from envs.session import Plan, record_case
+from gapscope.arm.case import Case, load_case
+from gapscope.diagnosis.setup_faults.detection import find_setup_faults
+from gapscope.diagnosis.setup_faults.found_fault import repaired
+from gapscope.diagnosis.setup_faults.shifted_inertials import shifted_arm
+from gapscope.effects.setup_faults import (
+    Fault,
+    JointSwap,
+    ShiftedInertials,
+    SignFlip,
+    TimeStamps,
+    UnitMismatch,
+)
+from gapscope.effects.severity import ArmScale
+from gapscope.envs.mystery_arm import HIDDEN, iiwa
+from gapscope.envs.randomisation import Randomisation, draw_effects
+from gapscope.envs.session import Plan, record_case
 
 ORDINARY = {
     "healthy": Truth(),
@@ -34,8 +41,14 @@ ORDINARY = {
     "torque offsets": Truth(offset=(5.0, -8.0, 3.0)),
     "rotor twice as heavy": Truth(armature=(1.0, 1.0, 0.4)),
     "delay": Truth(delay=(0.05, 0.05, 0.05)),
-    "several at once": Truth(mass=3.0, com=(0.1, 0.0, 0.0), scale=(0.0, 0.2, 0.0), coulomb=(2.0, 0.0, 1.0)),
-    "beyond the catalogue": Truth(extra=lambda t, q, dq: 6.0 * np.sin(40.0 * t)[:, None] * np.array([1.0, 1.0, 0.3])),
+    "several at once": Truth(
+        mass=3.0, com=(0.1, 0.0, 0.0), scale=(0.0, 0.2, 0.0), coulomb=(2.0, 0.0, 1.0)
+    ),
+    "beyond the catalogue": Truth(
+        extra=lambda t, q, dq: (
+            6.0 * np.sin(40.0 * t)[:, None] * np.array([1.0, 1.0, 0.3])
+        )
+    ),
 }
 
 FAULTS: dict[str, tuple[Fault, tuple[int, ...], str]] = {
@@ -50,7 +63,11 @@ FAULTS: dict[str, tuple[Fault, tuple[int, ...], str]] = {
     "a joint in degrees": (UnitMismatch("degrees", (2,)), (2,), "degrees"),
     "degrees": (UnitMismatch("degrees"), (1, 2, 3), "degrees"),
     "milliseconds": (UnitMismatch("milliseconds"), (), "milliseconds"),
-    "a joint on the motor's side": (UnitMismatch("motor_side", (2,), 80.0), (2,), "motor_side"),
+    "a joint on the motor's side": (
+        UnitMismatch("motor_side", (2,), 80.0),
+        (2,),
+        "motor_side",
+    ),
     "motor side": (UnitMismatch("motor_side", (), 50.0), (1, 2, 3), "motor_side"),
     "inertials shifted": (ShiftedInertials(1), (), ""),
     "inertials shifted back": (ShiftedInertials(-1), (), ""),
@@ -72,7 +89,10 @@ def spoilt(case: Case, fault: Fault) -> Case:
     if isinstance(fault, ShiftedInertials):
         return replace(case, arm=shifted_arm(case.arm, fault.by))
     rng = np.random.default_rng(0)
-    return replace(case, recordings=tuple(fault.apply(recording, rng) for recording in case.recordings))
+    return replace(
+        case,
+        recordings=tuple(fault.apply(recording, rng) for recording in case.recordings),
+    )
 
 
 @pytest.mark.parametrize("label", ORDINARY)
@@ -80,12 +100,23 @@ def test_ordinary_effects_are_no_setup_fault(label: str) -> None:
     assert find_setup_faults(sound(label)) == ()
 
 
-def test_unknown_friction_and_wrong_inertials_are_no_setup_fault(tmp_path: Path) -> None:
+def test_unknown_friction_and_wrong_inertials_are_no_setup_fault(
+    tmp_path: Path,
+) -> None:
     case = sound("healthy")
     zeros = np.zeros(synthetic.N)
-    assert find_setup_faults(replace(case, arm=replace(case.arm, coulomb=zeros, viscous=zeros))) == ()
+    assert (
+        find_setup_faults(
+            replace(case, arm=replace(case.arm, coulomb=zeros, viscous=zeros))
+        )
+        == ()
+    )
     urdf = tmp_path / "robot.urdf"
-    urdf.write_text(synthetic.URDF.replace('mass value="5"', 'mass value="5.6"').replace('"0.15 0.03', '"0.13 0.03'))
+    urdf.write_text(
+        synthetic.URDF.replace('mass value="5"', 'mass value="5.6"').replace(
+            '"0.15 0.03', '"0.13 0.03'
+        )
+    )
     assert find_setup_faults(replace(case, arm=replace(case.arm, urdf=urdf))) == ()
 
 
@@ -98,18 +129,30 @@ def test_fault_is_found_and_put_right(label: str) -> None:
     assert (found.name, found.joints, found.variant) == (fault.name, joints, variant)
     assert found.probability > 0.7
     right = repaired(bad, (found,))
-    if variant not in ("repeats", "gaps"):  # what was lost stays lost, and what was written twice is still told
+    if variant not in (
+        "repeats",
+        "gaps",
+    ):  # what was lost stays lost, and what was written twice is still told
         assert find_setup_faults(right) == ()
     if variant in ("torque", "position", "joint", "degrees", "milliseconds"):
         for given, kept in zip(right.recordings, case.recordings, strict=True):
             for channel in ("t", "q", "tau"):
-                np.testing.assert_allclose(getattr(given, channel), getattr(kept, channel), rtol=1e-9)
+                np.testing.assert_allclose(
+                    getattr(given, channel), getattr(kept, channel), rtol=1e-9
+                )
     if found.gap_before is not None and variant not in ("repeats", "jitter", "gaps"):
-        assert found.gap_after is not None and found.gap_after.max() < found.gap_before.max() / 2
+        assert (
+            found.gap_after is not None
+            and found.gap_after.max() < found.gap_before.max() / 2
+        )
 
 
-@pytest.mark.parametrize("ordinary", ["large payload", "torque read 40 % low", "no friction", "delay"])
-@pytest.mark.parametrize("label", ["torque turned", "joints exchanged", "a joint in degrees", "repeats"])
+@pytest.mark.parametrize(
+    "ordinary", ["large payload", "torque read 40 % low", "no friction", "delay"]
+)
+@pytest.mark.parametrize(
+    "label", ["torque turned", "joints exchanged", "a joint in degrees", "repeats"]
+)
 def test_fault_is_found_beside_an_ordinary_effect(ordinary: str, label: str) -> None:
     fault, joints, variant = FAULTS[label]
     (found,) = find_setup_faults(spoilt(sound(ordinary), fault))
@@ -117,7 +160,9 @@ def test_fault_is_found_beside_an_ordinary_effect(ordinary: str, label: str) -> 
 
 
 def test_values_come_with_their_deviations() -> None:
-    (found,) = find_setup_faults(spoilt(sound("healthy"), UnitMismatch("motor_side", (2,), 80.0)))
+    (found,) = find_setup_faults(
+        spoilt(sound("healthy"), UnitMismatch("motor_side", (2,), 80.0))
+    )
     ratio = found.parameters["ratio"]
     assert ratio.std is not None
     assert abs(ratio.value[0] - 80.0) < max(3 * ratio.std[0], 4.0)
@@ -127,17 +172,26 @@ def test_values_come_with_their_deviations() -> None:
     assert set(found.document()["parameters"]["amount"]) == {"unit", "value", "std"}
 
 
-def test_a_load_far_off_the_axis_is_not_taken_for_inertials_on_the_wrong_links() -> None:
+def test_a_load_far_off_the_axis_is_not_taken_for_inertials_on_the_wrong_links() -> (
+    None
+):
     """Seen on a simulated arm: load, torque constant and dry friction made its right inertials look extraordinary."""
     rng, arm = np.random.default_rng((16, 0, 5)), iiwa()
-    effects = draw_effects(rng, arm, Randomisation(HIDDEN, count=(3, 3), severity=(1.5, 1.5)), ArmScale.of(arm))
+    effects = draw_effects(
+        rng,
+        arm,
+        Randomisation(HIDDEN, count=(3, 3), severity=(1.5, 1.5)),
+        ArmScale.of(arm),
+    )
     assert {e.name for e in effects} == {"coulomb_friction", "payload", "torque_scale"}
     case = record_case("loaded", arm, effects, Plan(), rng)
     assert find_setup_faults(case) == ()
 
 
 def test_one_gear_ratio_for_all_joints_is_found_as_one() -> None:
-    (found,) = find_setup_faults(spoilt(sound("healthy"), UnitMismatch("motor_side", (), 120.0)))
+    (found,) = find_setup_faults(
+        spoilt(sound("healthy"), UnitMismatch("motor_side", (), 120.0))
+    )
     ratios = found.parameters["ratio"].value
     assert len(set(ratios)) == 1 and ratios[0] == pytest.approx(120.0, rel=0.02)
 
@@ -148,13 +202,20 @@ def test_gear_ratios_of_their_own_are_told_apart() -> None:
     for joint, ratio in ((1, 50.0), (2, 100.0), (3, 160.0)):
         case = spoilt(case, UnitMismatch("motor_side", (joint,), ratio))
     (found,) = find_setup_faults(case)
-    assert found.parameters["ratio"].value == pytest.approx((50.0, 100.0, 160.0), rel=0.05)
+    assert found.parameters["ratio"].value == pytest.approx(
+        (50.0, 100.0, 160.0), rel=0.05
+    )
     assert found.gap_after is not None and found.gap_after.max() < 0.06
 
 
 def test_recorded_velocities_tell_a_wrong_rate() -> None:
     case = sound("healthy")
-    moving = replace(case, recordings=tuple(replace(r, dq=np.gradient(r.q, r.t, axis=0)) for r in case.recordings))
+    moving = replace(
+        case,
+        recordings=tuple(
+            replace(r, dq=np.gradient(r.q, r.t, axis=0)) for r in case.recordings
+        ),
+    )
     assert find_setup_faults(moving) == ()
     (found,) = find_setup_faults(spoilt(moving, TimeStamps("wrong_rate", 0.9)))
     assert found.variant == "wrong_rate"
@@ -165,20 +226,33 @@ def test_samples_taken_at_uneven_times_are_stamped_rightly() -> None:
     truth, rng = Truth(), np.random.default_rng(0)
     recordings = []
     for k, recording in enumerate(synthetic.recordings(truth, 3)):
-        t = recording.t + 0.15 / synthetic.RATE * np.clip(rng.standard_normal(len(recording.t)), -3, 3)
+        t = recording.t + 0.15 / synthetic.RATE * np.clip(
+            rng.standard_normal(len(recording.t)), -3, 3
+        )
         path = synthetic.motion(30 + k, (0.1, 0.2, 0.3)[k], 8.0)
-        recordings.append(replace(recording, t=t, q=path.position(t), tau=synthetic.needed(truth, path, t)))
-    assert find_setup_faults(replace(sound("healthy"), recordings=tuple(recordings))) == ()
+        recordings.append(
+            replace(
+                recording, t=t, q=path.position(t), tau=synthetic.needed(truth, path, t)
+            )
+        )
+    assert (
+        find_setup_faults(replace(sound("healthy"), recordings=tuple(recordings))) == ()
+    )
 
 
 @pytest.mark.shared_data
 @pytest.mark.parametrize("number", range(9))
 def test_sample_cases_have_no_setup_fault(number: int, shared: Path) -> None:
-    assert find_setup_faults(load_case(shared / "sample_cases" / f"case00{number}")) == ()
+    assert (
+        find_setup_faults(load_case(shared / "sample_cases" / f"case00{number}")) == ()
+    )
 
 
 @pytest.mark.shared_data
-@pytest.mark.parametrize("name", ["kinova_gen3_current", "kinova_gen3_sensor", "panda", "staubli_tx40", "ur10"])
+@pytest.mark.parametrize(
+    "name",
+    ["kinova_gen3_current", "kinova_gen3_sensor", "panda", "staubli_tx40", "ur10"],
+)
 def test_real_arms_have_no_setup_fault(name: str, shared: Path) -> None:
     path = Path(__file__).parents[2] / "experiments" / "cases" / f"{name}.yaml"
     assert find_setup_faults(load_case(path, data_root=shared)) == ()

@@ -7,33 +7,60 @@ import pytest
 import synthetic
 from synthetic import Truth
 
-from diagnosis.data import Data
-from diagnosis.linear import Linearisation
-from diagnosis.shapes import force_window
-from diagnosis.terms import Terms
-from ident.conditioning import condition, thinned
+from gapscope.diagnosis.model.fit_data import Data
+from gapscope.diagnosis.model.linearisation import Linearisation
+from gapscope.diagnosis.model.nonlinear_scan import force_window
+from gapscope.diagnosis.model.terms import Terms
+from gapscope.ident.signals.conditioning import condition, thinned
 
 CUTOFF = 12.0
 CASES = {
-    "stribeck_friction": (Truth(stribeck=(0.0, 3.0, 0.0), stribeck_speed=0.2), [3.0], 0.2, 0.26, 0.1),
-    "friction_drift": (Truth(drift=(0.0, 0.8, 0.0), drift_time=3.0), [0.8], 3.0, 3.6, 0.1),
-    "torque_ripple": (
-        Truth(ripple=(0.0, 1.5, 0.0), cycles=16.0), [1.5 * np.cos(0.7), 1.5 * np.sin(0.7)], 16.0, 16.2, 0.01,
+    "stribeck_friction": (
+        Truth(stribeck=(0.0, 3.0, 0.0), stribeck_speed=0.2),
+        [3.0],
+        0.2,
+        0.26,
+        0.1,
     ),
-}  # fmt: skip
+    "friction_drift": (
+        Truth(drift=(0.0, 0.8, 0.0), drift_time=3.0),
+        [0.8],
+        3.0,
+        3.6,
+        0.1,
+    ),
+    "torque_ripple": (
+        Truth(ripple=(0.0, 1.5, 0.0), cycles=16.0),
+        [1.5 * np.cos(0.7), 1.5 * np.sin(0.7)],
+        16.0,
+        16.2,
+        0.01,
+    ),
+}
 """The arm, the term's linear coordinates, its shape, a wrong one, and how nearly it has to be found."""
 
 
 def data(truth: Truth) -> Data:
-    segments = [s for r in synthetic.recordings(truth, 1, duration=6.0) for s in condition(r, 20.0)]
-    return Data(synthetic.arm(), synthetic.body(), [[thinned(s, 100.0)] for s in segments], CUTOFF)
+    segments = [
+        s
+        for r in synthetic.recordings(truth, 1, duration=6.0)
+        for s in condition(r, 20.0)
+    ]
+    return Data(
+        synthetic.arm(),
+        synthetic.body(),
+        [[thinned(s, 100.0)] for s in segments],
+        CUTOFF,
+    )
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_a_shape_is_proposed_before_its_term_is_in_use(name: str) -> None:
     truth, _, shape, _, _ = CASES[name]
     plain = Terms(synthetic.N)
-    found = Linearisation(data(truth), np.zeros(plain.size), plain).terms.shapes[plain.of(name)[1]]
+    found = Linearisation(data(truth), np.zeros(plain.size), plain).terms.shapes[
+        plain.of(name)[1]
+    ]
     assert found == pytest.approx((shape,), rel=0.2)
 
 
@@ -45,7 +72,9 @@ def test_a_wrong_shape_in_use_is_put_right(name: str) -> None:
     term, recorded = plain.of(name)[1], data(truth)
     theta = np.zeros(plain.size)
     theta[list(term.columns)] = linear
-    refined = Linearisation(recorded, theta, Terms(synthetic.N, {term: (wrong,)})).refined[term]
+    refined = Linearisation(
+        recorded, theta, Terms(synthetic.N, {term: (wrong,)})
+    ).refined[term]
     assert refined.values == pytest.approx((shape,), rel=within)
     assert 0.0 < refined.std[0] < within * shape
 
@@ -68,7 +97,10 @@ def test_a_window_is_measured_by_what_its_surroundings_leave_of_it() -> None:
     residual = push - basis @ (basis.T @ push)
     found = force_window(t, residual, force, np.ones(1), [basis])
     assert found is not None and found.values == pytest.approx((3.0, 6.0), abs=1e-6)
-    assert force_window(t[:10], residual[:10], force[:10], np.ones(1), [basis[:10]]) is None
+    assert (
+        force_window(t[:10], residual[:10], force[:10], np.ones(1), [basis[:10]])
+        is None
+    )
 
 
 def test_a_spring_that_rests_where_no_joint_can_be_is_impossible() -> None:
@@ -76,6 +108,13 @@ def test_a_spring_that_rests_where_no_joint_can_be_is_impossible() -> None:
     plain = Terms(synthetic.N)
     term, theta = plain.of("parallel_spring")[1], np.zeros(plain.size)
     lowest = np.full(plain.size, -np.inf)
-    for stiffness, rest, impossible in ((5.0, 0.4, False), (-5.0, -0.4, False), (0.1, 10.0, True), (0.0, 1.0, True)):
+    for stiffness, rest, impossible in (
+        (5.0, 0.4, False),
+        (-5.0, -0.4, False),
+        (0.1, 10.0, True),
+        (0.0, 1.0, True),
+    ):
         theta[list(term.columns)] = stiffness, stiffness * rest or rest
-        assert (term in plain.impossible(theta, frozenset({term}), lowest)) == impossible
+        assert (
+            term in plain.impossible(theta, frozenset({term}), lowest)
+        ) == impossible

@@ -15,23 +15,25 @@ import synthetic
 from rich.console import Console
 from synthetic import Truth
 
-from arm.dynamics import RigidBody
-from arm.motion import Motion
-from diagnosis.diagnose import diagnose
-from diagnosis.document import validate
-from diagnosis.report.page import render
-from diagnosis.result import Diagnosis
-from diagnosis.sensed import link_torque
-from diagnosis.sides import SIDE
-from diagnosis.terminal import print_summary
-from diagnosis.wording import sides_sentence
-from effects.applied import AppliedEffect
-from effects.catalogue import CATALOGUE
-from effects.corrected import CorrectedArm
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.motions.motion import Motion
+from gapscope.diagnosis.assessment.sensor_sides import SIDE
+from gapscope.diagnosis.diagnose import diagnose
+from gapscope.diagnosis.document.diagnosis_json import validate
+from gapscope.diagnosis.document.wording import sides_sentence
+from gapscope.diagnosis.model.torque_sensor import link_torque
+from gapscope.diagnosis.result import Diagnosis
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.reports.diagnosis.page import render
+from gapscope.reports.diagnosis.terminal_summary import print_summary
 
 
 def named(document: dict[str, Any]) -> list[tuple[str, list[int]]]:
-    return sorted((effect["effect"], effect["joints"]) for effect in document["effects"])
+    return sorted(
+        (effect["effect"], effect["joints"]) for effect in document["effects"]
+    )
 
 
 @cache
@@ -41,7 +43,11 @@ def rubbing() -> Diagnosis:
 
 
 def test_every_effect_has_a_side() -> None:
-    assert set(SIDE) == set(CATALOGUE) and set(SIDE.values()) == {"actuator", "link", "both"}
+    assert set(SIDE) == set(CATALOGUE) and set(SIDE.values()) == {
+        "actuator",
+        "link",
+        "both",
+    }
 
 
 @pytest.mark.parametrize("name", sorted(set(CATALOGUE) - {"encoder_quantization"}))
@@ -52,16 +58,24 @@ def test_the_side_is_that_of_the_torque_behind_the_gear(name: str) -> None:
     moved = Motion(t, motion.position(t), motion.velocity(t), motion.acceleration(t))
     effect = CATALOGUE[name]
     values = {
-        p.name: np.array([p.typical[1]] * 3 if effect.scope == "joint" else p.typical[1]) for p in effect.parameters
+        p.name: np.array(
+            [p.typical[1]] * 3 if effect.scope == "joint" else p.typical[1]
+        )
+        for p in effect.parameters
     }
     for vector in ("com", "force"):
         if vector in values:
             values[vector] = np.full(3, 0.05 if vector == "com" else 10.0)
     values |= {"link": np.array(2.0)} if "link" in values else {}
-    values |= {"start": np.array(0.5), "end": np.array(1.5)} if "start" in values else {}
+    values |= (
+        {"start": np.array(0.5), "end": np.array(1.5)} if "start" in values else {}
+    )
     applied = AppliedEffect(name, (1, 2, 3) if effect.scope == "joint" else (), values)
     body = RigidBody(synthetic.arm())
-    plain, changed = (link_torque(CorrectedArm(synthetic.arm(), e), body, moved) for e in ((), (applied,)))
+    plain, changed = (
+        link_torque(CorrectedArm(synthetic.arm(), e), body, moved)
+        for e in ((), (applied,))
+    )
     assert np.allclose(plain, changed) == (SIDE[name] == "actuator")
 
 
@@ -71,12 +85,20 @@ def test_friction_lies_on_the_actuator_side() -> None:
     sides = document["sides"]
     assert named(document) == [("coulomb_friction", [2])]
     assert sides["carried_by"] == ["neither", "actuator", "neither"]
-    assert sides["effects"] == [{"effect": "coulomb_friction", "joints": [2], "side": "actuator"}]
-    before, after = (sides["actuator"][stage]["torque_nrmse"] for stage in ("before", "after"))
-    assert before[1] == pytest.approx(document["gap"]["before"]["torque_nrmse"][1], rel=0.05)
+    assert sides["effects"] == [
+        {"effect": "coulomb_friction", "joints": [2], "side": "actuator"}
+    ]
+    before, after = (
+        sides["actuator"][stage]["torque_nrmse"] for stage in ("before", "after")
+    )
+    assert before[1] == pytest.approx(
+        document["gap"]["before"]["torque_nrmse"][1], rel=0.05
+    )
     assert after[1] < 0.2 * before[1]
     link = sides["link"]
-    assert link["before"]["torque_nrmse"] == pytest.approx(link["after"]["torque_nrmse"], abs=2e-3)
+    assert link["before"]["torque_nrmse"] == pytest.approx(
+        link["after"]["torque_nrmse"], abs=2e-3
+    )
 
 
 def test_errors_of_the_sensors_are_not_taken_for_effects() -> None:
@@ -98,7 +120,9 @@ def test_a_payload_lies_on_the_link_side() -> None:
     assert named(carrying().document) == [("payload", [])]
     assert sides["carried_by"][1:] == ["link", "link"]
     assert sides["effects"] == [{"effect": "payload", "joints": [], "side": "link"}]
-    before, after = (np.array(sides["link"][stage]["torque_nrmse"]) for stage in ("before", "after"))
+    before, after = (
+        np.array(sides["link"][stage]["torque_nrmse"]) for stage in ("before", "after")
+    )
     assert (after[1:] < 0.3 * before[1:]).all()
 
 
@@ -122,10 +146,15 @@ def test_effects_on_both_sides_that_pass_for_errors_of_the_nominal_inertials() -
     both = diagnose(case).document
     assert named(both) == [("payload", []), ("torque_scale", [2, 3])]
     assert both["sides"]["carried_by"] == ["link", "both", "both"]
-    assert {e["effect"]: e["side"] for e in both["sides"]["effects"]} == {"payload": "link", "torque_scale": "actuator"}
+    assert {e["effect"]: e["side"] for e in both["sides"]["effects"]} == {
+        "payload": "link",
+        "torque_scale": "actuator",
+    }
     values = {e["effect"]: e["parameters"] for e in both["effects"]}
     assert values["payload"]["mass"]["value"] == pytest.approx(0.8, rel=0.1)
-    assert values["torque_scale"]["scale"]["value"] == pytest.approx([0.06, 0.06], abs=0.015)
+    assert values["torque_scale"]["scale"]["value"] == pytest.approx(
+        [0.06, 0.06], abs=0.015
+    )
 
 
 def test_a_recording_without_sensors_counts_as_before() -> None:
@@ -145,11 +174,19 @@ def test_without_sensors_nothing_is_said_of_sides() -> None:
 def test_report_and_summary_tell_the_side(tmp_path: Path) -> None:
     render(rubbing(), tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert 'id="sides"' in page and 'href="#sides"' in page and "Actuator side" in page and "Link side" in page
+    assert (
+        'id="sides"' in page
+        and 'href="#sides"' in page
+        and "Actuator side" in page
+        and "Link side" in page
+    )
     assert "The gap lies on the actuator side of joint 2." in page
     stream = io.StringIO()
     print_summary(rubbing().document, Console(file=stream, width=80))
-    assert "By the torque sensors: The gap lies on the actuator side of joint 2." in stream.getvalue()
+    assert (
+        "By the torque sensors: The gap lies on the actuator side of joint 2."
+        in stream.getvalue()
+    )
 
 
 def test_sides_in_words() -> None:

@@ -10,9 +10,18 @@ import pytest
 import synthetic
 from synthetic import Truth
 
-from diagnosis.search import Search, search
-from diagnosis.significance import RATE, false_discovery_rates, log_e_values
-from ident.conditioning import TORQUE_CUTOFF, Segment, condition, position_cutoff
+from gapscope.diagnosis.assessment.significance import (
+    RATE,
+    false_discovery_rates,
+    log_e_values,
+)
+from gapscope.diagnosis.selection.search import Search, search
+from gapscope.ident.signals.conditioning import (
+    TORQUE_CUTOFF,
+    Segment,
+    condition,
+    position_cutoff,
+)
 
 
 @cache
@@ -38,11 +47,22 @@ def with_terms(of: Search, effect: str, joint: int) -> Search:
 
 def test_effects_that_are_there_are_borne_out_by_both_halves() -> None:
     values = log_e_values(found(HEAVY))
-    assert set(values) == {"armature", "coulomb_friction"} and min(values.values()) > 50.0
+    assert (
+        set(values) == {"armature", "coulomb_friction"} and min(values.values()) > 50.0
+    )
     assert max(false_discovery_rates(values).values()) < 1e-6
 
 
-@pytest.mark.parametrize("effect", ["torque_offset", "viscous_friction", "armature", "parallel_spring", "torque_scale"])
+@pytest.mark.parametrize(
+    "effect",
+    [
+        "torque_offset",
+        "viscous_friction",
+        "armature",
+        "parallel_spring",
+        "torque_scale",
+    ],
+)
 @pytest.mark.parametrize("joint", [1, 2, 3])
 def test_effects_that_are_not_there_are_not(effect: str, joint: int) -> None:
     """E[e] <= 1: values of 20 / 0.05, which a single discovery needs, come up once in 400 at most."""
@@ -51,8 +71,13 @@ def test_effects_that_are_not_there_are_not(effect: str, joint: int) -> None:
 
 
 def test_what_is_there_stays_confirmed_beside_what_is_not() -> None:
-    rates = false_discovery_rates(log_e_values(with_terms(found(HEAVY), "torque_offset", 3)))
-    assert {name for name, rate in rates.items() if rate <= RATE} == {"armature", "coulomb_friction"}
+    rates = false_discovery_rates(
+        log_e_values(with_terms(found(HEAVY), "torque_offset", 3))
+    )
+    assert {name for name, rate in rates.items() if rate <= RATE} == {
+        "armature",
+        "coulomb_friction",
+    }
 
 
 class TestRates:
@@ -61,12 +86,16 @@ class TestRates:
         rates = false_discovery_rates({"b": 5.2, "a": 10.0, "c": 5.5}, tried=21)
         assert rates["a"] == pytest.approx(21 * np.exp(-10.0))
         assert rates["b"] == pytest.approx(21 / 3 * np.exp(-5.2))
-        assert rates["c"] == pytest.approx(21 / 3 * np.exp(-5.2))  # less than its own, 21 / 2 exp(-5.5)
+        assert rates["c"] == pytest.approx(
+            21 / 3 * np.exp(-5.2)
+        )  # less than its own, 21 / 2 exp(-5.5)
 
     def test_bounded_whatever_the_values(self) -> None:
         assert false_discovery_rates({"a": -1e6, "b": 1e6}) == {"a": 1.0, "b": 0.0}
         assert false_discovery_rates({}) == {}
 
     def test_more_tried_is_harder(self) -> None:
-        few, many = (false_discovery_rates({"a": 6.0}, tried)["a"] for tried in (1, 100))
+        few, many = (
+            false_discovery_rates({"a": 6.0}, tried)["a"] for tried in (1, 100)
+        )
         assert many == pytest.approx(100 * few)

@@ -10,9 +10,22 @@ import documents
 import pytest
 from rich.console import Console
 
-from diagnosis.quantities import display_unit, nrmse, percent, significant, uncertain
-from diagnosis.terminal import print_summary
-from diagnosis.wording import acts_on, gap_closed, joint_ranges, parameter_texts, short_names, verdict_sentence
+from gapscope.diagnosis.display import (
+    display_unit,
+    nrmse,
+    percent,
+    significant,
+    uncertain,
+)
+from gapscope.diagnosis.document.wording import (
+    acts_on,
+    gap_closed,
+    joint_ranges,
+    parameter_texts,
+    short_names,
+    verdict_sentence,
+)
+from gapscope.reports.diagnosis.terminal_summary import print_summary
 
 
 def printed(document: dict[str, Any], width: int = 80) -> str:
@@ -21,43 +34,78 @@ def printed(document: dict[str, Any], width: int = 80) -> str:
     return stream.getvalue()
 
 
-@pytest.mark.parametrize("make", [documents.two_effects, documents.no_gap, documents.unexplained])
+@pytest.mark.parametrize(
+    "make", [documents.two_effects, documents.no_gap, documents.unexplained]
+)
 def test_the_summary_fits_in_80_columns(make: Callable[[], dict[str, Any]]) -> None:
     document = make()
     document["arm"]["joints"] = ["a_rather_long_name_of_a_joint_" * 3] * 7
     text = printed(document)
     assert max(len(line) for line in text.splitlines()) <= 80
-    assert all(f"{value:.3f}" in text for value in document["gap"]["before"]["torque_nrmse"])
+    assert all(
+        f"{value:.3f}" in text for value in document["gap"]["before"]["torque_nrmse"]
+    )
 
 
 def test_the_summary_says_what_was_found() -> None:
     text = printed(documents.two_effects())
     for expected in (
-        *("case005: Effects found", "Actuator delay", "4, 5", "8.80 ± 0.20", "14.60 ± 0.30", "ms", "98 %", "78 %"),
-        *("Payload", "+1.051 ± 0.013 kg", "0.655", "0.066", "0.047", "96 % of the gap", "Next recording: a chirp"),
+        *(
+            "case005: Effects found",
+            "Actuator delay",
+            "4, 5",
+            "8.80 ± 0.20",
+            "14.60 ± 0.30",
+            "ms",
+            "98 %",
+            "78 %",
+        ),
+        *(
+            "Payload",
+            "+1.051 ± 0.013 kg",
+            "0.655",
+            "0.066",
+            "0.047",
+            "96 % of the gap",
+            "Next recording: a chirp",
+        ),
         *("Warning: excitation", "Unexplained: 3 %"),
     ):
         assert expected in text
 
 
 def test_a_reference_is_named() -> None:
-    assert "Compared with: friday (2 recordings); effects are changes since then" in printed(documents.changed())
+    assert (
+        "Compared with: friday (2 recordings); effects are changes since then"
+        in printed(documents.changed())
+    )
 
 
 def test_the_other_verdicts() -> None:
     healthy, riddle = printed(documents.no_gap()), printed(documents.unexplained())
-    assert "healthy: No gap" in healthy and "Prob." not in healthy and "Unexplained" not in healthy
-    assert "riddle: Unexplained gap" in riddle and "97 % of the gap stays unexplained" in riddle
+    assert (
+        "healthy: No gap" in healthy
+        and "Prob." not in healthy
+        and "Unexplained" not in healthy
+    )
+    assert (
+        "riddle: Unexplained gap" in riddle
+        and "97 % of the gap stays unexplained" in riddle
+    )
 
 
 def test_names_are_not_read_as_markup() -> None:
-    text = printed(documents.two_effects() | {"case": "[red]line[/red] 4", "warnings": ["[/] odd"]})
+    text = printed(
+        documents.two_effects() | {"case": "[red]line[/red] 4", "warnings": ["[/] odd"]}
+    )
     assert "[red]line[/red] 4" in text and "[/] odd" in text
 
 
 def test_share_of_the_gap_closed() -> None:
     document = documents.two_effects()
-    before, after, floor = (sum(values) for values in (documents.BEFORE, documents.AFTER, documents.FLOOR))
+    before, after, floor = (
+        sum(values) for values in (documents.BEFORE, documents.AFTER, documents.FLOOR)
+    )
     assert gap_closed(document) == pytest.approx((before - after) / (before - floor))
     assert gap_closed(documents.no_gap()) is None
     assert gap_closed(document | {"verdict": "no_gap"}) is None
@@ -68,17 +116,25 @@ def test_joints_that_are_not_known_do_not_count_as_closed() -> None:
     document = documents.two_effects()
     document["gap"]["after"]["torque_nrmse"] = [None] * 4 + documents.AFTER[4:]
     document["gap"]["after"]["torque_nrmse"][4] = documents.BEFORE[4]
-    closed = (documents.BEFORE[5] - documents.AFTER[5] + documents.BEFORE[6] - documents.AFTER[6]) / (
-        sum(documents.BEFORE[4:]) - sum(documents.FLOOR[4:])
-    )
+    closed = (
+        documents.BEFORE[5]
+        - documents.AFTER[5]
+        + documents.BEFORE[6]
+        - documents.AFTER[6]
+    ) / (sum(documents.BEFORE[4:]) - sum(documents.FLOOR[4:]))
     assert gap_closed(document) == pytest.approx(closed)
 
 
 def test_verdicts_in_words() -> None:
     document = documents.two_effects()
-    assert verdict_sentence(document).startswith("Actuator delay (joints 4 and 5) and payload explain the gap")
+    assert verdict_sentence(document).startswith(
+        "Actuator delay (joints 4 and 5) and payload explain the gap"
+    )
     document["verdict"] = "unexplained"
-    assert "explain a part of the gap, but 3 % of it stays open, most of it on joint 5" in verdict_sentence(document)
+    assert (
+        "explain a part of the gap, but 3 % of it stays open, most of it on joint 5"
+        in verdict_sentence(document)
+    )
     document["effects"] *= 3
     assert "and 3 more effects" in verdict_sentence(document)
 
@@ -87,13 +143,19 @@ def test_what_an_effect_acts_on() -> None:
     assert acts_on({"effect": "payload", "joints": []}) == "the whole arm"
     assert acts_on({"effect": "armature", "joints": [1, 2, 3, 6]}) == "joints 1–3 and 6"
     link = {"unit": "1", "value": 3, "std": None}
-    assert acts_on({"effect": "link_inertia", "joints": [], "parameters": {"link": link}}) == "link 3"
+    assert (
+        acts_on({"effect": "link_inertia", "joints": [], "parameters": {"link": link}})
+        == "link 3"
+    )
     assert joint_ranges([5, 1, 2]) == ["1", "2", "5"]
 
 
 def test_names_of_joints_are_cut_to_what_tells_them_apart() -> None:
     assert short_names(documents.JOINTS) == [""] * 7
-    assert short_names(["shoulder_pan_joint", "elbow_joint"]) == ["shoulder_pan", "elbow"]
+    assert short_names(["shoulder_pan_joint", "elbow_joint"]) == [
+        "shoulder_pan",
+        "elbow",
+    ]
     assert short_names(["a"]) == ["a"]
 
 
@@ -110,16 +172,30 @@ def test_names_of_joints_are_cut_to_what_tells_them_apart() -> None:
         (1.0, 1e-9, "1.00000 ± 0.00001"),
     ],
 )
-def test_values_with_their_uncertainty(value: float, std: float | None, text: str) -> None:
+def test_values_with_their_uncertainty(
+    value: float, std: float | None, text: str
+) -> None:
     assert uncertain(value, std) == text
 
 
 def test_numbers() -> None:
     assert significant(None) == nrmse(None) == percent(None) == "–"
     assert significant(0.01234) == "0.0123" and significant(-88.5, 3, True) == "−88.5"
-    assert [percent(x) for x in (0.0, 0.001, 0.5, 0.998, 1.0)] == ["0 %", "< 1 %", "50 %", "> 99 %", "100 %"]
-    assert display_unit("s", 0.0088) == (1e3, "ms") and display_unit("kg m^2", 1.0) == (1.0, "kg m²")
-    assert display_unit("rad", 0.035)[1] == "°" and display_unit("rad", 4.8e-5)[1] == "µrad"
+    assert [percent(x) for x in (0.0, 0.001, 0.5, 0.998, 1.0)] == [
+        "0 %",
+        "< 1 %",
+        "50 %",
+        "> 99 %",
+        "100 %",
+    ]
+    assert display_unit("s", 0.0088) == (1e3, "ms") and display_unit("kg m^2", 1.0) == (
+        1.0,
+        "kg m²",
+    )
+    assert (
+        display_unit("rad", 0.035)[1] == "°"
+        and display_unit("rad", 4.8e-5)[1] == "µrad"
+    )
 
 
 def test_increments_carry_a_sign_and_units_a_prefix() -> None:

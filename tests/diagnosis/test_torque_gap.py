@@ -7,17 +7,23 @@ import pytest
 import synthetic
 from scipy.signal import butter, sosfiltfilt
 
-from diagnosis.gap import healthy, torque_gap, torque_scale
-from effects.applied import AppliedEffect
-from effects.corrected import CorrectedArm
-from ident.conditioning import Segment, condition
+from gapscope.diagnosis.gap.torque_gap import healthy, torque_gap, torque_scale
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.ident.signals.conditioning import Segment, condition
 
 
 def segments(truth: synthetic.Truth, rate: float = 250.0) -> list[Segment]:
-    return [s for r in synthetic.recordings(truth, duration=6.0, rate=rate) for s in condition(r, 0.4 * rate)]
+    return [
+        s
+        for r in synthetic.recordings(truth, duration=6.0, rate=rate)
+        for s in condition(r, 0.4 * rate)
+    ]
 
 
-def by_hand(measured: np.ndarray, predicted: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
+def by_hand(
+    measured: np.ndarray, predicted: np.ndarray, rate: float
+) -> tuple[np.ndarray, np.ndarray]:
     sos = butter(4, min(12.0, 0.95 * rate / 2), output="sos", fs=rate)
     edge = round(0.3 * rate)
     return tuple(sosfiltfilt(sos, x, axis=0)[edge:-edge] for x in (measured, predicted))
@@ -49,15 +55,21 @@ def test_definition_is_met_exactly_where_the_prediction_is_the_same() -> None:
     nominal = CorrectedArm(synthetic.arm())
     found = torque_gap(nominal, synthetic.body(), [segment])
     assert segment.torque is not None
-    pair = by_hand(segment.torque, nominal.predict(synthetic.body(), segment.motion), 250.0)
+    pair = by_hand(
+        segment.torque, nominal.predict(synthetic.body(), segment.motion), 250.0
+    )
     np.testing.assert_allclose(found.nrmse, nrmse(*pair), rtol=1e-3)
-    np.testing.assert_allclose(found.rmse, np.sqrt(np.mean((pair[0] - pair[1]) ** 2, axis=0)), rtol=1e-3)
+    np.testing.assert_allclose(
+        found.rmse, np.sqrt(np.mean((pair[0] - pair[1]) ** 2, axis=0)), rtol=1e-3
+    )
 
 
 def test_five_percent_rule() -> None:
     """Standard deviations 10, 1 and 0.1: the last is raised to 0.5."""
     unit = np.tile([1.0, -1.0], 50)[:, None]
-    np.testing.assert_allclose(torque_scale(unit * [10.0, 1.0, 0.1] + 7.0), [10.0, 1.0, 0.5])
+    np.testing.assert_allclose(
+        torque_scale(unit * [10.0, 1.0, 0.1] + 7.0), [10.0, 1.0, 0.5]
+    )
 
 
 def test_what_lies_above_12_hz_is_no_gap() -> None:
@@ -66,7 +78,11 @@ def test_what_lies_above_12_hz_is_no_gap() -> None:
     nominal, t = CorrectedArm(synthetic.arm()), segment.motion.t[:, None]
     predicted = nominal.predict(synthetic.body(), segment.motion)
     for frequency, rms in ((40.0, 0.0), (3.0, 5 / np.sqrt(2))):
-        shaken = Segment("s", segment.motion, predicted + [0, 5.0, 0] * np.sin(2 * np.pi * frequency * t))
+        shaken = Segment(
+            "s",
+            segment.motion,
+            predicted + [0, 5.0, 0] * np.sin(2 * np.pi * frequency * t),
+        )
         found = torque_gap(nominal, synthetic.body(), [shaken])
         assert found.rmse[1] == pytest.approx(rms, abs=0.02 + 0.01 * rms)
         assert found.rmse[[0, 2]].max() < 1e-9
@@ -77,7 +93,9 @@ def test_several_segments_are_stacked_before_they_are_normalised() -> None:
     nominal = CorrectedArm(synthetic.arm())
     parts = [torque_gap(nominal, synthetic.body(), [s]) for s in three]
     found = torque_gap(nominal, synthetic.body(), three)
-    np.testing.assert_array_equal(found.measured, np.vstack([p.measured for p in parts]))
+    np.testing.assert_array_equal(
+        found.measured, np.vstack([p.measured for p in parts])
+    )
     np.testing.assert_allclose(found.nrmse, nrmse(found.measured, found.predicted))
     assert found.edges == tuple(np.cumsum([0, *(len(p.measured) for p in parts)]))
     np.testing.assert_array_equal(found.error, found.measured - found.predicted)
@@ -86,7 +104,10 @@ def test_several_segments_are_stacked_before_they_are_normalised() -> None:
 def test_corrected_arm_leaves_a_healthy_gap() -> None:
     three = segments(synthetic.Truth(coulomb=(2.0, 0.0, 0.0)))
     effect = AppliedEffect("coulomb_friction", (1,), {"torque": [2.0]})
-    before, after = (torque_gap(CorrectedArm(synthetic.arm(), e), synthetic.body(), three) for e in ((), (effect,)))
+    before, after = (
+        torque_gap(CorrectedArm(synthetic.arm(), e), synthetic.body(), three)
+        for e in ((), (effect,))
+    )
     assert before.nrmse[0] > 0.1 and after.nrmse.max() < 0.02
 
 
@@ -98,7 +119,11 @@ class TestFloor:
         predicted = nominal.predict(synthetic.body(), segment.motion)
         noise = np.random.default_rng(0).standard_normal(predicted.shape)
         loud, quiet = (
-            healthy(nominal, synthetic.body(), Segment("s", segment.motion, predicted + sigma * noise))
+            healthy(
+                nominal,
+                synthetic.body(),
+                Segment("s", segment.motion, predicted + sigma * noise),
+            )
             for sigma in (5.0, 0.05)
         )
         np.testing.assert_allclose(loud.steady, 5.0 * np.sqrt(24 / 250), rtol=0.3)
@@ -111,7 +136,9 @@ class TestFloor:
         for j in range(synthetic.N):
             slow, fast = speed[:, j] < 0.003, speed[:, j] > 0.3
             assert found.sticking[slow, j].min() > 5 * found.sticking[fast, j].max()
-        assert found.floor.shape == (synthetic.N,) and (found.floor >= found.steady).all()
+        assert (
+            found.floor.shape == (synthetic.N,) and (found.floor >= found.steady).all()
+        )
 
     @pytest.mark.parametrize("seed", range(3))
     def test_lies_above_the_gap_of_a_healthy_arm(self, seed: int) -> None:

@@ -14,16 +14,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 from synthetic import Truth, arm, recordings
 
-from arm.case import Case
-from arm.writing import write_case
-from diagnosis.report import SummaryRow, render_summary
-from diagnosis.report.units import findings, heading, told_apart
-from diagnosis.units.compare import DIFFERING, ONE, SHARED, SOME, compare, groups
-from diagnosis.units.confusion import NOMINAL, Column, Unit, column
-from diagnosis.units.document import grouped, units_document, write_units
-from diagnosis.units.heterogeneity import pooled
-from effects.applied import AppliedEffect
-from effects.corrected_file import write_corrected
+from gapscope.arm.case import Case
+from gapscope.arm.io.write_case import write_case
+from gapscope.diagnosis.fleet.compare_units import (
+    DIFFERING,
+    ONE,
+    SHARED,
+    SOME,
+    compare,
+    groups,
+)
+from gapscope.diagnosis.fleet.confusion import NOMINAL, Column, Unit, column
+from gapscope.diagnosis.fleet.fleet_json import grouped, units_document, write_units
+from gapscope.diagnosis.fleet.heterogeneity import pooled
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected_file import write_corrected
+from gapscope.reports.diagnosis import SummaryRow, render_summary
+from gapscope.reports.diagnosis.fleet_section import findings, heading, told_apart
 
 
 def unit(*effects: tuple[str, list[int], dict[str, tuple[Any, Any]]]) -> dict[str, Any]:
@@ -34,15 +41,23 @@ def unit(*effects: tuple[str, list[int], dict[str, tuple[Any, Any]]]) -> dict[st
     document["effects"] = [
         copy.deepcopy(template)
         | {
-            "effect": name, "joints": joints, "share": 0.5, "alternatives": [],
-            "parameters": {key: {"unit": "N m", "value": v, "std": s} for key, (v, s) in parameters.items()},
+            "effect": name,
+            "joints": joints,
+            "share": 0.5,
+            "alternatives": [],
+            "parameters": {
+                key: {"unit": "N m", "value": v, "std": s}
+                for key, (v, s) in parameters.items()
+            },
         }
         for name, joints, parameters in effects
-    ]  # fmt: skip
+    ]
     return document
 
 
-def coulomb(values: list[float], stds: list[float] | None, joints: list[int]) -> dict[str, Any]:
+def coulomb(
+    values: list[float], stds: list[float] | None, joints: list[int]
+) -> dict[str, Any]:
     return unit(("coulomb_friction", joints, {"torque": (values, stds)}))
 
 
@@ -55,20 +70,29 @@ class TestPooled:
         """Q = 2 (1/2)^2 / 0.1^2 = 50; tau^2 = (Q - 1) / (sum w - sum w^2 / sum w) = 49 / 100."""
         found = pooled([1.0, 2.0], [0.1, 0.1], form=0.0)
         assert found.q == pytest.approx(50.0) and found.i_squared == pytest.approx(0.98)
-        assert found.between == pytest.approx(0.7) and found.estimate == pytest.approx(1.5)
+        assert found.between == pytest.approx(0.7) and found.estimate == pytest.approx(
+            1.5
+        )
         assert found.std == pytest.approx(np.sqrt((0.01 + 0.49) / 2))
 
     def test_unequal_deviations(self) -> None:
         """Weights 4 and 1: mean 1.2, Q = 4 * 0.04 + 0.64 = 0.8 < 1: no scatter beyond the deviations."""
         found = pooled([1.0, 2.0], [0.5, 1.0], form=0.0)
         assert found.estimate == pytest.approx(1.2) and found.q == pytest.approx(0.8)
-        assert found.between == 0.0 and found.i_squared == 0.0 and found.std == pytest.approx(np.sqrt(0.2))
+        assert (
+            found.between == 0.0
+            and found.i_squared == 0.0
+            and found.std == pytest.approx(np.sqrt(0.2))
+        )
 
     def test_false_alarms_come_at_the_level(self) -> None:
         """Of values that differ by their deviations alone, one in a hundred has a p below 0.01."""
         rng = np.random.default_rng(4)
         stds = [0.2, 0.5, 0.3, 0.4]
-        p = [pooled(list(3.0 + rng.normal(0.0, stds)), stds, form=0.0).p for _ in range(4000)]
+        p = [
+            pooled(list(3.0 + rng.normal(0.0, stds)), stds, form=0.0).p
+            for _ in range(4000)
+        ]
         assert 0.005 < np.mean(np.array(p) < 0.01) < 0.017
 
     def test_form_of_the_effects_is_no_difference(self) -> None:
@@ -76,64 +100,110 @@ class TestPooled:
         assert pooled([3.0, 3.1], [1e-4, 1e-4], form=0.0).p < 1e-6
 
     @given(
-        value=st.floats(-1e6, 1e6), count=st.integers(2, 6),
-        stds=st.lists(st.one_of(st.none(), st.floats(0.0, 1e3)), min_size=6, max_size=6),
+        value=st.floats(-1e6, 1e6),
+        count=st.integers(2, 6),
+        stds=st.lists(
+            st.one_of(st.none(), st.floats(0.0, 1e3)), min_size=6, max_size=6
+        ),
         form=st.sampled_from([0.0, 0.03]),
-    )  # fmt: skip
+    )
     def test_identical_values_agree_whatever_their_deviations(
         self, value: float, count: int, stds: list[float | None], form: float
     ) -> None:
         found = pooled([value] * count, stds[:count], form)
-        assert found.p == 1.0 and found.between == 0.0 and found.estimate == value and np.isfinite(found.std)
+        assert (
+            found.p == 1.0
+            and found.between == 0.0
+            and found.estimate == value
+            and np.isfinite(found.std)
+        )
 
 
 class TestCompare:
     @given(
         values=st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=2),
         stds=st.lists(
-            st.one_of(st.none(), st.lists(st.floats(0.0, 10.0), min_size=2, max_size=2)), min_size=2, max_size=5
+            st.one_of(
+                st.none(), st.lists(st.floats(0.0, 10.0), min_size=2, max_size=2)
+            ),
+            min_size=2,
+            max_size=5,
         ),
     )
     def test_identical_values_on_all_units_are_shared(
         self, values: list[float], stds: list[list[float] | None]
     ) -> None:
         units = {f"u{i}": coulomb(values, s, [2, 5]) for i, s in enumerate(stds)}
-        assert kinds(**units) == {("coulomb_friction", 2): SHARED, ("coulomb_friction", 5): SHARED}
+        assert kinds(**units) == {
+            ("coulomb_friction", 2): SHARED,
+            ("coulomb_friction", 5): SHARED,
+        }
 
     def test_each_kind(self) -> None:
         a = unit(
             ("coulomb_friction", [1, 2], {"torque": ([1.0, 2.0], [0.1, 0.1])}),
             ("backlash", [3], {"width": ([0.01], [0.001])}),
-            ("payload", [], {"mass": (1.0, 0.1), "com": ([0.0, 0.0, 0.1], [0.01, 0.01, 0.01])}),
+            (
+                "payload",
+                [],
+                {"mass": (1.0, 0.1), "com": ([0.0, 0.0, 0.1], [0.01, 0.01, 0.01])},
+            ),
         )
         b = unit(
             ("coulomb_friction", [1, 2], {"torque": ([1.1, 4.0], [0.1, 0.1])}),
-            ("payload", [], {"mass": (1.0, 0.1), "com": ([0.0, 0.0, 0.1], [0.01, 0.01, 0.01])}),
+            (
+                "payload",
+                [],
+                {"mass": (1.0, 0.1), "com": ([0.0, 0.0, 0.1], [0.01, 0.01, 0.01])},
+            ),
         )
         c = coulomb([0.9, 2.0], [0.1, 0.1], [1, 2])
         assert kinds(a=a, b=b, c=c) == {
-            ("coulomb_friction", 1): SHARED, ("coulomb_friction", 2): DIFFERING, ("payload", None): SOME,
+            ("coulomb_friction", 1): SHARED,
+            ("coulomb_friction", 2): DIFFERING,
+            ("payload", None): SOME,
             ("backlash", 3): ONE,
-        }  # fmt: skip
+        }
 
     def test_links_are_kept_apart(self) -> None:
-        a, b = (unit(("link_inertia", [], {"link": (link, None), "mass": (0.5, 0.1)})) for link in (2, 3))
-        assert [(row.link, row.kind) for row in compare({"a": a, "b": b})] == [(2, ONE), (3, ONE)]
+        a, b = (
+            unit(("link_inertia", [], {"link": (link, None), "mass": (0.5, 0.1)}))
+            for link in (2, 3)
+        )
+        assert [(row.link, row.kind) for row in compare({"a": a, "b": b})] == [
+            (2, ONE),
+            (3, ONE),
+        ]
 
     def test_phases_repeat_after_a_turn(self) -> None:
-        a, b = (unit(("torque_ripple", [1], {"phase": ([phase], [0.05])})) for phase in (0.02, 2 * np.pi - 0.02))
+        a, b = (
+            unit(("torque_ripple", [1], {"phase": ([phase], [0.05])}))
+            for phase in (0.02, 2 * np.pi - 0.02)
+        )
         assert kinds(a=a, b=b) == {("torque_ripple", 1): SHARED}
 
     def test_the_same_under_another_name_is_told(self) -> None:
-        a, b = unit(("actuator_lag", [4], {"time_constant": ([0.01], [0.001])})), documents.two_effects()
-        lag = next(row for row in compare({"a": a, "b": b}) if row.effect == "actuator_lag")
+        a, b = (
+            unit(("actuator_lag", [4], {"time_constant": ([0.01], [0.001])})),
+            documents.two_effects(),
+        )
+        lag = next(
+            row for row in compare({"a": a, "b": b}) if row.effect == "actuator_lag"
+        )
         assert lag.kind == ONE and lag.instead == {"b": "actuator_delay"}
 
     def test_only_arms_of_one_type_are_compared(self) -> None:
         other, bare = documents.no_gap(), documents.no_gap()
         other["arm"]["robot"] = "another"
         del bare["arm"]
-        found = groups({"a": documents.no_gap(), "b": documents.two_effects(), "c": other, "d": bare})
+        found = groups(
+            {
+                "a": documents.no_gap(),
+                "b": documents.two_effects(),
+                "c": other,
+                "d": bare,
+            }
+        )
         assert [list(members) for members in found.values()] == [["a", "b"], ["c"]]
 
 
@@ -142,13 +212,17 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> list[Unit]:
     """Three units: with friction, like it but for its noise, and with a load; each corrected by the truth."""
     folder = tmp_path_factory.mktemp("fleet")
     friction = AppliedEffect("coulomb_friction", (2,), {"torque": np.array([3.0])})
-    load = AppliedEffect("payload", (), {"mass": np.array(1.2), "com": np.array([0.1, 0.02, 0.05])})
+    load = AppliedEffect(
+        "payload", (), {"mass": np.array(1.2), "com": np.array([0.1, 0.02, 0.05])}
+    )
     rough = Truth(coulomb=(0.0, 3.0, 0.0))
     truths = [("rough", rough, friction), ("twin", rough, friction)]
     truths.append(("loaded", Truth(mass=1.2, com=(0.1, 0.02, 0.05)), load))
     units = []
     for seed, (name, truth, effect) in enumerate(truths):
-        case = Case(name, arm().urdf.parent, arm(), recordings(truth, seed, duration=4.0))
+        case = Case(
+            name, arm().urdf.parent, arm(), recordings(truth, seed, duration=4.0)
+        )
         write_case(case, folder / name)
         write_corrected(name, (effect,), folder / f"{name}.yaml")
         units.append(Unit(name, folder / name, folder / f"{name}.yaml"))
@@ -159,51 +233,91 @@ class TestConfusion:
     def test_each_unit_is_known_but_for_its_twin(self, fleet: list[Unit]) -> None:
         columns = {u.name: column(u, fleet) for u in fleet}
         assert not any(made.problem for made in columns.values())
-        assert columns["loaded"].best == "loaded" and columns["loaded"].confused_with == ()
-        assert columns["rough"].confused_with == ("twin",) and columns["twin"].confused_with == ("rough",)
+        assert (
+            columns["loaded"].best == "loaded" and columns["loaded"].confused_with == ()
+        )
+        assert columns["rough"].confused_with == ("twin",) and columns[
+            "twin"
+        ].confused_with == ("rough",)
         for name, made in columns.items():
             own, nominal = made.mean(name), made.mean(NOMINAL)
             assert own is not None and nominal is not None and own < 0.5 * nominal
 
-    def test_a_case_that_cannot_be_read_is_a_column_without_values(self, fleet: list[Unit], tmp_path: Path) -> None:
+    def test_a_case_that_cannot_be_read_is_a_column_without_values(
+        self, fleet: list[Unit], tmp_path: Path
+    ) -> None:
         made = column(Unit("gone", tmp_path / "gone", fleet[0].corrected), fleet)
-        assert "no such file" in made.problem and made.best is None and made.confused_with == ()
+        assert (
+            "no such file" in made.problem
+            and made.best is None
+            and made.confused_with == ()
+        )
 
     def test_not_best_served_by_its_own_arm(self) -> None:
-        rows = {"nominal": np.array([0.5, 0.5]), "a": np.array([0.2, 0.2]), "b": np.array([0.3, 0.05])}
-        assert Column("a", rows).best == "b" and Column("a", rows).confused_with == ("b",)
+        rows = {
+            "nominal": np.array([0.5, 0.5]),
+            "a": np.array([0.2, 0.2]),
+            "b": np.array([0.3, 0.05]),
+        }
+        assert Column("a", rows).best == "b" and Column("a", rows).confused_with == (
+            "b",
+        )
         assert Column("b", rows).best == "b" and Column("b", rows).confused_with == ()
 
 
 class TestDocument:
     def made(self, tmp_path: Path) -> dict[str, Any]:
         """Two units compared, without recordings; a third whose set-up is at fault."""
-        found = {"a": coulomb([1.0, 2.0], None, [2, 5]), "b": coulomb([1.0, 3.0], None, [2, 5])}
+        found = {
+            "a": coulomb([1.0, 2.0], None, [2, 5]),
+            "b": coulomb([1.0, 3.0], None, [2, 5]),
+        }
         found["c"] = unit(("sign_flip", [2], {}))
-        units = [Unit(name, tmp_path / name, tmp_path / f"{name}.yaml") for name in found]
+        units = [
+            Unit(name, tmp_path / name, tmp_path / f"{name}.yaml") for name in found
+        ]
         made, alone = grouped(found, units)
         (group,) = made
-        assert group.left_out == {"c": "its set-up is at fault: sign flip"} and alone == ()
+        assert (
+            group.left_out == {"c": "its set-up is at fault: sign flip"} and alone == ()
+        )
         assert [u.name for u in group.units] == ["a", "b"]
-        rows = {"nominal": np.array([0.5, 0.4]), "a": np.array([0.1, 0.1]), "b": np.array([0.1, 0.1])}
-        return units_document([(group, [Column("a", rows), Column("b", {}, "cannot be read")])], ["d"])
+        rows = {
+            "nominal": np.array([0.5, 0.4]),
+            "a": np.array([0.1, 0.1]),
+            "b": np.array([0.1, 0.1]),
+        }
+        return units_document(
+            [(group, [Column("a", rows), Column("b", {}, "cannot be read")])], ["d"]
+        )
 
     def test_is_whole_and_plain_json(self, tmp_path: Path) -> None:
         content = self.made(tmp_path)
         write_units(content, tmp_path / "units.json")
-        assert json.loads((tmp_path / "units.json").read_text(encoding="utf-8")) == content
+        assert (
+            json.loads((tmp_path / "units.json").read_text(encoding="utf-8")) == content
+        )
         (group,) = content["groups"]
         confusion = group["confusion"]
-        assert (confusion["rows"], confusion["columns"]) == (["nominal", "a", "b"], ["a"])
+        assert (confusion["rows"], confusion["columns"]) == (
+            ["nominal", "a", "b"],
+            ["a"],
+        )
         assert confusion["torque_nrmse"] == [[0.45], [0.1], [0.1]]
-        assert confusion["best"] == {"a": "a"} and confusion["confused_with"] == {"a": ["b"]}
+        assert confusion["best"] == {"a": "a"} and confusion["confused_with"] == {
+            "a": ["b"]
+        }
         assert set(confusion["left_out"]) == {"b", "c"} and content["alone"] == ["d"]
 
     def test_in_words(self, tmp_path: Path) -> None:
         (group,) = self.made(tmp_path)["groups"]
         places = {(f.name, f.place, f.label) for f in findings(group)}
         assert ("Coulomb friction", "joint 2", "on 2 of 3 units, alike") in places
-        assert ("Coulomb friction", "joint 5", "on 2 of 3 units, sizes differ") in places
+        assert (
+            "Coulomb friction",
+            "joint 5",
+            "on 2 of 3 units, sizes differ",
+        ) in places
         assert ("Sign flip", "joint 2", "only on c") in places
         assert heading(group) == (
             "Effects found: none is shared by all units; 2 on some units and 1 on one unit alone."
@@ -227,7 +341,11 @@ class TestDocument:
         rows = {"nominal": np.array([0.5]), evil: np.array([0.1]), "b": np.array([0.3])}
         columns = [Column(evil, rows), Column("b", rows | {"b": np.array([0.05])})]
         content = units_document([(made[0], columns)], alone)
-        render_summary([SummaryRow(n, n, d) for n, d in found.items()], tmp_path / "s.html", content)
+        render_summary(
+            [SummaryRow(n, n, d) for n, d in found.items()],
+            tmp_path / "s.html",
+            content,
+        )
         html = (tmp_path / "s.html").read_text(encoding="utf-8")
         assert evil not in html and "<script" not in html
         for expected in (

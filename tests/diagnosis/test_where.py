@@ -7,10 +7,15 @@ import pytest
 import synthetic
 from scipy.signal import butter, sosfiltfilt
 
-from diagnosis.diagnose import diagnose
-from diagnosis.rows import Rows, stack
-from diagnosis.where import LEAST_ENRICHMENT, LEAST_SHARE, Region, regions
-from ident.conditioning import condition
+from gapscope.diagnosis.diagnose import diagnose
+from gapscope.diagnosis.localisation.regimes import (
+    LEAST_ENRICHMENT,
+    LEAST_SHARE,
+    Region,
+    regions,
+)
+from gapscope.diagnosis.localisation.stacked_rows import Rows, stack
+from gapscope.ident.signals.conditioning import condition
 
 RATE = 250.0
 N = 5000
@@ -22,7 +27,14 @@ def rows() -> Rows:
     t = np.arange(N) / RATE
     q = np.column_stack([np.sin(2 * t) + 0.4 * np.sin(3.1 * t), np.cos(1.7 * t)])
     dq, step = np.gradient(q, 1 / RATE, axis=0), np.repeat([0, 1], N // 2)
-    return Rows(np.tile(t[: N // 2], 2), q, dq, np.gradient(dq, 1 / RATE, axis=0), step, (RATE, RATE))
+    return Rows(
+        np.tile(t[: N // 2], 2),
+        q,
+        dq,
+        np.gradient(dq, 1 / RATE, axis=0),
+        step,
+        (RATE, RATE),
+    )
 
 
 def noise(seed: int = 0) -> np.ndarray:
@@ -49,19 +61,29 @@ def test_near_velocity_reversal(rows: Rows) -> None:
     assert region.enrichment == pytest.approx(region.share / region.coverage)
 
 
-@pytest.mark.parametrize(("low", "high"), [(1.0, 2.0), (2.0, 4.0), (4.0, 8.0), (8.0, 12.0)])
+@pytest.mark.parametrize(
+    ("low", "high"), [(1.0, 2.0), (2.0, 4.0), (4.0, 8.0), (8.0, 12.0)]
+)
 def test_one_frequency_band(rows: Rows, low: float, high: float) -> None:
     band = butter(4, [1.2 * low, 0.9 * high], "bandpass", output="sos", fs=RATE)
     error = sosfiltfilt(band, np.random.default_rng(2).standard_normal((N, 2)), axis=0)
     region = strongest(error, rows, joint=2)
-    assert (region.joint, region.kind, region.regime) == (2, "frequency", f"{low:g} to {high:g} Hz")
+    assert (region.joint, region.kind, region.regime) == (
+        2,
+        "frequency",
+        f"{low:g} to {high:g} Hz",
+    )
     assert region.share > 0.8
 
 
 def test_one_interval_of_time(rows: Rows) -> None:
     """From 4 to 6 s of the second recording."""
     pushed = (rows.segment == 1) & (rows.t >= 4) & (rows.t <= 6)
-    region = strongest(noise() + pushed[:, None] * np.random.default_rng(3).standard_normal((N, 2)), rows, kind="time")
+    region = strongest(
+        noise() + pushed[:, None] * np.random.default_rng(3).standard_normal((N, 2)),
+        rows,
+        kind="time",
+    )
     assert region.share > 0.9 and region.regime.startswith("recording 2, 4.0 to 6.0 s")
 
 
@@ -70,24 +92,37 @@ def test_one_range_of_positions(rows: Rows) -> None:
     edges = np.linspace(rows.q[:, 0].min(), rows.q[:, 0].max(), 6)
     inside = (rows.q[:, :1] > edges[2]) & (rows.q[:, :1] < edges[3])
     region = strongest(noise() + inside * white, rows, kind="position")
-    assert region.regime == f"position {edges[2]:.2f} to {edges[3]:.2f} rad" and region.share > 0.9
+    assert (
+        region.regime == f"position {edges[2]:.2f} to {edges[3]:.2f} rad"
+        and region.share > 0.9
+    )
 
 
 def test_one_direction_of_motion(rows: Rows) -> None:
     white = np.random.default_rng(5).standard_normal((N, 2))
     named = regions(noise() + (rows.dq > 0.05) * white, rows, load(rows), [1], most=5)
-    assert "moving forward" in [r.regime for r in named] and "moving backward" not in [r.regime for r in named]
+    assert "moving forward" in [r.regime for r in named] and "moving backward" not in [
+        r.regime for r in named
+    ]
 
 
 def test_even_gap_has_no_region_in_time_or_regime(rows: Rows) -> None:
     error = np.random.default_rng(6).standard_normal((N, 2))
-    assert [r for r in regions(error, rows, load(rows), [1, 2], most=9) if r.kind != "frequency"] == []
+    assert [
+        r
+        for r in regions(error, rows, load(rows), [1, 2], most=9)
+        if r.kind != "frequency"
+    ] == []
 
 
 def test_regions_are_large_enriched_and_few(rows: Rows) -> None:
-    error = noise() + (np.abs(rows.dq) > 1.5) * np.random.default_rng(7).standard_normal((N, 2))
+    error = noise() + (np.abs(rows.dq) > 1.5) * np.random.default_rng(
+        7
+    ).standard_normal((N, 2))
     found = regions(error, rows, load(rows), [1, 2], most=2)
-    assert found and all(r.share >= LEAST_SHARE and r.enrichment >= LEAST_ENRICHMENT for r in found)
+    assert found and all(
+        r.share >= LEAST_SHARE and r.enrichment >= LEAST_ENRICHMENT for r in found
+    )
     assert all(sum(r.joint == joint for r in found) <= 2 for joint in (1, 2))
     assert all(0 <= r.share <= 1 and 0 < r.coverage <= 1 for r in found)
 
@@ -96,7 +131,9 @@ def test_no_gap_no_region(rows: Rows) -> None:
     assert regions(np.zeros((N, 2)), rows, load(rows), [1, 2]) == []
 
 
-def extra_friction_at_low_speed(t: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+def extra_friction_at_low_speed(
+    t: np.ndarray, q: np.ndarray, dq: np.ndarray
+) -> np.ndarray:
     return 3.0 * np.exp(-((dq / 0.15) ** 2)) * np.tanh(dq / 0.005) * [0.0, 1.0, 0.0]
 
 
@@ -105,17 +142,29 @@ def a_cable_at_one_place(t: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.nda
 
 
 def test_the_first_regions_of_a_diagnosis() -> None:
-    document = diagnose(synthetic.case(synthetic.Truth(extra=extra_friction_at_low_speed), seed=3)).document
+    document = diagnose(
+        synthetic.case(synthetic.Truth(extra=extra_friction_at_low_speed), seed=3)
+    ).document
     first = document["where"][0]
-    assert first["joint"] == 2 and first["regime"].startswith("near velocity reversal") and first["share"] > 0.7
+    assert (
+        first["joint"] == 2
+        and first["regime"].startswith("near velocity reversal")
+        and first["share"] > 0.7
+    )
 
 
 def test_a_rule_says_where_a_cable_pulls() -> None:
-    document = diagnose(synthetic.case(synthetic.Truth(extra=a_cable_at_one_place), seed=3)).document
+    document = diagnose(
+        synthetic.case(synthetic.Truth(extra=a_cable_at_one_place), seed=3)
+    ).document
     assert document["verdict"] == "unexplained"
     for regions_of in (document["where"], document["unexplained"]["where"]):
         first = regions_of[0]
-        assert first["joint"] == 2 and first["regime"].startswith("position") and first["share"] > 0.7
+        assert (
+            first["joint"] == 2
+            and first["regime"].startswith("position")
+            and first["share"] > 0.7
+        )
         [rule] = [region for region in regions_of if region["kind"] == "rule"]
         [condition] = rule["conditions"]
         assert condition["quantity"] == "position" and rule["share"] > 0.9
@@ -124,10 +173,16 @@ def test_a_rule_says_where_a_cable_pulls() -> None:
 
 
 def test_stacked_rows_are_the_trimmed_samples() -> None:
-    segments = [s for r in synthetic.recordings(synthetic.Truth(), duration=4.0) for s in condition(r, 20.0)]
+    segments = [
+        s
+        for r in synthetic.recordings(synthetic.Truth(), duration=4.0)
+        for s in condition(r, 20.0)
+    ]
     rows = stack(segments)
     assert len(rows.t) == sum(len(s.motion.t[s.inner]) for s in segments)
     np.testing.assert_array_equal(np.unique(rows.segment), [0, 1, 2])
     second = rows.segment == 1
-    np.testing.assert_array_equal(rows.q[second], segments[1].motion.q[segments[1].inner])
+    np.testing.assert_array_equal(
+        rows.q[second], segments[1].motion.q[segments[1].inner]
+    )
     assert rows.t[second][0] == pytest.approx(0.3, abs=0.005)

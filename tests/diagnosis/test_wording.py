@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from diagnosis.wording import pulled_texts
+from gapscope.diagnosis.document.wording import pulled_texts
 
 
-def finding(value: list[float], std: list[float], by_commands: list[float]) -> dict[str, Any]:
+def finding(
+    value: list[float], std: list[float], by_commands: list[float]
+) -> dict[str, Any]:
     inertia = {"unit": "kg m^2", "value": value, "std": std, "by_commands": by_commands}
     return {"effect": "armature", "joints": [2, 4], "parameters": {"inertia": inertia}}
 

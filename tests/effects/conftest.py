@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from arm.dynamics import RigidBody
-from arm.motion import Motion
-from arm.nominal import NominalArm
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.nominal import NominalArm
 
 LINK = """
   <joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/>
@@ -18,14 +18,20 @@ LINK = """
     <inertia ixx="0.01" iyy="0.05" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
 PENDULUM = (
     '<robot name="pendulum"><link name="base"/>'
-    + LINK.format(name="hinge", parent="base", child="rod", origin="0 0 0", axis="0 1 0")
+    + LINK.format(
+        name="hinge", parent="base", child="rod", origin="0 0 0", axis="0 1 0"
+    )
     + "</robot>"
 )
 """A rod of 2 kg, centre of mass 0.5 m from a horizontal axis: 0.55 kg m^2, gravity torque -9.81 cos q N m."""
 TWO = (
     '<robot name="two"><link name="base"/>'
-    + LINK.format(name="yaw", parent="base", child="upper", origin="0 0 0", axis="0 0 1")
-    + LINK.format(name="pitch", parent="upper", child="lower", origin="0.6 0 0.1", axis="0 1 0")
+    + LINK.format(
+        name="yaw", parent="base", child="upper", origin="0 0 0", axis="0 0 1"
+    )
+    + LINK.format(
+        name="pitch", parent="upper", child="lower", origin="0.6 0 0.1", axis="0 1 0"
+    )
     + "</robot>"
 )
 
@@ -44,7 +50,12 @@ def two(tmp_path: Path) -> NominalArm:
     urdf = tmp_path / "two.urdf"
     urdf.write_text(TWO)
     sheet = {"armature": [0.3, 0.1], "coulomb": [1.0, 0.5], "viscous": [0.8, 0.4]}
-    return NominalArm("two", urdf, ("yaw", "pitch"), **{key: np.array(value) for key, value in sheet.items()})
+    return NominalArm(
+        "two",
+        urdf,
+        ("yaw", "pitch"),
+        **{key: np.array(value) for key, value in sheet.items()},
+    )
 
 
 @pytest.fixture

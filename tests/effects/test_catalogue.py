@@ -7,20 +7,39 @@ from dataclasses import FrozenInstanceError, fields
 import numpy as np
 import pytest
 
-from arm.dynamics import RigidBody
-from arm.errors import InputError
-from arm.motion import Motion
-from arm.nominal import NominalArm
-from effects.applied import AppliedEffect
-from effects.catalogue import CATALOGUE, effect
-from effects.corrected import CorrectedArm
-from effects.effect import Effect
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.nominal import NominalArm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.catalogue import CATALOGUE, effect
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import Effect
 
-UNITS = {"N m", "N m s/rad", "N m/rad", "kg", "kg m^2", "m", "s", "rad", "rad/s", "N", "1"}
+UNITS = {
+    "N m",
+    "N m s/rad",
+    "N m/rad",
+    "kg",
+    "kg m^2",
+    "m",
+    "s",
+    "rad",
+    "rad/s",
+    "N",
+    "1",
+}
 ADDED_TO_NOTHING = (
-    "coulomb_friction", "viscous_friction", "load_friction", "payload", "armature",
-    "torque_scale", "torque_offset", "actuator_delay", "encoder_offset",
-)  # fmt: skip
+    "coulomb_friction",
+    "viscous_friction",
+    "load_friction",
+    "payload",
+    "armature",
+    "torque_scale",
+    "torque_offset",
+    "actuator_delay",
+    "encoder_offset",
+)
 """Effects that zero switches off."""
 
 every_effect = pytest.mark.parametrize("definition", CATALOGUE.values(), ids=CATALOGUE)
@@ -30,7 +49,9 @@ def with_values(definition: Effect, which: int) -> AppliedEffect:
     """An effect at the lower (0) or upper (1) end of what real arms have."""
     joints = (2,) if definition.scope == "joint" else ()
     values = {
-        p.name: np.full(p.size, p.typical[which]) if joints or p.size > 1 else p.typical[which]
+        p.name: np.full(p.size, p.typical[which])
+        if joints or p.size > 1
+        else p.typical[which]
         for p in definition.parameters
     }
     if definition.scope == "link":
@@ -41,7 +62,14 @@ def with_values(definition: Effect, which: int) -> AppliedEffect:
 @every_effect
 def test_definition(definition: Effect) -> None:
     assert CATALOGUE[definition.name] is definition is effect(definition.name)
-    assert definition.family in ("friction", "rigid_body", "transmission", "actuation", "sensing", "environment")
+    assert definition.family in (
+        "friction",
+        "rigid_body",
+        "transmission",
+        "actuation",
+        "sensing",
+        "environment",
+    )
     assert definition.scope in ("joint", "link", "arm")
     assert definition.equation and definition.looks_like and definition.reference
     assert definition.parameters and len(set(definition.names)) == len(definition.names)
@@ -50,7 +78,9 @@ def test_definition(definition: Effect) -> None:
 
 
 @every_effect
-def test_parameters_have_units_and_typical_values_within_bounds(definition: Effect) -> None:
+def test_parameters_have_units_and_typical_values_within_bounds(
+    definition: Effect,
+) -> None:
     for parameter in definition.parameters:
         assert parameter.unit in UNITS
         assert parameter.symbol
@@ -84,50 +114,143 @@ def test_typical_values_predict_a_finite_torque_that_differs(
     assert predicted.shape == nominal.shape and np.isfinite(predicted).all()
     if definition.name not in UNSEEN:
         assert np.abs(predicted - nominal).max() > 1e-4
-    if definition.scope == "joint" and definition.family not in ("sensing", "transmission"):
+    if definition.scope == "joint" and definition.family not in (
+        "sensing",
+        "transmission",
+    ):
         assert np.abs(predicted - nominal)[:, 0].max() < 1e-9
     rest = Motion(motion.t, motion.q, np.zeros_like(motion.q), np.zeros_like(motion.q))
     assert np.isfinite(CorrectedArm(two, (applied,)).predict(body, rest)).all()
 
 
 @pytest.mark.parametrize("name", ADDED_TO_NOTHING)
-def test_zero_does_nothing(two: NominalArm, body: RigidBody, motion: Motion, name: str) -> None:
+def test_zero_does_nothing(
+    two: NominalArm, body: RigidBody, motion: Motion, name: str
+) -> None:
     definition = effect(name)
     zero = with_values(definition, 0).parameters
     applied = AppliedEffect(
-        name, (2,) if definition.scope == "joint" else (), {key: 0 * value for key, value in zero.items()}
+        name,
+        (2,) if definition.scope == "joint" else (),
+        {key: 0 * value for key, value in zero.items()},
     )
-    nominal, predicted = (CorrectedArm(two, e).predict(body, motion) for e in ((), (applied,)))
+    nominal, predicted = (
+        CorrectedArm(two, e).predict(body, motion) for e in ((), (applied,))
+    )
     np.testing.assert_allclose(predicted, nominal, atol=1e-12)
 
 
 def test_unknown_effect_lists_the_known_ones() -> None:
-    with pytest.raises(InputError, match=r"unknown effect 'stiction'(.|\n)*coulomb_friction"):
+    with pytest.raises(
+        InputError, match=r"unknown effect 'stiction'(.|\n)*coulomb_friction"
+    ):
         effect("stiction")
 
 
 BAD = {
-    "unknown effect": ("stiction", (1,), {"torque": [1.0]}, "unknown effect 'stiction'"),
-    "missing parameter": ("payload", (), {"mass": 1.0}, "payload: expected the parameters mass, com"),
-    "no parameter": ("coulomb_friction", (1,), {}, "coulomb_friction: expected the parameters torque; got none"),
-    "unknown parameter": ("coulomb_friction", (1,), {"torque": [1.0], "b": [1.0]}, "expected the parameters torque"),
-    "too few values": ("coulomb_friction", (1, 2), {"torque": [1.0]}, r"coulomb_friction\.torque: expected 2 values"),
-    "too many values": ("coulomb_friction", (1,), {"torque": [1.0, 2.0]}, "expected 1 values, got 2"),
-    "vector too short": ("payload", (), {"mass": 1.0, "com": [0, 0]}, r"payload\.com: expected 3 values, got 2"),
-    "number for a vector": ("payload", (), {"mass": 1.0, "com": 0.1}, r"payload\.com: expected 3 values"),
-    "list for a number": ("payload", (), {"mass": [1.0], "com": [0, 0, 0]}, r"payload\.mass: expected 1 values"),
-    "too large": ("torque_scale", (1,), {"scale": [99.0]}, r"torque_scale\.scale: value \[99.0\] outside "),
-    "too small": ("actuator_delay", (1,), {"delay": [-0.001]}, r"actuator_delay\.delay: value \[-0.001\] outside .* s"),
-    "not a number": ("coulomb_friction", (1,), {"torque": [np.nan]}, r"value \[nan\] outside"),
-    "joint 0": ("coulomb_friction", (0,), {"torque": [1.0]}, r"joints count from 1 and occur once, got \[0\]"),
-    "joint twice": ("coulomb_friction", (2, 2), {"torque": [1.0, 1.0]}, r"occur once, got \[2, 2\]"),
-    "no joint": ("coulomb_friction", (), {"torque": [1.0]}, r"effect of scope joint, but joints are \[\]"),
-    "joint of the arm": ("payload", (1,), {"mass": 1.0, "com": [0, 0, 0]}, r"scope arm, but joints are \[1\]"),
+    "unknown effect": (
+        "stiction",
+        (1,),
+        {"torque": [1.0]},
+        "unknown effect 'stiction'",
+    ),
+    "missing parameter": (
+        "payload",
+        (),
+        {"mass": 1.0},
+        "payload: expected the parameters mass, com",
+    ),
+    "no parameter": (
+        "coulomb_friction",
+        (1,),
+        {},
+        "coulomb_friction: expected the parameters torque; got none",
+    ),
+    "unknown parameter": (
+        "coulomb_friction",
+        (1,),
+        {"torque": [1.0], "b": [1.0]},
+        "expected the parameters torque",
+    ),
+    "too few values": (
+        "coulomb_friction",
+        (1, 2),
+        {"torque": [1.0]},
+        r"coulomb_friction\.torque: expected 2 values",
+    ),
+    "too many values": (
+        "coulomb_friction",
+        (1,),
+        {"torque": [1.0, 2.0]},
+        "expected 1 values, got 2",
+    ),
+    "vector too short": (
+        "payload",
+        (),
+        {"mass": 1.0, "com": [0, 0]},
+        r"payload\.com: expected 3 values, got 2",
+    ),
+    "number for a vector": (
+        "payload",
+        (),
+        {"mass": 1.0, "com": 0.1},
+        r"payload\.com: expected 3 values",
+    ),
+    "list for a number": (
+        "payload",
+        (),
+        {"mass": [1.0], "com": [0, 0, 0]},
+        r"payload\.mass: expected 1 values",
+    ),
+    "too large": (
+        "torque_scale",
+        (1,),
+        {"scale": [99.0]},
+        r"torque_scale\.scale: value \[99.0\] outside ",
+    ),
+    "too small": (
+        "actuator_delay",
+        (1,),
+        {"delay": [-0.001]},
+        r"actuator_delay\.delay: value \[-0.001\] outside .* s",
+    ),
+    "not a number": (
+        "coulomb_friction",
+        (1,),
+        {"torque": [np.nan]},
+        r"value \[nan\] outside",
+    ),
+    "joint 0": (
+        "coulomb_friction",
+        (0,),
+        {"torque": [1.0]},
+        r"joints count from 1 and occur once, got \[0\]",
+    ),
+    "joint twice": (
+        "coulomb_friction",
+        (2, 2),
+        {"torque": [1.0, 1.0]},
+        r"occur once, got \[2, 2\]",
+    ),
+    "no joint": (
+        "coulomb_friction",
+        (),
+        {"torque": [1.0]},
+        r"effect of scope joint, but joints are \[\]",
+    ),
+    "joint of the arm": (
+        "payload",
+        (1,),
+        {"mass": 1.0, "com": [0, 0, 0]},
+        r"scope arm, but joints are \[1\]",
+    ),
 }
 
 
 @pytest.mark.parametrize(("name", "joints", "values", "message"), BAD.values(), ids=BAD)
-def test_values_that_cannot_be(name: str, joints: tuple[int, ...], values: dict, message: str) -> None:
+def test_values_that_cannot_be(
+    name: str, joints: tuple[int, ...], values: dict, message: str
+) -> None:
     with pytest.raises(InputError, match=message):
         AppliedEffect(name, joints, values)
 
@@ -135,7 +258,9 @@ def test_values_that_cannot_be(name: str, joints: tuple[int, ...], values: dict,
 def test_joint_too_large() -> None:
     applied = AppliedEffect("coulomb_friction", (2, 7), {"torque": [1.0, 2.0]})
     np.testing.assert_array_equal(applied.per_joint("torque", 7), [0, 1, 0, 0, 0, 0, 2])
-    with pytest.raises(InputError, match="coulomb_friction: joint 7 of an arm with 6 joints"):
+    with pytest.raises(
+        InputError, match="coulomb_friction: joint 7 of an arm with 6 joints"
+    ):
         applied.per_joint("torque", 6)
 
 

@@ -11,17 +11,30 @@ import yaml
 from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 
-from arm.errors import GapscopeError, InputError
-from effects.applied import AppliedEffect
-from effects.catalogue import CATALOGUE
-from effects.corrected_file import read_corrected, read_with_faults, write_corrected
-from effects.faults import ShiftedInertials, SignFlip, TimeStamps, UnitMismatch
+from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.corrected_file import (
+    read_corrected,
+    read_with_faults,
+    write_corrected,
+)
+from gapscope.effects.setup_faults import (
+    ShiftedInertials,
+    SignFlip,
+    TimeStamps,
+    UnitMismatch,
+)
 
 
 @st.composite
 def applied_effects(draw: st.DrawFn) -> AppliedEffect:
     definition = draw(st.sampled_from(list(CATALOGUE.values())))
-    joints = draw(st.lists(st.integers(1, 7), min_size=1, unique=True)) if definition.scope == "joint" else []
+    joints = (
+        draw(st.lists(st.integers(1, 7), min_size=1, unique=True))
+        if definition.scope == "joint"
+        else []
+    )
 
     def value(size: int, bounds: tuple[float, float]) -> list[float]:
         return draw(st.lists(st.floats(*bounds), min_size=size, max_size=size))
@@ -32,12 +45,17 @@ def applied_effects(draw: st.DrawFn) -> AppliedEffect:
         values[p.name] = np.array(drawn if joints or p.size > 1 else drawn[0])
     try:
         return AppliedEffect(definition.name, tuple(joints), values)
-    except InputError:  # values that are possible one by one may not be together: a start after the end
+    except (
+        InputError
+    ):  # values that are possible one by one may not be together: a start after the end
         reject()
 
 
 @settings(deadline=None, max_examples=60)
-@given(effects=st.lists(applied_effects(), max_size=4), name=st.text(st.characters(codec="utf-8"), max_size=20))
+@given(
+    effects=st.lists(applied_effects(), max_size=4),
+    name=st.text(st.characters(codec="utf-8"), max_size=20),
+)
 def test_round_trip(effects: list[AppliedEffect], name: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "corrected.yaml"
@@ -67,7 +85,11 @@ effects:
     delay, payload = read_corrected(str(path))
     assert (delay.name, delay.joints) == ("actuator_delay", (4, 5))
     np.testing.assert_array_equal(delay.parameters["delay"], [0.0088, 0.0146])
-    assert (payload.name, payload.joints, float(payload.parameters["mass"])) == ("payload", (), 1.05)
+    assert (payload.name, payload.joints, float(payload.parameters["mass"])) == (
+        "payload",
+        (),
+        1.05,
+    )
     np.testing.assert_array_equal(payload.parameters["com"], [0.01, 0.0, 0.05])
 
 
@@ -84,13 +106,21 @@ BAD = {
     "another schema": ("schema: 2\neffects: []", "expected the keys schema: 1"),
     "effects is no list": ("schema: 1\neffects: {}", "effects: \\[...\\]"),
     "unknown key": ("schema: 1\neffects: []\nefects: []", "unknown key 'efects'"),
-    "entry is a name": (entry("coulomb_friction"), r"effects\[1\]: expected effect:, joints: and parameters:"),
-    "no parameters": (entry(f"{{{COULOMB}, joints: [1]}}"), r"effects\[1\], coulomb_friction: expected the parameters"),
+    "entry is a name": (
+        entry("coulomb_friction"),
+        r"effects\[1\]: expected effect:, joints: and parameters:",
+    ),
+    "no parameters": (
+        entry(f"{{{COULOMB}, joints: [1]}}"),
+        r"effects\[1\], coulomb_friction: expected the parameters",
+    ),
     "unknown effect": (
-        entry("{effect: stiction, joints: [1], parameters: {torque: 1}}"), r"effects\[1\]: unknown effect 'stiction'",
+        entry("{effect: stiction, joints: [1], parameters: {torque: 1}}"),
+        r"effects\[1\]: unknown effect 'stiction'",
     ),
     "missing parameter": (
-        entry(f"{{{COULOMB}, joints: [1], parameters: {{}}}}"), r"effects\[1\], coulomb_friction: expected the param",
+        entry(f"{{{COULOMB}, joints: [1], parameters: {{}}}}"),
+        r"effects\[1\], coulomb_friction: expected the param",
     ),
     "wrong count": (
         entry(f"{{{COULOMB}, joints: [1, 2], parameters: {{torque: [1]}}}}"),
@@ -101,21 +131,30 @@ BAD = {
         r"effects\[1\], coulomb_friction.torque: value \[999.0\] outside",
     ),
     "joint 0": (
-        entry(f"{{{COULOMB}, joints: [0], parameters: {{torque: [1]}}}}"), r"effects\[1\], coulomb_friction: joints",
+        entry(f"{{{COULOMB}, joints: [0], parameters: {{torque: [1]}}}}"),
+        r"effects\[1\], coulomb_friction: joints",
     ),
-    "joint by name": (entry(f"{{{COULOMB}, joints: [elbow], parameters: {{torque: [1]}}}}"), r"effects\[1\]"),
-    "joints is a number": (entry(f"{{{COULOMB}, joints: 1, parameters: {{torque: [1]}}}}"), r"effects\[1\]"),
+    "joint by name": (
+        entry(f"{{{COULOMB}, joints: [elbow], parameters: {{torque: [1]}}}}"),
+        r"effects\[1\]",
+    ),
+    "joints is a number": (
+        entry(f"{{{COULOMB}, joints: 1, parameters: {{torque: [1]}}}}"),
+        r"effects\[1\]",
+    ),
     "text for a value": (
         entry(f"{{{COULOMB}, joints: [1], parameters: {{torque: [much]}}}}"),
         r"effects\[1\], coulomb_friction.torque: .*not a number",
     ),
     "nothing for a value": (
-        entry(f"{{{COULOMB}, joints: [1], parameters: {{torque: [null]}}}}"), r"effects\[1\], coulomb_friction.torque",
+        entry(f"{{{COULOMB}, joints: [1], parameters: {{torque: [null]}}}}"),
+        r"effects\[1\], coulomb_friction.torque",
     ),
     "lists of unequal length": (
-        entry("{effect: payload, parameters: {mass: 1, com: [0, [1, 2], 0]}}"), r"effects\[1\]",
+        entry("{effect: payload, parameters: {mass: 1, com: [0, [1, 2], 0]}}"),
+        r"effects\[1\]",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(("text", "message"), BAD.values(), ids=BAD)
@@ -172,7 +211,9 @@ def test_setup_faults_go_there_and_back(tmp_path: Path) -> None:
         ("{effect: time_stamps, variant: jitter}", "amount"),
     ],
 )
-def test_setup_faults_that_cannot_be_made_name_their_entry(tmp_path: Path, entry: str, message: str) -> None:
+def test_setup_faults_that_cannot_be_made_name_their_entry(
+    tmp_path: Path, entry: str, message: str
+) -> None:
     path = tmp_path / "truth.yaml"
     path.write_text(f"schema: 1\neffects:\n  - {entry}\n", encoding="utf-8")
     with pytest.raises(InputError, match=r"truth\.yaml.*effects\[0\]") as caught:

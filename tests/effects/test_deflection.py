@@ -9,10 +9,15 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from arm.dynamics import RigidBody
-from arm.motion import Motion
-from arm.nominal import NominalArm
-from effects.deflection import CALM, behind_elasticity, behind_play, play_columns
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.nominal import NominalArm
+from gapscope.effects.deflection import (
+    CALM,
+    behind_elasticity,
+    behind_play,
+    play_columns,
+)
 
 INERTIA = 2.0 * 0.5**2 + 0.05
 """Of the pendulum about its axis [kg m^2]."""
@@ -30,11 +35,15 @@ def swing(pendulum: NominalArm) -> RigidBody:
 def turntable(pendulum: NominalArm, tmp_path: Path) -> RigidBody:
     """The same rod about a vertical axis: tau = J ddq and nothing else."""
     urdf = tmp_path / "turntable.urdf"
-    urdf.write_text(pendulum.urdf.read_text().replace('axis xyz="0 1 0"', 'axis xyz="0 0 1"'))
+    urdf.write_text(
+        pendulum.urdf.read_text().replace('axis xyz="0 1 0"', 'axis xyz="0 0 1"')
+    )
     return RigidBody(NominalArm("turntable", urdf, ("hinge",)))
 
 
-def sine(frequency: float, amplitude: float = 0.1, duration: float = 4.0, rate: float = RATE) -> Motion:
+def sine(
+    frequency: float, amplitude: float = 0.1, duration: float = 4.0, rate: float = RATE
+) -> Motion:
     """A motor that swings, from rest within half a second [Hz, rad, s]."""
     t, w = np.arange(int(duration * rate)) / rate, 2 * np.pi * frequency
     x = np.clip(t / 0.5, 0, 1)
@@ -42,7 +51,11 @@ def sine(frequency: float, amplitude: float = 0.1, duration: float = 4.0, rate: 
     slope, bend = 60 * x**2 * (1 - x) ** 2, 240 * x * (1 - x) * (1 - 2 * x)
     q = rise * np.sin(w * t)
     dq = slope * np.sin(w * t) + rise * w * np.cos(w * t)
-    ddq = bend * np.sin(w * t) + 2 * slope * w * np.cos(w * t) - rise * w**2 * np.sin(w * t)
+    ddq = (
+        bend * np.sin(w * t)
+        + 2 * slope * w * np.cos(w * t)
+        - rise * w**2 * np.sin(w * t)
+    )
     return Motion(t, *(amplitude * part[:, None] for part in (q, dq, ddq)))
 
 
@@ -69,7 +82,9 @@ def test_the_motion_is_consistent() -> None:
     motion = sine(3.0)
     for below, above in ((motion.q, motion.dq), (motion.dq, motion.ddq)):
         slope = np.gradient(below, 1 / RATE, axis=0)
-        np.testing.assert_allclose(slope[1:-1], above[1:-1], atol=2e-4 * np.abs(above).max())
+        np.testing.assert_allclose(
+            slope[1:-1], above[1:-1], atol=2e-4 * np.abs(above).max()
+        )
 
 
 class TestElasticity:
@@ -81,7 +96,9 @@ class TestElasticity:
 
     @pytest.mark.parametrize("ratio", [0.25, 0.6, 0.9, 1.0, 1.1, 1.5, 2.5])
     @pytest.mark.parametrize("zeta", [0.05, 0.3])
-    def test_frequency_response(self, turntable: RigidBody, ratio: float, zeta: float) -> None:
+    def test_frequency_response(
+        self, turntable: RigidBody, ratio: float, zeta: float
+    ) -> None:
         """Link over motor: (k + i d w) / (k - J w^2 + i d w), below, at and above the resonance."""
         k = self.spring()
         d = 2 * zeta * np.sqrt(k * INERTIA)
@@ -90,17 +107,27 @@ class TestElasticity:
         expected = (k + 1j * d * w) / (k - INERTIA * w**2 + 1j * d * w)
         motion = sine(frequency)
         torque = rigid(turntable, motion)
-        found = behind_elasticity(turntable, motion, torque, np.array([k]), np.array([d]))
-        gain = phasor(found[:, 0], motion, frequency) / phasor(torque[:, 0], motion, frequency)
+        found = behind_elasticity(
+            turntable, motion, torque, np.array([k]), np.array([d])
+        )
+        gain = phasor(found[:, 0], motion, frequency) / phasor(
+            torque[:, 0], motion, frequency
+        )
         assert abs(gain - expected) < 0.03 * abs(expected)
 
     @pytest.mark.parametrize("ratio", [0.25, 0.75])
-    def test_without_damping_the_link_keeps_phase(self, turntable: RigidBody, ratio: float) -> None:
+    def test_without_damping_the_link_keeps_phase(
+        self, turntable: RigidBody, ratio: float
+    ) -> None:
         """1 / (1 - (w / wn)^2), real; not less damped by the first instants than it should be."""
         motion = sine(ratio * self.NATURAL)
         torque = rigid(turntable, motion)
-        found = behind_elasticity(turntable, motion, torque, np.array([self.spring()]), NONE)
-        gain = phasor(found[:, 0], motion, ratio * self.NATURAL) / phasor(torque[:, 0], motion, ratio * self.NATURAL)
+        found = behind_elasticity(
+            turntable, motion, torque, np.array([self.spring()]), NONE
+        )
+        gain = phasor(found[:, 0], motion, ratio * self.NATURAL) / phasor(
+            torque[:, 0], motion, ratio * self.NATURAL
+        )
         assert gain.real == pytest.approx(1 / (1 - ratio**2), rel=0.02)
         assert abs(gain.imag) < 0.02
 
@@ -109,7 +136,11 @@ class TestElasticity:
         t = np.arange(int(4 * RATE)) / RATE
         jerk = 5.0 * ((t > 1.0) & (t < 1.03))[:, None]
         found = behind_elasticity(
-            turntable, Motion(t, 0 * jerk, 0 * jerk, 0 * jerk), jerk, np.array([self.spring()]), NONE
+            turntable,
+            Motion(t, 0 * jerk, 0 * jerk, 0 * jerk),
+            jerk,
+            np.array([self.spring()]),
+            NONE,
         )[:, 0]
         early, late = (found[(t > a) & (t < a + 1)] for a in (1.1, 2.9))
         assert np.abs(early).max() > 1.0
@@ -125,55 +156,83 @@ class TestElasticity:
         jerk = 5.0 * ((t > 1.0) & (t < 1.03))[:, None]
         still = Motion(t, 0 * jerk, 0 * jerk, 0 * jerk)
         d = 2 * zeta * np.sqrt(k * INERTIA)
-        found = behind_elasticity(turntable, still, jerk, np.array([k]), np.array([d]))[:, 0]
+        found = behind_elasticity(turntable, still, jerk, np.array([k]), np.array([d]))[
+            :, 0
+        ]
         early, late = (found[(t > a) & (t < a + 0.5)].std() for a in (1.1, 2.1))
-        assert np.log(early / late) == pytest.approx(zeta * 2 * np.pi * self.NATURAL, rel=0.03)
+        assert np.log(early / late) == pytest.approx(
+            zeta * 2 * np.pi * self.NATURAL, rel=0.03
+        )
 
     @pytest.mark.parametrize("angle", [0.8, -0.8])
     def test_static_deflection(self, swing: RigidBody, angle: float) -> None:
         """At rest the link hangs below the motor: k (theta - q) = -9.81 cos q."""
         k = 500.0
-        q = brentq(lambda x: k * (angle - x) + 9.81 * np.cos(x), angle - 0.5, angle + 0.5)
+        q = brentq(
+            lambda x: k * (angle - x) + 9.81 * np.cos(x), angle - 0.5, angle + 0.5
+        )
         motion = at_rest(angle)
         torque = rigid(swing, motion)
         found = behind_elasticity(swing, motion, torque, np.array([k]), np.array([5.0]))
-        assert abs(torque[0, 0] / k) == pytest.approx(abs(angle - q), rel=0.02)  # tau / k, to first order
-        np.testing.assert_allclose(found - torque, -9.81 * (np.cos(q) - np.cos(angle)), rtol=0.02)
+        assert abs(torque[0, 0] / k) == pytest.approx(
+            abs(angle - q), rel=0.02
+        )  # tau / k, to first order
+        np.testing.assert_allclose(
+            found - torque, -9.81 * (np.cos(q) - np.cos(angle)), rtol=0.02
+        )
 
     def test_stiffer_and_stiffer_it_is_rigid(self, swing: RigidBody) -> None:
         """What the spring adds falls as 1 / k, through the change of method where the resonance is too fast."""
         motion = sine(2.0, 0.5, rate=250.0)
         torque = rigid(swing, motion)
         added = [
-            np.abs(behind_elasticity(swing, motion, torque, np.array([k]), NONE) - torque)[125:].max()
+            np.abs(
+                behind_elasticity(swing, motion, torque, np.array([k]), NONE) - torque
+            )[125:].max()
             for k in (1e4, 1e5, 1e6, 1e9)
         ]
         assert added[1] < 0.15 * added[0] and added[2] < 0.3 * added[1]
         assert added[3] < 1e-5 * np.abs(torque).max()
 
-    def test_joints_without_a_spring_are_rigid(self, two: NominalArm, motion: Motion) -> None:
+    def test_joints_without_a_spring_are_rigid(
+        self, two: NominalArm, motion: Motion
+    ) -> None:
         """A spring on the last joint alone; on the first, with no gravity about it, the links' motion still shows."""
         body = RigidBody(two)
         torque = rigid(body, motion)
-        none = behind_elasticity(body, motion, torque, np.array([0.0, 1e9]), np.zeros(2))
+        none = behind_elasticity(
+            body, motion, torque, np.array([0.0, 1e9]), np.zeros(2)
+        )
         np.testing.assert_allclose(none, torque, atol=1e-4)
 
     def test_torque_of_all_joints_follows_the_links(self, two: NominalArm) -> None:
         """Two joints, the second elastic, against the full equations of motion integrated by ``solve_ivp``."""
         body, k, d = RigidBody(two), 1500.0, 12.0
         one, other = sine(0.8, 0.6, 3.0), sine(1.3, 0.5, 3.0)
-        motion = Motion(one.t, *(np.hstack([getattr(m, name) for m in (one, other)]) for name in ("q", "dq", "ddq")))
+        motion = Motion(
+            one.t,
+            *(
+                np.hstack([getattr(m, name) for m in (one, other)])
+                for name in ("q", "dq", "ddq")
+            ),
+        )
         torque = rigid(body, motion)
         links = integrated(body, motion, k, d)
         expected = body.inverse_dynamics(*links)
-        found = behind_elasticity(body, motion, torque, np.array([0.0, k]), np.array([0.0, d]))
-        late = (motion.t > 5 * CALM) & (motion.t < motion.t[-1] - 0.01)  # past the start, before the one-sided end
+        found = behind_elasticity(
+            body, motion, torque, np.array([0.0, k]), np.array([0.0, d])
+        )
+        late = (motion.t > 5 * CALM) & (
+            motion.t < motion.t[-1] - 0.01
+        )  # past the start, before the one-sided end
         for j in range(2):
             effect = (expected - torque)[late, j]
             assert np.abs(found - expected)[late, j].max() < 0.03 * np.abs(effect).max()
 
 
-def integrated(body: RigidBody, motion: Motion, k: float, d: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def integrated(
+    body: RigidBody, motion: Motion, k: float, d: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Motion (q, dq, ddq) of two links, the second behind a spring, its motor and the first joint as given."""
 
     def motor(t: float) -> list[np.ndarray]:
@@ -192,20 +251,34 @@ def integrated(body: RigidBody, motion: Motion, k: float, d: float) -> tuple[np.
     gravity = body.bias(motion.q[0], motion.dq[0])[1]
     start = [motion.q[0, 1] - gravity / k, 0.0]
     solved = solve_ivp(
-        lambda t, x: [x[1], acceleration(t, x)], (0, motion.t[-1]), start, t_eval=motion.t, rtol=1e-6, atol=1e-8,
+        lambda t, x: [x[1], acceleration(t, x)],
+        (0, motion.t[-1]),
+        start,
+        t_eval=motion.t,
+        rtol=1e-6,
+        atol=1e-8,
         max_step=0.01,
-    )  # fmt: skip
+    )
     q, dq, ddq = motion.q.copy(), motion.dq.copy(), motion.ddq.copy()
     count = solved.y.shape[1]
     q[:count, 1], dq[:count, 1] = solved.y
-    ddq[:count, 1] = [acceleration(t, x) for t, x in zip(solved.t, solved.y.T, strict=True)]
+    ddq[:count, 1] = [
+        acceleration(t, x) for t, x in zip(solved.t, solved.y.T, strict=True)
+    ]
     return q, dq, ddq
 
 
 class TestPlay:
     STIFFNESS = INERTIA * (2 * np.pi * 60.0) ** 2
 
-    def behind(self, body: RigidBody, motion: Motion, torque: np.ndarray, width: float, k: float = 0.0) -> np.ndarray:
+    def behind(
+        self,
+        body: RigidBody,
+        motion: Motion,
+        torque: np.ndarray,
+        width: float,
+        k: float = 0.0,
+    ) -> np.ndarray:
         return behind_play(body, motion, torque, np.array([width]), np.array([k]), NONE)
 
     def test_without_width_it_is_rigid(self, swing: RigidBody) -> None:
@@ -218,13 +291,16 @@ class TestPlay:
         motion = sine(2.0, 0.2)
         torque = rigid(turntable, motion)
         wide, narrow, least = (
-            float((self.behind(turntable, motion, torque, w) - torque).std()) for w in (2e-2, 2e-3, 1e-6)
+            float((self.behind(turntable, motion, torque, w) - torque).std())
+            for w in (2e-2, 2e-3, 1e-6)
         )
         assert least < narrow < wide
         assert least < 0.03 * torque.std() < wide
 
     @pytest.mark.parametrize("width", [0.01, 0.04])
-    def test_no_torque_while_the_link_floats(self, turntable: RigidBody, width: float) -> None:
+    def test_no_torque_while_the_link_floats(
+        self, turntable: RigidBody, width: float
+    ) -> None:
         """From where the motor slows the link flies on at its speed A w until w t - sin w t = width / A."""
         frequency, amplitude = 1.0, 0.4
         w = 2 * np.pi * frequency
@@ -236,7 +312,9 @@ class TestPlay:
         inside = (motion.t > begin + 0.1 * meets) & (motion.t < begin + 0.85 * meets)
         assert np.abs(torque[inside]).max() > 1.0
         assert np.abs(found[inside]).max() < 0.15 * np.abs(torque[inside]).max()
-        impact = motion.t[(motion.t > begin) & (np.abs(found) > 0.5 * np.abs(torque).max())][0]
+        impact = motion.t[
+            (motion.t > begin) & (np.abs(found) > 0.5 * np.abs(torque).max())
+        ][0]
         assert impact - begin == pytest.approx(meets, abs=0.02)
 
     @pytest.mark.parametrize("angle", [0.7, -0.7])
@@ -249,9 +327,13 @@ class TestPlay:
         found = self.behind(swing, motion, torque, width, k)
         deflection = -0.5 * width + torque[0, 0] / k  # theta - q
         settled = (found - torque)[int(0.2 * RATE) :]
-        np.testing.assert_allclose(settled, -9.81 * (np.cos(angle - deflection) - np.cos(angle)), rtol=0.03)
+        np.testing.assert_allclose(
+            settled, -9.81 * (np.cos(angle - deflection) - np.cos(angle)), rtol=0.03
+        )
 
-    def test_columns_are_the_torque_per_width(self, two: NominalArm, motion: Motion) -> None:
+    def test_columns_are_the_torque_per_width(
+        self, two: NominalArm, motion: Motion
+    ) -> None:
         """Of a joint whose torque keeps its sign there is none."""
         body, width = RigidBody(two), 0.01
         torque = rigid(body, motion)
@@ -259,6 +341,11 @@ class TestPlay:
         assert torque[:, 0].min() > 0 and torque[:, 1].min() < 0 < torque[:, 1].max()
         columns = play_columns(body, motion, torque, width)
         np.testing.assert_array_equal(columns[:, :, 0], 0.0)
-        whole = behind_play(body, motion, torque, np.array([0.0, width]), np.zeros(2), np.zeros(2)) - torque
+        whole = (
+            behind_play(
+                body, motion, torque, np.array([0.0, width]), np.zeros(2), np.zeros(2)
+            )
+            - torque
+        )
         np.testing.assert_allclose(width * columns[:, :, 1], whole, atol=1e-9)
         assert np.abs(columns[:, 0, 1]).max() > 0 < np.abs(columns[:, 1, 1]).max()

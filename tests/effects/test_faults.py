@@ -7,16 +7,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from arm.errors import InputError
-from arm.recording import Recording
-from effects.faults import FAULTS, Fault, JointSwap, ShiftedInertials, SignFlip, TimeStamps, UnitMismatch
+from gapscope.arm.errors import InputError
+from gapscope.arm.recording import Recording
+from gapscope.effects.setup_faults import (
+    FAULTS,
+    Fault,
+    JointSwap,
+    ShiftedInertials,
+    SignFlip,
+    TimeStamps,
+    UnitMismatch,
+)
 
 
 @pytest.fixture
 def recording() -> Recording:
     t = np.arange(0.0, 2.0, 0.004)
     q = np.sin(np.outer(t, [1.0, 2.0, 3.0]))
-    return Recording("r", t, q, 10 * q + [1.0, 2.0, 3.0], dq=np.gradient(q, t, axis=0), q_ref=q)
+    return Recording(
+        "r", t, q, 10 * q + [1.0, 2.0, 3.0], dq=np.gradient(q, t, axis=0), q_ref=q
+    )
 
 
 def _apply(fault: Fault, recording: Recording) -> Recording:
@@ -26,18 +36,28 @@ def _apply(fault: Fault, recording: Recording) -> Recording:
 def test_sign_flip(recording: Recording) -> None:
     flipped = _apply(SignFlip((2,), "joint"), recording)
     for channel in ("q", "dq", "tau", "q_ref"):
-        np.testing.assert_array_equal(getattr(flipped, channel), getattr(recording, channel) * [1, -1, 1])
+        np.testing.assert_array_equal(
+            getattr(flipped, channel), getattr(recording, channel) * [1, -1, 1]
+        )
     np.testing.assert_array_equal(_apply(SignFlip((2,)), recording).q, recording.q)
 
 
 def test_joint_swap(recording: Recording) -> None:
-    np.testing.assert_array_equal(_apply(JointSwap((1, 3)), recording).tau, recording.tau[:, [2, 1, 0]])
-    np.testing.assert_array_equal(_apply(JointSwap((1, 3), "joint"), recording).q, recording.q[:, [2, 1, 0]])
+    np.testing.assert_array_equal(
+        _apply(JointSwap((1, 3)), recording).tau, recording.tau[:, [2, 1, 0]]
+    )
+    np.testing.assert_array_equal(
+        _apply(JointSwap((1, 3), "joint"), recording).q, recording.q[:, [2, 1, 0]]
+    )
 
 
 def test_units(recording: Recording) -> None:
-    np.testing.assert_allclose(_apply(UnitMismatch("degrees"), recording).q, np.rad2deg(recording.q))
-    assert _apply(UnitMismatch("milliseconds"), recording).t[-1] == pytest.approx(1996.0)
+    np.testing.assert_allclose(
+        _apply(UnitMismatch("degrees"), recording).q, np.rad2deg(recording.q)
+    )
+    assert _apply(UnitMismatch("milliseconds"), recording).t[-1] == pytest.approx(
+        1996.0
+    )
     motor = _apply(UnitMismatch("motor_side", (2,), 50.0), recording)
     np.testing.assert_allclose(motor.q, recording.q * [1, 50, 1])
     np.testing.assert_allclose(motor.tau, recording.tau / [1, 50, 1])
@@ -55,14 +75,26 @@ def test_time_stamps(recording: Recording) -> None:
 
 
 def test_shifted_inertials() -> None:
-    links = "".join(f'<link name="l{i}"><inertial><mass value="{i}"/></inertial></link>' for i in range(1, 4))
-    text = ShiftedInertials().urdf(f'<robot name="r"><link name="base"/>{links}</robot>')
-    masses = {link.get("name"): link.find("inertial/mass") for link in ET.fromstring(text).iter("link")}
-    values = {name: mass.get("value") for name, mass in masses.items() if mass is not None}
+    links = "".join(
+        f'<link name="l{i}"><inertial><mass value="{i}"/></inertial></link>'
+        for i in range(1, 4)
+    )
+    text = ShiftedInertials().urdf(
+        f'<robot name="r"><link name="base"/>{links}</robot>'
+    )
+    masses = {
+        link.get("name"): link.find("inertial/mass")
+        for link in ET.fromstring(text).iter("link")
+    }
+    values = {
+        name: mass.get("value") for name, mass in masses.items() if mass is not None
+    }
     assert values == {"l1": "3", "l2": "1", "l3": "2"}
 
 
-@pytest.mark.parametrize("fault", [SignFlip((9,)), JointSwap((0, 1)), JointSwap((2, 2))])
+@pytest.mark.parametrize(
+    "fault", [SignFlip((9,)), JointSwap((0, 1)), JointSwap((2, 2))]
+)
 def test_joints_that_cannot_be_are_refused(recording: Recording, fault: Fault) -> None:
     with pytest.raises(InputError) as caught:
         _apply(fault, recording)
@@ -79,24 +111,38 @@ def test_joints_that_cannot_be_are_refused(recording: Recording, fault: Fault) -
         (lambda: TimeStamps("jitter", float("nan")), "time_stamps.amount"),
     ],
 )
-def test_variants_and_values_that_cannot_be_are_refused(make: Callable[[], Fault], where: str) -> None:
+def test_variants_and_values_that_cannot_be_are_refused(
+    make: Callable[[], Fault], where: str
+) -> None:
     with pytest.raises(InputError) as caught:
         make()
     assert caught.value.remedy and caught.value.where == where
 
 
 def test_names() -> None:
-    assert set(FAULTS) == {"sign_flip", "joint_swap", "unit_mismatch", "shifted_inertials", "time_stamps"}
+    assert set(FAULTS) == {
+        "sign_flip",
+        "joint_swap",
+        "unit_mismatch",
+        "shifted_inertials",
+        "time_stamps",
+    }
 
 
 @pytest.mark.parametrize("kind", FAULTS.values(), ids=FAULTS)
 def test_contract_of_every_fault(kind: type[Fault], recording: Recording) -> None:
     """Described, with typical values within the bounds, drawn alike from one seed, and seen in recording or URDF."""
     assert kind.scope in ("joint", "arm") and kind.looks_like
-    assert f"**{kind.reference}**" in (Path(__file__).parents[2] / "docs" / "references.md").read_text(encoding="utf-8")
+    assert f"**{kind.reference}**" in (
+        Path(__file__).parents[2] / "docs" / "references.md"
+    ).read_text(encoding="utf-8")
     for parameter in kind.parameters:
         assert (
-            parameter.unit and parameter.bounds[0] <= parameter.typical[0] < parameter.typical[1] <= parameter.bounds[1]
+            parameter.unit
+            and parameter.bounds[0]
+            <= parameter.typical[0]
+            < parameter.typical[1]
+            <= parameter.bounds[1]
         )
     for seed in range(20):
         drawn, again = (kind.draw(np.random.default_rng(seed), 3) for _ in range(2))
@@ -104,6 +150,9 @@ def test_contract_of_every_fault(kind: type[Fault], recording: Recording) -> Non
         if not isinstance(drawn, ShiftedInertials):
             spoiled = _apply(drawn, recording)
             names = ("t", "q", "tau")
-            assert any(not np.array_equal(getattr(spoiled, x), getattr(recording, x)) for x in names)
+            assert any(
+                not np.array_equal(getattr(spoiled, x), getattr(recording, x))
+                for x in names
+            )
     drawn = {kind.draw(np.random.default_rng(seed), 3) for seed in range(60)}
     assert {getattr(x, "variant", "") for x in drawn} == set(kind.variants or ("",))

@@ -11,10 +11,16 @@ sys.path.insert(0, str(ROOT / "experiments"))
 catalogue = importlib.import_module("20_catalogue")
 
 
-@pytest.mark.parametrize("effect", catalogue.CATALOGUE.values(), ids=catalogue.CATALOGUE)
+@pytest.mark.parametrize(
+    "effect", catalogue.CATALOGUE.values(), ids=catalogue.CATALOGUE
+)
 def test_each_effect_stands_on_the_page_of_its_family(effect: object) -> None:
-    page = (ROOT / "docs" / "effects" / f"{effect.family}.md").read_text(encoding="utf-8")
-    assert all(row in page for row in catalogue.rows(effect)), "run experiments/20_catalogue.py and take its table over"
+    page = (ROOT / "docs" / "effects" / f"{effect.family}.md").read_text(
+        encoding="utf-8"
+    )
+    assert all(row in page for row in catalogue.rows(effect)), (
+        "run experiments/20_catalogue.py and take its table over"
+    )
 
 
 @pytest.mark.parametrize("fault", catalogue.FAULTS.values(), ids=catalogue.FAULTS)

@@ -9,17 +9,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from arm.dynamics import RigidBody
-from arm.errors import InputError, ModelWarning
-from arm.motion import Motion
-from arm.robots import load_nominal_arm
-from effects.corrected import CorrectedArm
-from effects.corrected_file import read_corrected, read_corrected_arm, write_corrected
-from effects.residual.file import read_residual, write_residual
-from effects.residual.inputs import Inputs
-from effects.residual.model import ResidualNetwork
-from effects.residual.network import Network
-from effects.residual.trust import Trust
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError, ModelWarning
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.corrected_file import (
+    read_corrected,
+    read_corrected_arm,
+    write_corrected,
+)
+from gapscope.effects.residual.file import read_residual, write_residual
+from gapscope.effects.residual.inputs import Inputs
+from gapscope.effects.residual.model import ResidualNetwork
+from gapscope.effects.residual.network import Network
+from gapscope.effects.residual.trust import Trust
 
 
 def network(n: int, seed: int = 0) -> ResidualNetwork:
@@ -31,38 +35,59 @@ def network(n: int, seed: int = 0) -> ResidualNetwork:
     biases = tuple(rng.standard_normal((members, n, b)) for _, b in sizes)
     trust = Trust(rng.standard_normal((n, 6, c)), np.full(n, 50.0))
     return ResidualNetwork(
-        inputs, Network("mlp", inputs.seen_by_mlp, weights, biases), trust, np.ones(n), np.full(n, 2.0), 12.0
+        inputs,
+        Network("mlp", inputs.seen_by_mlp, weights, biases),
+        trust,
+        np.ones(n),
+        np.full(n, 2.0),
+        12.0,
     )
 
 
 def moving(n: int) -> Motion:
     t = np.arange(200) / 100.0
     phase = np.arange(n)
-    return Motion(t, *(f(t[:, None] + phase) for f in (np.sin, np.cos, lambda x: -np.sin(x))))
+    return Motion(
+        t, *(f(t[:, None] + phase) for f in (np.sin, np.cos, lambda x: -np.sin(x)))
+    )
 
 
 def test_it_comes_back_as_it_was_written(tmp_path: Path) -> None:
     residual, m = network(6), moving(6)
     write_residual(residual, tmp_path / "residual.npz")
     found = read_residual(tmp_path / "residual.npz")
-    for a, b in zip(vars(residual.predict(m, m.q)).values(), vars(found.predict(m, m.q)).values(), strict=True):
+    for a, b in zip(
+        vars(residual.predict(m, m.q)).values(),
+        vars(found.predict(m, m.q)).values(),
+        strict=True,
+    ):
         np.testing.assert_array_equal(a, b)
 
 
 def test_corrected_arm_adds_it_and_a_simulator_leaves_it_out(tmp_path: Path) -> None:
     arm, residual = load_nominal_arm("xarm6"), network(6)
     write_residual(residual, tmp_path / "nets" / "residual.npz")
-    write_corrected("case", (), tmp_path / "corrected.yaml", residual="nets/residual.npz")
-    corrected, m, body = read_corrected_arm(arm, tmp_path / "corrected.yaml"), moving(6), RigidBody(arm)
+    write_corrected(
+        "case", (), tmp_path / "corrected.yaml", residual="nets/residual.npz"
+    )
+    corrected, m, body = (
+        read_corrected_arm(arm, tmp_path / "corrected.yaml"),
+        moving(6),
+        RigidBody(arm),
+    )
     plain = CorrectedArm(arm).predict(body, m)
-    np.testing.assert_allclose(corrected.predict(body, m), plain + residual.torque(m, plain), rtol=1e-12)
+    np.testing.assert_allclose(
+        corrected.predict(body, m), plain + residual.torque(m, plain), rtol=1e-12
+    )
     assert np.abs(corrected.predict(body, m) - plain).max() > 0.1
     with pytest.warns(ModelWarning, match="residual network is left out"):
         assert read_corrected(tmp_path / "corrected.yaml") == ()
 
 
 def test_faults_are_told(tmp_path: Path) -> None:
-    whole, part, model = (tmp_path / name for name in ("residual.npz", "short.npz", "corrected.yaml"))
+    whole, part, model = (
+        tmp_path / name for name in ("residual.npz", "short.npz", "corrected.yaml")
+    )
     write_residual(network(7), whole)
     part.write_bytes(whole.read_bytes()[:-200])
     arm = load_nominal_arm("xarm6")
@@ -72,7 +97,10 @@ def test_faults_are_told(tmp_path: Path) -> None:
         with pytest.raises(InputError, match=message):
             read_corrected_arm(arm, model)
 
-    fault("residual.npz", r"corrected.yaml, residual: .* an arm with 7 joints, this one has 6")
+    fault(
+        "residual.npz",
+        r"corrected.yaml, residual: .* an arm with 7 joints, this one has 6",
+    )
     fault("short.npz", r"short.npz: is no NPZ file, or was cut short")
     fault("none.npz", r"none.npz: cannot be read")
     fault(3, r"residual: expected the name of a file")
@@ -86,11 +114,16 @@ def test_faults_are_told(tmp_path: Path) -> None:
         ({"scale": None}, "scale is missing"),
         ({"weight1": None}, "weight1 is missing"),
         ({"bound": np.ones(5)}, r"bound: has shape \(5,\), expected \(6,\)"),
-        ({"bias0": np.full((3, 6, 5), np.nan)}, "bias0: holds values that are not finite"),
+        (
+            {"bias0": np.full((3, 6, 5), np.nan)},
+            "bias0: holds values that are not finite",
+        ),
         ({"weight0": np.ones((3, 6, 4, 5))}, "do not fit together"),
     ],
 )
-def test_arrays_that_do_not_fit_are_told(change: dict, message: str, tmp_path: Path) -> None:
+def test_arrays_that_do_not_fit_are_told(
+    change: dict, message: str, tmp_path: Path
+) -> None:
     path = tmp_path / "residual.npz"
     write_residual(network(6), path)
     with np.load(path) as content:
@@ -111,8 +144,14 @@ def test_one_array_or_a_pickle_is_no_network(tmp_path: Path) -> None:
 
 def test_no_torch_is_needed(tmp_path: Path) -> None:
     write_residual(network(6), tmp_path / "residual.npz")
-    code = f"import sys; from effects.residual.file import read_residual as r; r(r'{tmp_path / 'residual.npz'}'); "
+    code = (
+        "import sys; from gapscope.effects.residual.file import read_residual as r; "
+        f"r(r'{tmp_path / 'residual.npz'}'); "
+    )
     done = subprocess.run(
-        [sys.executable, "-c", code + "assert 'torch' not in sys.modules"], capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", code + "assert 'torch' not in sys.modules"],
+        capture_output=True,
+        text=True,
+        timeout=60,
     )
     assert done.returncode == 0, done.stderr

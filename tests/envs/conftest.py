@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from arm.nominal import NominalArm
-from envs.engines import ENGINES, installed
-from envs.mystery import iiwa
+from gapscope.arm.nominal import NominalArm
+from gapscope.envs.engines import ENGINES, installed
+from gapscope.envs.mystery_arm import iiwa
 
 PENDULUM = """<robot name="pendulum">
   <link name="base"/>

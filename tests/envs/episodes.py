@@ -9,7 +9,9 @@ NAME = "gapscope/ArmTracking-v0"
 SHORT = {"episode_length": 0.4, "motion": "fourier"}
 
 
-def rollout(held: np.ndarray | None = None, seed: int = 0, **options: object) -> tuple[np.ndarray, np.ndarray, dict]:
+def rollout(
+    held: np.ndarray | None = None, seed: int = 0, **options: object
+) -> tuple[np.ndarray, np.ndarray, dict]:
     """Observations, rewards, and the last info of one episode with a constant action, zero by default."""
     env = gym.make(NAME, **options)
     held = np.zeros(env.action_space.shape, np.float32) if held is None else held

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from arm.dynamics import RigidBody
-from arm.errors import InputError
-from arm.feedforward import feedforward
-from arm.motion import Motion
-from arm.nominal import NominalArm
-from effects.applied import AppliedEffect
-from effects.corrected import CorrectedArm
-from envs.actions import Gains, scaled
-from envs.environment import ArmTracking
+from gapscope.arm.dynamics.feedforward import feedforward
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.nominal import NominalArm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.envs.actions import Gains, scaled
+from gapscope.envs.environment import ArmTracking
 
 
 class Believed:
@@ -23,11 +23,16 @@ class Believed:
         self.arm, self.body = arm, RigidBody(arm)
 
     def series(self, motion: Motion) -> np.ndarray:
-        return feedforward(self.arm, self.body, "nominal", motion.q, motion.dq, motion.ddq)
+        return feedforward(
+            self.arm, self.body, "nominal", motion.q, motion.dq, motion.ddq
+        )
 
 
 def test_scaling_by_hand() -> None:
-    factor, gains = scaled(Gains(np.array([100.0, 10.0]), np.array([8.0, 4.0])), np.array([1.0, -1.0, 1.0, -1.0]))
+    factor, gains = scaled(
+        Gains(np.array([100.0, 10.0]), np.array([8.0, 4.0])),
+        np.array([1.0, -1.0, 1.0, -1.0]),
+    )
     np.testing.assert_allclose(factor, [1.5, 0.5])
     np.testing.assert_allclose(gains.kp, [200.0, 5.0])
     np.testing.assert_allclose(gains.kd, [8 * np.sqrt(2), 4 / np.sqrt(2)])
@@ -40,12 +45,18 @@ def run(env: ArmTracking, action: np.ndarray, steps: int = 20) -> list[np.ndarra
     return out
 
 
-def test_scale_with_zero_actions_is_the_controller_itself(data_sheet_arm: NominalArm) -> None:
+def test_scale_with_zero_actions_is_the_controller_itself(
+    data_sheet_arm: NominalArm,
+) -> None:
     plain = ArmTracking(data_sheet_arm)
     scaling = ArmTracking(data_sheet_arm, action="scale")
-    assert scaling.action_space.shape == (14,) and scaling.layout.slices["action"] == slice(21, 35)
+    assert scaling.action_space.shape == (14,) and scaling.layout.slices[
+        "action"
+    ] == slice(21, 35)
     part = scaling.layout.slices["error"]
-    for one, other in zip(run(plain, np.zeros(7)), run(scaling, np.zeros(14)), strict=True):
+    for one, other in zip(
+        run(plain, np.zeros(7)), run(scaling, np.zeros(14)), strict=True
+    ):
         np.testing.assert_array_equal(one[plain.layout.slices["error"]], other[part])
 
 
@@ -53,19 +64,32 @@ def test_more_feedforward_lifts_the_arm(pendulum) -> None:
     errors = []
     for action in (0.0, 1.0):
         env = ArmTracking(pendulum(), action="scale", posture=[0.3])
-        errors.append(run(env, np.array([action, 0.0]))[-1][env.layout.slices["error"]][0])
-    assert errors[1] > errors[0] + 0.01  # gravity pulls towards larger angles, so that more torque leaves it behind
+        errors.append(
+            run(env, np.array([action, 0.0]))[-1][env.layout.slices["error"]][0]
+        )
+    assert (
+        errors[1] > errors[0] + 0.01
+    )  # gravity pulls towards larger angles, so that more torque leaves it behind
 
 
 def test_a_model_is_fed_forward_as_its_name_is(data_sheet_arm: NominalArm) -> None:
     named = run(ArmTracking(data_sheet_arm, feedforward="nominal"), np.zeros(7))
-    given = run(ArmTracking(data_sheet_arm, feedforward=Believed(data_sheet_arm)), np.zeros(7))
+    given = run(
+        ArmTracking(data_sheet_arm, feedforward=Believed(data_sheet_arm)), np.zeros(7)
+    )
     for one, other in zip(named, given, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-6)
 
 
-def test_the_loop_does_not_take_the_filters_lag_for_an_error(data_sheet_arm: NominalArm) -> None:
-    env, worst = ArmTracking(data_sheet_arm, motion="fourier", bandwidth=4.0, episode_length=2.0), 0.0
+def test_the_loop_does_not_take_the_filters_lag_for_an_error(
+    data_sheet_arm: NominalArm,
+) -> None:
+    env, worst = (
+        ArmTracking(
+            data_sheet_arm, motion="fourier", bandwidth=4.0, episode_length=2.0
+        ),
+        0.0,
+    )
     env.reset(seed=1)
     for _ in range(100):
         worst = max(worst, env.step(np.zeros(7))[4]["tracking_rms"])
@@ -79,7 +103,9 @@ def test_torque_rate_is_told(pendulum) -> None:
     env.step(np.zeros(1))
     info = env.step(np.ones(1))[4]
     env.close()
-    assert info["torque_rate"] == pytest.approx(env.torque_scale[0] / np.sqrt(10) / 1e-3)
+    assert info["torque_rate"] == pytest.approx(
+        env.torque_scale[0] / np.sqrt(10) / 1e-3
+    )
 
 
 def test_reach_gives_every_joint_the_same_say(data_sheet_arm: NominalArm) -> None:

@@ -10,27 +10,31 @@ import numpy as np
 import pytest
 import yaml
 
-from arm.dynamics import RigidBody
-from arm.errors import InputError, ModelWarning
-from arm.robots import load_nominal_arm
-from effects.applied import AppliedEffect
-from envs.engines import ENGINES
-from envs.environment import ArmTracking
-from envs.simulated_arm import SimulatedArm
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError, ModelWarning
+from gapscope.arm.robots import load_nominal_arm
 from gapscope.cli import main
+from gapscope.effects.applied import AppliedEffect
+from gapscope.envs.engines import ENGINES
+from gapscope.envs.environment import ArmTracking
+from gapscope.envs.simulated_arm import SimulatedArm
 
 IIWA = load_nominal_arm("kuka_iiwa").urdf
 
 
 def _entry(name: str, parameters: dict, joints: list[int] | None = None) -> dict:
-    return {"effect": name, "parameters": parameters} | ({} if joints is None else {"joints": joints})
+    return {"effect": name, "parameters": parameters} | (
+        {} if joints is None else {"joints": joints}
+    )
 
 
 def _file(tmp_path: Path, *entries: dict) -> Path:
     """A file of effects, the first of which is at fault neither here nor there."""
     path = tmp_path / "corrected.yaml"
     harmless = _entry("actuator_delay", {"delay": [0.002]}, [1])
-    path.write_text(yaml.safe_dump({"schema": 1, "effects": [harmless, *entries]}, sort_keys=False))
+    path.write_text(
+        yaml.safe_dump({"schema": 1, "effects": [harmless, *entries]}, sort_keys=False)
+    )
     return path
 
 
@@ -41,8 +45,19 @@ def _run(capsys: pytest.CaptureFixture, *arguments: object) -> tuple[int, str]:
     return int(stopped.value.code or 0), " ".join(capsys.readouterr().err.split())
 
 
-def _record(capsys: pytest.CaptureFixture, robot: object, effects: Path, *options: object) -> tuple[int, str]:
-    short = ("--recordings", 1, "--duration", 1.0, "--seed", 1, "--out", effects.parent / "case")
+def _record(
+    capsys: pytest.CaptureFixture, robot: object, effects: Path, *options: object
+) -> tuple[int, str]:
+    short = (
+        "--recordings",
+        1,
+        "--duration",
+        1.0,
+        "--seed",
+        1,
+        "--out",
+        effects.parent / "case",
+    )
     return _run(capsys, "record", robot, "--effects", effects, *short, *options)
 
 
@@ -69,7 +84,10 @@ EFFECTS = {
         "zero or above",
     ),
     "stiffness that the step cannot hold": (
-        [ROTOR, _entry("joint_elasticity", {"stiffness": [1e7], "damping": [0.0]}, [2])],
+        [
+            ROTOR,
+            _entry("joint_elasticity", {"stiffness": [1e7], "damping": [0.0]}, [2]),
+        ],
         "effects[2], joint_elasticity.stiffness: the stiffness or damping about joint 2 moves at",
         "a lower stiffness or damping, or more rotor inertia",
     ),
@@ -116,13 +134,19 @@ EFFECTS = {
 }
 
 
-@pytest.mark.parametrize(("entries", "message", "remedy"), EFFECTS.values(), ids=EFFECTS)
-def test_an_effect_at_fault(capsys, tmp_path: Path, entries: list[dict], message: str, remedy: str) -> None:
+@pytest.mark.parametrize(
+    ("entries", "message", "remedy"), EFFECTS.values(), ids=EFFECTS
+)
+def test_an_effect_at_fault(
+    capsys, tmp_path: Path, entries: list[dict], message: str, remedy: str
+) -> None:
     """File, entry and field, and what to do; from the command, and from the environment that is given the file."""
     file = _file(tmp_path, *entries)
     code, text = _record(capsys, "kuka_iiwa", file)
     assert code == 2 and "Traceback" not in text and not (tmp_path / "case").exists()
-    assert f"gapscope: {file}, {message}" in text and remedy in text.split("remedy: ")[1]
+    assert (
+        f"gapscope: {file}, {message}" in text and remedy in text.split("remedy: ")[1]
+    )
     with pytest.raises(InputError, match=re.escape(message.split(": ", 1)[1])):
         ArmTracking("kuka_iiwa", effects=file)
 
@@ -131,9 +155,24 @@ def test_an_effect_at_fault(capsys, tmp_path: Path, entries: list[dict], message
     ("robot", "options", "message", "remedy"),
     [
         ("kuka_iwa", (), "kuka_iwa: no such URDF file", "did you mean 'kuka_iiwa'?"),
-        ("no/such.urdf", (), "no/such.urdf: no such URDF file", "kuka_iiwa, franka_panda, xarm6"),
-        ("kuka_iiwa", ("--engine", "mujocco"), "engine: unknown engine 'mujocco'", "did you mean 'mujoco'?"),
-        ("kuka_iiwa", ("--trajectory", "fourrier"), "motion: unknown motion 'fourrier'", "did you mean 'fourier'?"),
+        (
+            "no/such.urdf",
+            (),
+            "no/such.urdf: no such URDF file",
+            "kuka_iiwa, franka_panda, xarm6",
+        ),
+        (
+            "kuka_iiwa",
+            ("--engine", "mujocco"),
+            "engine: unknown engine 'mujocco'",
+            "did you mean 'mujoco'?",
+        ),
+        (
+            "kuka_iiwa",
+            ("--trajectory", "fourrier"),
+            "motion: unknown motion 'fourrier'",
+            "did you mean 'fourier'?",
+        ),
     ],
 )
 def test_an_unknown_name_is_met_with_the_nearest(
@@ -188,16 +227,29 @@ def test_an_inertia_that_no_body_can_have_is_refused(
     file = tmp_path / "broken.urdf"
     file.write_text(_third_link(*change))
     code, text = _record(capsys, file, _file(tmp_path))
-    assert code == 2 and f"{file}" in text and message in text and remedy in text.split("remedy: ")[1]
+    assert (
+        code == 2
+        and f"{file}" in text
+        and message in text
+        and remedy in text.split("remedy: ")[1]
+    )
 
 
 def test_a_last_link_without_inertial_is_refused(capsys, tmp_path: Path) -> None:
     """Any torque would give it an infinite acceleration."""
     file = tmp_path / "light.urdf"
     head, last = IIWA.read_text().split('<link name="lbr_iiwa_link_7">')
-    file.write_text(head + '<link name="lbr_iiwa_link_7">' + re.sub("<inertial>.*?</inertial>", "", last, flags=re.S))
+    file.write_text(
+        head
+        + '<link name="lbr_iiwa_link_7">'
+        + re.sub("<inertial>.*?</inertial>", "", last, flags=re.S)
+    )
     code, text = _record(capsys, file, _file(tmp_path))
-    assert code == 2 and f"{file}: the link moved by joint 7 (lbr_iiwa_joint_7) has mass 0 kg" in text
+    assert (
+        code == 2
+        and f"{file}: the link moved by joint 7 (lbr_iiwa_joint_7) has mass 0 kg"
+        in text
+    )
     assert "with positive mass and inertia" in text.split("remedy: ")[1]
 
 
@@ -215,7 +267,7 @@ ODD = {
 
 
 @pytest.mark.parametrize(("change", "message"), ODD.values(), ids=ODD)
-@pytest.mark.filterwarnings("always::arm.errors.ModelWarning")
+@pytest.mark.filterwarnings("always::gapscope.arm.errors.ModelWarning")
 def test_an_odd_inertia_is_told_and_simulated_alike_on_every_engine(
     capsys, tmp_path: Path, change: tuple[str, str], message: str
 ) -> None:
@@ -237,13 +289,17 @@ def test_an_odd_inertia_is_told_and_simulated_alike_on_every_engine(
             simulated.step(torque)
             ddq = (simulated.dq - dq) / simulated.dt
             needed = body.inverse_dynamics(q[None], dq[None], ddq[None])[0]
-            np.testing.assert_allclose(needed, torque, atol=1e-6 * np.abs(body.bias(q, dq)).max())
+            np.testing.assert_allclose(
+                needed, torque, atol=1e-6 * np.abs(body.bias(q, dq)).max()
+            )
     code, text = _record(capsys, file, _file(tmp_path))
     assert code == 0 and f"note: {file}: {message}" in text
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_a_stiffness_that_another_step_holds(engines, tmp_path: Path, engine: str) -> None:
+def test_a_stiffness_that_another_step_holds(
+    engines, tmp_path: Path, engine: str
+) -> None:
     """What the message says to do helps: the longest step that it names."""
     arm = load_nominal_arm("kuka_iiwa")
     stiff = (
@@ -257,7 +313,9 @@ def test_a_stiffness_that_another_step_holds(engines, tmp_path: Path, engine: st
 
 
 @pytest.mark.parametrize("ending", ["csv", "parquet", "npz"])
-def test_a_truncated_recording_is_not_replayed(capsys, tmp_path: Path, ending: str) -> None:
+def test_a_truncated_recording_is_not_replayed(
+    capsys, tmp_path: Path, ending: str
+) -> None:
     assert _record(capsys, "kuka_iiwa", _file(tmp_path), "--format", ending)[0] == 0
     whole = tmp_path / "case" / f"recording_1.{ending}"
     cut, out = tmp_path / f"cut.{ending}", tmp_path / "replayed.csv"
@@ -268,8 +326,15 @@ def test_a_truncated_recording_is_not_replayed(capsys, tmp_path: Path, ending: s
     }
     for share in (0.2, 0.7):
         cut.write_bytes(whole.read_bytes()[: int(share * whole.stat().st_size)])
-        code, text = _run(capsys, "replay", tmp_path / "case", "--recording", cut, "--out", out)
-        assert code == 2 and f"{cut}" in text and expected[ending] in text and not out.exists()
+        code, text = _run(
+            capsys, "replay", tmp_path / "case", "--recording", cut, "--out", out
+        )
+        assert (
+            code == 2
+            and f"{cut}" in text
+            and expected[ending] in text
+            and not out.exists()
+        )
         assert "cut short" in text if ending == "csv" else "complete" in text
         assert "Traceback" not in text
 
@@ -277,6 +342,13 @@ def test_a_truncated_recording_is_not_replayed(capsys, tmp_path: Path, ending: s
 def test_a_corrected_model_at_fault_is_not_replayed(capsys, tmp_path: Path) -> None:
     assert _record(capsys, "kuka_iiwa", _file(tmp_path))[0] == 0
     model = _file(tmp_path, _entry("payload", {"mass": -3.0, "com": [0, 0, 0]}))
-    common = ("--recording", tmp_path / "case" / "recording_1.csv", "--out", tmp_path / "replayed.csv")
+    common = (
+        "--recording",
+        tmp_path / "case" / "recording_1.csv",
+        "--out",
+        tmp_path / "replayed.csv",
+    )
     code, text = _run(capsys, "replay", tmp_path / "case", "--model", model, *common)
-    assert code == 2 and f"{model}, effects[1], payload: the link moved by joint 7" in text
+    assert (
+        code == 2 and f"{model}, effects[1], payload: the link moved by joint 7" in text
+    )

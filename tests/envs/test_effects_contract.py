@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from arm.errors import InputError
-from arm.nominal import NominalArm
-from effects.applied import AppliedEffect
-from effects.catalogue import CATALOGUE
-from effects.effect import Effect, Sensing
-from effects.severity import ArmScale, draw
-from envs.engines import ENGINES
-from envs.simulated_arm import SimulatedArm
+from gapscope.arm.errors import InputError
+from gapscope.arm.nominal import NominalArm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.effect import Effect, Sensing
+from gapscope.effects.severity import ArmScale, draw
+from gapscope.envs.engines import ENGINES
+from gapscope.envs.simulated_arm import SimulatedArm
 
 POSTURE = np.array([0.1, 0.6, -0.2, -1.2, 0.3, 0.8, 0.1])
 SPEED = np.array([0.4, -0.3, 0.5, 0.4, -0.5, 0.6, -0.7])
@@ -46,7 +46,9 @@ SIGNED = {
 """Parameters whose sign has a meaning, and that act in proportion while they are small."""
 
 
-def _applied(effect: Effect, values: dict[str, object], joints: tuple[int, ...] = (2, 4)) -> AppliedEffect:
+def _applied(
+    effect: Effect, values: dict[str, object], joints: tuple[int, ...] = (2, 4)
+) -> AppliedEffect:
     return AppliedEffect(effect.name, joints if effect.scope == "joint" else (), values)  # type: ignore[arg-type]
 
 
@@ -54,15 +56,21 @@ def _drawn(arm: NominalArm, name: str) -> AppliedEffect:
     return draw(name, np.random.default_rng(7), ArmScale.of(arm), joints=(2, 4))
 
 
-def _run(arm: NominalArm, effects: tuple[AppliedEffect, ...], engine: str, steps: int = 60) -> np.ndarray:
+def _run(
+    arm: NominalArm, effects: tuple[AppliedEffect, ...], engine: str, steps: int = 60
+) -> np.ndarray:
     """Readings and true state under a torque that changes its sign, shape (steps, 3 n)."""
     rng = np.random.default_rng(3)
     rows = []
-    with SimulatedArm(arm, effects, engine=engine, encoder_noise=1e-5, rng=rng) as simulated:
+    with SimulatedArm(
+        arm, effects, engine=engine, encoder_noise=1e-5, rng=rng
+    ) as simulated:
         simulated.reset(POSTURE, SPEED, time=1.9)
         for i in range(steps):
             simulated.step(TORQUE * np.cos(0.2 * i), 2)
-            rows.append(np.concatenate([simulated.encoders(), simulated.q, simulated.dq]))
+            rows.append(
+                np.concatenate([simulated.encoders(), simulated.q, simulated.dq])
+            )
     return np.array(rows)
 
 
@@ -73,24 +81,35 @@ class TestContract:
         self, engines, data_sheet_arm: NominalArm, name: str, engine: str
     ) -> None:
         effect = _drawn(data_sheet_arm, name)
-        first, second = (_run(data_sheet_arm, (effect,), engines(engine)) for _ in range(2))
+        first, second = (
+            _run(data_sheet_arm, (effect,), engines(engine)) for _ in range(2)
+        )
         assert np.isfinite(first).all() and np.ptp(first, axis=0).min() > 0
         np.testing.assert_array_equal(first, second)
 
-    def test_on_means_on_and_off_means_off(self, engines, data_sheet_arm: NominalArm, name: str, engine: str) -> None:
+    def test_on_means_on_and_off_means_off(
+        self, engines, data_sheet_arm: NominalArm, name: str, engine: str
+    ) -> None:
         nominal = _run(data_sheet_arm, (), engines(engine))
         if name == "torque_saturation":  # drawn beyond the torque of this short motion
             on = _applied(CATALOGUE[name], {"limit": [10.0, 10.0]})
         elif name == "external_force":
-            on = _applied(CATALOGUE[name], {"force": [20.0, 5.0, -9.0], "start": 1.9, "end": 2.0})
+            on = _applied(
+                CATALOGUE[name], {"force": [20.0, 5.0, -9.0], "start": 1.9, "end": 2.0}
+            )
         else:
             on = _drawn(data_sheet_arm, name)
         assert np.abs(_run(data_sheet_arm, (on,), engine) - nominal).max() > 1e-5
         if name in NEVER_OFF:
             return
-        zero = {p.name: np.zeros(p.size) if p.size > 1 else 0.0 for p in CATALOGUE[name].parameters}
+        zero = {
+            p.name: np.zeros(p.size) if p.size > 1 else 0.0
+            for p in CATALOGUE[name].parameters
+        }
         off = _applied(CATALOGUE[name], {**zero, **OFF.get(name, {})})
-        np.testing.assert_allclose(_run(data_sheet_arm, (off,), engine), nominal, atol=1e-12)
+        np.testing.assert_allclose(
+            _run(data_sheet_arm, (off,), engine), nominal, atol=1e-12
+        )
 
     def test_a_negative_value_acts_the_other_way(
         self, engines, data_sheet_arm: NominalArm, name: str, engine: str
@@ -98,52 +117,87 @@ class TestContract:
         if name not in SIGNED:
             pytest.skip(f"{name} has no sign")
         effect, key = CATALOGUE[name], SIGNED[name]
-        rest = {"link": 3.0, "velocity": 1.0, "time_constant": 5.0, "cycles": 3.0, "phase": 0.5, "end": 9.0}
+        rest = {
+            "link": 3.0,
+            "velocity": 1.0,
+            "time_constant": 5.0,
+            "cycles": 3.0,
+            "phase": 0.5,
+            "end": 9.0,
+        }
         moved = {}
         for sign in (-1.0, 0.0, 1.0):
             values: dict[str, object] = {
-                p.name: np.zeros(p.size) if p.size > 1 else rest.get(p.name, 0.0) for p in effect.parameters
+                p.name: np.zeros(p.size) if p.size > 1 else rest.get(p.name, 0.0)
+                for p in effect.parameters
             }
-            values[key] = sign * np.array([1.0, 2.0, 3.0]) if name == "external_force" else sign * 0.01
-            moved[sign] = _run(data_sheet_arm, (_applied(effect, values),), engines(engine), steps=3)
+            values[key] = (
+                sign * np.array([1.0, 2.0, 3.0])
+                if name == "external_force"
+                else sign * 0.01
+            )
+            moved[sign] = _run(
+                data_sheet_arm, (_applied(effect, values),), engines(engine), steps=3
+            )
         up, down = moved[1.0] - moved[0.0], moved[-1.0] - moved[0.0]
         assert np.abs(up).max() > 1e-9
         np.testing.assert_allclose(up, -down, atol=0.03 * np.abs(up).max())
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_a_very_stiff_joint_is_nearly_rigid(engines, data_sheet_arm: NominalArm, engine: str) -> None:
-    stiff = AppliedEffect("joint_elasticity", (2,), {"stiffness": [3e6], "damping": [300.0]})
-    rigid, elastic = (_run(data_sheet_arm, effects, engines(engine), 20) for effects in ((), (stiff,)))
+def test_a_very_stiff_joint_is_nearly_rigid(
+    engines, data_sheet_arm: NominalArm, engine: str
+) -> None:
+    stiff = AppliedEffect(
+        "joint_elasticity", (2,), {"stiffness": [3e6], "damping": [300.0]}
+    )
+    rigid, elastic = (
+        _run(data_sheet_arm, effects, engines(engine), 20) for effects in ((), (stiff,))
+    )
     np.testing.assert_allclose(elastic[:, 7:14], rigid[:, 7:14], atol=1e-3)
 
 
 @pytest.mark.parametrize("name", CATALOGUE)
-def test_a_joint_that_does_not_exist_is_refused(data_sheet_arm: NominalArm, name: str) -> None:
+def test_a_joint_that_does_not_exist_is_refused(
+    data_sheet_arm: NominalArm, name: str
+) -> None:
     effect = CATALOGUE[name]
     if effect.scope == "arm":
         pytest.skip("acts on the whole arm")
-    values = {p.name: np.full(p.size, p.typical[1]) if p.size > 1 else p.typical[1] for p in effect.parameters}
-    wrong = _applied(effect, {**values, "link": 9.0} if "link" in values else values, joints=(9,))
+    values = {
+        p.name: np.full(p.size, p.typical[1]) if p.size > 1 else p.typical[1]
+        for p in effect.parameters
+    }
+    wrong = _applied(
+        effect, {**values, "link": 9.0} if "link" in values else values, joints=(9,)
+    )
     with pytest.raises(InputError, match="joint 9 of an arm with 7 joints"):
         SimulatedArm(data_sheet_arm, (wrong,))
 
 
 def test_a_link_left_with_negative_mass_is_refused(data_sheet_arm: NominalArm) -> None:
-    wrong = AppliedEffect("link_inertia", (), {"link": 3.0, "mass": -50.0, "com": np.zeros(3)})
-    with pytest.raises(InputError, match=r"joint 3 \(lbr_iiwa_joint_3\) has mass -") as caught:
+    wrong = AppliedEffect(
+        "link_inertia", (), {"link": 3.0, "mass": -50.0, "com": np.zeros(3)}
+    )
+    with pytest.raises(
+        InputError, match=r"joint 3 \(lbr_iiwa_joint_3\) has mass -"
+    ) as caught:
         SimulatedArm(data_sheet_arm, (wrong,))
     assert caught.value.where == "link_inertia" and "above zero" in caught.value.remedy
 
 
-def test_spring_that_the_step_cannot_hold_is_refused(data_sheet_arm: NominalArm) -> None:
+def test_spring_that_the_step_cannot_hold_is_refused(
+    data_sheet_arm: NominalArm,
+) -> None:
     bare = replace(data_sheet_arm, armature=np.zeros(7))
     spring = AppliedEffect("parallel_spring", (7,), {"stiffness": [1e4], "rest": [0.0]})
     with pytest.raises(InputError, match="cannot hold"):
         SimulatedArm(bare, (spring,), dt=0.02)
 
 
-def test_sensing_effects_leave_the_true_motion_alone(data_sheet_arm: NominalArm) -> None:
+def test_sensing_effects_leave_the_true_motion_alone(
+    data_sheet_arm: NominalArm,
+) -> None:
     nominal = _run(data_sheet_arm, (), "pybullet")
     for name, effect in CATALOGUE.items():
         if isinstance(effect, Sensing):

@@ -10,20 +10,22 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from arm.dynamics import RigidBody
-from arm.errors import InputError
-from arm.feedforward import feedforward
-from arm.inertials import odd_inertials
-from arm.nominal import NominalArm
-from arm.robots import load_nominal_arm
-from arm.trajectory import Fourier, urdf_limits
-from effects.applied import AppliedEffect
-from envs.engines import ENGINES, make_engine
-from envs.mystery import POSTURE, position_controller
-from envs.simulated_arm import SimulatedArm
+from gapscope.arm.dynamics.feedforward import feedforward
+from gapscope.arm.dynamics.inertials import odd_inertials
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError
+from gapscope.arm.motions.trajectory import Fourier, urdf_limits
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.envs.engines import ENGINES, make_engine
+from gapscope.envs.mystery_arm import POSTURE, position_controller
+from gapscope.envs.simulated_arm import SimulatedArm
 
 EFFECTS = (
-    AppliedEffect("stribeck_friction", (2, 4), {"torque": [2.0, 1.5], "velocity": [0.1, 0.1]}),
+    AppliedEffect(
+        "stribeck_friction", (2, 4), {"torque": [2.0, 1.5], "velocity": [0.1, 0.1]}
+    ),
     AppliedEffect("load_friction", (3,), {"coefficient": [0.15]}),
     AppliedEffect("payload", (), {"mass": 2.0, "com": [0.03, -0.02, 0.08]}),
     AppliedEffect("actuator_delay", (1, 4), {"delay": [0.0083, 0.002]}),
@@ -33,14 +35,18 @@ EFFECTS = (
 
 @pytest.mark.parametrize("robot", ["kuka_iiwa", "franka_panda", "xarm6"])
 @pytest.mark.parametrize("engine", ENGINES)
-def test_without_effects_it_is_pinocchios_inverse_dynamics(engines, engine: str, robot: str) -> None:
+def test_without_effects_it_is_pinocchios_inverse_dynamics(
+    engines, engine: str, robot: str
+) -> None:
     """Torque to acceleration and back, relative to the torque: 1e-8."""
     arm = load_nominal_arm(robot)
     _check_inverse_dynamics(arm, engines(engine))
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_moments_that_no_body_can_have_are_simulated_as_they_stand(engines, tmp_path: Path, engine: str) -> None:
+def test_moments_that_no_body_can_have_are_simulated_as_they_stand(
+    engines, tmp_path: Path, engine: str
+) -> None:
     """Each link's greatest moment is raised to twice the sum of the others."""
     root = ET.parse(load_nominal_arm("kuka_iiwa").urdf).getroot()
     for inertia in root.iter("inertia"):
@@ -60,7 +66,10 @@ def _check_inverse_dynamics(arm: NominalArm, engine: str) -> None:
     with SimulatedArm(arm, engine=engine) as simulated:
         for _ in range(30):
             q = low + rng.uniform(0.1, 0.9, arm.n_joints) * (high - low)
-            dq, wanted = rng.uniform(-2, 2, arm.n_joints), rng.uniform(-50, 50, arm.n_joints)
+            dq, wanted = (
+                rng.uniform(-2, 2, arm.n_joints),
+                rng.uniform(-50, 50, arm.n_joints),
+            )
             torque = body.inverse_dynamics(q[None], dq[None], wanted[None])[0]
             simulated.reset(q, dq)
             simulated.step(torque)
@@ -70,10 +79,22 @@ def _check_inverse_dynamics(arm: NominalArm, engine: str) -> None:
 
 
 def _follow(
-    arm: NominalArm, effects: tuple[AppliedEffect, ...], engine: str, parts: int, duration: float
+    arm: NominalArm,
+    effects: tuple[AppliedEffect, ...],
+    engine: str,
+    parts: int,
+    duration: float,
 ) -> np.ndarray:
-    limits = urdf_limits(RigidBody(arm), 5.0)._replace(velocity=np.full(arm.n_joints, 1.2))
-    motion = Fourier.random(np.random.default_rng(1), limits, duration=duration, centre=POSTURE, frequency=0.3)
+    limits = urdf_limits(RigidBody(arm), 5.0)._replace(
+        velocity=np.full(arm.n_joints, 1.2)
+    )
+    motion = Fourier.random(
+        np.random.default_rng(1),
+        limits,
+        duration=duration,
+        centre=POSTURE,
+        frequency=0.3,
+    )
     t = np.arange(0.0, duration, 1e-3)
     q, dq, ddq = motion.position(t), motion.velocity(t), motion.acceleration(t)
     torque = feedforward(arm, RigidBody(arm), "nominal", q, dq, ddq)
@@ -83,7 +104,9 @@ def _follow(
         simulated.start(q[0], dq[0])
         for i in range(len(t)):
             out[i] = simulated.encoders()
-            pd = controller.kp * (q[i] - out[i]) + controller.kd * (dq[i] - simulated.dq)
+            pd = controller.kp * (q[i] - out[i]) + controller.kd * (
+                dq[i] - simulated.dq
+            )
             simulated.step(torque[i] + pd, parts)
     return out
 
@@ -94,25 +117,34 @@ def test_same_case_gives_the_same_motion(
     engines, data_sheet_arm: NominalArm, engine: str, effects: tuple[AppliedEffect, ...]
 ) -> None:
     """Joint RMSE against PyBullet far below the 1e-3 rad that a step of 1 ms might excuse."""
-    first, second = (_follow(data_sheet_arm, effects, name, 1, 3.0) for name in ("pybullet", engines(engine)))
+    first, second = (
+        _follow(data_sheet_arm, effects, name, 1, 3.0)
+        for name in ("pybullet", engines(engine))
+    )
     assert np.sqrt(np.mean((first - second) ** 2, axis=0)).max() < 1e-6
 
 
 def test_error_halves_with_the_step(data_sheet_arm: NominalArm) -> None:
     fine = _follow(data_sheet_arm, EFFECTS, "pybullet", 8, 2.0)
-    coarse, half = (_follow(data_sheet_arm, EFFECTS, "pybullet", parts, 2.0) for parts in (1, 2))
+    coarse, half = (
+        _follow(data_sheet_arm, EFFECTS, "pybullet", parts, 2.0) for parts in (1, 2)
+    )
     errors = [np.sqrt(np.mean((x - fine) ** 2)) for x in (coarse, half)]
     assert errors[0] < 1e-3 and errors[1] < 0.65 * errors[0]
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_free_swing_keeps_its_energy(engines, bare_arm: NominalArm, tmp_path: Path, engine: str) -> None:
+def test_free_swing_keeps_its_energy(
+    engines, bare_arm: NominalArm, tmp_path: Path, engine: str
+) -> None:
     """Hanging, 10 s: what the total energy strays and drifts, over the greatest kinetic one; both halve with the step.
 
     Joints have no limits, since the wrist swings past them. From twice as far the swing is chaotic.
     """
     free = tmp_path / "free.urdf"
-    free.write_text(bare_arm.urdf.read_text().replace('type="revolute"', 'type="continuous"'))
+    free.write_text(
+        bare_arm.urdf.read_text().replace('type="revolute"', 'type="continuous"')
+    )
     hanging = replace(bare_arm, urdf=free, gravity=np.array([0.0, 0.0, 9.81]))
     drift = []
     for dt in (1e-3, 5e-4):
@@ -122,16 +154,24 @@ def test_free_swing_keeps_its_energy(engines, bare_arm: NominalArm, tmp_path: Pa
             data = model.createData()
             kinetic, total = [], []
             for _ in range(round(10.0 / dt)):
-                kinetic.append(pin.computeKineticEnergy(model, data, simulated.q, simulated.dq))
-                total.append(kinetic[-1] + pin.computePotentialEnergy(model, data, simulated.q))
+                kinetic.append(
+                    pin.computeKineticEnergy(model, data, simulated.q, simulated.dq)
+                )
+                total.append(
+                    kinetic[-1] + pin.computePotentialEnergy(model, data, simulated.q)
+                )
                 simulated.step(np.zeros(7))
-        drift.append(np.array([np.ptp(total), abs(total[-1] - total[0])]) / max(kinetic))
+        drift.append(
+            np.array([np.ptp(total), abs(total[-1] - total[0])]) / max(kinetic)
+        )
     assert (drift[0] < [0.006, 0.004]).all() and (drift[1] < 0.51 * drift[0]).all()
 
 
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("friction", [0.0, 1.0])
-def test_joint_limits_hold_under_gravity(engines, bare_arm: NominalArm, engine: str, friction: float) -> None:
+def test_joint_limits_hold_under_gravity(
+    engines, bare_arm: NominalArm, engine: str, friction: float
+) -> None:
     arm = replace(bare_arm, coulomb=np.full(7, friction), viscous=np.full(7, 0.2))
     _, upper = RigidBody(arm).position_limits()
     with SimulatedArm(arm, engine=engines(engine)) as simulated:
@@ -144,7 +184,9 @@ def test_joint_limits_hold_under_gravity(engines, bare_arm: NominalArm, engine: 
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_holding_a_torque_is_repeating_it(engines, data_sheet_arm: NominalArm, engine: str) -> None:
+def test_holding_a_torque_is_repeating_it(
+    engines, data_sheet_arm: NominalArm, engine: str
+) -> None:
     torque = np.array([5.0, -40.0, 3.0, 20.0, 1.0, 1.0, 0.5])
     states = []
     for count in (1, 40):
@@ -158,7 +200,11 @@ def test_holding_a_torque_is_repeating_it(engines, data_sheet_arm: NominalArm, e
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_an_arm_that_diverges_is_seen_to_do_so(
-    engines, bare_arm: NominalArm, engine: str, tmp_path, monkeypatch: pytest.MonkeyPatch
+    engines,
+    bare_arm: NominalArm,
+    engine: str,
+    tmp_path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """No engine puts it back where it started, and none writes a file about it."""
     monkeypatch.chdir(tmp_path)
@@ -176,7 +222,7 @@ def test_unknown_engine() -> None:
 
 
 def test_engine_that_is_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("envs.engines.installed", lambda name: False)
+    monkeypatch.setattr("gapscope.envs.engines.installed", lambda name: False)
     with pytest.raises(InputError, match="not installed") as caught:
         make_engine("mujoco", (), np.zeros(3), 1e-3)
     assert "gapscope[mujoco]" in caught.value.remedy
@@ -184,6 +230,8 @@ def test_engine_that_is_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_pybullet_is_loaded_in_silence() -> None:
     """It says on standard error when it was built; what comes after it is heard."""
-    code = "import sys, envs.engines.pybullet; print('heard', file=sys.stderr)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    code = "import sys, gapscope.envs.engines.pybullet; print('heard', file=sys.stderr)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60
+    )
     assert (done.returncode, done.stdout, done.stderr.split()) == (0, "", ["heard"])

@@ -8,21 +8,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-gym = pytest.importorskip("gymnasium", reason="the environment needs gymnasium, a dependency of the package")
+gym = pytest.importorskip(
+    "gymnasium", reason="the environment needs gymnasium, a dependency of the package"
+)
 
 from episodes import NAME, SHORT, rollout  # noqa: E402
 
 import gapscope  # noqa: E402, F401 (registers the environment)
-from arm.errors import InputError  # noqa: E402
-from arm.motions import MOTIONS  # noqa: E402
-from arm.point_to_point import PointToPoint  # noqa: E402
-from arm.robots import KNOWN_ROBOTS  # noqa: E402
-from effects.applied import AppliedEffect  # noqa: E402
-from effects.corrected_file import write_corrected  # noqa: E402
-from envs.actions import KINDS  # noqa: E402
-from envs.engines import installed  # noqa: E402
-from envs.environment import ArmTracking  # noqa: E402
-from envs.reward import Reward  # noqa: E402
+from gapscope.arm.errors import InputError  # noqa: E402
+from gapscope.arm.motions.named_motions import MOTIONS  # noqa: E402
+from gapscope.arm.motions.point_to_point import PointToPoint  # noqa: E402
+from gapscope.arm.robots import KNOWN_ROBOTS  # noqa: E402
+from gapscope.effects.applied import AppliedEffect  # noqa: E402
+from gapscope.effects.corrected_file import write_corrected  # noqa: E402
+from gapscope.envs.actions import KINDS  # noqa: E402
+from gapscope.envs.engines import installed  # noqa: E402
+from gapscope.envs.environment import ArmTracking  # noqa: E402
+from gapscope.envs.reward import Reward  # noqa: E402
 
 ROOT = Path(__file__).parents[2]
 COULOMB = AppliedEffect("coulomb_friction", (1, 4), {"torque": [3.0, 2.0]})
@@ -32,8 +34,12 @@ def errors(observations: np.ndarray, n: int = 7) -> np.ndarray:
     return observations[:, 2 * n : 3 * n]
 
 
-@pytest.mark.parametrize("options", [{}, {"action": "torque"}, {"effects": (COULOMB,), "debug": True}])
-def test_gymnasium_checker_passes(options: dict, recwarn: pytest.WarningsRecorder) -> None:
+@pytest.mark.parametrize(
+    "options", [{}, {"action": "torque"}, {"effects": (COULOMB,), "debug": True}]
+)
+def test_gymnasium_checker_passes(
+    options: dict, recwarn: pytest.WarningsRecorder
+) -> None:
     from gymnasium.utils.env_checker import check_env
 
     check_env(gym.make(NAME, **SHORT, **options).unwrapped)
@@ -41,8 +47,12 @@ def test_gymnasium_checker_passes(options: dict, recwarn: pytest.WarningsRecorde
 
 
 @pytest.mark.parametrize("action", KINDS)
-def test_stable_baselines_checker(action: str, recwarn: pytest.WarningsRecorder) -> None:
-    checker = pytest.importorskip("stable_baselines3.common.env_checker", reason="needs the extra learn")
+def test_stable_baselines_checker(
+    action: str, recwarn: pytest.WarningsRecorder
+) -> None:
+    checker = pytest.importorskip(
+        "stable_baselines3.common.env_checker", reason="needs the extra learn"
+    )
     recwarn.clear()
     env = gym.make(NAME, action=action, **SHORT)
     checker.check_env(env)
@@ -70,17 +80,31 @@ def test_eight_environments_in_vector_form(mode: str) -> None:
     observation, _ = vector.reset(seed=0)
     for _ in range(25):
         after, reward, _, _, info = vector.step(np.zeros((8, 7), np.float32))
-    assert after.shape == (8, 70) and reward.shape == (8,) and info["reward_tracking"].shape == (8,)
+    assert (
+        after.shape == (8, 70)
+        and reward.shape == (8,)
+        and info["reward_tracking"].shape == (8,)
+    )
     assert len({row.tobytes() for row in observation}) == 8
     vector.close()
 
 
 @pytest.mark.parametrize(
-    "code", ["import gapscope, gymnasium as gym; name = ''", "import gymnasium as gym; name = 'gapscope:'"]
+    "code",
+    [
+        "import gapscope, gymnasium as gym; name = ''",
+        "import gymnasium as gym; name = 'gapscope:'",
+    ],
 )
 def test_made_by_name_with_and_without_an_import(code: str) -> None:
     code += f"\nenv = gym.make(name + {NAME!r}, episode_length=0.1); env.reset(); print(env.spec.id)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, cwd=ROOT)
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        cwd=ROOT,
+    )
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip().endswith(NAME)
 
@@ -89,9 +113,17 @@ def test_import_is_light_and_works_without_gymnasium() -> None:
     code = "import sys; sys.modules['gymnasium'] = None; import importlib.util as u; found = u.find_spec\n"
     code += "u.find_spec = lambda name, *rest: None if name == 'gymnasium' else found(name, *rest)\n"
     code += "import gapscope; print(*sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, cwd=ROOT)
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        cwd=ROOT,
+    )
     assert done.returncode == 0, done.stderr
-    assert not {"pybullet", "pinocchio", "PIL", "scipy", "torch"} & set(done.stdout.split())
+    assert not {"pybullet", "pinocchio", "PIL", "scipy", "torch"} & set(
+        done.stdout.split()
+    )
 
 
 @pytest.mark.parametrize("action", ["residual", "torque"])
@@ -107,7 +139,9 @@ def test_same_seed_same_episode_bit_by_bit(action: str) -> None:
 @pytest.mark.parametrize("robot", KNOWN_ROBOTS)
 def test_pd_with_nominal_feedforward_tracks(robot: str, motion: str) -> None:
     """Without effects and with zero action the arm keeps within 3 mrad of every motion."""
-    observations, rewards, info = rollout(robot=robot, motion=motion, episode_length=2.0, engine="pybullet")
+    observations, rewards, info = rollout(
+        robot=robot, motion=motion, episode_length=2.0, engine="pybullet"
+    )
     assert np.abs(errors(observations, 6 if robot == "xarm6" else 7)).max() < 3e-3
     assert rewards.min() > 0.9 and not info["terminated"]
 
@@ -117,7 +151,9 @@ def test_engines_agree(engine: str) -> None:
     if not installed(engine):
         pytest.skip(f"the engine {engine} is not installed")
     options = {"motion": "fourier", "episode_length": 2.0, "effects": (COULOMB,)}
-    first, second = (rollout(engine=name, **options)[0][:, :7] for name in ("pybullet", engine))
+    first, second = (
+        rollout(engine=name, **options)[0][:, :7] for name in ("pybullet", engine)
+    )
     assert np.sqrt(np.mean((first - second) ** 2)) < 1e-3
 
 
@@ -134,7 +170,11 @@ def test_an_arm_from_an_mjcf_file(tmp_path: Path) -> None:
     (tmp_path / "arm.xml").write_text(MJCF)
     env = ArmTracking(tmp_path / "arm.xml")
     assert env.arm.joints == ("shoulder", "elbow") and env.arm.name == "two_rods"
-    for values, expected in ((env.arm.armature, 0.1), (env.arm.coulomb, 0.2), (env.arm.viscous, 0.3)):
+    for values, expected in (
+        (env.arm.armature, 0.1),
+        (env.arm.coulomb, 0.2),
+        (env.arm.viscous, 0.3),
+    ):
         np.testing.assert_allclose(values, expected)
     env.close()
     observations, _, info = rollout(robot=tmp_path / "arm.xml", episode_length=2.0)
@@ -155,7 +195,8 @@ def test_effects_change_the_outcome(effect: AppliedEffect, tmp_path: Path) -> No
     write_corrected("test", (effect,), tmp_path / "corrected.yaml")
     options = {"motion": "fourier", "episode_length": 2.0}
     clean, given, read = (
-        rollout(effects=effects, **options) for effects in (None, (effect,), tmp_path / "corrected.yaml")
+        rollout(effects=effects, **options)
+        for effects in (None, (effect,), tmp_path / "corrected.yaml")
     )
     assert np.abs(errors(given[0])).max() > 1.5 * np.abs(errors(clean[0])).max()
     np.testing.assert_array_equal(given[0], read[0])
@@ -166,7 +207,12 @@ def test_dry_friction_sticks_without_chatter() -> None:
     posture = np.array([0.0, 0.73, 0.0, -1.62, 0.0, 0.57, 0.0])
     friction = AppliedEffect("coulomb_friction", tuple(range(1, 8)), {"torque": 2.0})
     stand = PointToPoint(posture, posture, 1.0)
-    options = {"feedforward": "gravity", "action_share": 1.0, "episode_length": 4.0, "debug": True}
+    options = {
+        "feedforward": "gravity",
+        "action_share": 1.0,
+        "episode_length": 4.0,
+        "debug": True,
+    }
     env = gym.make(NAME, effects=(friction,), motion=stand, **options)
     env.reset(seed=0)
     speeds = []
@@ -191,12 +237,21 @@ def test_info_holds_the_parts_and_the_truth_only_for_debugging() -> None:
         env = gym.make(NAME, debug=debug, effects=(COULOMB,), action="torque", **SHORT)
         _, start = env.reset(seed=0)
         _, reward, _, _, info = env.step(np.full(7, 0.1, np.float32))
-        parts = [info[f"reward_{part}"] for part in ("tracking", "effort", "smoothness")]
+        parts = [
+            info[f"reward_{part}"] for part in ("tracking", "effort", "smoothness")
+        ]
         assert reward == pytest.approx(sum(parts)) and info["tracking_rms"] > 0
         assert (
-            type(reward) is float and parts[1] == pytest.approx(-0.1 * 0.01) and parts[2] == pytest.approx(-0.05 * 0.01)
+            type(reward) is float
+            and parts[1] == pytest.approx(-0.1 * 0.01)
+            and parts[2] == pytest.approx(-0.05 * 0.01)
         )
-        assert ("torque_applied" in info) == ("q_true" in info) == ("effects" in start) == debug
+        assert (
+            ("torque_applied" in info)
+            == ("q_true" in info)
+            == ("effects" in start)
+            == debug
+        )
         env.close()
     expected = 0.1 * env.unwrapped.torque_scale
     np.testing.assert_allclose(info["torque_commanded"], expected, rtol=1e-6)
@@ -204,18 +259,33 @@ def test_info_holds_the_parts_and_the_truth_only_for_debugging() -> None:
 
 
 def test_observation_holds_what_its_layout_says() -> None:
-    env = gym.make(NAME, motion="fourier", effects=None, look_ahead=(0.02, 0.1), action_share=0.05).unwrapped
+    env = gym.make(
+        NAME, motion="fourier", effects=None, look_ahead=(0.02, 0.1), action_share=0.05
+    ).unwrapped
     observation, _ = env.reset(seed=1)
     rows = [observation]
     for _ in range(100):
         rows.append(env.step(np.full(7, 0.5, np.float32))[0])
-    part = {name: np.array(rows, dtype=float)[:, where] for name, where in env.layout.slices.items()}
-    np.testing.assert_allclose(part["error"], part["reference"] - part["position"], atol=1e-6)
-    np.testing.assert_allclose(part["look_ahead"][:-1, :7], np.diff(part["reference"], axis=0), atol=1e-6)
-    np.testing.assert_allclose(part["look_ahead"][:-5, 7:], part["reference"][5:] - part["reference"][:-5], atol=1e-6)
+    part = {
+        name: np.array(rows, dtype=float)[:, where]
+        for name, where in env.layout.slices.items()
+    }
+    np.testing.assert_allclose(
+        part["error"], part["reference"] - part["position"], atol=1e-6
+    )
+    np.testing.assert_allclose(
+        part["look_ahead"][:-1, :7], np.diff(part["reference"], axis=0), atol=1e-6
+    )
+    np.testing.assert_allclose(
+        part["look_ahead"][:-5, 7:],
+        part["reference"][5:] - part["reference"][:-5],
+        atol=1e-6,
+    )
     np.testing.assert_array_equal(part["action"], [[0.0] * 7] + [[0.5] * 7] * 100)
     slope = (part["position"][2:] - part["position"][:-2]) / 0.04
-    late = 0.5 * (part["velocity"][1:-1] + part["velocity"][2:])[20:]  # the estimate lags by about 4 ms
+    late = (
+        0.5 * (part["velocity"][1:-1] + part["velocity"][2:])[20:]
+    )  # the estimate lags by about 4 ms
     np.testing.assert_allclose(late, slope[20:], atol=0.08)
     assert np.abs(part["feedforward"]).max() > 0.01
     env.close()
@@ -226,7 +296,12 @@ def test_a_motion_of_ones_own_and_options_for_one_episode() -> None:
     env = gym.make(NAME, motion=to, episode_length=0.4)
     where = env.unwrapped.layout.slices["reference"]
     np.testing.assert_allclose(env.reset(seed=0)[0][where], 0.0)
-    start, _ = env.reset(options={"motion": PointToPoint(np.full(7, 0.1), np.zeros(7), 0.3), "effects": (COULOMB,)})
+    start, _ = env.reset(
+        options={
+            "motion": PointToPoint(np.full(7, 0.1), np.zeros(7), 0.3),
+            "effects": (COULOMB,),
+        }
+    )
     np.testing.assert_allclose(start[where], 0.1, atol=1e-7)
     assert env.unwrapped.effects == (COULOMB,)
     env.reset()
@@ -237,7 +312,9 @@ def test_a_motion_of_ones_own_and_options_for_one_episode() -> None:
 
 
 @pytest.mark.parametrize("noise", [1e-3, [0.0, 1e-3, 0.0, 2e-3, 0.0, 0.0, 0.0]])
-def test_noise_of_the_encoders_has_its_size_and_comes_from_the_seed(noise: float | list[float]) -> None:
+def test_noise_of_the_encoders_has_its_size_and_comes_from_the_seed(
+    noise: float | list[float],
+) -> None:
     def readings(seed: int | None, env: ArmTracking) -> np.ndarray:
         start, info = env.reset(seed=seed)
         rows, truth = [start[:7]], [info["q_true"]]
@@ -247,14 +324,22 @@ def test_noise_of_the_encoders_has_its_size_and_comes_from_the_seed(noise: float
             truth.append(info["q_true"])
         return np.array(rows) - np.array(truth)
 
-    env = ArmTracking(encoder_noise=noise, motion="fourier", episode_length=2.0, debug=True, effects=(COULOMB,))
+    env = ArmTracking(
+        encoder_noise=noise,
+        motion="fourier",
+        episode_length=2.0,
+        debug=True,
+        effects=(COULOMB,),
+    )
     first, other, again = readings(3, env), readings(None, env), readings(3, env)
     env.close()
     expected = np.broadcast_to(noise, 7)
     np.testing.assert_allclose(first.std(axis=0), expected, rtol=0.25, atol=1e-6)
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
-    plain = ArmTracking(motion="fourier", episode_length=2.0, debug=True, effects=(COULOMB,))
+    plain = ArmTracking(
+        motion="fourier", episode_length=2.0, debug=True, effects=(COULOMB,)
+    )
     assert np.abs(readings(3, plain)).max() < 1e-6
     plain.close()
 
@@ -270,7 +355,9 @@ def test_a_joint_at_its_stop_ends_the_episode() -> None:
     env.close()
     joint = int(re.search(r"joint (\d)", info["limit"])[1]) - 1
     read = float(re.search(r"its encoder reads (\S+) rad", info["limit"])[1])
-    assert "came to its stop" in info["limit"] and read == pytest.approx(observation[joint], abs=1e-3)
+    assert "came to its stop" in info["limit"] and read == pytest.approx(
+        observation[joint], abs=1e-3
+    )
     assert read == pytest.approx(info["q_true"][joint] + 0.3, abs=1e-3)
 
 

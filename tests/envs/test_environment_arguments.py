@@ -5,16 +5,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-gym = pytest.importorskip("gymnasium", reason="the environment needs gymnasium, a dependency of the package")
+gym = pytest.importorskip(
+    "gymnasium", reason="the environment needs gymnasium, a dependency of the package"
+)
 
 
 import gapscope  # noqa: E402, F401 (registers the environment)
-from arm.errors import InputError, ModelWarning  # noqa: E402
-from arm.point_to_point import PointToPoint  # noqa: E402
-from arm.trajectory import Limits  # noqa: E402
-from effects.applied import AppliedEffect  # noqa: E402
-from envs.environment import ArmTracking  # noqa: E402
-from envs.reward import Reward  # noqa: E402
+from gapscope.arm.errors import InputError, ModelWarning  # noqa: E402
+from gapscope.arm.motions.point_to_point import PointToPoint  # noqa: E402
+from gapscope.arm.motions.trajectory import Limits  # noqa: E402
+from gapscope.effects.applied import AppliedEffect  # noqa: E402
+from gapscope.envs.environment import ArmTracking  # noqa: E402
+from gapscope.envs.reward import Reward  # noqa: E402
 
 COULOMB = AppliedEffect("coulomb_friction", (1, 4), {"torque": [3.0, 2.0]})
 
@@ -45,15 +47,27 @@ STRAY = AppliedEffect("coulomb_friction", (9,), {"torque": [1.0]})
 BAD = [
     ({"robot": "kuka_iwa"}, "did you mean 'kuka_iiwa'"),
     ({"engine": "pybulet"}, "pybullet"),
-    ({"effects": (STRAY,)}, "joint 9 of an arm with 7 joints(?s:.)*joints count from 1"),
+    (
+        {"effects": (STRAY,)},
+        "joint 9 of an arm with 7 joints(?s:.)*joints count from 1",
+    ),
     (
         {"effects": ("coulomb_friction",)},
         r"effects\[0\]: expected AppliedEffect, got 'coulomb_fric(?s:.)*give AppliedEffect",
     ),
-    ({"effects": "coulomb_friction"}, "is the name of an effect, without values(?s:.)*give AppliedEffect"),
+    (
+        {"effects": "coulomb_friction"},
+        "is the name of an effect, without values(?s:.)*give AppliedEffect",
+    ),
     ({"effects": 3}, "effects: 3 is no effect with values"),
-    ({"effects": {"effects": [], "residual": "residual.npz"}}, "a residual network is no effect(?s:.)*simulated="),
-    ({"effects": {"effect": "payload"}}, r"effects\[0\], payload: expected the parameters"),
+    (
+        {"effects": {"effects": [], "residual": "residual.npz"}},
+        "a residual network is no effect(?s:.)*simulated=",
+    ),
+    (
+        {"effects": {"effect": "payload"}},
+        r"effects\[0\], payload: expected the parameters",
+    ),
     (
         {"effects": [{"effect": "payload", "parameters": {"mass": 1}}]},
         r"effects\[0\], payload: expected the parameters",
@@ -63,7 +77,10 @@ BAD = [
     ({"robot": None}, "robot: expected NominalArm, got None(?s:.)*xarm6"),
     ({"robot": 3}, "robot: expected NominalArm, got 3"),
     ({"engine": "MuJoCo"}, "did you mean 'mujoco'"),
-    ({"simulated": "corrected.yaml"}, "simulated: expected CorrectedArm(?s:.)*read_corrected_arm"),
+    (
+        {"simulated": "corrected.yaml"},
+        "simulated: expected CorrectedArm(?s:.)*read_corrected_arm",
+    ),
     ({"encoder_noise": -1e-3}, "encoder_noise: expected one number from zero on, or 7"),
     ({"encoder_noise": [1e-3] * 6}, "encoder_noise"),
     ({"encoder_noise": float("nan")}, "encoder_noise"),
@@ -72,9 +89,18 @@ BAD = [
     ({"reward": 0.01}, "reward: expected Reward"),
     ({"randomisation": "payload"}, "randomisation: expected Randomisation"),
     ({"limits": 3}, "limits: expected Limits, got 3"),
-    ({"limits": Limits([-1.0] * 7, [1.0] * 7, [1.0] * 6, [1.0] * 7)}, "limits.velocity: expected 7 numbers"),
-    ({"limits": Limits([1.0] * 7, [1.0] * 7, [1.0] * 7, [1.0] * 7)}, "limits: lower has to be below upper"),
-    ({"limits": Limits([-1.0] * 7, [1.0] * 7, [1.0] * 7, ["x"] * 7)}, "limits: holds what is not a number"),
+    (
+        {"limits": Limits([-1.0] * 7, [1.0] * 7, [1.0] * 6, [1.0] * 7)},
+        "limits.velocity: expected 7 numbers",
+    ),
+    (
+        {"limits": Limits([1.0] * 7, [1.0] * 7, [1.0] * 7, [1.0] * 7)},
+        "limits: lower has to be below upper",
+    ),
+    (
+        {"limits": Limits([-1.0] * 7, [1.0] * 7, [1.0] * 7, ["x"] * 7)},
+        "limits: holds what is not a number",
+    ),
     ({"effects": "missing.yaml"}, "missing.yaml"),
     ({"action": "torqe"}, "did you mean 'torque'"),
     ({"feedforward": "full"}, "nominal"),
@@ -98,15 +124,36 @@ BAD = [
     ({"action_share": -1}, "action_share"),
     ({"render_mode": "ascii"}, "rgb_array"),
     ({"sheet": {"torque_limit": [1.0]}}, "sheet.torque_limit: expected 7 numbers"),
-    ({"sheet": {"torque_limit": [0.0] * 7}}, "sheet.torque_limit: 0 N m at joint 1(?s:.)*above zero"),
-    ({"sheet": {"torque_limit": [1.0] * 6 + [-1.0]}}, "sheet.torque_limit: -1 N m at joint 7"),
-    ({"sheet": {"armature": [0.1] * 6 + [-0.1]}}, r"sheet.armature: -0.1 kg m\^2 at joint 7(?s:.)*from zero on"),
-    ({"sheet": {"viscous": [float("nan")] * 7}}, "sheet.viscous: nan N m s/rad at joint 1"),
-    ({"sheet": {"viscous": 1.0}}, "sheet.viscous: expected 7 numbers, one per joint, got 1.0(?s:.)*give a list"),
+    (
+        {"sheet": {"torque_limit": [0.0] * 7}},
+        "sheet.torque_limit: 0 N m at joint 1(?s:.)*above zero",
+    ),
+    (
+        {"sheet": {"torque_limit": [1.0] * 6 + [-1.0]}},
+        "sheet.torque_limit: -1 N m at joint 7",
+    ),
+    (
+        {"sheet": {"armature": [0.1] * 6 + [-0.1]}},
+        r"sheet.armature: -0.1 kg m\^2 at joint 7(?s:.)*from zero on",
+    ),
+    (
+        {"sheet": {"viscous": [float("nan")] * 7}},
+        "sheet.viscous: nan N m s/rad at joint 1",
+    ),
+    (
+        {"sheet": {"viscous": 1.0}},
+        "sheet.viscous: expected 7 numbers, one per joint, got 1.0(?s:.)*give a list",
+    ),
     ({"sheet": {"coulomb": ["much"] * 7}}, "sheet.coulomb: holds what is not a number"),
-    ({"sheet": {"encoder_step": -1e-4}}, "sheet.encoder_step: expected a number from zero on"),
+    (
+        {"sheet": {"encoder_step": -1e-4}},
+        "sheet.encoder_step: expected a number from zero on",
+    ),
     ({"sheet": {"encoder_step": float("nan")}}, "sheet.encoder_step"),
-    ({"sheet": {"armatur": [0.1] * 7}}, "sheet: unknown entry of a data sheet 'armatur'(?s:.)*did you mean 'armature'"),
+    (
+        {"sheet": {"armatur": [0.1] * 7}},
+        "sheet: unknown entry of a data sheet 'armatur'(?s:.)*did you mean 'armature'",
+    ),
     ({"sheet": "sheet.yaml"}, "sheet: expected entries by name"),
 ]
 
@@ -119,18 +166,39 @@ def test_bad_arguments_are_refused_with_what_to_do(options: dict, message: str) 
 
 def test_effects_as_records_and_as_entries() -> None:
     """One or several, as records, as entries of a corrected.yaml, or as its whole content."""
-    entry = {"effect": "coulomb_friction", "joints": [1, 4], "parameters": {"torque": [3.0, 2.0]}}
-    for effects in (COULOMB, [COULOMB], entry, [entry], {"schema": 1, "effects": [entry]}):
+    entry = {
+        "effect": "coulomb_friction",
+        "joints": [1, 4],
+        "parameters": {"torque": [3.0, 2.0]},
+    }
+    for effects in (
+        COULOMB,
+        [COULOMB],
+        entry,
+        [entry],
+        {"schema": 1, "effects": [entry]},
+    ):
         env = ArmTracking(effects=effects)
         (found,) = env.effects
-        assert (found.name, found.joints, found.parameters["torque"].tolist()) == ("coulomb_friction", (1, 4), [3, 2])
+        assert (found.name, found.joints, found.parameters["torque"].tolist()) == (
+            "coulomb_friction",
+            (1, 4),
+            [3, 2],
+        )
         env.reset(seed=0, options={"effects": effects})
         env.close()
 
 
-def test_a_residual_network_among_effects_is_pointed_to_where_it_goes(tmp_path: Path) -> None:
-    (tmp_path / "corrected.yaml").write_text("schema: 1\neffects: []\nresidual: residual.npz\n")
-    with pytest.warns(ModelWarning, match="simulated=effects.corrected_file.read_corrected_arm"):
+def test_a_residual_network_among_effects_is_pointed_to_where_it_goes(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "corrected.yaml").write_text(
+        "schema: 1\neffects: []\nresidual: residual.npz\n"
+    )
+    with pytest.warns(
+        ModelWarning,
+        match="simulated=gapscope.effects.corrected_file.read_corrected_arm",
+    ):
         ArmTracking(effects=tmp_path / "corrected.yaml").close()
 
 
@@ -138,7 +206,12 @@ def test_effects_at_fault_leave_the_environment_as_it_was() -> None:
     """The next episode is simulated as if nothing had happened."""
     env = ArmTracking(episode_length=0.2)
     bare = AppliedEffect("joint_elasticity", (2,), {"stiffness": 1e4, "damping": 0.0})
-    for options in ({"effects": (bare,)}, {"effects": 3}, {"randomisation": "payload"}, {"motion": None}):
+    for options in (
+        {"effects": (bare,)},
+        {"effects": 3},
+        {"randomisation": "payload"},
+        {"motion": None},
+    ):
         with pytest.raises(InputError):
             env.reset(seed=0, options=options)
     env.reset(seed=0)

@@ -6,20 +6,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-gym = pytest.importorskip("gymnasium", reason="the environment needs gymnasium, a dependency of the package")
+gym = pytest.importorskip(
+    "gymnasium", reason="the environment needs gymnasium, a dependency of the package"
+)
 
 from episodes import NAME, SHORT, rollout  # noqa: E402
 
 import gapscope  # noqa: E402, F401 (registers the environment)
-from arm.dynamics import RigidBody  # noqa: E402
-from arm.feedforward import feedforward  # noqa: E402
-from arm.motions import MOTIONS, draw_motion  # noqa: E402
-from arm.robots import KNOWN_ROBOTS  # noqa: E402
-from arm.velocity_filter import VelocityFilter  # noqa: E402
-from envs.actions import Control, Gains, torque_limit  # noqa: E402
-from envs.divergence import diverged, explain, longest_step  # noqa: E402
-from envs.environment import ArmTracking  # noqa: E402
-from envs.velocity_estimate import VELOCITY_DAMPING, cutoff  # noqa: E402
+from gapscope.arm.dynamics.feedforward import feedforward  # noqa: E402
+from gapscope.arm.dynamics.rigid_body import RigidBody  # noqa: E402
+from gapscope.arm.motions.named_motions import MOTIONS, draw_motion  # noqa: E402
+from gapscope.arm.robots import KNOWN_ROBOTS  # noqa: E402
+from gapscope.arm.velocity_filter import VelocityFilter  # noqa: E402
+from gapscope.envs.actions import Control, Gains, torque_limit  # noqa: E402
+from gapscope.envs.divergence import diverged, explain, longest_step  # noqa: E402
+from gapscope.envs.environment import ArmTracking  # noqa: E402
+from gapscope.envs.velocity_estimate import VELOCITY_DAMPING, cutoff  # noqa: E402
 
 
 def message(info: dict) -> str:
@@ -29,24 +31,48 @@ def message(info: dict) -> str:
 def test_divergence_is_noticed_at_once_and_explained(pendulum_urdf: Path) -> None:
     """Too large a step or gains; no torque limit and no damping; each with the arguments to change."""
     for bandwidth, step in ((200.0, 1e-3), (4.0, 20e-3)):
-        _, _, info = rollout(bandwidth=bandwidth, time_step=step, sub_steps=round(0.02 / step), **SHORT)
-        assert info["terminated"] and "PD loop is unstable" in message(info) and "bandwidth" in message(info)
+        _, _, info = rollout(
+            bandwidth=bandwidth, time_step=step, sub_steps=round(0.02 / step), **SHORT
+        )
+        assert (
+            info["terminated"]
+            and "PD loop is unstable" in message(info)
+            and "bandwidth" in message(info)
+        )
         assert "action_share or action_reach" in message(info)
     assert "time_step below" in message(info)
     push = np.ones(1, np.float32)
-    _, rewards, info = rollout(push, robot=pendulum_urdf, action="torque", motion="fourier", action_share=100.0)
+    _, rewards, info = rollout(
+        push, robot=pendulum_urdf, action="torque", motion="fourier", action_share=100.0
+    )
     assert info["terminated"] and info["divergence"]["joint"] == 1
-    assert "torque_limit" in message(info) and "viscous" in message(info) and np.isfinite(rewards).all()
+    assert (
+        "torque_limit" in message(info)
+        and "viscous" in message(info)
+        and np.isfinite(rewards).all()
+    )
     assert "a smaller action_share" in message(info)
     assert info["divergence"]["speed"] > 50.0 and info["divergence"]["time"] < 0.05
 
 
 def test_a_speed_that_is_no_number_is_a_divergence_too(pendulum) -> None:
     """And a speed below the bound on every joint is none, whatever they come to together."""
-    assert diverged(np.array([0.0, np.nan])) and diverged(np.array([0.0, -50.1])) and diverged(np.array([np.inf]))
+    assert (
+        diverged(np.array([0.0, np.nan]))
+        and diverged(np.array([0.0, -50.1]))
+        and diverged(np.array([np.inf]))
+    )
     assert not diverged(np.full(7, 49.0))
     control = Control("torque", np.ones(1), np.ones(1), np.full(1, np.inf), None)
-    told = explain(pendulum(), RigidBody(pendulum()), control, 1e-3, 0.1, np.zeros(1), np.array([np.nan]))
+    told = explain(
+        pendulum(),
+        RigidBody(pendulum()),
+        control,
+        1e-3,
+        0.1,
+        np.zeros(1),
+        np.array([np.nan]),
+    )
     assert "joint 1 ran away: a speed that is no number" in told.as_info()["message"]
 
 
@@ -55,35 +81,60 @@ def test_what_the_explanation_of_a_divergence_says_to_change_helps(change: str) 
     options: dict = {"bandwidth": 4.0, "time_step": 20e-3, "sub_steps": 1}
     _, _, info = rollout(**options, **SHORT)
     value = float(re.search(rf"{change} below ([\d.e-]+)", message(info))[1])
-    options |= {change: 0.9 * value if change == "time_step" else 0.9 * value * options["bandwidth"]}
+    options |= {
+        change: 0.9 * value
+        if change == "time_step"
+        else 0.9 * value * options["bandwidth"]
+    }
     assert not rollout(**options, **SHORT)[2]["terminated"]
 
 
 @pytest.mark.parametrize("action", ["residual", "torque"])
-def test_an_action_that_diverges_earns_nothing_and_keeps_its_books(pendulum_urdf: Path, action: str) -> None:
+def test_an_action_that_diverges_earns_nothing_and_keeps_its_books(
+    pendulum_urdf: Path, action: str
+) -> None:
     """A posture kept by the encoders is no merit then; torque and its change are those of the steps done."""
     share = 1e4 if action == "residual" else 100.0
-    options = {"robot": pendulum_urdf, "action": action, "action_share": share, "debug": True, **SHORT}
+    options = {
+        "robot": pendulum_urdf,
+        "action": action,
+        "action_share": share,
+        "debug": True,
+        **SHORT,
+    }
     env = gym.make(NAME, **options).unwrapped
     env.reset(seed=0)
     _, reward, terminated, _, info = env.step(np.ones(1))
     assert terminated and info["divergence"]["speed"] > 50.0
-    numbers = (reward, *(info[name] for name in ("tracking_rms", "torque_rate", "reward_effort")))
+    numbers = (
+        reward,
+        *(info[name] for name in ("tracking_rms", "torque_rate", "reward_effort")),
+    )
     assert np.isfinite(numbers).all() and type(reward) is float and reward < 0
     assert info["reward_tracking"] == 0 and info["torque_rate"] > 0
     assert info["reward_effort"] == pytest.approx(-0.1 * share**2, rel=0.01)
     env.close()
 
 
-@pytest.mark.parametrize(("kp", "kd", "viscous"), [(400.0, 8.0, 0.0), (400.0, 8.0, 5.0), (2000.0, 30.0, 0.0)])
-def test_longest_stable_step_against_the_loop_itself(pendulum, kp: float, kd: float, viscous: float) -> None:
+@pytest.mark.parametrize(
+    ("kp", "kd", "viscous"), [(400.0, 8.0, 0.0), (400.0, 8.0, 5.0), (2000.0, 30.0, 0.0)]
+)
+def test_longest_stable_step_against_the_loop_itself(
+    pendulum, kp: float, kd: float, viscous: float
+) -> None:
     """A pushed joint under PD with the velocity estimate comes to rest a little below it, and not a little above."""
-    arm, gains, mass = pendulum(viscous=viscous), Gains(np.array([kp]), np.array([kd])), 0.55
+    arm, gains, mass = (
+        pendulum(viscous=viscous),
+        Gains(np.array([kp]), np.array([kd])),
+        0.55,
+    )
     longest = longest_step(np.array([[mass]]), arm, gains, 0.2)
     assert longest is not None
 
     def last(dt: float) -> float:
-        estimate = VelocityFilter(1 / dt, cutoff(1 / dt), VELOCITY_DAMPING, np.zeros(1), np.zeros(1))
+        estimate = VelocityFilter(
+            1 / dt, cutoff(1 / dt), VELOCITY_DAMPING, np.zeros(1), np.zeros(1)
+        )
         q, dq = np.zeros(1), np.full(1, 1e-3)
         for _ in range(3000):
             torque = -kp * q - kd * estimate(q)
@@ -96,12 +147,20 @@ def test_longest_stable_step_against_the_loop_itself(pendulum, kp: float, kd: fl
 
 
 def test_gains_that_no_step_holds(pendulum) -> None:
-    assert longest_step(np.array([[0.55]]), pendulum(), Gains(np.array([1e6]), np.array([1e4])), 1e-3) == 0.0
+    assert (
+        longest_step(
+            np.array([[0.55]]),
+            pendulum(),
+            Gains(np.array([1e6]), np.array([1e4])),
+            1e-3,
+        )
+        == 0.0
+    )
 
 
 @pytest.mark.parametrize("action", ["residual", "torque"])
 @pytest.mark.parametrize("robot", KNOWN_ROBOTS)
-@pytest.mark.filterwarnings("ignore::arm.errors.ModelWarning")
+@pytest.mark.filterwarnings("ignore::gapscope.arm.errors.ModelWarning")
 def test_random_actions_do_not_make_an_arm_run_away(robot: str, action: str) -> None:
     """With the whole torque a joint may come to its stop before 20 actions are over; with a residual none does."""
     env = gym.make(NAME, robot=robot, action=action)
@@ -118,7 +177,7 @@ def test_random_actions_do_not_make_an_arm_run_away(robot: str, action: str) -> 
 
 
 @pytest.mark.parametrize("robot", KNOWN_ROBOTS)
-@pytest.mark.filterwarnings("ignore::arm.errors.ModelWarning")
+@pytest.mark.filterwarnings("ignore::gapscope.arm.errors.ModelWarning")
 def test_an_action_of_one_carries_the_default_motions(robot: str) -> None:
     """The rated torque is no more than the limit, and more than gravity, friction and any motion drawn need."""
     env = ArmTracking(robot, action="torque")
@@ -129,6 +188,11 @@ def test_an_action_of_one_carries_the_default_motions(robot: str) -> None:
             drawn = draw_motion(motion, np.random.default_rng(seed), env.space, 5.0)
             t = np.arange(0.0, 5.0, 0.01)
             needed = feedforward(
-                env.arm, env.body, "nominal", drawn.position(t), drawn.velocity(t), drawn.acceleration(t)
+                env.arm,
+                env.body,
+                "nominal",
+                drawn.position(t),
+                drawn.velocity(t),
+                drawn.acceleration(t),
             )
             assert (np.abs(needed).max(axis=0) < 0.95 * env.torque_scale).all()

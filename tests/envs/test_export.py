@@ -9,21 +9,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from arm.dynamics import RigidBody
-from arm.errors import InputError
-from arm.motion import Motion
-from arm.nominal import NominalArm
-from arm.robots import load_nominal_arm
-from effects.applied import AppliedEffect
-from effects.catalogue import CATALOGUE
-from effects.corrected import CorrectedArm
-from envs.engines import installed
-from envs.export.left_out import FORMATS, HELD
-from envs.export.writing import export
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.envs.engines import installed
+from gapscope.envs.export.formats import export
+from gapscope.envs.export.left_out import FORMATS, HELD
 
 BODIES = (
     AppliedEffect("payload", (), {"mass": 1.3, "com": [0.02, -0.01, 0.05]}),
-    AppliedEffect("link_inertia", (), {"link": 2, "mass": 0.4, "com": [0.01, 0.02, -0.01]}),
+    AppliedEffect(
+        "link_inertia", (), {"link": 2, "mass": 0.4, "com": [0.01, 0.02, -0.01]}
+    ),
     AppliedEffect("base_tilt", (), {"roll": 0.1, "pitch": -0.2}),
 )
 DRIVES = (
@@ -47,11 +49,18 @@ def states(arm: CorrectedArm, seed: int = 0, count: int = 6) -> Motion:
     rng, n = np.random.default_rng(seed), arm.arm.n_joints
     low, high = RigidBody(arm.arm).position_limits()
     q = rng.uniform(np.clip(0.9 * low, -2, 2), np.clip(0.9 * high, -2, 2), (count, n))
-    return Motion(np.arange(count) / 250, q, rng.normal(size=(count, n)), 3 * rng.normal(size=(count, n)))
+    return Motion(
+        np.arange(count) / 250,
+        q,
+        rng.normal(size=(count, n)),
+        3 * rng.normal(size=(count, n)),
+    )
 
 
 def each(motion: Motion, torque: Torque) -> np.ndarray:
-    return np.array([torque(*state) for state in zip(motion.q, motion.dq, motion.ddq, strict=True)])
+    return np.array(
+        [torque(*state) for state in zip(motion.q, motion.dq, motion.ddq, strict=True)]
+    )
 
 
 def needed(arm: CorrectedArm, motion: Motion) -> np.ndarray:
@@ -61,14 +70,24 @@ def needed(arm: CorrectedArm, motion: Motion) -> np.ndarray:
 def random_effects(rng: np.random.Generator, n: int) -> tuple[AppliedEffect, ...]:
     """Changes of the bodies, of any size that a body can have."""
     return (
-        AppliedEffect("payload", (), {"mass": rng.uniform(0, 5), "com": rng.uniform(-0.2, 0.2, 3)}),
+        AppliedEffect(
+            "payload", (), {"mass": rng.uniform(0, 5), "com": rng.uniform(-0.2, 0.2, 3)}
+        ),
         *(
             AppliedEffect(
-                "link_inertia", (), {"link": j + 1, "mass": rng.uniform(-0.4, 1), "com": rng.uniform(-0.05, 0.05, 3)}
+                "link_inertia",
+                (),
+                {
+                    "link": j + 1,
+                    "mass": rng.uniform(-0.4, 1),
+                    "com": rng.uniform(-0.05, 0.05, 3),
+                },
             )
             for j in range(n)
         ),
-        AppliedEffect("base_tilt", (), {"roll": rng.uniform(-1, 1), "pitch": rng.uniform(-1, 1)}),
+        AppliedEffect(
+            "base_tilt", (), {"roll": rng.uniform(-1, 1), "pitch": rng.uniform(-1, 1)}
+        ),
     )
 
 
@@ -89,29 +108,43 @@ def bullet() -> Iterator[object]:
 
 class TestTorque:
     @pytest.mark.parametrize("seed", range(3))
-    def test_of_urdf_in_pinocchio(self, nominal: NominalArm, tmp_path: Path, seed: int) -> None:
-        arm = CorrectedArm(nominal, random_effects(np.random.default_rng(seed), nominal.n_joints))
+    def test_of_urdf_in_pinocchio(
+        self, nominal: NominalArm, tmp_path: Path, seed: int
+    ) -> None:
+        arm = CorrectedArm(
+            nominal, random_effects(np.random.default_rng(seed), nominal.n_joints)
+        )
         export(arm, "urdf", tmp_path / "arm.urdf")
         again = load_nominal_arm(tmp_path / "arm.urdf", joints=nominal.joints)
         motion = states(arm, seed)
         want = arm.rigid_torque(RigidBody(nominal), motion)
-        assert RigidBody(again).inverse_dynamics(motion.q, motion.dq, motion.ddq) == pytest.approx(want, rel=1e-9)
+        assert RigidBody(again).inverse_dynamics(
+            motion.q, motion.dq, motion.ddq
+        ) == pytest.approx(want, rel=1e-9)
 
-    def test_of_urdf_in_pybullet(self, nominal: NominalArm, bullet, tmp_path: Path) -> None:
+    def test_of_urdf_in_pybullet(
+        self, nominal: NominalArm, bullet, tmp_path: Path
+    ) -> None:
         arm = CorrectedArm(nominal, BODIES)
         export(arm, "urdf", tmp_path / "arm.urdf")
         flags = bullet.URDF_USE_INERTIA_FROM_FILE
-        robot = bullet.loadURDF(str(tmp_path / "arm.urdf"), useFixedBase=True, flags=flags)
+        robot = bullet.loadURDF(
+            str(tmp_path / "arm.urdf"), useFixedBase=True, flags=flags
+        )
 
         def torque(*state: np.ndarray) -> np.ndarray:
-            return np.array(bullet.calculateInverseDynamics(robot, *(x.tolist() for x in state)))
+            return np.array(
+                bullet.calculateInverseDynamics(robot, *(x.tolist() for x in state))
+            )
 
         motion = states(arm)
         want = arm.rigid_torque(RigidBody(nominal), motion)
         assert each(motion, torque) == pytest.approx(want, rel=1e-6, abs=1e-6)
 
     @pytest.mark.skipif(not installed("mujoco"), reason="mujoco is not installed")
-    def test_of_mjcf_in_mujoco_with_rotors_friction_and_springs(self, nominal: NominalArm, tmp_path: Path) -> None:
+    def test_of_mjcf_in_mujoco_with_rotors_friction_and_springs(
+        self, nominal: NominalArm, tmp_path: Path
+    ) -> None:
         import mujoco
 
         arm = CorrectedArm(nominal, BODIES + DRIVES)
@@ -119,7 +152,10 @@ class TestTorque:
         assert missing == ("velocity limits of the joints: MuJoCo knows none",)
         model = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
         dry = model.dof_frictionloss.copy()
-        off = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS
+        off = (
+            mujoco.mjtDisableBit.mjDSBL_CONTACT
+            | mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS
+        )
         model.opt.disableflags |= off
         data = mujoco.MjData(model)
 
@@ -147,23 +183,31 @@ class TestTorque:
         skeleton.setGravity(np.array([0, 0, -9.81]))
 
         def torque(*state: np.ndarray) -> np.ndarray:
-            for setter, value in zip(("Positions", "Velocities", "Accelerations"), state, strict=True):
+            for setter, value in zip(
+                ("Positions", "Velocities", "Accelerations"), state, strict=True
+            ):
                 getattr(skeleton, f"set{setter}")(value)
             skeleton.computeInverseDynamics()
             return skeleton.getForces().copy()
 
         motion = states(arm)
-        assert each(motion, torque) == pytest.approx(arm.rigid_torque(RigidBody(arm.arm), motion), rel=1e-6, abs=1e-9)
+        assert each(motion, torque) == pytest.approx(
+            arm.rigid_torque(RigidBody(arm.arm), motion), rel=1e-6, abs=1e-9
+        )
 
     def test_stands_as_gravity_of_the_case_says(self, tmp_path: Path) -> None:
         wall = load_nominal_arm("kuka_iiwa", gravity=[0.0, -9.81, 0.0])
         arm = CorrectedArm(wall, BODIES)
         export(arm, "urdf", tmp_path / "arm.urdf")
         motion = states(arm)
-        got = RigidBody(load_nominal_arm(tmp_path / "arm.urdf")).inverse_dynamics(motion.q, motion.dq, motion.ddq)
+        got = RigidBody(load_nominal_arm(tmp_path / "arm.urdf")).inverse_dynamics(
+            motion.q, motion.dq, motion.ddq
+        )
         assert got == pytest.approx(arm.rigid_torque(RigidBody(wall), motion), rel=1e-9)
 
-    def test_of_a_link_that_takes_over_what_is_fixed_to_it(self, tmp_path: Path) -> None:
+    def test_of_a_link_that_takes_over_what_is_fixed_to_it(
+        self, tmp_path: Path
+    ) -> None:
         """3 kg less than the flange weighs alone, but its hand is heavier still."""
         (tmp_path / "robot.urdf").write_text(
             '<robot name="r"><link name="base"/><joint name="j" type="revolute"><parent link="base"/><child link="l"/>'
@@ -173,14 +217,18 @@ class TestTorque:
             '<link name="hand"><inertial><mass value="9"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
             "</inertial></link></robot>"
         )
-        lighter = AppliedEffect("link_inertia", (), {"link": 1, "mass": -3.0, "com": [0.0, 0.0, 0.1]})
+        lighter = AppliedEffect(
+            "link_inertia", (), {"link": 1, "mass": -3.0, "com": [0.0, 0.0, 0.1]}
+        )
         arm = CorrectedArm(load_nominal_arm(tmp_path / "robot.urdf"), (lighter,))
         export(arm, "urdf", tmp_path / "out.urdf")
         motion = states(arm)
         body = RigidBody(load_nominal_arm(tmp_path / "out.urdf"))
         assert body.inertial_parameters()[0] == pytest.approx(7.0)
         want = arm.rigid_torque(RigidBody(arm.arm), motion)
-        assert body.inverse_dynamics(motion.q, motion.dq, motion.ddq) == pytest.approx(want, rel=1e-9)
+        assert body.inverse_dynamics(motion.q, motion.dq, motion.ddq) == pytest.approx(
+            want, rel=1e-9
+        )
 
 
 class TestJoints:
@@ -188,11 +236,17 @@ class TestJoints:
         arm = CorrectedArm(load_nominal_arm("kuka_iiwa"), DRIVES)
         export(arm, "urdf", tmp_path / "arm.urdf")
         again = load_nominal_arm(tmp_path / "arm.urdf")
-        assert again.viscous == pytest.approx(arm.arm.viscous + np.array([2, 0, 3, 0, 0, 0, 0]))
+        assert again.viscous == pytest.approx(
+            arm.arm.viscous + np.array([2, 0, 3, 0, 0, 0, 0])
+        )
         assert again.coulomb == pytest.approx([0, 4, 0, 0, 0, 0, 0])
         body, nominal = RigidBody(again), RigidBody(arm.arm)
-        assert body.effort_limits() == pytest.approx(np.where(np.arange(7) == 3, 20.0, nominal.effort_limits()))
-        assert np.array(body.position_limits()) == pytest.approx(np.array(nominal.position_limits()))
+        assert body.effort_limits() == pytest.approx(
+            np.where(np.arange(7) == 3, 20.0, nominal.effort_limits())
+        )
+        assert np.array(body.position_limits()) == pytest.approx(
+            np.array(nominal.position_limits())
+        )
         assert body.velocity_limits() == pytest.approx(nominal.velocity_limits())
 
     def test_friction_spring_and_limits_in_sdf(self, tmp_path: Path) -> None:
@@ -200,10 +254,22 @@ class TestJoints:
         export(arm, "sdf", tmp_path / "arm.sdf")
         root = ET.parse(tmp_path / "arm.sdf").getroot()
         joints = {joint.get("name"): joint for joint in root.iter("joint")}
-        said = {x.tag: float(x.text) for x in joints[arm.arm.joints[1]].find("axis/dynamics")}
-        assert said == {"damping": 0.5, "friction": 4.0, "spring_reference": 0.3, "spring_stiffness": 12.0}
-        limit = {x.tag: float(x.text) for x in joints[arm.arm.joints[3]].find("axis/limit")}
-        assert limit == pytest.approx({"lower": -2.0943951, "upper": 2.0943951, "effort": 20.0, "velocity": 10.0})
+        said = {
+            x.tag: float(x.text)
+            for x in joints[arm.arm.joints[1]].find("axis/dynamics")
+        }
+        assert said == {
+            "damping": 0.5,
+            "friction": 4.0,
+            "spring_reference": 0.3,
+            "spring_stiffness": 12.0,
+        }
+        limit = {
+            x.tag: float(x.text) for x in joints[arm.arm.joints[3]].find("axis/limit")
+        }
+        assert limit == pytest.approx(
+            {"lower": -2.0943951, "upper": 2.0943951, "effort": 20.0, "velocity": 10.0}
+        )
 
     @pytest.mark.skipif(not installed("mujoco"), reason="mujoco is not installed")
     def test_an_actuator_delivers_what_the_drive_does(self, tmp_path: Path) -> None:
@@ -216,7 +282,11 @@ class TestJoints:
             AppliedEffect("torque_offset", (4,), {"torque": [2.0]}),
             AppliedEffect("actuator_lag", (1,), {"time_constant": [0.05]}),
         )
-        export(CorrectedArm(load_nominal_arm("kuka_iiwa"), effects), "mjcf", tmp_path / "arm.xml")
+        export(
+            CorrectedArm(load_nominal_arm("kuka_iiwa"), effects),
+            "mjcf",
+            tmp_path / "arm.xml",
+        )
         model = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
         model.opt.timestep = 1e-3
         data = mujoco.MjData(model)
@@ -227,28 +297,49 @@ class TestJoints:
         assert data.qfrc_actuator[0] == pytest.approx(10 * (1 - np.exp(-1.0)), rel=0.02)
 
     def test_joints_that_are_not_the_arms_are_fixed(self, tmp_path: Path) -> None:
-        missing, _ = export(CorrectedArm(load_nominal_arm("franka_panda")), "urdf", tmp_path / "arm.urdf")
-        assert len(missing) == 1 and "panda_finger_joint1, panda_finger_joint2" in missing[0]
+        missing, _ = export(
+            CorrectedArm(load_nominal_arm("franka_panda")),
+            "urdf",
+            tmp_path / "arm.urdf",
+        )
+        assert (
+            len(missing) == 1
+            and "panda_finger_joint1, panda_finger_joint2" in missing[0]
+        )
         assert load_nominal_arm(tmp_path / "arm.urdf").n_joints == 7
 
 
 class TestShapes:
     @pytest.mark.parametrize("form", FORMATS)
     @pytest.mark.parametrize("relative", [False, True])
-    def test_meshes_are_found_from_the_new_place(self, tmp_path: Path, form: str, relative: bool) -> None:
+    def test_meshes_are_found_from_the_new_place(
+        self, tmp_path: Path, form: str, relative: bool
+    ) -> None:
         out = tmp_path / "deep" / "arm.xml"
-        export(CorrectedArm(load_nominal_arm("franka_panda")), form, out, relative=relative)
+        export(
+            CorrectedArm(load_nominal_arm("franka_panda")), form, out, relative=relative
+        )
         root = ET.parse(out).getroot()
-        names = [x.get("filename") or x.get("file") for x in root.iter("mesh") if x.get("filename") or x.get("file")]
+        names = [
+            x.get("filename") or x.get("file")
+            for x in root.iter("mesh")
+            if x.get("filename") or x.get("file")
+        ]
         names += [uri.text for uri in root.iter("uri")]
         assert len(names) > 8
         for name in names:
-            assert Path(name).is_absolute() != relative and (out.parent / name).is_file()
+            assert (
+                Path(name).is_absolute() != relative and (out.parent / name).is_file()
+            )
 
     def test_a_mesh_that_is_not_found_is_told(self, tmp_path: Path) -> None:
         text = load_nominal_arm("kuka_iiwa").urdf.read_text()
         (tmp_path / "robot.urdf").write_text(text)
-        missing, _ = export(CorrectedArm(load_nominal_arm(tmp_path / "robot.urdf")), "mjcf", tmp_path / "arm.xml")
+        missing, _ = export(
+            CorrectedArm(load_nominal_arm(tmp_path / "robot.urdf")),
+            "mjcf",
+            tmp_path / "arm.xml",
+        )
         assert any("link_3.obj is not found" in line for line in missing)
         assert "link_3.obj is not found" in (tmp_path / "arm.xml").read_text()
 
@@ -257,24 +348,45 @@ class TestLeftOut:
     @pytest.mark.parametrize("form", FORMATS)
     def test_is_told_and_written_with_figures(self, tmp_path: Path, form: str) -> None:
         out = tmp_path / "arm.xml"
-        missing, _ = export(CorrectedArm(load_nominal_arm("kuka_iiwa"), DRIVES + HARD), form, out)
+        missing, _ = export(
+            CorrectedArm(load_nominal_arm("kuka_iiwa"), DRIVES + HARD), form, out
+        )
         text = out.read_text(encoding="utf-8")
         said = "\n".join(missing)
-        for part in ("velocity 0.1 rad/s", "actuator_delay, joint 4: delay 0.008 s", "encoder_offset, joint 3"):
+        for part in (
+            "velocity 0.1 rad/s",
+            "actuator_delay, joint 4: delay 0.008 s",
+            "encoder_offset, joint 3",
+        ):
             assert part in said
-        assert ("armature" in said) == (form != "mjcf") and ("parallel_spring" in said) == (form == "urdf")
+        assert ("armature" in said) == (form != "mjcf") and (
+            "parallel_spring" in said
+        ) == (form == "urdf")
         assert all(line in text for line in missing)
 
     @pytest.mark.parametrize("form", FORMATS)
     @pytest.mark.parametrize("name", CATALOGUE)
-    def test_every_effect_is_held_or_told(self, tmp_path: Path, form: str, name: str) -> None:
+    def test_every_effect_is_held_or_told(
+        self, tmp_path: Path, form: str, name: str
+    ) -> None:
         definition = CATALOGUE[name]
-        typical = {p.name: np.full(p.size, 0.5 * sum(p.typical)) for p in definition.parameters}
-        values = {key: value if len(value) > 1 else float(value[0]) for key, value in typical.items()}
+        typical = {
+            p.name: np.full(p.size, 0.5 * sum(p.typical)) for p in definition.parameters
+        }
+        values = {
+            key: value if len(value) > 1 else float(value[0])
+            for key, value in typical.items()
+        }
         if name == "link_inertia":
             values["link"] = 1
-        effect = AppliedEffect(name, (1,) if definition.scope == "joint" else (), values)
-        missing, _ = export(CorrectedArm(load_nominal_arm("kuka_iiwa"), (effect,)), form, tmp_path / "arm.xml")
+        effect = AppliedEffect(
+            name, (1,) if definition.scope == "joint" else (), values
+        )
+        missing, _ = export(
+            CorrectedArm(load_nominal_arm("kuka_iiwa"), (effect,)),
+            form,
+            tmp_path / "arm.xml",
+        )
         assert any(line.startswith(name) for line in missing) != (name in HELD[form])
 
 
@@ -294,22 +406,36 @@ class TestMjcfSource:
         assert any("URDF files alone" in line for line in missing)
         again, motion = load_nominal_arm(out), states(arm)
         want = arm.rigid_torque(RigidBody(arm.arm), motion)
-        assert RigidBody(again).inverse_dynamics(motion.q, motion.dq, motion.ddq) == pytest.approx(want, rel=1e-9)
-        assert again.viscous == pytest.approx([0.4]) and again.coulomb == pytest.approx([0.5])
+        assert RigidBody(again).inverse_dynamics(
+            motion.q, motion.dq, motion.ddq
+        ) == pytest.approx(want, rel=1e-9)
+        assert again.viscous == pytest.approx([0.4]) and again.coulomb == pytest.approx(
+            [0.5]
+        )
 
 
 class TestRefused:
     def test_unknown_format(self, tmp_path: Path) -> None:
         with pytest.raises(InputError, match="did you mean 'mjcf'"):
-            export(CorrectedArm(load_nominal_arm("kuka_iiwa")), "mjc", tmp_path / "arm.xml")
+            export(
+                CorrectedArm(load_nominal_arm("kuka_iiwa")), "mjc", tmp_path / "arm.xml"
+            )
 
     def test_friction_that_feeds_energy_in(self, tmp_path: Path) -> None:
         effect = AppliedEffect("viscous_friction", (2,), {"coefficient": [-3.0]})
         with pytest.raises(InputError, match="feed energy in"):
-            export(CorrectedArm(load_nominal_arm("kuka_iiwa"), (effect,)), "urdf", tmp_path / "arm.urdf")
+            export(
+                CorrectedArm(load_nominal_arm("kuka_iiwa"), (effect,)),
+                "urdf",
+                tmp_path / "arm.urdf",
+            )
 
     def test_a_body_that_cannot_be(self, tmp_path: Path) -> None:
         effect = AppliedEffect("payload", (), {"mass": -40.0, "com": [0.0, 0.0, 0.0]})
         with pytest.raises(InputError, match="payload"):
-            export(CorrectedArm(load_nominal_arm("kuka_iiwa"), (effect,)), "sdf", tmp_path / "arm.sdf")
+            export(
+                CorrectedArm(load_nominal_arm("kuka_iiwa"), (effect,)),
+                "sdf",
+                tmp_path / "arm.sdf",
+            )
         assert not (tmp_path / "arm.sdf").exists()

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from arm.dynamics import RigidBody
-from arm.trajectory import Fourier
-from effects.catalogue import CATALOGUE
-from envs import mystery
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.motions.trajectory import Fourier
+from gapscope.effects.catalogue import CATALOGUE
+from gapscope.envs import mystery_arm as mystery
 
 
 @pytest.fixture(scope="module")
@@ -20,10 +20,16 @@ def short(request: pytest.FixtureRequest):
 
 def test_case_and_truth(short) -> None:
     case, truth = short[0]
-    assert len(case.recordings) == 4 and case.controller is not None and case.controller.feedforward == "nominal"
+    assert (
+        len(case.recordings) == 4
+        and case.controller is not None
+        and case.controller.feedforward == "nominal"
+    )
     assert 1 <= len(truth) <= 2 and all(effect.name in CATALOGUE for effect in truth)
     for recording in case.recordings:
-        assert recording.rate == pytest.approx(250.0) and recording.duration == pytest.approx(3.0)
+        assert recording.rate == pytest.approx(
+            250.0
+        ) and recording.duration == pytest.approx(3.0)
         assert np.abs(recording.q - recording.q_ref).max() < 0.3
         assert recording.name[:-1] == "recording_" and recording.notes == ()
     assert case.name == "mystery" and case.warnings == ()
@@ -40,12 +46,17 @@ def test_same_seed_same_arm(short) -> None:
 def test_drawn_effects_are_varied_disjoint_and_within_bounds() -> None:
     arm = mystery.iiwa()
     rng = np.random.default_rng(5)
-    references = [mystery._reference(rng, arm, frequency) for frequency in mystery.FREQUENCIES[2:3]]
+    references = [
+        mystery._reference(rng, arm, frequency)
+        for frequency in mystery.FREQUENCIES[2:3]
+    ]
     drawn = [mystery.draw_effects(rng, arm, references) for _ in range(12)]
     assert len({effect.name for effects in drawn for effect in effects}) >= 5
     for effects in drawn:
         joints = [joint for effect in effects for joint in effect.joints]
-        assert len(joints) == len(set(joints)) and all(1 <= joint <= 7 for joint in joints)
+        assert len(joints) == len(set(joints)) and all(
+            1 <= joint <= 7 for joint in joints
+        )
 
 
 def test_motion_keeps_the_arms_limits() -> None:
@@ -53,6 +64,10 @@ def test_motion_keeps_the_arms_limits() -> None:
     lower, upper = RigidBody(arm).position_limits()
     t = np.linspace(0, mystery.DURATION, 2001)
     for frequency in mystery.FREQUENCIES:
-        reference: Fourier = mystery._reference(np.random.default_rng(2), arm, frequency)
-        assert (reference.position(t) > lower).all() and (reference.position(t) < upper).all()
+        reference: Fourier = mystery._reference(
+            np.random.default_rng(2), arm, frequency
+        )
+        assert (reference.position(t) > lower).all() and (
+            reference.position(t) < upper
+        ).all()
         assert (np.abs(reference.velocity(t)) <= mystery.SPEED + 1e-6).all()

@@ -3,15 +3,17 @@
 import numpy as np
 import pytest
 
-gym = pytest.importorskip("gymnasium", reason="the environment needs gymnasium, a dependency of the package")
+gym = pytest.importorskip(
+    "gymnasium", reason="the environment needs gymnasium, a dependency of the package"
+)
 
-from arm.errors import InputError  # noqa: E402
-from arm.nominal import NominalArm  # noqa: E402
-from effects.applied import AppliedEffect  # noqa: E402
-from effects.catalogue import CATALOGUE  # noqa: E402
-from effects.severity import ArmScale  # noqa: E402
-from envs.environment import ArmTracking  # noqa: E402
-from envs.randomisation import Randomisation, RandomiseEffects, draw_effects  # noqa: E402
+from gapscope.arm.errors import InputError  # noqa: E402
+from gapscope.arm.nominal import NominalArm  # noqa: E402
+from gapscope.effects.applied import AppliedEffect  # noqa: E402
+from gapscope.effects.catalogue import CATALOGUE  # noqa: E402
+from gapscope.effects.severity import ArmScale  # noqa: E402
+from gapscope.envs.environment import ArmTracking  # noqa: E402
+from gapscope.envs.randomisation import Randomisation, RandomiseEffects, draw_effects  # noqa: E402
 
 
 def _draw(arm: NominalArm, seed: int, **options: object) -> tuple[AppliedEffect, ...]:
@@ -20,55 +22,94 @@ def _draw(arm: NominalArm, seed: int, **options: object) -> tuple[AppliedEffect,
 
 
 def _plain(effects: tuple[AppliedEffect, ...]) -> list[object]:
-    return [(e.name, e.joints, {k: v.tolist() for k, v in e.parameters.items()}) for e in effects]
+    return [
+        (e.name, e.joints, {k: v.tolist() for k, v in e.parameters.items()})
+        for e in effects
+    ]
 
 
 @pytest.mark.parametrize("name", CATALOGUE)
-def test_every_effect_can_be_drawn_mild_and_severe(data_sheet_arm: NominalArm, name: str) -> None:
+def test_every_effect_can_be_drawn_mild_and_severe(
+    data_sheet_arm: NominalArm, name: str
+) -> None:
     """Its severity multiplies or divides what says how severe it is, and leaves the rest."""
     options = {"names": [name], "count": (1, 1)}
-    (half,), (whole,) = (_draw(data_sheet_arm, 1, severity=(s, s), **options) for s in (0.5, 1.0))
+    (half,), (whole,) = (
+        _draw(data_sheet_arm, 1, severity=(s, s), **options) for s in (0.5, 1.0)
+    )
     ratios = {}
     for parameter in whole.effect.parameters:
         small, large = half.parameters[parameter.name], whole.parameters[parameter.name]
         kept = np.abs(large) > 0
-        ratios[parameter.name] = float(np.median((small[kept] if small.ndim else small) / large[kept]))
+        ratios[parameter.name] = float(
+            np.median((small[kept] if small.ndim else small) / large[kept])
+        )
     allowed = (0.5, 1.0, 2.0)
-    assert all(min(abs(ratio - r) for r in allowed) < 1e-9 for ratio in ratios.values()), ratios
+    assert all(
+        min(abs(ratio - r) for r in allowed) < 1e-9 for ratio in ratios.values()
+    ), ratios
     assert any(abs(ratio - 1) > 0.1 for ratio in ratios.values())
 
 
 def test_more_severe_is_more(data_sheet_arm: NominalArm) -> None:
-    for name, parameter, sign in (("coulomb_friction", "torque", 1), ("joint_elasticity", "stiffness", -1)):
+    for name, parameter, sign in (
+        ("coulomb_friction", "torque", 1),
+        ("joint_elasticity", "stiffness", -1),
+    ):
         mild, bad = (
-            _draw(data_sheet_arm, 0, names=[name], count=(1, 1), joints=[2], severity=(s, s))[0].parameters[parameter]
+            _draw(
+                data_sheet_arm,
+                0,
+                names=[name],
+                count=(1, 1),
+                joints=[2],
+                severity=(s, s),
+            )[0].parameters[parameter]
             for s in (0.2, 0.8)
         )
         assert (sign * (bad - mild) > 0).all()
 
 
-def test_draws_are_varied_on_the_joints_allowed_and_as_many_as_asked(data_sheet_arm: NominalArm) -> None:
-    drawn = [_draw(data_sheet_arm, seed, joints=[2, 4], count=(0, 2)) for seed in range(200)]
+def test_draws_are_varied_on_the_joints_allowed_and_as_many_as_asked(
+    data_sheet_arm: NominalArm,
+) -> None:
+    drawn = [
+        _draw(data_sheet_arm, seed, joints=[2, 4], count=(0, 2)) for seed in range(200)
+    ]
     assert {len(effects) for effects in drawn} == {0, 1, 2}
     assert {effect.name for effects in drawn for effect in effects} == set(CATALOGUE)
-    assert {joint for effects in drawn for effect in effects for joint in effect.joints} == {2, 4}
-    assert all(len({effect.name for effect in effects}) == len(effects) for effects in drawn)
+    assert {
+        joint for effects in drawn for effect in effects for joint in effect.joints
+    } == {2, 4}
+    assert all(
+        len({effect.name for effect in effects}) == len(effects) for effects in drawn
+    )
 
 
 def test_an_elastic_joint_without_a_rotor_is_given_one(bare_arm: NominalArm) -> None:
     drawn = _draw(bare_arm, 0, names=["backlash"], count=(1, 1))
-    assert [effect.name for effect in drawn] == ["backlash", "armature"] and drawn[0].joints == drawn[1].joints
+    assert [effect.name for effect in drawn] == ["backlash", "armature"] and drawn[
+        0
+    ].joints == drawn[1].joints
 
 
 def test_what_is_given_is_not_drawn_again(data_sheet_arm: NominalArm) -> None:
     given = (AppliedEffect("payload", (), {"mass": 1.0, "com": [0, 0, 0]}),)
     wanted = Randomisation(["payload", "armature"], count=(2, 2))
-    drawn = draw_effects(np.random.default_rng(0), data_sheet_arm, wanted, ArmScale.of(data_sheet_arm), given)
+    drawn = draw_effects(
+        np.random.default_rng(0),
+        data_sheet_arm,
+        wanted,
+        ArmScale.of(data_sheet_arm),
+        given,
+    )
     assert [effect.name for effect in drawn] == ["armature"]
 
 
 def test_same_seed_same_effects_and_motions_as_option_and_as_wrapper() -> None:
-    wanted = Randomisation(["coulomb_friction", "payload", "actuator_delay"], severity=(0.2, 0.8))
+    wanted = Randomisation(
+        ["coulomb_friction", "payload", "actuator_delay"], severity=(0.2, 0.8)
+    )
     envs = [
         ArmTracking(randomisation=wanted, episode_length=0.2),
         RandomiseEffects(ArmTracking(episode_length=0.2), wanted),
@@ -123,7 +164,9 @@ def test_one_name_may_stand_alone() -> None:
 
 def test_a_wrapper_wants_a_randomisation() -> None:
     env = ArmTracking()
-    with pytest.raises(InputError, match="randomisation: expected Randomisation, got 'payload'"):
+    with pytest.raises(
+        InputError, match="randomisation: expected Randomisation, got 'payload'"
+    ):
         RandomiseEffects(env, "payload")
     env.close()
 

@@ -7,19 +7,23 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-pytest.importorskip("gymnasium", reason="the environment needs gymnasium, a dependency of the package")
+pytest.importorskip(
+    "gymnasium", reason="the environment needs gymnasium, a dependency of the package"
+)
 
-from effects.applied import AppliedEffect
-from envs.environment import ArmTracking
-from envs.rendering.canvas import ARM, GHOST, blend
-from envs.rendering.picture import HEIGHT, WIDTH
-from envs.rendering.viewer import TerminalViewer, open_viewer
+from gapscope.effects.applied import AppliedEffect
+from gapscope.envs.environment import ArmTracking
+from gapscope.envs.rendering.canvas import ARM, GHOST, blend
+from gapscope.envs.rendering.picture import HEIGHT, WIDTH
+from gapscope.envs.rendering.viewer import TerminalViewer, open_viewer
 
 PAYLOAD = AppliedEffect("payload", (), {"mass": 6.0, "com": [0.0, 0.0, 0.1]})
 
 
 def _picture(steps: int = 40, **options: object) -> np.ndarray:
-    env = ArmTracking(render_mode="rgb_array", motion="pick", episode_length=2.0, **options)
+    env = ArmTracking(
+        render_mode="rgb_array", motion="pick", episode_length=2.0, **options
+    )
     env.reset(seed=0)
     for _ in range(steps):
         env.step(np.zeros(7))
@@ -32,7 +36,9 @@ def _count(picture: np.ndarray, colour: tuple[int, int, int]) -> int:
     return int((np.abs(picture.astype(int) - colour).max(axis=2) < 8).sum())
 
 
-def test_picture_shows_arm_and_ghost_and_the_ghost_stands_out_when_the_arm_is_off() -> None:
+def test_picture_shows_arm_and_ghost_and_the_ghost_stands_out_when_the_arm_is_off() -> (
+    None
+):
     good, bad = _picture(), _picture(effects=(PAYLOAD,))
     ghost = blend(GHOST, 0.55)
     for picture in (good, bad):
@@ -99,7 +105,9 @@ def test_human_mode_without_a_display_goes_to_the_terminal(monkeypatch, capsys) 
 
 def test_terminal_shows_coloured_half_blocks() -> None:
     out = io.StringIO()
-    viewer = TerminalViewer(Console(file=out, force_terminal=True, color_system="truecolor", width=100))
+    viewer = TerminalViewer(
+        Console(file=out, force_terminal=True, color_system="truecolor", width=100)
+    )
     picture = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
     picture[: HEIGHT // 2, :, 0] = 200
     viewer.show(picture, "the caption")

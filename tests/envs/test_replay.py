@@ -7,21 +7,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from arm.case import load_case
-from arm.controller import Controller
-from arm.dynamics import RigidBody
-from arm.errors import GapscopeError, InputError
-from arm.known_load import KnownLoad
-from arm.nominal import NominalArm
-from arm.reading import load_recording
-from arm.recording import Recording
-from arm.trajectory import Fourier, urdf_limits
-from arm.velocity_filter import RULES, VelocityFilter, rule_of
-from effects.applied import AppliedEffect
-from envs.engines import ENGINES
-from envs.mystery import POSTURE, position_controller
-from envs.recorder import record
-from envs.replay import HORIZON, TRIM, replay
+from gapscope.arm.case import load_case
+from gapscope.arm.controller import Controller
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.io.load_recording import load_recording
+from gapscope.arm.known_load import KnownLoad
+from gapscope.arm.motions.trajectory import Fourier, urdf_limits
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
+from gapscope.arm.velocity_filter import RULES, VelocityFilter, rule_of
+from gapscope.effects.applied import AppliedEffect
+from gapscope.envs.engines import ENGINES
+from gapscope.envs.mystery_arm import POSTURE, position_controller
+from gapscope.envs.recorder import record
+from gapscope.envs.replay import HORIZON, TRIM, replay
 
 EFFECTS = (
     AppliedEffect("payload", (), {"mass": 2.0, "com": [0.0, 0.0, 0.05]}),
@@ -31,8 +31,12 @@ SAMPLES = Path(__file__).parents[3] / "shared" / "data" / "sample_cases"
 
 
 def _motion(arm: NominalArm) -> Fourier:
-    limits = urdf_limits(RigidBody(arm), acceleration=5.0)._replace(velocity=np.full(arm.n_joints, 1.2))
-    return Fourier.random(np.random.default_rng(0), limits, duration=3.0, centre=POSTURE, frequency=0.4)
+    limits = urdf_limits(RigidBody(arm), acceleration=5.0)._replace(
+        velocity=np.full(arm.n_joints, 1.2)
+    )
+    return Fourier.random(
+        np.random.default_rng(0), limits, duration=3.0, centre=POSTURE, frequency=0.4
+    )
 
 
 @pytest.fixture(scope="module")
@@ -43,24 +47,41 @@ def controller(data_sheet_arm: NominalArm) -> Controller:
 @pytest.fixture(scope="module")
 def recording(data_sheet_arm: NominalArm, controller: Controller) -> Recording:
     arm = data_sheet_arm
-    return record(arm, EFFECTS, _motion(arm), controller, duration=3.0, rng=np.random.default_rng(0))
+    return record(
+        arm,
+        EFFECTS,
+        _motion(arm),
+        controller,
+        duration=3.0,
+        rng=np.random.default_rng(0),
+    )
 
 
-def test_same_effects_close_the_gap(data_sheet_arm: NominalArm, controller: Controller, recording: Recording) -> None:
+def test_same_effects_close_the_gap(
+    data_sheet_arm: NominalArm, controller: Controller, recording: Recording
+) -> None:
     nominal = replay(data_sheet_arm, (), recording, controller)
     same = replay(data_sheet_arm, EFFECTS, recording, controller)
-    assert same.through_controller and same.q.shape == same.tau.shape == recording.q.shape
+    assert (
+        same.through_controller and same.q.shape == same.tau.shape == recording.q.shape
+    )
     assert nominal.rmse.max() > 1e-2
     assert same.rmse.max() < 1e-4, same.rmse
     inner = (recording.t >= TRIM) & (recording.t <= recording.t[-1] - TRIM)
-    np.testing.assert_allclose(same.rmse, np.sqrt(np.mean((same.q - recording.q)[inner] ** 2, axis=0)))
+    np.testing.assert_allclose(
+        same.rmse, np.sqrt(np.mean((same.q - recording.q)[inner] ** 2, axis=0))
+    )
     assert np.abs(same.tau - recording.tau)[inner].max() < 1.0
 
 
-def test_a_known_payload_is_one_more(data_sheet_arm: NominalArm, controller: Controller, recording: Recording) -> None:
+def test_a_known_payload_is_one_more(
+    data_sheet_arm: NominalArm, controller: Controller, recording: Recording
+) -> None:
     """Beside a payload found as alone: the sum of both is simulated; the controller believes in neither."""
     load = KnownLoad(2.0, (0.0, 0.0, 0.05))
-    carried = replay(data_sheet_arm, EFFECTS[1:], replace(recording, payload=load), controller)
+    carried = replay(
+        data_sheet_arm, EFFECTS[1:], replace(recording, payload=load), controller
+    )
     assert carried.rmse.max() < 1e-4
     half = AppliedEffect("payload", (), {"mass": 1.0, "com": [0.0, 0.0, 0.05]})
     rest = replace(recording, payload=KnownLoad(1.0, load.com))
@@ -70,9 +91,15 @@ def test_a_known_payload_is_one_more(data_sheet_arm: NominalArm, controller: Con
 
 @pytest.mark.parametrize("engine", ["mujoco", "dart"])
 def test_engines_agree(
-    data_sheet_arm: NominalArm, controller: Controller, recording: Recording, engines, engine: str
+    data_sheet_arm: NominalArm,
+    controller: Controller,
+    recording: Recording,
+    engines,
+    engine: str,
 ) -> None:
-    other = replay(data_sheet_arm, EFFECTS, recording, controller, engine=engines(engine))
+    other = replay(
+        data_sheet_arm, EFFECTS, recording, controller, engine=engines(engine)
+    )
     assert other.rmse.max() < 1e-4, other.rmse
 
 
@@ -81,14 +108,18 @@ def test_without_the_controller_the_recorded_torque_moves_the_arm(
 ) -> None:
     effect = (EFFECTS[0],)
     arm, settings = data_sheet_arm, {"duration": 3.0, "rng": np.random.default_rng(0)}
-    loaded = record(arm, effect, _motion(arm), position_controller(arm, POSTURE), **settings)
+    loaded = record(
+        arm, effect, _motion(arm), position_controller(arm, POSTURE), **settings
+    )
     nominal, same = (replay(arm, effects, loaded, None) for effects in ((), effect))
     assert not same.through_controller
     np.testing.assert_array_equal(same.tau, loaded.tau)
     assert (same.rmse < 2e-3).all(), same.rmse
     assert same.rmse.mean() < 0.3 * nominal.rmse.mean()
     first = np.arange(0, len(loaded.t), round(HORIZON * loaded.rate))
-    assert np.abs(same.q - loaded.q)[first].max() < 1e-3  # each horizon starts where the arm was measured
+    assert (
+        np.abs(same.q - loaded.q)[first].max() < 1e-3
+    )  # each horizon starts where the arm was measured
 
 
 def test_reference_without_a_controller_that_is_known_is_no_command(
@@ -103,21 +134,29 @@ def test_replay_starts_anew_behind_a_gap(
 ) -> None:
     keep = (recording.t < 1.0) | (recording.t > 1.5)
     channels = ("t", "q", "tau", "dq", "q_ref", "dq_ref")
-    cut = Recording("cut", **{name: getattr(recording, name)[keep] for name in channels})
+    cut = Recording(
+        "cut", **{name: getattr(recording, name)[keep] for name in channels}
+    )
     found = replay(data_sheet_arm, EFFECTS, cut, controller)
     behind = int((recording.t < 1.0).sum())
     np.testing.assert_allclose(found.q[behind], cut.q[behind], atol=1e-4)
     assert found.rmse.max() < 1e-2
 
 
-def test_an_arm_that_runs_away_is_reported(data_sheet_arm: NominalArm, recording: Recording) -> None:
+def test_an_arm_that_runs_away_is_reported(
+    data_sheet_arm: NominalArm, recording: Recording
+) -> None:
     arm = replace(data_sheet_arm, torque_limit=None)
     with pytest.raises(GapscopeError, match="ran away"):
-        replay(arm, (), recording, Controller(1000.0, kp=np.full(7, 1e7), kd=np.zeros(7)))
+        replay(
+            arm, (), recording, Controller(1000.0, kp=np.full(7, 1e7), kd=np.zeros(7))
+        )
 
 
 @pytest.mark.parametrize("rule", sorted(RULES))
-def test_filter_rule_shows_in_a_recorded_velocity(recording: Recording, controller: Controller, rule: str) -> None:
+def test_filter_rule_shows_in_a_recorded_velocity(
+    recording: Recording, controller: Controller, rule: str
+) -> None:
     t = np.arange(0, 3.0, 1e-3)
     q = np.sin(4 * t)[:, None] * np.ones(7)
     dq = 4 * np.cos(4 * t)[:, None] * np.ones(7)
@@ -139,29 +178,49 @@ def _labelled(name: str, arm: NominalArm) -> tuple[AppliedEffect, ...]:
     """Effects of a sample case's label; an elastic joint's damper from its damping ratio of 0.05."""
     labels = json.loads((SAMPLES / "labels.json").read_text())
     effects = next(label["effects"] for label in labels if label["case"] == name)
-    values = [{key: entry["value"] for key, entry in effect["parameters"].items()} for effect in effects]
+    values = [
+        {key: entry["value"] for key, entry in effect["parameters"].items()}
+        for effect in effects
+    ]
     for effect, given in zip(effects, values, strict=True):
         if effect["effect"] == "joint_elasticity":
             given["damping"] = [
-                _damper(arm, j - 1, k) for j, k in zip(effect["joints"], given["stiffness"], strict=True)
+                _damper(arm, j - 1, k)
+                for j, k in zip(effect["joints"], given["stiffness"], strict=True)
             ]
-    return tuple(AppliedEffect(e["effect"], tuple(e["joints"]), v) for e, v in zip(effects, values, strict=True))
+    return tuple(
+        AppliedEffect(e["effect"], tuple(e["joints"]), v)
+        for e, v in zip(effects, values, strict=True)
+    )
 
 
-def _damper(arm: NominalArm, joint: int, stiffness: float, ratio: float = 0.05) -> float:
+def _damper(
+    arm: NominalArm, joint: int, stiffness: float, ratio: float = 0.05
+) -> float:
     """d = 2 zeta sqrt(k J), J the rotor's and the straight arm's inertia in series [N m s/rad]."""
-    link, rotor = RigidBody(arm).mass_matrix(np.zeros(arm.n_joints))[joint, joint], arm.armature[joint]
+    link, rotor = (
+        RigidBody(arm).mass_matrix(np.zeros(arm.n_joints))[joint, joint],
+        arm.armature[joint],
+    )
     return float(2 * ratio * np.sqrt(stiffness / (1 / link + 1 / rotor)))
 
 
 @pytest.mark.shared_data
-@pytest.mark.skipif(not SAMPLES.is_dir(), reason="needs ../shared/data/sample_cases, which is not part of the project")
+@pytest.mark.skipif(
+    not SAMPLES.is_dir(),
+    reason="needs ../shared/data/sample_cases, which is not part of the project",
+)
 @pytest.mark.parametrize("name", [f"case00{i}" for i in (0, 1, 2, 3, 4, 5, 7)])
 @pytest.mark.parametrize("engine", ENGINES)
-def test_labelled_effects_close_a_case_of_another_simulator(engines, engine: str, name: str) -> None:
+def test_labelled_effects_close_a_case_of_another_simulator(
+    engines, engine: str, name: str
+) -> None:
     """By at least 80 %, the mean over the joints; LuGre friction, noise and another integrator are what is left."""
     case = load_case(SAMPLES / name, read_recordings=False)
     recording = load_recording(SAMPLES / name / "recording_d.csv", case.arm, None)
     truth = _labelled(name, case.arm)
-    before, after = (replay(case.arm, e, recording, case.controller, engine=engines(engine)) for e in ((), truth))
+    before, after = (
+        replay(case.arm, e, recording, case.controller, engine=engines(engine))
+        for e in ((), truth)
+    )
     assert after.rmse.mean() < 0.2 * before.rmse.mean(), (before.rmse, after.rmse)

@@ -11,15 +11,15 @@ from tempfile import mkdtemp
 
 import numpy as np
 
-from arm.case import Case
-from arm.dynamics import RigidBody
-from arm.motion import Motion
-from arm.nominal import NominalArm
-from arm.recording import Recording
-from arm.robots import load_nominal_arm
-from arm.trajectory import Fourier, Limits
-from effects.applied import AppliedEffect
-from effects.corrected import CorrectedArm
+from gapscope.arm.case import Case
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.motions.trajectory import Fourier, Limits
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
 
 N = 7
 RATE = 250.0
@@ -57,29 +57,46 @@ def body() -> RigidBody:
     return RigidBody(arm())
 
 
-def motion(seed: int, *, size: float = 1.5, speed: float = 1.5, duration: float = 10.0) -> Fourier:
+def motion(
+    seed: int, *, size: float = 1.5, speed: float = 1.5, duration: float = 10.0
+) -> Fourier:
     """A smooth motion of all joints, up to ``size`` [rad] and ``speed`` [rad/s]."""
-    limits = Limits(np.full(N, -size), np.full(N, size), np.full(N, speed), np.full(N, 5.0 * speed))
+    limits = Limits(
+        np.full(N, -size), np.full(N, size), np.full(N, speed), np.full(N, 5.0 * speed)
+    )
     rng = np.random.default_rng(seed)
     return Fourier.random(rng, limits, duration=duration, frequency=0.2, order=5)
 
 
 def recording(
-    name: str, seed: int, effects: tuple[AppliedEffect, ...] = (), noise: float = NOISE, **how: float
+    name: str,
+    seed: int,
+    effects: tuple[AppliedEffect, ...] = (),
+    noise: float = NOISE,
+    **how: float,
 ) -> Recording:
     """What would be logged: encoders by the effects of sensing, torque of the arm with the others, and noise."""
     reference = motion(seed, **how)
     t = np.arange(round(reference.duration * RATE) + 1) / RATE
     corrected = CorrectedArm(arm(), effects)
     q = reference.position(t) + corrected.value("encoder_offset", "offset")
-    tau = corrected.predict(body(), Motion(t, q, reference.velocity(t), reference.acceleration(t)))
+    tau = corrected.predict(
+        body(), Motion(t, q, reference.velocity(t), reference.acceleration(t))
+    )
     rng = np.random.default_rng(1000 + seed)
-    return Recording(name, t, q, tau + noise * tau.std(axis=0) * rng.standard_normal(tau.shape))
+    return Recording(
+        name, t, q, tau + noise * tau.std(axis=0) * rng.standard_normal(tau.shape)
+    )
 
 
-def case(effects: tuple[AppliedEffect, ...] = (), seed: int = 0, count: int = 2, **how: float) -> Case:
+def case(
+    effects: tuple[AppliedEffect, ...] = (), seed: int = 0, count: int = 2, **how: float
+) -> Case:
     """A case of some recordings, the last of which is judged on."""
-    recordings = tuple(recording(f"recording_{k}.csv", 10 * seed + k, effects, **how) for k in range(count))
+    recordings = tuple(
+        recording(f"recording_{k}.csv", 10 * seed + k, effects, **how)
+        for k in range(count)
+    )
     return Case("panda", Path(), arm(), recordings)
 
 

@@ -7,16 +7,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.problem import Problem
+from gapscope.ident.model.linear_problem import Problem
 
 TRUTH = np.array([2.0, -1.0, 0.5, 3.0])
 NAMES = ("p1", "p2", "p3", "p4")
 
 
-def problem(matrix: np.ndarray, torque: np.ndarray, interval: float = 0.02, groups: int = 4) -> Problem:
+def problem(
+    matrix: np.ndarray, torque: np.ndarray, interval: float = 0.02, groups: int = 4
+) -> Problem:
     """A problem whose samples fall into groups of equal length."""
     group = np.arange(len(torque)) * groups // max(len(torque), 1)
-    return Problem(matrix, torque, tuple(f"p{i + 1}" for i in range(matrix.shape[2])), group, interval)
+    return Problem(
+        matrix,
+        torque,
+        tuple(f"p{i + 1}" for i in range(matrix.shape[2])),
+        group,
+        interval,
+    )
 
 
 def matrix(rng: np.random.Generator, samples: int = 400) -> np.ndarray:
@@ -39,7 +47,9 @@ def outliers(rng: np.random.Generator) -> Problem:
     """One sample of twenty is off by 20, always to the same side."""
     clean = well_conditioned(rng)
     struck = rng.random(clean.torque.shape) < 0.05
-    return problem(clean.matrix, clean.torque + 20.0 * struck * np.sign(clean.matrix[..., 0]))
+    return problem(
+        clean.matrix, clean.torque + 20.0 * struck * np.sign(clean.matrix[..., 0])
+    )
 
 
 def errors_in_variables(rng: np.random.Generator) -> Problem:
@@ -52,7 +62,9 @@ def errors_in_variables(rng: np.random.Generator) -> Problem:
 def noise_per_joint(rng: np.random.Generator) -> Problem:
     """Joint 3 is a hundred times as noisy as joint 1."""
     W = matrix(rng)
-    return problem(W, W @ TRUTH + np.array([0.02, 0.2, 2.0]) * rng.standard_normal(W.shape[:2]))
+    return problem(
+        W, W @ TRUTH + np.array([0.02, 0.2, 2.0]) * rng.standard_normal(W.shape[:2])
+    )
 
 
 def correlated_noise(rng: np.random.Generator) -> Problem:

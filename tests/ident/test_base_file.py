@@ -7,9 +7,9 @@ from pathlib import Path
 import arms
 import numpy as np
 
-from arm.motion import Motion
-from ident.base_file import write_base
-from ident.identification import Settings, identify
+from gapscope.arm.motions.motion import Motion
+from gapscope.ident.identification import Settings, identify
+from gapscope.ident.output.base_file import write_base
 
 
 def test_matrices_lead_both_ways(tmp_path: Path) -> None:
@@ -21,17 +21,29 @@ def test_matrices_lead_both_ways(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     pi, z = rng.standard_normal(p), rng.standard_normal(p - b)
     beta = found["combination"] @ pi
-    np.testing.assert_allclose(found["combination"] @ (found["back"] @ beta + found["null_space"] @ z), beta, atol=1e-9)
+    np.testing.assert_allclose(
+        found["combination"] @ (found["back"] @ beta + found["null_space"] @ z),
+        beta,
+        atol=1e-9,
+    )
     gamma = found["orthonormal"].T @ pi
-    np.testing.assert_allclose(found["orthonormal"].T @ found["orthonormal"], np.eye(b), atol=1e-12)
+    np.testing.assert_allclose(
+        found["orthonormal"].T @ found["orthonormal"], np.eye(b), atol=1e-12
+    )
     np.testing.assert_allclose(found["from_orthonormal"] @ gamma, beta, atol=1e-8)
     np.testing.assert_allclose(found["to_orthonormal"] @ beta, gamma, atol=1e-8)
     matrix = result.columns.matrix(states(), result.choice.law)
-    np.testing.assert_allclose(matrix @ pi, matrix[:, :, result.base.kept] @ beta, atol=1e-6)
-    np.testing.assert_allclose(matrix @ (found["orthonormal"] @ gamma), matrix @ pi, atol=1e-6)
+    np.testing.assert_allclose(
+        matrix @ pi, matrix[:, :, result.base.kept] @ beta, atol=1e-6
+    )
+    np.testing.assert_allclose(
+        matrix @ (found["orthonormal"] @ gamma), matrix @ pi, atol=1e-6
+    )
 
 
 def states() -> Motion:
     reference = arms.motion(5)
     t = np.arange(100) / 20
-    return Motion(t, reference.position(t), reference.velocity(t), reference.acceleration(t))
+    return Motion(
+        t, reference.position(t), reference.velocity(t), reference.acceleration(t)
+    )

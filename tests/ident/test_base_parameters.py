@@ -6,12 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from arm.errors import InputError
-from arm.nominal import NominalArm
-from arm.robots import load_nominal_arm
-from ident.base_parameters import base_parameters, random_states, structural_base
-from ident.orthonormal_base import OrthonormalBase, orthonormal_base
-from ident.regressor import Regressor
+from gapscope.arm.errors import InputError
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.ident.model.base_parameters import (
+    base_parameters,
+    random_states,
+    structural_base,
+)
+from gapscope.ident.model.orthonormal_base import OrthonormalBase, orthonormal_base
+from gapscope.ident.model.regressor import Regressor
 
 LENGTH = 0.5
 JOINT = """
@@ -21,28 +25,50 @@ JOINT = """
     <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
 
 
-def chain(folder: Path, kinds: tuple[str, ...], axes: tuple[str, ...], gravity=(0.0, -9.81, 0.0)) -> NominalArm:
+def chain(
+    folder: Path,
+    kinds: tuple[str, ...],
+    axes: tuple[str, ...],
+    gravity=(0.0, -9.81, 0.0),
+) -> NominalArm:
     """Joints in a row along x, each ``LENGTH`` from the one before."""
     rows = enumerate(zip(kinds, axes, strict=True), 1)
-    joints = [JOINT.format(i=i, before=i - 1, kind=k, axis=a, x=LENGTH if i > 1 else 0.0) for i, (k, a) in rows]
+    joints = [
+        JOINT.format(i=i, before=i - 1, kind=k, axis=a, x=LENGTH if i > 1 else 0.0)
+        for i, (k, a) in rows
+    ]
     urdf = folder / "chain.urdf"
     urdf.write_text(f'<robot name="chain"><link name="l0"/>{"".join(joints)}</robot>')
-    return NominalArm("chain", urdf, tuple(f"j{i + 1}" for i in range(len(kinds))), gravity=np.array(gravity))
+    return NominalArm(
+        "chain",
+        urdf,
+        tuple(f"j{i + 1}" for i in range(len(kinds))),
+        gravity=np.array(gravity),
+    )
 
 
 def measured(name: str) -> NominalArm:
     """An arm of which there are recordings, without the fingers that its URDF may have."""
-    root = Path(os.environ.get("GAPSCOPE_DATA") or Path(__file__).resolve().parents[3] / "shared" / "data")
+    root = Path(
+        os.environ.get("GAPSCOPE_DATA")
+        or Path(__file__).resolve().parents[3] / "shared" / "data"
+    )
     if not root.is_dir():
-        pytest.skip(f"no recordings of real arms: {root} is no folder (set GAPSCOPE_DATA)")
+        pytest.skip(
+            f"no recordings of real arms: {root} is no folder (set GAPSCOPE_DATA)"
+        )
     urdf = next((root / name).glob("*.urdf"))
     arm = load_nominal_arm(urdf)
-    return load_nominal_arm(urdf, joints=[joint for joint in arm.joints if "finger" not in joint])
+    return load_nominal_arm(
+        urdf, joints=[joint for joint in arm.joints if "finger" not in joint]
+    )
 
 
 def random_base(arm: NominalArm, effects=(), preference="link"):
     regressor = Regressor(arm, effects=effects)
-    return regressor, structural_base(regressor, np.random.default_rng(0), preference=preference)
+    return regressor, structural_base(
+        regressor, np.random.default_rng(0), preference=preference
+    )
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +79,9 @@ def iiwa():
 
 
 @pytest.mark.parametrize("preference", ["link", "kind"])
-@pytest.mark.parametrize(("robot", "count"), [("kuka_iiwa", 43), ("franka_panda", 43), ("xarm6", 36)])
+@pytest.mark.parametrize(
+    ("robot", "count"), [("kuka_iiwa", 43), ("franka_panda", 43), ("xarm6", 36)]
+)
 def test_number_of_base_parameters_is_the_published_one(robot, count, preference):
     _, base = random_base(load_nominal_arm(robot), preference=preference)
     assert base.count == count
@@ -61,7 +89,9 @@ def test_number_of_base_parameters_is_the_published_one(robot, count, preference
 
 
 @pytest.mark.shared_data
-@pytest.mark.parametrize(("robot", "count"), [("ur10", 36), ("panda", 43), ("staubli_tx40", 36)])
+@pytest.mark.parametrize(
+    ("robot", "count"), [("ur10", 36), ("panda", 43), ("staubli_tx40", 36)]
+)
 def test_number_of_base_parameters_of_measured_arms(robot, count):
     _, base = random_base(measured(robot))
     assert base.count == count
@@ -77,7 +107,14 @@ def test_rounded_angles_of_a_urdf_leave_the_rank_alone():
 def test_planar_arm_has_the_combinations_of_the_textbook(tmp_path):
     arm = chain(tmp_path, ("revolute",) * 2, ("0 0 1",) * 2)
     _, base = random_base(arm)
-    assert base.expressions() == ("mx1 + 0.5 m2", "my1", "Izz1 + 0.25 m2", "mx2", "my2", "Izz2")
+    assert base.expressions() == (
+        "mx1 + 0.5 m2",
+        "my1",
+        "Izz1 + 0.25 m2",
+        "mx2",
+        "my2",
+        "Izz2",
+    )
 
 
 def test_preference_by_kind_lets_the_mass_stand_for_what_it_can(tmp_path):
@@ -109,7 +146,12 @@ def test_base_columns_give_the_same_torque_on_other_states(iiwa, preference):
 def test_null_space_and_spread_make_up_every_parameter_vector(iiwa):
     _, base, Y = iiwa
     pi = np.random.default_rng(3).standard_normal(77)
-    assert np.allclose(base.spread(base.of(pi)) + base.null_space @ pi[base.dropped], pi, rtol=0, atol=1e-12)
+    assert np.allclose(
+        base.spread(base.of(pi)) + base.null_space @ pi[base.dropped],
+        pi,
+        rtol=0,
+        atol=1e-12,
+    )
     assert np.abs(Y @ base.null_space).max() < 1e-8 * np.abs(Y).max()
 
 
@@ -128,18 +170,28 @@ def test_orthonormal_base_has_the_rank_and_torque_of_the_other(iiwa):
     pi = np.random.default_rng(5).standard_normal(77)
     assert other.count == base.count
     assert other.gap > 1e8
-    assert np.allclose(other.basis.T @ other.basis, np.eye(base.count), rtol=0, atol=1e-12)
+    assert np.allclose(
+        other.basis.T @ other.basis, np.eye(base.count), rtol=0, atol=1e-12
+    )
     assert np.allclose(other.matrix(Y) @ other.of(pi), Y @ pi, rtol=0, atol=1e-8)
     short = other.spread(other.of(pi))
-    assert np.allclose(short, np.linalg.lstsq(Y.reshape(-1, 77), (Y @ pi).ravel(), rcond=1e-9)[0], atol=1e-6)
+    assert np.allclose(
+        short,
+        np.linalg.lstsq(Y.reshape(-1, 77), (Y @ pi).ravel(), rcond=1e-9)[0],
+        atol=1e-6,
+    )
 
 
 def test_orthonormal_and_qr_form_convert_both_ways(iiwa):
     regressor, base, Y = iiwa
     other: OrthonormalBase = orthonormal_base(Y, regressor.names)
     pi = np.random.default_rng(6).standard_normal(77)
-    assert np.allclose(other.to_base(base) @ other.of(pi), base.of(pi), rtol=0, atol=1e-8)
-    assert np.allclose(other.from_base(base) @ base.of(pi), other.of(pi), rtol=0, atol=1e-8)
+    assert np.allclose(
+        other.to_base(base) @ other.of(pi), base.of(pi), rtol=0, atol=1e-8
+    )
+    assert np.allclose(
+        other.from_base(base) @ base.of(pi), other.of(pi), rtol=0, atol=1e-8
+    )
 
 
 def test_triangular_factor_gives_the_same_base(iiwa):
@@ -172,7 +224,10 @@ def test_arm_at_rest_shows_gravity_alone(tmp_path):
 
 NAMES = ("m1", "mx1")
 BAD = {
-    "too short": (np.ones((1, 2)), "1 rows cannot tell 2 parameters apart.*record more samples"),
+    "too short": (
+        np.ones((1, 2)),
+        "1 rows cannot tell 2 parameters apart.*record more samples",
+    ),
     "NaN": (np.array([[1.0, np.nan], [0, 1]]), "not finite"),
     "zero": (np.zeros((5, 2)), "nothing moves"),
 }

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from arm.case import Case
-from arm.dynamics import RigidBody
-from arm.motions import draw_motion, workspace
-from effects.applied import AppliedEffect
-from envs.mystery import POSTURE, iiwa, position_controller
-from envs.recorder import record
-from ident.document import check, document, plain
-from ident.identification import identify
+from gapscope.arm.case import Case
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.motions.named_motions import draw_motion, workspace
+from gapscope.effects.applied import AppliedEffect
+from gapscope.envs.mystery_arm import POSTURE, iiwa, position_controller
+from gapscope.envs.recorder import record
+from gapscope.ident.identification import identify
+from gapscope.ident.output.identification_json import check, document, plain
 
 LOAD = AppliedEffect("payload", (), {"mass": 1.5, "com": [0.0, 0.02, 0.08]})
 MOMENT = 3.7
@@ -22,21 +22,39 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
     controller, space = position_controller(arm, POSTURE), workspace(RigidBody(arm))
     recordings = tuple(
         record(
-            arm, (), draw_motion("fourier", rng, space, 8.0), controller, duration=8.0, rng=rng, torque_noise=0.1,
-            name=f"recording_{i}", later=(MOMENT, (LOAD,)) if i == 1 else None,
+            arm,
+            (),
+            draw_motion("fourier", rng, space, 8.0),
+            controller,
+            duration=8.0,
+            rng=rng,
+            torque_noise=0.1,
+            name=f"recording_{i}",
+            later=(MOMENT, (LOAD,)) if i == 1 else None,
         )
         for i in range(3)
-    )  # fmt: skip
-    return Case("picked_up", tmp_path_factory.mktemp("case"), arm, recordings, controller=controller)
+    )
+    return Case(
+        "picked_up",
+        tmp_path_factory.mktemp("case"),
+        arm,
+        recordings,
+        controller=controller,
+    )
 
 
 def test_a_load_that_is_picked_up_is_told_with_moment_and_mass(case: Case) -> None:
     result = identify(case)
     (found,) = result.changes
-    assert found.recording == "recording_1" and found.change.hypothesis.name == "payload"
+    assert (
+        found.recording == "recording_1" and found.change.hypothesis.name == "payload"
+    )
     assert abs(found.change.time - MOMENT) < 0.1
     assert abs(found.change.size[0] - 1.5) < 0.15
-    assert any("a load was picked up at 3.7" in warning and "recording_1" in warning for warning in result.warnings)
+    assert any(
+        "a load was picked up at 3.7" in warning and "recording_1" in warning
+        for warning in result.warnings
+    )
     content = plain(document(result))
     check(content)
     assert content["changes"][0]["parameters"] == ["m7", "mx7", "my7", "mz7"]

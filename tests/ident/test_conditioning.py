@@ -6,13 +6,26 @@ import numpy as np
 import pytest
 from scipy.signal import butter, sosfiltfilt
 
-from arm.errors import InputError
-from arm.recording import Recording
-from ident.conditioning import TRIM, blocks, condition, low_pass, pieces, position_cutoff, uniform
+from gapscope.arm.errors import InputError
+from gapscope.arm.recording import Recording
+from gapscope.ident.signals.conditioning import (
+    TRIM,
+    blocks,
+    condition,
+    low_pass,
+    pieces,
+    position_cutoff,
+    uniform,
+)
 
 
 def sine(
-    frequency: float = 1.0, *, rate: float = 250.0, duration: float = 6.0, start: float = 0.0, torque: bool = True
+    frequency: float = 1.0,
+    *,
+    rate: float = 250.0,
+    duration: float = 6.0,
+    start: float = 0.0,
+    torque: bool = True,
 ) -> Recording:
     """Two joints a quarter period apart, and a torque in phase with the first."""
     t = np.arange(round(duration * rate) + 1) / rate
@@ -23,19 +36,27 @@ def sine(
 
 def without(recording: Recording, keep: np.ndarray) -> Recording:
     assert recording.tau is not None
-    return Recording(recording.name, recording.t[keep], recording.q[keep], recording.tau[keep])
+    return Recording(
+        recording.name, recording.t[keep], recording.q[keep], recording.tau[keep]
+    )
 
 
 def at(frequency: float, series: np.ndarray, t: np.ndarray) -> complex:
     """Complex amplitude of a series at a frequency, by least squares against sine and cosine."""
     phase = 2 * np.pi * frequency * t
-    a, b, _ = np.linalg.lstsq(np.column_stack([np.sin(phase), np.cos(phase), np.ones_like(t)]), series, rcond=None)[0]
+    a, b, _ = np.linalg.lstsq(
+        np.column_stack([np.sin(phase), np.cos(phase), np.ones_like(t)]),
+        series,
+        rcond=None,
+    )[0]
     return complex(a, b)
 
 
 class TestLowPass:
     @pytest.mark.parametrize("frequency", [0.5, 3.0, 12.0, 20.0])
-    def test_sine_keeps_its_phase_and_shrinks_as_the_formula_says(self, frequency: float) -> None:
+    def test_sine_keeps_its_phase_and_shrinks_as_the_formula_says(
+        self, frequency: float
+    ) -> None:
         """Forward and backward: |H|^2 = 1 / (1 + (tan(pi f / fs) / tan(pi fc / fs))^8), no phase."""
         t = np.arange(2500) / 250
         out = low_pass(np.sin(2 * np.pi * frequency * t)[:, None], 250.0, 12.0)
@@ -56,15 +77,21 @@ class TestLowPass:
     def test_is_the_filter_of_the_definition(self) -> None:
         x = np.random.default_rng(1).standard_normal((1000, 2))
         expected = sosfiltfilt(butter(4, 12.0, output="sos", fs=250.0), x, axis=0)
-        np.testing.assert_allclose(low_pass(x, 250.0, 12.0)[75:-75], expected[75:-75], atol=0.02)
+        np.testing.assert_allclose(
+            low_pass(x, 250.0, 12.0)[75:-75], expected[75:-75], atol=0.02
+        )
 
     def test_constant_stays(self) -> None:
-        np.testing.assert_allclose(low_pass(np.full((400, 1), 7.0), 250.0, 12.0), 7.0, atol=1e-9)
+        np.testing.assert_allclose(
+            low_pass(np.full((400, 1), 7.0), 250.0, 12.0), 7.0, atol=1e-9
+        )
 
     @pytest.mark.parametrize("rate", [20.0, 25.0, 30.0])
     def test_cutoff_above_nyquist_becomes_095_of_nyquist(self, rate: float) -> None:
         x = np.random.default_rng(2).standard_normal((200, 1))
-        np.testing.assert_array_equal(low_pass(x, rate, 200.0), low_pass(x, rate, 0.95 * rate / 2))
+        np.testing.assert_array_equal(
+            low_pass(x, rate, 200.0), low_pass(x, rate, 0.95 * rate / 2)
+        )
 
     def test_series_shorter_than_its_padding(self) -> None:
         assert np.isfinite(low_pass(np.ones((5, 2)), 250.0, 5.0)).all()
@@ -76,9 +103,17 @@ class TestCondition:
         m, inner = segment.motion, segment.inner
         phase = 2 * np.pi * 1.5 * m.t[inner]
         w = 2 * np.pi * 1.5
-        np.testing.assert_allclose(m.q[inner], np.column_stack([np.sin(phase), np.cos(phase)]), atol=1e-4)
-        np.testing.assert_allclose(m.dq[inner], w * np.column_stack([np.cos(phase), -np.sin(phase)]), atol=2e-3)
-        np.testing.assert_allclose(m.ddq[inner], -(w**2) * np.column_stack([np.sin(phase), np.cos(phase)]), atol=0.05)
+        np.testing.assert_allclose(
+            m.q[inner], np.column_stack([np.sin(phase), np.cos(phase)]), atol=1e-4
+        )
+        np.testing.assert_allclose(
+            m.dq[inner], w * np.column_stack([np.cos(phase), -np.sin(phase)]), atol=2e-3
+        )
+        np.testing.assert_allclose(
+            m.ddq[inner],
+            -(w**2) * np.column_stack([np.sin(phase), np.cos(phase)]),
+            atol=0.05,
+        )
 
     def test_torque_stays_unfiltered_at_the_working_rate(self) -> None:
         recording = sine(40.0)
@@ -89,7 +124,9 @@ class TestCondition:
     def test_inner_trims_both_ends(self) -> None:
         (segment,) = condition(sine(duration=6.0), 20.0)
         t = segment.motion.t[segment.inner]
-        assert t[0] == pytest.approx(TRIM, abs=0.005) and t[-1] == pytest.approx(6.0 - TRIM, abs=0.005)
+        assert t[0] == pytest.approx(TRIM, abs=0.005) and t[-1] == pytest.approx(
+            6.0 - TRIM, abs=0.005
+        )
 
     def test_gap_is_cut_and_not_bridged(self) -> None:
         whole = sine(0.5, duration=8.0)
@@ -99,23 +136,30 @@ class TestCondition:
         assert len(first.motion.t) + len(second.motion.t) == len(recording.t)
         for segment in (first, second):
             expected = np.pi * np.cos(np.pi * segment.motion.t)
-            np.testing.assert_allclose(segment.motion.dq[segment.inner, 0], expected[segment.inner], atol=5e-3)
+            np.testing.assert_allclose(
+                segment.motion.dq[segment.inner, 0], expected[segment.inner], atol=5e-3
+            )
 
     def test_short_stretches_between_gaps_are_left_out(self) -> None:
         whole = sine(duration=8.0)
         keep = (whole.t < 3.0) | ((whole.t > 3.5) & (whole.t < 4.5)) | (whole.t > 5.0)
         recording = without(whole, keep)
         assert [(recording.t[s][0], recording.t[s][-1]) for s in pieces(recording)] == [
-            (0.0, pytest.approx(2.996)), (pytest.approx(5.004), 8.0),
-        ]  # fmt: skip
+            (0.0, pytest.approx(2.996)),
+            (pytest.approx(5.004), 8.0),
+        ]
         assert len(condition(recording, 20.0)) == 2
 
     def test_a_lost_sample_is_no_gap(self) -> None:
         whole = sine(1.0)
-        (segment,) = condition(without(whole, np.arange(len(whole.t)) % 200 != 100), 20.0)
+        (segment,) = condition(
+            without(whole, np.arange(len(whole.t)) % 200 != 100), 20.0
+        )
         assert len(whole.t) - 2 <= len(segment.motion.t) <= len(whole.t)
         expected = 2 * np.pi * np.cos(2 * np.pi * segment.motion.t)
-        np.testing.assert_allclose(segment.motion.dq[segment.inner, 0], expected[segment.inner], atol=0.02)
+        np.testing.assert_allclose(
+            segment.motion.dq[segment.inner, 0], expected[segment.inner], atol=0.02
+        )
 
     def test_jitter_is_resampled(self) -> None:
         t = np.arange(1500) / 250
@@ -126,8 +170,12 @@ class TestCondition:
         steps = np.diff(segment.motion.t)
         assert np.ptp(steps) < 1e-9
         expected = np.sin(2 * np.pi * segment.motion.t[:, None] + [0.0, np.pi / 2])
-        np.testing.assert_allclose(segment.motion.q[segment.inner], expected[segment.inner], atol=1e-3)
-        np.testing.assert_allclose(segment.torque[segment.inner], 3 * expected[segment.inner], atol=5e-3)
+        np.testing.assert_allclose(
+            segment.motion.q[segment.inner], expected[segment.inner], atol=1e-3
+        )
+        np.testing.assert_allclose(
+            segment.torque[segment.inner], 3 * expected[segment.inner], atol=5e-3
+        )
 
     def test_uniform_time_keeps_its_samples(self) -> None:
         recording = sine()
@@ -141,16 +189,27 @@ class TestCondition:
         q = np.column_stack([np.sin(t), np.cos(t)])
         for frequency, expected in ((2.0, 1.0), (12.0, 1.0), (0.4 * rate + 3.0, 0.0)):
             tau = np.sin(2 * np.pi * frequency * t)
-            (segment,) = condition(Recording("fast.csv", t, q, np.column_stack([tau, tau])), 20.0)
-            torque, time = segment.torque[segment.inner, 0], segment.motion.t[segment.inner]
+            (segment,) = condition(
+                Recording("fast.csv", t, q, np.column_stack([tau, tau])), 20.0
+            )
+            torque, time = (
+                segment.torque[segment.inner, 0],
+                segment.motion.t[segment.inner],
+            )
             assert len(time) < len(t) / 2
-            assert np.abs(torque - expected * np.sin(2 * np.pi * frequency * time)).max() < 1e-3
+            assert (
+                np.abs(torque - expected * np.sin(2 * np.pi * frequency * time)).max()
+                < 1e-3
+            )
 
     def test_phase_of_a_decimated_log(self) -> None:
         """Position and torque of a 5 kHz log stay on the same clock."""
         (segment,) = condition(sine(3.0, rate=5000.0), 30.0)
         time = segment.motion.t[segment.inner]
-        for series in (segment.motion.q[segment.inner, 0], segment.torque[segment.inner, 0] / 3):
+        for series in (
+            segment.motion.q[segment.inner, 0],
+            segment.torque[segment.inner, 0] / 3,
+        ):
             assert at(3.0, series, time) == pytest.approx(1.0, abs=1e-3)
 
     def test_5_khz_log_is_worked_on_at_250_hz(self) -> None:
@@ -161,8 +220,13 @@ class TestCondition:
         assert recording.rate == pytest.approx(1000.0)
         assert condition(recording, 10.0)[0].motion.rate == pytest.approx(250.0)
 
-    @pytest.mark.parametrize(("rate", "working"), [(30.0, 30.0), (125.0, 125.0), (499.0, 499.0), (600.0, 300.0)])
-    def test_rate_is_decimated_to_no_less_than_250(self, rate: float, working: float) -> None:
+    @pytest.mark.parametrize(
+        ("rate", "working"),
+        [(30.0, 30.0), (125.0, 125.0), (499.0, 499.0), (600.0, 300.0)],
+    )
+    def test_rate_is_decimated_to_no_less_than_250(
+        self, rate: float, working: float
+    ) -> None:
         (segment,) = condition(sine(rate=rate), 10.0)
         assert segment.motion.rate == pytest.approx(working, rel=1e-3)
 
@@ -170,12 +234,17 @@ class TestCondition:
         recording = sine(torque=False)
         (segment,) = condition(recording, 10.0)
         assert segment.torque is None and segment.torque_sensor is None
-        with_sensor = Recording("s.csv", recording.t, recording.q, tau_sensor=2 * recording.q)
-        np.testing.assert_array_equal(condition(with_sensor, 10.0)[0].torque_sensor, 2 * recording.q)
+        with_sensor = Recording(
+            "s.csv", recording.t, recording.q, tau_sensor=2 * recording.q
+        )
+        np.testing.assert_array_equal(
+            condition(with_sensor, 10.0)[0].torque_sensor, 2 * recording.q
+        )
 
     def test_too_short_a_recording_is_an_input_error(self) -> None:
         with pytest.raises(
-            InputError, match=r"sine\.csv: lasts 1\.2 s, at least 1\.5 s is needed(.|\n)*remedy"
+            InputError,
+            match=r"sine\.csv: lasts 1\.2 s, at least 1\.5 s is needed(.|\n)*remedy",
         ) as caught:
             condition(sine(duration=1.2), 10.0)
         assert caught.value.exit_code == 2
@@ -189,11 +258,18 @@ class TestCondition:
 class TestCutoff:
     def noisy(self, noise: float, seed: int = 0) -> Recording:
         t = np.arange(2500) / 250
-        q = sum(np.sin(2 * np.pi * f * t + f) / f for f in (0.3, 0.9, 2.5))[:, None] * [1.0, 0.5]
-        return Recording("n.csv", t, q + noise * np.random.default_rng(seed).standard_normal(q.shape))
+        q = sum(np.sin(2 * np.pi * f * t + f) / f for f in (0.3, 0.9, 2.5))[:, None] * [
+            1.0,
+            0.5,
+        ]
+        return Recording(
+            "n.csv", t, q + noise * np.random.default_rng(seed).standard_normal(q.shape)
+        )
 
     def test_the_noisier_the_lower(self) -> None:
-        cutoffs = [position_cutoff((self.noisy(noise),)) for noise in (1e-7, 1e-4, 3e-2)]
+        cutoffs = [
+            position_cutoff((self.noisy(noise),)) for noise in (1e-7, 1e-4, 3e-2)
+        ]
         assert cutoffs[0] > cutoffs[1] >= cutoffs[2]
 
     @pytest.mark.parametrize("seed", range(5))
@@ -203,9 +279,13 @@ class TestCutoff:
 
     def test_between_5_and_40_hz(self) -> None:
         t = np.arange(2500) / 250
-        still = Recording("still.csv", t, 1e-3 * np.random.default_rng(0).standard_normal((2500, 2)))
+        still = Recording(
+            "still.csv", t, 1e-3 * np.random.default_rng(0).standard_normal((2500, 2))
+        )
         assert position_cutoff((still,)) < 40.0 and position_cutoff((still,)) >= 5.0
-        chirp = Recording("chirp.csv", t, np.sin(2 * np.pi * 3 * t**2)[:, None] + 1e-6 * still.q)
+        chirp = Recording(
+            "chirp.csv", t, np.sin(2 * np.pi * 3 * t**2)[:, None] + 1e-6 * still.q
+        )
         assert position_cutoff((chirp,)) == 40.0
 
     def test_below_nyquist_of_the_slowest(self) -> None:
@@ -216,7 +296,11 @@ class TestCutoff:
         slow, fast = self.noisy(1e-3), sine(6.0, duration=10.0)
         noise = 1e-3 * np.random.default_rng(1).standard_normal(fast.q.shape)
         fast = Recording("fast.csv", fast.t, fast.q + noise)
-        assert position_cutoff((slow, fast)) == position_cutoff((fast,)) > position_cutoff((slow,))
+        assert (
+            position_cutoff((slow, fast))
+            == position_cutoff((fast,))
+            > position_cutoff((slow,))
+        )
 
     def test_arm_that_stands_perfectly_still(self) -> None:
         t = np.arange(1000) / 250
@@ -226,11 +310,18 @@ class TestCutoff:
 class TestBlocks:
     @pytest.mark.parametrize("count", [2, 4, 7])
     @pytest.mark.parametrize("rate", [125.0, 250.0])
-    def test_disjoint_after_trimming_and_nothing_lost(self, count: int, rate: float) -> None:
+    def test_disjoint_after_trimming_and_nothing_lost(
+        self, count: int, rate: float
+    ) -> None:
         self.check(count, rate, 0.0)
 
-    @pytest.mark.parametrize(("count", "rate", "start"), [(4, 30.0, 0.0), (7, 250.0, 12.345), (4, 250.0, 1.7e9)])
-    def test_disjoint_whatever_the_rounding_of_time(self, count: int, rate: float, start: float) -> None:
+    @pytest.mark.parametrize(
+        ("count", "rate", "start"),
+        [(4, 30.0, 0.0), (7, 250.0, 12.345), (4, 250.0, 1.7e9)],
+    )
+    def test_disjoint_whatever_the_rounding_of_time(
+        self, count: int, rate: float, start: float
+    ) -> None:
         self.check(count, rate, start)
 
     def check(self, count: int, rate: float, start: float) -> None:
@@ -246,6 +337,8 @@ class TestBlocks:
         for block in blocks(segment, 3):
             rows = np.searchsorted(segment.motion.t, block.motion.t)
             for name in ("q", "dq", "ddq"):
-                np.testing.assert_array_equal(getattr(block.motion, name), getattr(segment.motion, name)[rows])
+                np.testing.assert_array_equal(
+                    getattr(block.motion, name), getattr(segment.motion, name)[rows]
+                )
             np.testing.assert_array_equal(block.torque, segment.torque[rows])
             assert block.recording == segment.recording

@@ -5,20 +5,24 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from arm.errors import InputError
-from arm.motion import Motion
-from arm.robots import load_nominal_arm
-from ident.base_parameters import base_parameters
-from ident.estimate import Estimator
-from ident.estimators.consistent_sdp import ConsistentSdp
-from ident.estimators.log_cholesky import LogCholesky
-from ident.estimators.ols import OrdinaryLeastSquares
-from ident.problem import Problem
-from ident.pseudo_inertia import is_consistent, triangle_inequality
-from ident.regressor import Regressor
+from gapscope.arm.errors import InputError
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.ident.estimators.consistent_sdp import ConsistentSdp
+from gapscope.ident.estimators.estimate import Estimator
+from gapscope.ident.estimators.log_cholesky import LogCholesky
+from gapscope.ident.estimators.ols import OrdinaryLeastSquares
+from gapscope.ident.model.base_parameters import base_parameters
+from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.model.pseudo_inertia import is_consistent, triangle_inequality
+from gapscope.ident.model.regressor import Regressor
 
 LINKS = 3
-SHEET = {"armature": [0.3, 0.3, 0.2], "coulomb": [3.0, 3.0, 2.0], "viscous": [4.0, 4.0, 2.0]}
+SHEET = {
+    "armature": [0.3, 0.3, 0.2],
+    "coulomb": [3.0, 3.0, 2.0],
+    "viscous": [4.0, 4.0, 2.0],
+}
 
 
 @pytest.fixture(scope="module")
@@ -27,13 +31,23 @@ def regressor() -> Regressor:
     return Regressor(load_nominal_arm("kuka_iiwa", joints=joints, sheet=SHEET))
 
 
-def sampled(regressor: Regressor, noise: float, samples: int = 200, seed: int = 0) -> Problem:
+def sampled(
+    regressor: Regressor, noise: float, samples: int = 200, seed: int = 0
+) -> Problem:
     """Random states of the nominal arm with white torque noise [N m], in standard columns."""
     rng = np.random.default_rng(seed)
-    q, dq, ddq = (scale * rng.standard_normal((samples, LINKS)) for scale in (1.0, 1.0, 3.0))
+    q, dq, ddq = (
+        scale * rng.standard_normal((samples, LINKS)) for scale in (1.0, 1.0, 3.0)
+    )
     Y = regressor.matrix(Motion(0.01 * np.arange(samples), q, dq, ddq))
     torque = Y @ regressor.nominal()
-    return Problem(Y, torque + noise * rng.standard_normal(torque.shape), regressor.names, np.zeros(samples, int), 0.01)
+    return Problem(
+        Y,
+        torque + noise * rng.standard_normal(torque.shape),
+        regressor.names,
+        np.zeros(samples, int),
+        0.01,
+    )
 
 
 def bodies(value: np.ndarray) -> np.ndarray:
@@ -56,19 +70,29 @@ PULLED = ("sdp euclidean", "sdp entropic", "log-cholesky with prior")
 
 @pytest.mark.parametrize("noise", [0.1, 5.0])
 @pytest.mark.parametrize("name", NAMES)
-def test_bodies_are_physical_and_friction_is_not_negative(regressor: Regressor, name: str, noise: float) -> None:
+def test_bodies_are_physical_and_friction_is_not_negative(
+    regressor: Regressor, name: str, noise: float
+) -> None:
     given = sampled(regressor, noise, samples=60)
     value = estimators(1.1 * regressor.nominal())[name].estimate(given).value
-    assert is_consistent(bodies(value)).all() and triangle_inequality(bodies(value)).all()
+    assert (
+        is_consistent(bodies(value)).all() and triangle_inequality(bodies(value)).all()
+    )
     assert (value[10 * LINKS : 13 * LINKS] >= 0).all()
 
 
-def test_ordinary_least_squares_gives_bodies_that_cannot_be(regressor: Regressor) -> None:
+def test_ordinary_least_squares_gives_bodies_that_cannot_be(
+    regressor: Regressor,
+) -> None:
     """Otherwise the test above shows nothing: the same data, spread over standard parameters, give no bodies."""
     given = sampled(regressor, 3.0, samples=60)
     base = base_parameters(sampled(regressor, 0.0).stacked()[0], regressor.names)
     reduced = Problem(
-        given.matrix[..., base.kept], given.torque, [given.names[i] for i in base.kept], given.group, given.interval
+        given.matrix[..., base.kept],
+        given.torque,
+        [given.names[i] for i in base.kept],
+        given.group,
+        given.interval,
     )
     beta = OrdinaryLeastSquares().estimate(reduced).value
     assert not is_consistent(bodies(base.nearest(beta, regressor.nominal()))).all()
@@ -82,7 +106,9 @@ def test_without_noise_the_torque_is_explained(regressor: Regressor, name: str) 
 
 
 @pytest.mark.parametrize("name", PULLED)
-def test_with_noise_other_torque_is_predicted_better_than_without_constraints(regressor: Regressor, name: str) -> None:
+def test_with_noise_other_torque_is_predicted_better_than_without_constraints(
+    regressor: Regressor, name: str
+) -> None:
     """On little and noisy data; mean over three draws of the RMSE on 200 other states."""
     other = sampled(regressor, 0.0, seed=99)
     base = base_parameters(other.stacked()[0], regressor.names)
@@ -91,7 +117,11 @@ def test_with_noise_other_torque_is_predicted_better_than_without_constraints(re
         given = sampled(regressor, 3.0, samples=30, seed=seed)
         value = estimators(1.1 * regressor.nominal())[name].estimate(given).value
         reduced = Problem(
-            given.matrix[..., base.kept], given.torque, [given.names[i] for i in base.kept], given.group, 0.01
+            given.matrix[..., base.kept],
+            given.torque,
+            [given.names[i] for i in base.kept],
+            given.group,
+            0.01,
         )
         beta = base.spread(OrdinaryLeastSquares().estimate(reduced).value)
         own.append(np.sqrt((other.residual(value) ** 2).mean()))
@@ -100,14 +130,18 @@ def test_with_noise_other_torque_is_predicted_better_than_without_constraints(re
 
 
 @pytest.mark.parametrize("name", PULLED)
-def test_what_data_do_not_tell_comes_from_the_prior(regressor: Regressor, name: str) -> None:
+def test_what_data_do_not_tell_comes_from_the_prior(
+    regressor: Regressor, name: str
+) -> None:
     """The mass of link 1, about a vertical axis, never shows in the torque; its prior is 1.1 of the truth."""
     prior = 1.1 * regressor.nominal()
     value = estimators(prior)[name].estimate(sampled(regressor, 0.1)).value
     assert value[0] == pytest.approx(prior[0], rel=0.1)
 
 
-@pytest.mark.parametrize("name", ["sdp euclidean", "sdp entropic", "log-cholesky with prior"])
+@pytest.mark.parametrize(
+    "name", ["sdp euclidean", "sdp entropic", "log-cholesky with prior"]
+)
 def test_a_strong_pull_gives_the_prior(regressor: Regressor, name: str) -> None:
     prior = 1.1 * regressor.nominal()
     strong = {
@@ -120,9 +154,13 @@ def test_a_strong_pull_gives_the_prior(regressor: Regressor, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_parameters_that_data_tell_lie_within_their_stated_errors(regressor: Regressor, name: str) -> None:
+def test_parameters_that_data_tell_lie_within_their_stated_errors(
+    regressor: Regressor, name: str
+) -> None:
     """Friction and offsets, 9 of them: none further off than four deviations."""
-    value = estimators(1.1 * regressor.nominal())[name].estimate(sampled(regressor, 1.0, 400))
+    value = estimators(1.1 * regressor.nominal())[name].estimate(
+        sampled(regressor, 1.0, 400)
+    )
     places = slice(11 * LINKS, 14 * LINKS)
     scaled = (value.value - regressor.nominal())[places] / value.deviation[places]
     assert np.abs(scaled).max() < 4.0
@@ -157,5 +195,10 @@ class TestRefuses:
 
 def test_torque_in_newton_millimetres_is_suspected(regressor: Regressor) -> None:
     given = sampled(regressor, 0.1)
-    wrong = Problem(given.matrix, 1e3 * given.torque, given.names, given.group, given.interval)
-    assert "suspiciously large" in ConsistentSdp(regressor.nominal()).estimate(wrong).warnings[0]
+    wrong = Problem(
+        given.matrix, 1e3 * given.torque, given.names, given.group, given.interval
+    )
+    assert (
+        "suspiciously large"
+        in ConsistentSdp(regressor.nominal()).estimate(wrong).warnings[0]
+    )

@@ -17,18 +17,18 @@ from problems import (
     well_conditioned,
 )
 
-from arm.errors import InputError
-from ident.estimate import Estimator
-from ident.estimators.irls import HuberLeastSquares
-from ident.estimators.maximum_likelihood import MaximumLikelihood
-from ident.estimators.ols import OrdinaryLeastSquares
-from ident.estimators.partial_update import PartialUpdate
-from ident.estimators.ridge import Ridge
-from ident.estimators.total_least_squares import TotalLeastSquares
-from ident.estimators.truncated_svd import TruncatedSvd
-from ident.estimators.wls import WeightedLeastSquares
-from ident.problem import Problem
-from ident.solvable import unit_warnings
+from gapscope.arm.errors import InputError
+from gapscope.ident.estimators.estimate import Estimator
+from gapscope.ident.estimators.irls import HuberLeastSquares
+from gapscope.ident.estimators.maximum_likelihood import MaximumLikelihood
+from gapscope.ident.estimators.ols import OrdinaryLeastSquares
+from gapscope.ident.estimators.partial_update import PartialUpdate
+from gapscope.ident.estimators.ridge import Ridge
+from gapscope.ident.estimators.total_least_squares import TotalLeastSquares
+from gapscope.ident.estimators.truncated_svd import TruncatedSvd
+from gapscope.ident.estimators.wls import WeightedLeastSquares
+from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.model.solvable import unit_warnings
 
 PRIOR = 1.1 * TRUTH
 PLAIN = ("well conditioned", "correlated noise")
@@ -46,25 +46,46 @@ class Claim:
 
 CLAIMS = {
     "ols": Claim(OrdinaryLeastSquares(), ("well conditioned",)),
-    "wls": Claim(WeightedLeastSquares(), ("well conditioned", "noise per joint"), ("noise per joint",)),
-    "irls": Claim(HuberLeastSquares(), ("well conditioned", "outliers", "noise per joint"), ("outliers",)),
-    "ridge gcv": Claim(Ridge("gcv"), ("well conditioned",), ("ill conditioned",), False),
-    "ridge l-curve": Claim(Ridge("l_curve"), ("ill conditioned",), ("ill conditioned",), False),
+    "wls": Claim(
+        WeightedLeastSquares(),
+        ("well conditioned", "noise per joint"),
+        ("noise per joint",),
+    ),
+    "irls": Claim(
+        HuberLeastSquares(),
+        ("well conditioned", "outliers", "noise per joint"),
+        ("outliers",),
+    ),
+    "ridge gcv": Claim(
+        Ridge("gcv"), ("well conditioned",), ("ill conditioned",), False
+    ),
+    "ridge l-curve": Claim(
+        Ridge("l_curve"), ("ill conditioned",), ("ill conditioned",), False
+    ),
     "truncated svd": Claim(
-        TruncatedSvd(100.0), ("well conditioned", "ill conditioned"), ("ill conditioned",), False
+        TruncatedSvd(100.0),
+        ("well conditioned", "ill conditioned"),
+        ("ill conditioned",),
+        False,
     ),
     "truncated svd gcv": Claim(TruncatedSvd(), ("well conditioned",), (), False),
     "total least squares": Claim(
-        TotalLeastSquares(np.ones(4), 1.0), ("well conditioned", "errors in variables"), ("errors in variables",)
+        TotalLeastSquares(np.ones(4), 1.0),
+        ("well conditioned", "errors in variables"),
+        ("errors in variables",),
     ),
     "maximum likelihood": Claim(
-        MaximumLikelihood(), ("well conditioned", "correlated noise", "noise per joint"),
+        MaximumLikelihood(),
+        ("well conditioned", "correlated noise", "noise per joint"),
         ("correlated noise", "noise per joint"),
     ),
     "partial update": Claim(
-        PartialUpdate(PRIOR), ("well conditioned", "noise per joint", "ill conditioned"), ("ill conditioned",), False
+        PartialUpdate(PRIOR),
+        ("well conditioned", "noise per joint", "ill conditioned"),
+        ("ill conditioned",),
+        False,
     ),
-}  # fmt: skip
+}
 EACH = pytest.mark.parametrize("claim", CLAIMS.values(), ids=CLAIMS)
 RECOVERS = [(name, kind) for name, claim in CLAIMS.items() for kind in claim.recovers]
 HALVES = [(name, kind) for name, claim in CLAIMS.items() for kind in claim.halves]
@@ -73,7 +94,9 @@ HALVES = [(name, kind) for name, claim in CLAIMS.items() for kind in claim.halve
 def errors(estimator: Estimator, kind: str, runs: int = 5) -> np.ndarray:
     """Largest error of a parameter in each of some draws of a problem."""
     draws = [SOLVABLE[kind].make(np.random.default_rng(seed)) for seed in range(runs)]
-    return np.array([np.abs(estimator.estimate(draw).value - TRUTH).max() for draw in draws])
+    return np.array(
+        [np.abs(estimator.estimate(draw).value - TRUTH).max() for draw in draws]
+    )
 
 
 @pytest.mark.parametrize(("name", "kind"), RECOVERS)
@@ -82,8 +105,12 @@ def test_recovers(name: str, kind: str) -> None:
 
 
 @pytest.mark.parametrize(("name", "kind"), HALVES)
-def test_has_at_most_half_the_error_of_ordinary_least_squares(name: str, kind: str) -> None:
-    own, plain = (errors(e, kind, 20) for e in (CLAIMS[name].estimator, OrdinaryLeastSquares()))
+def test_has_at_most_half_the_error_of_ordinary_least_squares(
+    name: str, kind: str
+) -> None:
+    own, plain = (
+        errors(e, kind, 20) for e in (CLAIMS[name].estimator, OrdinaryLeastSquares())
+    )
     assert np.median(own) < 0.5 * np.median(plain)
 
 
@@ -94,7 +121,9 @@ def test_states_names_a_covariance_and_what_is_left(claim: Claim) -> None:
     assert tuple(estimate.names) == tuple(given.names)
     assert np.allclose(estimate.covariance, estimate.covariance.T, atol=1e-15)
     assert (np.linalg.eigvalsh(estimate.covariance) > 0).all()
-    assert np.allclose(estimate.residual, np.sqrt((given.residual(estimate.value) ** 2).mean(axis=0)))
+    assert np.allclose(
+        estimate.residual, np.sqrt((given.residual(estimate.value) ** 2).mean(axis=0))
+    )
 
 
 UNBIASED = [name for name in CLAIMS if name not in ("ridge l-curve",)]
@@ -103,8 +132,13 @@ UNBIASED = [name for name in CLAIMS if name not in ("ridge l-curve",)]
 @pytest.mark.parametrize("name", UNBIASED)
 def test_stated_errors_are_those_seen_under_white_noise(name: str) -> None:
     """Over 60 draws the errors in units of the stated deviation have an RMS of 1, within what 240 values allow."""
-    estimates = [(CLAIMS[name].estimator.estimate(well_conditioned(np.random.default_rng(seed)))) for seed in range(60)]
-    scaled = np.array([(estimate.value - TRUTH) / estimate.deviation for estimate in estimates])
+    estimates = [
+        (CLAIMS[name].estimator.estimate(well_conditioned(np.random.default_rng(seed))))
+        for seed in range(60)
+    ]
+    scaled = np.array(
+        [(estimate.value - TRUTH) / estimate.deviation for estimate in estimates]
+    )
     assert 0.8 < np.sqrt((scaled**2).mean()) < 1.2
 
 
@@ -112,16 +146,28 @@ def test_stated_errors_are_those_seen_under_white_noise(name: str) -> None:
 def test_order_of_the_samples_does_not_matter(claim: Claim) -> None:
     given = well_conditioned(np.random.default_rng(0))
     order = np.random.default_rng(1).permutation(len(given.torque))
-    shuffled = Problem(given.matrix[order], given.torque[order], given.names, np.zeros(len(order), int), 0.02)
-    one = Problem(given.matrix, given.torque, given.names, np.zeros(len(order), int), 0.02)
+    shuffled = Problem(
+        given.matrix[order],
+        given.torque[order],
+        given.names,
+        np.zeros(len(order), int),
+        0.02,
+    )
+    one = Problem(
+        given.matrix, given.torque, given.names, np.zeros(len(order), int), 0.02
+    )
     values = [claim.estimator.estimate(p).value for p in (one, shuffled)]
-    assert np.allclose(*values, atol=2e-3 if isinstance(claim.estimator, PartialUpdate) else 1e-7)
+    assert np.allclose(
+        *values, atol=2e-3 if isinstance(claim.estimator, PartialUpdate) else 1e-7
+    )
 
 
 class TestByHand:
     def test_line_through_three_points(self) -> None:
         """tau = 1, 2, 4 at w = 1, 2, 3: beta = 17 / 14, residual 21 - 17^2 / 14 = 5 / 14, variance 5 / 28 / 14."""
-        estimate = OrdinaryLeastSquares().estimate(column([1.0, 2.0, 3.0], [1.0, 2.0, 4.0]))
+        estimate = OrdinaryLeastSquares().estimate(
+            column([1.0, 2.0, 3.0], [1.0, 2.0, 4.0])
+        )
         assert estimate.value[0] == pytest.approx(17 / 14)
         assert estimate.covariance[0, 0] == pytest.approx(5 / 28 / 14)
 
@@ -129,25 +175,33 @@ class TestByHand:
         """beta = w.tau / (w.w (1 + lambda)); with a prior of 1 the difference to it is halved."""
         given = column([1.0, 2.0], [3.0, 1.0])
         assert Ridge(1.0).estimate(given).value[0] == pytest.approx(0.5)
-        assert Ridge(1.0, np.array([2.0])).estimate(given).value[0] == pytest.approx(1.5)
+        assert Ridge(1.0, np.array([2.0])).estimate(given).value[0] == pytest.approx(
+            1.5
+        )
 
     def test_total_least_squares_of_a_line_is_its_principal_axis(self) -> None:
         """Points (2, 1), (1, 2), (-1, 1) and (1, -1): A^T A = [[7, 2], [2, 7]], principal axis (1, 1), slope 1."""
         w, tau = [2.0, 1.0, -1.0, 1.0], [1.0, 2.0, 1.0, -1.0]
         estimate = TotalLeastSquares(np.ones(1), 1.0).estimate(column(w, tau))
         assert estimate.value[0] == pytest.approx(1.0)
-        assert OrdinaryLeastSquares().estimate(column(w, tau)).value[0] == pytest.approx(2 / 7)
+        assert OrdinaryLeastSquares().estimate(column(w, tau)).value[
+            0
+        ] == pytest.approx(2 / 7)
 
     def test_total_least_squares_without_errors_in_the_columns_but_one(self) -> None:
         """An exact column of ones takes the means out: the line through (0, 1), (1, 2), (2, 3) is tau = 1 + w."""
         W = np.array([[[1.0, 0.0]], [[1.0, 1.0]], [[1.0, 2.0]], [[1.0, 3.0]]])
-        estimate = TotalLeastSquares(np.array([0.0, 1.0]), 1.0).estimate(problem(W, np.array([[1.0], [2], [3], [4]])))
+        estimate = TotalLeastSquares(np.array([0.0, 1.0]), 1.0).estimate(
+            problem(W, np.array([[1.0], [2], [3], [4]]))
+        )
         assert np.allclose(estimate.value, [1.0, 1.0])
 
     def test_truncated_svd_keeps_the_direction_that_is_excited(self) -> None:
         """Of columns (1, 1) and (1, 1 + 1e-9) only the sum counts: both get half of it."""
         W = np.array([[[1.0, 1.0]], [[2.0, 2.0 + 1e-9]], [[1.0, 1.0]]])
-        estimate = TruncatedSvd(100.0).estimate(problem(W, np.array([[2.0], [4.0], [2.0]])))
+        estimate = TruncatedSvd(100.0).estimate(
+            problem(W, np.array([[2.0], [4.0], [2.0]]))
+        )
         assert np.allclose(estimate.value, [1.0, 1.0], atol=1e-6)
         assert "1 of 2 directions" in estimate.warnings[0]
 
@@ -167,7 +221,9 @@ class TestByHand:
         start = OrdinaryLeastSquares().estimate(problem(W, tau)).value[0]
         rest = tau - W[..., 0] * start
         weight = 1 / (rest**2).mean(axis=0)
-        assert found.value[0] == pytest.approx((weight * (W[..., 0] * tau).sum(0)).sum() / (weight * 7).sum())
+        assert found.value[0] == pytest.approx(
+            (weight * (W[..., 0] * tau).sum(0)).sum() / (weight * 7).sum()
+        )
 
 
 def column(w: list[float], tau: list[float]) -> Problem:
@@ -185,18 +241,25 @@ def _varied(tau: list[float]) -> Problem:
 class TestRefuses:
     @EACH
     def test_not_a_number(self, claim: Claim) -> None:
-        with pytest.raises(InputError, match=r"sample 8, joint 2.*\(a\).*\(b\).*\(c\)") as caught:
+        with pytest.raises(
+            InputError, match=r"sample 8, joint 2.*\(a\).*\(b\).*\(c\)"
+        ) as caught:
             claim.estimator.estimate(not_a_number(np.random.default_rng(0)))
         assert caught.value.where == "torque"
 
     @EACH
     def test_constant_trajectory(self, claim: Claim) -> None:
-        with pytest.raises(InputError, match=r"trajectory is constant.*\(a\).*\(b\).*\(c\)"):
+        with pytest.raises(
+            InputError, match=r"trajectory is constant.*\(a\).*\(b\).*\(c\)"
+        ):
             claim.estimator.estimate(constant_trajectory(np.random.default_rng(0)))
 
     @pytest.mark.parametrize("claim", [c for c in CLAIMS.values() if c.needs_rank])
     def test_too_few_samples(self, claim: Claim) -> None:
-        with pytest.raises(InputError, match=r"1 samples of 3 joints are 3 equations for 4 parameters.*\(a\).*\(b\)"):
+        with pytest.raises(
+            InputError,
+            match=r"1 samples of 3 joints are 3 equations for 4 parameters.*\(a\).*\(b\)",
+        ):
             claim.estimator.estimate(too_few(np.random.default_rng(0)))
 
     @pytest.mark.parametrize("claim", [c for c in CLAIMS.values() if c.needs_rank])
@@ -217,9 +280,14 @@ def test_without_full_rank_the_torque_is_still_explained(claim: Claim) -> None:
 
 
 @pytest.mark.parametrize(("factor", "size"), [(1000.0, "large"), (0.01, "small")])
-def test_torque_in_another_unit_is_suspected_against_the_nominal_arm(factor: float, size: str) -> None:
+def test_torque_in_another_unit_is_suspected_against_the_nominal_arm(
+    factor: float, size: str
+) -> None:
     given = well_conditioned(np.random.default_rng(0))
     wrong = problem(given.matrix, factor * given.torque)
     assert f"suspiciously {size}" in unit_warnings(wrong, PRIOR)[0]
     assert unit_warnings(given, PRIOR) == ()
-    assert any(f"suspiciously {size}" in text for text in PartialUpdate(PRIOR).estimate(wrong).warnings)
+    assert any(
+        f"suspiciously {size}" in text
+        for text in PartialUpdate(PRIOR).estimate(wrong).warnings
+    )

@@ -9,9 +9,9 @@ import arms
 import numpy as np
 import pytest
 
-from arm.recording import Recording
-from effects.applied import AppliedEffect
-from ident.identification import Identification, Settings, identify
+from gapscope.arm.recording import Recording
+from gapscope.effects.applied import AppliedEffect
+from gapscope.ident.identification import Identification, Settings, identify
 
 CUTOFF = Settings(cutoff=20.0)
 LOAD = AppliedEffect("load_friction", (2, 4), {"coefficient": np.array([0.15, 0.15])})
@@ -42,7 +42,9 @@ def test_other_recordings(seed: int) -> None:
 
 def test_healthy_arm_is_shown_whole() -> None:
     examined = healthy().examined
-    assert examined.shown.rank == examined.shown.base.count == healthy().base.count == 69
+    assert (
+        examined.shown.rank == examined.shown.base.count == healthy().base.count == 69
+    )
     assert examined.shown.condition == pytest.approx(healthy().condition, rel=1e-3)
     assert examined.groups is not None and examined.groups.verdict == "noise"
     assert examined.reasons == ()
@@ -52,7 +54,10 @@ def test_intervals_hold_the_recorded_torque() -> None:
     predicted = healthy().predicted
     assert predicted is not None
     assert (predicted.held > 0.9).all()
-    assert (predicted.half_width < 0.1 * np.sqrt((healthy().validation[1].torque ** 2).mean(axis=0))).all()
+    assert (
+        predicted.half_width
+        < 0.1 * np.sqrt((healthy().validation[1].torque ** 2).mean(axis=0))
+    ).all()
 
 
 def test_essential_parameters_explain_the_torque() -> None:
@@ -69,11 +74,17 @@ def test_a_joint_that_rests_costs_rank_and_is_said() -> None:
     result = identify(arms.changed(arms.case(), resting), CUTOFF)
     shown = result.examined.shown
     assert shown.rank == result.base.count < shown.base.count == 69
-    assert any(f"determine only {shown.rank} of 69 base parameters" in warning for warning in result.warnings)
+    assert any(
+        f"determine only {shown.rank} of 69 base parameters" in warning
+        for warning in result.warnings
+    )
 
 
 def test_few_samples_are_said() -> None:
-    short = arms.changed(arms.case(), lambda r: replace(r, t=r.t[:425], q=r.q[:425], tau=np.asarray(r.tau)[:425]))
+    short = arms.changed(
+        arms.case(),
+        lambda r: replace(r, t=r.t[:425], q=r.q[:425], tau=np.asarray(r.tau)[:425]),
+    )
     result = identify(short, CUTOFF)
     assert result.examined.counted.per_parameter < 2
     (warning,) = (w for w in result.warnings if "independent samples" in w)

@@ -5,14 +5,18 @@ import json
 import numpy as np
 import pytest
 
-from arm.errors import InputError
-from arm.motion import Motion
-from arm.robots import load_nominal_arm
-from ident.base_parameters import BaseParameters, random_states, structural_base
-from ident.essential import essential_parameters
-from ident.identifiability import identifiability
-from ident.regressor import Regressor
-from ident.tsqr import TriangularFactor
+from gapscope.arm.errors import InputError
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.ident.model.base_parameters import (
+    BaseParameters,
+    random_states,
+    structural_base,
+)
+from gapscope.ident.model.essential import essential_parameters
+from gapscope.ident.model.regressor import Regressor
+from gapscope.ident.model.tsqr import TriangularFactor
+from gapscope.ident.uncertainty.identifiability import identifiability
 
 EFFECTS = ("armature", "viscous_friction")
 
@@ -49,7 +53,11 @@ def test_standing_of_parameters_follows_from_the_structure(report):
     assert {"Izz1", "I1", "Iyy2", "m3", "m7", "mz7"} <= set(combined)
     alone = report.having("alone")
     assert {"mx2", "mx7", "my7", "Izz7", "I7"} <= set(alone)
-    assert len(alone) + len(combined) + len(report.having("none")) == len(report.base.names) == 84
+    assert (
+        len(alone) + len(combined) + len(report.having("none"))
+        == len(report.base.names)
+        == 84
+    )
 
 
 def test_rich_motion_determines_all_base_parameters(report, iiwa):
@@ -63,9 +71,13 @@ def test_condition_numbers_and_norms_are_those_of_the_base_columns(report, iiwa)
     Y = regressor.matrix(states).reshape(-1, 84)
     W = Y[:, base.kept]
     assert report.condition_unscaled == pytest.approx(np.linalg.cond(W), rel=1e-8)
-    assert report.condition == pytest.approx(np.linalg.cond(W / np.linalg.norm(W, axis=0)), rel=1e-8)
+    assert report.condition == pytest.approx(
+        np.linalg.cond(W / np.linalg.norm(W, axis=0)), rel=1e-8
+    )
     assert report.singular_values[-1] == pytest.approx(1 / report.condition, rel=1e-8)
-    assert np.allclose(report.column_norms, np.sqrt((Y**2).mean(axis=0)), rtol=0, atol=1e-12)
+    assert np.allclose(
+        report.column_norms, np.sqrt((Y**2).mean(axis=0)), rtol=0, atol=1e-12
+    )
 
 
 def test_factor_of_a_stream_gives_the_same_report(report, iiwa):
@@ -98,7 +110,10 @@ def test_two_columns_that_nearly_coincide_raise_a_warning_that_names_them():
     assert found.rank == 4
     assert 1e4 < found.condition < 3e4
     assert set(found.weakest) == {"b", "d"}
-    assert "above 1000" in found.warnings[0] and "cannot be told apart" in found.warnings[0]
+    assert (
+        "above 1000" in found.warnings[0]
+        and "cannot be told apart" in found.warnings[0]
+    )
 
 
 def test_units_alone_raise_another_warning():
@@ -106,12 +121,16 @@ def test_units_alone_raise_another_warning():
     found = identifiability(W, BaseParameters(tuple("abc"), np.arange(3), np.eye(3)))
     assert found.condition < 2
     assert found.condition_unscaled > 5e3
-    assert len(found.warnings) == 1 and "for the sake of units alone" in found.warnings[0]
+    assert (
+        len(found.warnings) == 1 and "for the sake of units alone" in found.warnings[0]
+    )
 
 
 def test_report_reads_well_and_goes_through_json(report):
     text = report.text()
-    assert text.startswith(f"{report.base.count} base parameters of 84 (gap of the pivots ")
+    assert text.startswith(
+        f"{report.base.count} base parameters of 84 (gap of the pivots "
+    )
     assert "\n  Izz1 + Iyy2 + I1  [" in text
     assert "without effect on the torque: m1, mx1" in text
     again = json.loads(json.dumps(report.as_dict(), allow_nan=False))
@@ -157,7 +176,9 @@ def test_reported_contribution_is_the_rise_of_the_residual(factor):
     left = np.delete(np.arange(5), first)
     rise = known.select(left).residual_norm ** 2 - known.residual_norm**2
     torque = np.hypot(np.linalg.norm(known.projected), known.residual_norm)
-    assert found.dropped[0].contribution == pytest.approx(np.sqrt(rise) / torque, rel=1e-6)
+    assert found.dropped[0].contribution == pytest.approx(
+        np.sqrt(rise) / torque, rel=1e-6
+    )
 
 
 def test_nothing_is_dropped_that_the_residual_would_miss():

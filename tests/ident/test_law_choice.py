@@ -5,18 +5,22 @@ from __future__ import annotations
 import arms
 import pytest
 
-from arm.case import Case
-from effects.applied import AppliedEffect
-from ident.identification import split
-from ident.law_choice import PULLS, STRONGEST, Choice, choose
-from ident.model_columns import ModelColumns
-from ident.samples import Band, Samples
+from gapscope.arm.case import Case
+from gapscope.effects.applied import AppliedEffect
+from gapscope.ident.identification import split
+from gapscope.ident.model.law_choice import PULLS, STRONGEST, Choice, choose
+from gapscope.ident.model.model_columns import ModelColumns
+from gapscope.ident.signals.samples import Band, Samples
 
 
 def chosen(case: Case) -> tuple[Choice, list[float]]:
     fit, _ = split(case)
     band = Band(20.0)
-    choice = choose(Samples(ModelColumns(case.arm), band.segments(fit), band), stribeck=False, presliding=False)
+    choice = choose(
+        Samples(ModelColumns(case.arm), band.segments(fit), band),
+        stribeck=False,
+        presliding=False,
+    )
     return choice, [float(what.split("pull ")[1]) for what, _ in choice.tried[1:]]
 
 
@@ -27,6 +31,10 @@ def test_right_bodies_are_pulled_to_as_strongly_as_can_be() -> None:
 
 
 def test_wrong_bodies_are_not() -> None:
-    choice, tried = chosen(arms.case((AppliedEffect("payload", (), {"mass": 3.0, "com": [0.0, 0.0, 0.1]}),)))
+    choice, tried = chosen(
+        arms.case(
+            (AppliedEffect("payload", (), {"mass": 3.0, "com": [0.0, 0.0, 0.1]}),)
+        )
+    )
     assert tried == pytest.approx(PULLS)
     assert choice.pull < max(PULLS)

@@ -8,12 +8,12 @@ import arms
 import numpy as np
 import pytest
 
-from arm.importing import Import
-from arm.motion import Motion
-from effects.applied import AppliedEffect
-from effects.corrected import CorrectedArm
-from ident.friction_law import FrictionLaw, direction, drives
-from ident.model_columns import ModelColumns
+from gapscope.arm.io.import_section import Import
+from gapscope.arm.motions.motion import Motion
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.ident.model.friction_law import FrictionLaw, direction, drives
+from gapscope.ident.model.model_columns import ModelColumns
 
 
 def random_motion(rng: np.random.Generator, n: int = arms.N, count: int = 40) -> Motion:
@@ -26,7 +26,9 @@ class TestDirection:
         """From 1, after going back by x: 2 exp(-x / d) - 1."""
         position = np.array([0.0, 0.1, 0.1 - 1e-3, 0.1 - 3e-3])[:, None]
         found = direction(position, np.ones((4, 1)), 1e-3)[:, 0]
-        np.testing.assert_allclose(found, [1.0, 1.0, 2 * np.exp(-1) - 1, 2 * np.exp(-3) - 1], atol=1e-12)
+        np.testing.assert_allclose(
+            found, [1.0, 1.0, 2 * np.exp(-1) - 1, 2 * np.exp(-3) - 1], atol=1e-12
+        )
 
     def test_keeps_at_rest_what_it_had(self) -> None:
         position = np.r_[np.linspace(0, 1, 50), np.ones(50)][:, None]
@@ -36,7 +38,9 @@ class TestDirection:
         rng = np.random.default_rng(0)
         coarse = np.cumsum(rng.uniform(-1e-3, 1e-3, 30))
         fine = np.interp(np.linspace(0, 29, 29 * 8 + 1), np.arange(30), coarse)
-        a, b = (direction(x[:, None], np.ones((len(x), 1)), 1e-3) for x in (coarse, fine))
+        a, b = (
+            direction(x[:, None], np.ones((len(x), 1)), 1e-3) for x in (coarse, fine)
+        )
         np.testing.assert_allclose(a, b[::8], atol=1e-12)
 
 
@@ -49,7 +53,9 @@ class TestDrives:
     def test_coupled_motor_turns_with_both_joints(self) -> None:
         """Motor 3 turns 40 times for one turn of joint 3 and 20 times for one of joint 2, joint 2 counted backwards."""
         transmission = np.array([[10.0, 0, 0], [0, 20.0, 0], [0, 20.0, 40.0]])
-        matrix, labels = drives(3, Import(transmission=transmission, signs=np.array([1.0, -1.0, 1.0])))
+        matrix, labels = drives(
+            3, Import(transmission=transmission, signs=np.array([1.0, -1.0, 1.0]))
+        )
         assert labels == ("1", "2", "3", "3m")
         np.testing.assert_allclose(matrix[3], [0, -0.5, 1.0])
 
@@ -58,11 +64,15 @@ class TestDrives:
         rng = np.random.default_rng(1)
         transmission = np.diag([10.0] * arms.N)
         transmission[6, 5] = 5.0
-        columns = ModelColumns(arms.arm(), Import(transmission=transmission), arms.body())
+        columns = ModelColumns(
+            arms.arm(), Import(transmission=transmission), arms.body()
+        )
         motion, law = random_motion(rng), FrictionLaw()
         place = columns.names(law).index("b7m")
         power = (columns.matrix(motion, law)[:, :, place] * motion.dq).sum(axis=1)
-        np.testing.assert_allclose(power, (motion.dq[:, 6] + 0.5 * motion.dq[:, 5]) ** 2, atol=1e-12)
+        np.testing.assert_allclose(
+            power, (motion.dq[:, 6] + 0.5 * motion.dq[:, 5]) ** 2, atol=1e-12
+        )
 
 
 def test_columns_give_the_torque_of_the_corrected_arm() -> None:
@@ -74,7 +84,11 @@ def test_columns_give_the_torque_of_the_corrected_arm() -> None:
     offset, drop = rng.uniform(-1, 1, (2, arms.N))
     effects = (
         AppliedEffect("torque_offset", joints, {"torque": offset}),
-        AppliedEffect("stribeck_friction", joints, {"torque": drop, "velocity": np.full(arms.N, 0.3)}),
+        AppliedEffect(
+            "stribeck_friction",
+            joints,
+            {"torque": drop, "velocity": np.full(arms.N, 0.3)},
+        ),
     )
     x = columns.nominal(law)
     names = columns.names(law)
@@ -82,7 +96,12 @@ def test_columns_give_the_torque_of_the_corrected_arm() -> None:
         x[names.index(f"o{j + 1}")], x[names.index(f"d{j + 1}")] = offset[j], drop[j]
     expected = CorrectedArm(arms.arm(), effects).predict(arms.body(), motion)
     np.testing.assert_allclose(columns.matrix(motion, law) @ x, expected, atol=1e-8)
-    assert len(names) == len(set(names)) == len(columns.units(law)) == len(columns.scale(law))
+    assert (
+        len(names)
+        == len(set(names))
+        == len(columns.units(law))
+        == len(columns.scale(law))
+    )
 
 
 def test_scale_is_the_size_of_each_body() -> None:

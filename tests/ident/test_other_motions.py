@@ -5,16 +5,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from arm.case import Case
-from arm.dynamics import RigidBody
-from arm.motions import draw_motion, workspace
-from arm.trajectory import Fourier
-from effects.applied import AppliedEffect
-from envs.mystery import iiwa, position_controller
-from envs.recorder import record
-from ident.identification import Settings, identify
-from ident.samples import Band
-from ident.validation import validate
+from gapscope.arm.case import Case
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.motions.named_motions import draw_motion, workspace
+from gapscope.arm.motions.trajectory import Fourier
+from gapscope.effects.applied import AppliedEffect
+from gapscope.envs.mystery_arm import iiwa, position_controller
+from gapscope.envs.recorder import record
+from gapscope.ident.identification import Settings, identify
+from gapscope.ident.signals.samples import Band
+from gapscope.ident.uncertainty.validation import validate
 
 EFFECTS = (
     AppliedEffect("payload", (), {"mass": 2.0, "com": [0.02, 0.01, 0.08]}),
@@ -32,13 +32,27 @@ def identified():
     space = workspace(RigidBody(arm))
     motions = {
         f"fourier {frequency:g}": Fourier.random(
-            rng, space.limits, duration=DURATION, centre=space.posture, frequency=frequency, ramp=1.0
+            rng,
+            space.limits,
+            duration=DURATION,
+            centre=space.posture,
+            frequency=frequency,
+            ramp=1.0,
         )
         for frequency in (0.17, 0.2, 0.25, 0.37)
     } | {name: draw_motion(name, rng, space, DURATION) for name in OTHERS[1:]}
     controller = position_controller(arm, space.posture)
     recordings = tuple(
-        record(arm, EFFECTS, motion, controller, duration=DURATION, rng=rng, torque_noise=0.05, name=name)
+        record(
+            arm,
+            EFFECTS,
+            motion,
+            controller,
+            duration=DURATION,
+            rng=rng,
+            torque_noise=0.05,
+            name=name,
+        )
         for name, motion in motions.items()
     )
     case = Case("iiwa", Path(), arm, recordings, controller=controller)
@@ -52,9 +66,12 @@ def test_what_was_identified_holds_on_another_motion(identified, name):
     (recording,) = (one for one in identified.case.recordings if one.name == name)
     nominal = columns.nominal(law)
     found = validate(
-        "judge", band.segments([recording]), band, lambda segment: identified.predict(segment.motion),
+        "judge",
+        band.segments([recording]),
+        band,
+        lambda segment: identified.predict(segment.motion),
         lambda segment: columns.matrix(segment.motion, law) @ nominal,
-    )  # fmt: skip
+    )
     assert found.nominal.overall > 0.2
     assert found.moving.overall < 0.01
     assert found.every.overall < 0.08

@@ -7,17 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from arm.dynamics import RigidBody
-from arm.errors import InputError
-from arm.motion import Motion
-from arm.robots import load_nominal_arm
-from arm.trajectory import Fourier, urdf_limits
-from ident.base_parameters import BaseParameters, base_parameters
-from ident.conditioning import low_pass
-from ident.estimators.ols import OrdinaryLeastSquares
-from ident.estimators.partial_update import PartialUpdate
-from ident.problem import Problem
-from ident.regressor import Regressor
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.motions.trajectory import Fourier, urdf_limits
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.ident.estimators.ols import OrdinaryLeastSquares
+from gapscope.ident.estimators.partial_update import PartialUpdate
+from gapscope.ident.model.base_parameters import BaseParameters, base_parameters
+from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.model.regressor import Regressor
+from gapscope.ident.signals.conditioning import low_pass
 
 SHEET = {
     "armature": [0.6, 0.6, 0.35, 0.35, 0.2, 0.1, 0.08],
@@ -45,7 +45,12 @@ class Transfer:
         reference = Fourier.random(rng, limits, duration=max(duration, 10.0), ramp=0.5)
         t = np.arange(round(duration * RATE)) / RATE + 0.5
         matrix = self.regressor.matrix(
-            Motion(t, reference.position(t), reference.velocity(t), reference.acceleration(t))
+            Motion(
+                t,
+                reference.position(t),
+                reference.velocity(t),
+                reference.acceleration(t),
+            )
         )[..., self.base.kept]
         torque = matrix @ self.truth
         white = low_pass(rng.standard_normal((len(t) + 100, 7)), RATE, 12.0)[50:-50]
@@ -60,7 +65,8 @@ def transfer() -> Transfer:
     rng = np.random.default_rng(0)
     q, dq, ddq = (rng.standard_normal((300, 7)) for _ in range(3))
     base = base_parameters(
-        regressor.matrix(Motion(0.01 * np.arange(300), q, dq, ddq)).reshape(2100, -1), regressor.names
+        regressor.matrix(Motion(0.01 * np.arange(300), q, dq, ddq)).reshape(2100, -1),
+        regressor.names,
     )
     simulated = regressor.nominal()
     real = simulated.copy()
@@ -72,9 +78,16 @@ def transfer() -> Transfer:
 
 def judged(transfer: Transfer, duration: float, seeds: range) -> dict[str, float]:
     """Mean RMSE of the torque on an unseen motion of 20 s without noise [N m], by estimate."""
-    errors: dict[str, list[float]] = {"prior": [], "full refit": [], "partial update": []}
+    errors: dict[str, list[float]] = {
+        "prior": [],
+        "full refit": [],
+        "partial update": [],
+    }
     for seed in seeds:
-        given, other = transfer.problem(duration, NOISE, seed), transfer.problem(20.0, 0.0, 1000 + seed)
+        given, other = (
+            transfer.problem(duration, NOISE, seed),
+            transfer.problem(20.0, 0.0, 1000 + seed),
+        )
         values = {
             "prior": transfer.prior,
             "full refit": OrdinaryLeastSquares().estimate(given).value,
@@ -122,7 +135,9 @@ def test_one_parameter_by_hand() -> None:
     estimate = PartialUpdate(np.ones(1), np.ones(1)).estimate(given)
     left = tau - estimate.value[0]
     variance = (left**2).mean() * 9 / 8
-    assert estimate.value[0] == pytest.approx((1 + 27 / variance) / (1 + 9 / variance), rel=1e-4)
+    assert estimate.value[0] == pytest.approx(
+        (1 + 27 / variance) / (1 + 9 / variance), rel=1e-4
+    )
     assert estimate.covariance[0, 0] == pytest.approx(1 / (1 + 9 / variance), rel=1e-4)
 
 
@@ -133,6 +148,8 @@ def test_a_prior_that_does_not_fit_is_refused(transfer: Transfer) -> None:
 
 def test_says_when_nothing_moves(transfer: Transfer) -> None:
     given = transfer.problem(3.0, NOISE, 0)
-    estimate = PartialUpdate(transfer.prior, np.full(len(transfer.prior), 1e-9)).estimate(given)
+    estimate = PartialUpdate(
+        transfer.prior, np.full(len(transfer.prior), 1e-9)
+    ).estimate(given)
     assert np.array_equal(estimate.value, transfer.prior)
     assert "move no parameter" in estimate.warnings[-1]

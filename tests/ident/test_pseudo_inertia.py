@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from ident.pseudo_inertia import (
+from gapscope.ident.model.pseudo_inertia import (
     central_inertia,
     divergence,
     from_log_cholesky,
@@ -26,7 +26,10 @@ BALL = np.array([2.0, 0, 0, 0, 0.1, 0, 0.1, 0, 0, 0.1])
 
 def of_points(masses: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Parameters of point masses [kg] at places [m], by the definitions m, m c, and I = sum m (r.r 1 - r r^T)."""
-    inertia = sum(m * (r @ r * np.eye(3) - np.outer(r, r)) for m, r in zip(masses, places, strict=True))
+    inertia = sum(
+        m * (r @ r * np.eye(3) - np.outer(r, r))
+        for m, r in zip(masses, places, strict=True)
+    )
     moment = masses @ places
     i, j = [0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]
     return np.concatenate([[masses.sum()], moment, inertia[i, j]])
@@ -54,22 +57,35 @@ def test_log_cholesky_there_and_back(theta: np.ndarray) -> None:
 def test_log_cholesky_of_a_ball_by_hand() -> None:
     """2 kg, I = 0.1: Sigma = 0.05, so U = diag(sqrt 0.05, ., ., sqrt 2), a = log sqrt 2, d = log sqrt 0.025."""
     theta = to_log_cholesky(BALL)
-    assert np.allclose(theta, [0.5 * np.log(2), *[0.5 * np.log(0.025)] * 3, 0, 0, 0, 0, 0, 0])
+    assert np.allclose(
+        theta, [0.5 * np.log(2), *[0.5 * np.log(0.025)] * 3, 0, 0, 0, 0, 0, 0]
+    )
 
 
 def test_jacobian_of_log_cholesky_by_differences() -> None:
     theta, h = np.random.default_rng(1).standard_normal((4, 10)), 1e-6
     steps = h * np.eye(10)
     by_differences = np.stack(
-        [(from_log_cholesky(theta + s) - from_log_cholesky(theta - s)) / (2 * h) for s in steps], axis=-1
+        [
+            (from_log_cholesky(theta + s) - from_log_cholesky(theta - s)) / (2 * h)
+            for s in steps
+        ],
+        axis=-1,
     )
-    assert np.allclose(log_cholesky_jacobian(theta), by_differences, rtol=1e-6, atol=1e-6)
+    assert np.allclose(
+        log_cholesky_jacobian(theta), by_differences, rtol=1e-6, atol=1e-6
+    )
 
 
 @pytest.mark.parametrize(
     ("changed", "value", "triangle"),
     [(0, -2.0, True), (4, 0.5, False), (5, 0.2, False), (1, 1.0, False)],
-    ids=["negative mass", "a moment above the sum of the others", "a product too large", "mass centre too far out"],
+    ids=[
+        "negative mass",
+        "a moment above the sum of the others",
+        "a product too large",
+        "mass centre too far out",
+    ],
 )
 def test_bodies_that_cannot_be(changed: int, value: float, triangle: bool) -> None:
     body = BALL.copy()

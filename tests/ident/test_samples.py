@@ -8,10 +8,10 @@ import arms
 import numpy as np
 import pytest
 
-from ident import samples as module
-from ident.friction_law import FrictionLaw
-from ident.model_columns import ModelColumns
-from ident.samples import Band, Samples
+from gapscope.ident.model.friction_law import FrictionLaw
+from gapscope.ident.model.model_columns import ModelColumns
+from gapscope.ident.signals import samples as module
+from gapscope.ident.signals.samples import Band, Samples
 
 BAND = Band(10.0)
 
@@ -28,10 +28,15 @@ def test_blocks_hold_the_same_samples(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(cut.segments) == 3
     step = BAND.step(whole.segments[0])
     rate = whole.segments[0].motion.rate
-    places = [np.round(s.motion.t[BAND.rows(s)][::step] * rate).astype(int) for s in cut.segments]
+    places = [
+        np.round(s.motion.t[BAND.rows(s)][::step] * rate).astype(int)
+        for s in cut.segments
+    ]
     rows = BAND.filtered(np.asarray(whole.segments[0].torque), whole.segments[0])
     first = round(whole.segments[0].motion.t[BAND.rows(whole.segments[0])][0] * rate)
-    np.testing.assert_allclose(cut.torque, rows[np.concatenate(places) - first], atol=1e-2 * np.abs(rows).max())
+    np.testing.assert_allclose(
+        cut.torque, rows[np.concatenate(places) - first], atol=1e-2 * np.abs(rows).max()
+    )
     assert abs(len(cut.torque) - len(whole.torque)) <= len(cut.segments)
 
 
@@ -41,9 +46,14 @@ def test_long_recordings_are_thinned_further() -> None:
     few = Samples(ModelColumns(arms.arm()), segments, bounded)
     assert len(few.torque) <= 100
     whole = made()
-    np.testing.assert_allclose(few.torque, whole.torque[:: bounded.thinning], rtol=1e-12)
     np.testing.assert_allclose(
-        few.matrix(FrictionLaw()), whole.matrix(FrictionLaw())[:: bounded.thinning], rtol=1e-9, atol=1e-12
+        few.torque, whole.torque[:: bounded.thinning], rtol=1e-12
+    )
+    np.testing.assert_allclose(
+        few.matrix(FrictionLaw()),
+        whole.matrix(FrictionLaw())[:: bounded.thinning],
+        rtol=1e-9,
+        atol=1e-12,
     )
     assert few.interval == pytest.approx(bounded.thinning * whole.interval)
 
@@ -52,7 +62,9 @@ def test_short_recordings_keep_all_that_the_band_holds() -> None:
     assert BAND.bounded(BAND.segments([arms.recording("a.csv", 3)])) == BAND
 
 
-def test_full_rate_columns_are_held_of_one_block_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_full_rate_columns_are_held_of_one_block_at_a_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def peak() -> int:
         tracemalloc.start()
         made()

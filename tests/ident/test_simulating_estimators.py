@@ -5,29 +5,33 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import ident.experiment as rolled
-from arm.dynamics import RigidBody
-from arm.errors import GapscopeError, InputError
-from arm.known_load import KnownLoad
-from arm.robots import load_nominal_arm
-from arm.rollout import roll_outs
-from arm.trajectory import Fourier, urdf_limits
-from effects.applied import AppliedEffect
-from effects.corrected import CorrectedArm
-from envs.mystery import position_controller
-from envs.recorder import record
-from ident.assembly import Assembly
-from ident.base_parameters import structural_base
-from ident.conditioning import condition, low_pass
-from ident.estimators.didim import DirectInverse
-from ident.estimators.instrumental_variables import InstrumentalVariables
-from ident.estimators.output_error import OutputError
-from ident.estimators.simulating import score_covariance
-from ident.estimators.wls import WeightedLeastSquares
-from ident.experiment import Experiment
-from ident.regressor import Regressor
+import gapscope.ident.estimators.experiment as rolled
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.dynamics.rollout import roll_outs
+from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.known_load import KnownLoad
+from gapscope.arm.motions.trajectory import Fourier, urdf_limits
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.envs.mystery_arm import position_controller
+from gapscope.envs.recorder import record
+from gapscope.ident.estimators.didim import DirectInverse
+from gapscope.ident.estimators.experiment import Experiment
+from gapscope.ident.estimators.instrumental_variables import InstrumentalVariables
+from gapscope.ident.estimators.output_error import OutputError
+from gapscope.ident.estimators.simulating import score_covariance
+from gapscope.ident.estimators.wls import WeightedLeastSquares
+from gapscope.ident.model.assembly import Assembly
+from gapscope.ident.model.base_parameters import structural_base
+from gapscope.ident.model.regressor import Regressor
+from gapscope.ident.signals.conditioning import condition, low_pass
 
-SIMULATING = {"IDIM-IV": InstrumentalVariables, "DIDIM": DirectInverse, "output error": OutputError}
+SIMULATING = {
+    "IDIM-IV": InstrumentalVariables,
+    "DIDIM": DirectInverse,
+    "output error": OutputError,
+}
 CENTRE = np.array([0.0, 0.6, -1.2])
 EFFECTS = (
     AppliedEffect("payload", (), {"mass": 2.0, "com": [0.03, 0.02, 0.1]}),
@@ -39,8 +43,14 @@ EFFECTS = (
 def arm():
     """Three joints of the iiwa, with rotors and friction."""
     pytest.importorskip("pybullet_data")
-    sheet = {"armature": [0.3, 0.3, 0.2], "viscous": [4.0, 4.0, 2.0], "coulomb": [1.0, 1.0, 0.5]}
-    return load_nominal_arm("kuka_iiwa", joints=[f"lbr_iiwa_joint_{j}" for j in (1, 2, 4)], sheet=sheet)
+    sheet = {
+        "armature": [0.3, 0.3, 0.2],
+        "viscous": [4.0, 4.0, 2.0],
+        "coulomb": [1.0, 1.0, 0.5],
+    }
+    return load_nominal_arm(
+        "kuka_iiwa", joints=[f"lbr_iiwa_joint_{j}" for j in (1, 2, 4)], sheet=sheet
+    )
 
 
 @pytest.fixture(scope="module")
@@ -59,9 +69,17 @@ def recorded(arm, controller, seed, noise=0.0, torque_noise=0.0, **other):
     limits = urdf_limits(RigidBody(arm), 6.0)._replace(velocity=np.full(3, 1.5))
     motion = Fourier.random(rng, limits, duration=5.0, centre=CENTRE, frequency=0.25)
     return record(
-        arm, EFFECTS, motion, controller, duration=5.0, rng=rng, encoder_step=0.0, encoder_noise=noise,
-        torque_noise=torque_noise, **other,
-    )  # fmt: skip
+        arm,
+        EFFECTS,
+        motion,
+        controller,
+        duration=5.0,
+        rng=rng,
+        encoder_step=0.0,
+        encoder_noise=noise,
+        torque_noise=torque_noise,
+        **other,
+    )
 
 
 def experiment(world, recordings, **other):
@@ -79,18 +97,25 @@ def clean(arm, world):
 @pytest.fixture(scope="module")
 def noisy(arm, world):
     """The same with noise on the encoders that the controller feeds back."""
-    return experiment(world, [recorded(arm, world[0], seed, 1e-3, 0.02) for seed in (1, 2)])
+    return experiment(
+        world, [recorded(arm, world[0], seed, 1e-3, 0.02) for seed in (1, 2)]
+    )
 
 
 def miss(clean, beta, truth):
     """RMS of the torque that the error of the parameters makes, over that of the torque [1], shape (n,)."""
     problem = clean.build(clean.recordings)
-    return np.sqrt(np.mean((problem.matrix @ (beta - truth)) ** 2, axis=0)) / problem.torque.std(axis=0)
+    return np.sqrt(
+        np.mean((problem.matrix @ (beta - truth)) ** 2, axis=0)
+    ) / problem.torque.std(axis=0)
 
 
 def test_the_rolled_out_loop_repeats_a_recording_of_another_simulator(clean, world):
     (again, *_), recording = clean.simulate(world[3]), clean.recordings[0]
-    assert np.abs(again.q - recording.q).max() < 0.15 * np.abs(recording.q_ref - recording.q).max()
+    assert (
+        np.abs(again.q - recording.q).max()
+        < 0.15 * np.abs(recording.q_ref - recording.q).max()
+    )
     assert np.sqrt(np.mean((again.tau - recording.tau) ** 2, axis=0)) == pytest.approx(
         np.zeros(3), abs=0.02 * recording.tau.std(axis=0).max()
     )
@@ -107,7 +132,9 @@ def test_parameters_are_recovered_from_a_clean_recording(clean, world, name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SIMULATING)
-def test_encoder_noise_that_biases_least_squares_does_not_bias_them(clean, noisy, world, name):
+def test_encoder_noise_that_biases_least_squares_does_not_bias_them(
+    clean, noisy, world, name
+):
     problem = noisy.build(noisy.recordings)
     plain = miss(clean, WeightedLeastSquares().estimate(problem).value, world[3])
     estimate = SIMULATING[name](noisy).estimate(problem)
@@ -130,9 +157,13 @@ def test_tangents_are_derivatives_of_the_simulated_recordings(clean, world):
             assert np.abs(q[..., k] - numeric).max() < 1e-3 * np.abs(numeric).max()
 
 
-def test_parameters_are_rolled_out_once_however_often_they_are_asked_for(clean, world, monkeypatch):
+def test_parameters_are_rolled_out_once_however_often_they_are_asked_for(
+    clean, world, monkeypatch
+):
     calls = []
-    monkeypatch.setattr(rolled, "roll_outs", lambda *arguments: calls.append(1) or roll_outs(*arguments))
+    monkeypatch.setattr(
+        rolled, "roll_outs", lambda *arguments: calls.append(1) or roll_outs(*arguments)
+    )
     fresh = experiment(world, clean.recordings[:1])
     (simulated,), ((again, *_),) = fresh.simulate(world[3]), fresh.tangents(world[3])
     assert len(calls) == 1
@@ -152,7 +183,9 @@ def test_a_torque_that_the_controller_did_not_command_is_warned_of(clean, world)
     first = clean.recordings[0]
     wave = 30 * np.sin(7 * first.t)[:, None] * [0, 0, 1]
     found = experiment(world, [replace(first, tau=first.tau + wave)])
-    assert any("joint 3" in warning and "feedforward" in warning for warning in found.warnings)
+    assert any(
+        "joint 3" in warning and "feedforward" in warning for warning in found.warnings
+    )
 
 
 def test_a_recording_without_reference_cannot_be_simulated(clean, world):
@@ -170,8 +203,12 @@ def test_a_known_payload_is_taken_out_of_the_torque_but_not_simulated(clean, wor
     less = build([recording]).torque - build([carried]).torque
     (segment,) = condition(carried, build.position_cutoff)
     m = segment.motion
-    more = body.carrying(load).inverse_dynamics(m.q, m.dq, m.ddq) - body.inverse_dynamics(m.q, m.dq, m.ddq)
-    expected = low_pass(more, m.rate, build.torque_cutoff)[segment.inner][:: build.every]
+    more = body.carrying(load).inverse_dynamics(
+        m.q, m.dq, m.ddq
+    ) - body.inverse_dynamics(m.q, m.dq, m.ddq)
+    expected = low_pass(more, m.rate, build.torque_cutoff)[segment.inner][
+        :: build.every
+    ]
     np.testing.assert_allclose(less, expected, atol=1e-9)
 
 
@@ -188,13 +225,17 @@ def test_an_arm_that_runs_away_ends_with_causes(clean, world, name):
     prior[:30:10] *= 0.1
     prior[30:33] = -0.5
     started = experiment(world, clean.recordings, prior=prior)
-    with pytest.raises(GapscopeError, match=r"(?s)ran away in iteration 0.*\(a\).*\(b\).*\(c\)"):
+    with pytest.raises(
+        GapscopeError, match=r"(?s)ran away in iteration 0.*\(a\).*\(b\).*\(c\)"
+    ):
         SIMULATING[name](started).estimate(started.build(started.recordings))
 
 
 @pytest.mark.parametrize("name", ["IDIM-IV", "DIDIM"])
 def test_an_iteration_that_is_cut_short_says_that_it_did_not_settle(clean, name):
-    estimate = SIMULATING[name](clean, iterations=1).estimate(clean.build(clean.recordings))
+    estimate = SIMULATING[name](clean, iterations=1).estimate(
+        clean.build(clean.recordings)
+    )
     assert any("did not settle: (a)" in warning for warning in estimate.warnings)
 
 

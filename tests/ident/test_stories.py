@@ -10,18 +10,20 @@ import arms
 import numpy as np
 import pytest
 
-from arm.case import Case
-from arm.recording import Recording
-from effects.applied import AppliedEffect
-from ident.identification import Identification, Settings, identify
-from ident.troubleshooting import CHECKS, FOUND
+from gapscope.arm.case import Case
+from gapscope.arm.recording import Recording
+from gapscope.effects.applied import AppliedEffect
+from gapscope.ident.checks.troubleshooting import CHECKS, FOUND
+from gapscope.ident.identification import Identification, Settings, identify
 
 CUTOFF = Settings(cutoff=20.0)
 FIVE = np.deg2rad(5.0)
 
 
 def zero_off(joint: int, angle: float = FIVE) -> Case:
-    return arms.case((AppliedEffect("encoder_offset", (joint,), {"offset": np.array([angle])}),))
+    return arms.case(
+        (AppliedEffect("encoder_offset", (joint,), {"offset": np.array([angle])}),)
+    )
 
 
 @cache
@@ -50,7 +52,9 @@ class TestWrongZero:
         """The parameters nearest to the nominal arm that fit best give the light upper arm a mass below zero."""
         before = off(2).physical.before
         assert [check.link for check in before if not check.positive_mass] == [3]
-        assert any("link 3 even of negative mass" in warning for warning in off(2).warnings)
+        assert any(
+            "link 3 even of negative mass" in warning for warning in off(2).warnings
+        )
 
     @pytest.mark.parametrize("joint", [2, 3, 4])
     def test_tool_asks_for_the_zero_and_recovers_it(self, joint: int) -> None:
@@ -62,10 +66,15 @@ class TestWrongZero:
 
     def test_the_correction_that_it_offers_mends_the_arm(self) -> None:
         delta = off(2).zeros.offset * (np.arange(arms.N) == 1)
-        mended = identify(arms.changed(zero_off(2), lambda r: replace(r, q=r.q - delta)), CUTOFF)
+        mended = identify(
+            arms.changed(zero_off(2), lambda r: replace(r, q=r.q - delta)), CUTOFF
+        )
         assert mended.questions == ()
         assert all(check.positive_mass for check in mended.physical.before)
-        assert mended.validation[1].every.overall < 0.2 * off(2).validation[1].nominal.overall
+        assert (
+            mended.validation[1].every.overall
+            < 0.2 * off(2).validation[1].nominal.overall
+        )
 
     def test_first_zero_about_the_vertical_is_left_open(self) -> None:
         """No torque depends on it."""
@@ -73,7 +82,9 @@ class TestWrongZero:
         assert np.rad2deg(healthy().zeros.deviation[0]) > 5.0
 
     def test_identified_arm_is_possible_all_the_same(self) -> None:
-        assert all(check.consistent and check.triangle for check in off(2).physical.after)
+        assert all(
+            check.consistent and check.triangle for check in off(2).physical.after
+        )
 
 
 def swapped(r: Recording) -> Recording:
@@ -89,7 +100,9 @@ def late(r: Recording) -> Recording:
 
 
 def noisy(r: Recording) -> Recording:
-    return replace(r, q=r.q + 1e-3 * np.random.default_rng(7).standard_normal(r.q.shape))
+    return replace(
+        r, q=r.q + 1e-3 * np.random.default_rng(7).standard_normal(r.q.shape)
+    )
 
 
 def saturated(r: Recording) -> Recording:
@@ -118,7 +131,10 @@ class TestTroubleshooting:
         ],
     )
     def test_planted_fault_fires_its_row(
-        self, fault: Callable[[Recording], Recording], row: str, joints: tuple[int, ...] | None
+        self,
+        fault: Callable[[Recording], Recording],
+        row: str,
+        joints: tuple[int, ...] | None,
     ) -> None:
         fired = found(identify(arms.changed(arms.case(), fault), CUTOFF))
         assert row in fired
@@ -128,15 +144,25 @@ class TestTroubleshooting:
         assert found(off(3))["joint_zero"] == (3,)
 
     def test_torque_in_another_unit_fires_its_row_where_it_is_let_pass(self) -> None:
-        case = arms.changed(arms.case(), lambda r: replace(r, tau=1e3 * np.asarray(r.tau)))
+        case = arms.changed(
+            arms.case(), lambda r: replace(r, tau=1e3 * np.asarray(r.tau))
+        )
         assert "torque_unit" in found(identify(case, replace(CUTOFF, any_torque=True)))
 
     def test_stribeck_friction_fires_its_row_and_is_recovered(self) -> None:
-        planted = AppliedEffect("stribeck_friction", (1, 2), {"torque": [4.0, 4.0], "velocity": [0.2, 0.2]})
+        planted = AppliedEffect(
+            "stribeck_friction", (1, 2), {"torque": [4.0, 4.0], "velocity": [0.2, 0.2]}
+        )
         result = identify(arms.case((planted,)), CUTOFF)
         assert "low_speed_friction" in found(result)
         assert result.choice.law.stribeck_speed == 0.2
-        values = dict(zip(result.columns.names(result.choice.law), result.physical.value, strict=True))
+        values = dict(
+            zip(
+                result.columns.names(result.choice.law),
+                result.physical.value,
+                strict=True,
+            )
+        )
         assert [values["d1"], values["d2"]] == pytest.approx([4.0, 4.0], rel=0.1)
 
     def test_motion_too_small_fires_the_condition(self) -> None:
@@ -144,5 +170,7 @@ class TestTroubleshooting:
 
     def test_rows_say_what_to_do(self) -> None:
         for row in healthy().table:
-            assert all((row.entry.symptom, row.entry.cause, row.entry.check, row.entry.remedy))
+            assert all(
+                (row.entry.symptom, row.entry.cause, row.entry.check, row.entry.remedy)
+            )
             assert np.isfinite(row.measured)

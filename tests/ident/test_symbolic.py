@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from arm.dynamics import RigidBody
-from arm.errors import InputError
-from arm.nominal import NominalArm
-from arm.robots import load_nominal_arm
-from ident.symbolic import symbolic_regressor
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.ident.model.symbolic import symbolic_regressor
 
 JOINT = """
   <joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>
@@ -26,7 +26,15 @@ SQUARE = ("0 0 0", "1.570796326794897 0 0", "0 -1.5708 0.1")
 def write_arm(folder, joints, gravity=(0.3, -0.2, -9.81), wanted=None) -> NominalArm:
     """A chain of (kind, xyz, rpy, axis)."""
     parts = [
-        JOINT.format(name=f"j{i}", kind=k, parent=f"l{i - 1}", child=f"l{i}", xyz=x, rpy=r, axis=a)
+        JOINT.format(
+            name=f"j{i}",
+            kind=k,
+            parent=f"l{i - 1}",
+            child=f"l{i}",
+            xyz=x,
+            rpy=r,
+            axis=a,
+        )
         for i, (k, x, r, a) in enumerate(joints, 1)
     ]
     urdf = folder / "chain.urdf"
@@ -48,22 +56,38 @@ def text(values) -> str:
 
 
 @pytest.mark.parametrize(
-    "kinds", [pytest.param(k, marks=pytest.mark.slow if len(k) > 2 else (), id=name) for name, k in ARMS.items()]
+    "kinds",
+    [
+        pytest.param(k, marks=pytest.mark.slow if len(k) > 2 else (), id=name)
+        for name, k in ARMS.items()
+    ],
 )
 def test_closed_form_is_pinocchios_regressor(tmp_path, kinds):
     rng = np.random.default_rng(len(kinds))
-    joints = [(kind, *(text(rng.uniform(-1, 1, 3)) for _ in range(3))) for kind in kinds]
+    joints = [
+        (kind, *(text(rng.uniform(-1, 1, 3)) for _ in range(3))) for kind in kinds
+    ]
     assert_agree(write_arm(tmp_path, joints))
 
 
-@pytest.mark.parametrize("kinds", [("revolute",) * 3, ("prismatic", "revolute", "continuous")])
+@pytest.mark.parametrize(
+    "kinds", [("revolute",) * 3, ("prismatic", "revolute", "continuous")]
+)
 def test_closed_form_of_three_joints_is_pinocchios_regressor(tmp_path, kinds):
     places = ("0 0 0.3", "0.1 0 0.5", "0.4 -0.05 0")
     axes = ("0 0 1", "0 0 1", "0 1 0")
-    assert_agree(write_arm(tmp_path, list(zip(kinds, places, SQUARE, axes, strict=True))))
+    assert_agree(
+        write_arm(tmp_path, list(zip(kinds, places, SQUARE, axes, strict=True)))
+    )
 
 
-@pytest.mark.parametrize("joints", [("lbr_iiwa_joint_2", "lbr_iiwa_joint_4"), ("lbr_iiwa_joint_6", "lbr_iiwa_joint_3")])
+@pytest.mark.parametrize(
+    "joints",
+    [
+        ("lbr_iiwa_joint_2", "lbr_iiwa_joint_4"),
+        ("lbr_iiwa_joint_6", "lbr_iiwa_joint_3"),
+    ],
+)
 def test_joints_that_are_not_named_are_held_at_zero(joints):
     assert_agree(load_nominal_arm("kuka_iiwa", joints=joints))
 
@@ -76,7 +100,9 @@ def test_fixed_joints_belong_to_the_link_before(tmp_path):
 
 def test_pendulum_in_words(tmp_path):
     # about z, gravity along -y: tau = Izz ddq + g (mx cos q - my sin q)
-    arm = write_arm(tmp_path, [("revolute", "0 0 0", "0 0 0", "0 0 1")], gravity=(0, -10, 0))
+    arm = write_arm(
+        tmp_path, [("revolute", "0 0 0", "0 0 0", "0 0 1")], gravity=(0, -10, 0)
+    )
     assert symbolic_regressor(arm).text().splitlines() == [
         "Y[1, mx1] = 10*cos(q1)",
         "Y[1, my1] = -10*sin(q1)",
@@ -86,20 +112,35 @@ def test_pendulum_in_words(tmp_path):
 
 def test_two_planar_links_have_the_textbooks_mass_column(tmp_path):
     # a point mass at the second joint, 0.5 m out: m l^2 ddq1 + m g l cos q1
-    joints = [("revolute", "0 0 0", "0 0 0", "0 0 1"), ("revolute", "0.5 0 0", "0 0 0", "0 0 1")]
-    lines = symbolic_regressor(write_arm(tmp_path, joints, gravity=(0, -10, 0))).text().splitlines()
+    joints = [
+        ("revolute", "0 0 0", "0 0 0", "0 0 1"),
+        ("revolute", "0.5 0 0", "0 0 0", "0 0 1"),
+    ]
+    lines = (
+        symbolic_regressor(write_arm(tmp_path, joints, gravity=(0, -10, 0)))
+        .text()
+        .splitlines()
+    )
     assert "Y[1, m2] = 0.25*ddq1 + 5.0*cos(q1)" in lines
     assert not any(line.startswith("Y[2, m2]") for line in lines)
     assert "Y[2, Izz2] = ddq1 + ddq2" in lines
 
 
 def test_generated_source_stands_alone(tmp_path):
-    arm = write_arm(tmp_path, [("revolute", "0 0 0", "0 0 0", "0 0 1")], gravity=(0, -10, 0))
+    arm = write_arm(
+        tmp_path, [("revolute", "0 0 0", "0 0 0", "0 0 1")], gravity=(0, -10, 0)
+    )
     closed = symbolic_regressor(arm)
     space: dict = {"cos": np.cos, "sin": np.sin}
     exec(closed.source, space)
-    function = next(value for value in space.values() if getattr(value, "__name__", "").startswith("_lambdify"))
-    assert np.allclose(function(0.3, 0.1, 2.0), [10 * np.cos(0.3), -10 * np.sin(0.3), 2.0])
+    function = next(
+        value
+        for value in space.values()
+        if getattr(value, "__name__", "").startswith("_lambdify")
+    )
+    assert np.allclose(
+        function(0.3, 0.1, 2.0), [10 * np.cos(0.3), -10 * np.sin(0.3), 2.0]
+    )
 
 
 def test_more_than_three_joints_are_refused():

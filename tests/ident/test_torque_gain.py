@@ -11,22 +11,24 @@ import arms
 import numpy as np
 import pytest
 
-from arm.case import Case, load_case
-from arm.errors import InputError
-from ident.conditioning import position_cutoff
-from ident.evidence import Likeness, likeness
-from ident.identification import Identification, Settings, identify
-from ident.model_columns import ModelColumns
-from ident.samples import Band, Samples
-from ident.split import split
-from ident.torque_gain import torque_gain
+from gapscope.arm.case import Case, load_case
+from gapscope.arm.errors import InputError
+from gapscope.ident.checks.fit_evidence import Likeness, likeness
+from gapscope.ident.checks.torque_gain import torque_gain
+from gapscope.ident.identification import Identification, Settings, identify
+from gapscope.ident.model.model_columns import ModelColumns
+from gapscope.ident.signals.conditioning import position_cutoff
+from gapscope.ident.signals.samples import Band, Samples
+from gapscope.ident.signals.split import split
 
 CUTOFF = Settings(cutoff=20.0)
 ROOT = Path(__file__).resolve().parents[2]
 
 
 def scaled(factor: float) -> Case:
-    return arms.changed(arms.case(), lambda r: replace(r, tau=factor * np.asarray(r.tau)))
+    return arms.changed(
+        arms.case(), lambda r: replace(r, tau=factor * np.asarray(r.tau))
+    )
 
 
 @cache
@@ -36,7 +38,10 @@ def identified(factor: float) -> Identification:
 
 def compared(case: Case) -> Likeness:
     fit, _ = split(case)
-    band, columns = Band(position_cutoff(tuple(fit))), ModelColumns(case.arm, case.importing)
+    band, columns = (
+        Band(position_cutoff(tuple(fit))),
+        ModelColumns(case.arm, case.importing),
+    )
     return likeness(Samples(columns, band.segments(fit), band))
 
 
@@ -45,7 +50,10 @@ def test_a_wrong_factor_is_quoted(factor: float) -> None:
     result = identified(factor)
     (warning,) = (w for w in result.warnings if "times the nominal arm's" in w)
     assert f"is {factor:.3g} times" in warning and "alike" in warning
-    assert any(row.entry.key == "torque_gain" and row.verdict == "found" for row in result.table)
+    assert any(
+        row.entry.key == "torque_gain" and row.verdict == "found"
+        for row in result.table
+    )
 
 
 def test_the_unit_is_guessed() -> None:
@@ -74,7 +82,9 @@ def test_silent_on_sample_cases(number: int) -> None:
 
 def test_silent_on_an_arm_full_of_friction(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GAPSCOPE_DATA", str(data()))
-    assert not torque_gain(compared(load_case(ROOT / "experiments" / "cases" / "staubli_tx40.yaml"))).found
+    assert not torque_gain(
+        compared(load_case(ROOT / "experiments" / "cases" / "staubli_tx40.yaml"))
+    ).found
 
 
 def data() -> Path:

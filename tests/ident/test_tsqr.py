@@ -5,11 +5,11 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from arm.errors import InputError
-from arm.robots import load_nominal_arm
-from ident.base_parameters import random_states, structural_base
-from ident.regressor import Regressor
-from ident.tsqr import ROWS, JointFactors, TriangularFactor, factored
+from gapscope.arm.errors import InputError
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.ident.model.base_parameters import random_states, structural_base
+from gapscope.ident.model.regressor import Regressor
+from gapscope.ident.model.tsqr import ROWS, JointFactors, TriangularFactor, factored
 
 
 @pytest.fixture
@@ -30,9 +30,16 @@ def assert_same(factor, W, tau):
     """R^T R = W^T W, R^T z = W^T tau, and the least-squares solution, relative to the size of each."""
     R, scale = factor.triangle, np.linalg.norm(W, axis=0)
     assert np.array_equal(R, np.triu(R))
-    assert np.allclose(R.T @ R / np.outer(scale, scale), W.T @ W / np.outer(scale, scale), rtol=0, atol=1e-12)
+    assert np.allclose(
+        R.T @ R / np.outer(scale, scale),
+        W.T @ W / np.outer(scale, scale),
+        rtol=0,
+        atol=1e-12,
+    )
     size = scale * np.linalg.norm(tau)
-    assert np.allclose(R.T @ factor.projected / size, W.T @ tau / size, rtol=0, atol=1e-12)
+    assert np.allclose(
+        R.T @ factor.projected / size, W.T @ tau / size, rtol=0, atol=1e-12
+    )
     beta, square = np.linalg.lstsq(W, tau, rcond=None)[:2]
     assert np.linalg.norm(factor.solve() - beta) < 1e-10 * np.linalg.norm(beta)
     assert factor.residual_norm**2 == pytest.approx(square[0], rel=1e-10)
@@ -47,7 +54,10 @@ def test_least_squares_of_a_stream_is_that_of_all_rows(problem, chunk):
 
 def test_merged_factors_are_the_factor_of_all_rows(problem):
     W, tau = problem
-    first, second = streamed(W[:1000], tau[:1000], 300), streamed(W[1000:], tau[1000:], 450)
+    first, second = (
+        streamed(W[:1000], tau[:1000], 300),
+        streamed(W[1000:], tau[1000:], 450),
+    )
     first.merge(second)
     assert_same(first, W, tau)
 
@@ -72,15 +82,25 @@ def test_covariance_is_the_textbook_formula(problem):
 
 def test_dependent_columns_give_the_shortest_solution():
     rng = np.random.default_rng(1)
-    W = rng.standard_normal((50, 3)) @ np.array([[1.0, 0, 0, 1], [0, 1, 0, 1], [0, 0, 1, 1]])
+    W = rng.standard_normal((50, 3)) @ np.array(
+        [[1.0, 0, 0, 1], [0, 1, 0, 1], [0, 0, 1, 1]]
+    )
     tau = rng.standard_normal(50)
-    assert np.allclose(streamed(W, tau, 10).solve(), np.linalg.lstsq(W, tau, rcond=1e-12)[0], rtol=0, atol=1e-12)
+    assert np.allclose(
+        streamed(W, tau, 10).solve(),
+        np.linalg.lstsq(W, tau, rcond=1e-12)[0],
+        rtol=0,
+        atol=1e-12,
+    )
 
 
 def test_orthogonal_factor_keeps_what_the_normal_equations_lose():
     # singular values 1 and 1e-9: their squares are beyond double precision
     rng = np.random.default_rng(2)
-    left, right = np.linalg.qr(rng.standard_normal((5000, 2)))[0], np.linalg.qr(rng.standard_normal((2, 2)))[0]
+    left, right = (
+        np.linalg.qr(rng.standard_normal((5000, 2)))[0],
+        np.linalg.qr(rng.standard_normal((2, 2)))[0],
+    )
     W = left * [1.0, 1e-9] @ right.T
     beta = streamed(W, W @ [1.0, -2.0], 400).solve()
     assert np.allclose(beta, [1.0, -2.0], rtol=0, atol=1e-5)
@@ -91,7 +111,9 @@ def iiwa():
     regressor = Regressor(load_nominal_arm("kuka_iiwa"))
     states = random_states(regressor, np.random.default_rng(3), 400)
     Y = regressor.matrix(states)
-    tau = Y @ regressor.nominal() + np.random.default_rng(4).standard_normal((400, 7)) * np.arange(1, 8)
+    tau = Y @ regressor.nominal() + np.random.default_rng(4).standard_normal(
+        (400, 7)
+    ) * np.arange(1, 8)
     return regressor, Y, tau
 
 
@@ -103,7 +125,9 @@ def test_factors_of_joints_stacked_with_weights_solve_the_weighted_problem(iiwa)
         joints.add(Y[start : start + 90], tau[start : start + 90])
     weights = 1.0 / np.arange(1, 8)
     rows = (Y[:, :, base.kept] * weights[:, None]).reshape(-1, base.count)
-    assert_same(joints.stacked(weights).select(base.kept), rows, (tau * weights).ravel())
+    assert_same(
+        joints.stacked(weights).select(base.kept), rows, (tau * weights).ravel()
+    )
     plain = Y[:, :, base.kept].reshape(-1, base.count)
     assert_same(joints.stacked().select(base.kept), plain, tau.ravel())
 
@@ -127,10 +151,17 @@ def test_factors_of_joints_merge(iiwa):
 def test_factors_of_a_motion_are_those_of_its_regressor(iiwa, samples):
     regressor = iiwa[0]
     states = random_states(regressor, np.random.default_rng(6), samples)
-    Y, tau = regressor.matrix(states), np.random.default_rng(7).standard_normal((samples, 7))
+    Y, tau = (
+        regressor.matrix(states),
+        np.random.default_rng(7).standard_normal((samples, 7)),
+    )
     stacked = factored(regressor, states, tau).stacked()
     base = structural_base(regressor, np.random.default_rng(8))
-    assert_same(stacked.select(base.kept), Y[:, :, base.kept].reshape(-1, base.count), tau.ravel())
+    assert_same(
+        stacked.select(base.kept),
+        Y[:, :, base.kept].reshape(-1, base.count),
+        tau.ravel(),
+    )
 
 
 def test_memory_does_not_grow_with_the_number_of_rows(problem):

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from arm.case import load_case
-from ident.identification import Settings, identify
-from ident.samples import Band
+from gapscope.arm.case import load_case
+from gapscope.ident.identification import Settings, identify
+from gapscope.ident.signals.samples import Band
 
 ROOT = Path(__file__).resolve().parents[2]
 CUTOFF = 10.0
@@ -23,7 +23,9 @@ def test_rows_that_were_not_fitted_are_predicted_by_bodies_that_can_exist():
     data = Path(os.environ.get("GAPSCOPE_DATA") or ROOT.parent / "shared" / "data")
     if not (data / "staubli_tx40").is_dir():
         pytest.skip(f"no recordings of the TX40 in {data} (set GAPSCOPE_DATA)")
-    case = load_case(ROOT / "experiments" / "cases" / "staubli_tx40.yaml", data_root=data)
+    case = load_case(
+        ROOT / "experiments" / "cases" / "staubli_tx40.yaml", data_root=data
+    )
     found = identify(case, Settings(cutoff=CUTOFF, trim=False))
     band = Band(CUTOFF, trim=False)
     (judged,) = band.segments(case.judged)

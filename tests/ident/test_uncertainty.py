@@ -5,14 +5,25 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from arm.errors import InputError
-from ident.autocorrelation import autocovariance, inflation, low_pass_inflation, parts
-from ident.conditioning import low_pass
-from ident.estimators.ols import OrdinaryLeastSquares
-from ident.model_error import model_error
-from ident.problem import Problem
-from ident.torque_interval import held_out, torque_interval
-from ident.uncertainty import block_bootstrap, block_jackknife, block_length, plain, sandwich
+from gapscope.arm.errors import InputError
+from gapscope.ident.estimators.ols import OrdinaryLeastSquares
+from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.signals.conditioning import low_pass
+from gapscope.ident.signals.effective_samples import (
+    autocovariance,
+    inflation,
+    low_pass_inflation,
+    parts,
+)
+from gapscope.ident.uncertainty.intervals import (
+    block_bootstrap,
+    block_jackknife,
+    block_length,
+    plain,
+    sandwich,
+)
+from gapscope.ident.uncertainty.model_error import model_error
+from gapscope.ident.uncertainty.torque_interval import held_out, torque_interval
 
 BETA = np.array([2.0, -1.0, 0.5, 3.0])
 INTERVAL, SAMPLES, GROUPS = 0.02, 2000, 4
@@ -20,17 +31,26 @@ INTERVAL, SAMPLES, GROUPS = 0.02, 2000, 4
 
 def motion_columns(rng: np.random.Generator, samples: int = SAMPLES) -> np.ndarray:
     """Columns as slow as a motion, below 1 Hz; shape (N, 2, 4)."""
-    slow = low_pass(rng.standard_normal((samples + 400, 8)), 1 / INTERVAL, 1.0)[200:-200]
+    slow = low_pass(rng.standard_normal((samples + 400, 8)), 1 / INTERVAL, 1.0)[
+        200:-200
+    ]
     return (slow / slow.std(axis=0)).reshape(samples, 2, 4)
 
 
 def filtered(rng: np.random.Generator, samples: int = SAMPLES) -> np.ndarray:
     """White noise through a low-pass of 5 Hz, shape (N, 2)."""
-    noise = low_pass(rng.standard_normal((samples + 400, 2)), 1 / INTERVAL, 5.0)[200:-200]
+    noise = low_pass(rng.standard_normal((samples + 400, 2)), 1 / INTERVAL, 5.0)[
+        200:-200
+    ]
     return noise / noise.std(axis=0)
 
 
-def recorded(rng: np.random.Generator, W: np.ndarray, noise: np.ndarray, extra: np.ndarray | float = 0.0) -> Problem:
+def recorded(
+    rng: np.random.Generator,
+    W: np.ndarray,
+    noise: np.ndarray,
+    extra: np.ndarray | float = 0.0,
+) -> Problem:
     group = np.arange(len(W)) * GROUPS // len(W)
     return Problem(W, W @ BETA + noise + extra, ("a", "b", "c", "d"), group, INTERVAL)
 
@@ -46,7 +66,11 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     for seed in range(80):
         given = drawn(seed)
         estimate = OrdinaryLeastSquares().estimate(given)
-        methods = (plain(estimate, given), sandwich(given, estimate.value), block_jackknife(given, estimate.value))
+        methods = (
+            plain(estimate, given),
+            sandwich(given, estimate.value),
+            block_jackknife(given, estimate.value),
+        )
         for name, method in zip(hits, methods, strict=True):
             lower, upper = method.interval(estimate.value)
             hits[name].append((lower <= BETA) & (upper >= BETA))
@@ -59,12 +83,20 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
 def test_bootstrap_agrees_with_the_sandwich() -> None:
     given = drawn(0)
     estimate = OrdinaryLeastSquares().estimate(given)
-    bootstrap = block_bootstrap(given, OrdinaryLeastSquares(), np.random.default_rng(1), draws=120)
-    assert np.allclose(bootstrap.deviation, sandwich(given, estimate.value).deviation, rtol=0.35)
-    again = block_bootstrap(given, OrdinaryLeastSquares(), np.random.default_rng(1), draws=120)
+    bootstrap = block_bootstrap(
+        given, OrdinaryLeastSquares(), np.random.default_rng(1), draws=120
+    )
+    assert np.allclose(
+        bootstrap.deviation, sandwich(given, estimate.value).deviation, rtol=0.35
+    )
+    again = block_bootstrap(
+        given, OrdinaryLeastSquares(), np.random.default_rng(1), draws=120
+    )
     assert np.array_equal(bootstrap.covariance, again.covariance)
     with pytest.raises(InputError, match="at least 2 draws"):
-        block_bootstrap(given, OrdinaryLeastSquares(), np.random.default_rng(1), draws=1)
+        block_bootstrap(
+            given, OrdinaryLeastSquares(), np.random.default_rng(1), draws=1
+        )
 
 
 def test_sandwich_of_independent_samples_by_hand() -> None:
@@ -73,7 +105,9 @@ def test_sandwich_of_independent_samples_by_hand() -> None:
     given = Problem(W, np.array([[0.0], [2.0], [3.0]]), ("a",), np.zeros(3, int), 1.0)
     e = np.array([0.0, 2.0, 3.0]) - np.array([1.0, 1.0, 2.0]) * 8 / 6
     expected = (np.array([1.0, 1.0, 2.0]) ** 2 * e**2).sum() / 36 * 3 / 2
-    assert sandwich(given, np.array([8 / 6]), length=1).covariance[0, 0] == pytest.approx(expected)
+    assert sandwich(given, np.array([8 / 6]), length=1).covariance[
+        0, 0
+    ] == pytest.approx(expected)
 
 
 def test_sandwich_is_bartletts_sum_of_autocovariances() -> None:
@@ -95,7 +129,12 @@ def test_jackknife_leaves_out_each_block_in_turn() -> None:
     given = drawn(2)
     beta = OrdinaryLeastSquares().estimate(given).value
     length = SAMPLES // GROUPS
-    left_out = np.array([OrdinaryLeastSquares().estimate(given.rows(given.group != g)).value for g in range(GROUPS)])
+    left_out = np.array(
+        [
+            OrdinaryLeastSquares().estimate(given.rows(given.group != g)).value
+            for g in range(GROUPS)
+        ]
+    )
     expected = (GROUPS - 1) / GROUPS * (left_out - beta).T @ (left_out - beta)
     assert np.allclose(block_jackknife(given, beta, length=length).covariance, expected)
 
@@ -115,7 +154,9 @@ def test_block_length_grows_with_the_memory() -> None:
 
 def test_autocovariance_by_hand_and_within_groups() -> None:
     """1, 2 | 3, 4: lag 0 is 30 / 4; lag 1 only within groups, (1 * 2 + 3 * 4) / 4."""
-    found = autocovariance(np.array([[1.0], [2.0], [3.0], [4.0]]), np.array([0, 0, 1, 1]), 1)
+    found = autocovariance(
+        np.array([[1.0], [2.0], [3.0], [4.0]]), np.array([0, 0, 1, 1]), 1
+    )
     assert np.allclose(found[:, 0], [7.5, 3.5])
 
 
@@ -130,9 +171,13 @@ def test_inflation_of_a_first_order_process() -> None:
 
 def test_inflation_of_a_low_pass() -> None:
     """Of a long series of filtered noise; at Nyquist's frequency nothing was filtered."""
-    series = low_pass(np.random.default_rng(0).standard_normal((50000, 4)), 1 / INTERVAL, 5.0)
+    series = low_pass(
+        np.random.default_rng(0).standard_normal((50000, 4)), 1 / INTERVAL, 5.0
+    )
     blocks = series.reshape(100, 500, 4).mean(axis=1)
-    assert low_pass_inflation(5.0, INTERVAL) == pytest.approx(500 * blocks.var() / series.var(), rel=0.15)
+    assert low_pass_inflation(5.0, INTERVAL) == pytest.approx(
+        500 * blocks.var() / series.var(), rel=0.15
+    )
     assert low_pass_inflation(25.0, INTERVAL) == 1.0
 
 
@@ -143,8 +188,14 @@ class TestModelError:
         """A problem with model error, and matrix and torque without noise of another motion."""
         rng = np.random.default_rng(seed)
         W, other = motion_columns(rng), motion_columns(rng)
-        missing, lacking = (size * np.abs(w[..., 0]) * w[..., 0] * [1.0, 0.0] for w in (W, other))
-        return recorded(rng, W, 0.3 * filtered(rng), missing), other, other @ BETA + lacking
+        missing, lacking = (
+            size * np.abs(w[..., 0]) * w[..., 0] * [1.0, 0.0] for w in (W, other)
+        )
+        return (
+            recorded(rng, W, 0.3 * filtered(rng), missing),
+            other,
+            other @ BETA + lacking,
+        )
 
     def covered(self, size: float, runs: int = 25) -> tuple[float, float, float]:
         """Share of predicted torque within the interval, the same by the plain formula, and of runs warned."""
@@ -153,7 +204,10 @@ class TestModelError:
             given, other, torque = self.pair(seed, size)
             estimate = OrdinaryLeastSquares().estimate(given)
             interval = torque_interval(
-                given, OrdinaryLeastSquares(), block_jackknife(given, estimate.value), cutoff=5.0
+                given,
+                OrdinaryLeastSquares(),
+                block_jackknife(given, estimate.value),
+                cutoff=5.0,
             )
             error = np.abs(torque - other @ estimate.value)
             hits.append((error <= interval.half_width(other))[:, 0].mean())
@@ -162,7 +216,9 @@ class TestModelError:
             warned.append(bool(interval.warnings))
         return float(np.mean(hits)), float(np.mean(bare)), float(np.mean(warned))
 
-    def test_predicted_torque_stays_within_its_interval_and_every_run_warns(self) -> None:
+    def test_predicted_torque_stays_within_its_interval_and_every_run_warns(
+        self,
+    ) -> None:
         held, bare, warned = self.covered(0.5)
         assert held > 0.90
         assert bare < 0.5
@@ -177,17 +233,32 @@ class TestModelError:
         given, _, _ = self.pair(0, 0.5)
         error = model_error(given, held_out(given, OrdinaryLeastSquares()), cutoff=5.0)
         assert error.found[0] == 1 and error.p_value[0] < error.p_value[1]
-        assert error.systematic[0] > error.systematic[1]  # biased parameters spoil joint 2, too
-        assert error.noise == pytest.approx([0.3, 0.3], rel=0.4)  # what it has above a quarter of the cut-off is in it
+        assert (
+            error.systematic[0] > error.systematic[1]
+        )  # biased parameters spoil joint 2, too
+        assert error.noise == pytest.approx(
+            [0.3, 0.3], rel=0.4
+        )  # what it has above a quarter of the cut-off is in it
         assert "what is left on joint 1" in error.warnings()[0]
 
     def test_interval_of_recorded_torque_is_wider(self) -> None:
         given, other, _ = self.pair(0, 0.5)
-        interval = torque_interval(given, OrdinaryLeastSquares(), block_jackknife(given, BETA), cutoff=5.0)
-        assert (interval.half_width(other, recorded=True) > interval.half_width(other)).all()
-        assert (interval.half_width(other, 0.99) > interval.half_width(other, 0.9)).all()
+        interval = torque_interval(
+            given, OrdinaryLeastSquares(), block_jackknife(given, BETA), cutoff=5.0
+        )
+        assert (
+            interval.half_width(other, recorded=True) > interval.half_width(other)
+        ).all()
+        assert (
+            interval.half_width(other, 0.99) > interval.half_width(other, 0.9)
+        ).all()
 
     def test_one_group_is_cut_to_hold_some_out(self) -> None:
         given, _, _ = self.pair(0, 0.5)
-        single = Problem(given.matrix, given.torque, given.names, np.zeros(SAMPLES, int), INTERVAL)
-        assert np.allclose(held_out(single, OrdinaryLeastSquares()), held_out(given, OrdinaryLeastSquares()))
+        single = Problem(
+            given.matrix, given.torque, given.names, np.zeros(SAMPLES, int), INTERVAL
+        )
+        assert np.allclose(
+            held_out(single, OrdinaryLeastSquares()),
+            held_out(given, OrdinaryLeastSquares()),
+        )

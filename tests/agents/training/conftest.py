@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.training.settings import Settings
-from agents.training.task import Task
-from arm.nominal import NominalArm
+from gapscope.agents.training.task import Task
+from gapscope.agents.training.training_settings import Settings
+from gapscope.arm.nominal import NominalArm
 
 URDF = """<robot name="rod"><link name="base"/>
   <link name="rod"><inertial><origin xyz="0.5 0 0"/><mass value="2"/>
@@ -41,10 +41,21 @@ def task(arm: NominalArm) -> Task:
 def short(algorithm: str = "ppo", **changed: Any) -> Settings:
     """Settings of a training that takes seconds."""
     values: dict[str, Any] = {
-        "algorithm": algorithm, "steps": 512, "round_steps": 256, "environments": 2, "network": (16,),
-        "motion": "fourier", "motions": ("fourier",), "episode_length": 1.0, "duration": 1.0, "bandwidth": 2.0,
-        "action_reach": 0.1, "tolerance": 0.02, "exploration": 0.4, "smoothness": 0.01,
-    }  # fmt: skip
+        "algorithm": algorithm,
+        "steps": 512,
+        "round_steps": 256,
+        "environments": 2,
+        "network": (16,),
+        "motion": "fourier",
+        "motions": ("fourier",),
+        "episode_length": 1.0,
+        "duration": 1.0,
+        "bandwidth": 2.0,
+        "action_reach": 0.1,
+        "tolerance": 0.02,
+        "exploration": 0.4,
+        "smoothness": 0.01,
+    }
     if algorithm == "ppo":
         values["hyperparameters"] = {
             "n_steps": 64,
@@ -55,9 +66,14 @@ def short(algorithm: str = "ppo", **changed: Any) -> Settings:
         }
     else:
         values["hyperparameters"] = {
-            "learning_starts": 200, "buffer_size": 5000, "batch_size": 64, "learning_rate": 2e-3, "gamma": 0.8,
-            "train_freq": 2, "gradient_steps": 2,
-        }  # fmt: skip
+            "learning_starts": 200,
+            "buffer_size": 5000,
+            "batch_size": 64,
+            "learning_rate": 2e-3,
+            "gamma": 0.8,
+            "train_freq": 2,
+            "gradient_steps": 2,
+        }
         if algorithm == "sac":
             values["hyperparameters"]["ent_coef"] = 0.003
     return Settings(**{**values, **changed})

@@ -6,9 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from agents.training.hyperparameters import ALGORITHMS
-from agents.training.settings import Settings, from_plain, read_settings
-from arm.errors import InputError
+from gapscope.agents.training.hyperparameters import ALGORITHMS
+from gapscope.agents.training.training_settings import (
+    Settings,
+    from_plain,
+    read_settings,
+)
+from gapscope.arm.errors import InputError
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
@@ -37,8 +41,14 @@ def test_randomisation_is_over_what_a_diagnosis_can_find() -> None:
         ("action: torqe", "did you mean 'torque'"),
         ("motions: [fourie]", "did you mean 'fourier'"),
         ("hyperparameters: {learning_rat: 0.1}", "did you mean 'learning_rate'"),
-        ("hyperparameters: {n_steps: 1.5}", "hyperparameters.n_steps: expected a whole number"),
-        ("hyperparameters: {learning_rate: fast}", "expected a number from 0 on, got 'fast'"),
+        (
+            "hyperparameters: {n_steps: 1.5}",
+            "hyperparameters.n_steps: expected a whole number",
+        ),
+        (
+            "hyperparameters: {learning_rate: fast}",
+            "expected a number from 0 on, got 'fast'",
+        ),
         ("hyperparameters: 3", "expected names with values"),
         ("{algorithm: sac, hyperparameters: {ent_coef: automatic_}}", "ent_coef"),
         ("randomise: [payloads]", "did you mean 'payload'"),
@@ -50,7 +60,9 @@ def test_randomisation_is_over_what_a_diagnosis_can_find() -> None:
         ("a: [", "not valid YAML"),
     ],
 )
-def test_bad_settings_are_told_with_file_and_field(text: str, message: str, tmp_path: Path) -> None:
+def test_bad_settings_are_told_with_file_and_field(
+    text: str, message: str, tmp_path: Path
+) -> None:
     file = tmp_path / "agent.yaml"
     file.write_text(text)
     with pytest.raises(InputError, match=rf"(?s)agent\.yaml.*{message}"):
@@ -69,4 +81,7 @@ def test_numbers_may_be_written_with_an_exponent_alone(tmp_path: Path) -> None:
     file = tmp_path / "agent.yaml"
     file.write_text("hyperparameters: {learning_rate: 1e-4}\ntolerance: 2e-3\n")
     settings = read_settings(file)
-    assert (settings.hyperparameters["learning_rate"], settings.tolerance) == (1e-4, 2e-3)
+    assert (settings.hyperparameters["learning_rate"], settings.tolerance) == (
+        1e-4,
+        2e-3,
+    )

@@ -8,29 +8,31 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.model import ArmModel, Gravity
-from agents.training.judge import held_out, idle, judge
-from agents.training.settings import Settings
-from agents.training.task import Task
-from arm.case import Case
-from arm.errors import InputError
-from arm.motion import Motion
-from arm.nominal import NominalArm
-from arm.recording import Recording
-from arm.trajectory import Fourier, Limits
-from arm.writing import write_case
-from effects.applied import AppliedEffect
-from effects.corrected_file import write_corrected
-from effects.residual.file import write_residual
-from effects.residual.inputs import Inputs
-from effects.residual.model import ResidualNetwork
-from effects.residual.network import Network
-from effects.residual.trust import Trust
+from gapscope.agents.torque_model import ArmModel, Gravity
+from gapscope.agents.training.held_out_trial import held_out, idle, judge
+from gapscope.agents.training.task import Task
+from gapscope.agents.training.training_settings import Settings
+from gapscope.arm.case import Case
+from gapscope.arm.errors import InputError
+from gapscope.arm.io.write_case import write_case
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.motions.trajectory import Fourier, Limits
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected_file import write_corrected
+from gapscope.effects.residual.file import write_residual
+from gapscope.effects.residual.inputs import Inputs
+from gapscope.effects.residual.model import ResidualNetwork
+from gapscope.effects.residual.network import Network
+from gapscope.effects.residual.trust import Trust
 
 from .conftest import rod, short
 
 EFFECTS = (
-    AppliedEffect("payload", (), {"mass": np.array(0.5), "com": np.array([0.4, 0.0, 0.0])}),
+    AppliedEffect(
+        "payload", (), {"mass": np.array(0.5), "com": np.array([0.4, 0.0, 0.0])}
+    ),
     AppliedEffect("viscous_friction", (1,), {"coefficient": [1.5]}),
 )
 
@@ -43,7 +45,12 @@ def network() -> ResidualNetwork:
     biases = (np.zeros((1, 1, 1)), np.zeros((1, 1, 2)))
     net = Network("mlp", inputs.seen_by_mlp, (first, head), biases)
     return ResidualNetwork(
-        inputs, net, Trust(np.zeros((1, 1, 6)), np.full(1, 1e3)), np.full(1, 2.0), np.full(1, 9.0), 12.0
+        inputs,
+        net,
+        Trust(np.zeros((1, 1, 6)), np.full(1, 1e3)),
+        np.full(1, 2.0),
+        np.full(1, 9.0),
+        12.0,
     )
 
 
@@ -53,43 +60,66 @@ def files(arm: NominalArm, tmp_path: Path) -> dict[str, str]:
     write_corrected("rod", EFFECTS, tmp_path / "corrected.yaml")
     write_residual(network(), tmp_path / "residual.npz")
     write_corrected("rod", EFFECTS, tmp_path / "with_network.yaml", "residual.npz")
-    identified = NominalArm("rod", arm.urdf, arm.joints, armature=np.array([0.7]), viscous=np.array([0.8]))
-    still = Recording("still", 0.01 * np.arange(10), np.zeros((10, 1)), np.zeros((10, 1)))
+    identified = NominalArm(
+        "rod", arm.urdf, arm.joints, armature=np.array([0.7]), viscous=np.array([0.8])
+    )
+    still = Recording(
+        "still", 0.01 * np.arange(10), np.zeros((10, 1)), np.zeros((10, 1))
+    )
     write_case(Case("rod", Path(), identified, (still,)), tmp_path / "identified")
     document = tmp_path / "identified" / "identification.json"
-    document.write_text(json.dumps({"files": {"case": "case.yaml", "effects": "../corrected.yaml"}}))
+    document.write_text(
+        json.dumps({"files": {"case": "case.yaml", "effects": "../corrected.yaml"}})
+    )
     names = {
         "corrected": "corrected.yaml",
         "network": "with_network.yaml",
         "identified": "identified/identification.json",
     }
-    return {"nominal": "nominal", **{name: str(tmp_path / file) for name, file in names.items()}}
+    return {
+        "nominal": "nominal",
+        **{name: str(tmp_path / file) for name, file in names.items()},
+    }
 
 
 def motion() -> tuple[Fourier, Motion]:
     limits = Limits(np.full(1, -1.0), np.full(1, 1.0), np.full(1, 1.5), np.full(1, 6.0))
-    reference = Fourier.random(np.random.default_rng(1), limits, duration=1.0, frequency=0.5, ramp=0.3)
+    reference = Fourier.random(
+        np.random.default_rng(1), limits, duration=1.0, frequency=0.5, ramp=0.3
+    )
     t = 1e-3 * np.arange(1251)
-    return reference, Motion(t, reference.position(t), reference.velocity(t), reference.acceleration(t))
+    return reference, Motion(
+        t, reference.position(t), reference.velocity(t), reference.acceleration(t)
+    )
 
 
 @pytest.mark.parametrize("name", ["nominal", "corrected", "network", "identified"])
-def test_simulator_follows_the_models_inverse_dynamics(name: str, files: dict[str, str], arm: NominalArm) -> None:
+def test_simulator_follows_the_models_inverse_dynamics(
+    name: str, files: dict[str, str], arm: NominalArm
+) -> None:
     reference, seen = motion()
     task, settings = Task.of(files[name], arm), short()
     with_other = Task.of("nominal", arm).simulator(settings)
     env = task.simulator(settings)
-    np.testing.assert_array_equal(env.torque_scale, with_other.torque_scale)  # gains are equal over models
+    np.testing.assert_array_equal(
+        env.torque_scale, with_other.torque_scale
+    )  # gains are equal over models
     with_other.close()
     env.reset(seed=0, options={"motion": reference})
-    expected = ArmModel(task.believed).series(seen)[:1001:20] / env.unwrapped._control.rated
-    np.testing.assert_allclose(env.unwrapped._course.planned[:, -1:], expected, atol=1e-9)
+    expected = (
+        ArmModel(task.believed).series(seen)[:1001:20] / env.unwrapped._control.rated
+    )
+    np.testing.assert_allclose(
+        env.unwrapped._course.planned[:, -1:], expected, atol=1e-9
+    )
     score = judge(env, idle(env), [("own", reference)])
     assert score.joint_error < 4e-4
     env.close()
 
 
-def test_a_model_that_is_wrong_about_the_hidden_arm_leaves_an_error(files: dict[str, str], arm: NominalArm) -> None:
+def test_a_model_that_is_wrong_about_the_hidden_arm_leaves_an_error(
+    files: dict[str, str], arm: NominalArm
+) -> None:
     settings, errors = short(), {}
     for name in ("nominal", "corrected"):
         env = Task.of(files[name], arm, EFFECTS).hidden_arm(settings)
@@ -98,7 +128,9 @@ def test_a_model_that_is_wrong_about_the_hidden_arm_leaves_an_error(files: dict[
     assert errors["corrected"] < 0.1 * errors["nominal"]
 
 
-def test_the_network_acts_in_the_simulator(files: dict[str, str], arm: NominalArm) -> None:
+def test_the_network_acts_in_the_simulator(
+    files: dict[str, str], arm: NominalArm
+) -> None:
     reference, _ = motion()
     env = Task.of(files["network"], arm).simulator(short())
     errors = []
@@ -110,7 +142,10 @@ def test_the_network_acts_in_the_simulator(files: dict[str, str], arm: NominalAr
 
 
 def test_gravity_and_pd_train_on_the_nominal_arm(arm: NominalArm) -> None:
-    assert isinstance(Task.of("gravity", arm).model(), Gravity) and Task.of("pd", arm).model() is None
+    assert (
+        isinstance(Task.of("gravity", arm).model(), Gravity)
+        and Task.of("pd", arm).model() is None
+    )
     assert Task.of("gravity", arm).believed.arm is arm
 
 
@@ -124,7 +159,9 @@ def test_randomisation_does_not_change_the_motion(arm: NominalArm) -> None:
     np.testing.assert_array_equal(*starts)
 
 
-def test_models_of_other_joints_are_refused(files: dict[str, str], tmp_path: Path) -> None:
+def test_models_of_other_joints_are_refused(
+    files: dict[str, str], tmp_path: Path
+) -> None:
     other = rod(tmp_path, "elbow")
     with pytest.raises(InputError, match="hinge"):
         Task.of(files["identified"], other)

@@ -9,14 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.training.checkpoint import read_checkpoint
-from agents.training.loop import CHECKPOINTS, EVENTS, WEIGHTS, Training
-from agents.training.policy import read_agent, write_agent
-from agents.training.settings import Settings
-from agents.training.task import Task
-from arm.errors import InputError
-from arm.nominal import NominalArm
-from effects.applied import AppliedEffect
+from gapscope.agents.training.checkpoint import read_checkpoint
+from gapscope.agents.training.policy import read_agent, write_agent
+from gapscope.agents.training.task import Task
+from gapscope.agents.training.training_loop import (
+    CHECKPOINTS,
+    EVENTS,
+    WEIGHTS,
+    Training,
+)
+from gapscope.agents.training.training_settings import Settings
+from gapscope.arm.errors import InputError
+from gapscope.arm.nominal import NominalArm
+from gapscope.effects.applied import AppliedEffect
 
 from .conftest import rod, short
 
@@ -34,7 +39,11 @@ def weights(folder: Path) -> dict[str, np.ndarray]:
 
     def flat(name: str, content: object) -> dict[str, np.ndarray]:
         if isinstance(content, dict):
-            return {k: v for key, value in content.items() for k, v in flat(f"{name}.{key}", value).items()}
+            return {
+                k: v
+                for key, value in content.items()
+                for k, v in flat(f"{name}.{key}", value).items()
+            }
         return {name: np.asarray(content)} if hasattr(content, "numpy") else {}
 
     return flat("", parameters)
@@ -50,10 +59,15 @@ def same(one: Path, other: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "settings",
-    [short("ppo", steps=5120, round_steps=2560), short("sac", steps=3600, round_steps=1800)],
+    [
+        short("ppo", steps=5120, round_steps=2560),
+        short("sac", steps=3600, round_steps=1800),
+    ],
     ids=["ppo", "sac"],
 )
-def test_agents_learn_to_hold_a_rod_up(task: Task, settings: Settings, tmp_path: Path) -> None:
+def test_agents_learn_to_hold_a_rod_up(
+    task: Task, settings: Settings, tmp_path: Path
+) -> None:
     trained = Training(task, settings, tmp_path / "out").run()
     first, best = trained.curve[0], trained.curve[trained.best]
     assert best.simulator.joint_error < 0.6 * first.simulator.joint_error
@@ -63,7 +77,9 @@ def test_agents_learn_to_hold_a_rod_up(task: Task, settings: Settings, tmp_path:
 
 
 @pytest.mark.parametrize("algorithm", ["ppo", "sac", "td3"])
-def test_the_untrained_agent_does_nothing(task: Task, algorithm: str, tmp_path: Path) -> None:
+def test_the_untrained_agent_does_nothing(
+    task: Task, algorithm: str, tmp_path: Path
+) -> None:
     training = Training(task, short(algorithm), tmp_path)
     trained = training.run(rounds=0)
     assert len(trained.curve) == 1 and trained.best == 0
@@ -73,7 +89,9 @@ def test_the_untrained_agent_does_nothing(task: Task, algorithm: str, tmp_path: 
 
 
 @pytest.mark.parametrize("algorithm", ["ppo", "sac"])
-def test_interrupted_and_resumed_equals_uninterrupted_bit_by_bit(task: Task, algorithm: str, tmp_path: Path) -> None:
+def test_interrupted_and_resumed_equals_uninterrupted_bit_by_bit(
+    task: Task, algorithm: str, tmp_path: Path
+) -> None:
     settings = short(algorithm)
     whole = Training(task, settings, tmp_path / "whole").run()
     Training(task, settings, tmp_path / "parts").run(rounds=1)
@@ -85,7 +103,9 @@ def test_interrupted_and_resumed_equals_uninterrupted_bit_by_bit(task: Task, alg
 @pytest.mark.slow
 def test_processes_of_their_own_change_nothing(task: Task, tmp_path: Path) -> None:
     for parallel in (False, True):
-        Training(task, short(steps=256, parallel=parallel), tmp_path / str(parallel)).run()
+        Training(
+            task, short(steps=256, parallel=parallel), tmp_path / str(parallel)
+        ).run()
     same(tmp_path / "False", tmp_path / "True")
 
 
@@ -97,14 +117,20 @@ def test_another_seed_is_another_agent(task: Task, tmp_path: Path) -> None:
 
 
 def test_hidden_effects_do_not_reach_training(arm: NominalArm, tmp_path: Path) -> None:
-    payload = AppliedEffect("payload", (), {"mass": np.array(1.0), "com": np.array([0.5, 0.0, 0.0])})
+    payload = AppliedEffect(
+        "payload", (), {"mass": np.array(1.0), "com": np.array([0.5, 0.0, 0.0])}
+    )
     for name, hidden in (("none", ()), ("payload", (payload,))):
         Training(Task.of("pd", arm, hidden), short(), tmp_path / name).run()
     same(tmp_path / "none", tmp_path / "payload")
 
 
-def test_training_ends_early_for_want_of_improvement(task: Task, tmp_path: Path) -> None:
-    trained = Training(task, short(steps=2048, patience=1, improvement=1.0), tmp_path).run()
+def test_training_ends_early_for_want_of_improvement(
+    task: Task, tmp_path: Path
+) -> None:
+    trained = Training(
+        task, short(steps=2048, patience=1, improvement=1.0), tmp_path
+    ).run()
     assert trained.stopped and len(trained.curve) == 2 and trained.best == 0
 
 
@@ -125,7 +151,9 @@ def test_a_checkpoint_of_other_settings_is_refused(task: Task, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("name", ["stable_baselines3", "torch"])
-def test_what_is_not_installed_is_told(task: Task, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_not_installed_is_told(
+    task: Task, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(InputError, match=rf"{name}(.|\n)*gapscope\[learn\]"):
         Training(task, short(), tmp_path)
@@ -137,7 +165,9 @@ def test_events_are_written(task: Task, tmp_path: Path) -> None:
     assert list((tmp_path / EVENTS).glob("events.*"))
 
 
-def test_an_agent_is_read_back_and_checked(task: Task, arm: NominalArm, tmp_path: Path) -> None:
+def test_an_agent_is_read_back_and_checked(
+    task: Task, arm: NominalArm, tmp_path: Path
+) -> None:
     out = tmp_path / "out"
     settings = short(steps=256)
     trained = Training(task, settings, out).run()
@@ -169,8 +199,8 @@ def test_an_agent_is_read_back_and_checked(task: Task, arm: NominalArm, tmp_path
 @pytest.mark.filterwarnings("ignore:You have specified a mini-batch size")
 def test_hyperparameters_are_searched(task: Task, tmp_path: Path) -> None:
     pytest.importorskip("optuna")
-    from agents.training.settings import read_settings
-    from agents.training.tuning import tune
+    from gapscope.agents.training.training_settings import read_settings
+    from gapscope.agents.training.tuning import tune
 
     file = tune(task, short(steps=128, round_steps=128), 2, tmp_path)
     assert read_settings(file).steps == 128

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from envs.drive.dry_friction import DryFriction
+from gapscope.envs.drive.dry_friction import DryFriction
 
 
 @settings(max_examples=200, deadline=None)
@@ -16,7 +16,9 @@ def test_solution_fulfils_coulombs_law(seed: int, n: int) -> None:
     inertia, momentum = root @ root.T + 1e-3 * np.eye(n), rng.standard_normal(n)
     limit = rng.choice([0.0, 0.1, 1.0], n)
     friction = DryFriction(n)
-    for _ in range(2):  # the second solution starts from the first one's sticking joints
+    for _ in range(
+        2
+    ):  # the second solution starts from the first one's sticking joints
         velocity, impulse = friction.solve(inertia, momentum, limit)
         np.testing.assert_allclose(inertia @ velocity + impulse, momentum, atol=1e-9)
         assert (np.abs(impulse) <= limit + 1e-12).all()
@@ -26,7 +28,11 @@ def test_solution_fulfils_coulombs_law(seed: int, n: int) -> None:
 
 def test_one_joint_by_hand() -> None:
     friction = DryFriction(1)
-    velocity, impulse = friction.solve(np.array([[2.0]]), np.array([5.0]), np.array([1.0]))
+    velocity, impulse = friction.solve(
+        np.array([[2.0]]), np.array([5.0]), np.array([1.0])
+    )
     assert velocity == pytest.approx([2.0]) and impulse == pytest.approx([1.0])
-    velocity, impulse = friction.solve(np.array([[2.0]]), np.array([-0.4]), np.array([1.0]))
+    velocity, impulse = friction.solve(
+        np.array([[2.0]]), np.array([-0.4]), np.array([1.0])
+    )
     assert velocity == pytest.approx([0.0]) and impulse == pytest.approx([-0.4])

@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from arm.errors import InputError
-from arm.nominal import NominalArm
-from effects.applied import AppliedEffect
-from effects.corrected import CorrectedArm
-from effects.effect import Drift, DryLaw
-from envs.drive.friction import Friction
-from envs.engines import ENGINES
-from envs.mystery import POSTURE
-from envs.simulated_arm import SimulatedArm
+from gapscope.arm.errors import InputError
+from gapscope.arm.nominal import NominalArm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import Drift, DryLaw
+from gapscope.envs.drive.friction import Friction
+from gapscope.envs.engines import ENGINES
+from gapscope.envs.mystery_arm import POSTURE
+from gapscope.envs.simulated_arm import SimulatedArm
 
 ALL = (1, 2, 3, 4, 5, 6, 7)
 SLOPE = np.array([0.2, 0.5, -0.3, -0.9, 0.3, 0.6, 0.1])
@@ -26,26 +26,48 @@ def test_formulas_are_those_of_the_catalogue(data_sheet_arm: NominalArm) -> None
         effects = (
             AppliedEffect("coulomb_friction", (1, 4), {"torque": rng.uniform(0, 3, 2)}),
             AppliedEffect(
-                "stribeck_friction", (2, 4), {"torque": rng.uniform(0, 3, 2), "velocity": rng.uniform(0.01, 2, 2)}
+                "stribeck_friction",
+                (2, 4),
+                {"torque": rng.uniform(0, 3, 2), "velocity": rng.uniform(0.01, 2, 2)},
             ),
-            AppliedEffect("load_friction", ALL, {"coefficient": rng.uniform(0, 0.5, 7)}),
-            AppliedEffect("friction_drift", (2, 7), {"amplitude": rng.uniform(0, 1, 2), "time_constant": [3.0, 90.0]}),
+            AppliedEffect(
+                "load_friction", ALL, {"coefficient": rng.uniform(0, 0.5, 7)}
+            ),
+            AppliedEffect(
+                "friction_drift",
+                (2, 7),
+                {"amplitude": rng.uniform(0, 1, 2), "time_constant": [3.0, 90.0]},
+            ),
         )
         arm = CorrectedArm(data_sheet_arm, effects)
-        velocity, applied, t = rng.normal(size=7), 50 * rng.normal(size=7), float(rng.uniform(0, 20))
+        velocity, applied, t = (
+            rng.normal(size=7),
+            50 * rng.normal(size=7),
+            float(rng.uniform(0, 20)),
+        )
         friction = Friction(arm, np.arange(7), 1e-3)
         friction.drift(t)
         friction.load(applied)
         limit = data_sheet_arm.coulomb + sum(
-            law.amplitude(velocity, applied, *values) for law, values in arm.of_kind(DryLaw) if isinstance(law, DryLaw)
+            law.amplitude(velocity, applied, *values)
+            for law, values in arm.of_kind(DryLaw)
+            if isinstance(law, DryLaw)
         )
-        factor = next(law.factor(t, *values) for law, values in arm.of_kind(Drift) if isinstance(law, Drift))
+        factor = next(
+            law.factor(t, *values)
+            for law, values in arm.of_kind(Drift)
+            if isinstance(law, Drift)
+        )
         np.testing.assert_allclose(friction.limit(velocity), limit * factor, rtol=1e-12)
-        np.testing.assert_allclose(friction.viscous, data_sheet_arm.viscous * factor, rtol=1e-12)
+        np.testing.assert_allclose(
+            friction.viscous, data_sheet_arm.viscous * factor, rtol=1e-12
+        )
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_arm_held_by_friction_on_a_slope_does_not_creep(engines, data_sheet_arm: NominalArm, engine: str) -> None:
+def test_arm_held_by_friction_on_a_slope_does_not_creep(
+    engines, data_sheet_arm: NominalArm, engine: str
+) -> None:
     """60 s at steps of 1 ms, each joint's gravity torque below its friction: less than 1e-4 rad, in fact 1e-7."""
     arm = replace(data_sheet_arm, coulomb=np.full(7, 60.0), viscous=np.zeros(7))
     with SimulatedArm(arm, engine=engines(engine)) as simulated:
@@ -59,7 +81,9 @@ def test_arm_held_by_friction_on_a_slope_does_not_creep(engines, data_sheet_arm:
 def test_stribeck_friction_breaks_away_and_slides_on(pendulum) -> None:
     """2 N m to break away, 1 N m to slide: 1.9 N m leave it at rest; once pushed it goes on under 1.9 N m."""
     arm = replace(pendulum(coulomb=1.0), gravity=np.zeros(3))
-    stribeck = AppliedEffect("stribeck_friction", (1,), {"torque": [1.0], "velocity": [0.01]})
+    stribeck = AppliedEffect(
+        "stribeck_friction", (1,), {"torque": [1.0], "velocity": [0.01]}
+    )
     with SimulatedArm(arm, (stribeck,)) as simulated:
         simulated.step(np.array([1.9]), 500)
         assert simulated.dq == pytest.approx([0.0], abs=1e-9)
@@ -72,28 +96,49 @@ def test_stribeck_friction_breaks_away_and_slides_on(pendulum) -> None:
 def test_drift_fades_with_the_time_of_the_recording(pendulum) -> None:
     """2 N m (1 + exp(-t / 5 s)) and 1 N m s/rad likewise: at 10 rad/s the brake torque is 12 (1 + exp(-t / 5 s))."""
     arm = replace(pendulum(coulomb=2.0, viscous=1.0), gravity=np.zeros(3))
-    drift = AppliedEffect("friction_drift", (1,), {"amplitude": [1.0], "time_constant": [5.0]})
+    drift = AppliedEffect(
+        "friction_drift", (1,), {"amplitude": [1.0], "time_constant": [5.0]}
+    )
     with SimulatedArm(arm, (drift,)) as simulated:
         for t in (0.0, 5.0, 60.0):
             simulated.reset(np.zeros(1), np.array([10.0]), time=t)
             simulated.step(np.zeros(1))
-            assert (10.0 - simulated.dq) * 0.55e3 == pytest.approx([12.0 * (1 + np.exp(-t / 5.0))], rel=5e-3)
+            assert (10.0 - simulated.dq) * 0.55e3 == pytest.approx(
+                [12.0 * (1 + np.exp(-t / 5.0))], rel=5e-3
+            )
 
 
 @pytest.mark.parametrize(
-    "name", ["coulomb_friction", "viscous_friction", "stribeck_friction", "load_friction", "friction_drift"]
+    "name",
+    [
+        "coulomb_friction",
+        "viscous_friction",
+        "stribeck_friction",
+        "load_friction",
+        "friction_drift",
+    ],
 )
 @pytest.mark.parametrize("engine", ENGINES)
-def test_friction_takes_energy_out(engines, data_sheet_arm: NominalArm, engine: str, name: str) -> None:
+def test_friction_takes_energy_out(
+    engines, data_sheet_arm: NominalArm, engine: str, name: str
+) -> None:
     """A swing without gravity loses energy at every step; load friction shows under a held torque only."""
     base = 1.0 if name == "friction_drift" else 0.0
-    arm = replace(data_sheet_arm, gravity=np.zeros(3), coulomb=np.full(7, base), viscous=np.full(7, base))
+    arm = replace(
+        data_sheet_arm,
+        gravity=np.zeros(3),
+        coulomb=np.full(7, base),
+        viscous=np.full(7, base),
+    )
     values = {
         "coulomb_friction": {"torque": np.full(7, 1.0)},
         "viscous_friction": {"coefficient": np.full(7, 1.0)},
         "stribeck_friction": {"torque": np.full(7, 2.0), "velocity": np.full(7, 2.0)},
         "load_friction": {"coefficient": np.full(7, 0.3)},
-        "friction_drift": {"amplitude": np.full(7, 2.0), "time_constant": np.full(7, 1.0)},
+        "friction_drift": {
+            "amplitude": np.full(7, 2.0),
+            "time_constant": np.full(7, 1.0),
+        },
     }[name]
     lost = []
     for effects in ((), (AppliedEffect(name, ALL, values),)):
@@ -126,7 +171,9 @@ def _kinetic(simulated: SimulatedArm) -> float:
         ("armature", {"inertia": [-0.9]}),
     ],
 )
-def test_what_would_feed_energy_in_is_refused(data_sheet_arm: NominalArm, name: str, values: dict) -> None:
+def test_what_would_feed_energy_in_is_refused(
+    data_sheet_arm: NominalArm, name: str, values: dict
+) -> None:
     with pytest.raises(InputError, match="joint 3") as caught:
         SimulatedArm(data_sheet_arm, (AppliedEffect(name, (3,), values),))
     assert caught.value.where == name and caught.value.remedy

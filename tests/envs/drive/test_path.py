@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from envs.drive.path import TorquePath
+from gapscope.envs.drive.path import TorquePath
 
 ZERO = np.zeros(1)
 
@@ -21,13 +21,17 @@ def _response(path: TorquePath, commands: list[float]) -> list[float]:
         (2.25e-3, [0, 0, 0, 0.75, 1, 1]),
     ],
 )
-def test_delay_keeps_the_impulse_of_a_held_torque(delay: float, expected: list[float]) -> None:
+def test_delay_keeps_the_impulse_of_a_held_torque(
+    delay: float, expected: list[float]
+) -> None:
     path = TorquePath(np.array([delay]), ZERO, ZERO, 1e-3)
     assert _response(path, [0, 1, 1, 1, 1, 1]) == pytest.approx(expected)
 
 
 def test_first_command_counts_as_held_before() -> None:
-    assert _response(TorquePath(np.array([5e-3]), ZERO, ZERO, 1e-3), [7, 1]) == pytest.approx([7, 7])
+    assert _response(
+        TorquePath(np.array([5e-3]), ZERO, ZERO, 1e-3), [7, 1]
+    ) == pytest.approx([7, 7])
 
 
 def test_scale_comes_before_offset() -> None:
@@ -53,8 +57,13 @@ def _gain(path: TorquePath, frequency: float, dt: float) -> complex:
 
 
 @pytest.mark.parametrize("frequency", [1.0, 5.0, 20.0])
-@pytest.mark.parametrize(("delay", "lag"), [(0.0, 0.01), (0.0, 0.03), (0.0023, 0.0), (0.0125, 0.0), (0.0047, 0.008)])
-def test_frequency_response_of_delay_and_lag(delay: float, lag: float, frequency: float) -> None:
+@pytest.mark.parametrize(
+    ("delay", "lag"),
+    [(0.0, 0.01), (0.0, 0.03), (0.0023, 0.0), (0.0125, 0.0), (0.0047, 0.008)],
+)
+def test_frequency_response_of_delay_and_lag(
+    delay: float, lag: float, frequency: float
+) -> None:
     """Out / in = exp(-j w T) / (1 + j w T_lag), within 1 % at 20 Hz and steps of 1 ms."""
     w, dt = 2 * np.pi * frequency, 1e-3
     path = TorquePath(np.array([delay]), ZERO, ZERO, dt, lag=np.array([lag]))
@@ -75,7 +84,9 @@ def test_step_through_delay_and_lag_by_hand(delay: float) -> None:
 
 
 def test_saturation_clips_what_was_commanded() -> None:
-    path = TorquePath(np.zeros(2), np.array([0.5, 0.0]), ZERO, 1e-3, limit=np.array([4.0, 0.0]))
+    path = TorquePath(
+        np.zeros(2), np.array([0.5, 0.0]), ZERO, 1e-3, limit=np.array([4.0, 0.0])
+    )
     np.testing.assert_allclose(path(np.array([9.0, 9.0])), [6.0, 9.0])
     np.testing.assert_allclose(path(np.array([-9.0, -9.0])), [-6.0, -9.0])
 
@@ -84,5 +95,7 @@ def test_ripple_goes_by_the_motors_position() -> None:
     """2 sin(3 q + 0.5): at q = pi / 6 - 1 / 6 it is 2 N m."""
     ripple = (np.array([2.0]), np.array([3.0]), np.array([0.5]))
     path = TorquePath(ZERO, ZERO, ZERO, 1e-3, ripple=ripple)
-    assert path(np.array([1.0]), np.array([(np.pi / 2 - 0.5) / 3])) == pytest.approx([3.0])
+    assert path(np.array([1.0]), np.array([(np.pi / 2 - 0.5) / 3])) == pytest.approx(
+        [3.0]
+    )
     assert not path.constant

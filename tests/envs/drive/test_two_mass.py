@@ -6,19 +6,23 @@ import numpy as np
 import pytest
 from scipy.optimize import curve_fit
 
-from arm.errors import InputError
-from arm.nominal import NominalArm
-from effects.applied import AppliedEffect
-from envs.engines import ENGINES
-from envs.simulated_arm import SimulatedArm
+from gapscope.arm.errors import InputError
+from gapscope.arm.nominal import NominalArm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.envs.engines import ENGINES
+from gapscope.envs.simulated_arm import SimulatedArm
 
 LINK = 0.55
 """Inertia of the pendulum about its hinge [kg m^2]."""
 
 
-def _ringing(arm: NominalArm, stiffness: float, damping: float, dt: float) -> tuple[float, float]:
+def _ringing(
+    arm: NominalArm, stiffness: float, damping: float, dt: float
+) -> tuple[float, float]:
     """Natural frequency [rad/s] and damping ratio [1] of the twist after a blow on the motor."""
-    elastic = AppliedEffect("joint_elasticity", (1,), {"stiffness": [stiffness], "damping": [damping]})
+    elastic = AppliedEffect(
+        "joint_elasticity", (1,), {"stiffness": [stiffness], "damping": [damping]}
+    )
     with SimulatedArm(arm, (elastic,), dt) as simulated:
         simulated.step(np.array([10.0 / dt * 1e-3]))
         twist = []
@@ -27,20 +31,30 @@ def _ringing(arm: NominalArm, stiffness: float, damping: float, dt: float) -> tu
             simulated.step(np.zeros(1))
     t = dt * np.arange(len(twist))
 
-    def decay(t: np.ndarray, a: float, w: float, zeta: float, phase: float) -> np.ndarray:
+    def decay(
+        t: np.ndarray, a: float, w: float, zeta: float, phase: float
+    ) -> np.ndarray:
         return a * np.exp(-zeta * w * t) * np.sin(w * np.sqrt(1 - zeta**2) * t + phase)
 
     inertia = 1 / (1 / float(arm.armature[0]) + 1 / LINK)
     w = np.sqrt(stiffness / inertia)
-    start = [max(twist), 0.97 * w, 1.1 * damping / (2 * np.sqrt(stiffness * inertia)), 0.1]
+    start = [
+        max(twist),
+        0.97 * w,
+        1.1 * damping / (2 * np.sqrt(stiffness * inertia)),
+        0.1,
+    ]
     _, frequency, ratio, _ = curve_fit(decay, t, twist, p0=start)[0]
     return float(frequency), float(ratio)
 
 
 @pytest.mark.parametrize(
-    ("armature", "stiffness", "zeta"), [(0.3, 1e3, 0.02), (0.3, 1e4, 0.05), (1.0, 5e4, 0.02), (0.05, 1e4, 0.03)]
+    ("armature", "stiffness", "zeta"),
+    [(0.3, 1e3, 0.02), (0.3, 1e4, 0.05), (1.0, 5e4, 0.02), (0.05, 1e4, 0.03)],
 )
-def test_resonance_and_damping(pendulum, armature: float, stiffness: float, zeta: float) -> None:
+def test_resonance_and_damping(
+    pendulum, armature: float, stiffness: float, zeta: float
+) -> None:
     """w^2 = k (1/I + 1/M) and 2 zeta w = d (1/I + 1/M), within 1 %."""
     arm = replace(pendulum(armature=armature), gravity=np.zeros(3))
     inertia = 1 / (1 / armature + 1 / LINK)
@@ -51,22 +65,30 @@ def test_resonance_and_damping(pendulum, armature: float, stiffness: float, zeta
 
 
 @pytest.mark.parametrize("encoder", ["motor", "joint"])
-def test_motor_leads_its_link_by_the_load_over_the_stiffness(pendulum, encoder: str) -> None:
+def test_motor_leads_its_link_by_the_load_over_the_stiffness(
+    pendulum, encoder: str
+) -> None:
     """A horizontal rod needs -9.81 N m; with k = 500 N m/rad the motor leads by -0.01962 rad."""
     arm = replace(pendulum(armature=0.3), encoder=encoder)
-    elastic = AppliedEffect("joint_elasticity", (1,), {"stiffness": [500.0], "damping": [5.0]})
+    elastic = AppliedEffect(
+        "joint_elasticity", (1,), {"stiffness": [500.0], "damping": [5.0]}
+    )
     with SimulatedArm(arm, (elastic,)) as simulated:
         simulated.reset(np.zeros(1))
         for _ in range(100):
             simulated.step(np.array([-9.81]))
         assert simulated.motor_q - simulated.q == pytest.approx([-0.01962], rel=1e-6)
-        assert simulated.encoders() == pytest.approx(simulated.motor_q if encoder == "motor" else simulated.q)
+        assert simulated.encoders() == pytest.approx(
+            simulated.motor_q if encoder == "motor" else simulated.q
+        )
 
 
 def test_start_puts_the_encoder_where_it_is_asked_to_be(pendulum) -> None:
     arm = pendulum(armature=0.3)
     effects = (
-        AppliedEffect("joint_elasticity", (1,), {"stiffness": [500.0], "damping": [5.0]}),
+        AppliedEffect(
+            "joint_elasticity", (1,), {"stiffness": [500.0], "damping": [5.0]}
+        ),
         AppliedEffect("backlash", (1,), {"width": [0.01]}),
         AppliedEffect("encoder_offset", (1,), {"offset": [0.03]}),
     )
@@ -95,7 +117,9 @@ def test_backlash_is_the_free_play_between_the_two_sides(pendulum) -> None:
 def test_free_play_passes_no_torque(pendulum) -> None:
     """Within the play motor and link are strangers: 1 N m turns 0.3 kg m^2 by 0.5 t^2 / 0.3, the link stays."""
     arm = replace(pendulum(armature=0.3), gravity=np.zeros(3))
-    with SimulatedArm(arm, (AppliedEffect("backlash", (1,), {"width": [0.2]}),)) as simulated:
+    with SimulatedArm(
+        arm, (AppliedEffect("backlash", (1,), {"width": [0.2]}),)
+    ) as simulated:
         for _ in range(100):
             simulated.step(np.ones(1))
         assert simulated.q == pytest.approx([0.0], abs=1e-12)
@@ -105,7 +129,9 @@ def test_free_play_passes_no_torque(pendulum) -> None:
 def test_motor_friction_does_not_brake_the_link(pendulum) -> None:
     """The motor sticks; the link swings on the spring, with w^2 = k / M."""
     arm = replace(pendulum(armature=0.3, coulomb=50.0), gravity=np.zeros(3))
-    elastic = AppliedEffect("joint_elasticity", (1,), {"stiffness": [1000.0], "damping": [0.0]})
+    elastic = AppliedEffect(
+        "joint_elasticity", (1,), {"stiffness": [1000.0], "damping": [0.0]}
+    )
     with SimulatedArm(arm, (elastic,)) as simulated:
         simulated.reset(np.zeros(1), np.array([0.4]))
         motor, link = [], []
@@ -121,7 +147,9 @@ def test_motor_friction_does_not_brake_the_link(pendulum) -> None:
 
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize(("dt", "allowed"), [(1e-3, 1e-3), (1e-4, 1e-4)])
-def test_energy_only_falls(engines, pendulum, engine: str, dt: float, allowed: float) -> None:
+def test_energy_only_falls(
+    engines, pendulum, engine: str, dt: float, allowed: float
+) -> None:
     """Kinetic energy of both sides and of the spring, after a blow, with damping and free play.
 
     Discretisation lets it rise by up to 7e-5 of itself at 0.1 ms, which falls with the square of the step.
@@ -129,7 +157,9 @@ def test_energy_only_falls(engines, pendulum, engine: str, dt: float, allowed: f
     arm = replace(pendulum(armature=0.3), gravity=np.zeros(3))
     effects = (
         AppliedEffect("backlash", (1,), {"width": [0.01]}),
-        AppliedEffect("joint_elasticity", (1,), {"stiffness": [2000.0], "damping": [2.0]}),
+        AppliedEffect(
+            "joint_elasticity", (1,), {"stiffness": [2000.0], "damping": [2.0]}
+        ),
     )
     with SimulatedArm(arm, effects, dt, engine=engines(engine)) as simulated:
         simulated.step(np.array([0.2 / dt]))
@@ -138,22 +168,36 @@ def test_energy_only_falls(engines, pendulum, engine: str, dt: float, allowed: f
             twist = simulated.motor_q - simulated.q
             wound = np.maximum(np.abs(twist) - 0.005, 0.0)
             speed = simulated._motors.velocity
-            energies.append(float((0.15 * speed**2 + 0.5 * LINK * simulated.dq**2 + 1000.0 * wound**2)[0]))
+            energies.append(
+                float(
+                    (
+                        0.15 * speed**2
+                        + 0.5 * LINK * simulated.dq**2
+                        + 1000.0 * wound**2
+                    )[0]
+                )
+            )
             simulated.step(np.zeros(1))
     energy = np.array(energies)
     lowest = np.minimum.accumulate(energy)
-    assert (energy - lowest).max() < allowed * energy[0] and energy[-1] < 0.5 * energy[0]
+    assert (energy - lowest).max() < allowed * energy[0] and energy[-1] < 0.5 * energy[
+        0
+    ]
 
 
 def test_stiffness_that_no_part_of_the_step_holds_is_refused(pendulum) -> None:
-    elastic = AppliedEffect("joint_elasticity", (1,), {"stiffness": [1e7], "damping": [0.0]})
+    elastic = AppliedEffect(
+        "joint_elasticity", (1,), {"stiffness": [1e7], "damping": [0.0]}
+    )
     with pytest.raises(InputError, match=r"joint 1.*cannot hold") as caught:
         SimulatedArm(pendulum(armature=1e-3), (elastic,), 1e-3)
     assert "steps of at most" in caught.value.remedy
 
 
 def test_stiff_joints_divide_the_step(pendulum) -> None:
-    elastic = AppliedEffect("joint_elasticity", (1,), {"stiffness": [1e5], "damping": [0.0]})
+    elastic = AppliedEffect(
+        "joint_elasticity", (1,), {"stiffness": [1e5], "damping": [0.0]}
+    )
     with SimulatedArm(pendulum(armature=0.3), (elastic,)) as simulated:
         assert 5 <= simulated.parts <= 10  # w = 718 rad/s
 

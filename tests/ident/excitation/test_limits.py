@@ -8,18 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from arm.collision import CollisionModel
-from arm.dynamics import RigidBody
-from arm.errors import InputError
-from arm.kinematics import Kinematics
-from arm.motion import Motion
-from arm.nominal import NominalArm
-from arm.robots import load_nominal_arm
-from arm.singularity import smallest_singular_value
-from arm.trajectory import Limits
-from ident.excitation.limits import Allowed, Checker
-from ident.excitation.plan import LimitPlan, Plan
-from ident.excitation.sampling import check_sampling
+from gapscope.arm.dynamics.collision import CollisionModel
+from gapscope.arm.dynamics.kinematics import Kinematics
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.dynamics.singularity import smallest_singular_value
+from gapscope.arm.errors import InputError
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.motions.trajectory import Limits
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.ident.excitation.excitation_plan import LimitPlan, Plan
+from gapscope.ident.excitation.limits import Allowed, Checker
+from gapscope.ident.excitation.sampling import check_sampling
 
 UP, DOWN = np.zeros(3), np.array([0.3, np.pi / 2 + 0.2, 0.0])
 
@@ -34,14 +34,18 @@ def test_distance_to_the_surface_by_hand(arm: NominalArm, body: RigidBody) -> No
     assert distance[0] == pytest.approx(expected, abs=1e-6)
 
 
-def test_bodies_that_overlap_have_negative_distance(arm: NominalArm, body: RigidBody) -> None:
+def test_bodies_that_overlap_have_negative_distance(
+    arm: NominalArm, body: RigidBody
+) -> None:
     model = CollisionModel(arm, body, height=None)
     folded = np.array([[0.0, 0.0, np.pi - 0.05]])
     assert ("first_0", "third_0") in model.pairs
     assert model.distance(folded)[0][0] < 0 < model.distance(UP[None])[0][0]
 
 
-def test_neighbours_and_bodies_that_always_touch_are_left_out(arm: NominalArm, body: RigidBody) -> None:
+def test_neighbours_and_bodies_that_always_touch_are_left_out(
+    arm: NominalArm, body: RigidBody
+) -> None:
     model = CollisionModel(arm, body, height=0.16)
     assert not any({"first_0", "second_0"} == set(pair) for pair in model.pairs)
     assert any("first_0" in pair and "surface" in pair for pair in model.left_out)
@@ -59,14 +63,18 @@ def test_arm_without_shapes_is_refused_with_a_remedy(tmp_path: Path) -> None:
         CollisionModel(arm, RigidBody(arm))
 
 
-def test_another_format_is_refused_with_a_remedy(arm: NominalArm, body: RigidBody, tmp_path: Path) -> None:
+def test_another_format_is_refused_with_a_remedy(
+    arm: NominalArm, body: RigidBody, tmp_path: Path
+) -> None:
     (tmp_path / "arm.xml").write_text("<mujoco/>")
     with pytest.raises(InputError, match="URDF files alone"):
         CollisionModel(replace(arm, urdf=tmp_path / "arm.xml"), body)
 
 
 @pytest.mark.parametrize("robot", ["kuka_iiwa", "franka_panda", "xarm6"])
-def test_known_arms_are_free_when_stretched_and_collide_with_the_floor(robot: str) -> None:
+def test_known_arms_are_free_when_stretched_and_collide_with_the_floor(
+    robot: str,
+) -> None:
     arm = load_nominal_arm(robot)
     body = RigidBody(arm)
     model = CollisionModel(arm, body)
@@ -77,7 +85,9 @@ def test_known_arms_are_free_when_stretched_and_collide_with_the_floor(robot: st
     assert model.distance(bent)[0][0] < 0
 
 
-def test_smallest_singular_value_of_two_links_by_hand(arm: NominalArm, body: RigidBody) -> None:
+def test_smallest_singular_value_of_two_links_by_hand(
+    arm: NominalArm, body: RigidBody
+) -> None:
     """Zero for the stretched arm above its own yaw axis; that of the Jacobian elsewhere."""
     kinematics = Kinematics(body)
     q = np.array([UP, [0.2, 0.8, 0.9]])
@@ -87,83 +97,142 @@ def test_smallest_singular_value_of_two_links_by_hand(arm: NominalArm, body: Rig
     assert found.shape == (2,)
 
 
-def checker(arm: NominalArm, body: RigidBody, limits: Limits, **changed: object) -> Checker:
+def checker(
+    arm: NominalArm, body: RigidBody, limits: Limits, **changed: object
+) -> Checker:
     allowed = Allowed(limits, np.full(3, 40.0), 0.01, 0.01)
     return Checker(arm, body, replace(allowed, **changed), CollisionModel(arm, body))
 
 
-def test_margins_say_how_far_when_and_which(arm: NominalArm, body: RigidBody, limits: Limits) -> None:
+def test_margins_say_how_far_when_and_which(
+    arm: NominalArm, body: RigidBody, limits: Limits
+) -> None:
     t = np.array([0.0, 0.5, 1.0])
     q = np.array([[0.1, 0.5, 0.4], [0.3, 1.4, 0.4], [0.1, 0.5, 0.4]])
     still = np.zeros_like(q)
     torque = body.inverse_dynamics(q, still, still)
-    margins = {m.name: m for m in checker(arm, body, limits).margins(Motion(t, q, still, still), torque)}
+    margins = {
+        m.name: m
+        for m in checker(arm, body, limits).margins(Motion(t, q, still, still), torque)
+    }
     np.testing.assert_allclose(margins["position"].margin, [1.7, 0.1, 1.6])
     assert margins["position"].at == 0.5
     np.testing.assert_allclose(margins["velocity"].margin, limits.velocity)
-    np.testing.assert_allclose(margins["torque"].margin, 40.0 - np.abs(torque).max(axis=0))
-    assert set(margins) == {"position", "velocity", "acceleration", "torque", "singular value", "distance"}
+    np.testing.assert_allclose(
+        margins["torque"].margin, 40.0 - np.abs(torque).max(axis=0)
+    )
+    assert set(margins) == {
+        "position",
+        "velocity",
+        "acceleration",
+        "torque",
+        "singular value",
+        "distance",
+    }
 
 
-def test_a_broken_limit_is_not_kept(arm: NominalArm, body: RigidBody, limits: Limits) -> None:
+def test_a_broken_limit_is_not_kept(
+    arm: NominalArm, body: RigidBody, limits: Limits
+) -> None:
     q = np.array([[0.0, 1.6, 0.0]])
-    margins = checker(arm, body, limits).margins(Motion(np.zeros(1), q, 0 * q, 0 * q), 0 * q)
+    margins = checker(arm, body, limits).margins(
+        Motion(np.zeros(1), q, 0 * q, 0 * q), 0 * q
+    )
     assert next(m.name for m in margins if not m.kept) == "position"
 
 
 @pytest.mark.parametrize(
-    ("changed", "word"), [({"torque": np.full(3, 0.1)}, "gravity"), ({"singular": 9.0}, "singular"),
-                          ({"clearance": 3.0}, "m between bodies")],
-)  # fmt: skip
+    ("changed", "word"),
+    [
+        ({"torque": np.full(3, 0.1)}, "gravity"),
+        ({"singular": 9.0}, "singular"),
+        ({"clearance": 3.0}, "m between bodies"),
+    ],
+)
 def test_limits_that_allow_no_posture_are_named(
-    arm: NominalArm, body: RigidBody, limits: Limits, changed: dict[str, object], word: str
+    arm: NominalArm,
+    body: RigidBody,
+    limits: Limits,
+    changed: dict[str, object],
+    word: str,
 ) -> None:
     postures = np.random.default_rng(0).uniform(limits.lower, limits.upper, (50, 3))
     with pytest.raises(InputError, match=f"allow no trajectory.*{word}"):
         checker(arm, body, limits, **changed).check_static(postures)
 
 
-@pytest.mark.parametrize(("height", "clearance", "word"), [(0.55, 0.01, "--surface"), (None, 0.3, "--clearance")])
+@pytest.mark.parametrize(
+    ("height", "clearance", "word"),
+    [(0.55, 0.01, "--surface"), (None, 0.3, "--clearance")],
+)
 def test_remedy_for_a_distance_is_what_most_postures_come_near(
-    height: float | None, clearance: float, word: str, arm: NominalArm, body: RigidBody, limits: Limits
+    height: float | None,
+    clearance: float,
+    word: str,
+    arm: NominalArm,
+    body: RigidBody,
+    limits: Limits,
 ) -> None:
     postures = np.random.default_rng(0).uniform(limits.lower, limits.upper, (50, 3))
     allowed = Allowed(limits, np.full(3, 40.0), 0.0, clearance)
-    assert word in Checker(arm, body, allowed, CollisionModel(arm, body, height)).remedy("distance", postures)
+    assert word in Checker(
+        arm, body, allowed, CollisionModel(arm, body, height)
+    ).remedy("distance", postures)
 
 
-def test_a_surface_above_the_whole_arm_is_refused(arm: NominalArm, body: RigidBody) -> None:
+def test_a_surface_above_the_whole_arm_is_refused(
+    arm: NominalArm, body: RigidBody
+) -> None:
     with pytest.raises(InputError, match="(?s)below a surface at 3 m.*--surface"):
         LimitPlan(surface=3.0).collision(arm, body)
 
 
 def test_limits_without_room_are_refused(arm: NominalArm, body: RigidBody) -> None:
-    for bad in (LimitPlan(velocity=0.0), LimitPlan(acceleration=-1.0), LimitPlan(margin=2.6), LimitPlan(torque=0.0)):
+    for bad in (
+        LimitPlan(velocity=0.0),
+        LimitPlan(acceleration=-1.0),
+        LimitPlan(margin=2.6),
+        LimitPlan(torque=0.0),
+    ):
         with pytest.raises(InputError):
             bad.allowed(arm, body)
 
 
-def test_torque_limits_come_from_the_data_sheet_first(arm: NominalArm, body: RigidBody) -> None:
+def test_torque_limits_come_from_the_data_sheet_first(
+    arm: NominalArm, body: RigidBody
+) -> None:
     np.testing.assert_allclose(LimitPlan(torque=0.5).allowed(arm, body).torque, 30.0)
     sheet = replace(arm, torque_limit=np.array([10.0, 20.0, 30.0]))
-    np.testing.assert_allclose(LimitPlan(torque=0.5).allowed(sheet, body).torque, [5.0, 10.0, 15.0])
+    np.testing.assert_allclose(
+        LimitPlan(torque=0.5).allowed(sheet, body).torque, [5.0, 10.0, 15.0]
+    )
 
 
 def test_ten_samples_per_period_are_enough_and_fewer_are_not() -> None:
     check_sampling(25.0, 2.5)
-    with pytest.raises(InputError, match="24 samples per second.*25 Hz|highest frequency"):
+    with pytest.raises(
+        InputError, match="24 samples per second.*25 Hz|highest frequency"
+    ):
         check_sampling(24.0, 2.5)
 
 
 @pytest.mark.parametrize(
     "options",
     [
-        {"kind": "chirp"}, {"criterion": "a"}, {"optimiser": "newton"}, {"order": 0}, {"frequency": 0.0},
-        {"frequency": 0.05, "duration": 10.0}, {"duration": 2.0}, {"rate": 4.0}, {"frequency": 5.0, "rate": 200.0},
-        {"criterion": "separation"}, {"criterion": "separation", "effects": ("a", "b"), "optimiser": "gradient"},
+        {"kind": "chirp"},
+        {"criterion": "a"},
+        {"optimiser": "newton"},
+        {"order": 0},
+        {"frequency": 0.0},
+        {"frequency": 0.05, "duration": 10.0},
+        {"duration": 2.0},
+        {"rate": 4.0},
+        {"frequency": 5.0, "rate": 200.0},
+        {"criterion": "separation"},
+        {"criterion": "separation", "effects": ("a", "b"), "optimiser": "gradient"},
         {"rate": float("nan")},
     ],
-)  # fmt: skip
+)
 def test_plans_that_do_not_fit_together_are_refused(options: dict[str, object]) -> None:
     with pytest.raises(InputError):
         Plan(**options)  # type: ignore[arg-type]

@@ -8,18 +8,18 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from arm.dynamics import RigidBody
-from arm.errors import InputError, ModelWarning
-from arm.nominal import NominalArm
-from arm.trajectory import Limits
-from ident.excitation import starved
-from ident.excitation.criteria import CRITERIA, condition_number
-from ident.excitation.families import family
-from ident.excitation.limits import Allowed, Checker
-from ident.excitation.model import ExcitationModel
-from ident.excitation.parametrisation import Parametrisation
-from ident.excitation.search import SAMPLES, Budget, Search
-from ident.excitation.starved import check_condition, starving_limit
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError, ModelWarning
+from gapscope.arm.motions.trajectory import Limits
+from gapscope.arm.nominal import NominalArm
+from gapscope.ident.excitation import starved
+from gapscope.ident.excitation.candidate_model import ExcitationModel
+from gapscope.ident.excitation.criteria import CRITERIA, condition_number
+from gapscope.ident.excitation.families import family
+from gapscope.ident.excitation.limits import Allowed, Checker
+from gapscope.ident.excitation.starved import check_condition, starving_limit
+from gapscope.ident.excitation.trajectory_parametrisation import Parametrisation
+from gapscope.ident.excitation.trajectory_search import SAMPLES, Budget, Search
 
 Candidate = Callable[..., tuple[Search, np.ndarray, float]]
 TINY = {
@@ -41,22 +41,32 @@ def candidate(arm: NominalArm, body: RigidBody, limits: Limits) -> Candidate:
         checker = Checker(arm, body, Allowed(within, np.full(3, 40.0), 0.0, 0.0), None)
         search = Search(space, model, CRITERIA["condition"], checker, Budget(10))
         x, t = space.draw(np.random.default_rng(0)), np.linspace(0, 10.0, SAMPLES)
-        return search, x, condition_number(model.matrix(space.motion(x, t, space.family.basis(t))))
+        return (
+            search,
+            x,
+            condition_number(model.matrix(space.motion(x, t, space.family.basis(t)))),
+        )
 
     return made
 
 
 @pytest.mark.parametrize("name", TINY)
-def test_the_limit_that_starves_a_motion_is_named(name: str, candidate: Candidate) -> None:
+def test_the_limit_that_starves_a_motion_is_named(
+    name: str, candidate: Candidate
+) -> None:
     search, x, condition = candidate(**TINY[name])
     found = starving_limit(search, x, condition)
     assert found is not None and found.limit == name and found.condition < condition / 5
 
 
-def test_a_useless_trajectory_is_refused_with_the_option_that_helps(candidate: Candidate) -> None:
+def test_a_useless_trajectory_is_refused_with_the_option_that_helps(
+    candidate: Candidate,
+) -> None:
     search, x, condition = candidate(acceleration=np.full(3, 1e-5))
     assert condition > 1e8
-    with pytest.raises(InputError, match="(?s)acceleration starves it.*remedy: raise --acceleration"):
+    with pytest.raises(
+        InputError, match="(?s)acceleration starves it.*remedy: raise --acceleration"
+    ):
         check_condition(search, x, condition)
 
 

@@ -5,15 +5,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from arm.dynamics import RigidBody
-from arm.robots import load_nominal_arm
-from arm.trajectory import Fourier, urdf_limits
-from effects.applied import AppliedEffect
-from envs.mystery import position_controller
-from envs.recorder import record
-from ident.assembly import Assembly
-from ident.base_parameters import structural_base
-from ident.regressor import Regressor
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.motions.trajectory import Fourier, urdf_limits
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.envs.mystery_arm import position_controller
+from gapscope.envs.recorder import record
+from gapscope.ident.model.assembly import Assembly
+from gapscope.ident.model.base_parameters import structural_base
+from gapscope.ident.model.regressor import Regressor
 
 CENTRE = np.array([0.0, 0.6, -1.2])
 
@@ -22,8 +22,14 @@ CENTRE = np.array([0.0, 0.6, -1.2])
 def arm():
     """Three joints of the iiwa, with rotors and friction."""
     pytest.importorskip("pybullet_data")
-    sheet = {"armature": [0.3, 0.3, 0.2], "viscous": [4.0, 4.0, 2.0], "coulomb": [1.0, 1.0, 0.5]}
-    return load_nominal_arm("kuka_iiwa", joints=[f"lbr_iiwa_joint_{j}" for j in (1, 2, 4)], sheet=sheet)
+    sheet = {
+        "armature": [0.3, 0.3, 0.2],
+        "viscous": [4.0, 4.0, 2.0],
+        "coulomb": [1.0, 1.0, 0.5],
+    }
+    return load_nominal_arm(
+        "kuka_iiwa", joints=[f"lbr_iiwa_joint_{j}" for j in (1, 2, 4)], sheet=sheet
+    )
 
 
 @pytest.fixture(scope="session")
@@ -37,14 +43,35 @@ def world(arm):
         """A recording; ``pickup``: time [s] and mass [kg]."""
         rng = np.random.default_rng(seed)
         limits = urdf_limits(RigidBody(arm), 6.0)._replace(velocity=np.full(3, 1.3))
-        motion = Fourier.random(rng, limits, duration=duration, centre=CENTRE, frequency=0.2)
+        motion = Fourier.random(
+            rng, limits, duration=duration, centre=CENTRE, frequency=0.2
+        )
         later = None
         if pickup is not None:
-            later = (pickup[0], (*effects, AppliedEffect("payload", (), {"mass": pickup[1], "com": [0.02, 0.0, 0.05]})))
+            later = (
+                pickup[0],
+                (
+                    *effects,
+                    AppliedEffect(
+                        "payload", (), {"mass": pickup[1], "com": [0.02, 0.0, 0.05]}
+                    ),
+                ),
+            )
         return record(
-            arm, effects, motion, controller, duration=duration, rng=rng, encoder_step=0.0, encoder_noise=2e-5,
-            torque_noise=0.1, later=later, **other,
-        )  # fmt: skip
+            arm,
+            effects,
+            motion,
+            controller,
+            duration=duration,
+            rng=rng,
+            encoder_step=0.0,
+            encoder_noise=2e-5,
+            torque_noise=0.1,
+            later=later,
+            **other,
+        )
 
     assembly = Assembly(regressor, base, position_cutoff=20.0, every=10)
-    return SimpleNamespace(arm=arm, regressor=regressor, base=base, assembly=assembly, recorded=recorded)
+    return SimpleNamespace(
+        arm=arm, regressor=regressor, base=base, assembly=assembly, recorded=recorded
+    )

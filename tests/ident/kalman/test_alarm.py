@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ident.kalman.alarm import alarm
-from ident.kalman.change import Hypothesis, payload_hypothesis
-from ident.kalman.recursive import Recursive
-from ident.kalman.unscented import Unscented
+from gapscope.ident.kalman.alarm import alarm
+from gapscope.ident.kalman.change_point import Hypothesis, payload_hypothesis
+from gapscope.ident.kalman.recursive import Recursive
+from gapscope.ident.kalman.unscented import Unscented
 
 LEVEL = Hypothesis("level", ("level",), np.array([[1.0]]))
 RATE = 25.0
@@ -18,13 +18,18 @@ def track(rng, joints=4, scale=1.0, duration=10.0):
     """White innovations of a filter whose noise is misstated by ``scale``, one parameter that shows on every joint."""
     t = np.arange(round(duration * RATE)) / RATE
     innovation = scale * rng.standard_normal((len(t), joints))
-    return SimpleNamespace(t=t, innovation=innovation, whitened=np.ones((len(t), joints, 1)))
+    return SimpleNamespace(
+        t=t, innovation=innovation, whitened=np.ones((len(t), joints, 1))
+    )
 
 
 @pytest.mark.parametrize("scale", [0.1, 1.0, 30.0])
 def test_noise_sounds_it_as_rarely_as_asked_for_whatever_its_size(scale):
     rng = np.random.default_rng(0)
-    heard = [alarm(track(rng, scale=scale), LEVEL, false_alarms=0.01).time for _ in range(100)]
+    heard = [
+        alarm(track(rng, scale=scale), LEVEL, false_alarms=0.01).time
+        for _ in range(100)
+    ]
     assert sum(time is not None for time in heard) <= 3
 
 
@@ -50,24 +55,42 @@ def test_what_comes_later_changes_nothing():
     given = track(np.random.default_rng(2))
     before = alarm(given, LEVEL).statistic
     given.innovation[given.t > 8.0] *= 50.0
-    assert np.array_equal(alarm(given, LEVEL).statistic[given.t <= 8.0], before[given.t <= 8.0])
+    assert np.array_equal(
+        alarm(given, LEVEL).statistic[given.t <= 8.0], before[given.t <= 8.0]
+    )
 
 
 @pytest.mark.slow
 def test_the_unscented_filter_hears_a_pick_up_too(world):
     names = ("m3", "mx3", "my3", "mz3")
     spread = np.array([0.3, 0.02, 0.02, 0.02])
-    filtered = Unscented(world.regressor, names, spread, 0.1 * spread, 3e-5, np.full(3, 0.5))
+    filtered = Unscented(
+        world.regressor, names, spread, 0.1 * spread, 3e-5, np.full(3, 0.5)
+    )
     hypothesis = Hypothesis("payload", names, np.eye(10)[:, 6:])
-    still, picked = (world.recorded(3, pickup=pickup, duration=6.0) for pickup in (None, (4.0, 2.0)))
+    still, picked = (
+        world.recorded(3, pickup=pickup, duration=6.0) for pickup in (None, (4.0, 2.0))
+    )
     assert alarm(filtered.follow(still, every=5), hypothesis, window=0.3).time is None
-    assert 4.0 <= alarm(filtered.follow(picked, every=5), hypothesis, window=0.3).time < 4.5
+    assert (
+        4.0
+        <= alarm(filtered.follow(picked, every=5), hypothesis, window=0.3).time
+        < 4.5
+    )
 
 
 def test_friction_that_the_model_lacks_on_one_joint_does_not_sound_it(world):
-    from effects.applied import AppliedEffect
+    from gapscope.effects.applied import AppliedEffect
 
-    stribeck = AppliedEffect("stribeck_friction", (2,), {"torque": [2.0], "velocity": [0.1]})
+    stribeck = AppliedEffect(
+        "stribeck_friction", (2,), {"torque": [2.0], "velocity": [0.1]}
+    )
     recording = world.recorded(5, effects=(stribeck,))
     problem, t = world.assembly([recording]), world.assembly.times(recording)
-    assert alarm(Recursive(0.1 * np.ones(3)).follow(problem, t), payload_hypothesis(world.base, 3)).time is None
+    assert (
+        alarm(
+            Recursive(0.1 * np.ones(3)).follow(problem, t),
+            payload_hypothesis(world.base, 3),
+        ).time
+        is None
+    )

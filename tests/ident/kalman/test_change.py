@@ -3,13 +3,18 @@
 import numpy as np
 import pytest
 
-from arm.errors import InputError
-from effects.applied import AppliedEffect
-from ident.kalman.alarm import alarm
-from ident.kalman.change import Hypothesis, find_change, friction_hypothesis, payload_hypothesis
-from ident.kalman.recursive import Recursive
-from ident.kalman.whitening import white
-from ident.problem import Problem
+from gapscope.arm.errors import InputError
+from gapscope.effects.applied import AppliedEffect
+from gapscope.ident.kalman.alarm import alarm
+from gapscope.ident.kalman.change_point import (
+    Hypothesis,
+    find_change,
+    friction_hypothesis,
+    payload_hypothesis,
+)
+from gapscope.ident.kalman.recursive import Recursive
+from gapscope.ident.kalman.whitening import white
+from gapscope.ident.model.linear_problem import Problem
 
 SLOPE = Hypothesis("slope", ("slope",), np.array([[1.0], [0.0]]))
 LEVEL = Hypothesis("level", ("level",), np.array([[0.0], [1.0]]))
@@ -23,7 +28,13 @@ def line(rng, count=300, step=0.0, colour=0.0):
         noise[k] += colour * noise[k - 1]
     slope = 2.0 + step * (np.arange(count) > count // 2)
     W = np.stack([x, np.ones(count)], axis=1)[:, None, :]
-    return Problem(W, (slope * x + 1 + noise)[:, None], ("slope", "level"), np.zeros(count, dtype=int), 0.1)
+    return Problem(
+        W,
+        (slope * x + 1 + noise)[:, None],
+        ("slope", "level"),
+        np.zeros(count, dtype=int),
+        0.1,
+    )
 
 
 def times(problem):
@@ -47,7 +58,10 @@ def test_false_alarms_stay_below_the_probability_asked_for(colour):
     found = 0
     for _ in range(60):
         problem = line(rng, colour=colour)
-        found += find_change(problem, times(problem), [LEVEL, SLOPE], false_alarms=0.05) is not None
+        found += (
+            find_change(problem, times(problem), [LEVEL, SLOPE], false_alarms=0.05)
+            is not None
+        )
     assert found <= 6
 
 
@@ -72,12 +86,17 @@ def test_friction_of_a_joint_without_columns_is_refused(world):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_payload_picked_up_is_found_within_half_a_second_and_a_tenth_of_its_mass(world, seed):
+def test_a_payload_picked_up_is_found_within_half_a_second_and_a_tenth_of_its_mass(
+    world, seed
+):
     rng = np.random.default_rng(100 + seed)
     moment, mass = rng.uniform(2.5, 5.5), rng.uniform(0.5, 3.0)
     recording = world.recorded(seed, pickup=(moment, mass))
     problem, t = world.assembly([recording]), world.assembly.times(recording)
-    hypotheses = [payload_hypothesis(world.base, 3), *(friction_hypothesis(world.base, j) for j in (1, 2, 3))]
+    hypotheses = [
+        payload_hypothesis(world.base, 3),
+        *(friction_hypothesis(world.base, j) for j in (1, 2, 3)),
+    ]
     change = find_change(problem, t, hypotheses)
     assert change.hypothesis.name == "payload"
     assert change.time == pytest.approx(moment, abs=0.5)
@@ -89,7 +108,9 @@ def test_a_payload_picked_up_is_found_within_half_a_second_and_a_tenth_of_its_ma
 
 @pytest.mark.parametrize("seed", range(3))
 def test_no_change_no_alarm(world, seed):
-    stribeck = AppliedEffect("stribeck_friction", (2,), {"torque": [0.5], "velocity": [0.1]})
+    stribeck = AppliedEffect(
+        "stribeck_friction", (2,), {"torque": [0.5], "velocity": [0.1]}
+    )
     recording = world.recorded(10 + seed, effects=(stribeck,))
     problem, t = world.assembly([recording]), world.assembly.times(recording)
     payload = payload_hypothesis(world.base, 3)
@@ -99,6 +120,8 @@ def test_no_change_no_alarm(world, seed):
 
 def test_an_alarm_needs_a_record_longer_than_its_settling(world):
     recording = world.recorded(1, duration=3.0)
-    track = Recursive(np.ones(3)).follow(world.assembly([recording]), world.assembly.times(recording))
+    track = Recursive(np.ones(3)).follow(
+        world.assembly([recording]), world.assembly.times(recording)
+    )
     with pytest.raises(InputError, match="ends before an alarm"):
         alarm(track, payload_hypothesis(world.base, 3), settle=5.0)

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from arm.errors import InputError
-from effects.applied import AppliedEffect
-from ident.estimators.wls import WeightedLeastSquares
-from ident.kalman.drift import fit_warming
-from ident.kalman.recursive import Recursive
-from ident.problem import Problem
+from gapscope.arm.errors import InputError
+from gapscope.effects.applied import AppliedEffect
+from gapscope.ident.estimators.wls import WeightedLeastSquares
+from gapscope.ident.kalman.drift import fit_warming
+from gapscope.ident.kalman.recursive import Recursive
+from gapscope.ident.model.linear_problem import Problem
 
 AMPLITUDE, CONSTANT = 0.8, 8.0
 
@@ -16,10 +16,16 @@ AMPLITUDE, CONSTANT = 0.8, 8.0
 @pytest.fixture(scope="module")
 def warming(world):
     """Thirty seconds of an arm whose second joint warms up: problem, times and noise."""
-    drift = AppliedEffect("friction_drift", (2,), {"amplitude": [AMPLITUDE], "time_constant": [CONSTANT]})
+    drift = AppliedEffect(
+        "friction_drift", (2,), {"amplitude": [AMPLITUDE], "time_constant": [CONSTANT]}
+    )
     recording = world.recorded(5, effects=(drift,), duration=30.0)
     problem = world.assembly([recording])
-    return problem, world.assembly.times(recording), WeightedLeastSquares().estimate(problem).residual
+    return (
+        problem,
+        world.assembly.times(recording),
+        WeightedLeastSquares().estimate(problem).residual,
+    )
 
 
 def test_the_filter_follows_friction_that_warms_up(warming, world):
@@ -38,7 +44,9 @@ def test_amplitude_and_time_constant_are_recovered(warming, world):
     assert found.time_constant == pytest.approx(CONSTANT, rel=0.15)
     assert found.amplitude == pytest.approx(AMPLITUDE, rel=0.1)
     assert abs(found.time_constant - CONSTANT) < 4 * deviation[1]
-    assert found.warm == pytest.approx([world.arm.viscous[1], world.arm.coulomb[1]], rel=0.1)
+    assert found.warm == pytest.approx(
+        [world.arm.viscous[1], world.arm.coulomb[1]], rel=0.1
+    )
     assert found.warnings == ()
 
 
@@ -46,7 +54,9 @@ def test_a_drift_slower_than_the_record_is_doubtful():
     rng, t = np.random.default_rng(0), np.arange(400) / 20
     v = np.sin(2 * t)
     tau = v * (1 + 0.5 * np.exp(-t / 80)) + 0.01 * rng.standard_normal(400)
-    problem = Problem(v[:, None, None], tau[:, None], ("b1",), np.zeros(400, dtype=int), 0.05)
+    problem = Problem(
+        v[:, None, None], tau[:, None], ("b1",), np.zeros(400, dtype=int), 0.05
+    )
     found = fit_warming(problem, t, ("b1",), np.array([0.01]))
     assert any("record for longer" in warning for warning in found.warnings)
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from arm.errors import InputError
-from ident.estimators.wls import WeightedLeastSquares
-from ident.kalman.recursive import Recursive
-from ident.problem import Problem
+from gapscope.arm.errors import InputError
+from gapscope.ident.estimators.wls import WeightedLeastSquares
+from gapscope.ident.kalman.recursive import Recursive
+from gapscope.ident.model.linear_problem import Problem
 
 
 def line(count=400, step=0.0, noise=0.1, seed=0):
@@ -29,8 +29,12 @@ def test_the_last_estimate_is_that_of_weighted_least_squares():
 
 
 def test_a_prior_and_one_sample_give_the_textbook_update():
-    problem = Problem(np.ones((1, 1, 1)), np.array([[3.0]]), ("level",), np.zeros(1, dtype=int), 1.0)
-    found = Recursive(np.array([1.0]), np.array([1.0]), np.array([[1.0]])).estimate(problem)
+    problem = Problem(
+        np.ones((1, 1, 1)), np.array([[3.0]]), ("level",), np.zeros(1, dtype=int), 1.0
+    )
+    found = Recursive(np.array([1.0]), np.array([1.0]), np.array([[1.0]])).estimate(
+        problem
+    )
     assert found.value == pytest.approx([2.0])
     assert found.covariance == pytest.approx(np.array([[0.5]]))
 
@@ -55,7 +59,9 @@ def test_memory_or_drift_follows_a_change_that_a_constant_parameter_averages(set
 def test_exponential_memory_counts_a_sample_by_its_age():
     tau = np.array([[0.0], [1.0]])
     problem = Problem(np.ones((2, 1, 1)), tau, ("level",), np.zeros(2, dtype=int), 1.0)
-    found = Recursive(np.array([1.0]), memory=1.0, covariance=np.array([[1e8]])).estimate(problem)
+    found = Recursive(
+        np.array([1.0]), memory=1.0, covariance=np.array([[1e8]])
+    ).estimate(problem)
     assert found.value[0] == pytest.approx(1 / (1 + np.exp(-1.0)), rel=1e-6)
 
 
@@ -64,10 +70,14 @@ def test_smoothing_uses_what_comes_after_and_is_less_uncertain():
     track = Recursive(np.array([0.1]), drift={"slope": 0.5}).follow(problem)
     smooth = track.smoothed()
     truth = 2.0 + (np.arange(600) >= 300)
-    error = [np.sqrt(np.mean((x.of("slope")[0] - truth)[20:] ** 2)) for x in (track, smooth)]
+    error = [
+        np.sqrt(np.mean((x.of("slope")[0] - truth)[20:] ** 2)) for x in (track, smooth)
+    ]
     assert error[1] < 0.8 * error[0]
     assert (smooth.deviation <= track.deviation * (1 + 1e-9)).all()
-    assert smooth.value[:, 1] == pytest.approx(np.full(600, track.value[-1, 1]), abs=1e-9)
+    assert smooth.value[:, 1] == pytest.approx(
+        np.full(600, track.value[-1, 1]), abs=1e-9
+    )
 
 
 @pytest.mark.parametrize("seed", [1, 2])

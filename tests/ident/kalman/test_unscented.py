@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from arm.errors import InputError
-from arm.known_load import KnownLoad
-from ident.kalman.unscented import Unscented
-from ident.regressor import Regressor
+from gapscope.arm.errors import InputError
+from gapscope.arm.known_load import KnownLoad
+from gapscope.ident.kalman.unscented import Unscented
+from gapscope.ident.model.regressor import Regressor
 
 PAYLOAD = ("m3", "mx3", "my3", "mz3")
 
@@ -45,8 +45,17 @@ def test_what_does_not_fit_is_named(world):
     with pytest.raises(InputError, match="one per name"):
         unscented(world, ("m3", "b1"), (1.0,))
     with pytest.raises(InputError, match="columns of all joint effects"):
-        Unscented(Regressor(world.arm, effects=()), ("m3",), np.ones(1), np.ones(1), 1e-5, np.ones(3))
+        Unscented(
+            Regressor(world.arm, effects=()),
+            ("m3",),
+            np.ones(1),
+            np.ones(1),
+            1e-5,
+            np.ones(3),
+        )
     with pytest.raises(InputError, match="no torque"):
         unscented(world).follow(replace(world.recorded(1, duration=2.5), tau=None))
     with pytest.raises(InputError, match="known payload"):
-        unscented(world).follow(replace(world.recorded(1, duration=2.5), payload=KnownLoad(1.0)))
+        unscented(world).follow(
+            replace(world.recorded(1, duration=2.5), payload=KnownLoad(1.0))
+        )

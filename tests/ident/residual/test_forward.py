@@ -7,19 +7,23 @@ import pytest
 import torch
 import toy
 
-from effects.residual.inputs import Inputs
-from ident.residual.export import torchscript
-from ident.residual.settings import Settings
-from ident.residual.training import Ensemble
+from gapscope.effects.residual.inputs import Inputs
+from gapscope.ident.residual.export import torchscript
+from gapscope.ident.residual.settings import Settings
+from gapscope.ident.residual.training import Ensemble
 
 
 @pytest.mark.parametrize("form", ["mlp", "tcn"])
 @pytest.mark.parametrize("n", [1, 2, 7])
 def test_numpy_equals_torch(form: str, n: int) -> None:
     settings = Settings(form=form, members=3, hidden=8)
-    inputs = Inputs(n, settings.taps, 0.02, np.zeros((n, 3 * n + 3)), np.ones((n, 3 * n + 3)))
+    inputs = Inputs(
+        n, settings.taps, 0.02, np.zeros((n, 3 * n + 3)), np.ones((n, 3 * n + 3))
+    )
     ensemble = Ensemble(settings, inputs, torch.Generator().manual_seed(1)).double()
-    windows = np.random.default_rng(2).standard_normal((n, 9, inputs.taps, inputs.channels))
+    windows = np.random.default_rng(2).standard_normal(
+        (n, 9, inputs.taps, inputs.channels)
+    )
     with torch.no_grad():
         expected = ensemble(torch.as_tensor(windows))
     for found, wanted in zip(ensemble.arrays().outputs(windows), expected, strict=True):
@@ -43,6 +47,10 @@ def test_it_is_causal_and_samples_one_by_one_say_the_same(form: str) -> None:
     m = toy.motion(9)
     windows = residual.inputs.windows(m, 5.0 * np.cos(m.q))
     one = residual.of_windows(windows[:, 500:501]).torque[0]
-    np.testing.assert_allclose(one, residual.torque(m, 5.0 * np.cos(m.q))[500], rtol=1e-9)
+    np.testing.assert_allclose(
+        one, residual.torque(m, 5.0 * np.cos(m.q))[500], rtol=1e-9
+    )
     early = type(m)(m.t[:501], m.q[:501], m.dq[:501], m.ddq[:501])
-    np.testing.assert_allclose(residual.torque(early, 5.0 * np.cos(early.q))[500], one, rtol=1e-6)
+    np.testing.assert_allclose(
+        residual.torque(early, 5.0 * np.cos(early.q))[500], one, rtol=1e-6
+    )

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import toy
 
-from arm.errors import InputError
-from arm.motion import Motion
-from effects.residual.file import write_residual
-from ident.residual.fit import fit_residual
-from ident.residual.settings import Settings
+from gapscope.arm.errors import InputError
+from gapscope.arm.motions.motion import Motion
+from gapscope.effects.residual.file import write_residual
+from gapscope.ident.residual.fit import fit_residual
+from gapscope.ident.residual.settings import Settings
 
 FORMS = ("mlp", "tcn")
 
@@ -31,18 +31,28 @@ def test_it_learns_what_no_effect_explains_on_an_unseen_trajectory(form: str) ->
 def test_output_is_orthogonal_to_the_physics_and_no_parameter_moves(form: str) -> None:
     residual, report = toy.trained(form)
     xs = [toy.trajectory(k) for k in range(3)]
-    said = np.concatenate([residual.torque(x.motion, x.load)[x.rows] for x in xs]) / residual.scale
+    said = (
+        np.concatenate([residual.torque(x.motion, x.load)[x.rows] for x in xs])
+        / residual.scale
+    )
     columns = np.concatenate([x.columns for x in xs]) / residual.scale[None, :, None]
-    moved = np.linalg.lstsq(columns.reshape(-1, columns.shape[2]), said.ravel(), rcond=None)[0]
+    moved = np.linalg.lstsq(
+        columns.reshape(-1, columns.shape[2]), said.ravel(), rcond=None
+    )[0]
     assert np.abs(moved).max() < 1e-6
-    assert report.in_target > 0.05  # friction was in the gap, and was taken out of the target
+    assert (
+        report.in_target > 0.05
+    )  # friction was in the gap, and was taken out of the target
     assert report.in_output[1] < 1e-12 <= report.in_output[0]
     assert report.moves[1].max() < 1e-6
 
 
 def test_same_seed_same_bits_and_another_seed_another_network() -> None:
     xs = [toy.trajectory(k) for k in range(3)]
-    runs = [fit_residual(xs, Settings(members=3, steps=80, seed=seed))[0] for seed in (3, 3, 4)]
+    runs = [
+        fit_residual(xs, Settings(members=3, steps=80, seed=seed))[0]
+        for seed in (3, 3, 4)
+    ]
     first, second, other = ([*r.network.weights, *r.network.biases] for r in runs)
     assert all(a.tobytes() == b.tobytes() for a, b in zip(first, second, strict=True))
     assert any(a.tobytes() != b.tobytes() for a, b in zip(first, other, strict=True))
@@ -52,7 +62,9 @@ def test_same_seed_same_bits_and_another_seed_another_network() -> None:
 def test_it_says_nothing_outside_what_it_has_seen(form: str) -> None:
     residual, _ = toy.trained(form)
     m = toy.motion(7)
-    far = residual.predict(Motion(m.t, m.q, 8.0 * m.dq + 20.0, 60.0 * m.ddq), 5.0 * np.cos(m.q))
+    far = residual.predict(
+        Motion(m.t, m.q, 8.0 * m.dq + 20.0, 60.0 * m.ddq), 5.0 * np.cos(m.q)
+    )
     assert not far.torque.any() and not far.trust.any()
     near = residual.predict(m, 5.0 * np.cos(m.q))
     assert near.trust.mean() > 0.8
@@ -61,13 +73,21 @@ def test_it_says_nothing_outside_what_it_has_seen(form: str) -> None:
 
 def test_torque_is_bounded_by_the_training_residual() -> None:
     residual, _ = toy.trained()
-    largest = np.max([np.abs(toy.trajectory(k).left).max(axis=0) for k in range(3)], axis=0)
+    largest = np.max(
+        [np.abs(toy.trajectory(k).left).max(axis=0) for k in range(3)], axis=0
+    )
     rng = np.random.default_rng(0)
-    windows = 5.0 * rng.standard_normal((toy.N, 4000, residual.inputs.taps, residual.inputs.channels))
+    windows = 5.0 * rng.standard_normal(
+        (toy.N, 4000, residual.inputs.taps, residual.inputs.channels)
+    )
     loud = residual.__class__(
-        residual.inputs, residual.network, residual.trust.__class__(residual.trust.landmarks, 1e6 * np.ones(toy.N)),
-        100.0 * residual.scale, residual.bound, residual.cutoff,
-    )  # fmt: skip
+        residual.inputs,
+        residual.network,
+        residual.trust.__class__(residual.trust.landmarks, 1e6 * np.ones(toy.N)),
+        100.0 * residual.scale,
+        residual.bound,
+        residual.cutoff,
+    )
     torque = np.abs(loud.of_windows(windows).torque)
     assert (torque <= 1.5 * largest).all() and torque[:, 0].max() > 0.5 * largest[0]
 
@@ -77,7 +97,10 @@ def test_a_single_trajectory_is_cut_into_blocks() -> None:
     assert residual.network.members == 4 and np.isfinite(report.closed).all()
 
 
-@pytest.mark.parametrize(("given", "message"), [({"form": "rnn"}, "no form"), ({"members": 9}, "choose 3 to 5")])
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [({"form": "rnn"}, "no form"), ({"members": 9}, "choose 3 to 5")],
+)
 def test_settings_that_make_no_sense_are_refused(given: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
         Settings(**given)

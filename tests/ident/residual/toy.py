@@ -6,10 +6,10 @@ from functools import cache
 
 import numpy as np
 
-from arm.motion import Motion
-from ident.residual.fit import Report, fit_residual
-from ident.residual.settings import Settings
-from ident.residual.trajectory import Trajectory
+from gapscope.arm.motions.motion import Motion
+from gapscope.ident.residual.fit import Report, fit_residual
+from gapscope.ident.residual.settings import Settings
+from gapscope.ident.residual.trajectory import Trajectory
 
 RATE, DURATION, N = 100.0, 12.0, 2
 
@@ -20,9 +20,17 @@ def motion(seed: int, *, speed: float = 1.0) -> Motion:
     t = np.arange(int(RATE * DURATION)) / RATE
     q, dq, ddq = (np.zeros((len(t), N)) for _ in range(3))
     for _ in range(3):
-        w, a, p = speed * rng.uniform(0.8, 3.0, N), rng.uniform(0.2, 0.5, N), rng.uniform(0.0, 6.0, N)
+        w, a, p = (
+            speed * rng.uniform(0.8, 3.0, N),
+            rng.uniform(0.2, 0.5, N),
+            rng.uniform(0.0, 6.0, N),
+        )
         angle = w * t[:, None] + p
-        q, dq, ddq = q + a * np.sin(angle), dq + a * w * np.cos(angle), ddq - a * w**2 * np.sin(angle)
+        q, dq, ddq = (
+            q + a * np.sin(angle),
+            dq + a * w * np.cos(angle),
+            ddq - a * w**2 * np.sin(angle),
+        )
     return Motion(t, q, dq, ddq)
 
 
@@ -37,12 +45,16 @@ def trajectory(seed: int, physics: float = 0.3) -> Trajectory:
     """The unknown torque, noise, and an error of the friction that belongs to the effects."""
     m = motion(seed)
     own = np.stack([m.dq, np.tanh(m.dq / 0.05), m.ddq, np.ones_like(m.dq)], axis=2)
-    columns = np.concatenate([own[:, :, k, None] * np.eye(N) for k in range(own.shape[2])], axis=2)
+    columns = np.concatenate(
+        [own[:, :, k, None] * np.eye(N) for k in range(own.shape[2])], axis=2
+    )
     noise = 0.1 * np.random.default_rng(seed + 100).standard_normal(m.q.shape)
     left = unknown(m) + noise + physics * np.tanh(m.dq / 0.05)
     rows = np.arange(30, len(m.t) - 30, 2)
     load = 5.0 * np.cos(m.q)
-    return Trajectory(f"r{seed}", m, load, left, load + left, columns[rows], columns[rows], rows)
+    return Trajectory(
+        f"r{seed}", m, load, left, load + left, columns[rows], columns[rows], rows
+    )
 
 
 @cache

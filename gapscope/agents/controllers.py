@@ -1,0 +1,120 @@
+"""Controllers of a joint torque: PD with or without a model's feedforward, and computed torque."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from gapscope.agents.gains import Tuning
+from gapscope.agents.torque_model import Model
+from gapscope.arm.motions.motion import Motion
+from gapscope.envs.actions import Gains
+
+
+class Controller(Protocol):
+    """A controller of n joints; it is called at every tick, and its torque is held until the next."""
+
+    def torque(
+        self,
+        q_ref: np.ndarray,
+        dq_ref: np.ndarray,
+        ddq_ref: np.ndarray,
+        q: np.ndarray,
+        dq: np.ndarray,
+        planned: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Torque to command [N m], shape (n,).
+
+        Args:
+            q_ref, dq_ref, ddq_ref: reference now [rad], [rad/s], [rad/s^2], each (n,).
+            q, dq: position of the encoders [rad], velocity estimated from them [rad/s], each (n,).
+            planned: a row of what ``plan`` gave; the model's torque at this sample where ``None``.
+        """
+
+    def plan(self, motion: Motion) -> np.ndarray | None:
+        """Feedforward of a reference known beforehand [N m], shape (N, n), or ``None`` where it takes none."""
+
+
+class Feedforward:
+    """tau = model(q_ref, dq_ref, ddq_ref) + kp (q_ref - q) + kd (dq_ref - dq), clipped at +-limit.
+
+    Without a model it is PD alone, with ``gapscope.agents.torque_model.Gravity`` PD with gravity, with
+    ``gapscope.agents.torque_model.ArmModel`` PD with inverse dynamics. The model stands outside the loop: it changes
+    how well a reference is followed, hardly what gains are stable.
+
+    Args:
+        gains: kp [N m/rad], kd [N m s/rad], each (n,).
+        limit: torque limit [N m], shape (n,); infinite for none.
+        model: feedforward, or ``None``.
+    """
+
+    def __init__(
+        self, gains: Gains, limit: np.ndarray, model: Model | None = None
+    ) -> None:
+        self.gains, self.limit, self.model = gains, limit, model
+
+    def torque(
+        self,
+        q_ref: np.ndarray,
+        dq_ref: np.ndarray,
+        ddq_ref: np.ndarray,
+        q: np.ndarray,
+        dq: np.ndarray,
+        planned: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Torque to command [N m], shape (n,)."""
+        tau = self.gains.kp * (q_ref - q) + self.gains.kd * (dq_ref - dq)
+        if planned is not None:
+            tau += planned
+        elif self.model is not None:
+            tau += self.model(q_ref, dq_ref, ddq_ref)
+        return np.minimum(np.maximum(tau, -self.limit), self.limit)
+
+    def plan(self, motion: Motion) -> np.ndarray | None:
+        """The model's torque over the reference [N m], shape (N, n)."""
+        return (
+            np.zeros_like(motion.q) if self.model is None else self.model.series(motion)
+        )
+
+
+class ComputedTorque:
+    """tau = model(q, dq_ref, ddq_ref + w^2 (q_ref - q) + 2 zeta w (dq_ref - dq)), clipped at +-limit.
+
+    The model stands inside the loop: its inertia scales the gains, so that a wrong one shifts the bandwidth. Coriolis
+    torque and friction are taken at the reference's velocity; at the measured one dry friction would chatter. No delay
+    is compensated, since the state of the arm is not known beforehand.
+
+    Args:
+        tuning: w and zeta.
+        limit: torque limit [N m], shape (n,); infinite for none.
+        model: inverse dynamics.
+
+    Source: siciliano2009.
+    """
+
+    def __init__(self, tuning: Tuning, limit: np.ndarray, model: Model) -> None:
+        self.tuning, self.limit, self.model = tuning, limit, model
+
+    def torque(
+        self,
+        q_ref: np.ndarray,
+        dq_ref: np.ndarray,
+        ddq_ref: np.ndarray,
+        q: np.ndarray,
+        dq: np.ndarray,
+        planned: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Torque to command [N m], shape (n,)."""
+        wanted = (
+            ddq_ref
+            + self.tuning.stiffness * (q_ref - q)
+            + self.tuning.rate * (dq_ref - dq)
+        )
+        return np.minimum(
+            np.maximum(self.model(q, dq_ref, wanted), -self.limit), self.limit
+        )
+
+    def plan(self, motion: Motion) -> np.ndarray | None:
+        """Nothing."""
+        return None

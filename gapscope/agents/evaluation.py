@@ -1,0 +1,312 @@
+"""Models of an arm, evaluated by how well the arm is tracked with them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from gapscope.agents.controllers import ComputedTorque, Controller, Feedforward
+from gapscope.agents.disturbances import NAMES as DISTURBANCES
+from gapscope.agents.disturbances import check_disturbance, disturbance
+from gapscope.agents.evaluation_cache import Forgetful, Keeper
+from gapscope.agents.gains import Tuning, gains, own_inertia
+from gapscope.agents.stability import largest_factor, settles
+from gapscope.agents.torque_model import ArmModel, Gravity, Model
+from gapscope.agents.tracking import Course, track
+from gapscope.agents.tracking_metrics import Gauge, Measures
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError
+from gapscope.arm.motions.named_motions import check_motion_name, draw_motion, workspace
+from gapscope.arm.nearest_name import check_known
+from gapscope.arm.nominal import NominalArm
+from gapscope.diagnosis.gap.torque_gap import torque_scale
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.severity import ArmScale
+from gapscope.envs.arguments import positive
+from gapscope.envs.engines import check_engine
+from gapscope.envs.simulated_arm import SimulatedArm
+
+LAWS = ("feedforward", "computed")
+"""``gapscope.agents.controllers.Feedforward`` and ``gapscope.agents.controllers.ComputedTorque``."""
+MOTIONS = ("fourier", "pick", "place", "weld_seam")
+"""Motions by default."""
+HELD_OUT = 0x6A95
+"""Motions come from seeds behind this number, so that no recording has the same."""
+MARGIN_TIME = 1.5
+"""Length of the motion on which gains are raised [s]."""
+DT = 1e-3
+"""Period of simulation and controller [s]."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How models are evaluated.
+
+    Attributes:
+        motions, disturbances: names; each model does each of them.
+        seeds: of the motions.
+        engines: that simulate the arm.
+        duration: of a motion [s].
+        tuning: bandwidth and damping of the loop, on the nominal arm's inertia.
+        law: one of ``LAWS``.
+
+    Raises:
+        InputError: a name that is not known, or nothing to do.
+    """
+
+    motions: tuple[str, ...] = MOTIONS
+    disturbances: tuple[str, ...] = ("none", "push")
+    seeds: tuple[int, ...] = (0, 1, 2)
+    engines: tuple[str, ...] = ("pybullet",)
+    duration: float = 4.0
+    tuning: Tuning = Tuning()  # noqa: RUF009 (it is frozen)
+    law: str = "feedforward"
+
+    def __post_init__(self) -> None:
+        """Check names and numbers."""
+        check_known("law", self.law, LAWS, where="law")
+        positive("duration", self.duration, "s")
+        for name in ("motions", "disturbances", "seeds", "engines"):
+            if not getattr(self, name):
+                raise InputError("expected at least one", where=name)
+        for engine in self.engines:
+            check_engine(engine)
+        for name in self.disturbances:
+            check_known("disturbance", name, DISTURBANCES, where="disturbances")
+
+
+@dataclass(frozen=True)
+class Episode:
+    """One model on one motion.
+
+    Attributes:
+        model, engine, motion, disturbance, seed: which.
+        measures: how well it was tracked.
+        torque_error: NRMSE of the model's feedforward against the torque that the motion needs, mean over joints [1].
+    """
+
+    model: str
+    engine: str
+    motion: str
+    disturbance: str
+    seed: int
+    measures: Measures
+    torque_error: float
+
+    def row(self) -> dict[str, Any]:
+        """As plain data; numbers that are not finite are ``None``."""
+        flat = {k: v for k, v in asdict(self).items() if k != "measures"} | asdict(
+            self.measures
+        )
+        return {
+            k: None if isinstance(v, float) and not np.isfinite(v) else v
+            for k, v in flat.items()
+        }
+
+
+class Bench:
+    """An arm with hidden effects, on which models are tried.
+
+    Args:
+        arm: the nominal arm, whose inertia the gains are worked out with.
+        effects: what the arm that is tracked has beyond it.
+        plan: how to evaluate.
+
+    Raises:
+        InputError: a motion that this arm cannot follow, or a disturbance or effect that it cannot have.
+    """
+
+    def __init__(
+        self, arm: NominalArm, effects: tuple[AppliedEffect, ...], plan: Plan
+    ) -> None:
+        self.arm, self.effects, self.plan = arm, effects, plan
+        for name in plan.motions:
+            check_motion_name(name, arm.n_joints)
+        for name in plan.disturbances:
+            check_disturbance(name, effects)
+        body = RigidBody(arm)
+        self.space = workspace(body)
+        self._gauge = Gauge(arm, body, self.space)
+        self._inertia = own_inertia(arm, self.space.posture)
+        self._scale = ArmScale.of(arm)
+        self._truth = ArmModel(CorrectedArm(arm, effects))
+        self._courses: dict[tuple[str, int], tuple[Course, np.ndarray]] = {}
+
+    def controller(
+        self, model: Model | None, tuning: Tuning | None = None, limited: bool = True
+    ) -> Controller:
+        """The controller of the plan's law with a model.
+
+        Args:
+            model: the model, or ``None``.
+            tuning: by default that of the plan.
+            limited: whether the torque is clipped at the arm's limit.
+
+        Raises:
+            InputError: computed torque without a model that knows inertia.
+        """
+        tuning, limit = (
+            tuning or self.plan.tuning,
+            self._gauge.limit if limited else np.full(self.arm.n_joints, np.inf),
+        )
+        if self.plan.law == "feedforward":
+            return Feedforward(gains(self._inertia, tuning), limit, model)
+        if model is None or isinstance(model, Gravity):
+            raise InputError(
+                "computed torque needs a model with inertia",
+                "leave out pd and gravity",
+                where="law",
+            )
+        return ComputedTorque(tuning, limit, model)
+
+    def course(self, motion: str, seed: int) -> tuple[Course, np.ndarray]:
+        """A held-out motion, and the torque that has to be commanded for it [N m], (N, n)."""
+        key = (motion, seed)
+        if key not in self._courses:
+            rng = np.random.default_rng(
+                (
+                    HELD_OUT,
+                    list(MOTIONS).index(motion) if motion in MOTIONS else 99,
+                    seed,
+                )
+            )
+            course = Course.of(
+                draw_motion(motion, rng, self.space, self.plan.duration),
+                self.plan.duration,
+                DT,
+            )
+            self._courses[key] = course, self._truth.series(course.motion)
+        return self._courses[key]
+
+    def torque_error(self, model: Model | None, motion: str, seed: int) -> float:
+        """NRMSE of a model's feedforward [1]: RMS over the torque's spread per joint, as for the gap; mean of them."""
+        course, needed = self.course(motion, seed)
+        rows = slice(course.first, course.ticks)
+        said = np.zeros_like(needed) if model is None else model.series(course.motion)
+        rms = np.sqrt(np.mean((said - needed)[rows] ** 2, axis=0))
+        return float(np.mean(rms / torque_scale(needed[rows])))
+
+    def episodes(
+        self, name: str, model: Model | None, engine: str, seed: int
+    ) -> Iterator[Episode]:
+        """All motions and disturbances of the plan with one model, engine and seed."""
+        plan, controller = self.plan, self.controller(model)
+        for motion in plan.motions:
+            course, error = (
+                self.course(motion, seed)[0].planned(controller),
+                self.torque_error(model, motion, seed),
+            )
+            for number, kind in enumerate(plan.disturbances):
+                rng = np.random.default_rng((HELD_OUT, seed, number))
+                extra = disturbance(kind, rng, self._scale, plan.duration)
+                with self._simulated(
+                    engine, extra.effects, extra.noise, rng
+                ) as simulated:
+                    done = track(simulated, controller, course)
+                yield Episode(
+                    name,
+                    engine,
+                    motion,
+                    kind,
+                    seed,
+                    self._gauge(done, DT, plan.duration),
+                    error,
+                )
+
+    def margin(self, model: Model | None, engine: str) -> float:
+        """Largest bandwidth at which the loop stays stable on a held-out motion [Hz].
+
+        See ``gapscope.agents.stability``. Without torque limits, so that what is unstable grows.
+        """
+        rng = np.random.default_rng(HELD_OUT)
+        reference = draw_motion("fourier", rng, self.space, MARGIN_TIME)
+        course = Course.of(reference, MARGIN_TIME, DT, settle=0.0)
+        with self._simulated(engine) as simulated:
+
+            def stable(factor: float) -> bool:
+                controller = self.controller(
+                    model, self.plan.tuning.times(factor), limited=False
+                )
+                return settles(
+                    simulated,
+                    controller,
+                    planned if planned.torque is not None else course,
+                )
+
+            planned = course.planned(self.controller(model))
+            return self.plan.tuning.bandwidth * largest_factor(stable)
+
+    def _simulated(
+        self,
+        engine: str,
+        extra: tuple[AppliedEffect, ...] = (),
+        noise: float = 0.0,
+        rng: np.random.Generator | None = None,
+    ) -> SimulatedArm:
+        effects, step = (*self.effects, *extra), self.arm.encoder_step or 0.0
+        return SimulatedArm(
+            self.arm,
+            effects,
+            DT,
+            engine=engine,
+            encoder_step=step,
+            encoder_noise=noise,
+            rng=rng,
+        )
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What came out.
+
+    Attributes:
+        episodes: one per model, engine, motion, disturbance and seed.
+        margins: largest stable bandwidth [Hz] by model and engine.
+    """
+
+    episodes: tuple[Episode, ...]
+    margins: dict[tuple[str, str], float]
+
+
+def evaluate(
+    models: Mapping[str, Model | None],
+    bench: Bench,
+    progress: Callable[[str], None] = lambda message: None,
+    keeper: Keeper | None = None,
+) -> Evaluation:
+    """Try models by name; ``None`` stands for no feedforward at all.
+
+    Args:
+        models: models by name.
+        bench: the arm on which they are tried.
+        progress: called with a few words at each step.
+        keeper: keeps what is finished; by default nothing does.
+    """
+    episodes: list[Episode] = []
+    margins: dict[tuple[str, str], float] = {}
+    plan, keeper = bench.plan, keeper or Forgetful()
+    for model in models.values():
+        bench.controller(model)
+    for engine in plan.engines:
+        for number, (name, model) in enumerate(models.items(), 1):
+            which = f"{engine}, {name} ({number} of {len(models)})"
+            for seed in plan.seeds:
+                progress(f"{which}: tracks, seed {seed}")
+                work = partial(_episodes, bench, name, model, engine, seed)
+                episodes.extend(keeper.episodes(name, model, engine, seed, work))
+            progress(f"{which}: raises the gains")
+            margins[name, engine] = keeper.margin(
+                name, model, engine, partial(bench.margin, model, engine)
+            )
+    return Evaluation(tuple(episodes), margins)
+
+
+def _episodes(
+    bench: Bench, name: str, model: Model | None, engine: str, seed: int
+) -> list[Episode]:
+    return list(bench.episodes(name, model, engine, seed))

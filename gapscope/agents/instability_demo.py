@@ -1,0 +1,101 @@
+"""An arm that shakes: plausible gains, a wrong model, and feedforward switched on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gapscope.agents.controllers import ComputedTorque, Controller, Feedforward
+from gapscope.agents.evaluation import DT
+from gapscope.agents.gains import Tuning, gains, own_inertia
+from gapscope.agents.torque_model import ArmModel
+from gapscope.agents.tracking import Course, track
+from gapscope.agents.tracking_metrics import Gauge, Measures
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.motions.named_motions import draw_motion, workspace
+from gapscope.arm.nominal import NominalArm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.severity import ArmScale
+from gapscope.envs.simulated_arm import SimulatedArm
+
+DELAY = 8e-3
+"""Delay of the drives of the true arm [s]."""
+ROTORS, LOAD = 3.0, 0.9
+"""The wrong model believes the rotors to be so many times what they are [1], and the arm to carry this share of what
+it may carry [1]."""
+CASES = (
+    "pd",
+    "feedforward, right model",
+    "feedforward, wrong model",
+    "computed, right model",
+    "computed, wrong model",
+)
+"""What ``shaking`` compares: the model outside the loop, and inside it."""
+
+
+@dataclass(frozen=True)
+class Shaking:
+    """One of ``CASES``, and what came of it."""
+
+    case: str
+    measures: Measures
+
+
+def shaking(
+    arm: NominalArm,
+    bandwidth: float = 5.0,
+    engine: str = "pybullet",
+    duration: float = 2.0,
+) -> list[Shaking]:
+    """Track one motion with each of ``CASES`` at the same gains.
+
+    The true arm is the nominal one but for a delay of ``DELAY`` on every joint; the wrong model has too much inertia.
+    As feedforward it costs accuracy. In computed torque it multiplies the gains by its inertia over the true one: the
+    bandwidth leaves what the delay allows, and the arm shakes between its torque limits.
+
+    Args:
+        arm: the nominal arm; rotors and torque limits in its data sheet.
+        bandwidth: of the loop [Hz], with a damping ratio of 0.7.
+        engine: that simulates it.
+        duration: of the motion [s].
+    """
+    body, tuning = RigidBody(arm), Tuning(bandwidth)
+    space, everywhere = workspace(body), tuple(range(1, arm.n_joints + 1))
+    delay = (
+        AppliedEffect(
+            "actuator_delay", everywhere, {"delay": np.full(arm.n_joints, DELAY)}
+        ),
+    )
+    inertia = own_inertia(arm, space.posture)
+    wrong = (
+        AppliedEffect("armature", everywhere, {"inertia": (ROTORS - 1) * arm.armature}),
+        AppliedEffect(
+            "payload",
+            (),
+            {
+                "mass": np.array(LOAD * ArmScale.of(arm).lift),
+                "com": np.array([0.0, 0.0, 0.1]),
+            },
+        ),
+        *delay,
+    )
+    gauge = Gauge(arm, body, space)
+    models = [ArmModel(CorrectedArm(arm, effects)) for effects in (delay, wrong)]
+    controllers: list[Controller] = [Feedforward(gains(inertia, tuning), gauge.limit)]
+    controllers += [
+        Feedforward(gains(inertia, tuning), gauge.limit, model) for model in models
+    ]
+    controllers += [ComputedTorque(tuning, gauge.limit, model) for model in models]
+    course = Course.of(
+        draw_motion("fourier", np.random.default_rng(0), space, duration), duration, DT
+    )
+    out = []
+    with SimulatedArm(
+        arm, delay, DT, engine=engine, encoder_step=arm.encoder_step or 0.0
+    ) as simulated:
+        for case, controller in zip(CASES, controllers, strict=True):
+            done = track(simulated, controller, course.planned(controller))
+            out.append(Shaking(case, gauge(done, DT, duration)))
+    return out

@@ -1,0 +1,110 @@
+"""An agent tried on motions held out: what it earns, and how well the arm is tracked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from math import inf, isfinite
+from typing import Any
+
+import numpy as np
+
+from gapscope.agents.evaluation import HELD_OUT, MOTIONS
+from gapscope.agents.training.training_settings import Settings
+from gapscope.arm.motions.named_motions import draw_motion
+from gapscope.arm.motions.trajectory import Reference
+from gapscope.envs.environment import ArmTracking
+
+Policy = Callable[[np.ndarray], np.ndarray]
+"""Action of an observation as the environment gives it."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """How an agent does on some motions, means over them.
+
+    Attributes:
+        reward: per action; what is not done because an episode ended early earns nothing [1].
+        joint_error: RMS over actions and joints of reference minus encoders [rad]; infinite if an episode ended early.
+        torque_rate: RMS over steps and joints of the change of the torque commanded [N m/s]; likewise.
+        ended: episodes that ended early: the arm diverged, or came to its stop.
+        episodes: how many.
+    """
+
+    reward: float
+    joint_error: float
+    torque_rate: float
+    ended: int
+    episodes: int
+
+    def plain(self) -> dict[str, Any]:
+        """As JSON knows it; what is not finite is ``None``."""
+        return {
+            k: None if isinstance(v, float) and not isfinite(v) else v
+            for k, v in asdict(self).items()
+        }
+
+
+def held_out(
+    settings: Settings, env: ArmTracking, first: int = 0
+) -> list[tuple[str, Reference]]:
+    """Names and motions of an evaluation: those of ``gapscope evaluate``, from seeds that no training draws.
+
+    Args:
+        settings: kinds of motions, how many of each, and how long.
+        env: the arm that does them.
+        first: seed of the first; motions from other seeds have chosen no agent.
+    """
+    found = []
+    for seed in range(first, first + settings.seeds):
+        for name in settings.motions:
+            number = list(MOTIONS).index(name) if name in MOTIONS else 99
+            rng = np.random.default_rng((HELD_OUT, number, seed))
+            found.append((name, draw_motion(name, rng, env.space, settings.duration)))
+    return found
+
+
+def idle(env: ArmTracking) -> Policy:
+    """The policy that does nothing."""
+    still = np.zeros(env.actions)
+    return lambda observation: still
+
+
+def episodes(
+    env: ArmTracking, policy: Policy, motions: Sequence[tuple[str, Reference]]
+) -> list[Score]:
+    """A score for each motion; effects that the environment draws are the same at each call."""
+    return [
+        _episode(env, policy, motion, number)
+        for number, (_, motion) in enumerate(motions)
+    ]
+
+
+def judge(
+    env: ArmTracking, policy: Policy, motions: Sequence[tuple[str, Reference]]
+) -> Score:
+    """The mean score over motions."""
+    scores = episodes(env, policy, motions)
+    reward, error, rate = (
+        float(np.mean([getattr(s, name) for s in scores]))
+        for name in ("reward", "joint_error", "torque_rate")
+    )
+    return Score(reward, error, rate, sum(s.ended for s in scores), len(scores))
+
+
+def _episode(env: ArmTracking, policy: Policy, motion: Reference, number: int) -> Score:
+    observation, _ = env.reset(seed=HELD_OUT + number, options={"motion": motion})
+    rewards, errors, rates = [], [], []
+    while True:
+        observation, reward, terminated, truncated, info = env.step(policy(observation))
+        rewards.append(reward)
+        errors.append(info["tracking_rms"])
+        rates.append(info["torque_rate"])
+        if terminated or truncated:
+            break
+    count = round(env.length / env.period)
+    error, rate = (
+        inf if terminated else float(np.sqrt(np.mean(np.square(x))))
+        for x in (errors, rates)
+    )
+    return Score(sum(rewards) / count, error, rate, int(terminated), 1)

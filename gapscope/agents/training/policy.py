@@ -1,0 +1,173 @@
+"""A trained agent as files: written with what it was made from, read with checks."""
+
+from __future__ import annotations
+
+import json
+import platform
+import shutil
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box
+
+from gapscope.agents.training.checkpoint import sha256
+from gapscope.agents.training.learner import make_learner, read_weights
+from gapscope.agents.training.normalisation import LARGEST, Normalisation
+from gapscope.agents.training.task import Task
+from gapscope.agents.training.training_loop import NORMALISATION, Trained
+from gapscope.agents.training.training_settings import Settings, from_plain
+from gapscope.arm.errors import InputError
+from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.nominal import NominalArm
+from gapscope.envs.environment import ArmTracking
+
+POLICY, DOCUMENT = "policy.zip", "agent.json"
+LIBRARIES = ("gapscope", "numpy", "torch", "stable_baselines3")
+_REMEDY = "give the folder that gapscope train wrote, or train again with --again"
+
+
+@dataclass(frozen=True, eq=False)
+class TrainedAgent:
+    """A trained agent.
+
+    Attributes:
+        document: content of ``agent.json``.
+        settings: of its training.
+        normalisation: what it sees.
+        learner: of stable-baselines3, with its weights.
+    """
+
+    document: dict[str, Any]
+    settings: Settings
+    normalisation: Normalisation
+    learner: Any
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        """Action in -1 .. 1, of an observation as the environment gives it."""
+        return np.asarray(
+            self.learner.predict(self.normalisation(observation), deterministic=True)[0]
+        )
+
+    def check(self, env: ArmTracking) -> None:
+        """Check that an environment is one that this agent can act in.
+
+        Raises:
+            InputError: it has other joints, another observation or another kind of action.
+        """
+        _check_joints(self.document["joints"], env.arm, None)
+        for what, own, there in (
+            (
+                "numbers in the observation",
+                len(self.normalisation.mean),
+                env.layout.size,
+            ),
+            ("numbers in an action", self.document["actions"], env.actions),
+        ):
+            if there != own:
+                raise InputError(
+                    f"the agent has {own} {what}, the environment {there}",
+                    "use the action kind and look-ahead that it was trained with",
+                    where="agent",
+                )
+
+
+def write_agent(
+    task: Task, settings: Settings, trained: Trained, folder: Path
+) -> dict[str, Any]:
+    """Write ``policy.zip``, ``normalisation.npz`` and, as the last, ``agent.json``; returns its content.
+
+    Raises:
+        GapscopeError: a file cannot be written.
+    """
+    with written_whole(folder / POLICY) as aside:
+        shutil.copyfile(trained.weights, aside)
+    trained.normalisation.write(folder / NORMALISATION)
+    env = task.simulator(settings)
+    layout = {name: part.stop - part.start for name, part in env.layout.slices.items()}
+    size = env.actions
+    env.close()
+    best = trained.curve[trained.best]
+    content = {
+        "schema": 1,
+        "robot": task.arm.name,
+        "joints": list(task.arm.joints),
+        "model": task.name,
+        "observation": layout,
+        "actions": size,
+        "settings": settings.plain(),
+        "steps": trained.curve[-1].steps,
+        "kept": {"steps": best.steps, **best.plain()},
+        "untrained": trained.curve[0].plain(),
+        "stopped_early": trained.stopped,
+        "versions": {
+            "python": platform.python_version(),
+            **{name: version(name) for name in LIBRARIES},
+        },
+        "files": {name: sha256(folder / name) for name in (POLICY, NORMALISATION)},
+    }
+    with written_whole(folder / DOCUMENT) as aside:
+        aside.write_text(
+            json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8"
+        )
+    return content
+
+
+def read_agent(folder: Path | str, arm: NominalArm) -> TrainedAgent:
+    """Read a trained agent for an arm.
+
+    Raises:
+        InputError: no trained agent there, a file that was cut short or changed, or an agent of another arm.
+    """
+    folder = Path(folder)
+    path = folder / DOCUMENT
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        joints, files, plain = content["joints"], content["files"], content["settings"]
+        size, actions = sum(content["observation"].values()), content["actions"]
+    except OSError as error:
+        raise InputError(
+            f"holds no trained agent ({error.strerror}: {DOCUMENT})",
+            _REMEDY,
+            file=folder,
+        ) from None
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise InputError(
+            f"is no document of a trained agent ({error})", _REMEDY, file=path
+        ) from None
+    _check_joints(joints, arm, path)
+    for name, digest in files.items():
+        if not (folder / name).is_file():
+            raise InputError("is missing", _REMEDY, file=folder / name)
+        if sha256(folder / name) != digest:
+            raise InputError(
+                "was cut short or changed since it was trained",
+                _REMEDY,
+                file=folder / name,
+            )
+    settings = from_plain(plain)
+    learner = make_learner(settings, _Spaces(size, actions))
+    read_weights(learner, folder / POLICY)
+    return TrainedAgent(
+        content, settings, Normalisation.read(folder / NORMALISATION), learner
+    )
+
+
+def _check_joints(joints: list[str], arm: NominalArm, path: Path | None) -> None:
+    if list(joints) != list(arm.joints):
+        raise InputError(
+            f"is an agent of an arm with the joints {', '.join(joints)}, not {', '.join(arm.joints)}",
+            "train one for this arm, or give its arm as --robot",
+            file=path,
+        )
+
+
+class _Spaces(gymnasium.Env):
+    """An environment of which only the spaces are used."""
+
+    def __init__(self, observation: int, actions: int) -> None:
+        self.observation_space = Box(-LARGEST, LARGEST, (observation,), np.float32)
+        self.action_space = Box(-1.0, 1.0, (actions,), np.float32)

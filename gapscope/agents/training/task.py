@@ -1,0 +1,117 @@
+"""What an agent is trained and tried on: the simulator made from a model, and the arm with hidden effects."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+from gapscope.agents.model_files import read_arm
+from gapscope.agents.torque_model import ArmModel, Gravity, Model
+from gapscope.agents.training.normalisation import Normalisation, Normalised
+from gapscope.agents.training.training_settings import Settings
+from gapscope.arm.motions.named_motions import check_motion_name
+from gapscope.arm.nominal import NominalArm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import External
+from gapscope.envs.environment import ArmTracking
+
+
+@dataclass(frozen=True)
+class Task:
+    """A model, the simulator made from it, and the arm that it is to be right about.
+
+    Agents are trained and chosen in the simulator alone; the hidden effects act on no arm but ``hidden``'s.
+
+    Attributes:
+        arm: the nominal arm; gains and torque scale are worked out with it, whatever the model.
+        name: of the model: ``pd``, ``gravity``, ``nominal`` or its file.
+        believed: the arm with effects that the model takes the arm for; of ``pd`` and ``gravity`` the nominal one.
+        hidden: what the arm that is tried has beyond the nominal arm, or ``None`` where there is no such arm.
+    """
+
+    arm: NominalArm
+    name: str
+    believed: CorrectedArm
+    hidden: tuple[AppliedEffect, ...] | None = None
+
+    @classmethod
+    def of(
+        cls,
+        source: str,
+        arm: NominalArm,
+        hidden: tuple[AppliedEffect, ...] | None = None,
+    ) -> Task:
+        """The task of a model by its name or file; a force from outside, which belongs to a recording, is left out.
+
+        Raises:
+            InputError: no such model, or one of an arm with other joints.
+        """
+        believed = (
+            CorrectedArm(arm) if source in ("pd", "gravity") else read_arm(source, arm)
+        )
+        lasting = tuple(
+            e for e in believed.effects if not isinstance(e.effect, External)
+        )
+        return cls(arm, source, replace(believed, effects=lasting), hidden)
+
+    def model(self) -> Model | None:
+        """The feedforward model; ``None`` is PD alone."""
+        if self.name == "pd":
+            return None
+        return Gravity(self.arm) if self.name == "gravity" else ArmModel(self.believed)
+
+    def check(self, settings: Settings) -> None:
+        """Check that the arm can do the motions; raises ``InputError`` otherwise."""
+        for name in (settings.motion, *settings.motions):
+            check_motion_name(name, self.arm.n_joints)
+
+    def simulator(self, settings: Settings, length: float | None = None) -> ArmTracking:
+        """The environment made from the model, with the settings' domain randomisation.
+
+        Args:
+            settings: of the training.
+            length: of an episode [s]; by default that of training.
+        """
+        return self._environment(
+            settings,
+            length,
+            simulated=self.believed,
+            randomisation=settings.randomisation,
+        )
+
+    def hidden_arm(self, settings: Settings, engine: str | None = None) -> ArmTracking:
+        """The environment with the hidden effects; its episodes are as long as an evaluation."""
+        options = {"effects": self.hidden or (), "engine": engine or settings.engine}
+        return self._environment(settings, settings.duration, **options)
+
+    def normalised(self, settings: Settings, normalisation: Normalisation) -> list[Any]:
+        """What makes each of the training environments, for a vector environment."""
+        return [
+            partial(_normalised, self, settings, normalisation)
+        ] * settings.environments
+
+    def _environment(
+        self, settings: Settings, length: float | None, **options: Any
+    ) -> ArmTracking:
+        model = self.model()
+        return ArmTracking(
+            self.arm,
+            feedforward="none" if model is None else model,
+            action=settings.action,
+            action_reach=settings.action_reach
+            if settings.action == "residual"
+            else None,
+            bandwidth=settings.bandwidth,
+            motion=settings.motion,
+            episode_length=length or settings.episode_length,
+            reward=settings.reward,
+            **{"engine": settings.engine, **options},
+        )
+
+
+def _normalised(
+    task: Task, settings: Settings, normalisation: Normalisation
+) -> Normalised:
+    return Normalised(task.simulator(settings), normalisation)

@@ -1,0 +1,242 @@
+"""Training in rounds: each is seeded anew, so that one that is gone on with ends as one that was never interrupted."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from gapscope.agents.training.checkpoint import read_checkpoint, written_checkpoint
+from gapscope.agents.training.curve import Point
+from gapscope.agents.training.events import write_events
+from gapscope.agents.training.held_out_trial import Policy, held_out, idle, judge
+from gapscope.agents.training.learner import (
+    check_installed,
+    make_learner,
+    read_replay,
+    read_weights,
+    seed_all,
+    write_replay,
+    write_weights,
+)
+from gapscope.agents.training.normalisation import Normalisation
+from gapscope.agents.training.task import Task
+from gapscope.agents.training.training_settings import Settings
+from gapscope.arm.errors import InputError
+
+CHECKPOINTS, EVENTS = "checkpoint", "tensorboard"
+WEIGHTS, BEST, REPLAY, NORMALISATION = (
+    "weights.zip",
+    "best.zip",
+    "replay.npz",
+    "normalisation.npz",
+)
+
+
+@dataclass(frozen=True)
+class Trained:
+    """What came out of a training.
+
+    Attributes:
+        curve: scores after each round, the untrained agent's first.
+        best: place in the curve of the agent that is kept, the best in the simulator; 0 is the untrained one.
+        normalisation: what the agent sees.
+        weights: file with the weights of the agent that is kept, in the last checkpoint.
+        policy: that agent's.
+        stopped: whether it ended early, for want of improvement.
+    """
+
+    curve: tuple[Point, ...]
+    best: int
+    normalisation: Normalisation
+    weights: Path
+    policy: Policy
+    stopped: bool
+
+
+class Training:
+    """A training that writes its checkpoints into a folder, and goes on from the newest one that is there.
+
+    The agent that is kept is the one that earned most in the simulator made from the model; the arm with hidden effects
+    is watched, and chooses nothing.
+
+    Args:
+        task: what to train and try on.
+        settings: how.
+        folder: of checkpoints and TensorBoard events.
+        progress: called with a few words after each round.
+
+    Raises:
+        InputError: settings that do not fit the arm, an extra that is not installed, or a checkpoint that is not whole.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        settings: Settings,
+        folder: Path,
+        progress: Callable[[str], None] = lambda message: None,
+    ) -> None:
+        check_installed()
+        task.check(settings)
+        self._task, self._settings, self._folder, self._progress = (
+            task,
+            settings,
+            folder,
+            progress,
+        )
+        self._curve: list[Point] = []
+        self._best, self._done, self._updates = 0, 0, 0
+
+    def run(self, rounds: int | None = None) -> Trained:
+        """Train to the end, or for so many rounds at most."""
+        settings = self._settings
+        self._simulator = self._task.simulator(settings, settings.duration)
+        self._hidden = (
+            None if self._task.hidden is None else self._task.hidden_arm(settings)
+        )
+        self._motions = held_out(settings, self._simulator)
+        found = read_checkpoint(self._folder / CHECKPOINTS)
+        vector = None
+        try:
+            if found is None:
+                self._normalisation = Normalisation.measured(
+                    self._simulator, settings.seed, settings.tolerance
+                )
+            else:
+                self._normalisation = Normalisation.read(found[0] / NORMALISATION)
+            vector = self._vector()
+            self._learner = make_learner(settings, vector)
+            self._rate = float(self._learner.learning_rate)
+            if found is None:
+                self._point(idle(self._simulator))
+                self._write()
+            else:
+                self._restore(*found)
+            left = (
+                settings.rounds
+                if rounds is None
+                else min(settings.rounds, self._done + rounds)
+            )
+            while self._done < left and not self._stopped:
+                self._round(vector)
+            return self._trained()
+        finally:
+            for env in (self._simulator, self._hidden, vector):
+                if env is not None:
+                    env.close()
+
+    def _vector(self) -> Any:
+        from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
+
+        makers = self._task.normalised(self._settings, self._normalisation)
+        return SubprocVecEnv(makers) if self._settings.parallel else DummyVecEnv(makers)
+
+    def _round(self, vector: Any) -> None:
+        settings, learner = self._settings, self._learner
+        self._done += 1
+        vector.seed(seed_all(settings.seed, self._done))
+        learner._last_obs = None  # so that the environments are reset
+        rate = self._rate * (
+            1
+            + (settings.final_rate - 1) * (self._done - 1) / max(1, settings.rounds - 1)
+        )
+        learner.lr_schedule = lambda _: rate
+        learner.learn(
+            settings.round_length, reset_num_timesteps=False, log_interval=10**9
+        )
+        self._point(self._policy)
+        self._write()
+
+    def _policy(self, observation: Any) -> Any:
+        return self._learner.predict(
+            self._normalisation(observation), deterministic=True
+        )[0]
+
+    def _point(self, policy: Policy) -> None:
+        """Try the agent, and note whether it is the best so far."""
+        simulated = judge(self._simulator, policy, self._motions)
+        tried = (
+            None if self._hidden is None else judge(self._hidden, policy, self._motions)
+        )
+        self._curve.append(Point(self._learner.num_timesteps, simulated, tried))
+        best = self._curve[self._best].simulator
+        if simulated.reward > best.reward + self._settings.improvement:
+            self._best = len(self._curve) - 1
+        shown = (
+            ""
+            if tried is None
+            else f"; on the hidden arm {1e3 * tried.joint_error:.3g}"
+        )
+        self._progress(
+            f"{self._learner.num_timesteps} of {self._settings.rounds * self._settings.round_length} steps: reward "
+            f"{simulated.reward:.3f}, joint error {1e3 * simulated.joint_error:.3g} mrad{shown}"
+        )
+
+    @property
+    def _stopped(self) -> bool:
+        return len(self._curve) - 1 - self._best >= self._settings.patience
+
+    def _write(self) -> None:
+        """Write the checkpoint of the rounds that are done."""
+        place, learner = self._folder / CHECKPOINTS, self._learner
+        before = read_checkpoint(place)
+        state = {
+            "rounds": self._done,
+            "steps": learner.num_timesteps,
+            "updates": learner._n_updates,
+            "best": self._best,
+            "curve": [point.plain() for point in self._curve],
+            "settings": self._settings.same(),
+        }
+        with written_checkpoint(place, self._done, state) as aside:
+            write_weights(learner, aside / WEIGHTS)
+            self._normalisation.write(aside / NORMALISATION)
+            if self._best == len(self._curve) - 1 or before is None:
+                shutil.copyfile(aside / WEIGHTS, aside / BEST)
+            else:
+                shutil.copyfile(before[0] / BEST, aside / BEST)
+            if getattr(learner, "replay_buffer", None) is not None:
+                write_replay(learner, aside / REPLAY)
+        write_events(
+            self._folder / EVENTS, self._curve[-1], learner.logger.name_to_value
+        )
+
+    def _restore(self, place: Path, state: dict[str, Any]) -> None:
+        """Go on from a checkpoint.
+
+        Raises:
+            InputError: it was made with other settings.
+        """
+        learner, asked = self._learner, self._settings.same()
+        if other := [
+            name for name in asked if state["settings"].get(name) != asked[name]
+        ]:
+            raise InputError(
+                f"was made with another {' and '.join(other)}",
+                "choose another folder, or --again",
+                file=place,
+            )
+        read_weights(learner, place / WEIGHTS)
+        if getattr(learner, "replay_buffer", None) is not None:
+            read_replay(learner, place / REPLAY)
+        learner.num_timesteps, learner._n_updates = state["steps"], state["updates"]
+        self._done, self._best = state["rounds"], state["best"]
+        self._curve = [Point.of(content) for content in state["curve"]]
+        self._progress(f"goes on after {state['steps']} steps")
+
+    def _trained(self) -> Trained:
+        found = read_checkpoint(self._folder / CHECKPOINTS)
+        assert found is not None
+        weights = found[0] / BEST
+        read_weights(self._learner, weights)
+        return Trained(
+            tuple(self._curve),
+            self._best,
+            self._normalisation,
+            weights,
+            self._policy,
+            self._stopped,
+        )

@@ -1,0 +1,267 @@
+"""How an agent is trained: the settings file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from gapscope.agents.training.hyperparameters import ALGORITHMS, checked
+from gapscope.arm.errors import InputError
+from gapscope.arm.io.case_file import read_yaml
+from gapscope.arm.motions.named_motions import MOTIONS
+from gapscope.arm.nearest_name import check_known, nearest
+from gapscope.envs.actions import KINDS
+from gapscope.envs.arguments import positive, whole
+from gapscope.envs.engines import check_engine
+from gapscope.envs.mystery_arm import HIDDEN
+from gapscope.envs.randomisation import Randomisation
+from gapscope.envs.reward import Reward
+
+POSITIVE = {
+    "action_reach": "rad",
+    "exploration": "1",
+    "final_rate": "1",
+    "bandwidth": "Hz",
+    "episode_length": "s",
+    "duration": "s",
+}
+WHOLE = ("steps", "round_steps", "environments", "patience", "seeds")
+LISTS = ("network", "motions", "randomise")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings of a training.
+
+    A training is made of rounds; after each the agent is evaluated and a checkpoint written.
+
+    Attributes:
+        algorithm: one of ``ALGORITHMS``.
+        steps: actions to train for, all environments together, rounded up to whole rounds.
+        round_steps: actions in a round, rounded up to what the algorithm collects at once.
+        environments: that are stepped side by side.
+        parallel: whether each has a process of its own.
+        network: units of the hidden layers, of policy and value function alike.
+        hyperparameters: of the algorithm, by the names of stable-baselines3.
+        exploration: standard deviation of the untrained agent's actions [1].
+        final_rate: learning rate in the last round, over that in the first; it falls from round to round [1].
+        action: one of ``gapscope.envs.actions.KINDS``.
+        action_reach: with ``residual``, tracking error at which kp alone commands as much as an action of 1 [rad].
+        bandwidth: of the PD loop [Hz].
+        episode_length: of training [s].
+        motion: of training; a name, or ``random``.
+        tolerance, effort, smoothness: of the reward, see ``gapscope.envs.reward.Reward`` [rad], [1], [1].
+        motions, seeds, duration: of the evaluation: names, how many seeds of each, length [s].
+        patience: evaluations without improvement after which training ends.
+        improvement: least gain of the mean reward per action that counts as improvement [1].
+        randomise: effects that are drawn around the model at every reset; none by default.
+        count, severity: how many, and how severe, see ``gapscope.envs.randomisation.Randomisation``.
+        engine: that simulates training.
+        seed: of weights, motions and exploration.
+
+    Raises:
+        InputError: a value that cannot be used.
+    """
+
+    algorithm: str = "ppo"
+    steps: int = 100_000
+    round_steps: int = 10_000
+    environments: int = 4
+    parallel: bool = False
+    network: tuple[int, ...] = (64, 64)
+    hyperparameters: Mapping[str, Any] = field(default_factory=dict)
+    exploration: float = 0.1
+    final_rate: float = 0.1
+    action: str = "residual"
+    action_reach: float = 0.03
+    bandwidth: float = 4.0
+    episode_length: float = 4.0
+    motion: str = "random"
+    tolerance: float = 0.002
+    effort: float = 0.0
+    smoothness: float = 0.05
+    motions: tuple[str, ...] = ("fourier", "pick", "place", "weld_seam")
+    seeds: int = 1
+    duration: float = 4.0
+    patience: int = 1000
+    improvement: float = 0.0
+    randomise: tuple[str, ...] = ()
+    count: tuple[int, int] = (1, 3)
+    severity: tuple[float, float] = (0.5, 1.5)
+    engine: str = "pybullet"
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_known("algorithm", self.algorithm, ALGORITHMS, where="algorithm")
+        check_known("action", self.action, KINDS, where="action")
+        check_engine(self.engine)
+        for name, unit in POSITIVE.items():
+            positive(name, getattr(self, name), unit)
+        for name in WHOLE:
+            whole(name, getattr(self, name))
+        for name in LISTS:
+            if isinstance(getattr(self, name), str) or not isinstance(
+                getattr(self, name), (list, tuple)
+            ):
+                raise InputError(
+                    f"expected a list, got {getattr(self, name)!r}", where=name
+                )
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        for units in self.network:
+            whole("network", units)
+        for name in (self.motion, *self.motions):
+            check_known(
+                "motion",
+                name,
+                (*MOTIONS, "random"),
+                where="motion" if name == self.motion else "motions",
+            )
+        if not isinstance(self.parallel, bool):
+            raise InputError(
+                f"expected true or false, got {self.parallel!r}", where="parallel"
+            )
+        if (
+            isinstance(self.seed, bool)
+            or not isinstance(self.seed, int)
+            or self.seed < 0
+        ):
+            raise InputError(
+                f"expected a whole number from 0 on, got {self.seed!r}", where="seed"
+            )
+        if (
+            not isinstance(self.improvement, (int, float))
+            or not 0 <= self.improvement < math.inf
+        ):
+            raise InputError(
+                f"expected a number from 0 on [1], got {self.improvement!r}",
+                where="improvement",
+            )
+        if not isinstance(self.hyperparameters, Mapping):
+            raise InputError(
+                "expected names with values",
+                "write learning_rate: 3.0e-4, ...",
+                where="hyperparameters",
+            )
+        object.__setattr__(
+            self, "hyperparameters", checked(self.algorithm, self.hyperparameters)
+        )
+        _ = self.reward, self.randomisation
+
+    @property
+    def reward(self) -> Reward:
+        """The reward."""
+        return Reward(self.tolerance, self.effort, self.smoothness)
+
+    @property
+    def randomisation(self) -> Randomisation | None:
+        """What is drawn at every reset, or ``None``."""
+        if not self.randomise:
+            return None
+        for name in ("count", "severity"):
+            value = getattr(self, name)
+            if (
+                not isinstance(value, tuple)
+                or len(value) != 2
+                or not all(isinstance(x, (int, float)) for x in value)
+            ):
+                raise InputError(
+                    f"expected a lowest and a highest number, got {value!r}", where=name
+                )
+        return Randomisation(self.randomise, count=self.count, severity=self.severity)
+
+    @property
+    def rounds(self) -> int:
+        """Rounds of a whole training."""
+        return -(-self.steps // self.round_length)
+
+    @property
+    def round_length(self) -> int:
+        """Actions in a round: a multiple of what the algorithm collects at once."""
+        per = int(
+            self.hyperparameters.get(
+                "n_steps" if self.algorithm == "ppo" else "train_freq", 1
+            )
+        )
+        if self.algorithm == "ppo" and "n_steps" not in self.hyperparameters:
+            per = 2048
+        unit = per * self.environments
+        return unit * -(-self.round_steps // unit)
+
+    def randomised(self) -> Settings:
+        """The same with domain randomisation: over the effects that a diagnosis can find where none are named."""
+        return self if self.randomise else replace(self, randomise=HIDDEN)
+
+    def same(self) -> dict[str, Any]:
+        """What makes two trainings the same, as JSON knows it: all but ``parallel``."""
+        return {**self.plain(), "parallel": False}
+
+    def plain(self) -> dict[str, Any]:
+        """As YAML and JSON know it."""
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        return {
+            k: list(v)
+            if isinstance(v, tuple)
+            else dict(v)
+            if isinstance(v, Mapping)
+            else v
+            for k, v in values.items()
+        }
+
+
+def read_settings(agent: str | Path, **changed: Any) -> Settings:
+    """Settings from a file, or those that ship under the name of an algorithm.
+
+    Args:
+        agent: one of ``ALGORITHMS``, or the path of a YAML file with the fields of ``Settings``.
+        changed: fields to put in place of the file's; those that are ``None`` are not.
+
+    Raises:
+        InputError: no such file or algorithm, an unknown key, or a value of the wrong kind; names file and field.
+    """
+    changed = {name: value for name, value in changed.items() if value is not None}
+    path = Path(agent)
+    if agent in ALGORITHMS:
+        path = Path(
+            str(files("gapscope.agents.training") / "configs" / f"{agent}.yaml")
+        )
+    elif path.suffix not in (".yaml", ".yml"):
+        raise InputError(
+            f"unknown agent {str(agent)!r}",
+            f"{nearest(str(agent), ALGORITHMS)}give {', '.join(ALGORITHMS)}, or a YAML file with settings",
+            where="--agent",
+        )
+    content = read_yaml(path, "check the path")
+    try:
+        return from_plain(content, **changed)
+    except InputError as error:
+        raise error.at(path) from None
+
+
+def from_plain(content: Any, **changed: Any) -> Settings:
+    """Settings from names with values.
+
+    Raises:
+        InputError: an unknown name, or a value that cannot be used.
+    """
+    if not isinstance(content, dict):
+        raise InputError(
+            "expected names with values", "start from a file of agents/training/configs"
+        )
+    known = [f.name for f in fields(Settings)]
+    for name in content:
+        if name not in known:
+            raise InputError(
+                f"unknown key {name!r}",
+                f"{nearest(str(name), known)}known are {', '.join(known)}",
+                where=str(name),
+            )
+    content = {
+        k: tuple(v) if k in ("count", "severity") and isinstance(v, list) else v
+        for k, v in content.items()
+    }
+    return Settings(**{**content, **changed})

@@ -1,0 +1,142 @@
+"""Hyperparameters by Optuna: short trainings, judged in the simulator alone."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from gapscope.agents.training.task import Task
+from gapscope.agents.training.training_loop import Training
+from gapscope.agents.training.training_settings import Settings
+from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.io.atomic_write import written_whole
+
+STUDY = "study.log"
+"""Journal of the trials; a search that was interrupted goes on from it."""
+
+
+def check_installed() -> None:
+    """Check that Optuna is there; raises ``InputError`` otherwise."""
+    try:
+        import optuna  # noqa: F401
+    except ImportError:
+        raise InputError(
+            "needs Optuna, which is not installed",
+            "pip install 'gapscope[tune]'",
+            where="--tune",
+        ) from None
+
+
+def tune(
+    task: Task,
+    settings: Settings,
+    trials: int,
+    folder: Path,
+    progress: Callable[[str], None] = lambda message: None,
+) -> Path:
+    """Search learning rate, discount, batch size and exploration; write ``tuned.yaml``.
+
+    A trial is a training of the settings' steps; its value is the reward of its best round in the simulator, always
+    with the settings' own reward. The first trial is the settings as they are.
+
+    Args:
+        task: what to train and try on; its hidden effects are not used.
+        settings: to start from.
+        trials: in all, those of an earlier call on the same folder included.
+        folder: for the journal and ``tuned.yaml``.
+        progress: called with a few words after each trial.
+
+    Raises:
+        InputError: Optuna is not installed.
+        GapscopeError: the folder cannot be written.
+    """
+    check_installed()
+    import optuna
+    from optuna.storages import JournalStorage
+    from optuna.storages.journal import JournalFileBackend
+
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        storage = JournalStorage(JournalFileBackend(str(folder / STUDY)))
+    except OSError as error:
+        raise GapscopeError(
+            f"{folder}: cannot be written ({error.strerror})", "choose another place"
+        ) from None
+    done = _finished(optuna, storage)
+    sampler = optuna.samplers.TPESampler(seed=settings.seed + done)
+    study = optuna.create_study(
+        study_name="tune",
+        storage=storage,
+        sampler=sampler,
+        direction="maximize",
+        load_if_exists=True,
+    )
+    if not study.trials:
+        study.enqueue_trial(_start(settings))
+    blind = replace(task, hidden=None)
+
+    def value(trial: Any) -> float:
+        tried = _with(settings, _suggest(trial))
+        place = folder / f"trial_{trial.number}"
+        shutil.rmtree(place, ignore_errors=True)
+        trained = Training(blind, tried, place).run()
+        shutil.rmtree(place, ignore_errors=True)
+        best = trained.curve[trained.best].simulator.reward
+        progress(f"trial {trial.number + 1}: reward {best:.3f}")
+        return best
+
+    while (left := trials - _finished(optuna, storage)) > 0:
+        study.optimize(value, n_trials=min(left, 1))
+    best = _with(settings, study.best_params)
+    with written_whole(folder / "tuned.yaml") as aside:
+        aside.write_text(
+            yaml.safe_dump(best.plain(), sort_keys=False), encoding="utf-8"
+        )
+    return folder / "tuned.yaml"
+
+
+def _finished(optuna: Any, storage: Any) -> int:
+    """Trials that came to their end."""
+    names = [study.study_name for study in optuna.get_all_study_summaries(storage)]
+    if "tune" not in names:
+        return 0
+    states = (optuna.trial.TrialState.COMPLETE,)
+    return len(
+        optuna.load_study(study_name="tune", storage=storage).get_trials(
+            deepcopy=False, states=states
+        )
+    )
+
+
+def _start(settings: Settings) -> dict[str, Any]:
+    given = settings.hyperparameters
+    return {
+        "learning_rate": float(given.get("learning_rate", 3e-4)),
+        "gamma": float(given.get("gamma", 0.95)),
+        "batch_size": int(given.get("batch_size", 256)),
+        "exploration": settings.exploration,
+    }
+
+
+def _suggest(trial: Any) -> dict[str, Any]:
+    return {
+        "learning_rate": trial.suggest_float("learning_rate", 1e-4, 5e-3, log=True),
+        "gamma": trial.suggest_float("gamma", 0.7, 0.99),
+        "batch_size": trial.suggest_categorical("batch_size", [64, 128, 256, 512]),
+        "exploration": trial.suggest_float("exploration", 0.02, 0.6, log=True),
+    }
+
+
+def _with(settings: Settings, found: dict[str, Any]) -> Settings:
+    others = {name: value for name, value in found.items() if name != "exploration"}
+    return replace(
+        settings,
+        exploration=found["exploration"],
+        hyperparameters={**settings.hyperparameters, **others},
+    )

@@ -1,0 +1,169 @@
+"""Distance of an arm to itself and to the surface that it stands on, from the collision shapes of its URDF."""
+
+from __future__ import annotations
+
+import warnings
+import xml.etree.ElementTree as ET
+from copy import copy
+from itertools import combinations
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError
+from gapscope.arm.nominal import NominalArm
+
+POSTURES = 1000
+"""Random postures on which pairs that touch nearly always, or never come near, are found."""
+OFTEN = 0.95
+"""Pairs that touch in this share of them are no collision."""
+FAR = 0.05
+"""Pairs that stay farther apart than this in all of them are left to the final check of a search [m]."""
+
+
+class CollisionModel:
+    """Least distance between the bodies of an arm, meshes replaced by their convex hulls (which errs to the safe side).
+
+    Bodies on the same joint or on neighbouring joints are left out, and so are pairs that touch in the zero posture
+    or in nearly every posture: there the hulls overlap by construction. The surface is the plane z = height of the
+    base frame, against which all moved bodies count.
+
+    Args:
+        arm: the nominal arm.
+        body: its rigid-body model.
+        height: of the surface in the base frame [m]; ``None`` where there is none.
+
+    Attributes:
+        pairs: names of the bodies compared, two each.
+        left_out: pairs that touch by construction, two names each.
+
+    Raises:
+        InputError: the URDF has no collision shapes, or a mesh of it cannot be read.
+    """
+
+    def __init__(
+        self, arm: NominalArm, body: RigidBody, height: float | None = 0.0
+    ) -> None:
+        self._model, self._order = body.model, body.order
+        self._shapes = _shapes(arm, self._model)
+        bodies = self._shapes.ngeoms
+        if height is not None:
+            ground = coal.Halfspace(np.array([0.0, 0.0, 1.0]), float(height))
+            self._shapes.addGeometryObject(
+                pin.GeometryObject("surface", 0, 0, pin.SE3.Identity(), ground)
+            )
+        self._set_pairs(
+            [
+                pair
+                for pair in combinations(range(self._shapes.ngeoms), 2)
+                if self._counts(*pair, bodies)
+            ]
+        )
+        candidates, distances = np.array(self.pairs), self._sampled()
+        touching = (distances[0] <= 0) | ((distances[1:] <= 0).mean(axis=0) >= OFTEN)
+        self.left_out = tuple((str(a), str(b)) for a, b in candidates[touching])
+        self._least = distances[:, ~touching].min(axis=0, initial=np.inf)
+        self._keep(~touching)
+
+    def nearby(self, clearance: float) -> CollisionModel:
+        """The same without pairs that stay ``FAR`` beyond a clearance [m] in random postures: faster, but a guess."""
+        other = copy(self)
+        other._shapes = self._shapes.copy()
+        other._keep(self._least < clearance + FAR)
+        return other
+
+    def distance(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Least distance over all pairs and the pair it is met at.
+
+        Args:
+            q: joint positions in the arm's order [rad], shape (N, n).
+
+        Returns:
+            Distance [m], negative where bodies overlap, shape (N,), infinite where there are no pairs; and the place
+            in ``pairs``, shape (N,).
+        """
+        q = np.ascontiguousarray(q[:, self._order])
+        least, nearest = np.full(len(q), np.inf), np.zeros(len(q), dtype=int)
+        if not self.pairs:
+            return least, nearest
+        results = self._geometry.distanceResults
+        for i in range(len(q)):
+            nearest[i] = pin.computeDistances(
+                self._model, self._data, self._shapes, self._geometry, q[i]
+            )
+            least[i] = results[int(nearest[i])].min_distance
+        return least, nearest
+
+    def _counts(self, first: int, second: int, bodies: int) -> bool:
+        """Whether two bodies can come near each other, by the joints that carry them."""
+        a, b = (self._shapes.geometryObjects[i].parentJoint for i in (first, second))
+        if second >= bodies:
+            return bool(a > 0)
+        return bool(
+            a != b and self._model.parents[a] != b and self._model.parents[b] != a
+        )
+
+    def _keep(self, chosen: np.ndarray) -> None:
+        """Leave only some of the present pairs, bool per pair."""
+        pairs = [(pair.first, pair.second) for pair in self._shapes.collisionPairs]
+        self._set_pairs(
+            [pair for pair, keep in zip(pairs, chosen, strict=True) if keep]
+        )
+
+    def _set_pairs(self, pairs: list[tuple[int, int]]) -> None:
+        self._shapes.removeAllCollisionPairs()
+        for pair in pairs:
+            self._shapes.addCollisionPair(pin.CollisionPair(*pair))
+        self._data, self._geometry = self._model.createData(), self._shapes.createData()
+        names = [item.name for item in self._shapes.geometryObjects]
+        self.pairs = tuple((names[a], names[b]) for a, b in pairs)
+
+    def _sampled(self) -> np.ndarray:
+        """Distance of the present pairs [m] in the zero posture and in random ones, one row each."""
+        low, high = (
+            np.clip(x, -np.pi, np.pi)
+            for x in (self._model.lowerPositionLimit, self._model.upperPositionLimit)
+        )
+        random = np.random.default_rng(0).uniform(
+            low, np.maximum(low, high), (POSTURES, self._model.nq)
+        )
+        out = np.empty((POSTURES + 1, len(self.pairs)))
+        for row, q in zip(
+            out, [np.clip(np.zeros(self._model.nq), low, high), *random], strict=True
+        ):
+            pin.computeDistances(
+                self._model, self._data, self._shapes, self._geometry, q
+            )
+            row[:] = [result.min_distance for result in self._geometry.distanceResults]
+        return out
+
+
+def _shapes(arm: NominalArm, model: pin.Model) -> pin.GeometryModel:
+    """Collision shapes of a URDF, each convex."""
+    folders = [str(folder) for folder in arm.urdf.resolve().parents[:3]]
+    remedy = "give the URDF beside its meshes, or leave collisions unchecked"
+    if ET.parse(arm.urdf).getroot().tag != "robot":
+        raise InputError(
+            "collision shapes are read from URDF files alone", remedy, file=arm.urdf
+        )
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter(
+                "ignore", UserWarning
+            )  # the binding warns of its own overload
+            shapes = pin.buildGeomFromUrdf(
+                model, str(arm.urdf), pin.GeometryType.COLLISION, folders
+            )
+        for item in shapes.geometryObjects:
+            if isinstance(item.geometry, coal.BVHModelBase):
+                item.geometry.buildConvexHull(True, "Qt")
+                item.geometry = item.geometry.convex
+    except (ValueError, RuntimeError) as error:
+        raise InputError(
+            f"its collision shapes cannot be read ({error})", remedy, file=arm.urdf
+        ) from None
+    if shapes.ngeoms == 0:
+        raise InputError("has no collision shapes", remedy, file=arm.urdf)
+    return shapes

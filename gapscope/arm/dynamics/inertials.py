@@ -1,0 +1,157 @@
+"""The inertials of a URDF or MJCF file: what no body can have is refused, what is merely odd is used and told."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from gapscope.arm.dynamics.mjcf import NAMELESS, numbers
+from gapscope.arm.errors import InputError
+
+if TYPE_CHECKING:
+    from gapscope.arm.dynamics.rigid_body import RigidBody
+
+MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+"""Attributes of ``<inertia>``."""
+EXCESS = 1e-3
+"""Share by which the largest moment may exceed the sum of the others, for rounding."""
+GIVE = "give mass [kg] and inertia [kg m^2], or leave <inertial> out of a link that has no mass"
+
+
+class _Words(NamedTuple):
+    """What a format calls mass and moments of inertia, and how they are put right."""
+
+    mass: str
+    inertia: str
+    remedy: str
+
+
+URDF = _Words(
+    "<mass>",
+    "<inertia>",
+    "correct ixx ... izz: moments about the centre of mass, in the axes of <origin>",
+)
+MJCF = _Words(
+    "mass",
+    "it",
+    "correct diaginertia or fullinertia: moments about the centre of mass, in the axes of quat",
+)
+
+
+def check_inertials(root: ET.Element, path: Path) -> None:
+    """Check mass and moments of inertia of each link of a URDF, or body of an MJCF file, that has any.
+
+    Raises:
+        InputError: a number is missing or none, a mass is negative, or a principal moment is; names the link.
+    """
+    tag, read, words = (
+        ("link", _of_urdf, URDF) if root.tag == "robot" else ("body", _of_mjcf, MJCF)
+    )
+    for link in root.iter(tag):
+        inertial = link.find("inertial")
+        if inertial is None:
+            continue
+        where = f"{tag} {link.get('name', NAMELESS)}, <inertial>"
+        mass, inertia = read(inertial, path, where)
+        if mass < 0:
+            raise InputError(
+                f"{words.mass} is {mass:g} kg, expected zero or above",
+                "correct its value",
+                file=path,
+                where=where,
+            )
+        moments = np.linalg.eigvalsh(inertia)
+        if moments[0] < -1e-6 * abs(moments[2]):
+            raise InputError(
+                f"{words.inertia} has the principal moments {_listed(moments)} kg m^2, expected none below zero",
+                words.remedy,
+                file=path,
+                where=where,
+            )
+
+
+def odd_inertials(body: RigidBody) -> tuple[str, ...]:
+    """What is odd about the moving bodies of an arm, merged with what is fixed to them; a sentence each."""
+    notes = []
+    for joint, (name, link) in enumerate(zip(body.joints, body.links, strict=True), 1):
+        inertia = body.model.inertias[int(link)]
+        moments = np.linalg.eigvalsh(inertia.inertia)
+        place = f"{body.file}: the link moved by joint {joint} ({name})"
+        if inertia.mass == 0 and not moments.any():
+            notes.append(
+                f"{place} has no <inertial>: it is simulated without mass; give it one if it has any"
+            )
+        elif inertia.mass == 0:
+            notes.append(
+                f"{place} has moments of inertia but no mass, which no body has; correct <mass>"
+            )
+        elif moments[2] > (1 + EXCESS) * (moments[0] + moments[1]):
+            notes.append(
+                f"{place} has the principal moments of inertia {_listed(moments)} kg m^2, of which no body has one "
+                "above the sum of the others: they are simulated as they are; correct <inertia> if you can"
+            )
+    return tuple(notes)
+
+
+def _of_urdf(inertial: ET.Element, path: Path, where: str) -> tuple[float, np.ndarray]:
+    """Mass [kg] and moments of inertia [kg m^2], shape (3, 3), in the inertial's own axes."""
+    mass = _number(inertial, "mass", "value", path, where)
+    return mass, _matrix(
+        [_number(inertial, "inertia", name, path, where) for name in MOMENTS]
+    )
+
+
+def _of_mjcf(inertial: ET.Element, path: Path, where: str) -> tuple[float, np.ndarray]:
+    """The same of MJCF, which has the moments as three principal ones or as six."""
+    mass = numbers(_given(inertial, "mass", path, where), 1, path, f"{where}, mass")[0]
+    if (full := inertial.get("fullinertia")) is not None:
+        xx, yy, zz, xy, xz, yz = numbers(full, 6, path, f"{where}, fullinertia")
+        return float(mass), _matrix([xx, xy, xz, yy, yz, zz])
+    return float(mass), np.diag(
+        numbers(
+            _given(inertial, "diaginertia", path, where),
+            3,
+            path,
+            f"{where}, diaginertia",
+        )
+    )
+
+
+def _matrix(moments: list[float]) -> np.ndarray:
+    xx, xy, xz, yy, yz, zz = moments
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def _given(inertial: ET.Element, attribute: str, path: Path, where: str) -> str:
+    """An attribute that may not be absent."""
+    text = inertial.get(attribute)
+    if text is None:
+        raise InputError(f"has no {attribute}", GIVE, file=path, where=where)
+    return text
+
+
+def _number(
+    inertial: ET.Element, tag: str, attribute: str, path: Path, where: str
+) -> float:
+    """A finite number of a URDF's inertial."""
+    element = inertial.find(tag)
+    text = None if element is None else element.get(attribute)
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise InputError(
+            f'expected <{tag} {attribute}="a number">, got {"none" if text is None else repr(text)}',
+            GIVE,
+            file=path,
+            where=where,
+        )
+    return value
+
+
+def _listed(moments: np.ndarray) -> str:
+    return ", ".join(f"{moment:.4g}" for moment in moments)

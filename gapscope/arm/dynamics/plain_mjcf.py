@@ -1,0 +1,48 @@
+"""The moving bodies of an arm as MJCF, from the same links as ``gapscope.arm.dynamics.plain_urdf``."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pinocchio as pin
+
+from gapscope.arm.dynamics.plain_urdf import Link, numbers
+
+
+def plain_mjcf(links: tuple[Link, ...], gravity: np.ndarray, dt: float) -> str:
+    """MJCF text of the bodies: no shapes, no contacts, no damping, semi-implicit Euler with steps of dt [s].
+
+    An arm that diverges is left to diverge, not put back to its start.
+    Masses and principal moments are written as 1, since a reader may refuse those that it finds odd; the engine sets
+    ``Link.mass`` and ``Link.moments`` after loading. Joints are named as the links', bodies are not.
+    """
+    root = ET.Element("mujoco", model="arm")
+    ET.SubElement(root, "compiler", angle="radian", autolimits="true")
+    option = ET.SubElement(
+        root, "option", timestep=repr(dt), integrator="Euler", gravity=numbers(gravity)
+    )
+    ET.SubElement(
+        option, "flag", contact="disable", eulerdamp="disable", autoreset="disable"
+    )
+    bodies = {"": ET.SubElement(root, "worldbody")}
+    for link in links:
+        body = ET.SubElement(bodies[link.parent], "body")
+        bodies[link.joint] = body
+        _place(body, link.origin)
+        inertial = ET.SubElement(body, "inertial", mass="1", diaginertia="1 1 1")
+        _place(inertial, link.inertial)
+        kind = "hinge" if link.kind == "revolute" else "slide"
+        joint = ET.SubElement(
+            body, "joint", name=link.joint, type=kind, axis=numbers(link.axis)
+        )
+        if link.limits is not None:
+            joint.set("range", numbers(np.array(link.limits)))
+            joint.set("solreflimit", f"{4 * dt!r} 1")
+    return ET.tostring(root, encoding="unicode")
+
+
+def _place(element: ET.Element, frame: tuple[np.ndarray, np.ndarray]) -> None:
+    x, y, z, w = pin.Quaternion(pin.rpy.rpyToMatrix(frame[1])).coeffs()
+    element.set("pos", numbers(frame[0]))
+    element.set("quat", numbers(np.array([w, x, y, z])))

@@ -1,0 +1,183 @@
+"""A URDF of nothing but the arm's moving bodies, for engines that read URDF files in ways of their own.
+
+Engines give a link without an inertial 1 kg, recompute inertia from collision shapes, zero inertia that breaks the
+triangle inequality and lose the mass of fixed links. What is written here leaves them no room: one link per joint,
+fixed and locked parts merged into it, inertial frames along the principal axes, no shapes, no damping.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from gapscope.arm.dynamics.rigid_body import UNLIMITED, RigidBody
+from gapscope.arm.errors import InputError
+
+
+@dataclass(frozen=True)
+class Link:
+    """A moving body of an arm.
+
+    Attributes:
+        joint: name of the joint that moves it.
+        parent: name of the joint that moves its parent, or an empty string for the base.
+        kind: ``revolute`` or ``prismatic``.
+        origin: pose of the joint in the parent's frame, (xyz [m], roll-pitch-yaw [rad]).
+        axis: unit axis in the joint's frame, shape (3,).
+        limits: lower and upper position limit [rad or m], or ``None``.
+        mass: [kg].
+        inertial: pose of the centre of mass with the principal axes in the joint's frame, (xyz [m], rpy [rad]).
+        moments: principal moments of inertia about the centre of mass [kg m^2], shape (3,).
+    """
+
+    joint: str
+    parent: str
+    kind: str
+    origin: tuple[np.ndarray, np.ndarray]
+    axis: np.ndarray
+    limits: tuple[float, float] | None
+    mass: float
+    inertial: tuple[np.ndarray, np.ndarray]
+    moments: np.ndarray
+
+
+def moving_links(body: RigidBody) -> tuple[Link, ...]:
+    """The moving bodies of an arm, parents before children.
+
+    Raises:
+        InputError: a body has a negative mass, or the mass matrix is not positive definite.
+    """
+    check_inertia(body)
+    model, data = body.model, body.model.createData()
+    pin.computeJointJacobians(model, data, np.zeros(model.nq))
+    links = []
+    lower, upper = (limit[body.order] for limit in body.position_limits())
+    for index in range(1, model.njoints):
+        column = pin.getJointJacobian(model, data, index, pin.LOCAL).reshape(6, -1)[
+            :, model.joints[index].idx_v
+        ]
+        turns = np.linalg.norm(column[3:]) > 0.5
+        placement, inertia = model.jointPlacements[index], model.inertias[index]
+        moments, axes = np.linalg.eigh(inertia.inertia)
+        axes[:, 0] *= np.sign(np.linalg.det(axes))
+        low, high = float(lower[index - 1]), float(upper[index - 1])
+        parent = int(model.parents[index])
+        links.append(
+            Link(
+                joint=model.names[index],
+                parent=model.names[parent] if parent else "",
+                kind="revolute" if turns else "prismatic",
+                origin=(
+                    placement.translation.copy(),
+                    pin.rpy.matrixToRpy(placement.rotation),
+                ),
+                axis=column[3:] if turns else column[:3],
+                limits=(low, high) if np.isfinite([low, high]).all() else None,
+                mass=float(inertia.mass),
+                inertial=(inertia.lever.copy(), pin.rpy.matrixToRpy(axes)),
+                moments=moments,
+            )
+        )
+    return tuple(links)
+
+
+def plain_urdf(links: tuple[Link, ...]) -> str:
+    """URDF text of the bodies; the base has a mass of 1 kg, which a fixed base makes irrelevant.
+
+    The principal moments are written as 1 kg m^2: a reader that corrects moments which break the triangle inequality
+    cannot be given them by file, so the engine sets ``Link.moments`` after loading.
+    """
+    robot = ET.Element("robot", name="arm")
+    _add_link(robot, "base", 1.0, (np.zeros(3), np.zeros(3)))
+    for link in links:
+        _add_link(robot, link_name(link.joint), link.mass, link.inertial)
+        kind = (
+            "continuous"
+            if link.kind == "revolute" and link.limits is None
+            else link.kind
+        )
+        joint = ET.SubElement(robot, "joint", name=link.joint, type=kind)
+        ET.SubElement(joint, "parent", link=link_name(link.parent))
+        ET.SubElement(joint, "child", link=link_name(link.joint))
+        _add_origin(joint, link.origin)
+        ET.SubElement(joint, "axis", xyz=numbers(link.axis))
+        if kind != "continuous":
+            low, high = link.limits or (-UNLIMITED, UNLIMITED)
+            ET.SubElement(
+                joint,
+                "limit",
+                lower=repr(low),
+                upper=repr(high),
+                effort="1e9",
+                velocity="1e9",
+            )
+    return ET.tostring(robot, encoding="unicode")
+
+
+def check_inertia(body: RigidBody, at_fault: str = "") -> None:
+    """Check that the bodies of an arm can be moved by a finite torque.
+
+    Args:
+        body: the arm.
+        at_fault: effects that made the bodies what they are; the file by default.
+
+    Raises:
+        InputError: a body has a negative mass, or the mass matrix is not positive definite.
+    """
+    inertias = [body.model.inertias[int(link)] for link in body.links]
+    bad = [
+        i
+        for i, x in enumerate(inertias)
+        if x.mass < 0 or not np.isfinite(x.toDynamicParameters()).all()
+    ]
+    if not bad:
+        values, vectors = np.linalg.eigh(body.mass_matrix(np.zeros(body.n_joints)))
+        if values[0] > 1e-9 * values[-1]:
+            return
+        bad = [int(np.abs(vectors[:, 0]).argmax())]
+    joint = bad[0]
+    moments = ", ".join(
+        f"{moment:.4g}" for moment in np.linalg.eigvalsh(inertias[joint].inertia)
+    )
+    raise InputError(
+        f"the link moved by joint {joint + 1} ({body.joints[joint]}) has mass {inertias[joint].mass:.4g} kg and "
+        f"principal moments of inertia {moments} kg m^2, which cannot be simulated",
+        "give an increment that leaves the link's mass and inertia above zero"
+        if at_fault
+        else "give the link, or one that is fixed to it, an <inertial> with positive mass and inertia",
+        file=None if at_fault else body.file,
+        where=at_fault,
+    )
+
+
+def link_name(joint: str) -> str:
+    """Name of the link that a joint moves in the plain URDF; the base for an empty string."""
+    return f"{joint}_link" if joint else "base"
+
+
+def _add_link(
+    robot: ET.Element, name: str, mass: float, frame: tuple[np.ndarray, np.ndarray]
+) -> None:
+    inertial = ET.SubElement(ET.SubElement(robot, "link", name=name), "inertial")
+    _add_origin(inertial, frame)
+    ET.SubElement(inertial, "mass", value=repr(mass))
+    ET.SubElement(
+        inertial, "inertia", ixx="1", iyy="1", izz="1", ixy="0", ixz="0", iyz="0"
+    )
+
+
+def _add_origin(element: ET.Element, frame: tuple[np.ndarray, np.ndarray]) -> None:
+    ET.SubElement(element, "origin", xyz=numbers(frame[0]), rpy=numbers(frame[1]))
+
+
+def rotation(frame: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """Rotation matrix of a pose (xyz [m], roll-pitch-yaw [rad]), shape (3, 3)."""
+    return pin.rpy.rpyToMatrix(frame[1])
+
+
+def numbers(values: np.ndarray) -> str:
+    """Numbers as an attribute of XML, without loss."""
+    return " ".join(repr(float(value)) for value in values)

@@ -1,0 +1,306 @@
+"""Rigid-body dynamics of the nominal arm, by pinocchio, over whole time series."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import copy
+
+import numpy as np
+import pinocchio as pin
+
+from gapscope.arm.dynamics.array_cache import Recent
+from gapscope.arm.dynamics.robot_file import build
+from gapscope.arm.errors import InputError
+from gapscope.arm.known_load import KnownLoad
+from gapscope.arm.nominal import NominalArm
+
+INERTIAL_PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+"""Order of the ten inertial parameters of a link, expressed in the frame of the joint that moves it (pinocchio)."""
+UNLIMITED = 1e6
+"""Position limits beyond this [rad or m] are none."""
+
+
+class RigidBody:
+    """Rigid-body model of a nominal arm, without armature and friction.
+
+    Unless they say otherwise, methods take q [rad], dq [rad/s], ddq [rad/s^2] of shape (N, n) in the arm's joint order
+    and return joint-side torque [N m].
+
+    Attributes:
+        file, joints: where the bodies come from, and the names of the joints that move them.
+
+    Raises:
+        InputError: the URDF lacks one of the arm's joints.
+    """
+
+    def __init__(self, arm: NominalArm) -> None:
+        self.file, self.joints = arm.urdf, arm.joints
+        full = build(arm.urdf)
+        names = list(full.names)[1:]
+        missing = [name for name in arm.joints if name not in names]
+        if missing:
+            raise InputError(
+                f"has no movable joint {', '.join(missing)}; it has {', '.join(names)}",
+                "name the joints of the recording's columns in joints:, or give the URDF of the recorded arm",
+                file=arm.urdf,
+            )
+        locked = [full.getJointId(name) for name in names if name not in arm.joints]
+        self.model = (
+            pin.buildReducedModel(full, locked, np.zeros(full.nq)) if locked else full
+        )
+        self.model.gravity = pin.Motion(np.array(arm.gravity), np.zeros(3))
+        self.model.armature = np.zeros(self.model.nv)
+        if self.model.nq != self.model.nv or self.model.nv != arm.n_joints:
+            raise InputError(
+                "has joints with more than one degree of freedom", file=arm.urdf
+            )
+        self._data = self.model.createData()
+        self.links = np.array([self.model.getJointId(name) for name in arm.joints])
+        columns = np.array([self.model.joints[int(link)].idx_v for link in self.links])
+        self._to_model = np.argsort(columns)
+        self._to_arm = columns
+        self.n_joints = arm.n_joints
+        self.last_link = int(self._to_model[-1])
+        self._recent = Recent()
+        self._unladen: RigidBody | None = None
+        self._laden: dict[KnownLoad, RigidBody] = {}
+
+    def inverse_dynamics(
+        self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
+    ) -> np.ndarray:
+        """tau = M(q) ddq + C(q, dq) dq + g(q), shape (N, n)."""
+        return self._remembered("inverse dynamics", self._inverse_dynamics, q, dq, ddq)[
+            0
+        ].copy()
+
+    def _inverse_dynamics(
+        self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
+    ) -> tuple[np.ndarray]:
+        q, dq, ddq = (np.ascontiguousarray(x[:, self._to_model]) for x in (q, dq, ddq))
+        model, data, rnea = self.model, self._data, pin.rnea
+        out = np.empty_like(q)
+        for i in range(len(q)):
+            out[i] = rnea(model, data, q[i], dq[i], ddq[i])
+        return (out[:, self._to_arm],)
+
+    def _remembered(
+        self,
+        name: str,
+        compute: Callable[..., tuple[np.ndarray, ...]],
+        *motion: np.ndarray,
+    ) -> tuple[np.ndarray, ...]:
+        """Result of a function of a motion and of the bodies, computed or remembered."""
+        return self._recent.get(
+            name,
+            (*motion, self.inertial_parameters(), self.gravity),
+            lambda: compute(*motion),
+        )
+
+    def mass_matrix(self, q: np.ndarray) -> np.ndarray:
+        """M(q) of one sample q [rad] of shape (n,); kg m^2, shape (n, n)."""
+        mass = pin.crba(self.model, self._data, np.ascontiguousarray(q[self._to_model]))
+        return mass[self._to_arm][:, self._to_arm]
+
+    def bias(self, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+        """h = C(q, dq) dq + g(q) [N m] of one sample; q, dq and h of shape (n,)."""
+        q, dq = (
+            np.ascontiguousarray(q[self._to_model]),
+            np.ascontiguousarray(dq[self._to_model]),
+        )
+        return pin.nonLinearEffects(self.model, self._data, q, dq)[self._to_arm]
+
+    def torque(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+        """tau = M(q) ddq + C(q, dq) dq + g(q) [N m] of one sample, at once; q, dq, ddq and tau of shape (n,)."""
+        q, dq, ddq = (np.ascontiguousarray(x[self._to_model]) for x in (q, dq, ddq))
+        return pin.rnea(self.model, self._data, q, dq, ddq)[self._to_arm]
+
+    def changed(
+        self, increments: np.ndarray, gravity: np.ndarray | None = None
+    ) -> RigidBody:
+        """This arm with other inertial parameters, and under another gravity.
+
+        Args:
+            increments: added to the links' parameters, shape (n, 10) in joint order, columns in the order of
+                ``INERTIAL_PARAMETERS``; kg, kg m, kg m^2.
+            gravity: in the base frame [m/s^2], shape (3,); unchanged where ``None``.
+        """
+        other = copy(self)
+        other._laden = {}
+        other.model = self.model.copy()
+        other._data = other.model.createData()
+        for link, increment in zip(self.links, increments, strict=True):
+            if np.any(increment):
+                total = self.model.inertias[int(link)].toDynamicParameters() + increment
+                other.model.inertias[int(link)] = pin.Inertia.FromDynamicParameters(
+                    total
+                )
+        if gravity is not None:
+            other.model.gravity = pin.Motion(np.array(gravity), np.zeros(3))
+        return other
+
+    def carrying(self, load: KnownLoad | None) -> RigidBody:
+        """This arm with a known body on its last link, the same object for the same load; itself where ``None``."""
+        if load is None:
+            return self
+        if load not in self._laden:
+            added = np.zeros((self.n_joints, 10))
+            added[self.last_link] = load.parameters
+            laden = self.changed(added)
+            laden._unladen = self.unladen
+            self._laden[load] = laden
+        return self._laden[load]
+
+    @property
+    def unladen(self) -> RigidBody:
+        """The arm without its known load: what errors of its links, and the place of a force, are told by."""
+        return self._unladen or self
+
+    @property
+    def gravity(self) -> np.ndarray:
+        """Gravity in the base frame [m/s^2], shape (3,)."""
+        return np.array(self.model.gravity.linear)
+
+    @property
+    def order(self) -> np.ndarray:
+        """Position of each model joint among the arm's joints, shape (n,): ``q[order]`` is in kinematic order."""
+        return self._to_model
+
+    @property
+    def places(self) -> np.ndarray:
+        """Position of each of the arm's joints in kinematic order, shape (n,), the inverse of ``order``."""
+        return self._to_arm
+
+    def force_regressor(self, q: np.ndarray) -> np.ndarray:
+        """J^T [m], shape (N, n, 3), with joint torque J^T f of a force f on the last link's centre of mass.
+
+        A known load does not move the place where the force acts.
+
+        Args:
+            q: joint positions [rad], shape (N, n).
+        """
+        q = np.ascontiguousarray(np.atleast_2d(q)[:, self._to_model])
+        model, data = self.model, self._data
+        last = int(self.links[self.last_link])
+        lever = self.unladen.model.inertias[last].lever
+        out = np.empty((*q.shape, 3))
+        for i in range(len(q)):
+            jacobian = pin.computeJointJacobians(model, data, q[i])
+            place = data.oMi[last].act(lever)
+            out[i] = (jacobian[:3] + np.cross(jacobian[3:], place, axis=0)).T
+        return out[:, self._to_arm]
+
+    def force_torque(self, q: np.ndarray, force: np.ndarray) -> np.ndarray:
+        """J^T f [N m], shape (N, n): joint torque of a force on the arm at the last link's centre of mass.
+
+        Args:
+            q: joint positions [rad], shape (N, n).
+            force: in the base frame [N], shape (3,) or (N, 3).
+        """
+        jacobian = self.force_regressor(q)
+        return np.einsum(
+            "nij,nj->ni", jacobian, np.broadcast_to(force, (len(jacobian), 3))
+        )
+
+    def position_limits(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper position limits of the URDF [rad or m], each of shape (n,); infinite where it sets none."""
+        lower, upper = (
+            self.model.lowerPositionLimit[self._to_arm],
+            self.model.upperPositionLimit[self._to_arm],
+        )
+        none = (lower >= upper) | (lower <= -UNLIMITED) | (upper >= UNLIMITED)
+        return np.where(none, -np.inf, lower), np.where(none, np.inf, upper)
+
+    def velocity_limits(self) -> np.ndarray:
+        """Velocity limits of the file [rad/s], shape (n,); 0 where there are none."""
+        return _finite(self.model.velocityLimit[self._to_arm])
+
+    def effort_limits(self) -> np.ndarray:
+        """Torque limits of the file [N m], shape (n,); 0 where there are none."""
+        return _finite(self.model.effortLimit[self._to_arm])
+
+    def sensitivities(
+        self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """d tau_i / d q_j [N m/rad], d tau_i / d dq_j [N m s/rad] and M_ij [kg m^2], each of shape (N, n, n)."""
+        by_position, by_velocity, mass = self._remembered(
+            "sensitivities", self._sensitivities, q, dq, ddq
+        )
+        return by_position, by_velocity, mass
+
+    def _sensitivities(
+        self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        q, dq, ddq = (np.ascontiguousarray(x[:, self._to_model]) for x in (q, dq, ddq))
+        model, data, n = self.model, self._data, self.n_joints
+        by_position, by_velocity, mass = np.empty((3, len(q), n, n))
+        for i in range(len(q)):
+            pin.computeRNEADerivatives(model, data, q[i], dq[i], ddq[i])
+            by_position[i], by_velocity[i], mass[i] = data.dtau_dq, data.dtau_dv, data.M
+        upper = np.triu(mass)
+        mass = upper + np.triu(mass, 1).transpose(0, 2, 1)
+        by_position, by_velocity, mass = (
+            x[:, self._to_arm][:, :, self._to_arm]
+            for x in (by_position, by_velocity, mass)
+        )
+        return by_position, by_velocity, mass
+
+    def gravity_regressor(self, q: np.ndarray) -> np.ndarray:
+        """G(q) [kg m], shape (N, n, 3), with g(q) = G(q) g for gravity g in the base frame [m/s^2]."""
+        still = np.zeros_like(q)
+        none = np.zeros((self.n_joints, 10))
+        columns = [
+            self.changed(none, gravity).inverse_dynamics(q, still, still)
+            for gravity in np.eye(3)
+        ]
+        return np.stack(columns, axis=2)
+
+    def regressor(
+        self,
+        q: np.ndarray,
+        dq: np.ndarray,
+        ddq: np.ndarray,
+        out: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Y with tau = Y pi, shape (N, n, 10 n); pi stacks ``INERTIAL_PARAMETERS`` of each link, in joint order.
+
+        Args:
+            q, dq, ddq: motion, shape (N, n) each.
+            out: array that Y is written into, shape (N, n, 10 n), such as the leading columns of a wider one.
+        """
+        n = self.n_joints
+        q, dq, ddq = (np.ascontiguousarray(x[:, self._to_model]) for x in (q, dq, ddq))
+        model, data, fill = self.model, self._data, pin.computeJointTorqueRegressor
+        out = np.empty((len(q), n, 10 * n)) if out is None else out
+        if np.array_equal(self._to_arm, np.arange(n)):
+            for row, *sample in zip(out, q, dq, ddq, strict=True):
+                row[...] = fill(model, data, *sample)
+            return out
+        columns = (10 * self._to_arm[:, None] + np.arange(10)).ravel()
+        for row, *sample in zip(out, q, dq, ddq, strict=True):
+            row[...] = fill(model, data, *sample)[self._to_arm][:, columns]
+        return out
+
+    def last_link_regressor(
+        self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
+    ) -> np.ndarray:
+        """The ten columns of the regressor that belong to the last link, shape (N, n, 10)."""
+        last = 10 * self.last_link
+
+        def columns(*motion: np.ndarray) -> tuple[np.ndarray]:
+            return (self.regressor(*motion)[:, :, last : last + 10].copy(),)
+
+        return self._remembered("last link", columns, q, dq, ddq)[0]
+
+    def inertial_parameters(self) -> np.ndarray:
+        """Inertial parameters pi of the links in joint order, shape (10 n,); units kg, kg m, kg m^2."""
+        return np.concatenate(
+            [
+                self.model.inertias[int(link)].toDynamicParameters()
+                for link in self.links
+            ]
+        )
+
+
+def _finite(limits: np.ndarray) -> np.ndarray:
+    """Limits with 0 for those that are none."""
+    return np.where(np.isfinite(limits), limits, 0.0)

@@ -1,0 +1,287 @@
+"""A closed loop rolled out by pinocchio, without an engine: for output error, filters and hypotheses.
+
+The arm obeys M(q) a + C(q, v) v + g(q) + I a + b v + c tanh(v / v0) = u + o. One step of h drifts by half a step,
+solves for the acceleration there, and drifts on:
+
+    q' = q + h v / 2,   (M(q') + I + h (b + s)) a = u + o - C(q', v) v - g(q') - b v - c tanh(v / v0),
+    v+ = v + h a,   q+ = q' + h v+ / 2,   s = c / v0 tanh(x) / x exp(-(x / 4)^2) with x = v / v0.
+
+Friction is taken at the velocity after the step: c tanh(v / v0) + s h a, whose slope s ends sliding without chatter,
+however long the step, and vanishes where a joint moves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gapscope.arm.controller import Controller
+from gapscope.arm.dynamics.forward_dynamics import ForwardDynamics
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import GapscopeError
+from gapscope.arm.nominal import FRICTION_SMOOTHING
+from gapscope.arm.velocity_filter import VelocityFilter
+
+UNSTABLE_SPEED = 50.0
+"""A joint faster than this [rad/s] has lost its controller."""
+LONGEST_STEP = 1e-3
+"""The time step is the controller's period, divided until it is no longer than this [s]."""
+
+
+@dataclass(frozen=True)
+class Plant:
+    """What a roll-out moves, n joints in the arm's order.
+
+    Attributes:
+        inertial: parameters of the links, shape (n, 10), in the order of
+        ``gapscope.arm.dynamics.rigid_body.INERTIAL_PARAMETERS``. armature: I [kg m^2], shape (n,).
+        viscous: b [N m s/rad], shape (n,).
+        coulomb: c [N m], shape (n,).
+        offset: o, what reaches the joint beyond the commanded torque [N m], shape (n,).
+    """
+
+    inertial: np.ndarray
+    armature: np.ndarray
+    viscous: np.ndarray
+    coulomb: np.ndarray
+    offset: np.ndarray
+
+    @classmethod
+    def of(cls, vector: np.ndarray) -> Plant:
+        """From one vector of 14 n numbers: the links', then armature, viscous, coulomb, offset, joint by joint."""
+        n = len(vector) // 14
+        return cls(vector[: 10 * n].reshape(n, 10), *vector[10 * n :].reshape(4, n))
+
+
+@dataclass(frozen=True)
+class Commands:
+    """Reference and feedforward at every tick of a controller, K ticks of n joints.
+
+    Attributes:
+        t: time [s], shape (K,), uniform.
+        q, dq: reference [rad], [rad/s], shape (K, n).
+        torque: feedforward [N m], shape (K, n).
+    """
+
+    t: np.ndarray
+    q: np.ndarray
+    dq: np.ndarray
+    torque: np.ndarray
+
+
+@dataclass(frozen=True)
+class RollOut:
+    """A rolled out motion at every tick, K ticks of n joints.
+
+    Attributes:
+        t: time [s], shape (K,).
+        q: position [rad], shape (K, n).
+        dq: velocity as the controller's filter gives it [rad/s], shape (K, n).
+        tau: torque commanded [N m], shape (K, n).
+        speed: velocity itself [rad/s], shape (K, n).
+    """
+
+    t: np.ndarray
+    q: np.ndarray
+    dq: np.ndarray
+    tau: np.ndarray
+    speed: np.ndarray
+
+
+class Stepper:
+    """Steps of a plant in R states at once; positions, velocities, torques of shape (R, n) in kinematic order.
+
+    Args:
+        body: rigid bodies of the arm; its inertias are replaced by the plant's.
+        plant: what moves.
+        dt: time step h [s].
+        states: R.
+
+    Attributes:
+        order: ``q[order]`` is in kinematic order.
+    """
+
+    def __init__(
+        self, body: RigidBody, plant: Plant, dt: float, states: int = 1
+    ) -> None:
+        own = body.inertial_parameters().reshape(-1, 10)
+        self.order, self.dt, self._links = body.order, dt, plant.inertial.copy()
+        moved = body.changed(plant.inertial - own)
+        self._forward = [
+            ForwardDynamics(moved, plant.armature[self.order]) for _ in range(states)
+        ]
+        self.set_drives(plant)
+
+    def set_plant(self, plant: Plant) -> None:
+        """Take another plant."""
+        for place, link in enumerate(self.order):
+            if (plant.inertial[link] != self._links[link]).any():
+                for forward in self._forward:
+                    forward.set_link(place, plant.inertial[link])
+                self._links[link] = plant.inertial[link]
+        self.set_drives(plant)
+
+    def set_drives(self, plant: Plant) -> None:
+        """Take rotors, friction and offset of a plant, not its links."""
+        law = (plant.armature, plant.viscous, plant.coulomb, plant.offset)
+        self._armature, self._viscous, self._coulomb, self._offset = (
+            x[self.order] for x in law
+        )
+
+    def friction(self, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """B v + c tanh(v / v0) [N m], and the slope b + s [N m s/rad]; shape (R, n) each."""
+        x = dq / FRICTION_SMOOTHING
+        bent = np.tanh(x)
+        slope = self._coulomb / FRICTION_SMOOTHING * taper(x)
+        return self._viscous * dq + self._coulomb * bent, self._viscous + slope
+
+    def acceleration(
+        self, q: np.ndarray, dq: np.ndarray, torque: np.ndarray
+    ) -> np.ndarray:
+        """A of the step [rad/s^2]; q is the position half a step on."""
+        friction, slope = self.friction(dq)
+        rotors = self._armature + self.dt * slope
+        free = torque + self._offset - friction
+        out = np.empty_like(q)
+        for row, forward in enumerate(self._forward):
+            forward.set_rotors(rotors[row])
+            out[row] = forward.acceleration(q[row], dq[row], free[row])
+        return out
+
+    def __call__(
+        self, q: np.ndarray, dq: np.ndarray, torque: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Position and velocity after one step under a torque [N m]."""
+        half = 0.5 * self.dt
+        middle = q + half * dq
+        after = dq + self.dt * self.acceleration(middle, dq, torque)
+        return middle + half * after, after
+
+
+def taper(x: np.ndarray) -> np.ndarray:
+    """tanh(x) / x exp(-(x / 4)^2) [1], any shape."""
+    size = np.maximum(np.abs(x), 1e-9)
+    return np.tanh(size) / size * np.exp(-0.0625 * size * size)
+
+
+def steps_per_tick(controller: Controller) -> int:
+    """Steps of the roll-out within one period of the controller."""
+    return max(1, int(np.ceil(1.0 / (controller.rate * LONGEST_STEP) - 1e-9)))
+
+
+def roll_out(
+    body: RigidBody,
+    plant: Plant,
+    controller: Controller,
+    commands: Commands,
+    limit: np.ndarray | None = None,
+    start: tuple[np.ndarray, np.ndarray] | None = None,
+    rule: str = "bilinear",
+) -> RollOut:
+    """Roll the closed loop out under one series of commands, as ``roll_outs`` does under several."""
+    (out,) = roll_outs(
+        body,
+        plant,
+        controller,
+        [commands],
+        limit,
+        None if start is None else [start],
+        rule,
+    )
+    return out
+
+
+def roll_outs(
+    body: RigidBody,
+    plant: Plant,
+    controller: Controller,
+    commands: Sequence[Commands],
+    limit: np.ndarray | None = None,
+    starts: Sequence[tuple[np.ndarray, np.ndarray]] | None = None,
+    rule: str = "bilinear",
+) -> tuple[RollOut, ...]:
+    """Roll the closed loop out under several series of commands at once; the last command of a shorter one is held.
+
+    At each tick tau = feedforward + kp (q_ref - q) + kd (dq_ref - dq), clipped, and held until the next.
+
+    Args:
+        body: rigid bodies of the nominal arm.
+        plant: what moves.
+        controller: in the arm's joint order.
+        commands: at the controller's ticks.
+        limit: of the torque [N m], shape (n,), or ``None``.
+        starts: position [rad] and velocity [rad/s], each of shape (n,); the references' by default.
+        rule: how the controller discretises its velocity filter, one of ``gapscope.arm.velocity_filter.RULES``.
+
+    Raises:
+        GapscopeError: the arm ran away.
+    """
+    count = steps_per_tick(controller)
+    stepper = Stepper(body, plant, 1.0 / (controller.rate * count), len(commands))
+    order, places = body.order, body.places
+    bound = np.inf if limit is None else limit
+    q_ref, dq_ref, feedforward = (
+        together([getattr(c, name) for c in commands]) for name in ("q", "dq", "torque")
+    )
+    first, speed = (
+        (q_ref[0], dq_ref[0])
+        if starts is None
+        else (np.array(x) for x in zip(*starts, strict=True))
+    )
+    q, dq = first[:, order], speed[:, order]
+    velocity = VelocityFilter(
+        controller.rate,
+        controller.velocity_cutoff,
+        controller.velocity_damping,
+        first,
+        speed,
+        rule,
+    )
+    out = [np.empty_like(q_ref) for _ in range(4)]
+    for i in range(len(q_ref)):
+        now = q[:, places]
+        seen = velocity(now)
+        torque = (
+            feedforward[i]
+            + controller.kp * (q_ref[i] - now)
+            + controller.kd * (dq_ref[i] - seen)
+        )
+        torque = np.minimum(np.maximum(torque, -bound), bound)
+        for series, value in zip(out, (now, seen, torque, dq[:, places]), strict=True):
+            series[i] = value
+        held = torque[:, order]
+        for _ in range(count):
+            q, dq = stepper(q, dq, held)
+        if not np.abs(dq).max() < UNSTABLE_SPEED:
+            raise _ran_away(
+                dq[:, places],
+                i / controller.rate + np.array([c.t[0] for c in commands]),
+            )
+    return tuple(
+        RollOut(c.t, *(series[: len(c.t), k] for series in out))
+        for k, c in enumerate(commands)
+    )
+
+
+def together(series: Sequence[np.ndarray]) -> np.ndarray:
+    """R series of shape (K_r, ...) side by side, (K, R, ...); the last row of a shorter one is repeated."""
+    longest = max(map(len, series))
+    return np.stack(
+        [
+            np.concatenate([x, np.repeat(x[-1:], longest - len(x), axis=0)])
+            for x in series
+        ],
+        axis=1,
+    )
+
+
+def _ran_away(dq: np.ndarray, t: np.ndarray) -> GapscopeError:
+    """The error that names the first joint that is too fast; dq of shape (R, n), t of shape (R,)."""
+    row, joint = np.argwhere(~(np.abs(dq) < UNSTABLE_SPEED))[0]
+    return GapscopeError(
+        f"the rolled out arm ran away at joint {joint + 1}, at t = {t[row]:.3g} s",
+        "check (a) the controller's gains and units, (b) that the parameters make a positive mass matrix, "
+        "(c) that reference and recording belong together",
+    )

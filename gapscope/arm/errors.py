@@ -1,0 +1,60 @@
+"""The exceptions that Gapscope raises: one root, each error with its data and a remedy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class GapscopeError(Exception):
+    """Root of all errors that Gapscope raises on purpose.
+
+    Attributes:
+        message: what went wrong.
+        remedy: what the user can do about it, or an empty string.
+        exit_code: what the command line returns: 1, the work failed.
+    """
+
+    exit_code = 1
+
+    def __init__(self, message: str, remedy: str = "") -> None:
+        self.message = message
+        self.remedy = remedy
+        super().__init__(message if not remedy else f"{message}\n  remedy: {remedy}")
+
+
+class InputError(GapscopeError):
+    """Something that the user gave cannot be used.
+
+    Attributes:
+        file: the file at fault, or ``None`` when the input is no file.
+        where: the line, column or field at fault.
+        problem: what is wrong, without the place.
+        exit_code: 2, bad input.
+    """
+
+    exit_code = 2
+
+    def __init__(
+        self,
+        message: str,
+        remedy: str = "",
+        *,
+        file: Path | str | None = None,
+        where: str = "",
+    ) -> None:
+        self.file = None if file is None else Path(file)
+        self.where = where
+        self.problem = message
+        place = ", ".join(
+            part for part in (str(file) if file is not None else "", where) if part
+        )
+        super().__init__(f"{place}: {message}" if place else message, remedy)
+
+    def at(self, file: Path | None, where: str = "") -> InputError:
+        """The same error with the file at fault, and the place in it before what it says itself."""
+        place = ", ".join(part for part in (where, self.where) if part)
+        return InputError(self.problem, self.remedy, file=file, where=place)
+
+
+class ModelWarning(UserWarning):
+    """Something odd in a model, which is used all the same; says how."""

@@ -1,0 +1,1 @@
+"""Files in and out: cases, import sections, tables, ROS bags."""

@@ -1,0 +1,33 @@
+"""Files that are written whole or not at all: under a temporary name beside the place, then renamed."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from gapscope.arm.errors import GapscopeError
+
+
+@contextmanager
+def written_whole(path: Path | str) -> Iterator[Path]:
+    """A temporary path to write to, with the same ending; it becomes ``path`` when the block ends without error.
+
+    Makes the folder. Raises:
+        GapscopeError: ``path`` cannot be written.
+    """
+    path = Path(path)
+    aside = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            yield aside
+            aside.replace(path)
+        finally:
+            aside.unlink(missing_ok=True)
+    except OSError as error:
+        raise GapscopeError(
+            f"{path}: cannot be written ({error.strerror})",
+            "choose another place, or mend its rights",
+        ) from None

@@ -1,0 +1,167 @@
+"""The text of a case file: YAML checked against ``case.schema.json``, faults told in plain sentences."""
+
+from __future__ import annotations
+
+import json
+import re
+from difflib import get_close_matches
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from gapscope.arm.errors import InputError
+
+_KINDS = {
+    "object": "a mapping (key: value)",
+    "array": "a list",
+    "string": "a text",
+    "number": "a number",
+    "integer": "a whole number",
+    "null": "nothing",
+}
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML 1.1 as PyYAML reads it, but ``1e-3`` is a number and a key given twice is a fault."""
+
+    def construct_mapping(
+        self, node: yaml.MappingNode, deep: bool = False
+    ) -> dict[Any, Any]:
+        """Mapping of a YAML node, each key once."""
+        keys = [key.value for key, _ in node.value]
+        for position, (key, _) in enumerate(node.value):
+            if key.value in keys[:position]:
+                raise yaml.MarkedYAMLError(
+                    problem=f"key {key.value!r} is given twice",
+                    problem_mark=key.start_mark,
+                )
+        return super().construct_mapping(node, deep)
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+$"),
+    list("-+0123456789"),
+)
+
+
+def read_case_file(path: Path) -> dict[str, Any]:
+    """Content of a case file, as plain data.
+
+    Raises:
+        InputError: there is no such file, it is not YAML, or it does not follow the case format; the error names the
+            line or the field.
+    """
+    content = read_yaml(path, "give a case folder, or its case.yaml")
+    check(content, path)
+    return content
+
+
+def read_yaml(path: Path, remedy: str) -> Any:
+    """Content of a YAML file, as plain data.
+
+    Args:
+        path: the file.
+        remedy: what to do where there is no such file.
+
+    Raises:
+        InputError: there is no such file, or it is not YAML; the error names the line.
+    """
+    try:
+        return yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
+    except FileNotFoundError:
+        raise InputError("no such file", remedy, file=path) from None
+    except OSError as error:
+        raise InputError(
+            f"cannot be read ({error.strerror})", remedy, file=path
+        ) from None
+    except UnicodeDecodeError:
+        raise InputError(
+            "is not a text in UTF-8", "give a YAML file", file=path
+        ) from None
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark
+        where = f"line {mark.line + 1}, column {mark.column + 1}" if mark else ""
+        raise InputError(
+            f"is not valid YAML: {error.problem}", file=path, where=where
+        ) from None
+    except yaml.YAMLError as error:
+        raise InputError(f"is not valid YAML: {error}", file=path) from None
+
+
+def check(content: Any, path: Path, section: str = "") -> None:
+    """Compare ``content`` with the case schema, or with what it says about one section of a case.
+
+    Raises:
+        InputError: the first fault, with its field.
+    """
+    from jsonschema import Draft202012Validator
+    from jsonschema.exceptions import best_match
+
+    schema = json.loads(
+        files("arm").joinpath("case.schema.json").read_text(encoding="utf-8")
+    )
+    if section:
+        schema = {"$defs": schema["$defs"], **schema["properties"][section]}
+    error = best_match(Draft202012Validator(schema).iter_errors(content))
+    if error is None:
+        return
+    field = _field(error.absolute_path)
+    message, remedy = _sentence(
+        error.validator, error.validator_value, error.instance, error.schema
+    )
+    raise InputError(
+        message, remedy, file=path, where=f"field {field}" if field else ""
+    )
+
+
+def _field(path: Any) -> str:
+    """``import.q.unit`` or ``recordings[1]``; list entries count from 1 as joints do."""
+    text = ""
+    for part in path:
+        text += (
+            f"[{part + 1}]"
+            if isinstance(part, int)
+            else f".{part}"
+            if text
+            else str(part)
+        )
+    return text
+
+
+def _sentence(rule: str, expected: Any, value: Any, schema: Any) -> tuple[str, str]:
+    """What is wrong, and what to do."""
+    if rule == "additionalProperties":
+        known = list(schema["properties"])
+        unknown = next(key for key in value if key not in known)
+        close = get_close_matches(str(unknown), known, n=1)
+        return (
+            f"unknown key {unknown!r}",
+            f"did you mean {close[0]}?" if close else f"known keys: {', '.join(known)}",
+        )
+    if rule == "required":
+        missing = next(key for key in expected if key not in value)
+        return f"lacks the key {missing!r}", f"add {missing}: to it"
+    if rule == "type":
+        kinds = [expected] if isinstance(expected, str) else expected
+        return (
+            f"expected {' or '.join(_KINDS[kind] for kind in kinds)}, got {value!r}",
+            "",
+        )
+    if rule == "enum":
+        return f"expected one of {', '.join(map(str, expected))}; got {value!r}", ""
+    if rule in ("minItems", "maxItems"):
+        return (
+            f"expected {'at least' if rule == 'minItems' else 'at most'} {expected} entries, got {len(value)}",
+            "",
+        )
+    if rule in ("minimum", "exclusiveMinimum"):
+        return (
+            f"expected a number {'of at least' if rule == 'minimum' else 'above'} {expected}, got {value!r}",
+            "",
+        )
+    if rule == "uniqueItems":
+        return f"has an entry twice: {value!r}", ""
+    return f"must not be empty, got {value!r}", ""

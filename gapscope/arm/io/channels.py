@@ -1,0 +1,93 @@
+"""One channel out of the columns of a table, and onto the time of another table."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gapscope.arm.errors import InputError
+from gapscope.arm.io.import_section import Channel, Import
+from gapscope.arm.io.plausibility import check_time
+from gapscope.arm.io.table import Table
+from gapscope.arm.nominal import NominalArm
+
+
+def read_time(table: Table, importing: Import, *, any_unit: bool = False) -> np.ndarray:
+    """Time of each row [s], shape (N,).
+
+    Raises:
+        InputError: the column is missing or no number, jumps back, or has an implausible rate.
+    """
+    time = importing.time
+    if time.column is None:
+        count: np.ndarray = table.first_row + np.arange(len(table))
+    else:
+        count = table.numbers(time.column)
+    t = count * time.factor if time.rate is None else count / time.rate
+    check_time(t, table, time.column or "time", any_unit=any_unit)
+    return t
+
+
+def read_channel(
+    table: Table, channel: Channel, arm: NominalArm, *, required: bool
+) -> np.ndarray | None:
+    """A channel in SI units, shape (N, n), or ``None`` where the table holds nothing of it.
+
+    Raises:
+        InputError: it is required or in part present and a column is missing, a cell is no finite number, or the
+            table has columns for more joints than the arm.
+    """
+    names = channel.names(arm.joints)
+    if not required and not any(name in table.columns for name in names):
+        return None
+    if len(names) == 1 and arm.n_joints > 1:
+        return table.lists(names[0], arm.n_joints) * channel.factor
+    values = np.column_stack([table.numbers(name) for name in names])
+    surplus = (
+        channel.name_of(arm.n_joints, "") if isinstance(channel.column, str) else ""
+    )
+    if surplus in table.columns:
+        raise InputError(
+            f"has a column {surplus}, but the arm has only {arm.n_joints} joints: {', '.join(arm.joints)}",
+            "give the URDF of the recorded arm, or list the columns to use in the case's import section",
+            file=table.path,
+        )
+    return values * channel.factor
+
+
+def join(
+    values: np.ndarray, table: Table, main: Table, t: np.ndarray, importing: Import
+) -> tuple[np.ndarray, np.ndarray]:
+    """A channel of ``table`` at the rows of ``main``, (N, n), and which of those rows it covers, (N,).
+
+    Args:
+        values: the channel at the rows of ``table``, (M, n).
+        table: the table that it comes from.
+        main: the table that holds q.
+        t: time of the rows of ``main`` [s], (N,).
+        importing: says how to join.
+
+    Raises:
+        InputError: row by row, and the files differ in length; or by time, and they do not overlap.
+    """
+    if importing.join == "row":
+        if len(table) != len(main):
+            raise InputError(
+                f"has {len(table)} rows, {main.path.name} has {len(main)}",
+                "give files with the same rows, or join: interpolate or hold and a time column in each",
+                file=table.path,
+            )
+        return values, np.ones(len(main), dtype=bool)
+    time = read_time(table, importing)
+    covered = (t >= time[0]) & ((t <= time[-1]) | (importing.join == "hold"))
+    if not covered.any():
+        raise InputError(
+            f"does not overlap in time with {main.path.name}: {time[0]:.6g} to {time[-1]:.6g} s, "
+            f"against {t[0]:.6g} to {t[-1]:.6g} s",
+            "give both files the same clock",
+            file=table.path,
+        )
+    if importing.join == "hold":
+        return values[
+            np.maximum(np.searchsorted(time, t, side="right") - 1, 0)
+        ], covered
+    return np.column_stack([np.interp(t, time, column) for column in values.T]), covered

@@ -1,0 +1,187 @@
+"""What tells a recording that cannot be right from one that is merely unusual."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError
+from gapscope.arm.io.import_section import UNITS
+from gapscope.arm.io.table import Table
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
+
+PLAUSIBLE_RATES = (10.0, 20_000.0)
+"""Sampling rates of robot logs [Hz]; below, no motion is resolved."""
+
+UNSIGNED = "torque is unsigned: only commands and positions can be trusted"
+"""Note on a recording whose torque had to be set aside."""
+
+REPEATED = "rows dropped that repeat the measurement before them: "
+"""Note on rows that a logger stored twice; their number and share follow."""
+
+
+def check_time(
+    t: np.ndarray, table: Table, column: str, *, any_unit: bool = False
+) -> None:
+    """Time [s], (N,), has to run forward, at a rate that a robot is logged at, unless ``any_unit``.
+
+    Raises:
+        InputError: t jumps back, stands still throughout, or has an implausible rate.
+    """
+    step = np.diff(t)
+    back = np.flatnonzero(step < 0)
+    if len(back):
+        row = int(back[0]) + 1
+        raise InputError(
+            f"time jumps back, from {t[row - 1]:.6g} s to {t[row]:.6g} s",
+            "split the log there into two recordings, or sort its rows",
+            file=table.path,
+            where=table.where(row, column),
+        )
+    if not (step > 0).any():
+        raise InputError(
+            f"time stands still in all of its rows ({len(t)}), expected a motion",
+            "give a longer recording",
+            file=table.path,
+        )
+    rate = 1 / float(np.median(step[step > 0]))
+    low, high = PLAUSIBLE_RATES
+    if any_unit:
+        return
+    if rate < low:
+        fitting = [
+            unit for unit in ("ms", "us", "ns") if low <= rate / UNITS[unit] <= high
+        ]
+        guess = f"looks like {fitting[0]}: " if fitting else ""
+        unit = fitting[0] if fitting else "ms"
+        raise InputError(
+            f"{guess}taken as s the rate is {rate:.3g} Hz, expected {low:g} to {high:g} Hz",
+            f"say in the case: import: {{time: {{column: {column}, unit: {unit}}}}}, or rate: where it counts samples",
+            file=table.path,
+            where=f"column {column}",
+        )
+    if rate > high:
+        raise InputError(
+            f"the rate is {rate:.3g} Hz, expected {low:g} to {high:g} Hz",
+            "correct the unit or rate of import: time",
+            file=table.path,
+            where=f"column {column}",
+        )
+
+
+def check_positions(
+    recording: Recording, arm: NominalArm, table: Table, *, any_unit: bool = False
+) -> tuple[str, ...]:
+    """Positions have to be radians, unless ``any_unit``; a note for each joint that leaves the range of the URDF.
+
+    Raises:
+        InputError: a joint with limits moves far outside them and beyond 7 rad.
+    """
+    notes = []
+    for j, (lower, upper) in enumerate(
+        zip(*RigidBody(arm).position_limits(), strict=True)
+    ):
+        low, high = recording.q[:, j].min(), recording.q[:, j].max()
+        reach, allowed = max(abs(low), abs(high)), max(abs(lower), abs(upper))
+        seen = (
+            f"q{j + 1} goes from {low:.4g} to {high:.4g}, "
+            f"{arm.joints[j]} is limited to {lower:.4g} to {upper:.4g} rad"
+        )
+        if reach > 7 and reach > 1.5 * allowed and not any_unit:
+            degrees = reach * UNITS["deg"] <= 1.2 * allowed
+            raise InputError(
+                f"{seen}{': looks like degrees' if degrees else ''}",
+                "say in the case: import: {q: {column: ..., unit: deg}}"
+                if degrees
+                else "check the unit, the order of the joints and the transmission in the case's import section",
+                file=table.path,
+                where=f"column q{j + 1}",
+            )
+        if low < lower - 0.1 or high > upper + 0.1:
+            notes.append(f"{seen}: check unit, offset and order of the joints")
+    return tuple(notes)
+
+
+def repeated_rows(
+    t: np.ndarray, values: dict[str, np.ndarray]
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Rows that repeat the time stamp or the whole measurement before them; mask of shape (N,), and notes.
+
+    A logger faster than the robot's bus stores a measurement twice. It is taken for that where every measured
+    channel, a noisy one (velocity or torque) among them, repeats for one to three rows and the position moves on
+    after them; an arm that stands still repeats itself for longer and keeps its rows.
+    """
+    stamp = np.r_[False, np.diff(t) == 0]
+    notes = (
+        [f"rows dropped that repeat the time stamp before them: {stamp.sum()}"]
+        if stamp.any()
+        else []
+    )
+    stale = np.zeros(len(t), dtype=bool)
+    if "dq" in values or "tau" in values:
+        measured = np.hstack(
+            [
+                values[name]
+                for name in ("q", "dq", "tau", "tau_sensor")
+                if name in values
+            ]
+        )
+        same = np.r_[False, (np.diff(measured, axis=0) == 0).all(axis=1)]
+        edges = np.flatnonzero(np.diff(np.r_[False, same, False].astype(int)))
+        for start, stop in zip(edges[::2], edges[1::2], strict=True):
+            stale[start:stop] = stop - start <= 3 and stop < len(t)
+        stale &= ~stamp
+    if stale.any():
+        notes.append(f"{REPEATED}{stale.sum()} ({stale.mean():.2%})")
+    return stamp | stale, tuple(notes)
+
+
+def untrusted_torque(
+    values: dict[str, np.ndarray],
+) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+    """Channels without a torque or torque sensor that cannot be a measurement, and notes why."""
+    kept, notes = dict(values), []
+    for name in ("tau", "tau_sensor"):
+        if name not in kept:
+            continue
+        silent = (kept[name] == 0).all(axis=0)
+        if silent.all():
+            notes.append(f"{name} is zero throughout and was left out")
+            del kept[name]
+        elif silent.any():
+            joints = ", ".join(f"{name}{j + 1}" for j in np.flatnonzero(silent))
+            notes.append(f"{joints} zero throughout")
+    if "tau" in kept and _is_unsigned(kept["q"], kept["tau"]):
+        notes.append(UNSIGNED)
+        del kept["tau"]
+    return kept, tuple(notes)
+
+
+def _is_unsigned(q: np.ndarray, tau: np.ndarray) -> bool:
+    """Whether tau [N m] never turns negative although at least two joints move to and fro; q [rad], both (N, n).
+
+    Gravity may hold a joint's torque on one side, but then away from zero; an absolute value touches it.
+    """
+    if (tau < 0).any():
+        return False
+    step = np.diff(q, axis=0)
+    moving = np.abs(step) > 0.05 * np.abs(step).max(axis=0)
+    forward = np.where(moving, step > 0, False).sum(axis=0) / np.maximum(
+        moving.sum(axis=0), 1
+    )
+    to_and_fro = (np.ptp(q, axis=0) > 0.02) & (forward > 0.1) & (forward < 0.9)
+    touches_zero = tau.min(axis=0) < 0.05 * tau.max(axis=0)
+    return bool(to_and_fro.sum() >= 2 and touches_zero[to_and_fro].all())
+
+
+def gap_notes(t: np.ndarray) -> tuple[str, ...]:
+    """A note where samples are missing: steps of t [s] longer than 2.5 usual ones."""
+    step = np.diff(t)
+    usual = np.median(step)
+    wide = step > 2.5 * usual
+    return (
+        (f"gaps in time: {wide.sum()}, the longest {step.max():.3g} s",)
+        if wide.any()
+        else ()
+    )

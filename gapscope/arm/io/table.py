@@ -1,0 +1,158 @@
+"""A table as a log file holds it: named columns, and the place of each row in the file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gapscope.arm.errors import InputError
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns of a log, not yet numbers.
+
+    Attributes:
+        path: the file, for messages.
+        columns: cells per column name, N each: texts (CSV), numbers or lists.
+        places: line of each row in a text file (the header is line 1), or number of the row, from 1, in others; (N,).
+        place_kind: what ``places`` counts: ``line`` or ``row``.
+        first_row: number of the first row, from 0, where the table is a part of a file.
+        notes: what was noticed while reading.
+    """
+
+    path: Path
+    columns: Mapping[str, Any]
+    places: Sequence[int]
+    place_kind: str = "row"
+    first_row: int = 0
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        """Number of rows N."""
+        return len(self.places)
+
+    def part(self, first: int, last: int) -> Table:
+        """Rows ``first`` to ``last``, both included, counted from 0 below the header.
+
+        Raises:
+            InputError: the file has fewer rows.
+        """
+        if not first <= last < len(self):
+            raise InputError(
+                f"rows {first} to {last} were asked for, the file has rows 0 to {len(self) - 1}",
+                "correct rows: in the import section",
+                file=self.path,
+            )
+        cut = slice(first, last + 1)
+        columns = {name: cells[cut] for name, cells in self.columns.items()}
+        return replace(
+            self,
+            columns=columns,
+            places=self.places[cut],
+            first_row=self.first_row + first,
+        )
+
+    def where(self, row: int, column: str) -> str:
+        """Place of a cell in the words of the user's file."""
+        return f"{self.place_kind} {self.places[row]}, column {column}"
+
+    def cells(self, column: str) -> Any:
+        """Cells of one column as they were read.
+
+        Raises:
+            InputError: there is no such column.
+        """
+        if column not in self.columns:
+            raise InputError(
+                f"has no column {column}; it has {_shortened(list(self.columns))}",
+                "rename the column, or say in the case's import: section which column holds it",
+                file=self.path,
+            )
+        return self.columns[column]
+
+    def numbers(self, column: str) -> np.ndarray:
+        """One column as finite numbers, shape (N,).
+
+        Raises:
+            InputError: the column is missing, or a cell is not a finite number.
+        """
+        cells = self.cells(column)
+        try:
+            values = np.asarray(cells, dtype=float)
+        except (ValueError, TypeError):
+            row = next(i for i, cell in enumerate(cells) if not _is_number(cell))
+            raise self._not_a_number(row, column, cells[row]) from None
+        self._check_finite(values[:, None], column)
+        return values
+
+    def lists(self, column: str, length: int) -> np.ndarray:
+        """One column whose cells hold lists, such as ``[0.1, 0.2]``, as finite numbers, shape (N, length).
+
+        Raises:
+            InputError: the column is missing, or a cell is not a list of ``length`` finite numbers.
+        """
+        rows = []
+        for row, cell in enumerate(self.cells(column)):
+            try:
+                value = np.asarray(
+                    json.loads(cell) if isinstance(cell, str) else cell, dtype=float
+                )
+            except (ValueError, TypeError):
+                raise self._not_a_number(row, column, cell) from None
+            if value.shape != (length,):
+                raise InputError(
+                    f"expected a list of {length} numbers, one per joint, got {cell!r}",
+                    "name the recorded joints in joints:, in the order of the list",
+                    file=self.path,
+                    where=self.where(row, column),
+                )
+            rows.append(value)
+        values = np.array(rows)
+        self._check_finite(values, column)
+        return values
+
+    def _check_finite(self, values: np.ndarray, column: str) -> None:
+        bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
+        if len(bad):
+            raise InputError(
+                f"is not a finite number ({self.columns[column][bad[0]]}), the first of {len(bad)} in this column",
+                "drop the row (a gap in time is understood) or repair it; a missing value is never guessed",
+                file=self.path,
+                where=self.where(int(bad[0]), column),
+            )
+
+    def _not_a_number(self, row: int, column: str, cell: Any) -> InputError:
+        if cell is None or not str(cell).strip():
+            message, remedy = (
+                "the cell is empty",
+                "drop the row or fill it in; a missing value is never guessed",
+            )
+        elif isinstance(cell, str) and _is_number(cell.replace(",", ".")):
+            message, remedy = f"{cell!r} has a decimal comma", "write decimal points"
+        else:
+            message, remedy = (
+                f"expected a number, got {str(cell)[:40]!r}",
+                "repair the cell",
+            )
+        return InputError(
+            message, remedy, file=self.path, where=self.where(row, column)
+        )
+
+
+def _is_number(cell: Any) -> bool:
+    try:
+        float(cell)
+    except (ValueError, TypeError):
+        return False
+    return True
+
+
+def _shortened(names: Sequence[str], limit: int = 40) -> str:
+    rest = len(names) - limit
+    return ", ".join(names[:limit]) + (f" and {rest} more" if rest > 0 else "")

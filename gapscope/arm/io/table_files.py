@@ -1,0 +1,141 @@
+"""Tables from CSV, Parquet and NPZ files."""
+
+from __future__ import annotations
+
+import csv
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from gapscope.arm.errors import InputError
+from gapscope.arm.io.table import Table
+
+_DELIMITERS = (",", ";", "\t")
+
+
+def read_csv(path: Path) -> Table:
+    """Table of a CSV file; the header tells the delimiter: comma, semicolon or tab.
+
+    Raises:
+        InputError: the file is empty, has no header or nothing below it, a column twice, a row of another length,
+            or is no text.
+    """
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            header = file.readline()
+            delimiter = max(_DELIMITERS, key=header.count)
+            file.seek(0)
+            reader = csv.reader(file, delimiter=delimiter, strict=True)
+            names = [name.strip() for name in next(reader, [])]
+            _check_header(names, path)
+            rows, lines = [], []
+            for row in reader:
+                if not row:
+                    continue
+                if len(row) != len(names):
+                    raise InputError(
+                        f"has {len(row)} cells, the header has {len(names)}",
+                        "repair the row; was the file cut short while it was written?",
+                        file=path,
+                        where=f"line {reader.line_num}",
+                    )
+                rows.append(row)
+                lines.append(reader.line_num)
+    except UnicodeDecodeError:
+        raise InputError(
+            "is not a text in UTF-8",
+            "give a CSV, Parquet, NPZ, MCAP or .db3 file",
+            file=path,
+        ) from None
+    except csv.Error as error:
+        raise InputError(
+            f"is not valid CSV ({error})", file=path, where=f"line {reader.line_num}"
+        ) from None
+    if not rows:
+        raise InputError(
+            "has a header and no rows", "give a file with samples", file=path
+        )
+    return Table(
+        path, dict(zip(names, zip(*rows, strict=True), strict=True)), lines, "line"
+    )
+
+
+def _check_header(names: list[str], path: Path) -> None:
+    if not any(names):
+        raise InputError("is empty", "give a file with a header and samples", file=path)
+    if all(_is_numeric(name) for name in names):
+        raise InputError(
+            "the first line holds numbers, expected names of columns",
+            "add a header line",
+            file=path,
+            where="line 1",
+        )
+    twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
+    if twice is not None:
+        raise InputError(
+            f"has the column {twice!r} twice",
+            "rename one of them",
+            file=path,
+            where="line 1",
+        )
+
+
+def _is_numeric(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def read_parquet(path: Path) -> Table:
+    """Table of a Parquet file.
+
+    Raises:
+        InputError: the file is damaged, or has no rows.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        content = pq.read_table(path)
+    except (pa.ArrowException, OSError) as error:
+        raise InputError(
+            f"cannot be read as Parquet ({error})", "is the file complete?", file=path
+        ) from None
+    if not content.num_rows:
+        raise InputError("has no rows", "give a file with samples", file=path)
+    columns = {name: content.column(name).to_numpy() for name in content.column_names}
+    return Table(path, columns, range(1, content.num_rows + 1))
+
+
+def read_npz(path: Path) -> Table:
+    """Table of an NPZ file; an array ``q`` of shape (N, n) becomes the columns ``q1..qn``.
+
+    Raises:
+        InputError: the file is damaged, has no rows, or arrays of different length.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as content:
+            arrays = {name: content[name] for name in content.files}
+    except (zipfile.BadZipFile, ValueError, EOFError, OSError) as error:
+        raise InputError(
+            f"cannot be read as NPZ ({error})", "is the file complete?", file=path
+        ) from None
+    columns: dict[str, np.ndarray] = {}
+    for name, array in arrays.items():
+        if array.ndim == 2:
+            columns |= {f"{name}{j + 1}": array[:, j] for j in range(array.shape[1])}
+        else:
+            columns[name] = np.atleast_1d(array)
+    lengths = {name: len(array) for name, array in columns.items()}
+    if not lengths or not max(lengths.values()):
+        raise InputError("has no rows", "give a file with samples", file=path)
+    if len(set(lengths.values())) > 1:
+        raise InputError(
+            f"its arrays differ in length: {', '.join(f'{name} {length}' for name, length in lengths.items())}",
+            "keep only arrays with one row per sample",
+            file=path,
+        )
+    return Table(path, columns, range(1, max(lengths.values()) + 1))

@@ -1,0 +1,221 @@
+"""Cases and recordings back into files, complete or not at all: each is written aside and then renamed."""
+
+from __future__ import annotations
+
+import csv
+import re
+import shutil
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from gapscope.arm.case import Case
+from gapscope.arm.controller import Controller
+from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import CHANNELS, Recording
+
+
+def write_recording(recording: Recording, path: str | Path) -> Path:
+    """Write a recording in the columns of the case format, without loss; the ending says which format.
+
+    Args:
+        recording: what to write; its name and notes are not kept.
+        path: file that ends in ``.csv``, ``.parquet`` or ``.npz``; one that exists is replaced.
+
+    Raises:
+        InputError: another ending.
+        GapscopeError: the file cannot be written.
+    """
+    path = Path(path)
+    if path.suffix not in (".csv", ".parquet", ".npz"):
+        raise InputError(
+            f"the ending {path.suffix!r} names no format to write",
+            "end it in .csv, .parquet or .npz",
+            file=path,
+        )
+    with written_whole(path) as aside:
+        if path.suffix == ".npz":
+            np.savez_compressed(aside, allow_pickle=False, **_channels(recording))
+        elif path.suffix == ".csv":
+            _write_csv(_columns(recording), aside)
+        else:
+            _write_parquet(_columns(recording), aside)
+    return path
+
+
+def _channels(recording: Recording) -> dict[str, np.ndarray]:
+    """Arrays by key: ``t``, (N,), and each known channel, (N, n)."""
+    known = {name: getattr(recording, name) for name in CHANNELS}
+    return {"t": recording.t} | {
+        name: array for name, array in known.items() if array is not None
+    }
+
+
+def _columns(recording: Recording) -> dict[str, np.ndarray]:
+    """Columns by name: ``t``, ``q1..qn`` and so on, (N,) each."""
+    columns: dict[str, np.ndarray] = {}
+    for name, array in _channels(recording).items():
+        columns |= (
+            {name: array}
+            if array.ndim == 1
+            else {f"{name}{j + 1}": x for j, x in enumerate(array.T)}
+        )
+    return columns
+
+
+def write_columns(columns: dict[str, np.ndarray], path: str | Path) -> None:
+    """Write columns of equal length as CSV, without loss.
+
+    Raises:
+        GapscopeError: the file cannot be written.
+    """
+    with written_whole(path) as aside:
+        _write_csv(columns, aside)
+
+
+def _write_csv(columns: dict[str, np.ndarray], path: Path) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(
+            zip(*(column.tolist() for column in columns.values()), strict=True)
+        )
+
+
+def _write_parquet(columns: dict[str, np.ndarray], path: Path) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    pq.write_table(pa.table(columns), path)
+
+
+def write_case(
+    case: Case, folder: str | Path, *, overwrite: bool = False, ending: str = "csv"
+) -> Path:
+    """Write a case as a folder of its own: ``case.yaml``, a copy of the URDF, and the recordings.
+
+    Args:
+        case: what to write; the recordings are written as they were understood, so no import section is needed.
+        folder: folder to make.
+        overwrite: whether a case that is there already may be replaced.
+        ending: of the recordings' files, ``csv``, ``parquet`` or ``npz``.
+
+    Returns:
+        Path of the case file.
+
+    Raises:
+        InputError: the folder exists and is not to be replaced, or is something else than a case; another ending.
+        GapscopeError: the folder cannot be written.
+    """
+    folder = Path(folder)
+    if folder.exists() and any(folder.iterdir() if folder.is_dir() else [folder]):
+        if not (folder / "case.yaml").is_file():
+            raise InputError(
+                "exists and is not a case", "choose a new folder", file=folder
+            )
+        if not overwrite:
+            raise InputError(
+                "holds a case already",
+                "choose a new folder, or allow to overwrite it",
+                file=folder,
+            )
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(
+            prefix=f".{folder.name}.", dir=folder.parent
+        ) as aside:
+            fresh, old = Path(aside) / "new", Path(aside) / "old"
+            fresh.mkdir()
+            _fill(case, fresh, ending)
+            if folder.exists():
+                folder.rename(old)
+            fresh.rename(folder)
+    except OSError as error:
+        raise GapscopeError(
+            f"{folder}: cannot be written ({error})", "check the folder and its rights"
+        ) from None
+    return folder / "case.yaml"
+
+
+def _fill(case: Case, folder: Path, ending: str) -> None:
+    """Write all files of a case into an empty folder."""
+    shutil.copyfile(case.arm.urdf, folder / "robot.urdf")
+    names = _file_names(
+        [recording.name for recording in (*case.recordings, *case.judged)], ending
+    )
+    for recording, name in zip((*case.recordings, *case.judged), names, strict=True):
+        write_recording(recording, folder / name)
+    content: dict[str, Any] = {
+        "name": case.name,
+        "robot": "robot.urdf",
+        "joints": list(case.arm.joints),
+        "gravity": case.arm.gravity.tolist(),
+        "nominal": _sheet(case.arm),
+    }
+    if case.controller is not None:
+        content["controller"] = _controller(case.controller)
+    content["recordings"] = names[: len(case.recordings)]
+    if case.judged:
+        content["judge"] = names[len(case.recordings) :]
+    loads = {
+        name: r.payload
+        for r, name in zip((*case.recordings, *case.judged), names, strict=True)
+    }
+    if any(loads.values()):
+        content["payloads"] = {
+            name: load.entry() for name, load in loads.items() if load is not None
+        }
+    silent = [recording.tau is None for recording in (*case.recordings, *case.judged)]
+    if any(silent):
+        content["import"] = {"tau": None}
+    text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120)
+    (folder / "case.yaml").write_text(text, encoding="utf-8")
+
+
+def _file_names(labels: Iterable[str], ending: str) -> list[str]:
+    """A file name for each recording, all different."""
+    names: list[str] = []
+    for label in labels:
+        plain = re.sub(r"\.(csv|tsv|txt|parquet|npz|db3|mcap)\b", "", label)
+        stem = re.sub(r"\W+", "_", plain).strip("_") or "recording"
+        same = sum(
+            name == f"{stem}.{ending}" or name.startswith(f"{stem}__") for name in names
+        )
+        names.append(f"{stem}__{same + 1}.{ending}" if same else f"{stem}.{ending}")
+    return names
+
+
+def _sheet(arm: NominalArm) -> dict[str, Any]:
+    """The ``nominal:`` section."""
+    sheet: dict[str, Any] = {
+        name: getattr(arm, name).tolist() for name in ("armature", "coulomb", "viscous")
+    }
+    if arm.torque_limit is not None:
+        sheet["torque_limit"] = arm.torque_limit.tolist()
+    sheet["encoder"] = arm.encoder
+    if arm.encoder_step is not None:
+        sheet["encoder_step"] = arm.encoder_step
+    return sheet
+
+
+def _controller(controller: Controller) -> dict[str, Any]:
+    """The ``controller:`` section."""
+    section: dict[str, Any] = {
+        "kind": "pd",
+        "rate": controller.rate,
+        "kp": controller.kp.tolist(),
+        "kd": controller.kd.tolist(),
+        "feedforward": controller.feedforward,
+    }
+    if controller.velocity_cutoff is not None:
+        section["velocity_filter"] = {
+            "cutoff": controller.velocity_cutoff,
+            "damping": controller.velocity_damping,
+        }
+    return section

@@ -1,0 +1,106 @@
+"""A known body mounted on the last link while a recording was made."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gapscope.arm.errors import InputError
+
+_UPPER = ([0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2])
+"""Rows and columns of Ixx, Ixy, Iyy, Ixz, Iyz, Izz, the order of ``rigid_body.INERTIAL_PARAMETERS``."""
+
+
+def point_mass_parameters(mass: float, com: np.ndarray) -> np.ndarray:
+    """Ten inertial parameters of a point mass, in the frame of ``com``; shape (10,).
+
+    m [kg], m c [kg m], and I = m (c.c E - c c^T) [kg m^2] in the order of
+    ``gapscope.arm.dynamics.rigid_body.INERTIAL_PARAMETERS``.
+    """
+    c = np.asarray(com, dtype=float)
+    inertia = mass * (c @ c * np.eye(3) - np.outer(c, c))
+    return np.concatenate([[mass], mass * c, inertia[_UPPER]])
+
+
+@dataclass(frozen=True)
+class KnownLoad:
+    """A point mass on the last link whose mass and place are known.
+
+    Attributes:
+        mass: [kg].
+        com: its centre in the frame of the joint that moves the last link [m], shape (3,).
+
+    Raises:
+        InputError: the mass is negative, or a number is not finite.
+    """
+
+    mass: float
+    com: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        if not (np.isfinite(self.mass) and self.mass >= 0):
+            raise InputError(
+                f"a payload of {self.mass:g} kg is none",
+                "give its mass in kg",
+                where="mass",
+            )
+        if len(self.com) != 3 or not np.isfinite(self.com).all():
+            raise InputError(
+                "the centre of the payload needs x, y and z",
+                "give three numbers in m",
+                where="com",
+            )
+
+    @property
+    def parameters(self) -> np.ndarray:
+        """What it adds to the inertial parameters of the last link, shape (10,); kg, kg m, kg m^2."""
+        return point_mass_parameters(self.mass, np.array(self.com))
+
+    @property
+    def words(self) -> str:
+        """In words."""
+        x, y, z = self.com
+        return f"a payload of {self.mass:g} kg, centre at ({x:g}, {y:g}, {z:g}) m of the last joint's frame"
+
+    def entry(self) -> dict[str, Any]:
+        """Its entry in the ``payloads:`` section of a case."""
+        return {"mass": self.mass, "com": list(self.com)}
+
+
+def parse_payloads(
+    section: Mapping[str, Any] | None, names: Iterable[str], file: Path
+) -> dict[str, KnownLoad]:
+    """The ``payloads:`` section of a case, by the names of its recordings.
+
+    Args:
+        section: checked against the schema of a case.
+        names: files of the entries of ``recordings:`` and ``judge:``, as they stand there.
+        file: the case file.
+
+    Raises:
+        InputError: no recording has that name, or a number is not finite.
+    """
+    known, out = list(names), {}
+    for name, entry in (section or {}).items():
+        if name not in known:
+            close = get_close_matches(name, known, n=1)
+            raise InputError(
+                f"no recording is called {name!r}",
+                f"did you mean {close[0]}?"
+                if close
+                else f"name one of recordings: or judge:, {', '.join(known)}",
+                file=file,
+                where="field payloads",
+            )
+        try:
+            x, y, z = map(float, entry["com"])
+            out[name] = KnownLoad(float(entry["mass"]), (x, y, z))
+        except InputError as error:
+            raise error.at(file, f"field payloads.{name}") from None
+    return out

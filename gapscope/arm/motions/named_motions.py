@@ -1,0 +1,270 @@
+"""Named motions, drawn at random within limits: what a tracked arm is asked to do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from gapscope.arm.dynamics.kinematics import Kinematics
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.motions.chain import Chain, Reversed, Timed
+from gapscope.arm.motions.point_to_point import PointToPoint
+from gapscope.arm.motions.posture import working_posture
+from gapscope.arm.motions.trajectory import Fourier, Limits, Reference, urdf_limits
+from gapscope.arm.motions.weld_seam import WeldSeam
+from gapscope.arm.nearest_name import check_known
+
+ACCELERATION = 5.0
+"""Limit of the joints' acceleration, which a URDF does not give [rad/s^2]."""
+SPEED = 1.5
+"""Joints move no faster than this, whatever the URDF allows [rad/s]."""
+MARGIN = 0.1
+"""Distance kept from the position limits, more than an encoder is usually off [rad]."""
+ROOM = 0.35
+"""Share of the room about the working posture in which postures are drawn [1]."""
+DWELL = 0.3
+"""Rest between motions [s]."""
+DRAWS = 200
+"""Draws of a straight line before giving up."""
+
+
+class Workspace(NamedTuple):
+    """Where an arm moves: its kinematics, limits, and the posture [rad], shape (n,), about which it works."""
+
+    kinematics: Kinematics
+    limits: Limits
+    posture: np.ndarray
+
+
+def workspace(
+    body: RigidBody, limits: Limits | None = None, posture: np.ndarray | None = None
+) -> Workspace:
+    """The workspace of an arm.
+
+    Args:
+        body: rigid-body model of the arm.
+        limits: by default those of the URDF, with at most ``SPEED`` [rad/s] and ``ACCELERATION`` [rad/s^2].
+        posture: [rad], shape (n,); by default in front of the base, with the tool down.
+
+    Raises:
+        InputError: the posture has another number of joints, or lies outside the limits.
+    """
+    if limits is None:
+        limits = urdf_limits(body, ACCELERATION, margin=MARGIN)
+        limits = limits._replace(velocity=np.minimum(limits.velocity, SPEED))
+    kinematics = Kinematics(body)
+    posture = (
+        working_posture(kinematics, limits)
+        if posture is None
+        else np.asarray(posture, dtype=float)
+    )
+    if posture.shape != (body.n_joints,):
+        raise InputError(
+            f"expected {body.n_joints} numbers, one per joint, got {posture.size}",
+            where="posture",
+        )
+    outside = ~((posture > limits.lower) & (posture < limits.upper))
+    if outside.any():
+        joint = int(outside.argmax())
+        raise InputError(
+            f"joint {joint + 1} at {posture[joint]:.4g} rad lies outside its limits",
+            f"choose one between {limits.lower[joint]:.4g} and {limits.upper[joint]:.4g} rad",
+            where="posture",
+        )
+    return Workspace(kinematics, limits, posture)
+
+
+def draw_motion(
+    name: str, rng: np.random.Generator, space: Workspace, duration: float
+) -> Reference:
+    """A random motion of a kind, at rest at its start, that lasts for at least ``duration`` [s].
+
+    Args:
+        name: one of ``MOTIONS``, or ``random`` for one of those that this arm can follow.
+        rng: source of the motion.
+        space: where the arm moves.
+        duration: [s], positive.
+
+    Raises:
+        InputError: unknown name, or a straight line asked of an arm with fewer than three joints.
+        GapscopeError: no straight line was found that keeps the limits.
+    """
+    check_motion_name(name, space.kinematics.n_joints)
+    if name == "random":
+        name = str(rng.choice(motions_for(space.kinematics.n_joints)))
+    return MOTIONS[name](rng, space, duration)
+
+
+def check_motion_name(name: str, n_joints: int) -> None:
+    """Check that there is such a motion, and that an arm of n joints can follow it.
+
+    Raises:
+        InputError: unknown name, or a straight line asked of an arm with fewer than three joints.
+    """
+    check_known("motion", name, [*MOTIONS, "random"], where="motion")
+    possible = motions_for(n_joints)
+    if name not in possible and name != "random":
+        raise InputError(
+            f"{name} needs at least three joints, the arm has {n_joints}",
+            f"use {' or '.join(possible)}",
+            where="motion",
+        )
+
+
+def motions_for(n_joints: int) -> tuple[str, ...]:
+    """Names of the motions that an arm of n joints can follow."""
+    return tuple(name for name in MOTIONS if n_joints >= 3 or name not in STRAIGHT)
+
+
+def _fourier(rng: np.random.Generator, space: Workspace, duration: float) -> Reference:
+    limits, posture = space.limits, space.posture
+    frequency = float(rng.uniform(0.1, 0.3))
+    centre = posture + rng.uniform(-0.2, 0.2, len(posture)) * _room(space)
+    return Fourier.random(
+        rng,
+        limits,
+        duration=duration,
+        centre=centre,
+        frequency=frequency,
+        ramp=min(1.0, duration / 3),
+    )
+
+
+def _point_to_point(
+    rng: np.random.Generator, space: Workspace, duration: float
+) -> Reference:
+    return _repeated(rng, space, duration, (_transit,))
+
+
+def _weld_seam(
+    rng: np.random.Generator, space: Workspace, duration: float
+) -> Reference:
+    return _repeated(rng, space, duration, (_seam,))
+
+
+def _pick(rng: np.random.Generator, space: Workspace, duration: float) -> Reference:
+    return _repeated(rng, space, duration, (_descent, _home))
+
+
+def _place(rng: np.random.Generator, space: Workspace, duration: float) -> Reference:
+    return _repeated(rng, space, duration, (_transit, _descent, _home))
+
+
+MOTIONS: dict[str, Callable[[np.random.Generator, Workspace, float], Reference]] = {
+    "fourier": _fourier,
+    "point_to_point": _point_to_point,
+    "weld_seam": _weld_seam,
+    "pick": _pick,
+    "place": _place,
+}
+"""Kinds of motion by name."""
+STRAIGHT = ("weld_seam", "pick", "place")
+"""Those that hold straight lines of the tool."""
+
+Leg = Callable[[np.random.Generator, Workspace, np.ndarray], tuple[Timed, ...]]
+"""Draws the next motions from the joint positions [rad] at which the arm rests, shape (n,)."""
+
+
+def _repeated(
+    rng: np.random.Generator, space: Workspace, duration: float, legs: tuple[Leg, ...]
+) -> Chain:
+    """Legs in turn, from the working posture on, until the duration [s] is filled."""
+    parts: list[Timed] = []
+    now, passed, turn = space.posture, 0.0, 0
+    while passed < duration:
+        for part in legs[turn % len(legs)](rng, space, now):
+            parts.append(part)
+            passed += part.duration
+            now = part.position(np.array([part.duration]))[0]
+        turn += 1
+    return Chain(tuple(parts))
+
+
+def _transit(
+    rng: np.random.Generator, space: Workspace, now: np.ndarray
+) -> tuple[Timed, ...]:
+    """To another posture, up to half as fast as the limits allow, and a rest there."""
+    return _moves(
+        now,
+        _drawn_posture(rng, space),
+        space.limits,
+        slower=float(rng.uniform(1.0, 2.0)),
+    )
+
+
+def _home(
+    rng: np.random.Generator, space: Workspace, now: np.ndarray
+) -> tuple[Timed, ...]:
+    """Back to the working posture."""
+    return _moves(now, space.posture, space.limits)
+
+
+def _seam(
+    rng: np.random.Generator, space: Workspace, now: np.ndarray
+) -> tuple[Timed, ...]:
+    """To the start of a horizontal seam, and along it at 0.05 to 0.2 m/s."""
+    angle, speed = rng.uniform(-np.pi, np.pi), float(rng.uniform(0.05, 0.2))
+    start, seam = _straight(
+        rng, space, np.array([np.cos(angle), np.sin(angle), 0.0]), speed
+    )
+    return *_moves(now, start, space.limits), seam, _rest(seam)
+
+
+def _descent(
+    rng: np.random.Generator, space: Workspace, now: np.ndarray
+) -> tuple[Timed, ...]:
+    """To above an object, straight down, a rest while the gripper acts, and straight up again."""
+    above, down = _straight(rng, space, np.array([0.0, 0.0, -1.0]), speed=0.25)
+    up = Reversed(down)
+    return *_moves(now, above, space.limits), down, _rest(down), up, _rest(up)
+
+
+def _moves(
+    now: np.ndarray, to: np.ndarray, limits: Limits, slower: float = 1.0
+) -> tuple[Timed, ...]:
+    """A motion from point to point and a rest; none where the arm is there already."""
+    if np.array_equal(now, to):
+        return ()
+    fastest = PointToPoint.within(now, to, limits)
+    return PointToPoint(now, to, slower * fastest.duration), PointToPoint(to, to, DWELL)
+
+
+def _rest(motion: Timed) -> PointToPoint:
+    end = motion.position(np.array([motion.duration]))[0]
+    return PointToPoint(end, end, DWELL)
+
+
+def _straight(
+    rng: np.random.Generator, space: Workspace, direction: np.ndarray, speed: float
+) -> tuple[np.ndarray, WeldSeam]:
+    """A posture and a line from it, of 10 to 30 % of the tool's distance from the base, that keeps the limits."""
+    reach = float(np.linalg.norm(space.kinematics.tool(space.posture).position))
+    problem = GapscopeError("no line was drawn")
+    for _ in range(DRAWS):
+        start = _drawn_posture(rng, space)
+        way = direction * rng.uniform(0.1, 0.3) * reach
+        try:
+            return start, WeldSeam.along(
+                space.kinematics, start, way, space.limits, speed
+            )
+        except GapscopeError as error:
+            problem = error
+    raise GapscopeError(
+        f"no straight line within the limits in {DRAWS} draws; the last: {problem.message}",
+        "give another posture, or use fourier or point_to_point",
+    )
+
+
+def _drawn_posture(rng: np.random.Generator, space: Workspace) -> np.ndarray:
+    return space.posture + ROOM * rng.uniform(-1.0, 1.0, len(space.posture)) * _room(
+        space
+    )
+
+
+def _room(space: Workspace) -> np.ndarray:
+    """Way from the posture to the nearer limit, 2 rad at most [rad], shape (n,)."""
+    limits, posture = space.limits, space.posture
+    return np.minimum(np.minimum(limits.upper - posture, posture - limits.lower), 2.0)

@@ -1,0 +1,50 @@
+"""What to offer when a name is not known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+from gapscope.arm.errors import InputError
+
+SHORTEST = 3
+"""Letters that a part of a name needs for the name to be offered."""
+
+
+def check_known(kind: str, name: object, known: Iterable[str], where: str = "") -> str:
+    """The name, if it is one of the known ones.
+
+    Args:
+        kind: what is named, for the message.
+        name: what the user gave.
+        known: the names that there are.
+        where: the argument or field at fault.
+
+    Raises:
+        InputError: it is not; the nearest name is offered.
+    """
+    known = list(known)
+    if isinstance(name, str) and name in known:
+        return name
+    raise InputError(
+        f"unknown {kind} {name!r}",
+        f"{nearest(str(name), known)}known are {', '.join(known)}",
+        where=where,
+    )
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """A question after the nearest of the known names, or nothing where none is near; case does not matter.
+
+    Near is what is written alike, else what has the name as a part, or is a part of it.
+    """
+    names = {each.casefold(): each for each in known}
+    wanted = name.strip().casefold()
+    parts = [
+        each
+        for each in names
+        if min(len(wanted), len(each)) >= SHORTEST
+        and (wanted in each or each in wanted)
+    ]
+    close = get_close_matches(wanted, names, n=1) or parts
+    return f"did you mean {names[close[0]]!r}? " if close else ""

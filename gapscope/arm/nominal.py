@@ -1,0 +1,100 @@
+"""The nominal arm: what the user believes, a URDF and a data sheet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from gapscope.arm.errors import InputError
+
+FRICTION_SMOOTHING = 0.005
+"""Velocity scale v0 of the smoothed sign, sgn v = tanh(v / v0) [rad/s], as the case format fixes it."""
+
+
+@dataclass(frozen=True)
+class NominalArm:
+    """What the user believes about the arm, n joints; joint-side SI units.
+
+    Attributes:
+        name: name of the robot.
+        urdf: path of the URDF file.
+        joints: names of the joints in the order of the recordings' columns.
+        gravity: gravity in the base frame [m/s^2], shape (3,).
+        armature: reflected rotor inertia [kg m^2], (n,).
+        coulomb: Coulomb friction [N m], (n,).
+        viscous: viscous friction [N m s/rad], (n,).
+        torque_limit: [N m], (n,), or ``None``.
+        encoder: side of the transmission on which q is measured, ``motor`` or ``joint``.
+        encoder_step: quantisation step of q that the data sheet admits [rad], or ``None``.
+        doubt: factor on the errors that its inertials may have, 1 for those of a data sheet; less where they have been
+            identified on recordings of the arm itself.
+
+    Raises:
+        InputError: a data sheet list does not have one number per joint.
+    """
+
+    name: str
+    urdf: Path
+    joints: tuple[str, ...]
+    gravity: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
+    armature: np.ndarray = None  # type: ignore[assignment]
+    coulomb: np.ndarray = None  # type: ignore[assignment]
+    viscous: np.ndarray = None  # type: ignore[assignment]
+    torque_limit: np.ndarray | None = None
+    encoder: str = "motor"
+    encoder_step: float | None = None
+    doubt: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Fill in zeros where the data sheet is silent and freeze the arrays."""
+        n = len(self.joints)
+        for name in ("armature", "coulomb", "viscous"):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, np.zeros(n))
+        for name, length in (
+            ("gravity", 3),
+            ("armature", n),
+            ("coulomb", n),
+            ("viscous", n),
+            ("torque_limit", n),
+        ):
+            value = getattr(self, name)
+            if value is None:
+                continue
+            try:
+                array = np.array(value, dtype=float)
+            except (TypeError, ValueError):
+                raise InputError(
+                    f"holds what is not a number, {value!r}", where=f"nominal.{name}"
+                ) from None
+            if array.shape != (length,):
+                raise InputError(
+                    f"expected {length} numbers, got {array.size}",
+                    file=self.urdf,
+                    where=f"nominal.{name}",
+                )
+            if np.isnan(array).any():
+                raise InputError(
+                    "holds what is not a number, nan",
+                    file=self.urdf,
+                    where=f"nominal.{name}",
+                )
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        if self.encoder not in ("motor", "joint"):
+            raise InputError(
+                f"expected motor or joint, got {self.encoder!r}",
+                where="nominal.encoder",
+            )
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints n."""
+        return len(self.joints)
+
+
+def smooth_sign(velocity: np.ndarray, scale: float = FRICTION_SMOOTHING) -> np.ndarray:
+    """Smoothed sign of a velocity, tanh(v / scale), any shape [1]; v and scale in rad/s."""
+    return np.tanh(np.asarray(velocity) / scale)

@@ -1,0 +1,101 @@
+"""A recording: time series of one motion of one arm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from gapscope.arm.errors import InputError
+from gapscope.arm.known_load import KnownLoad
+
+CHANNELS = ("q", "dq", "tau", "q_ref", "dq_ref", "tau_sensor", "temperature")
+"""Names of the per-joint channels, in the order in which files hold them."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Time series of one motion, N samples of an arm with n joints; arrays are read-only.
+
+    Attributes:
+        name: file name or label of the recording.
+        t: time [s], shape (N,), strictly increasing within a segment; gaps are allowed.
+        q: joint positions as the encoders gave them [rad], shape (N, n).
+        tau: torque commanded or derived from motor current, joint side [N m], (N, n); ``None`` where no torque
+            can be trusted.
+        dq: recorded velocity [rad/s], (N, n), or ``None``.
+        q_ref, dq_ref: reference position [rad] and velocity [rad/s], (N, n), or ``None``.
+        tau_sensor: joint torque sensor [N m], (N, n), or ``None``.
+        temperature: joint temperature [deg C], (N, n), or ``None``.
+        notes: what was noticed or repaired while reading, for the report.
+        payload: known body that was mounted on the last link, or ``None``.
+
+    Raises:
+        InputError: a channel's shape does not fit ``t`` and ``q``, or a value is not finite.
+    """
+
+    name: str
+    t: np.ndarray
+    q: np.ndarray
+    tau: np.ndarray | None = None
+    dq: np.ndarray | None = None
+    q_ref: np.ndarray | None = None
+    dq_ref: np.ndarray | None = None
+    tau_sensor: np.ndarray | None = None
+    temperature: np.ndarray | None = None
+    notes: tuple[str, ...] = ()
+    payload: KnownLoad | None = None
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays and check their shapes."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name in ("name", "notes", "payload") or value is None:
+                continue
+            array = np.array(value, dtype=float)
+            array.setflags(write=False)
+            object.__setattr__(self, field.name, array)
+        if self.t.ndim != 1 or self.q.ndim != 2:
+            raise InputError(
+                "t must have shape (N,) and q shape (N, n)", file=self.name
+            )
+        for name in CHANNELS:
+            value = getattr(self, name)
+            if value is not None and value.shape != self.q.shape:
+                raise InputError(
+                    f"has shape {value.shape}, expected {self.q.shape} as q has",
+                    file=self.name,
+                    where=f"channel {name}",
+                )
+        if len(self.t) != len(self.q):
+            raise InputError(
+                f"t has {len(self.t)} rows, q has {len(self.q)}", file=self.name
+            )
+        for name in ("t", *CHANNELS):
+            value = getattr(self, name)
+            if value is not None and not np.isfinite(value).all():
+                row, *column = np.argwhere(~np.isfinite(value))[0]
+                label = name if not column else f"{name}{column[0] + 1}"
+                raise InputError(
+                    "is not a finite number",
+                    "drop or repair the row; a gap in time is cut, a missing value is never guessed",
+                    file=self.name,
+                    where=f"row {row + 1}, column {label}",
+                )
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints n."""
+        return self.q.shape[1]
+
+    @property
+    def rate(self) -> float:
+        """Sampling rate [Hz]: the inverse of the median step of t; nan of a single sample."""
+        return (
+            float(1.0 / np.median(np.diff(self.t))) if len(self.t) > 1 else float("nan")
+        )
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last sample [s]."""
+        return float(self.t[-1] - self.t[0])

@@ -1,0 +1,152 @@
+"""The velocity that a controller has: position through a second-order low-pass differentiator."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+from scipy.signal import lfilter
+
+from gapscope.arm.controller import Controller
+from gapscope.arm.recording import Recording
+
+SETTLING = 0.3
+"""Time that the filter is given to forget its start [s]."""
+
+
+class Gains(NamedTuple):
+    """v[k] = b0 q[k] + b1 q[k-1] + b2 q[k-2] + a1 v[k-1] + a2 v[k-2]; b in 1/s, a in 1."""
+
+    b0: float
+    b1: float
+    b2: float
+    a1: float
+    a2: float
+
+
+def bilinear(rate: float, cutoff: float, damping: float) -> Gains:
+    """Gains of w^2 s / (s^2 + 2 zeta w s + w^2), s = 2 rate (z - 1) / (z + 1); delay 2 zeta / w at low frequency."""
+    w, k = 2 * np.pi * cutoff, 2 * rate
+    lead = k**2 + 2 * damping * w * k + w**2
+    gain = w**2 * k / lead
+    return Gains(
+        gain,
+        0.0,
+        -gain,
+        2 * (k**2 - w**2) / lead,
+        -(k**2 - 2 * damping * w * k + w**2) / lead,
+    )
+
+
+def semi_implicit(rate: float, cutoff: float, damping: float) -> Gains:
+    """Gains of v += h (w^2 (q - x) - 2 zeta w v), x += h v at each tick of h = 1 / rate: half a tick faster."""
+    wh, h = 2 * np.pi * cutoff / rate, 1.0 / rate
+    gain = wh**2 / h
+    return Gains(gain, -gain, 0.0, 2 - 2 * damping * wh - wh**2, 2 * damping * wh - 1)
+
+
+def backward(rate: float, cutoff: float, damping: float) -> Gains:
+    """Gains of the same with v and x on the right-hand side taken after the tick: half a tick slower."""
+    wh, h = 2 * np.pi * cutoff / rate, 1.0 / rate
+    lead = 1 + 2 * damping * wh + wh**2
+    gain = wh**2 / h / lead
+    return Gains(gain, -gain, 0.0, (2 + 2 * damping * wh) / lead, -1 / lead)
+
+
+RULES: dict[str, Callable[[float, float, float], Gains]] = {
+    "bilinear": bilinear,
+    "semi_implicit": semi_implicit,
+    "backward": backward,
+}
+"""How controllers discretise the filter; a case does not say which, but a recorded velocity does."""
+
+
+def stable(gains: Gains) -> bool:
+    """Whether both roots of z^2 - a1 z - a2 lie inside the unit circle."""
+    return abs(gains.a2) < 1 and abs(gains.a1) < 1 - gains.a2
+
+
+class VelocityFilter:
+    """Second-order low-pass differentiator, w^2 s / (s^2 + 2 zeta w s + w^2), discretised by one of ``RULES``.
+
+    Without a cut-off it is the backward difference. Delay at low frequency: 2 zeta / w, or half a period.
+
+    Args:
+        rate: sampling rate [Hz].
+        cutoff: w / 2 pi [Hz], or ``None``.
+        damping: zeta [1].
+        position: position at the start [rad], shape (n,).
+        velocity: velocity until the start [rad/s], shape (n,).
+        rule: one of ``RULES``.
+        first: what the first call gives for ``position`` [rad/s], shape (n,), where it is known that the filter had
+            not settled; the velocity until then by default.
+    """
+
+    def __init__(
+        self,
+        rate: float,
+        cutoff: float | None,
+        damping: float,
+        position: np.ndarray,
+        velocity: np.ndarray,
+        rule: str = "bilinear",
+        first: np.ndarray | None = None,
+    ) -> None:
+        gains = (
+            Gains(rate, -rate, 0.0, 0.0, 0.0)
+            if cutoff is None
+            else RULES[rule](rate, cutoff, damping)
+        )
+        self._gains = np.array(gains)
+        moved = np.asarray(velocity, dtype=float) / rate
+        # rows q[k], q[k-1], q[k-2], v[k-1], v[k-2], as the gains are ordered
+        self._past = np.array(
+            [position, position - moved, position - 2 * moved, velocity, velocity]
+        )
+        self._flat = self._past.reshape(5, -1)
+        if first is not None and gains.a2:
+            self._flat[4] += (np.ravel(first) - self._gains @ self._flat) / gains.a2
+
+    def __call__(self, q: np.ndarray) -> np.ndarray:
+        """Filtered velocity [rad/s] for the next position q [rad], each of the shape of the position at the start."""
+        past = self._past
+        past[0] = q
+        v = self._gains.dot(self._flat).reshape(past.shape[1:])
+        past[1:3] = past[:2]
+        past[4] = past[3]
+        past[3] = v
+        return v
+
+
+def rule_of(recording: Recording, controller: Controller) -> str:
+    """The rule whose velocity, from the recorded positions, comes nearest to the recorded one; else ``bilinear``.
+
+    A rule that would be unstable at this rate and cut-off cannot be the controller's.
+    """
+    too_short = recording.duration < 3 * SETTLING
+    if (
+        recording.dq is None
+        or controller.velocity_cutoff is None
+        or too_short
+        or recording.rate < 20.0
+    ):
+        return "bilinear"
+    h = 1.0 / controller.rate
+    t = recording.t[0] + h * np.arange(int(recording.duration / h + 1e-6) + 1)
+    q = make_interp_spline(recording.t, recording.q - recording.q[0], k=3)(t)
+    settled = recording.t > recording.t[0] + SETTLING
+    miss = {}
+    for name, rule in RULES.items():
+        gains = rule(
+            controller.rate, controller.velocity_cutoff, controller.velocity_damping
+        )
+        if not stable(gains):
+            continue
+        b0, b1, b2, a1, a2 = gains
+        v = make_interp_spline(
+            t, lfilter([b0, b1, b2], [1.0, -a1, -a2], q, axis=0), k=1
+        )(recording.t[settled])
+        miss[name] = float(np.mean((v - recording.dq[settled]) ** 2))
+    return min(miss, key=lambda name: miss[name])

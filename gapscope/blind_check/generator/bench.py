@@ -1,0 +1,257 @@
+"""The bench of a case: its arm, controller, motions and healthy twin, on which causes are tried and sized."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from gapscope.blind_check.generator.arms import Arm, draw_arm
+from gapscope.blind_check.generator.conditions import Conditions
+from gapscope.blind_check.generator.law import Cause, Scene
+from gapscope.blind_check.generator.loop import Loop
+from gapscope.blind_check.generator.measure import KNEE, nominal_torque, residual, rms
+from gapscope.blind_check.generator.motions import Motion, draw_motion
+from gapscope.blind_check.generator.plant import Columns, Healthy, Plant
+from gapscope.blind_check.generator.rigid import (
+    inertia_diagonal,
+    inverse_dynamics,
+    model_of,
+    tip_path,
+)
+from gapscope.blind_check.generator.simulate import simulate
+from gapscope.blind_check.generator.urdf import copied, off
+
+STEP = 5e-4
+"""Simulation step [s]."""
+RESTLESS = 0.35
+"""Mean change of the command from tick to tick, over its deviation, above which the loop is not a healthy one."""
+
+
+@dataclass(frozen=True)
+class Bench:
+    """What stays the same while causes are tried; the last motion is the unseen one.
+
+    Attributes:
+        arm, loop, healthy: the arm, its controller, its small imperfections.
+        model: MuJoCo model of the nominal arm.
+        believed: URDF root with the true inertials of the healthy twin (a little off the nominal ones).
+        motions, kinds, ahead, noise: per recording reference, its kind, feedforward [N m], encoder noise [rad].
+        thin: rows of the controller per row of the recording.
+        scene: what laws may look at.
+        floor: RMS of the healthy twin's gap on the unseen motion [N m], (n,).
+        twin: that gap itself [N m], (M, n).
+    """
+
+    arm: Arm
+    loop: Loop
+    healthy: Healthy
+    model: Any
+    believed: Any
+    motions: list[Motion]
+    kinds: list[str]
+    ahead: list[np.ndarray]
+    noise: list[np.ndarray]
+    thin: int
+    scene: Scene
+    floor: np.ndarray
+    twin: np.ndarray
+
+    def plant(self, causes: Sequence[Cause]) -> Plant:
+        """The true arm with some causes."""
+        plant = Plant(self.arm, self.healthy, self.loop, copied(self.believed))
+        for cause in causes:
+            cause.act(plant)
+        return plant
+
+    def run(self, plant: Plant, which: int) -> Columns | None:
+        """One recording, thinned to its rate, before any fault of the set-up; ``None`` where it cannot be used."""
+        rows = simulate(
+            plant, self.motions[which], self.ahead[which], self.noise[which]
+        )
+        if rows is None:
+            return None
+        settled = rows["tau"][int(0.4 * self.loop.rate) :]
+        change = np.abs(np.diff(settled, axis=0)).mean(axis=0) / self.scene.deviation
+        if change.max() > RESTLESS:
+            return None
+        return {name: series[:: self.thin] for name, series in rows.items()}
+
+    def gap(self, rows: Columns) -> tuple[np.ndarray, np.ndarray]:
+        """Gap of a recording of the unseen motion [N m], (M, n), and the scale it is measured by, (n,)."""
+        predicted = nominal_torque(self.model, sheet_of(self.arm), rows["t"], rows["q"])
+        return residual(rows["tau"], predicted, self.loop.rate / self.thin)
+
+    def signature(self, causes: Sequence[Cause]) -> np.ndarray | None:
+        """RMS of what causes add to the gap on the unseen motion, over the healthy twin's floor, (n,)."""
+        rows = self.run(self.plant(causes), -1)
+        return None if rows is None else rms(self.gap(rows)[0] - self.twin) / self.floor
+
+
+def draw_bench(conditions: Conditions, rng: np.random.Generator) -> Bench | None:
+    """A bench for a case; ``None`` where its healthy twin does not run well."""
+    arm = draw_arm(conditions.robot, rng)
+    model = model_of(arm.urdf)
+    motions, kinds = _motions(arm, conditions, rng)
+    postures = arm.home + rng.uniform(-1, 1, (20, arm.n)) * arm.half
+    inertia = inertia_diagonal(model, postures).mean(axis=0)
+    rigid = [_sparsely(model, motion) for motion in motions]
+    torques = [
+        rows
+        + arm.armature * motion.ddq
+        + arm.coulomb * np.tanh(motion.dq / KNEE)
+        + arm.viscous * motion.dq
+        for rows, motion in zip(rigid, motions, strict=True)
+    ]
+    loop = _loop(arm, inertia, torques, conditions, rng)
+    encoder_step = 2 * np.pi / 2 ** int(rng.integers(16, 20))
+    healthy = Healthy(
+        step=STEP,
+        encoder_step=encoder_step,
+        noise=rng.uniform(0.5e-5, 2.2e-5) * conditions.noise,
+        stribeck=rng.uniform(0.03, 0.15, arm.n),
+        knee=rng.uniform(0.01, 0.06, arm.n),
+        presliding=10 ** rng.uniform(-4.7, -4.0),
+        bend=rng.uniform(0.94, 1.0, arm.n),
+    )
+    ahead = [
+        _feedforward(loop.feedforward, model, motion, torque)
+        for motion, torque in zip(motions, torques, strict=True)
+    ]
+    noise = [healthy.noise * rng.standard_normal(motion.q.shape) for motion in motions]
+    believed = arm.root
+    if conditions.inertials_off:
+        off(believed, conditions.inertials_off, rng)
+    scene = _scene(arm, model, motions, torques[-1], inertia, conditions, encoder_step)
+    none = np.zeros(arm.n)
+    bench = Bench(
+        arm,
+        loop,
+        healthy,
+        model,
+        believed,
+        motions,
+        kinds,
+        ahead,
+        noise,
+        conditions.loop_rate // conditions.rate,
+        scene,
+        none,
+        none,
+    )
+    rows = bench.run(bench.plant(()), -1)
+    if rows is None:
+        return None
+    twin = bench.gap(rows)[0]
+    return replace(bench, twin=twin, floor=rms(twin))
+
+
+def sheet_of(arm: Arm) -> dict[str, np.ndarray]:
+    """Armature, Coulomb and viscous friction of the data sheet, each (n,)."""
+    return {"armature": arm.armature, "coulomb": arm.coulomb, "viscous": arm.viscous}
+
+
+def _sparsely(model: Any, motion: Motion, *, gravity: bool = False) -> np.ndarray:
+    """Torque of the rigid bodies along a reference [N m], (N, n): at 200 Hz, between them by cubic splines."""
+    rows = np.unique(
+        np.append(
+            np.arange(0, len(motion.t), max(1, round(0.005 / motion.t[1]))),
+            len(motion.t) - 1,
+        )
+    )
+    q, dq, ddq = (x[rows] for x in (motion.q, motion.dq, motion.ddq))
+    torque = (
+        inverse_dynamics(model, q, 0 * dq, 0 * ddq)
+        if gravity
+        else inverse_dynamics(model, q, dq, ddq)
+    )
+    return CubicSpline(motion.t[rows], torque)(motion.t)
+
+
+def _motions(
+    arm: Arm, conditions: Conditions, rng: np.random.Generator
+) -> tuple[list[Motion], list[str]]:
+    """The recordings' motions: slow, faster, then others; the last, unseen one is no faster than the fastest."""
+    more = list(rng.permutation(["point_to_point", "crawl"]))[
+        : conditions.recordings - 2
+    ]
+    kinds = ["slow", str(rng.choice(["fast", "middle"])), *map(str, more)][
+        : conditions.recordings
+    ]
+    kinds.append(kinds[1] if rng.uniform() < 0.6 else "middle")
+    lengths = np.round(rng.uniform(*conditions.duration, len(kinds)), 1)
+    lengths[-1] = min(lengths[-1], 10.0)
+    pairs = zip(kinds, lengths, strict=True)
+    return [
+        draw_motion(kind, arm, float(length), conditions.loop_rate, rng)
+        for kind, length in pairs
+    ], kinds
+
+
+def _loop(
+    arm: Arm,
+    inertia: np.ndarray,
+    torques: list[np.ndarray],
+    conditions: Conditions,
+    rng: np.random.Generator,
+) -> Loop:
+    """A PD controller of 3 to 4.5 Hz bandwidth whose limit lies well above what the motions need."""
+    w, damping = rng.uniform(20, 28), rng.uniform(0.8, 1.0)
+    kp = (inertia + arm.armature) * w**2 * rng.uniform(0.85, 1.15, arm.n)
+    kd = 2 * damping / w * kp
+    limit = (
+        np.max([np.abs(torque).max(axis=0) for torque in torques], axis=0)
+        * rng.uniform(2.5, 3.5)
+        + kd * 0.5
+    )
+    return Loop(
+        rate=float(conditions.loop_rate),
+        kp=kp,
+        kd=kd,
+        limit=limit,
+        cutoff=float(rng.choice([50.0, 80.0, 120.0])),
+        damping=float(rng.choice([0.7, 0.9, 1.0])),
+        feedforward=str(rng.choice(["none", "gravity", "nominal"], p=[0.2, 0.3, 0.5])),
+    )
+
+
+def _feedforward(
+    kind: str, model: Any, motion: Motion, torque: np.ndarray
+) -> np.ndarray:
+    if kind == "nominal":
+        return torque
+    return (
+        _sparsely(model, motion, gravity=True)
+        if kind == "gravity"
+        else np.zeros_like(motion.q)
+    )
+
+
+def _scene(
+    arm: Arm,
+    model: Any,
+    motions: list[Motion],
+    torque: np.ndarray,
+    inertia: np.ndarray,
+    conditions: Conditions,
+    encoder_step: float,
+) -> Scene:
+    unseen = motions[-1]
+    deviation = torque.std(axis=0)
+    return Scene(
+        arm=arm,
+        deviation=np.maximum(deviation, 0.05 * deviation.max()),
+        peak=np.abs(torque).max(axis=0),
+        speed=rms(unseen.dq),
+        inertia=inertia,
+        swing=np.ptp(unseen.q, axis=0),
+        middle=unseen.q.mean(axis=0),
+        tip=tip_path(model, np.vstack([motion.q[::20] for motion in motions])),
+        shortest=float(min(motion.t[-1] for motion in motions)),
+        loop_rate=float(conditions.loop_rate),
+        rate=float(conditions.rate),
+        encoder_step=encoder_step,
+    )

@@ -1,0 +1,242 @@
+"""One case of the blind check: drawn, simulated, measured, and written in the project's case format."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from gapscope.arm.errors import GapscopeError
+from gapscope.blind_check.generator.bench import Bench, draw_bench
+from gapscope.blind_check.generator.conditions import STRONG, WEAK, Spec
+from gapscope.blind_check.generator.law import Cause
+from gapscope.blind_check.generator.laws import LAWS
+from gapscope.blind_check.generator.measure import rms
+from gapscope.blind_check.generator.plant import Columns, Plant
+from gapscope.blind_check.generator.sizing import draw_cause
+from gapscope.blind_check.generator.urdf import text_of
+
+ATTEMPTS = 120
+"""Draws of a case before giving up."""
+EASED = (8, 16, 24)
+"""Draws after which less is asked of a case: the lowest class; nearly true inertials; another arm without extra noise,
+whose other recordings need not show the cause."""
+DRAWS = 3
+"""Draws of a cause on one arm with its motions, before another is taken."""
+VISIBLE = 3.0
+"""Least ratio of the gap to the floor in a case of a strong class."""
+SHOWN = 0.02
+"""Torque NRMSE that a strong cause reaches in some recording that may be fitted."""
+
+
+@dataclass(frozen=True)
+class Made:
+    """A case before it is written.
+
+    Attributes:
+        bench: arm, controller and motions.
+        plant: the true arm.
+        causes: what is at work.
+        rows: the recordings, the last of them the unseen one.
+        label: the truth, as JSON knows it.
+    """
+
+    bench: Bench
+    plant: Plant
+    causes: tuple[Cause, ...]
+    rows: list[Columns]
+    label: dict[str, Any]
+
+
+def make_case(spec: Spec, seed: tuple[int, ...]) -> Made:
+    """Draw until a case runs well; the same seed gives the same case.
+
+    Raises:
+        GapscopeError: no draw gave a case, or MuJoCo or numba is not installed.
+    """
+    for attempt in range(ATTEMPTS):
+        made = _attempt(
+            _eased(spec, attempt), np.random.default_rng([*seed, attempt]), attempt
+        )
+        if made is not None:
+            return made
+    raise GapscopeError(
+        f"no case with {' and '.join(spec.laws) or 'no effect'} came about in {ATTEMPTS} draws on {spec.conditions}",
+        "leave the effect out of the plan, or draw from another seed",
+    )
+
+
+def _eased(spec: Spec, attempt: int) -> Spec:
+    """The case as it is wanted; after many draws the lowest class of its kind, then nearly true inertials as well.
+
+    Some effects cannot reach a high class on some arms: the loop becomes unstable first.
+    """
+    if attempt < EASED[0] or spec.severity is None:
+        return spec
+    severity = STRONG[0] if spec.severity[0] >= VISIBLE else spec.severity
+    off = (
+        min(spec.conditions.inertials_off, 0.02)
+        if attempt >= EASED[1]
+        else spec.conditions.inertials_off
+    )
+    conditions = replace(spec.conditions, inertials_off=off)
+    if attempt >= EASED[2]:
+        conditions = replace(conditions, robot="franka_panda", noise=1.0)
+    return replace(spec, severity=severity, conditions=conditions)
+
+
+def _attempt(spec: Spec, rng: np.random.Generator, attempt: int) -> Made | None:
+    bench = draw_bench(spec.conditions, rng)
+    if bench is None:
+        return None
+    causes = []
+    for name in spec.laws:
+        drawn = (
+            draw_cause(LAWS[name], bench, spec.severity, rng) for _ in range(DRAWS)
+        )
+        cause = next((cause for cause in drawn if cause is not None), None)
+        if cause is None:
+            return None
+        causes.append(cause)
+    plant = bench.plant(causes)
+    rows = []
+    for k in [-1, *range(len(bench.motions) - 1)]:
+        recorded = bench.run(plant, k)
+        if recorded is None:
+            return None
+        rows.append(recorded)
+    rows = rows[1:] + rows[:1]
+    if attempt < EASED[2] and not _shown(bench, causes, rows, spec):
+        return None
+    gap, scale = bench.gap(rows[-1])
+    ratio = rms(gap) / bench.floor
+    sized = bool(causes) and all(cause.law.measure == "torque" for cause in causes)
+    if (
+        sized
+        and spec.severity is not None
+        and spec.severity[0] >= VISIBLE
+        and ratio.max() < VISIBLE
+    ):
+        return None
+    spoiled = [_spoiled(plant, recorded, rng) for recorded in rows]
+    label = _label(spec, bench, causes, gap, scale, attempt)
+    return Made(bench, plant, tuple(causes), spoiled, label)
+
+
+def _shown(bench: Bench, causes: list[Cause], rows: list[Columns], spec: Spec) -> bool:
+    """Whether what a strong cause does to the unseen motion can be seen in some other recording too.
+
+    It has to be ``VISIBLE`` times the floor and ``SHOWN`` of torque NRMSE on the joint where it is widest.
+    """
+    torque = len(causes) == 1 and causes[0].law.measure == "torque"
+    if not torque or spec.severity is None or spec.severity[0] < VISIBLE:
+        return True
+    joint = int(np.argmax(rms(bench.gap(rows[-1])[0] - bench.twin) / bench.floor))
+    gaps = [bench.gap(recorded) for recorded in rows[:-1]]
+    least = VISIBLE * bench.floor[joint]
+    return any(
+        rms(gap)[joint] > max(least, SHOWN * scale[joint]) for gap, scale in gaps
+    )
+
+
+def _spoiled(plant: Plant, rows: Columns, rng: np.random.Generator) -> Columns:
+    for spoil in plant.spoil:
+        rows = spoil(rows, rng)
+    return rows
+
+
+def _label(
+    spec: Spec,
+    bench: Bench,
+    causes: list[Cause],
+    gap: np.ndarray,
+    scale: np.ndarray,
+    attempt: int,
+) -> dict[str, Any]:
+    nrmse, floor = rms(gap) / scale, bench.floor / scale
+    own = rms(gap - bench.twin) / bench.floor
+    torque = all(cause.law.measure == "torque" for cause in causes)
+    steps = [
+        float(c.values["step"].max() / bench.scene.encoder_step)
+        for c in causes
+        if c.law.measure == "step"
+    ]
+    ratio = float((nrmse / floor).max()) if torque else max(steps, default=None)
+    return {
+        "kind": spec.kind,
+        "effects": [cause.label() for cause in causes],
+        "severity": _class(spec, causes, own),
+        "measure": "torque" if torque else "step" if steps else "none",
+        "ratio": None if ratio is None else round(ratio, 3),
+        "signature": [round(float(x), 3) for x in own],
+        "gap": [round(float(x), 5) for x in nrmse],
+        "floor": [round(float(x), 5) for x in floor],
+        "conditions": asdict(spec.conditions),
+        "motions": bench.kinds,
+        "feedforward": bench.loop.feedforward,
+        "attempts": attempt + 1,
+    }
+
+
+def _class(spec: Spec, causes: list[Cause], own: np.ndarray) -> list[float] | None:
+    """The severity class that a single effect has come into; that of the plan for several, none without any."""
+    if spec.severity is None or len(causes) != 1 or causes[0].law.measure != "torque":
+        return list(spec.severity) if spec.severity else None
+    return list(next((c for c in (*WEAK, *STRONG) if own.max() <= c[1]), STRONG[-1]))
+
+
+def write_case(made: Made, name: str, bare: bool, folder: Path, unseen: Path) -> None:
+    """Write ``case.yaml``, ``robot.urdf`` and the recordings into a folder, the unseen recording elsewhere."""
+    arm, loop = made.bench.arm, made.bench.loop
+    folder.mkdir(parents=True)
+    unseen.parent.mkdir(parents=True, exist_ok=True)
+    root = arm.root
+    if made.plant.spoil_urdf is not None:
+        made.plant.spoil_urdf(root)
+    (folder / "robot.urdf").write_text(text_of(root), encoding="utf-8")
+    names = [f"recording_{letter}.csv" for letter in "abcdefgh"[: len(made.rows) - 1]]
+    plain = lambda values: [float(f"{x:.8g}") for x in values]  # noqa: E731
+    content: dict[str, Any] = {
+        "name": name,
+        "robot": "robot.urdf",
+        "nominal": {
+            "armature": plain(arm.armature),
+            "coulomb": plain(arm.coulomb),
+            "viscous": plain(arm.viscous),
+            "torque_limit": plain(loop.limit),
+            "encoder": "motor",
+            "encoder_step": made.bench.scene.encoder_step,
+        },
+    }
+    if not bare:
+        content["controller"] = {
+            "kind": "pd",
+            "rate": loop.rate,
+            "kp": plain(loop.kp),
+            "kd": plain(loop.kd),
+            "feedforward": loop.feedforward,
+            "velocity_filter": {"cutoff": loop.cutoff, "damping": loop.damping},
+        }
+    content["recordings"] = names
+    text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=110)
+    (folder / "case.yaml").write_text(text, encoding="utf-8")
+    for rows, path in zip(
+        made.rows, [*(folder / n for n in names), unseen], strict=True
+    ):
+        _write_rows(
+            rows, path, ("q", "tau") if bare else ("q", "dq", "tau", "q_ref", "dq_ref")
+        )
+
+
+def _write_rows(rows: Columns, path: Path, channels: tuple[str, ...]) -> None:
+    """A recording as CSV: t, then each channel's joints."""
+    n = rows["q"].shape[1]
+    head = ["t", *(f"{channel}{j + 1}" for channel in channels for j in range(n))]
+    table = np.column_stack([rows["t"], *(rows[channel] for channel in channels)])
+    with path.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file, lineterminator="\n").writerow(head)
+        np.savetxt(file, table, fmt="%.8g", delimiter=",")

@@ -1,0 +1,163 @@
+"""A law of the generator: how a cause is drawn, sized, put into the true arm and written into the label."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from gapscope.blind_check.generator.arms import Arm
+from gapscope.blind_check.generator.plant import Plant
+
+Values = dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What a law may look at when it draws, n joints.
+
+    Attributes:
+        arm: the arm.
+        deviation, peak: standard deviation and largest size of the nominal torque on the unseen motion [N m], (n,).
+        speed: RMS speed on it [rad/s], (n,).
+        inertia: mean diagonal of the mass matrix, link side [kg m^2], (n,).
+        swing: range of each joint on it [rad], (n,).
+        middle: middle of that range [rad], (n,).
+        tip: path of the tip on all motions [m], (M, 3).
+        shortest: duration of the shortest recording [s].
+        loop_rate: rate of the controller [Hz].
+        rate: rate of the recordings [Hz].
+        encoder_step: of the data sheet [rad].
+    """
+
+    arm: Arm
+    deviation: np.ndarray
+    peak: np.ndarray
+    speed: np.ndarray
+    inertia: np.ndarray
+    swing: np.ndarray
+    middle: np.ndarray
+    tip: np.ndarray
+    shortest: float
+    loop_rate: float
+    rate: float
+    encoder_step: float
+
+
+Draw = Callable[[np.random.Generator, Scene, np.ndarray], Values]
+Act = Callable[[Plant, np.ndarray, Values], None]
+Resize = Callable[[Values, np.ndarray], Values]
+
+
+@dataclass(frozen=True)
+class Law:
+    """One law.
+
+    Attributes:
+        name: name of the effect that it stands for; outside the catalogue, a name of its own.
+        draw: values at a first guess of the size, from a source, the scene and the joints (from 0).
+        act: puts the values into the true arm.
+        resize: values with their size times a factor per joint (one for all where they belong to the arm).
+        units: unit of each value that the label gives.
+        joints: ``some``, ``one``, ``inner`` (one, neither the first nor the last two), ``middle`` (some, neither the
+            first nor the last), ``pair`` or ``arm``.
+        largest: largest size of a value that is believable; the smallest, as a negative number, where it shrinks.
+        own: whether each joint's size shows in that joint's torque, so that joints are sized one by one.
+        measure: what the severity is read from: ``torque``, ``step`` (over the data sheet's), or ``none``.
+        outside: whether the law is outside the catalogue.
+        form: one phrase on how its form differs from the catalogue's.
+    """
+
+    name: str
+    draw: Draw
+    act: Act
+    resize: Resize
+    units: Mapping[str, str]
+    joints: str = "some"
+    largest: Mapping[str, float] = field(default_factory=dict)
+    own: bool = True
+    measure: str = "torque"
+    outside: bool = False
+    form: str = ""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A law with values, at work on some joints.
+
+    Attributes:
+        law: the law.
+        joints: joints from 0; empty for what acts on the arm.
+        values: its values, one per joint or as the law has them.
+    """
+
+    law: Law
+    joints: np.ndarray
+    values: Values
+
+    def sized(self, factor: np.ndarray) -> Cause:
+        """The same cause with another size."""
+        return replace(self, values=self.law.resize(dict(self.values), factor))
+
+    def believable(self) -> bool:
+        """Whether every value is within what its law allows."""
+        for name, bound in self.law.largest.items():
+            size = np.abs(self.values[name])
+            if (size > bound).any() if bound > 0 else (size < -bound).any():
+                return False
+        return True
+
+    def act(self, plant: Plant) -> None:
+        """Put it into the true arm."""
+        self.law.act(plant, self.joints, self.values)
+
+    def label(self) -> dict[str, Any]:
+        """The entry of a label: names and units of the catalogue, joints from 1."""
+        parameters = {
+            name: {"unit": unit, "value": self.values[name].tolist()}
+            for name, unit in self.law.units.items()
+        }
+        joints = (self.joints + 1).tolist()
+        if self.law.outside:
+            return {
+                "effect": "unknown",
+                "kind": self.law.name,
+                "joints": joints,
+                "parameters": parameters,
+            }
+        return {"effect": self.law.name, "joints": joints, "parameters": parameters}
+
+
+def times(*names: str) -> Resize:
+    """Size by multiplying the values of these names."""
+
+    def resize(values: Values, factor: np.ndarray) -> Values:
+        return {k: v * _fit(factor, v) if k in names else v for k, v in values.items()}
+
+    return resize
+
+
+def over(*names: str) -> Resize:
+    """Size by dividing the values of these names."""
+
+    def resize(values: Values, factor: np.ndarray) -> Values:
+        return {k: v / _fit(factor, v) if k in names else v for k, v in values.items()}
+
+    return resize
+
+
+def fixed(values: Values, factor: np.ndarray) -> Values:
+    """The values as they are: a fault has no size."""
+    return values
+
+
+def sign(rng: np.random.Generator, count: int) -> np.ndarray:
+    """Plus or minus one, (count,)."""
+    return rng.choice([-1.0, 1.0], count)
+
+
+def _fit(factor: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """One factor per joint where the value has that shape, the largest otherwise."""
+    return factor if factor.shape == value.shape else np.asarray(factor.max())

@@ -1,0 +1,116 @@
+"""Friction: LuGre with a Stribeck curve, load inside it, warming by its own losses [armstrong1994, bittencourt2012]."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gapscope.blind_check.generator.law import Law, Scene, Values, times
+from gapscope.blind_check.generator.plant import Plant
+
+
+def _coulomb(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+    return {"torque": scene.arm.coulomb[joints] * rng.uniform(0.8, 2.0, len(joints))}
+
+
+def _add_coulomb(plant: Plant, joints: np.ndarray, values: Values) -> None:
+    plant.add("coulomb", joints, values["torque"])
+
+
+def _viscous(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+    return {
+        "coefficient": scene.arm.viscous[joints] * rng.uniform(0.8, 3.0, len(joints))
+    }
+
+
+def _add_viscous(plant: Plant, joints: np.ndarray, values: Values) -> None:
+    plant.add("viscous", joints, values["coefficient"])
+
+
+def _stribeck(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+    count = len(joints)
+    return {
+        "torque": scene.arm.coulomb[joints] * rng.uniform(0.8, 2.0, count),
+        "velocity": scene.speed[joints] * rng.uniform(0.15, 0.6, count),
+        "power": rng.uniform(1.8, 2.2, count),
+    }
+
+
+def _add_stribeck(plant: Plant, joints: np.ndarray, values: Values) -> None:
+    plant.add("fall", joints, values["torque"])
+    plant.put("fall_speed", joints, values["velocity"])
+    plant.put("fall_power", joints, values["power"])
+
+
+def _load(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+    return {"coefficient": rng.uniform(0.05, 0.15, len(joints))}
+
+
+def _add_load(plant: Plant, joints: np.ndarray, values: Values) -> None:
+    plant.add("load", joints, values["coefficient"])
+
+
+def _drift(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+    count = len(joints)
+    power = (scene.arm.coulomb + scene.arm.viscous * scene.speed)[joints] * scene.speed[
+        joints
+    ]
+    return {
+        "amplitude": rng.uniform(0.5, 1.0, count),
+        "time_constant": np.full(count, rng.uniform(0.25, 0.7) * scene.shortest),
+        "share": np.full(count, rng.uniform(0.05, 0.15)),
+        "power": np.maximum(power, 1e-6),
+    }
+
+
+def _add_drift(plant: Plant, joints: np.ndarray, values: Values) -> None:
+    plant.put("drift", joints, values["amplitude"])
+    plant.put("drift_time", joints, values["time_constant"])
+    plant.put("drift_share", joints, values["share"])
+    plant.put("drift_power", joints, values["power"])
+
+
+FRICTION = (
+    Law(
+        "coulomb_friction",
+        _coulomb,
+        _add_coulomb,
+        times("torque"),
+        {"torque": "N m"},
+        form="LuGre: bristles bend before the joint slides",
+    ),
+    Law(
+        "viscous_friction",
+        _viscous,
+        _add_viscous,
+        times("coefficient"),
+        {"coefficient": "N m s/rad"},
+        form="b |v|^a sgn v with a in 0.94 .. 1",
+    ),
+    Law(
+        "stribeck_friction",
+        _stribeck,
+        _add_stribeck,
+        times("torque"),
+        {"torque": "N m", "velocity": "rad/s"},
+        form="inside LuGre, exp(-(|v| / vs)^p) with p in 1.8 .. 2.2",
+    ),
+    Law(
+        "load_friction",
+        _load,
+        _add_load,
+        times("coefficient"),
+        {"coefficient": "1"},
+        largest={"coefficient": 0.35},
+        form="inside LuGre, on the torque behind the motor",
+    ),
+    Law(
+        "friction_drift",
+        _drift,
+        _add_drift,
+        times("amplitude"),
+        {"amplitude": "1", "time_constant": "s"},
+        largest={"amplitude": 3.0},
+        form="a joint that warms by its own losses, friction curved in temperature",
+    ),
+)
+"""The laws of friction."""

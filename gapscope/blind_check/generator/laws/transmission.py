@@ -1,0 +1,140 @@
+"""Transmission: two masses with a hardening spring, free play, cogging, a dress pack [deluca2016, tuttle1996]."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gapscope.blind_check.generator.law import Law, Scene, Values, sign, times
+from gapscope.blind_check.generator.plant import Plant
+
+TOOTH = 80.0
+"""Resonance of the closed gear of a joint with free play [Hz]."""
+
+
+def _elastic(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+    frequency = rng.uniform(6.0, 14.0, len(joints))
+    link, rotor = scene.inertia[joints], scene.arm.armature[joints]
+    stiffness = link * (2 * np.pi * frequency) ** 2
+    return {
+        "stiffness": stiffness,
+        "damping": 2
+        * rng.uniform(0.04, 0.1)
+        * np.sqrt(stiffness * link * rotor / (link + rotor)),
+        "hardening": (
+            rng.uniform(0.02, 0.08)
+            * (stiffness / np.maximum(scene.peak[joints], 1e-6)) ** 2
+        ),
+        "frequency": frequency,
+    }
+
+
+def _softer(values: Values, factor: np.ndarray) -> Values:
+    """A spring that yields ``factor`` times as far, with the same damping ratio."""
+    return {
+        "stiffness": values["stiffness"] / factor,
+        "damping": values["damping"] / np.sqrt(factor),
+        "hardening": values["hardening"] / factor**2,
+        "frequency": values["frequency"] / np.sqrt(factor),
+    }
+
+
+def _soften(plant: Plant, joints: np.ndarray, values: Values) -> None:
+    for name in ("stiffness", "damping", "hardening"):
+        plant.put(name, joints, values[name])
+
+
+def _backlash(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+    link, rotor = scene.inertia[joints], scene.arm.armature[joints]
+    stiffness = link * (2 * np.pi * TOOTH) ** 2
+    return {
+        "width": np.radians(rng.uniform(0.3, 1.2, len(joints))),
+        "stiffness": stiffness,
+        "damping": 2 * 0.2 * np.sqrt(stiffness * link * rotor / (link + rotor)),
+    }
+
+
+def _loosen(plant: Plant, joints: np.ndarray, values: Values) -> None:
+    plant.put("play", joints, 0.5 * values["width"])
+    plant.put("stiffness", joints, values["stiffness"])
+    plant.put("damping", joints, values["damping"])
+
+
+def _ripple(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+    count = len(joints)
+    return {
+        "amplitude": scene.deviation[joints] * rng.uniform(0.05, 0.15, count),
+        "cycles": rng.integers(4, 31, count).astype(float),
+        "phase": rng.uniform(-np.pi, np.pi, count),
+        "harmonic": np.full(count, rng.uniform(0.02, 0.08)),
+    }
+
+
+def _cog(plant: Plant, joints: np.ndarray, values: Values) -> None:
+    for name, value in (
+        ("ripple", "amplitude"),
+        ("cycles", "cycles"),
+        ("phase", "phase"),
+        ("harmonic", "harmonic"),
+    ):
+        plant.put(name, joints, values[value])
+
+
+def _spring(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+    count = len(joints)
+    swing = np.maximum(scene.swing[joints], 0.3)
+    share = rng.uniform(0.2, 0.6, count)
+    return {
+        "stiffness": scene.deviation[joints] * share / swing,
+        "rest": scene.middle[joints] + rng.uniform(-0.6, 0.6, count) * swing,
+        "cubic": sign(rng, count) * rng.uniform(0.02, 0.06, count) / swing**2,
+        "share": share,
+    }
+
+
+def _pull(plant: Plant, joints: np.ndarray, values: Values) -> None:
+    for name, value in (("spring", "stiffness"), ("rest", "rest"), ("cubic", "cubic")):
+        plant.put(name, joints, values[value])
+
+
+TRANSMISSION = (
+    Law(
+        "joint_elasticity",
+        _elastic,
+        _soften,
+        _softer,
+        {"stiffness": "N m/rad", "damping": "N m s/rad"},
+        joints="inner",
+        largest={"frequency": -3.0},
+        own=False,
+        form="two masses, the spring hardens with its twist",
+    ),
+    Law(
+        "backlash",
+        _backlash,
+        _loosen,
+        times("width"),
+        {"width": "rad"},
+        joints="inner",
+        largest={"width": 0.06},
+        own=False,
+        form="two masses, teeth of finite stiffness that meet with an impact",
+    ),
+    Law(
+        "torque_ripple",
+        _ripple,
+        _cog,
+        times("amplitude"),
+        {"amplitude": "N m", "cycles": "1", "phase": "rad"},
+        form="cogging with a second harmonic",
+    ),
+    Law(
+        "parallel_spring",
+        _spring,
+        _pull,
+        times("stiffness", "share"),
+        {"stiffness": "N m/rad", "rest": "rad"},
+        largest={"share": 4.0},
+        form="slightly cubic",
+    ),
+)
+"""The laws of the transmission."""

@@ -1,0 +1,129 @@
+"""The true arm of a case while it is put together: effects change it, the simulation runs it."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gapscope.blind_check.generator.arms import Arm
+from gapscope.blind_check.generator.joint import FIELDS, JOINT
+from gapscope.blind_check.generator.loop import Loop
+from gapscope.blind_check.generator.rigid import GRAVITY
+
+Columns = dict[str, np.ndarray]
+"""A recording: t [s] (N,), and q, dq, tau, q_ref, dq_ref of shape (N, n)."""
+Spoil = Callable[[Columns, np.random.Generator], Columns]
+"""What a fault of the set-up makes of a recording."""
+Outer = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
+"""Force on the tip in the world [N], (3,), from time [s] and the tip's position [m] and velocity [m/s]."""
+
+
+@dataclass(frozen=True)
+class Healthy:
+    """What a healthy arm of a case is, beside its data sheet; n joints.
+
+    Attributes:
+        step: simulation step [s].
+        encoder_step: quantisation of the encoders [rad].
+        noise: standard deviation of the encoders [rad].
+        stribeck, knee: rise of dry friction at rest [1] and its speed [rad/s], (n,).
+        presliding: way before dry friction slides [rad].
+        bend: exponent of viscous friction [1], (n,).
+    """
+
+    step: float
+    encoder_step: float
+    noise: float
+    stribeck: np.ndarray
+    knee: np.ndarray
+    presliding: float
+    bend: np.ndarray
+
+
+@dataclass
+class Plant:
+    """An arm in the making, n joints.
+
+    Attributes:
+        arm: the arm that the data sheet describes.
+        healthy: its small imperfections.
+        loop: its controller.
+        root: URDF of the true arm.
+        values: fields of ``JOINT``, each of shape (n,).
+        gravity: in the base frame [m/s^2], (3,).
+        push: force on the tip, or none.
+        shaken: amplitude of the base's acceleration [m/s^2], (3,), with frequency [Hz] and phase [rad]; or none.
+        spoil: faults of the set-up, in turn.
+        spoil_urdf: a fault of the nominal arm's URDF.
+    """
+
+    arm: Arm
+    healthy: Healthy
+    loop: Loop
+    root: ET.Element
+    values: dict[str, np.ndarray] = field(default_factory=dict)
+    gravity: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, -GRAVITY]))
+    push: Outer | None = None
+    shaken: tuple[np.ndarray, float, float] | None = None
+    spoil: list[Spoil] = field(default_factory=list)
+    spoil_urdf: Callable[[ET.Element], None] | None = None
+
+    def __post_init__(self) -> None:
+        """Fill in what a healthy arm has."""
+        n, arm, own = self.arm.n, self.arm, self.healthy
+        self.values = {name: np.zeros(n) for name in FIELDS}
+        ones = (
+            "fall_speed",
+            "fall_power",
+            "drift_time",
+            "drift_power",
+            "peak",
+            "fade_time",
+            "fade_load",
+            "reach",
+        )
+        given = {
+            "kp": self.loop.kp,
+            "kd": self.loop.kd,
+            "limit": self.loop.limit,
+            "armature": arm.armature,
+            "coulomb": arm.coulomb,
+            "viscous": arm.viscous,
+            "bend": own.bend,
+            "stribeck": own.stribeck,
+            "knee": own.knee,
+            "step": np.full(n, own.encoder_step),
+            "clamp": np.full(n, 1e9),
+            **{name: np.ones(n) for name in ones},
+        }
+        for name, value in given.items():
+            self.values[name] = np.array(value, dtype=float)
+
+    def add(self, name: str, joints: np.ndarray, value: np.ndarray | float) -> None:
+        """Add to a value of some joints (counted from 0)."""
+        self.values[name][joints] += value
+
+    def put(self, name: str, joints: np.ndarray, value: np.ndarray | float) -> None:
+        """Set a value of some joints (counted from 0)."""
+        self.values[name][joints] = value
+
+    def record(self) -> np.ndarray:
+        """The joints as the compiled step wants them: a ``JOINT`` array of length 1."""
+        out, n, h = np.zeros(1, dtype=JOINT), self.arm.n, self.healthy.step
+        v = self.values
+        out["knee"] = out["fall_speed"] = out["drift_time"] = out["drift_power"] = 1.0
+        for name in FIELDS:
+            out[name][0, :n] = v[name]
+        stiffest = 0.2 * v["armature"] / h**2  # a bristle that the step can follow
+        s0 = np.minimum(
+            np.maximum(v["coulomb"] + v["fall"], 1e-3) / self.healthy.presliding,
+            stiffest,
+        )
+        out["bristle"][0, :n] = s0
+        out["bristle_damping"][0, :n] = 0.6 * np.sqrt(s0 * v["armature"])
+        out["delay"][0, :n] = np.round(v["delay"] / h)
+        out["h"], out["n"] = h, n
+        return out

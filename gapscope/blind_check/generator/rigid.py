@@ -1,0 +1,80 @@
+"""Rigid bodies by MuJoCo, of a URDF text; needs the extra ``blind``."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gapscope.arm.errors import GapscopeError
+
+try:
+    import mujoco
+except ImportError:  # told when it is needed
+    mujoco = None
+
+GRAVITY = 9.81
+"""[m/s^2]."""
+
+
+def model_of(urdf: str) -> Any:
+    """MuJoCo model of an arm on a fixed base, without contacts, limits, friction and armature.
+
+    Raises:
+        GapscopeError: MuJoCo is not installed.
+    """
+    if mujoco is None:
+        raise GapscopeError(
+            "the blind check's generator needs MuJoCo", "pip install 'gapscope[blind]'"
+        )
+    model = mujoco.MjModel.from_xml_string(urdf)
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT) | int(
+        mujoco.mjtDisableBit.mjDSBL_CONTACT
+    )
+    model.dof_damping[:] = 0
+    model.dof_frictionloss[:] = 0
+    model.dof_armature[:] = 0
+    model.opt.gravity[:] = [0.0, 0.0, -GRAVITY]
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    return model
+
+
+def inverse_dynamics(
+    model: Any, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
+) -> np.ndarray:
+    """Torque of the rigid bodies [N m], (N, n); q [rad], dq [rad/s], ddq [rad/s^2] of shape (N, n)."""
+    data = mujoco.MjData(model)
+    out = np.empty_like(q)
+    for k in range(len(q)):
+        data.qpos[:], data.qvel[:], data.qacc[:] = q[k], dq[k], ddq[k]
+        mujoco.mj_inverse(model, data)
+        out[k] = data.qfrc_inverse
+    return out
+
+
+def inertia_diagonal(model: Any, q: np.ndarray) -> np.ndarray:
+    """Diagonal of the mass matrix [kg m^2] at each posture q [rad] of shape (N, n); (N, n)."""
+    out, rest = np.empty_like(q), np.zeros_like(q)
+    still = inverse_dynamics(model, q, rest, rest)
+    for j in range(model.nv):
+        unit = np.zeros_like(q)
+        unit[:, j] = 1.0
+        out[:, j] = (inverse_dynamics(model, q, rest, unit) - still)[:, j]
+    return out
+
+
+def tip_path(model: Any, q: np.ndarray) -> np.ndarray:
+    """Centre of mass of the last link in the world [m], (N, 3), at postures q [rad], (N, n)."""
+    data, tip = mujoco.MjData(model), tip_body(model)
+    out = np.empty((len(q), 3))
+    for k in range(len(q)):
+        data.qpos[:] = q[k]
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        out[k] = data.xipos[tip]
+    return out
+
+
+def tip_body(model: Any) -> int:
+    """Index of the body that the last joint moves."""
+    return int(model.jnt_bodyid[-1])

@@ -1,0 +1,93 @@
+"""Shares with intervals, and how good probabilities are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.stats import binomtest
+
+Z95 = 1.959963984540054
+"""Quantile of the normal distribution for intervals of 95 %."""
+
+
+class Share(NamedTuple):
+    """A count over a number of cases."""
+
+    hits: int
+    total: int
+
+    @property
+    def rate(self) -> float | None:
+        """Hits over total, or ``None`` without cases."""
+        return self.hits / self.total if self.total else None
+
+    def plain(self) -> dict[str, Any]:
+        """As JSON knows it, with Wilson's interval."""
+        low, high = wilson(self.hits, self.total)
+        return {
+            "hits": self.hits,
+            "count": self.total,
+            "rate": self.rate,
+            "low": low,
+            "high": high,
+        }
+
+
+def share(values: Sequence[bool]) -> Share:
+    """Share of what is true."""
+    return Share(int(sum(values)), len(values))
+
+
+def wilson(hits: int, count: int) -> tuple[float, float]:
+    """Wilson's 95 % interval of a share [wilson1927]; (0, 1) without cases."""
+    if not count:
+        return 0.0, 1.0
+    interval = binomtest(hits, count).proportion_ci(method="wilson")
+    return float(interval.low), float(interval.high)
+
+
+def brier(probability: np.ndarray, right: np.ndarray) -> float | None:
+    """Mean of (p - right)^2, or ``None`` without findings."""
+    return float(np.mean((probability - right) ** 2)) if len(probability) else None
+
+
+def reliability(
+    probability: np.ndarray, right: np.ndarray, bins: int = 10
+) -> list[dict[str, float]]:
+    """Per bin of probability that holds findings: its edges, how many, mean probability, share that is right."""
+    which = np.minimum((np.asarray(probability) * bins).astype(int), bins - 1)
+    return [
+        {
+            "from": k / bins,
+            "to": (k + 1) / bins,
+            "count": int((which == k).sum()),
+            "probability": float(probability[which == k].mean()),
+            "right": float(right[which == k].mean()),
+        }
+        for k in range(bins)
+        if (which == k).any()
+    ]
+
+
+def ece(probability: np.ndarray, right: np.ndarray, bins: int = 10) -> float | None:
+    """Expected calibration error: mean over findings of |mean p - share right| of the bin; ``None`` without any."""
+    if not len(probability):
+        return None
+    rows = reliability(probability, right, bins)
+    return float(
+        sum(r["count"] * abs(r["probability"] - r["right"]) for r in rows)
+        / len(probability)
+    )
+
+
+def smallest_set(candidates: Sequence[tuple[str, float]], level: float) -> list[str]:
+    """The likeliest candidates until their probability reaches a level."""
+    out, total = [], 0.0
+    for name, probability in sorted(candidates, key=lambda c: -c[1]):
+        out.append(name)
+        total += probability
+        if total >= level:
+            break
+    return out

@@ -1,0 +1,180 @@
+"""Finished cells of an evaluation, kept beside its results until it is whole."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, fields, is_dataclass, replace
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gapscope.agents.evaluation import Bench, Episode
+from gapscope.agents.torque_model import ArmModel, Model
+from gapscope.agents.tracking_metrics import Measures
+from gapscope.arm.errors import GapscopeError
+from gapscope.arm.io.atomic_write import written_whole
+from gapscope.provenance import KEY, program
+
+FOLDER = "unfinished"
+"""Folder in that of the results, which is there as long as an evaluation is not whole."""
+
+
+class Cells:
+    """Cells as files, each with the hash of what it was made from: program, arm, hidden effects, plan and model.
+
+    Args:
+        out: folder of the results.
+        bench: the arm and the plan.
+        again: forget what an earlier run has kept.
+
+    Attributes:
+        reused: how many cells were taken from an earlier run.
+
+    Raises:
+        GapscopeError: a kept cell cannot be removed.
+    """
+
+    def __init__(self, out: Path, bench: Bench, again: bool = False) -> None:
+        self._folder, self.reused = out / FOLDER, 0
+        plan = replace(bench.plan, seeds=(0,), engines=bench.plan.engines[:1])
+        self._common = [
+            _source(),
+            fingerprint(bench.arm),
+            fingerprint(bench.effects),
+            fingerprint(asdict(plan)),
+        ]
+        if again:
+            self.clear()
+
+    def episodes(
+        self,
+        name: str,
+        model: Model | None,
+        engine: str,
+        seed: int,
+        work: Callable[[], list[Episode]],
+    ) -> list[Episode]:
+        """Episodes of a model with one seed, kept or new."""
+
+        def plain() -> list[dict[str, Any]]:
+            return [asdict(episode) for episode in work()]
+
+        rows = self._cell(("episodes", name, engine, str(seed)), model, plain)
+        return [
+            Episode(**{**row, "measures": Measures(**row["measures"])}) for row in rows
+        ]
+
+    def margin(
+        self, name: str, model: Model | None, engine: str, work: Callable[[], float]
+    ) -> float:
+        """Largest stable bandwidth [Hz], kept or new."""
+        return float(self._cell(("margin", name, engine), model, work))
+
+    def clear(self) -> None:
+        """Remove what is kept, once the results are whole."""
+        try:
+            for file in self._folder.glob("*.json"):
+                file.unlink()
+            if self._folder.is_dir():
+                self._folder.rmdir()
+        except OSError as error:
+            raise GapscopeError(
+                f"{self._folder}: cannot be removed ({error.strerror})", "remove it"
+            ) from None
+
+    def _cell(
+        self, key: tuple[str, ...], model: Model | None, work: Callable[[], Any]
+    ) -> Any:
+        """What a cell holds. Numbers that are infinite are written as Python reads them."""
+        parts = [
+            *self._common,
+            *key,
+            type(model).__name__,
+            *([_of(model)] if isinstance(model, ArmModel) else []),
+        ]
+        digest = hashlib.sha256("\0".join(parts).encode()).hexdigest()
+        file = self._folder / f"{digest[:32]}.json"
+        try:
+            kept = json.loads(file.read_text(encoding="utf-8"))
+            if isinstance(kept, dict) and kept.get(KEY) == digest:
+                self.reused += 1
+                return kept["value"]
+        except (OSError, ValueError, KeyError):
+            pass
+        value = work()
+        with written_whole(file) as aside:
+            aside.write_text(
+                json.dumps({KEY: digest, "cell": key, "value": value}), encoding="utf-8"
+            )
+        return value
+
+
+def fingerprint(value: Any) -> str:
+    """SHA-256 of plain data, arrays and records, with the contents of files in place of their paths.
+
+    Raises:
+        GapscopeError: a file cannot be read.
+    """
+    digest = hashlib.sha256()
+    _feed(digest.update, value)
+    return digest.hexdigest()
+
+
+def _feed(update: Callable[[bytes], None], value: Any) -> None:
+    """Feed a value to a hash; every part says what it is and how long."""
+    if is_dataclass(value) and not isinstance(value, type):
+        value = {
+            "": type(value).__name__,
+            **{field.name: getattr(value, field.name) for field in fields(value)},
+        }
+    if isinstance(value, Mapping):
+        update(f"mapping {len(value)}".encode())
+        for key in sorted(value, key=str):
+            _feed(update, str(key))
+            _feed(update, value[key])
+    elif isinstance(value, (list, tuple)):
+        update(f"sequence {len(value)}".encode())
+        for item in value:
+            _feed(update, item)
+    elif isinstance(value, Path):
+        try:
+            content = value.read_bytes()
+        except OSError as error:
+            raise GapscopeError(
+                f"{value}: cannot be read ({error.strerror})", "check the path"
+            ) from None
+        update(f"file {len(content)}".encode() + content)
+    elif isinstance(value, np.ndarray):
+        update(
+            f"array {value.shape} {value.dtype}".encode()
+            + np.ascontiguousarray(value).tobytes()
+        )
+    else:
+        text = repr(value).encode()
+        update(f"value {len(text)}".encode() + text)
+
+
+@cache
+def _of(model: ArmModel) -> str:
+    return fingerprint(model.corrected)
+
+
+@cache
+def _source() -> str:
+    """The program, its agents included, and the libraries."""
+    spec = find_spec("agents")
+    folder = (
+        Path(spec.origin).parent
+        if spec is not None and spec.origin is not None
+        else Path()
+    )
+    own = {
+        path.relative_to(folder).as_posix(): path
+        for path in sorted(folder.rglob("*.py"))
+    }
+    return fingerprint([program(), own])

@@ -1,0 +1,161 @@
+"""Agents trained in simulators made from models: files in, files out."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gapscope.agents.training.curve import write_curve
+from gapscope.agents.training.learner import check_installed
+from gapscope.agents.training.policy import DOCUMENT, POLICY, write_agent
+from gapscope.agents.training.task import Task
+from gapscope.agents.training.training_loop import (
+    CHECKPOINTS,
+    EVENTS,
+    NORMALISATION,
+    Training,
+)
+from gapscope.agents.training.training_settings import Settings
+from gapscope.agents.training.tuning import tune
+from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.io.atomic_write import written_whole
+from gapscope.commands.diagnose import make_folder
+from gapscope.commands.evaluate import chosen_arm
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.corrected_file import blaming, read_corrected
+from gapscope.envs.arguments import described
+from gapscope.reports.training.page import write_page
+
+COMMAND, CURVE, PAGE = "command.json", "curve.csv", "learning_curve.html"
+OURS = (COMMAND, CURVE, PAGE, DOCUMENT, POLICY, NORMALISATION)
+
+
+def train_files(
+    model: str,
+    robot: str,
+    effects: Path | None,
+    settings: Settings,
+    out: Path,
+    *,
+    again: bool = False,
+    trials: int = 0,
+    progress: Callable[[str], None] = lambda message: None,
+) -> tuple[dict[str, Any], list[Path]]:
+    """Train an agent on top of a model, or go on with a training that was interrupted.
+
+    Args:
+        model: ``pd``, ``gravity``, ``nominal``, or the path of a ``corrected.yaml`` or ``identification.json``.
+        robot: a name or URDF; or a case, whose nominal arm is taken.
+        effects: file of the form of ``corrected.yaml`` with the hidden effects of the arm that the agent is tried on.
+        settings: of the training.
+        out: folder for the results.
+        again: forget what the folder holds of an earlier training.
+        trials: of a search for hyperparameters in place of a training; 0 for none.
+        progress: called with a few words at each step.
+
+    Returns:
+        The content of ``agent.json`` (empty for a search), and the files.
+
+    Raises:
+        InputError: an argument or a file is at fault, or the folder is another training's.
+        GapscopeError: a file cannot be written.
+    """
+    check_installed()
+    arm = chosen_arm(robot)
+    hidden = None if effects is None else read_corrected(effects)
+    task = Task.of(model, arm, hidden)
+    task.check(settings)
+    with blaming(effects, hidden or ()):
+        task.hidden_arm(settings).close()
+    make_folder(out)
+    _claim(out, _asked(task, settings, trials), again)
+    if trials:
+        return {}, [tune(task, settings, trials, out, progress)]
+    paths = [out / name for name in (POLICY, CURVE, PAGE, DOCUMENT)]
+    if all(path.is_file() for path in paths):
+        progress("is done already; --again trains anew")
+        return json.loads((out / DOCUMENT).read_text(encoding="utf-8")), paths
+    trained = Training(task, settings, out, progress).run()
+    write_curve(trained.curve, out / CURVE)
+    write_page(task, settings, trained, out / PAGE)
+    return write_agent(task, settings, trained, out), paths
+
+
+def _asked(task: Task, settings: Settings, trials: int) -> dict[str, Any]:
+    """What a command asks for: settings, and hashes of the arm and of what the model takes it for."""
+    return {
+        "model": _digest(task.name in ("pd", "gravity") and task.name, task.believed),
+        "robot": _digest(None, CorrectedArm(task.arm)),
+        "effects": None
+        if task.hidden is None
+        else [described(applied) for applied in task.hidden],
+        "settings": settings.same(),
+        "tune": bool(trials),
+    }
+
+
+def _digest(label: object, corrected: CorrectedArm) -> str:
+    """SHA-256 of an arm with effects by its content."""
+    arm, residual = corrected.arm, corrected.residual
+    digest = hashlib.sha256(arm.urdf.read_bytes())
+    parts = [
+        label,
+        arm.joints,
+        arm.encoder,
+        arm.encoder_step,
+        [described(applied) for applied in corrected.effects],
+    ]
+    sheet = [arm.gravity, arm.armature, arm.coulomb, arm.viscous, arm.torque_limit]
+    parts += [None if value is None else np.asarray(value).tolist() for value in sheet]
+    digest.update(repr(parts).encode())
+    for array in (
+        ()
+        if residual is None
+        else (*residual.network.weights, *residual.network.biases, residual.scale)
+    ):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def _claim(out: Path, asked: dict[str, Any], again: bool) -> None:
+    """Make the folder this training's.
+
+    Raises:
+        InputError: it is another's.
+    """
+    path = out / COMMAND
+    if again:
+        for name in OURS:
+            (out / name).unlink(missing_ok=True)
+        for name in (CHECKPOINTS, EVENTS):
+            shutil.rmtree(out / name, ignore_errors=True)
+        for journal in out.glob("study.log*"):
+            journal.unlink()
+    elif path.is_file():
+        try:
+            earlier = json.loads(path.read_text(encoding="utf-8"))
+        except ValueError:
+            earlier = {}
+        asked = json.loads(json.dumps(asked))
+        if earlier == asked:
+            return
+        other = [name for name in asked if earlier.get(name) != asked[name]]
+        raise InputError(
+            f"holds a training with another {' and '.join(other)}",
+            "choose another --out, or --again to replace it",
+            file=out,
+            where="--out",
+        )
+    try:
+        with written_whole(path) as aside:
+            aside.write_text(json.dumps(asked, indent=1) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise GapscopeError(
+            f"{path}: cannot be written ({error.strerror})", "choose another place"
+        ) from None

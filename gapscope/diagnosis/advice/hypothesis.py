@@ -1,0 +1,77 @@
+"""A hypothesis: the nominal arm with one explanation of the gap, and how its prediction moves with its parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.nominal import NominalArm
+from gapscope.diagnosis.advice.parameter_vector import (
+    bounds,
+    free,
+    scales,
+    vector,
+    with_values,
+)
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, low_pass
+
+STEP = 1e-3
+"""Step of the finite differences, in units of a parameter's scale [1]."""
+PASSING = "external_force"
+"""An effect that belongs to one recording."""
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One explanation.
+
+    Attributes:
+        words: what it says.
+        arm: the nominal arm.
+        effects: with values.
+    """
+
+    words: str
+    arm: NominalArm
+    effects: tuple[AppliedEffect, ...]
+
+    def predict(self, body: RigidBody, motion: Motion) -> np.ndarray:
+        """Torque that would be recorded, below the gap's cut-off [N m], (N, n)."""
+        torque = CorrectedArm(self.arm, self.effects).unlimited.predict(body, motion)
+        return low_pass(torque, motion.rate, TORQUE_CUTOFF)
+
+    def jacobian(self, body: RigidBody, motion: Motion, here: np.ndarray) -> np.ndarray:
+        """Derivative of the prediction ``here``, (N, n), by the parameters in units of their scales; (N, n, P)."""
+        values, scale = vector(self.effects), scales(self.effects)
+        high = bounds(self.effects)[1]
+        out = np.zeros((*here.shape, len(values)))
+        for k, unit in enumerate(np.eye(len(values))):
+            step = STEP if values[k] + STEP * scale[k] <= high[k] else -STEP
+            moved = Hypothesis(
+                self.words,
+                self.arm,
+                with_values(self.effects, values + step * scale * unit),
+            )
+            out[:, :, k] = (moved.predict(body, motion) - here) / step
+        return out
+
+    @property
+    def lasting(self) -> np.ndarray:
+        """Which of the parameters act on another recording too, bool, (P,)."""
+        pairs = [
+            (self.effects[index], values) for index, _, values in free(self.effects)
+        ]
+        parts = [
+            np.full(len(values), applied.name != PASSING) for applied, values in pairs
+        ]
+        return np.concatenate([np.zeros(0, dtype=bool), *parts])
+
+    def elsewhere(self) -> Hypothesis:
+        """The hypothesis on another recording: a force from outside does not come again."""
+        lasting = tuple(e for e in self.effects if e.name != PASSING)
+        return Hypothesis(self.words, self.arm, lasting)

@@ -1,0 +1,231 @@
+"""From a diagnosis to the recording that would settle what it leaves open."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from gapscope.arm.case import Case
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError
+from gapscope.arm.known_load import KnownLoad
+from gapscope.arm.nominal import NominalArm
+from gapscope.diagnosis.advice.contrast import Contrast, Pair
+from gapscope.diagnosis.advice.hypotheses import hypotheses
+from gapscope.diagnosis.advice.hypothesis import Hypothesis
+from gapscope.diagnosis.advice.motion_options import SPEEDS, Option, options
+from gapscope.diagnosis.advice.questions import Question, open_questions
+from gapscope.diagnosis.advice.recorded_data import Present
+from gapscope.diagnosis.setup_faults.detection import find_setup_faults
+from gapscope.diagnosis.setup_faults.found_fault import repaired
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.catalogue import CATALOGUE
+from gapscope.ident.excitation.design import Excitation, design, prepare
+from gapscope.ident.excitation.excitation_plan import LimitPlan, Plan
+from gapscope.ident.excitation.random_search import RandomSearch
+from gapscope.ident.excitation.trajectory_search import Budget
+
+SCREENED = 0.3
+"""Share of the evaluations that go to comparing the options [1]."""
+LEAST_SCREENED = 20
+"""Evaluations for each option, at least."""
+WORTH_MOUNTING = 1.25
+"""A payload is mounted where it raises the contrast by this factor [1]."""
+GENERAL = "quick"
+"""Speed of the recording for a gap that nothing explains."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is asked of the next recording.
+
+    Attributes:
+        limits: what the motion has to keep.
+        payload: known payload that could be mounted, or ``None``.
+        fastest: highest frequency of a motion that the controller follows [Hz].
+        rate: samples per second to write [Hz].
+        evaluations: candidates to judge, over all options.
+        seed: of the search; by default another one each time.
+    """
+
+    limits: LimitPlan
+    payload: KnownLoad | None = None
+    fastest: float = 5.0
+    rate: float = 250.0
+    evaluations: int = 1000
+    seed: int | None = None
+
+
+@dataclass(frozen=True)
+class Advice:
+    """The next recording.
+
+    Attributes:
+        questions: what is open.
+        hypotheses: what was found, then one per question with the rival in place; empty where nothing is open.
+        pairs: contrast of each two of them; empty likewise.
+        tried: options with the least contrast that a short search reached, ``None`` where it kept no limits.
+        option: the one chosen, or ``None`` where nothing is open.
+        plan: of the search.
+        excitation: the motion found; ``None`` where no recording is needed.
+    """
+
+    questions: tuple[Question, ...]
+    hypotheses: tuple[Hypothesis, ...] = ()
+    pairs: tuple[Pair, ...] = ()
+    tried: tuple[tuple[Option, float | None], ...] = ()
+    option: Option | None = None
+    plan: Plan | None = None
+    excitation: Excitation | None = None
+
+
+def advise(
+    case: Case,
+    document: Mapping[str, Any],
+    effects: tuple[AppliedEffect, ...],
+    request: Request,
+    progress: Callable[[float, float], None] = lambda share, best: None,
+) -> Advice:
+    """Design the next recording.
+
+    Args:
+        case: that was diagnosed.
+        document: its ``diagnosis.json``.
+        effects: those found, with values.
+        request: what is asked.
+        progress: called with the share of the budget spent [1] and the best value so far, as a search has it.
+
+    Raises:
+        InputError: the limits allow no trajectory, or none was found within the budget.
+    """
+    questions = open_questions(document)
+    with threadpool_limits(1):
+        if questions:
+            return _between(case, document, effects, questions, request, progress)
+        if (
+            document["unexplained"]["above_floor"]
+            or document["verdict"] == "unexplained"
+        ):
+            plan = replace(
+                SPEEDS[GENERAL],
+                rate=request.rate,
+                criterion="d",
+                budget=Budget(request.evaluations),
+            )
+            found = design(
+                case.arm,
+                plan,
+                request.limits,
+                np.random.default_rng(request.seed),
+                progress,
+            )
+            return Advice((), plan=plan, excitation=found)
+    return Advice(())
+
+
+def _between(
+    case: Case,
+    document: Mapping[str, Any],
+    effects: tuple[AppliedEffect, ...],
+    questions: list[Question],
+    request: Request,
+    progress: Callable[[float, float], None],
+) -> Advice:
+    if any(entry["effect"] not in CATALOGUE for entry in document["effects"]):
+        case = repaired(case, find_setup_faults(case))
+    present = Present.of(
+        case, np.array(document["gap"]["before"]["floor"], dtype=float)
+    )
+    rivals = hypotheses(case.arm, effects, questions, present)
+    offered = options(request.payload, request.fastest)
+    bodies = {option.payload: option.body(present.body) for option in offered}
+    contrasts = {
+        load: Contrast(case.arm, rivals, present, body) for load, body in bodies.items()
+    }
+    rng = np.random.default_rng(request.seed)
+    tried = _screen(
+        case.arm,
+        offered,
+        contrasts,
+        bodies,
+        request,
+        rng,
+        _part(progress, 0.0, SCREENED),
+    )
+    option = _chosen(tried)
+    budget = Budget(max(LEAST_SCREENED, round((1 - SCREENED) * request.evaluations)))
+    plan = replace(option.plan(request.rate), budget=budget)
+    contrast, body = contrasts[option.payload], bodies[option.payload]
+    rest = _part(progress, SCREENED, 1 - SCREENED)
+    excitation = design(case.arm, plan, request.limits, rng, rest, contrast, body)
+    pairs = tuple(contrast.on(excitation.motion))
+    return Advice(
+        tuple(questions), tuple(rivals), pairs, tuple(tried), option, plan, excitation
+    )
+
+
+def _screen(
+    arm: NominalArm,
+    offered: list[Option],
+    contrasts: Mapping[KnownLoad | None, Contrast],
+    bodies: Mapping[KnownLoad | None, RigidBody],
+    request: Request,
+    rng: np.random.Generator,
+    progress: Callable[[float, float], None],
+) -> list[tuple[Option, float | None]]:
+    """The least contrast that a short random search reaches with each option, ``None`` where none keeps the limits.
+
+    Raises:
+        InputError: the limits allow none of the options.
+    """
+    each = Budget(
+        max(LEAST_SCREENED, int(SCREENED * request.evaluations / len(offered)))
+    )
+    tried: list[tuple[Option, float | None]] = []
+    refused: InputError | None = None
+    for k, option in enumerate(offered):
+        plan, load = replace(option.plan(request.rate), budget=each), option.payload
+        part = _part(progress, k / len(offered), 1 / len(offered))
+        try:
+            search = prepare(
+                arm, plan, request.limits, part, contrasts[load], bodies[load]
+            ).search
+        except InputError as error:
+            refused = error
+            tried.append((option, None))
+            continue
+        RandomSearch().run(search, rng)
+        tried.append(
+            (option, float(np.exp(-search.found[-1].value)) if search.found else None)
+        )
+    if refused is not None and all(reached is None for _, reached in tried):
+        raise refused
+    return tried
+
+
+def _chosen(tried: list[tuple[Option, float | None]]) -> Option:
+    """The option with the largest contrast; a payload has to be worth its trouble.
+
+    Where no short search met the limits, the full one starts at the moderate speed, or the first offered.
+    """
+    worth = {
+        option: (reached or 0.0) / (1.0 if option.payload is None else WORTH_MOUNTING)
+        for option, reached in tried
+    }
+    best = max(worth, key=lambda option: worth[option])
+    return (
+        best
+        if worth[best] > 0
+        else next((o for o in worth if o.speed == "moderate"), best)
+    )
+
+
+def _part(
+    progress: Callable[[float, float], None], begun: float, share: float
+) -> Callable[[float, float], None]:
+    """The progress of a part of the work."""
+    return lambda done, best: progress(begun + share * done, best)

@@ -1,0 +1,86 @@
+"""What a diagnosis leaves open: effects for which another would do as well."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from gapscope.diagnosis.assessment.alternatives import OPEN
+from gapscope.diagnosis.document.wording import acts_on, effect_name
+from gapscope.effects.catalogue import CATALOGUE
+
+MOST = 3
+"""Most rivals that one recording is designed for; the most probable ones."""
+
+NOT_DESIGNED = ("torque_saturation", "encoder_quantization")
+"""Effects that a motion alone does not predict: how far a command exceeds a limit depends on the controller."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """An effect found, and another that may stand in its place.
+
+    Attributes:
+        effect: name of the effect found.
+        joints: its joints from 1; empty for the arm or a link.
+        link: the joint that moves its link, or 0.
+        rival: name of the other effect; ``none`` where there may be nothing in its place.
+        rival_joints: its joints.
+        probability: of the rival [1].
+        found, other: both in words.
+    """
+
+    effect: str
+    joints: tuple[int, ...]
+    link: int
+    rival: str
+    rival_joints: tuple[int, ...]
+    probability: float
+    found: str
+    other: str
+
+
+def open_questions(document: Mapping[str, Any]) -> list[Question]:
+    """The open questions of ``diagnosis.json``, the most probable rival first, at most ``MOST``.
+
+    Setup faults are not physics of the arm, and those of ``NOT_DESIGNED`` are not predicted from motion: no recording
+    is designed for them.
+    """
+    designed = {*CATALOGUE, "none"} - set(NOT_DESIGNED)
+    out = []
+    for entry in document["effects"]:
+        for rival in entry["alternatives"]:
+            if (
+                rival["probability"] < OPEN
+                or not {rival["effect"], entry["effect"]} <= designed
+            ):
+                continue
+            link = (
+                int(entry["parameters"]["link"]["value"])
+                if "link" in entry["parameters"]
+                else 0
+            )
+            joints = tuple(rival.get("joints") or ())
+            out.append(
+                Question(
+                    entry["effect"],
+                    tuple(entry["joints"]),
+                    link,
+                    rival["effect"],
+                    joints,
+                    rival["probability"],
+                    f"{effect_name(entry['effect'])} ({acts_on(entry)})",
+                    _words(rival["effect"], joints),
+                )
+            )
+    return sorted(out, key=lambda question: -question.probability)[:MOST]
+
+
+def _words(rival: str, joints: tuple[int, ...]) -> str:
+    """A rival with what it acts on."""
+    if rival == "none":
+        return "no effect in its place"
+    return (
+        f"{effect_name(rival)} ({acts_on({'effect': rival, 'joints': list(joints)})})"
+    )

@@ -1,0 +1,146 @@
+"""The recordings at hand, as the hypotheses are fitted to them and compared on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from gapscope.arm.case import Case
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import GapscopeError
+from gapscope.diagnosis.advice.hypothesis import Hypothesis
+from gapscope.diagnosis.advice.parameter_vector import (
+    bounds,
+    scales,
+    vector,
+    with_values,
+)
+from gapscope.diagnosis.gap.torque_gap import filtered_torque, torque_scale
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.severity import ArmScale, draw
+from gapscope.ident.signals.conditioning import (
+    Segment,
+    condition,
+    position_cutoff,
+    thinned,
+)
+
+RATE = 100.0
+"""Recordings are decimated to no less than this [Hz]."""
+DRAWS = 12
+"""Starts that are tried for an effect whose values are not known."""
+FITTED = 2
+"""The best of them from which values are fitted."""
+STEPS = 12
+"""Most steps of a fit."""
+
+
+@dataclass(frozen=True)
+class Present:
+    """Conditioned recordings of one arm with n joints.
+
+    Attributes:
+        body: dynamics of the nominal arm.
+        segments: with torque, at about ``RATE``.
+        measured: recorded torque of each, filtered and trimmed as the gap is [N m], each (M, n).
+        floor: RMS that a healthy arm would leave on them [N m], (n,).
+    """
+
+    body: RigidBody
+    segments: tuple[Segment, ...]
+    measured: tuple[np.ndarray, ...]
+    floor: np.ndarray
+
+    @classmethod
+    def of(cls, case: Case, floor: np.ndarray) -> Present:
+        """Of a case whose floor, as a share of ``gapscope.diagnosis.gap.torque_gap.torque_scale``, is given; (n,).
+
+        Raises:
+            GapscopeError: no recording has a torque.
+        """
+        recordings = tuple(r for r in case.recordings if r.tau is not None)
+        if not recordings:
+            raise GapscopeError(
+                f"{case.name}: no recording carries a torque",
+                "give torque in column tau1..",
+            )
+        cutoff = position_cutoff(recordings)
+        segments = tuple(
+            thinned(s, RATE) for r in recordings for s in condition(r, cutoff)
+        )
+        measured = tuple(filtered_torque(s) for s in segments)
+        return cls(
+            RigidBody(case.arm),
+            segments,
+            measured,
+            floor * torque_scale(np.vstack(measured)),
+        )
+
+    def residual(self, hypothesis: Hypothesis) -> np.ndarray:
+        """Predicted minus recorded torque over the floor [1], all samples and joints in a row."""
+        pairs = zip(self.segments, self.measured, strict=True)
+        parts = [
+            (hypothesis.predict(s.bodies(self.body), s.motion)[s.inner] - m)
+            / self.floor
+            for s, m in pairs
+        ]
+        return np.concatenate([part.ravel() for part in parts])
+
+    def jacobian(self, hypothesis: Hypothesis) -> np.ndarray:
+        """Derivative of ``residual`` by the parameters in units of their scales, (M n, P)."""
+        parts = []
+        for s in self.segments:
+            body = s.bodies(self.body)
+            moved = hypothesis.jacobian(
+                body, s.motion, hypothesis.predict(body, s.motion)
+            )
+            parts.append(
+                (moved[s.inner] / self.floor[:, None]).reshape(-1, moved.shape[2])
+            )
+        return np.vstack(parts)
+
+
+def fitted(present: Present, hypothesis: Hypothesis) -> tuple[Hypothesis, float]:
+    """A hypothesis with the values that explain the recordings best, and the mean square it leaves in floors [1]."""
+    effects, scale = hypothesis.effects, scales(hypothesis.effects)
+    if not len(scale):
+        return hypothesis, float(np.mean(present.residual(hypothesis) ** 2))
+
+    def at(x: np.ndarray) -> Hypothesis:
+        return Hypothesis(
+            hypothesis.words, hypothesis.arm, with_values(effects, x * scale)
+        )
+
+    def slope(x: np.ndarray) -> np.ndarray:
+        here = at(x)
+        return present.jacobian(here) * (scale / scales(here.effects))
+
+    low, high = (b / scale for b in bounds(effects))
+    room = 1e-6 * np.minimum(high - low, 1.0)
+    start = np.clip(vector(effects) / scale, low + room, high - room)
+    done = least_squares(
+        lambda x: present.residual(at(x)), start, slope, (low, high), max_nfev=STEPS
+    )
+    return at(done.x), float(np.mean(done.fun**2))
+
+
+def with_unknown(
+    present: Present,
+    hypothesis: Hypothesis,
+    name: str,
+    joints: tuple[int, ...],
+    rng: np.random.Generator,
+) -> Hypothesis:
+    """A hypothesis with one more effect, whose values are found from several starts of the size of real arms'."""
+    scale = ArmScale.of(hypothesis.arm)
+    tried: list[tuple[float, int, Hypothesis]] = []
+    for k in range(DRAWS):
+        drawn: AppliedEffect = draw(name, rng, scale, joints or None)
+        started = Hypothesis(
+            hypothesis.words, hypothesis.arm, (*hypothesis.effects, drawn)
+        )
+        tried.append((float(np.mean(present.residual(started) ** 2)), k, started))
+    best = [fitted(present, started) for _, _, started in sorted(tried)[:FITTED]]
+    return min(best, key=lambda pair: pair[1])[0]

@@ -1,0 +1,1 @@
+"""The assessment of a selection on held-out data."""

@@ -1,0 +1,94 @@
+"""The gap as a function of one variable: which variable, and the shape of the curve."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gapscope.diagnosis.localisation.stacked_rows import Rows
+
+KNOTS = 16
+"""Knots of a curve, at equal shares of the samples and of the range in turn."""
+MOVING = 0.02
+"""A joint moves in a direction when it is faster than about this [rad/s]."""
+SMOOTH = 0.02
+"""Weight of a curve's bends, over the number of samples per knot."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """The gap over one variable: x in ``unit``, y [N m], each (K,)."""
+
+    variable: str
+    unit: str
+    x: np.ndarray
+    y: np.ndarray
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One variable of a joint at every row.
+
+    Attributes:
+        name: ``position``, ``velocity``, ``speed``, ``direction``, ``acceleration``, ``load`` or ``time``.
+        unit: its unit.
+        values: shape (M,).
+    """
+
+    name: str
+    unit: str
+    values: np.ndarray
+
+    @property
+    def knots(self) -> np.ndarray:
+        """Knots of a curve over the variable, ascending, (K,)."""
+        if self.name == "direction":
+            return np.array([-1.0, 0.0, 1.0])
+        low, high = float(self.values.min()), float(self.values.max())
+        quantiles = np.quantile(self.values, np.linspace(0.0, 1.0, KNOTS))
+        knots = 0.5 * (quantiles + np.linspace(low, high, KNOTS))
+        return knots if high > low else np.array([low - 1.0, low + 1.0])
+
+    def hats(self) -> np.ndarray:
+        """Hat functions over the knots: a curve through values at the knots is linear in them; (M, K)."""
+        return np.column_stack(
+            [np.interp(self.values, self.knots, row) for row in np.eye(len(self.knots))]
+        )
+
+    def smooth(self) -> list[np.ndarray]:
+        """What a flexible model of many variables sees of this one; each (M,)."""
+        if self.name == "position":
+            return [np.sin(self.values), np.cos(self.values)]
+        return [] if self.name == "speed" else [self.values]
+
+
+def variables(rows: Rows, kept: np.ndarray, j: int, load: np.ndarray) -> list[Variable]:
+    """The variables of joint j (from 0) on the rows kept, (M,).
+
+    ``speed`` is dq without its sign, ``velocity`` with it, ``load`` the torque that the corrected arm predicts,
+    ``time`` counts from the start of each recording.
+    """
+    v = rows.dq[kept, j]
+    return [
+        Variable("position", "rad", rows.q[kept, j]),
+        Variable("speed", "rad/s", np.abs(v)),
+        Variable("velocity", "rad/s", v),
+        Variable("direction", "1", np.tanh(v / MOVING)),
+        Variable("acceleration", "rad/s^2", rows.ddq[kept, j]),
+        Variable("load", "N m", load),
+        Variable("time", "s", rows.clock[kept]),
+    ]
+
+
+def curve_of(variable: Variable, gap: np.ndarray) -> Curve:
+    """The smooth curve nearest to a gap [N m], (M,): least squares on hats with second differences held small."""
+    hats, knots = variable.hats(), variable.knots
+    bends = np.diff(np.eye(len(knots)), 2, axis=0)
+    weight = SMOOTH * len(gap) / len(knots)
+    gram = (
+        hats.T @ hats + weight * bends.T @ bends + 1e-9 * len(gap) * np.eye(len(knots))
+    )
+    return Curve(
+        variable.name, variable.unit, knots, np.linalg.solve(gram, hats.T @ gap)
+    )

@@ -1,0 +1,123 @@
+"""What is left once the effects found are in, above what a healthy arm leaves: does anything remain unexplained?
+
+Judged on unseen data where dry friction is not in doubt, with the errors of the nominal inertials taken out: rows on
+which a joint may stick count by how well they are known, so that an arm that stands still for long hides nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gapscope.diagnosis.gap.torque_gap import TorqueGap, torque_scale
+from gapscope.diagnosis.selection.moves import RINGING
+from gapscope.diagnosis.selection.search import Search
+
+LEAST_RATIO = 1.6
+"""Without effects a gap is above the floor when it exceeds it by this factor..."""
+LEAST_LEFT_RATIO = 1.3
+"""...and with effects by this one..."""
+LEAST_EXCESS = 0.012
+"""...and by this much torque NRMSE, in squares."""
+MOST_LEFT = 0.12
+"""Effects explain a gap when they leave no more than this share of the square of what was above the floor; the form of
+a real effect differs from the catalogue's..."""
+MOST_LEFT_RINGING = 0.45
+"""...and that of a joint that rings or plays by more..."""
+WIDE_LEFT, WIDE = 0.5, 0.05
+"""...and no joint is left with this share of its own, and with this much torque NRMSE."""
+LOUDEST = 2.0
+"""Where every joint is above its floor, the noise was taken for too small by the quietest one, up to this factor."""
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What is above the floor per joint, n joints.
+
+    Attributes:
+        before: torque NRMSE of the nominal arm above the floor, in squares, (n,).
+        after: the same with the effects found, (n,).
+        ratio: RMS with the effects found over the floor's, (n,).
+        rings: whether an effect that makes a joint ring is among those found.
+    """
+
+    before: np.ndarray
+    after: np.ndarray
+    ratio: np.ndarray
+    rings: bool
+
+    @property
+    def above(self) -> np.ndarray:
+        """Joints above the floor, (n,)."""
+        least = np.where(self.before > self.after + 1e-9, LEAST_LEFT_RATIO, LEAST_RATIO)
+        return (self.ratio > least) & (self.after > LEAST_EXCESS)
+
+    @property
+    def open(self) -> bool:
+        """Whether the effects found leave too much of the gap."""
+        return self.more_than(self.before)
+
+    def more_than(self, before: np.ndarray) -> bool:
+        """Whether more is left than effects may leave of what was above the floor before, as torque NRMSE, (n,)."""
+        left = (self.after[self.above] ** 2).sum()
+        most = MOST_LEFT_RINGING if self.rings else MOST_LEFT
+        wide = self.above & (self.after > WIDE) & (self.after > WIDE_LEFT * before)
+        return bool(left > most * (before**2).sum() or wide.any())
+
+
+def both(one: Remainder, other: Remainder) -> Remainder:
+    """Of two the wider on each joint."""
+    wider = {
+        name: np.maximum(getattr(one, name), getattr(other, name))
+        for name in ("before", "after", "ratio")
+    }
+    return Remainder(**wider, rings=one.rings)
+
+
+def set_aside(
+    found: Search, before: TorqueGap, after: TorqueGap, floor: np.ndarray
+) -> Remainder:
+    """What is above the floor [N m], (n,), on recordings set aside for judging."""
+    scale = torque_scale(before.measured)
+    first, then = (
+        np.sqrt(np.clip(gap.rmse**2 - floor**2, 0.0, None)) / scale
+        for gap in (before, after)
+    )
+    return Remainder(
+        first,
+        then,
+        after.rmse / floor,
+        any(t.effect in RINGING for t in found.fit.terms),
+    )
+
+
+def remainder(
+    found: Search, gap: np.ndarray, least: np.ndarray | float = 0.0
+) -> Remainder:
+    """What is above the floor before and after the effects found.
+
+    Args:
+        found: result of the search.
+        gap: RMS of the gap with the effects found on all unseen rows [N m], (n,): where it is less than what the
+            evidence says, the model around its values is too far from linear to say it.
+        least: RMS that is left on this arm in any case [N m], (n,).
+    """
+    evidence, terms = found.evidence, found.fit.terms
+    rows = evidence.rows.sum(axis=0)
+
+    def pooled(square: np.ndarray) -> np.ndarray:
+        return np.asarray((square * evidence.rows).sum(axis=0) / rows)
+
+    floor2, before2, after2 = (
+        pooled(x) for x in (evidence.floor2, found.nothing, evidence.unseen(terms))
+    )
+    after2 = np.minimum(after2, gap**2)
+    floor2 = np.maximum(floor2, np.square(least))
+    floor2 = floor2 * np.clip((after2 / floor2).min(), 1.0, LOUDEST**2)
+    before, after = (
+        np.sqrt(np.clip(x - floor2, 0.0, None)) / found.scale for x in (before2, after2)
+    )
+    return Remainder(
+        before, after, np.sqrt(after2 / floor2), any(t.effect in RINGING for t in terms)
+    )

@@ -1,0 +1,152 @@
+"""The replay gap of a case: the simulated arm, nominal and corrected, under the same commands as one recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from gapscope.arm.case import Case
+from gapscope.arm.errors import GapscopeError
+from gapscope.arm.recording import Recording
+from gapscope.diagnosis.assessment.held_out_prediction import Judge
+from gapscope.diagnosis.model.terms import Term
+from gapscope.diagnosis.selection.moves import RINGING, by_finding
+from gapscope.effects.applied import AppliedEffect
+from gapscope.envs.engines import installed
+from gapscope.envs.replay import LONGEST_STEP, replay
+
+ENGINE, SECOND_OPINIONS = "pybullet", ("mujoco",)
+"""The engine that replays, and those that do so as well where they are installed."""
+
+MOST_TICKS, MOST_TICKS_RINGING = 12_000, 4_000
+"""Ticks of the controller that are replayed: 12 s at 1 kHz, which takes a second or two; a joint that rings or plays
+takes steps as small as its resonance asks for. Without a controller a tick is a step of 1 ms or less."""
+
+
+class ReplayGap(NamedTuple):
+    """RMS of replayed minus recorded position [rad], shape (n,), ``None`` where it was not replayed.
+
+    Attributes:
+        before, after: of the nominal arm, and of the arm with the effects found, in PyBullet.
+        by: what moved the simulated arm: the ``controller``, or where it or the reference is not known the recorded
+            ``torque`` over short horizons; ``None`` where nothing was replayed.
+        warnings: why something was not replayed.
+        only, without: of the arm with each effect alone, and with all others, by the effect's name in a finding; of
+            arms with joints that ring or play, which are slow to simulate, only the first two.
+        elsewhere: before and after in the other engines that are installed.
+    """
+
+    before: np.ndarray | None = None
+    after: np.ndarray | None = None
+    by: str | None = None
+    warnings: tuple[str, ...] = ()
+    only: Mapping[str, np.ndarray | None] = {}
+    without: Mapping[str, np.ndarray | None] = {}
+    elsewhere: Mapping[str, tuple[np.ndarray | None, np.ndarray | None]] = {}
+
+
+def replay_gap(case: Case, judge: Judge) -> ReplayGap:
+    """Replay gap before and after, on one recording with values that were not fitted to it.
+
+    That is the first recording set aside for judging, else the last one, or the last block of a single one, with
+    values fitted to the others.
+
+    Args:
+        case: the nominal arm, its recordings with torque, and its controller where known.
+        judge: what was found, and its folds.
+    """
+    recording = _unseen(case, judge)
+    through_controller = case.controller is not None and recording.q_ref is not None
+    ticks = (
+        case.controller.rate
+        if case.controller and through_controller
+        else max(recording.rate, 1.0 / LONGEST_STEP)
+    )
+    none, every = frozenset[Term](), judge.found.fit.terms
+    rings = any(t.effect in RINGING for t in every)
+    recording = _head(recording, (MOST_TICKS_RINGING if rings else MOST_TICKS) / ticks)
+    known: dict[tuple[frozenset[Term], str], tuple[np.ndarray | None, str | None]] = {}
+
+    def gap(terms: frozenset[Term], engine: str = ENGINE) -> np.ndarray | None:
+        if (terms, engine) not in known:
+            known[terms, engine] = attempt(
+                case, _effects(judge, terms), recording, engine
+            )
+        return known[terms, engine][0]
+
+    parts = (
+        {} if rings else {next(iter(part)).finding: part for part in by_finding(every)}
+    )
+    others = [engine for engine in SECOND_OPINIONS if installed(engine)]
+    before, after = gap(none), gap(every)
+    replayed = before is not None or after is not None
+    return ReplayGap(
+        before,
+        after,
+        ("controller" if through_controller else "torque") if replayed else None,
+        tuple(
+            f"{recording.name}: no replay of the {arm} arm: {why}"
+            for arm, terms in (("nominal", none), ("corrected", every))
+            if (why := known[terms, ENGINE][1])
+        ),
+        {name: gap(part) for name, part in parts.items()},
+        {name: gap(every - part) for name, part in parts.items()},
+        {engine: (gap(none, engine), gap(every, engine)) for engine in others},
+    )
+
+
+def attempt(
+    case: Case,
+    effects: tuple[AppliedEffect, ...],
+    recording: Recording,
+    engine: str = ENGINE,
+) -> tuple[np.ndarray | None, str | None]:
+    """Replay gap [rad], (n,), or ``None`` and why: an effect that cannot be simulated, an arm that runs away."""
+    try:
+        return replay(
+            case.arm, effects, recording, case.controller, engine=engine
+        ).rmse, None
+    except (
+        GapscopeError,
+        ArithmeticError,
+        ValueError,
+    ) as error:  # LinAlgError is a ValueError
+        return None, str(error)
+
+
+def _unseen(case: Case, judge: Judge) -> Recording:
+    """The recording that is replayed."""
+    if judge.judged:
+        return next(r for r in case.judged if r.tau is not None)
+    recording, fold = (
+        [r for r in case.recordings if r.tau is not None][-1],
+        judge.folds[-1],
+    )
+    return _rows(
+        recording,
+        (recording.t >= fold[0].motion.t[0]) & (recording.t <= fold[-1].motion.t[-1]),
+    )
+
+
+def _effects(judge: Judge, terms: frozenset[Term]) -> tuple[AppliedEffect, ...]:
+    """Some of the effects found, with values that were not fitted to the recording that is replayed."""
+    evidence = judge.found.evidence
+    theta = evidence.fit(terms).theta if judge.judged else evidence.without_last(terms)
+    return evidence.terms.effects(evidence.terms.clipped(theta), terms)
+
+
+def _head(recording: Recording, duration: float) -> Recording:
+    """The first seconds of a recording."""
+    return _rows(recording, recording.t <= recording.t[0] + duration)
+
+
+def _rows(recording: Recording, kept: np.ndarray) -> Recording:
+    """Some rows of a recording, by a mask of shape (N,)."""
+    arrays = {f.name: getattr(recording, f.name) for f in fields(recording)}
+    return replace(
+        recording,
+        **{name: x[kept] for name, x in arrays.items() if isinstance(x, np.ndarray)},
+    )

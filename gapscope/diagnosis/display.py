@@ -1,0 +1,80 @@
+"""Numbers as a person reads them: sensible digits, units with prefixes, value with standard deviation."""
+
+from __future__ import annotations
+
+import math
+
+MISSING = "–"
+"""What stands for a number that is not known."""
+
+_DEGREE = math.degrees(1.0)
+_PREFIXES: dict[str, tuple[tuple[float, float, str], ...]] = {
+    "s": ((0.0, 1e6, "µs"), (1e-3, 1e3, "ms"), (0.2, 1.0, "s")),
+    "m": ((0.0, 1e3, "mm"), (1.0, 1.0, "m")),
+    "rad": ((0.0, 1e6, "µrad"), (1e-4, 1e3, "mrad"), (math.radians(0.1), _DEGREE, "°")),
+    "1": ((0.0, 1.0, ""),),
+}
+"""Per SI unit: from which magnitude on, multiplied by what, called what."""
+
+
+def display_unit(unit: str, magnitude: float) -> tuple[float, str]:
+    """Factor and name of the unit in which a value of this magnitude (in ``unit``, SI) reads best."""
+    if unit not in _PREFIXES:
+        return 1.0, unit.replace("^2", "²").replace("^3", "³")
+    return [
+        (factor, name)
+        for least, factor, name in _PREFIXES[unit]
+        if magnitude >= least or least == 0.0
+    ][-1]
+
+
+def significant(value: float | None, digits: int = 3, signed: bool = False) -> str:
+    """Value with this many significant digits, without exponent; a dash for ``None``."""
+    if value is None or not math.isfinite(value):
+        return MISSING
+    if value == 0.0:
+        return "0"
+    places = digits - 1 - math.floor(math.log10(abs(value)))
+    return _fixed(value, places, signed)
+
+
+def compact(value: float | None) -> str:
+    """A setting, such as a rate, without trailing zeros; a dash for ``None``."""
+    return MISSING if value is None else f"{value:.5g}"
+
+
+def uncertain(value: float, std: float | None, signed: bool = False) -> str:
+    """``value ± std``, both cut where the standard deviation stops being informative (one or two of its digits)."""
+    if std is None or std <= 0.0 or not math.isfinite(std):
+        return significant(value, signed=signed)
+    exponent = math.floor(math.log10(std))
+    places = (0 if std / 10.0**exponent >= 3.55 else 1) - exponent
+    if value:
+        places = min(places, 5 - math.floor(math.log10(abs(value))))
+    return (
+        f"{_fixed(value, places, signed)} ± {_fixed(max(std, 10.0**-places), places)}"
+    )
+
+
+def nrmse(value: float | None) -> str:
+    """A torque NRMSE: three decimals, for values below one; a dash for ``None``."""
+    return (
+        MISSING if value is None else f"{value:.3f}" if value < 10.0 else f"{value:.0f}"
+    )
+
+
+def percent(fraction: float | None) -> str:
+    """A share or a probability as a whole percentage; never 0 % or 100 % of something that is not exactly that."""
+    if fraction is None:
+        return MISSING
+    if 0.0 < fraction < 0.005:
+        return "< 1 %"
+    if 0.995 <= fraction < 1.0:
+        return "> 99 %"
+    return f"{_fixed(100.0 * fraction, 0)} %"
+
+
+def _fixed(value: float, places: int, signed: bool = False) -> str:
+    rounded = round(value, places) + 0.0  # no negative zero
+    text = f"{abs(rounded):.{max(places, 0)}f}"
+    return f"{'−' if rounded < 0.0 else '+' if signed and rounded > 0.0 else ''}{text}"

@@ -1,0 +1,193 @@
+"""The comparison of several units as data: ``units.json``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gapscope.arm.case import load_case
+from gapscope.arm.errors import GapscopeError
+from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.robots import PER_JOINT
+from gapscope.diagnosis.fleet.compare_units import Shared, Value, compare, groups
+from gapscope.diagnosis.fleet.confusion import NOMINAL, Column, Unit
+
+SPOILS = ("sign_flip", "joint_swap", "unit_mismatch", "shifted_inertials")
+"""Faults of a set-up with which the recordings, or the arm believed, are of no use to another unit."""
+
+Document = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Group:
+    """Units of one type of arm.
+
+    Attributes:
+        robot: name of the robot.
+        joints: names of its joints.
+        documents: diagnosis of each unit.
+        units: those that take part in the confusion.
+        left_out: those that do not, and why.
+        differ: what the cases do not believe alike of the nominal arm: ``urdf``, or entries of the data sheet.
+    """
+
+    robot: str
+    joints: tuple[str, ...]
+    documents: Mapping[str, Document]
+    units: tuple[Unit, ...]
+    left_out: Mapping[str, str]
+    differ: tuple[str, ...]
+
+
+def grouped(
+    documents: Mapping[str, Document], units: Sequence[Unit]
+) -> tuple[tuple[Group, ...], tuple[str, ...]]:
+    """Groups of two and more units of one type of arm, and the units that are alone.
+
+    Args:
+        documents: diagnosis of each unit, by its name.
+        units: where each unit's case and ``corrected.yaml`` lie.
+    """
+    made = []
+    together = groups(documents)
+    for (robot, joints), members in together.items():
+        if len(members) > 1:
+            spoilt = {unit: _spoilt(document) for unit, document in members.items()}
+            own = [u for u in units if u.name in members]
+            fit = tuple(u for u in own if not spoilt[u.name])
+            left_out = {unit: why for unit, why in spoilt.items() if why}
+            made.append(
+                Group(
+                    robot,
+                    joints,
+                    members,
+                    fit if len(fit) > 1 else (),
+                    left_out,
+                    _differ(own),
+                )
+            )
+    compared = {unit for group in made for unit in group.documents}
+    return tuple(made), tuple(unit for unit in documents if unit not in compared)
+
+
+def units_document(
+    made: Sequence[tuple[Group, Sequence[Column]]], alone: Sequence[str]
+) -> dict[str, Any]:
+    """Content of ``units.json``: per type of arm the effects compared and, with columns, the confusion."""
+    return {
+        "schema": 1,
+        "groups": [_group(*entry) for entry in made],
+        "alone": list(alone),
+    }
+
+
+def write_units(content: Document, path: Path) -> None:
+    """Write ``units.json``; ``path`` never holds half of one.
+
+    Raises:
+        GapscopeError: ``path`` cannot be written.
+    """
+    with written_whole(path) as aside:
+        text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
+        aside.write_text(text + "\n", encoding="utf-8")
+
+
+def _spoilt(document: Document) -> str:
+    found = [
+        entry["effect"].replace("_", " ")
+        for entry in document["effects"]
+        if entry["effect"] in SPOILS
+    ]
+    return f"its set-up is at fault: {', '.join(found)}" if found else ""
+
+
+def _differ(units: Sequence[Unit]) -> tuple[str, ...]:
+    """What the nominal arms of units do not have alike."""
+    try:
+        arms = [load_case(unit.case, read_recordings=False).arm for unit in units]
+    except GapscopeError:  # the case was changed since; its column tells
+        return ()
+    first, *others = arms
+    found = (
+        ["urdf"]
+        if any(arm.urdf.read_bytes() != first.urdf.read_bytes() for arm in others)
+        else []
+    )
+    return (
+        *found,
+        *(
+            key
+            for key in PER_JOINT
+            if any(not _same(first, arm, key) for arm in others)
+        ),
+    )
+
+
+def _same(one: NominalArm, other: NominalArm, key: str) -> bool:
+    a, b = getattr(one, key), getattr(other, key)
+    return bool(
+        (a is None) == (b is None) and (a is None or np.allclose(a, b, rtol=1e-6))
+    )
+
+
+def _group(group: Group, columns: Sequence[Column]) -> dict[str, Any]:
+    return {
+        "robot": group.robot,
+        "joints": list(group.joints),
+        "units": list(group.documents),
+        "nominal_differs": list(group.differ),
+        "effects": [_effect(row) for row in compare(group.documents)],
+        "confusion": _confusion(columns, group.left_out),
+    }
+
+
+def _effect(row: Shared) -> dict[str, Any]:
+    return {
+        "effect": row.effect,
+        "joint": row.joint,
+        "link": row.link,
+        "kind": row.kind,
+        "units": list(row.units),
+        "agree": row.agree,
+        "shares": dict(row.shares),
+        "instead": dict(row.instead),
+        "parameters": [_value(value) for value in row.values],
+    }
+
+
+def _value(value: Value) -> dict[str, Any]:
+    together = None if value.pooled is None else asdict(value.pooled)
+    return {
+        "name": value.name,
+        "component": value.component,
+        "unit": value.unit,
+        "value": dict(value.values),
+        "std": dict(value.stds),
+        "together": together,
+    }
+
+
+def _confusion(
+    columns: Sequence[Column], left_out: Mapping[str, str]
+) -> dict[str, Any]:
+    """Means over the joints and values per joint, rows by columns; problems of columns count as left out."""
+    shown = [c for c in columns if not c.problem]
+    rows = [NOMINAL, *(c.unit for c in columns)] if shown else []
+    per_joint = [[c.torque_nrmse.get(row) for c in shown] for row in rows]
+    return {
+        "rows": rows,
+        "columns": [c.unit for c in shown],
+        "torque_nrmse": [[c.mean(row) for c in shown] for row in rows],
+        "torque_nrmse_per_joint": [
+            [None if v is None else v.tolist() for v in line] for line in per_joint
+        ],
+        "best": {c.unit: c.best for c in shown},
+        "confused_with": {c.unit: list(c.confused_with) for c in shown},
+        "left_out": {**left_out, **{c.unit: c.problem for c in columns if c.problem}},
+    }

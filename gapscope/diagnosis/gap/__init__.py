@@ -1,0 +1,1 @@
+"""The torque gap between a nominal arm and its recordings."""

@@ -1,0 +1,72 @@
+"""A shallow regression tree over a few quantities [breiman1984]."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+BINS = 48
+"""Thresholds that are tried per quantity, at equal shares of the rows."""
+LEAST_ROWS = 0.02
+"""A leaf holds at least this share of the rows [1]."""
+
+
+@dataclass(frozen=True)
+class Cut:
+    """One condition: the quantity with this index lies above ``threshold``, or else not."""
+
+    index: int
+    threshold: float
+    above: bool
+
+    def holds(self, x: np.ndarray) -> np.ndarray:
+        """Mask over rows x of shape (M, K); shape (M,)."""
+        higher = x[:, self.index] > self.threshold
+        return higher if self.above else ~higher
+
+
+def hottest_leaf(x: np.ndarray, y: np.ndarray, depth: int) -> tuple[Cut, ...]:
+    """The cuts that lead to the leaf with the largest mean of y; empty where no cut is worth anything.
+
+    At each node the cut with the largest fall of the sum of squares n1 n2 / n (mean1 - mean2)^2 is made, and the hotter
+    side is followed: a tree of which one branch is grown.
+
+    Args:
+        x: quantities, shape (M, K).
+        y: what is predicted, shape (M,).
+        depth: most cuts.
+    """
+    cuts: list[Cut] = []
+    inside = np.ones(len(y), dtype=bool)
+    least = max(4, int(LEAST_ROWS * len(y)))
+    for _ in range(depth):
+        cut = _best_cut(x[inside], y[inside], least)
+        if cut is None:
+            break
+        cuts.append(cut)
+        inside &= cut.holds(x)
+    return tuple(cuts)
+
+
+def _best_cut(x: np.ndarray, y: np.ndarray, least: int) -> Cut | None:
+    best, chosen = 0.0, None
+    for index, values in enumerate(x.T):
+        order = np.argsort(values, kind="stable")
+        v, total = values[order], np.cumsum(y[order])
+        places = (
+            np.unique(np.linspace(least, len(v) - least, BINS).astype(int))
+            if len(v) > 2 * least
+            else []
+        )
+        for n in places:
+            if v[n - 1] == v[n]:
+                continue
+            low, high = total[n - 1] / n, (total[-1] - total[n - 1]) / (len(v) - n)
+            fall = n * (len(v) - n) / len(v) * (high - low) ** 2
+            if fall > best:
+                best, chosen = (
+                    fall,
+                    Cut(index, float(0.5 * (v[n - 1] + v[n])), bool(high > low)),
+                )
+    return chosen

@@ -1,0 +1,1 @@
+"""The model that is fitted: terms, their linearisation, and the normal equations."""

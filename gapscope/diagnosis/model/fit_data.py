@@ -1,0 +1,114 @@
+"""The data of a diagnosis: segments by fold, with what does not depend on the parameters."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.nominal import NominalArm
+from gapscope.diagnosis.gap.torque_gap import filtered_torque, torque_scale
+from gapscope.diagnosis.model.jacobian import Bodies
+from gapscope.diagnosis.model.nonlinear_scan import ripple_candidates, waves
+from gapscope.ident.signals.conditioning import Segment, low_pass
+
+
+class Data:
+    """Folds of segments with what does not depend on the parameters.
+
+    Args:
+        arm, body: the nominal arm and its dynamics.
+        folds: segments per fold.
+        cutoff: cut-off of the fit's filter, on both sides [Hz].
+
+    Attributes:
+        torque_deviation: normalisation of the torque gap over all folds [N m], (n,).
+        sensed: whether some segment carries a joint torque sensor.
+        units: what a relative error of each inertial parameter would change it by, (10 n,).
+        nuisance: the filtered inertial regressor of each segment, per unit.
+        bodies: what the columns need of each segment's bodies.
+    """
+
+    def __init__(
+        self,
+        arm: NominalArm,
+        body: RigidBody,
+        folds: list[list[Segment]],
+        cutoff: float,
+    ) -> None:
+        self.arm, self.body, self.folds, self.cutoff = arm, body, folds, cutoff
+        self.segments = [s for fold in folds for s in fold]
+        self.sensed = any(s.torque_sensor is not None for s in self.segments)
+        self.torque_deviation = torque_scale(
+            np.vstack([filtered_torque(s) for s in self.segments])
+        )
+        self.units = arm.doubt * nuisance_units(body)
+        self.nuisance, self.bodies = [], []
+        for s in self.segments:
+            regressor = body.regressor(s.motion.q, s.motion.dq, s.motion.ddq)
+            self.bodies.append(Bodies.of(s.bodies(body), s, regressor))
+            self.nuisance.append(self.thin(regressor * self.units, s))
+        self._ripples: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+
+    def thin(self, series: np.ndarray, segment: Segment) -> np.ndarray:
+        """Series of a segment, filtered, trimmed, and decimated to about twice the filter's cut-off."""
+        inner = segment.inner
+        out = np.zeros(
+            (len(range(inner.start, inner.stop, self.step(segment))), *series.shape[1:])
+        )
+        moving = series.any(axis=0)
+        if moving.any() or moving.ndim == 0:
+            kept = low_pass(series[:, moving], segment.motion.rate, self.cutoff)
+            out[:, moving] = kept[inner.start : inner.stop : self.step(segment)]
+        return out
+
+    def ripples(self, j: int) -> tuple[np.ndarray, np.ndarray]:
+        """Cycles of ripples to look for on a joint, (K,), and their columns on the rows of all segments, (M, 2 K)."""
+        if j not in self._ripples:
+            q = [s.motion.q[:, j, None] for s in self.segments]
+            cycles = ripple_candidates(
+                q, np.concatenate([s.motion.dq[:, j] for s in self.segments])
+            )
+            columns = [
+                self._sparse(s, waves(cycles, x[:: self._stride(s)]))
+                for s, x in zip(self.segments, q, strict=True)
+            ]
+            self._ripples[j] = cycles, np.vstack(columns).astype(np.float32)
+        return self._ripples[j]
+
+    def _stride(self, segment: Segment) -> int:
+        """Every how many samples many columns are computed: a divisor of ``step`` that leaves four times the band."""
+        step, most = (
+            self.step(segment),
+            max(1, int(segment.motion.rate // (4 * self.cutoff))),
+        )
+        return max(k for k in range(1, most + 1) if step % k == 0)
+
+    def _sparse(self, segment: Segment, series: np.ndarray) -> np.ndarray:
+        """Rows of series that are given on every so many samples only."""
+        stride, inner = self._stride(segment), segment.inner
+        kept = low_pass(series, segment.motion.rate / stride, self.cutoff)
+        rows = np.arange(inner.start, inner.stop, self.step(segment)) / stride
+        return kept[np.minimum(np.round(rows).astype(int), len(kept) - 1)]
+
+    def step(self, segment: Segment) -> int:
+        """Every how many samples the rows are taken."""
+        return max(1, int(segment.motion.rate // (2.5 * self.cutoff)))
+
+    def time(self, segment: Segment) -> np.ndarray:
+        """Time of a segment's rows since the start of its recording [s], (M,)."""
+        inner = segment.inner
+        return segment.motion.t[inner.start : inner.stop : self.step(segment)]
+
+
+def nuisance_units(body: RigidBody) -> np.ndarray:
+    """Size of a nominal arm's inertial parameters, (10 n,): what a relative error of one would change them by.
+
+    Mass m; first moments m max(|c|, 5 cm); inertia about the joint frame, its trace / 2.
+    """
+    units = []
+    for m, hx, hy, hz, xx, _, yy, _, _, zz in body.inertial_parameters().reshape(
+        -1, 10
+    ):
+        moment = max(float(np.hypot(np.hypot(hx, hy), hz)), 0.05 * m)
+        units.append([m, *[moment] * 3, *[0.5 * (xx + yy + zz)] * 6])
+    return np.array(units).ravel()

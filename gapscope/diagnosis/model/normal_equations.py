@@ -1,0 +1,85 @@
+"""Weighted normal equations of the terms, the nominal arm's errors eliminated."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+
+class Normal:
+    """Normal equations of some folds for P parameters of terms, with K nuisances under a Gaussian prior.
+
+    For given parameters the best nuisance is affine in them, delta = D [theta; 1], so that everything that is asked of
+    a set of terms can be asked of matrices over [theta; 1] alone.
+
+    Args:
+        total: X^T W X of X = [A, N, y], shape (P + K + 1, P + K + 1).
+        size: P.
+        sigma: standard deviation of the nuisances, in their units, one number or shape (K,).
+
+    Attributes:
+        delta: D, shape (K, P + 1).
+        least: L, with |[theta; -1]|^2_L the least sum of squares over all nuisances, theirs included, (P + 1, P + 1).
+    """
+
+    def __init__(self, total: np.ndarray, size: int, sigma: float | np.ndarray) -> None:
+        self.size = size
+        nuisance = total[size:-1, size:-1] + np.eye(len(total) - 1 - size) / np.square(
+            sigma
+        )
+        cross, right = total[size:-1, :size], total[size:-1, -1]
+        reduced = cho_solve(
+            cho_factor(nuisance, lower=True), np.column_stack([cross, right])
+        )
+        self.delta = reduced * np.append(-np.ones(size), 1.0)
+        own = np.delete(
+            np.delete(total, np.s_[size:-1], axis=0), np.s_[size:-1], axis=1
+        )
+        self.least = own - np.column_stack([cross, right]).T @ reduced
+
+    def solve(self, columns: np.ndarray) -> np.ndarray:
+        """Values of the terms in ``columns``, zeros elsewhere, shape (P,)."""
+        return solve(self.least, columns)
+
+    def rest(
+        self,
+        gram: np.ndarray,
+        theta: np.ndarray,
+        columns: np.ndarray,
+        *,
+        corrected: bool,
+    ) -> np.ndarray:
+        """|y - A theta - N delta|^2 per joint, shape (n,), >= 0.
+
+        Args:
+            gram: X^T X per joint, shape (n, P + K + 1, P + K + 1).
+            theta: values of the terms, zero outside ``columns``, shape (P,).
+            columns: places of the terms.
+            corrected: whether the nuisances are taken out; otherwise delta counts as zero.
+        """
+        last = gram.shape[-1] - 1
+        nuisances = np.arange(self.size, last) if corrected else np.array([], dtype=int)
+        places = np.concatenate([columns, nuisances, [last]]).astype(int)
+        z = np.concatenate(
+            [
+                -theta[columns],
+                -self.nuisance(theta, columns) if corrected else [],
+                [1.0],
+            ]
+        )
+        return np.maximum(gram[:, places[:, None], places] @ z @ z, 0.0)
+
+    def nuisance(self, theta: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """The best nuisances delta for given values of the terms, shape (K,)."""
+        return self.delta[:, columns] @ theta[columns] + self.delta[:, -1]
+
+
+def solve(least: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Where |[theta; -1]|^2_L is least over the terms in ``columns``, others zero; (P,) from L of (P + 1, P + 1)."""
+    theta = np.zeros(len(least) - 1)
+    if len(columns):
+        block = least[np.ix_(columns, columns)]
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(block), 1e-12))
+        scaled = block * scale[:, None] * scale + 1e-9 * np.eye(len(columns))
+        theta[columns] = scale * np.linalg.solve(scaled, scale * least[columns, -1])
+    return theta

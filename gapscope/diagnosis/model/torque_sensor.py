@@ -1,0 +1,217 @@
+"""What joint torque sensors add to the evidence: the gap of a joint in two parts, one on either side of the sensor.
+
+A sensor behind the gear reads what reaches the link,
+
+    tau_sensor = (1 + e) tau_link(t - T) + z + noise,    tau_link = M(q) ddq + ... + k (q - q0) - J^T f,
+
+with its own zero z, scale e and lag T, which nobody knows. What is left, tau - tau_sensor, is the actuator's: rotor,
+friction, and all between the recorded torque and the gear. In place of the rows of the recorded torque come those of
+
+    actuator side    tau - tau_sensor    columns A - A_link,    z, e and T with the opposite sign
+    link side        tau_sensor          columns A_link, the nominal inertials' errors, z, e and T
+
+so that an effect has to explain the side that it acts on, and must not show on the other one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.motions.motion import Motion
+from gapscope.diagnosis.gap.torque_gap import (
+    EFFECT_FORM,
+    FRICTION_FORM,
+    dry_friction,
+    simplified_forms,
+    steady,
+)
+from gapscope.diagnosis.model.jacobian import Bodies, bodily_columns
+from gapscope.diagnosis.model.terms import Terms
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import Signals, TorqueLaw
+from gapscope.ident.signals.conditioning import Segment
+
+SENSOR_ZERO = 0.1
+"""Spread of a sensor's zero, over the normalisation of its joint's torque gap [1]."""
+SENSOR_SCALE = 0.01
+"""Spread of the error of a sensor's scale [1]."""
+SENSOR_LAG = 2e-3
+"""Spread of a sensor's lag [s]."""
+
+
+@dataclass(frozen=True)
+class LinkRows:
+    """Rows of the joint torque sensors on one segment, M of n joints; zeros where the segment has no sensor.
+
+    Attributes:
+        gap: sensor less predicted link torque [N m], (M, n).
+        columns: derivatives of the link torque by the terms' coordinates, (M, n, P).
+        sensor: derivatives of the reading by zero, scale and lag of each sensor, over their spread, (M, n, 3 n).
+        known: whether the segment has sensors.
+        floors: RMS of a healthy arm, actuator side of each joint, then link side [N m], (2 n,).
+    """
+
+    gap: np.ndarray
+    columns: np.ndarray
+    sensor: np.ndarray
+    known: bool
+    floors: np.ndarray
+
+
+def link_torque(corrected: CorrectedArm, body: RigidBody, motion: Motion) -> np.ndarray:
+    """Torque behind the gear that an arm predicts [N m], (N, n): bodies, forces from outside, springs."""
+    torque = corrected.rigid_torque(body, motion)
+    true = corrected.true_position(motion.q)
+    for law, values in corrected.of_kind(TorqueLaw):
+        if isinstance(law, TorqueLaw) and law.family != "friction":
+            torque = torque + law.law(
+                Signals(motion.t[:, None], true, motion.dq, torque), *values
+            )
+    return torque
+
+
+def sensor_errors(link: np.ndarray, t: np.ndarray, spread: np.ndarray) -> np.ndarray:
+    """Derivatives of the readings by each sensor's zero, scale and lag, over their spread, shape (N, n, 3 n).
+
+    Args:
+        link: predicted link torque [N m], (N, n).
+        t: time [s], (N,).
+        spread: of the zeros [N m], (n,).
+    """
+    n = link.shape[1]
+    out = np.zeros((*link.shape, 3, n))
+    for j in range(n):
+        out[:, j, 0, j] = spread[j]
+        out[:, j, 1, j] = SENSOR_SCALE * link[:, j]
+        out[:, j, 2, j] = -SENSOR_LAG * np.gradient(link[:, j], t)
+    return out.reshape(len(link), n, 3 * n)
+
+
+def link_rows(
+    corrected: CorrectedArm,
+    body: RigidBody,
+    segment: Segment,
+    bodies: Bodies,
+    terms: Terms,
+    theta: np.ndarray,
+    zero: np.ndarray,
+) -> LinkRows:
+    """Rows of a segment's joint torque sensors at every sample; the columns of ``link_inertia`` are left zero.
+
+    Args:
+        corrected: the arm with the effects of theta.
+        body: dynamics of the nominal arm.
+        segment: the segment.
+        bodies: what its columns need.
+        terms: all terms, with the shapes of those that have one.
+        theta: linear coordinates around which to differentiate, shape (P,).
+        zero: spread of the sensors' zeros [N m], (n,).
+    """
+    motion, n = segment.motion, corrected.arm.n_joints
+    columns = np.zeros((len(motion.t), n, terms.size))
+    if segment.torque_sensor is None:
+        nothing = np.zeros_like(motion.q)
+        return LinkRows(
+            nothing, columns, np.zeros((*nothing.shape, 3 * n)), False, np.ones(2 * n)
+        )
+    arm, laden = corrected.unlimited, segment.bodies(body)
+    link = link_torque(arm, laden, motion)
+    derivatives = bodily_columns(
+        arm, laden, segment, bodies, terms, theta, arm.rigid_torque(laden, motion)
+    )
+    columns[:, :, list(derivatives)] = np.stack(list(derivatives.values()), axis=2)
+    joints = np.arange(n)
+    stiffness, rest = terms.block("parallel_spring")
+    columns[:, joints, stiffness] = arm.true_position(motion.q)
+    columns[:, joints, rest] = -1.0
+    floors = np.concatenate(
+        [actuator_floor(corrected, body, segment), link_floor(corrected, body, segment)]
+    )
+    return LinkRows(
+        segment.torque_sensor - link,
+        columns,
+        sensor_errors(link, motion.t, zero),
+        True,
+        floors,
+    )
+
+
+def link_floor(
+    corrected: CorrectedArm, body: RigidBody, segment: Segment
+) -> np.ndarray:
+    """RMS that a healthy arm and its sensors leave on the link side [N m], (n,)."""
+    assert segment.torque_sensor is not None
+    body = segment.bodies(body)
+    form = simplified_forms(
+        corrected, segment, lambda arm: link_torque(arm, body, segment.motion)
+    )
+    gap = segment.torque_sensor - link_torque(corrected, body, segment.motion)
+    return steady(gap, segment.torque_sensor, segment, EFFECT_FORM * form)
+
+
+def actuator_floor(
+    corrected: CorrectedArm, body: RigidBody, segment: Segment
+) -> np.ndarray:
+    """RMS that a healthy arm leaves on the actuator side where its friction is not in doubt [N m], (n,)."""
+    assert segment.torque is not None and segment.torque_sensor is not None
+    motion, body = segment.motion, segment.bodies(body)
+
+    def actuator(arm: CorrectedArm) -> np.ndarray:
+        return arm.unlimited.predict(body, motion) - link_torque(arm, body, motion)
+
+    form = EFFECT_FORM * simplified_forms(corrected, segment, actuator)
+    form = np.hypot(
+        form,
+        FRICTION_FORM * np.sqrt((dry_friction(corrected, segment) ** 2).mean(axis=0)),
+    )
+    gap = (
+        corrected.delivered(segment.torque)
+        - segment.torque_sensor
+        - actuator(corrected)
+    )
+    return steady(gap, segment.torque, segment, form)
+
+
+def two_sides(
+    full: np.ndarray,
+    steady2: np.ndarray,
+    nuisance: np.ndarray,
+    links: list[LinkRows],
+    theta: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows of both sides from those of the recorded torque.
+
+    Without a sensor the actuator side is the whole joint, and the link side says nothing.
+
+    Args:
+        full: X = [A, N, 0 for the sensors' errors, y, d] of the recorded torque, (M, n, P + K + 2).
+        steady2: mean square of a healthy arm on these rows [N^2 m^2], (M, n).
+        nuisance: N of these rows, (M, n, 10 n).
+        links: what the sensors say of these rows.
+        theta: linear coordinates around which A was taken, shape (P,).
+
+    Returns:
+        X, mean square of a healthy arm, and 1 for rows that count or 0: (M, 2 n, P + K + 2), (M, 2 n), (M, 2 n).
+    """
+    n, p = full.shape[1], len(theta)
+    known = np.concatenate([np.full(len(rows.gap), rows.known) for rows in links])[
+        :, None
+    ]
+    columns, errors, gap = (
+        np.vstack([getattr(r, name) for r in links])
+        for name in ("columns", "sensor", "gap")
+    )
+    link = np.zeros_like(full)
+    link[:, :, :p] = columns
+    link[:, :, p : p + nuisance.shape[2]] = known[:, :, None] * nuisance
+    link[:, :, p + nuisance.shape[2] : -2] = errors
+    link[:, :, -2] = gap + columns @ theta
+    floors2 = np.vstack(
+        [np.broadcast_to(rows.floors**2, (len(rows.gap), 2 * n)) for rows in links]
+    )
+    floors2 = np.where(known, floors2, np.hstack([steady2, np.ones_like(steady2)]))
+    counts = np.hstack([np.ones(gap.shape), np.broadcast_to(known, gap.shape)])
+    return np.concatenate([full - link, link], axis=1), floors2, counts

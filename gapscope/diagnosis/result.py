@@ -1,0 +1,92 @@
+"""What a diagnosis returns: the findings as a document, and the curves that a report draws."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gapscope.diagnosis.localisation.locate import Place
+from gapscope.effects.applied import AppliedEffect
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Torque of one recording over time, filtered and trimmed as the gap is; n joints.
+
+    Attributes:
+        recording: name of the recording.
+        t: time [s], shape (M,).
+        measured: recorded torque [N m], (M, n).
+        nominal: torque that the nominal arm predicts [N m], (M, n).
+        corrected: torque that the arm predicts with the effects found [N m], (M, n).
+    """
+
+    recording: str
+    t: np.ndarray
+    measured: np.ndarray
+    nominal: np.ndarray
+    corrected: np.ndarray
+
+
+@dataclass(frozen=True)
+class Signature:
+    """The gap's shape that gave an effect away, on one joint.
+
+    Attributes:
+        effect: name of the effect.
+        joint: joint, from 1.
+        axis: name of the quantity on the x axis, e.g. ``velocity``.
+        unit: its unit.
+        x: that quantity, shape (M,).
+        gap: torque gap with all other effects found taken out [N m], (M,).
+        explained: what the effect explains of it [N m], (M,).
+    """
+
+    effect: str
+    joint: int
+    axis: str
+    unit: str
+    x: np.ndarray
+    gap: np.ndarray
+    explained: np.ndarray
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Amplitude spectrum of the gap per joint: frequency [Hz] (F,), before and after [N m/sqrt(Hz)] (F, n)."""
+
+    frequency: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+
+
+@dataclass(frozen=True)
+class Located:
+    """Where the gap of the worst joint lies: ``stage`` is ``before`` or ``after`` the effects found."""
+
+    stage: str
+    place: Place
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """All findings on one case.
+
+    Attributes:
+        document: content of ``diagnosis.json``; follows ``gapscope/diagnosis/document/diagnosis.schema.json``.
+        effects: the effects found, with values, ordered by share.
+        traces: measured, nominal and corrected torque, one per recording.
+        signatures: the shapes that gave the effects away.
+        spectrum: where in frequency the gap lies.
+        located: where the gap of the worst joint lies, before and, where it stays above the floor, after.
+    """
+
+    document: Mapping[str, Any]
+    effects: tuple[AppliedEffect, ...]
+    traces: tuple[Trace, ...]
+    signatures: tuple[Signature, ...]
+    spectrum: Spectrum
+    located: tuple[Located, ...] = ()

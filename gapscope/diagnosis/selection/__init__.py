@@ -1,0 +1,1 @@
+"""The selection of effects by evidence."""

@@ -1,0 +1,91 @@
+"""Contests: effects that look alike to first order, each judged around its own values."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gapscope.diagnosis.selection.delay_or_lag import lag_over_delay
+from gapscope.diagnosis.selection.moves import CONTESTS, RINGING
+from gapscope.diagnosis.selection.state import VISIBLE_EFFECT, State, nrmse
+
+RARE = 20.0
+"""Evidence by which a change of the last link has to beat a payload [nats]."""
+DECISIVE = 8.0
+"""Evidence that decides between effects that look alike [nats]..."""
+DECISIVE_NRMSE = 0.0007
+"""...if the unseen torque NRMSE of some joint differs by this much, more than the form of the model explains."""
+
+
+def contest(state: State) -> None:
+    """Give effects that look alike to first order the place of each other, each around its own values.
+
+    The second of a pair is named only where it is decisively better; where neither is, both stay open.
+    """
+    for first, second in CONTESTS:
+        held = {t.effect for t in state.fit.terms} & {first, second}
+        if len(held) != 1:
+            continue
+        chosen = held.pop()
+        joints = {t.joint for t in state.fit.terms if t.effect == chosen}
+        states = {chosen: state.model}
+        other = second if chosen == first else first
+        rest = frozenset(t for t in state.fit.terms if t.effect != chosen)
+        state.accept(
+            rest
+            | {t for t in state.terms.open if t.effect == other and t.joint in joints}
+        )
+        states[other] = state.model
+        gained = lag_over_delay(state, states[first])
+        if gained is not None:
+            winner, loser = (second, first) if gained > 0 else (first, second)
+            state.contested[winner, loser] = -abs(gained)
+            state.model = states[winner]
+            continue
+        gained = states[first].gain(states[second])
+        left = {
+            name: nrmse(known.evidences[0], known.fit.unseen, state.scale)
+            for name, known in states.items()
+        }
+        decisive = (
+            abs(gained) > DECISIVE
+            and np.abs(left[second] - left[first]).max() > DECISIVE_NRMSE
+        )
+        winner, loser = (second, first) if decisive and gained > 0 else (first, second)
+        state.contested[winner, loser] = -abs(gained) if decisive else -1.0
+        state.model = states[winner]
+
+
+def prefer_payload(state: State) -> None:
+    """Take a payload in the place of a changed last link, unless the link is far better: loads are common."""
+    last = state.data.body.last_link + 1
+    link = frozenset(
+        t for t in state.fit.terms if t.effect == "link_inertia" and t.joint == last
+    )
+    payload = frozenset(state.terms.of("payload"))
+    if not link or payload & state.fit.terms:
+        return
+    before = state.model
+    state.accept((state.fit.terms - link) | payload)
+    gained = state.model.gain(before)
+    state.contested["payload", "link_inertia"] = min(gained - RARE, 0.0)
+    if gained > RARE:
+        state.model = before
+
+
+def doubt(state: State) -> None:
+    """Try the model without each joint that bends or plays, around its own values; keep those that a person can see."""
+    for term in sorted(
+        (t for t in state.fit.terms if t.effect in RINGING),
+        key=lambda t: (t.effect, t.joint),
+    ):
+        if term not in state.fit.terms:
+            continue
+        before = state.model
+        state.accept(state.fit.terms - {term})
+        gained, without = before.gain(state.model), state.model
+        state.model = before
+        if gained > 0 or state.closed(without) < VISIBLE_EFFECT:
+            state.model = without
+        else:
+            known = state.contested.get((term.effect, "none"), 0.0)
+            state.contested[term.effect, "none"] = min(gained, known)

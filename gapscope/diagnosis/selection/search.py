@@ -1,0 +1,211 @@
+"""The search for the terms that explain the gap: forward by groups and by pairs of them, with swaps and removal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.nominal import NominalArm
+from gapscope.diagnosis.model.parametrisation import COORDINATES
+from gapscope.diagnosis.model.terms import EXPLAINED, Term
+from gapscope.diagnosis.selection.evidence import Evidence, Fit
+from gapscope.diagnosis.selection.moves import RINGING, clashes, same
+from gapscope.diagnosis.selection.near_equivalents import contest, doubt, prefer_payload
+from gapscope.diagnosis.selection.resonance_starts import starts
+from gapscope.diagnosis.selection.state import VISIBLE_EFFECT, State
+from gapscope.ident.signals.conditioning import Segment, thinned
+
+SEARCH_RATE = 100.0
+"""The search works on segments decimated to no less than this [Hz]."""
+LEAST_GAIN = 3.0
+"""A move must raise the evidence by this much [nats]."""
+MOST_STEPS = 12
+"""Forward steps before the search gives up."""
+MOST_TRIED = 3
+"""Groups that are tried around their own values at each step."""
+PAIRED = 6
+"""Best groups of which all pairs are tried once none alone raises the evidence."""
+MOST_STARTS = 3
+"""Starts of joints that ring or play that are tried."""
+
+
+@dataclass(frozen=True)
+class Search:
+    """Result of a search.
+
+    Attributes:
+        scale: normalisation of the torque gap over all folds [N m], (n,).
+        fit: the best set of terms, fitted at its own linearisation.
+        evidence: the evidence that scored it.
+        nothing: mean square of the gap per fold and joint without any effect [N^2 m^2], (F, n).
+        contested: evidence of a rival less that of an effect found, each around its own values [nats].
+        considered: gain of the best group of each effect over what was chosen, in nats: the rivals at each step.
+    """
+
+    scale: np.ndarray
+    fit: Fit
+    evidence: Evidence
+    considered: tuple[tuple[Fit, Fit], ...]
+    contested: Mapping[tuple[str, str], float]
+    nothing: np.ndarray
+
+
+def search(
+    arm: NominalArm,
+    body: RigidBody,
+    folds: list[list[Segment]],
+    cutoff: float,
+    progress: Callable[[str], None] = lambda message: None,
+) -> Search:
+    """Find the terms that explain the gap of recordings, judged on halves of recordings left out of the fit."""
+    state = State(
+        arm, body, [[thinned(s, SEARCH_RATE) for s in fold] for fold in folds], cutoff
+    )
+    considered: list[tuple[Fit, Fit]] = []
+    nothing = state.fit.unseen
+    _forward(state, considered, progress)
+    while _rings(state, progress) or _pair(state, progress):
+        _forward(state, considered, progress)
+    contest(state)
+    prefer_payload(state)
+    doubt(state)
+    state.prune()
+    state.polish()
+    return Search(
+        state.scale,
+        state.fit,
+        state.evidence,
+        tuple(considered),
+        state.contested,
+        nothing,
+    )
+
+
+def _forward(
+    state: State, considered: list[tuple[Fit, Fit]], progress: Callable[[str], None]
+) -> None:
+    """Add the best group of terms while one raises the evidence, each around its own values."""
+    been, refused = {state.fit.terms}, set()
+    for _ in range(MOST_STEPS):
+        groups = [
+            fit
+            for fit in _groups(state)
+            if state.visible(fit.terms) and fit.terms not in refused
+        ]
+        groups.sort(key=lambda fit: fit.score, reverse=True)
+        groups = [
+            fit
+            for fit in groups[:MOST_TRIED]
+            if fit.score >= state.fit.score + LEAST_GAIN
+        ]
+        before = state.model
+        for k, group in enumerate(groups):
+            state.accept(group.terms)
+            if before.gain(state.model) > 0:
+                considered += [(group, rival) for rival in groups[k + 1 : k + 4]]
+                progress("adds " + _describe(group.terms - before.fit.terms))
+                break
+            refused.add(group.terms)
+            state.model = before
+        else:
+            return
+        state.refine()
+        if state.fit.terms in been:
+            return
+        been.add(state.fit.terms)
+
+
+def _rings(state: State, progress: Callable[[str], None]) -> bool:
+    """Add a joint that rings or plays, if one explains what is left."""
+    before = state.model
+    for start in starts(state)[:MOST_STARTS]:
+        state.accept(before.fit.terms | {start.term}, {start.term: start.values})
+        better = (
+            before.gain(state.model) > LEAST_GAIN
+            and state.closed(before) >= VISIBLE_EFFECT
+        )
+        if start.term in state.fit.terms and better:
+            progress("adds " + _describe(frozenset({start.term})))
+            state.refine()
+            return True
+        state.model = before
+    return False
+
+
+def _pair(state: State, progress: Callable[[str], None]) -> bool:
+    """Add the best pair of effects that explain only together what is left, if there is one.
+
+    Not beside a joint that rings or plays, whose form leaves more than a pair that shows alone in neither part.
+    """
+    before = state.model
+    if any(t.effect in RINGING for t in before.fit.terms):
+        return False
+    found = (_group(state, effect) for effect in EXPLAINED)
+    groups = sorted((g for g in found if g is not None), key=lambda fit: -fit.score)[
+        :PAIRED
+    ]
+    sets = [
+        a.terms | b.terms
+        for a, b in combinations(groups, 2)
+        if not _contested(a.terms | b.terms)
+    ]
+    fits = [fit for fit in map(state.best, sets) if state.visible(fit.terms)]
+    best = max(fits, key=lambda fit: fit.score, default=before.fit)
+    if best.score < before.fit.score + LEAST_GAIN:
+        return False
+    state.accept(best.terms)
+    if before.gain(state.model) > LEAST_GAIN and len(state.fit.terms) > len(
+        before.fit.terms
+    ):
+        progress("adds " + _describe(state.fit.terms - before.fit.terms))
+        state.refine()
+        return True
+    state.model = before
+    return False
+
+
+def _contested(terms: frozenset[Term]) -> bool:
+    """Whether two of the terms say the same of one joint."""
+    return any(a.joint == b.joint and a.effect == same(b) for a in terms for b in terms)
+
+
+def _describe(terms: frozenset[Term]) -> str:
+    names = sorted({t.effect for t in terms})
+    return "; ".join(
+        f"{n} {sorted(t.joint for t in terms if t.effect == n and t.joint)}"
+        for n in names
+    )
+
+
+def _groups(state: State) -> list[Fit]:
+    """For each effect the best group of joints to add it on, if any raises the evidence."""
+    found = (_group(state, effect) for effect in EXPLAINED)
+    return [
+        group for group in found if group is not None and group.score > state.fit.score
+    ]
+
+
+def _group(state: State, effect: str) -> Fit | None:
+    """The best group of joints for one effect; joints are added in the order of their own gain, links one at a time."""
+    group = None
+    free = [
+        t
+        for t in state.terms.open
+        if t.effect == effect and not clashes(t, state.fit.terms, state.terms)
+    ]
+    singles = sorted(
+        (state.evidence.fit(state.fit.terms | {t}) for t in free),
+        key=lambda f: -f.score,
+    )
+    if COORDINATES[effect].effect.scope != "joint":
+        return state.best(singles[0].terms) if singles else None
+    for single in singles:
+        known = group or state.fit
+        extended = state.evidence.fit(known.terms | single.terms)
+        if extended.score > known.score:
+            group = extended
+    return state.best((group or singles[0]).terms) if singles else None

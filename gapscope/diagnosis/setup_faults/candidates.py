@@ -1,0 +1,161 @@
+"""The setup faults that may be in a case: each with the reading of the recordings that puts it right."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.nominal import NominalArm
+from gapscope.diagnosis.setup_faults.channel_mapping import (
+    Reading,
+    flipped,
+    scaled,
+    shifted,
+    swapped,
+    timed,
+)
+from gapscope.diagnosis.setup_faults.fault_samples import Samples
+
+DEGREE = np.pi / 180
+RATES = (0.2, 0.25, 1 / 3, 0.4, 0.5, 0.65, 0.8, 1.25, 1.55, 2.0, 2.5, 3.0, 4.0, 5.0)
+"""Assumed over true period at which the search for a wrong rate begins [1]."""
+RATIOS = tuple(float(r) for r in np.geomspace(2.0, 500.0, 28))
+"""Gear ratios at which the search for one begins [1]."""
+FEW = 4
+"""With fewer joints that travel too far, each is taken for one on its motor's side by itself as well."""
+TURN = 2 * np.pi
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A setup fault with its values, and how to read recordings that have it.
+
+    Attributes:
+        name: name of the fault, a key of ``gapscope.effects.setup_faults.FAULTS``.
+        joints: from 1; empty for the whole arm.
+        variant: which channel, unit or kind; empty where the fault has only one.
+        reading: puts it right.
+        values: its continuous parameters by name, one per joint or one for the arm.
+    """
+
+    name: str
+    joints: tuple[int, ...]
+    variant: str
+    reading: Reading
+    values: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+
+
+def of_torque(n: int) -> list[Candidate]:
+    """Faults of the torque alone, which leave the predicted torque as it is.
+
+    Two flips are tried together: each may hide the other, since links share their inertials.
+    """
+    flips = [_flip(n, j, "torque") for j in range(n)]
+    both = [
+        Candidate(a.name, a.joints + b.joints, a.variant, a.reading.then(b.reading))
+        for a, b in itertools.combinations(flips, 2)
+    ]
+    swaps = [_swap(n, (i, j), "torque") for j in range(n) for i in range(j)]
+    every = tuple(range(1, n + 1))
+    columns = tuple(range(n))
+    turned = Reading(columns, (1.0,) * n, columns, (-1.0,) * n)
+    return [*flips, *both, *swaps, Candidate("sign_flip", every, "torque", turned)]
+
+
+def of_motion(n: int) -> list[Candidate]:
+    """Flips and swaps of positions, with the torque or without."""
+    flips = [
+        _flip(n, j, channel) for j in range(n) for channel in ("position", "joint")
+    ]
+    return [*flips, *(_swap(n, (i, j), "joint") for j in range(n) for i in range(j))]
+
+
+def of_arm(n: int) -> list[Candidate]:
+    """Shifted inertials and wrong rates."""
+    return [*of_inertials(n), *(wrong_rate(n, amount) for amount in RATES)]
+
+
+def of_inertials(n: int) -> list[Candidate]:
+    """Inertials one link off either way, among all links or among those that a joint moves."""
+    return [
+        Candidate(
+            "shifted_inertials",
+            (),
+            "",
+            shifted(n, -by, moved_only),
+            {"by": (float(by),)},
+        )
+        for moved_only in (False, True)
+        for by in (1, -1)
+    ]
+
+
+def of_units(arm: NominalArm, samples: Samples, reading: Reading) -> list[Candidate]:
+    """Degrees on each joint, all, and those that move too far; motor side on the latter, together and alone."""
+    n = arm.n_joints
+    every = tuple(range(n))
+    sets = {every, *((j,) for j in every)}
+    far = too_far(arm, samples, reading)
+    if far:
+        sets.add(far)
+    found = [degrees(n, joints) for joints in sorted(sets)]
+    for joints in sorted({far, *((j,) for j in far if len(far) < FEW)} - {()}):
+        found += [motor_side(n, joints, (ratio,) * len(joints)) for ratio in RATIOS]
+    return found
+
+
+def too_far(arm: NominalArm, samples: Samples, reading: Reading) -> tuple[int, ...]:
+    """Joints, from 0, that travel more than a turn, or farther than their limits in the URDF are apart."""
+    travel = np.ptp(reading.motion(samples.q, samples.dq, samples.ddq)[0], axis=0)
+    lower, upper = RigidBody(arm).position_limits()
+    allowed = np.minimum(upper - lower, 1.05 * TURN)
+    return tuple(int(j) for j in np.flatnonzero(travel > allowed))
+
+
+def degrees(n: int, joints: tuple[int, ...]) -> Candidate:
+    """Positions of joints, from 0, in degrees."""
+    return Candidate(
+        "unit_mismatch",
+        tuple(j + 1 for j in joints),
+        "degrees",
+        scaled(n, joints, DEGREE),
+    )
+
+
+def motor_side(n: int, joints: tuple[int, ...], ratios: tuple[float, ...]) -> Candidate:
+    """Positions and torques of joints, from 0, on the motor's side of gears with these ratios [1]."""
+    motion, torque = np.ones(n), np.ones(n)
+    motion[list(joints)] = 1.0 / np.array(ratios)
+    torque[list(joints)] = ratios
+    columns = tuple(range(n))
+    reading = Reading(
+        columns, tuple(map(float, motion)), columns, tuple(map(float, torque))
+    )
+    return Candidate(
+        "unit_mismatch",
+        tuple(j + 1 for j in joints),
+        "motor_side",
+        reading,
+        {"ratio": tuple(ratios)},
+    )
+
+
+def wrong_rate(n: int, amount: float) -> Candidate:
+    """Stamps made with ``amount`` times the true period [1]."""
+    return Candidate(
+        "time_stamps", (), "wrong_rate", timed(n, 1.0 / amount), {"amount": (amount,)}
+    )
+
+
+def _flip(n: int, joint: int, channel: str) -> Candidate:
+    return Candidate("sign_flip", (joint + 1,), channel, flipped(n, joint, channel))
+
+
+def _swap(n: int, pair: tuple[int, int], channel: str) -> Candidate:
+    return Candidate(
+        "joint_swap", (pair[0] + 1, pair[1] + 1), channel, swapped(n, pair, channel)
+    )

@@ -1,0 +1,67 @@
+"""The clock of a recording: how even its stamps are, and whether the samples are as uneven as the stamps say."""
+
+from __future__ import annotations
+
+import numpy as np
+
+GAP = 2.5
+"""A step longer than this many periods has lost samples in it."""
+WINDOW = 25
+"""Samples over which the slow wander of a clock is taken out."""
+
+
+def sample_count(t: np.ndarray) -> np.ndarray:
+    """Number of each sample on an even clock, from 0, (N,); steps beyond ``GAP`` periods skip numbers.
+
+    Shorter steps are taken as one period, or rounded to two where that leaves less unevenness: a jittered step may be
+    nearly two periods long, a dropped row leaves a step of two.
+    """
+    steps = np.diff(t) / np.median(np.diff(t))
+    rounded = np.maximum(np.round(steps), 1.0)
+    counts = [
+        np.r_[0.0, np.cumsum(np.where(steps > GAP, rounded, one))]
+        for one in (1.0, rounded)
+    ]
+    return min(counts, key=lambda count: float(np.std(_wander_free(t, count))))
+
+
+def unevenness(t: np.ndarray) -> np.ndarray:
+    """Stamps less an even clock's, without slow wander, in periods, (N,)."""
+    return _wander_free(t, sample_count(t))
+
+
+def even_stamps(t: np.ndarray) -> np.ndarray:
+    """Stamps of an even clock nearest to t [s], (N,): the line through stamps against sample numbers."""
+    count = sample_count(t)
+    slope, start = np.polyfit(count, t, 1)
+    return start + slope * count
+
+
+def stamps_are_wrong(t: np.ndarray, q: np.ndarray) -> bool:
+    """Whether the motion is smoother over an even clock than over the stamps, decidedly; q [rad], (N, n).
+
+    Each sample is compared with the line through its neighbours. Samples taken at even times and stamped unevenly
+    leave the line by speed times the error of the stamp; samples really taken unevenly do so over an even clock.
+    """
+    over_stamps, over_count = (_off_line(x, q) for x in (t, sample_count(t)))
+    return bool(over_count < 0.5 * over_stamps)
+
+
+def _wander_free(t: np.ndarray, count: np.ndarray) -> np.ndarray:
+    slope, start = np.polyfit(count, t, 1)
+    error = (t - start - slope * count) / slope
+    width = min(WINDOW, len(error))
+    kernel = np.ones(width)
+    mean = np.convolve(error, kernel, "same") / np.convolve(
+        np.ones(len(error)), kernel, "same"
+    )
+    return error - mean
+
+
+def _off_line(x: np.ndarray, q: np.ndarray) -> float:
+    """Squared distance of samples from the line through their neighbours, over each joint's range, summed."""
+    share = (x[1:-1] - x[:-2]) / (x[2:] - x[:-2])
+    off = q[1:-1] - q[:-2] - share[:, None] * (q[2:] - q[:-2])
+    travel = np.ptp(q, axis=0)
+    moving = travel > 1e-2 * max(float(travel.max()), 1e-9)
+    return float(((off[:, moving] / travel[moving]) ** 2).sum())

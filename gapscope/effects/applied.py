@@ -1,0 +1,156 @@
+"""An effect with values: what is injected into a simulator, or found by a diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from numbers import Integral
+
+import numpy as np
+
+from gapscope.arm.errors import InputError
+from gapscope.arm.nearest_name import nearest
+from gapscope.effects.catalogue import effect as by_name
+from gapscope.effects.effect import Effect, Parameter
+
+
+@dataclass(frozen=True)
+class AppliedEffect:
+    """An effect of the catalogue with its joints and parameter values.
+
+    Attributes:
+        name: name in the catalogue.
+        joints: joints it acts on, counted from 1 in the case's order; empty for effects on the arm or a link.
+        parameters: per parameter an array with one entry per joint, or a number or 3-vector for the arm or a link.
+
+    Raises:
+        InputError: unknown effect, missing or unknown parameter, wrong number of values, or a value out of bounds.
+    """
+
+    name: str
+    joints: tuple[int, ...]
+    parameters: Mapping[str, np.ndarray]
+
+    def __post_init__(self) -> None:
+        """Check names, sizes and bounds."""
+        definition = by_name(self.name)
+        self._check_names(definition)
+        if (definition.scope == "joint") != bool(self.joints):
+            raise InputError(
+                f"an effect of scope {definition.scope}, but joints are {list(self.joints)}",
+                "say on which joints, joints: [1, ...]"
+                if definition.scope == "joint"
+                else "leave joints: out",
+                where=self.name,
+            )
+        if any(
+            not isinstance(joint, Integral) or joint < 1 for joint in self.joints
+        ) or len(set(self.joints)) != len(self.joints):
+            raise InputError(
+                f"joints count from 1 and occur once, got {list(self.joints)}",
+                where=self.name,
+            )
+        values = {
+            p.name: self._checked(p, definition.scope) for p in definition.parameters
+        }
+        if definition.scope == "link" and values["link"] % 1:
+            raise InputError(
+                f"a link is a whole number, got {float(values['link'])}",
+                where=f"{self.name}.link",
+            )
+        object.__setattr__(self, "parameters", values)
+
+    def _check_names(self, definition: Effect) -> None:
+        """Check that each parameter is given, and no other."""
+        known, given = definition.names, [str(name) for name in self.parameters]
+        unknown, missing = (
+            [x for x in names if x not in others]
+            for names, others in ((given, known), (known, given))
+        )
+        if not (unknown or missing):
+            return
+        units = ", ".join(f"{p.name} in {p.unit}" for p in definition.parameters)
+        remedy = f"give {units}"
+        if unknown:
+            remedy = f"{unknown[0]!r} is unknown: {nearest(unknown[0], known)}{remedy}"
+        raise InputError(
+            f"expected the parameters {', '.join(known)}; got {', '.join(given) or 'none'}",
+            remedy,
+            where=self.name,
+        )
+
+    def _checked(self, parameter: Parameter, scope: str) -> np.ndarray:
+        """A parameter's values, as a read-only array of the right shape and within its bounds."""
+        where = f"{self.name}.{parameter.name}"
+        try:
+            value = np.array(self.parameters[parameter.name], dtype=float)
+        except (TypeError, ValueError):
+            raise InputError(
+                f"holds a value that is not a number, {self.parameters[parameter.name]!r}",
+                f"give numbers in {parameter.unit}",
+                where=where,
+            ) from None
+        if scope == "joint":
+            expected: tuple[int, ...] = (len(self.joints),)
+            value = np.full(expected, float(value)) if value.ndim == 0 else value
+        else:
+            expected = () if parameter.size == 1 else (parameter.size,)
+        if value.shape != expected:
+            per = (
+                "one value for each of the joints, or one number for all"
+                if scope == "joint"
+                else "x, y and z"
+            )
+            remedy = f"give {per}" if expected else "give one number"
+            raise InputError(
+                f"expected {int(np.prod(expected))} values, got {value.size}",
+                remedy,
+                where=where,
+            )
+        low, high = parameter.bounds
+        if not (
+            np.isfinite(value).all() and (value >= low).all() and (value <= high).all()
+        ):
+            raise InputError(
+                f"value {value.tolist()} outside {low:g} .. {high:g} {parameter.unit}",
+                f"give {parameter.name} in {parameter.unit}; on real arms it lies near {parameter.typical[0]:g} .. "
+                f"{parameter.typical[1]:g}",
+                where=where,
+            )
+        value.setflags(write=False)
+        return value
+
+    @property
+    def effect(self) -> Effect:
+        """The effect's definition in the catalogue."""
+        return by_name(self.name)
+
+    def per_joint(self, parameter: str, n_joints: int) -> np.ndarray:
+        """Values of a parameter over all joints, zero where the effect does not act; shape (n,).
+
+        Raises:
+            InputError: the effect names a joint that an arm with n joints does not have.
+        """
+        self.check(n_joints)
+        out = np.zeros(n_joints)
+        out[np.array(self.joints, dtype=int) - 1] = self.parameters[parameter]
+        return out
+
+    def check(self, n_joints: int) -> None:
+        """Check that the joints, or the link, exist.
+
+        Raises:
+            InputError: they do not on an arm with n joints.
+        """
+        named = (
+            [*self.joints, int(self.parameters["link"])]
+            if self.effect.scope == "link"
+            else [*self.joints]
+        )
+        if max(named, default=0) > n_joints:
+            raise InputError(
+                f"joint {max(named)} of an arm with {n_joints} joints",
+                f"joints count from 1 to {n_joints} in the case's order; a link has the number of the joint that "
+                "moves it",
+                where=self.name,
+            )

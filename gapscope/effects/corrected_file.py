@@ -1,0 +1,279 @@
+"""The file ``corrected.yaml``: effects with their values, and where a residual network lies; read and written."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from gapscope.arm.errors import InputError, ModelWarning
+from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.case_file import read_yaml
+from gapscope.arm.nominal import NominalArm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.residual.file import read_residual
+from gapscope.effects.residual.model import ResidualNetwork
+from gapscope.effects.setup_faults import FAULTS, Fault
+
+_KEYS = {"schema", "case", "effects", "residual"}
+
+
+def write_corrected(
+    case: str,
+    effects: tuple[AppliedEffect, ...],
+    path: Path,
+    residual: str | None = None,
+    faults: tuple[Fault, ...] = (),
+) -> None:
+    """Write effects as ``corrected.yaml``; ``path`` never holds half of one.
+
+    Args:
+        case: name of the case.
+        effects: the effects.
+        path: the file.
+        residual: file of a residual network, relative to the folder of ``path``; it is not written here.
+        faults: setup faults, where the file tells how a case was recorded.
+
+    Raises:
+        GapscopeError: the file cannot be written.
+    """
+    content: dict[str, Any] = {
+        "schema": 1,
+        "case": case,
+        "effects": [
+            {
+                "effect": applied.name,
+                "joints": list(applied.joints),
+                "parameters": {
+                    name: value.tolist() for name, value in applied.parameters.items()
+                },
+            }
+            for applied in effects
+        ]
+        + [described_fault(fault) for fault in faults],
+    }
+    if residual is not None:
+        content["residual"] = residual
+    with written_whole(path) as aside:
+        aside.write_text(
+            yaml.safe_dump(content, sort_keys=False, default_flow_style=None),
+            encoding="utf-8",
+        )
+
+
+def read_corrected(path: Path | str) -> tuple[AppliedEffect, ...]:
+    """Effects from a file of the form of ``corrected.yaml``, for a simulator: a residual network is left out.
+
+    Raises:
+        InputError: the file is missing, not YAML, or an entry is not an effect of the catalogue; names the entry.
+    """
+    content, path = _content(Path(path)), Path(path)
+    if content.get("residual"):
+        warnings.warn(
+            f"{path}: the residual network is left out, it is no effect; to simulate it too, give the environment "
+            "simulated=gapscope.effects.corrected_file.read_corrected_arm(arm, path) in place of effects",
+            ModelWarning,
+            stacklevel=2,
+        )
+    return _effects(content, path)
+
+
+def read_with_faults(
+    path: Path | str,
+) -> tuple[tuple[AppliedEffect, ...], tuple[Fault, ...]]:
+    """Effects and setup faults from a file of the form of ``corrected.yaml``, for recording a simulated arm.
+
+    Raises:
+        InputError: as ``read_corrected``; or an entry is not a fault as ``gapscope.effects.setup_faults`` has it.
+    """
+    content, path = _content(Path(path)), Path(path)
+    entries = content["effects"]
+    faults = {
+        i: x
+        for i, x in enumerate(entries)
+        if isinstance(x, dict) and x.get("effect") in FAULTS
+    }
+    effects = tuple(
+        read_entry(x, f"effects[{i}]", path)
+        for i, x in enumerate(entries)
+        if i not in faults
+    )
+    return effects, tuple(_fault(x, f"effects[{i}]", path) for i, x in faults.items())
+
+
+def described_fault(fault: Fault) -> dict[str, Any]:
+    """A setup fault as an entry of the file; what is not given there is as by default."""
+    values = {field.name: getattr(fault, field.name) for field in fields(fault)}
+    joints, variant = values.pop("joints", ()), values.pop("variant", None)
+    return {
+        "effect": fault.name,
+        "joints": list(joints),
+        **({"variant": variant} if variant else {}),
+        "parameters": values,
+    }
+
+
+def _fault(entry: dict[str, Any], where: str, path: Path) -> Fault:
+    """A setup fault from its entry."""
+    kind = FAULTS[entry["effect"]]
+    known = {field.name for field in fields(kind)}
+    given = {
+        "joints": tuple(entry.get("joints") or ()),
+        "variant": entry.get("variant"),
+        **entry.get("parameters", {}),
+    }
+    given = {name: value for name, value in given.items() if value not in ((), None)}
+    if unknown := sorted(
+        set(given) - known | set(entry) - {"effect", "joints", "variant", "parameters"}
+    ):
+        raise InputError(
+            f"{kind.name} has no {unknown[0]!r}",
+            f"it has {', '.join(sorted(known))}",
+            file=path,
+            where=where,
+        )
+    try:
+        return kind(**given)
+    except InputError as error:
+        raise error.at(path, where) from None
+    except TypeError as error:
+        raise InputError(
+            f"{kind.name} is not complete, or not of numbers ({error})",
+            f"give {', '.join(sorted(known))}; variants are {', '.join(kind.variants) or 'none'}",
+            file=path,
+            where=where,
+        ) from None
+
+
+def read_corrected_arm(arm: NominalArm, path: Path | str) -> CorrectedArm:
+    """The corrected arm from a nominal one and a file of the form of ``corrected.yaml``, residual network included.
+
+    Raises:
+        InputError: as ``read_corrected``; or the network cannot be read, or is of another arm; a joint does not exist.
+    """
+    content, path = _content(Path(path)), Path(path)
+    effects = _effects(content, path)
+    corrected = CorrectedArm(arm, effects, _residual(content, path))
+    with blaming(path, effects):
+        corrected.check()
+    return corrected
+
+
+def _residual(content: dict[str, Any], path: Path) -> ResidualNetwork | None:
+    """The residual network that a file names, if any."""
+    name = content.get("residual")
+    if name is None:
+        return None
+    if not isinstance(name, str) or not name:
+        raise InputError(
+            "expected the name of a file",
+            "write residual: residual.npz",
+            file=path,
+            where="residual",
+        )
+    return read_residual(path.parent / name)
+
+
+def _content(path: Path) -> dict[str, Any]:
+    """Content of the file, its keys checked."""
+    content = read_yaml(path, "check the path")
+    if (
+        not isinstance(content, dict)
+        or content.get("schema") != 1
+        or not isinstance(content.get("effects"), list)
+    ):
+        raise InputError(
+            "expected the keys schema: 1 and effects: [...]",
+            "see corrected.yaml of a diagnosis",
+            file=path,
+        )
+    if unknown := set(content) - _KEYS:
+        raise InputError(
+            f"unknown key {sorted(unknown)[0]!r}",
+            f"known are {', '.join(sorted(_KEYS))}",
+            file=path,
+        )
+    return content
+
+
+def _effects(content: dict[str, Any], path: Path) -> tuple[AppliedEffect, ...]:
+    return tuple(
+        read_entry(entry, f"effects[{i}]", path)
+        for i, entry in enumerate(content["effects"])
+    )
+
+
+@contextmanager
+def blaming(
+    path: Path | str | None, effects: Sequence[AppliedEffect]
+) -> Iterator[None]:
+    """Errors about one of the effects name the file that it comes from, and its place there.
+
+    Args:
+        path: the file, or ``None`` where there is none.
+        effects: its effects, in their order.
+    """
+    try:
+        yield
+    except InputError as error:
+        if path is not None and error.file is None and error.where == "residual":
+            raise error.at(Path(path)) from None
+        name = error.where.split(".")[0].split(",")[0]
+        place = next(
+            (i for i, applied in enumerate(effects) if applied.name == name), None
+        )
+        if path is None or error.file is not None or place is None:
+            raise
+        raise error.at(Path(path), f"effects[{place}]") from None
+
+
+def read_entry(entry: Any, where: str, path: Path | None = None) -> AppliedEffect:
+    """An effect from an entry of ``effects:``, a mapping with ``effect``, ``joints`` and ``parameters``.
+
+    Args:
+        entry: the entry.
+        where: its place, for messages.
+        path: the file that it comes from, or ``None``.
+
+    Raises:
+        InputError: it is not an effect of the catalogue.
+    """
+    if (
+        not isinstance(entry, Mapping)
+        or not isinstance(entry.get("parameters", {}), Mapping)
+        or "effect" not in entry
+    ):
+        raise InputError(
+            "expected effect:, joints: and parameters:",
+            "write for instance {effect: coulomb_friction, joints: [2], parameters: {torque: [4.0]}}",
+            file=path,
+            where=where,
+        )
+    if str(entry["effect"]) in FAULTS:
+        raise InputError(
+            f"{entry['effect']!r} is a fault of the set-up: it lies in recordings, not in the arm",
+            "leave it out here; gapscope record makes recordings with it",
+            file=path,
+            where=where,
+        )
+    try:
+        return AppliedEffect(
+            str(entry["effect"]),
+            tuple(entry.get("joints") or ()),
+            entry.get("parameters", {}),
+        )
+    except InputError as error:
+        raise error.at(path, where) from None
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"holds a value that is not a number ({error})",
+            "joints: takes a list of numbers",
+            file=path,
+            where=where,
+        ) from None

@@ -1,0 +1,195 @@
+"""What an effect is: a frozen record, and the ways in which an effect can act."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+Law = Callable[..., np.ndarray]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of an effect.
+
+    Attributes:
+        name: the key in ``diagnosis.json`` and ``corrected.yaml``.
+        symbol: symbol in equations.
+        unit: SI unit, joint side.
+        bounds: physically possible range.
+        typical: range of severities met on real arms, for drawing at random and for judging plausibility.
+        size: 1 for a scalar, 3 for a vector.
+        increment: whether the value adds to the nominal arm's (friction, armature, mass) or stands for itself.
+    """
+
+    name: str
+    symbol: str
+    unit: str
+    bounds: tuple[float, float]
+    typical: tuple[float, float]
+    size: int = 1
+    increment: bool = False
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One named physical cause of a gap.
+
+    Attributes:
+        name: name in the catalogue.
+        family: friction, rigid_body, transmission, actuation, sensing or environment.
+        scope: ``joint``, ``link`` or ``arm``.
+        equation: how it acts, as text for the report.
+        parameters: its parameters.
+        looks_like: what gives it away in data.
+        reference: source of the form or of the typical values; a key of ``docs/references.md``.
+        confused_with: names of effects that look alike, each with the recording that separates the two.
+    """
+
+    name: str
+    family: str
+    scope: str
+    equation: str
+    parameters: tuple[Parameter, ...]
+    looks_like: str
+    reference: str
+    confused_with: tuple[tuple[str, str], ...] = ()
+
+    def parameter(self, name: str) -> Parameter:
+        """The parameter called ``name``; raises ``KeyError`` if there is none."""
+        if name not in self.names:
+            raise KeyError(
+                f"{self.name} has no parameter {name!r}; it has {', '.join(self.names)}"
+            )
+        return next(p for p in self.parameters if p.name == name)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return tuple(p.name for p in self.parameters)
+
+
+class Signals(NamedTuple):
+    """Signals that a torque law may depend on; they broadcast: (n,) for one sample, (N, n) for a series.
+
+    Attributes:
+        t: time since the start of the recording [s], a number or shape (N, 1).
+        position: q [rad].
+        velocity: dq [rad/s].
+        load: torque through the transmission before load friction [N m].
+    """
+
+    t: np.ndarray | float
+    position: np.ndarray
+    velocity: np.ndarray
+    load: np.ndarray
+
+
+class Series(Protocol):
+    """Series of a motion, as the laws on the way to the joint need them; all arrays have shape (N, n)."""
+
+    position: np.ndarray
+    """Joint position [rad]."""
+
+    def shifted(self, series: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """The series at t + T, T per joint [s], shape (n,); constant beyond the ends."""
+
+    def rate(self, series: np.ndarray) -> np.ndarray:
+        """The derivative of a series by time [1/s]."""
+
+    def lagged(self, series: np.ndarray, time_constant: np.ndarray) -> np.ndarray:
+        """The series behind 1 / (1 + T s), T per joint [s], shape (n,); at rest before the start."""
+
+
+@dataclass(frozen=True)
+class TorqueLaw(Effect):
+    """A torque that opposes the motor: recorded = nominal + law(signals, *values).
+
+    ``law`` is a pure function of ``Signals`` and of the parameters per joint, in their order; it broadcasts and
+    returns N m.
+    """
+
+    law: Law = field(kw_only=True)
+
+
+@dataclass(frozen=True)
+class DryLaw(TorqueLaw):
+    """A torque law of dry friction: where the joint rests it takes any value within its amplitude.
+
+    ``amplitude(velocity, load, *values)`` is the torque with which it opposes motion [N m]; load is the applied motor
+    torque [N m]. Where that is known, law = amplitude times smoothed sign.
+    """
+
+    amplitude: Law = field(kw_only=True)
+
+
+@dataclass(frozen=True)
+class Drift(Effect):
+    """A slow change of all friction of a joint: ``factor(t, *values)`` multiplies it [1]; t from the start [s]."""
+
+    factor: Law = field(kw_only=True)
+
+
+@dataclass(frozen=True)
+class Inertial(Effect):
+    """A change of the model: of inertia, of rotors, or of the direction of gravity."""
+
+
+@dataclass(frozen=True)
+class LinkChange(Inertial):
+    """A change of one link's inertia.
+
+    ``change(own, *values)`` gives the ten inertial parameters that are added to a link which has ``own``, shape (10,),
+    in the order of ``gapscope.arm.dynamics.rigid_body.INERTIAL_PARAMETERS``.
+    """
+
+    change: Law = field(kw_only=True)
+
+
+@dataclass(frozen=True)
+class Transmission(Effect):
+    """Play or compliance between motor and joint, a two-mass joint in the simulator.
+
+    ``deflection(torque, *values)`` is how far the motor leads the joint, theta - q [rad], when the torque through the
+    transmission [N m] changes slowly; it lags behind the torque by the time constant ``lag(*values)`` [s].
+    """
+
+    deflection: Law = field(kw_only=True)
+    lag: Law = field(kw_only=True)
+
+
+@dataclass(frozen=True)
+class Path(Effect):
+    """Something between the recorded torque and the joint.
+
+    ``inverse(needed, series, *values)`` gives the torque that must be recorded so that ``needed`` [N m] reaches the
+    joint, ``applied(recorded, series, *values)`` the torque that reaches it; ``series`` is a ``Series``.
+
+    Attributes:
+        place: order from the command to the joint; the lowest acts first on a recorded torque.
+    """
+
+    inverse: Law = field(kw_only=True)
+    applied: Law = field(kw_only=True)
+    place: int = field(kw_only=True)
+
+
+@dataclass(frozen=True)
+class Sensing(Effect):
+    """A map between true and recorded position [rad].
+
+    ``recorded(true, *values)`` gives what the encoder says, ``true(recorded, *values)`` undoes it as far as possible.
+    """
+
+    true: Law = field(kw_only=True)
+    recorded: Law = field(kw_only=True)
+
+
+@dataclass(frozen=True)
+class External(Effect):
+    """A force from outside: ``active(t, start, end)`` says when it acts [1]; t from the start of the recording [s]."""
+
+    active: Law = field(kw_only=True)

@@ -1,0 +1,56 @@
+"""The environment family: what the arm stands on, and what touches it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gapscope.effects.effect import External, Inertial, Parameter
+
+
+def tilt(roll: float, pitch: float) -> np.ndarray:
+    """R = Ry(pitch) Rx(roll), from base to world frame, shape (3, 3); angles in rad."""
+    (cr, sr), (cp, sp) = (
+        (np.cos(float(angle)), np.sin(float(angle))) for angle in (roll, pitch)
+    )
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
+    about_y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
+    return about_y @ about_x
+
+
+def acts(t: np.ndarray | float, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """1 from start to end, 0 elsewhere; times in s."""
+    return ((np.asarray(t) >= start) & (np.asarray(t) < end)).astype(float)
+
+
+BASE_TILT = Inertial(
+    name="base_tilt",
+    family="environment",
+    scope="arm",
+    equation="gravity in the base frame = R^T g, R = Ry(pitch) Rx(roll)",
+    parameters=(
+        Parameter("roll", "phi", "rad", (-3.15, 3.15), (-0.0873, 0.0873)),
+        Parameter("pitch", "theta", "rad", (-1.58, 1.58), (-0.0873, 0.0873)),
+    ),
+    looks_like="a gravity torque on a joint with a vertical axis",
+    reference="hollerbach2008",
+    confused_with=(
+        ("encoder_offset", "static poses turned about the first joint"),
+        ("torque_offset", "static poses turned about the first joint"),
+    ),
+)
+
+EXTERNAL_FORCE = External(
+    name="external_force",
+    family="environment",
+    scope="arm",
+    equation="recorded = nominal - J^T f between start and end",
+    parameters=(
+        Parameter("force", "f", "N", (-1e4, 1e4), (-50.0, 50.0), size=3),
+        Parameter("start", "t0", "s", (-1e6, 1e6), (1.0, 5.0)),
+        Parameter("end", "t1", "s", (-1e6, 1e6), (5.0, 10.0)),
+    ),
+    looks_like="a gap on several joints within one interval of time",
+    reference="haddadin2017",
+    confused_with=(("payload", "the same motion once more, with nobody near"),),
+    active=acts,
+)

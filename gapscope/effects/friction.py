@@ -1,0 +1,161 @@
+"""The friction family: torque laws that oppose the motion of one joint, and their drift."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gapscope.arm.nominal import smooth_sign
+from gapscope.effects.effect import Drift, DryLaw, Parameter, Signals, TorqueLaw
+
+
+def coulomb_amplitude(
+    velocity: np.ndarray, load: np.ndarray, torque: np.ndarray
+) -> np.ndarray:
+    """c [N m], whatever velocity and load."""
+    return torque + 0.0 * velocity
+
+
+def coulomb(signals: Signals, torque: np.ndarray) -> np.ndarray:
+    """c sgn v [N m]; c in N m, v in rad/s."""
+    return torque * smooth_sign(signals.velocity)
+
+
+def viscous(signals: Signals, coefficient: np.ndarray) -> np.ndarray:
+    """b v [N m]; b in N m s/rad, v in rad/s."""
+    return coefficient * signals.velocity
+
+
+def stribeck_amplitude(
+    velocity: np.ndarray, load: np.ndarray, torque: np.ndarray, speed: np.ndarray
+) -> np.ndarray:
+    """d exp(-(v / vs)^2) [N m]; d in N m, v and vs in rad/s. Where vs is 0 the effect is off."""
+    return torque * np.exp(-((velocity / np.where(speed > 0, speed, 1.0)) ** 2))
+
+
+def stribeck(signals: Signals, torque: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    """d exp(-(v / vs)^2) sgn v [N m]."""
+    return stribeck_amplitude(
+        signals.velocity, signals.load, torque, speed
+    ) * smooth_sign(signals.velocity)
+
+
+def load_amplitude(
+    velocity: np.ndarray, load: np.ndarray, coefficient: np.ndarray
+) -> np.ndarray:
+    r"""mu \|tau_load\| [N m]; mu dimensionless, the load the applied motor torque [N m]."""
+    return coefficient * np.abs(load)
+
+
+def load_dependent(signals: Signals, coefficient: np.ndarray) -> np.ndarray:
+    r"""mu \|tau_load\| sgn v [N m], with tau_load the motor torque that itself overcomes this friction.
+
+    With ``load`` the torque before load friction, tau = load + mu \|tau\| sgn v has the closed solution
+    tau = load / (1 - mu sgn(v) sgn(load)), so that the law is tau - load. Needs \|mu\| < 1.
+    """
+    directed = coefficient * smooth_sign(signals.velocity) * np.sign(signals.load)
+    return signals.load * directed / (1.0 - directed)
+
+
+def drift_factor(
+    t: np.ndarray | float, amplitude: np.ndarray, time_constant: np.ndarray
+) -> np.ndarray:
+    """1 + a exp(-t / T) [1]; t and T in s. Where T is 0 the effect is off."""
+    return 1.0 + np.where(time_constant > 0, amplitude, 0.0) * np.exp(
+        -np.asarray(t) / np.where(time_constant > 0, time_constant, 1.0)
+    )
+
+
+COULOMB = DryLaw(
+    name="coulomb_friction",
+    family="friction",
+    scope="joint",
+    equation="c sgn v",
+    parameters=(
+        Parameter("torque", "c", "N m", (-200.0, 200.0), (0.1, 14.0), increment=True),
+    ),
+    looks_like="an odd step of the torque at v = 0",
+    reference="gaz2019",
+    confused_with=(
+        ("load_friction", "the same motion with two payloads"),
+        ("viscous_friction", "the same path at a tenth of the speed"),
+    ),
+    law=coulomb,
+    amplitude=coulomb_amplitude,
+)
+
+VISCOUS = TorqueLaw(
+    name="viscous_friction",
+    family="friction",
+    scope="joint",
+    equation="b v",
+    parameters=(
+        Parameter(
+            "coefficient",
+            "b",
+            "N m s/rad",
+            (-200.0, 200.0),
+            (0.03, 15.0),
+            increment=True,
+        ),
+    ),
+    looks_like="a torque linear and odd in velocity",
+    reference="swevers2007",
+    confused_with=(
+        ("coulomb_friction", "the same path at a tenth of the speed"),
+        ("armature", "slow and fast runs of the same path"),
+    ),
+    law=viscous,
+)
+
+STRIBECK = DryLaw(
+    name="stribeck_friction",
+    family="friction",
+    scope="joint",
+    equation="d exp(-(v / vs)^2) sgn v",
+    parameters=(
+        Parameter("torque", "d", "N m", (-200.0, 200.0), (0.1, 5.0), increment=True),
+        Parameter("velocity", "vs", "rad/s", (1e-4, 20.0), (0.02, 2.9)),
+    ),
+    looks_like="friction that falls as the joint begins to move",
+    reference="armstrong1994",
+    confused_with=(
+        ("backlash", "slow ramps in both directions"),
+        ("coulomb_friction", "the same path at a tenth of the speed"),
+    ),
+    law=stribeck,
+    amplitude=stribeck_amplitude,
+)
+
+LOAD = DryLaw(
+    name="load_friction",
+    family="friction",
+    scope="joint",
+    equation="mu |tau_load| sgn v",
+    parameters=(Parameter("coefficient", "mu", "1", (0.0, 0.8), (0.03, 0.31)),),
+    looks_like="a friction loop whose width grows with the load",
+    reference="hamon2010",
+    confused_with=(
+        ("coulomb_friction", "the same motion with two payloads"),
+        ("torque_scale", "static poses under load, then slow reversals"),
+    ),
+    law=load_dependent,
+    amplitude=load_amplitude,
+)
+
+DRIFT = Drift(
+    name="friction_drift",
+    family="friction",
+    scope="joint",
+    equation="friction (1 + a exp(-t / T))",
+    parameters=(
+        Parameter("amplitude", "a", "1", (-0.95, 5.0), (0.2, 1.0)),
+        Parameter("time_constant", "T", "s", (0.1, 1e5), (5.0, 1800.0)),
+    ),
+    looks_like="friction that fades while the joint warms up",
+    reference="bittencourt2012",
+    confused_with=(
+        ("coulomb_friction", "the same motion cold and warm"),
+        ("payload", "the same motion cold and warm"),
+    ),
+    factor=drift_factor,
+)

@@ -1,0 +1,91 @@
+"""A trained residual network: the torque that no effect explains, where it knows it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gapscope.arm.errors import InputError
+from gapscope.arm.motions.motion import Motion
+from gapscope.effects.residual.inputs import Inputs
+from gapscope.effects.residual.network import Network
+from gapscope.effects.residual.trust import Trust
+
+CHUNK = 1000
+"""Samples that are evaluated at once."""
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What the network says of N samples of n joints.
+
+    Attributes:
+        torque: to be added to the torque that the corrected arm predicts [N m], (N, n).
+        std: standard deviation of what is left then, noise and the members' disagreement together [N m], (N, n).
+        trust: factor by which the torque was shrunk [1], (N, n).
+    """
+
+    torque: np.ndarray
+    std: np.ndarray
+    trust: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualNetwork:
+    """Residual torque of an arm with n joints: trust(x) times the mean of the members, within bounds.
+
+    Attributes:
+        inputs: what it sees.
+        network: the members.
+        trust: where it knows something.
+        scale: torque that an output of 1 stands for [N m], (n,).
+        bound: the torque never exceeds it [N m], (n,).
+        cutoff: of the low-pass that the residual had passed when it was learnt [Hz].
+    """
+
+    inputs: Inputs
+    network: Network
+    trust: Trust
+    scale: np.ndarray
+    bound: np.ndarray
+    cutoff: float
+
+    def check(self, n_joints: int) -> None:
+        """Check that it is of an arm with so many joints; raises ``InputError`` otherwise."""
+        if self.inputs.n != n_joints:
+            raise InputError(
+                f"the residual network is of an arm with {self.inputs.n} joints, this one has {n_joints}",
+                "train one for this arm, or remove the line residual:",
+                where="residual",
+            )
+
+    def torque(self, motion: Motion, load: np.ndarray) -> np.ndarray:
+        """Residual torque [N m], (N, n); ``load`` is the torque that the corrected arm predicts [N m], (N, n)."""
+        return self.predict(motion, load).torque
+
+    def predict(self, motion: Motion, load: np.ndarray) -> Prediction:
+        """Residual torque with its standard deviation and trust."""
+        self.check(motion.q.shape[1])
+        rows = np.array_split(
+            np.arange(len(motion.t)), max(1, -(-len(motion.t) // CHUNK))
+        )
+        parts = [
+            self.of_windows(self.inputs.windows(motion, load, chunk)) for chunk in rows
+        ]
+        return Prediction(
+            *(
+                np.concatenate([getattr(p, k) for p in parts])
+                for k in ("torque", "std", "trust")
+            )
+        )
+
+    def of_windows(self, windows: np.ndarray) -> Prediction:
+        """The same of normalised windows (n, N, taps, C); one sample of a running arm is N = 1."""
+        trust = self.trust.factor(windows[:, :, -1]).T
+        mean, log_variance = self.network.outputs(windows)
+        torque = trust * self.scale * mean.mean(axis=0).T
+        spread = (
+            np.sqrt(mean.var(axis=0) + np.exp(log_variance).mean(axis=0)).T * self.scale
+        )
+        return Prediction(np.clip(torque, -self.bound, self.bound), spread, trust)

@@ -1,0 +1,160 @@
+"""The actions: a joint torque, a torque added to a PD with feedforward, or factors of feedforward and gains."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError
+from gapscope.arm.motions.named_motions import Workspace
+from gapscope.arm.nearest_name import check_known
+from gapscope.arm.nominal import NominalArm
+
+KINDS = ("residual", "scale", "torque")
+"""``torque``: the action is the commanded torque. ``residual``: it is added to PD and feedforward. ``scale``: it
+multiplies feedforward and gains."""
+SHARES = {"residual": 0.2, "scale": 0.0, "torque": 1.0}
+"""Torque of an action of 1 over the rated torque, by default; ``scale`` has none."""
+FEEDFORWARD_SPAN = 0.5
+"""With ``scale``, share by which an action of 1 raises the feedforward [1]."""
+GENEROUS = 2.0
+"""Rated torque over what motions need at the working posture, where the torque limit allows it [1]."""
+BRISK = 50.0
+"""Acceleration that the rated torque gives a joint's own inertia, where the torque limit allows it [rad/s^2]."""
+DAMPING = 0.7
+"""Damping ratio of the PD loop [1]."""
+
+
+class Gains(NamedTuple):
+    """Gains of the PD law, each of shape (n,): N m/rad, N m s/rad."""
+
+    kp: np.ndarray
+    kd: np.ndarray
+
+
+class Control(NamedTuple):
+    """How actions become torque.
+
+    Attributes:
+        kind: one of ``KINDS``.
+        scale: torque of an action of 1 [N m], shape (n,).
+        rated: rated torque, see ``rated_torque`` [N m], shape (n,).
+        limit: at which the commanded torque is clipped [N m], shape (n,).
+        gains: of the PD loop with feedforward, or ``None`` where the action is the whole torque.
+    """
+
+    kind: str
+    scale: np.ndarray
+    rated: np.ndarray
+    limit: np.ndarray
+    gains: Gains | None
+
+    @property
+    def size(self) -> int:
+        """Numbers in an action: one per joint, with ``scale`` two."""
+        return len(self.rated) * (2 if self.kind == "scale" else 1)
+
+
+def scaled(gains: Gains, action: np.ndarray) -> tuple[np.ndarray, Gains]:
+    """Factor of the feedforward [1], shape (n,), and gains of an action a of kind ``scale``, shape (2 n,).
+
+    The feedforward of joint i is multiplied by 1 + a_i / 2, kp by 2^a_(n+i) and kd by its square root, so that the
+    damping ratio stays.
+    """
+    n = len(gains.kp)
+    factor = 2.0 ** action[n:]
+    return 1.0 + FEEDFORWARD_SPAN * action[:n], Gains(
+        gains.kp * factor, gains.kd * np.sqrt(factor)
+    )
+
+
+def torque_limit(arm: NominalArm, body: RigidBody) -> np.ndarray:
+    """Torque that the arm is clipped at [N m], shape (n,): data sheet, else URDF, else none (infinite)."""
+    if arm.torque_limit is not None:
+        return arm.torque_limit
+    effort = body.effort_limits()
+    return np.where(effort > 0, effort, np.inf)
+
+
+def rated_torque(arm: NominalArm, body: RigidBody, space: Workspace) -> np.ndarray:
+    """Torque that an action of 1 stands for before its share [N m], shape (n,).
+
+    The torque limit, but no more than the joint bears: ``GENEROUS`` times what motions need, |g| + sum_j |M_ij| a_j +
+    I_i a_i + c + b v at the working posture with the largest acceleration a and velocity v of motions, or what gives
+    its own inertia M_ii + I_i ``BRISK``. Limits of a URDF are often placeholders, at which a wrist runs away at once.
+    """
+    posture, limits = space.posture, space.limits
+    mass = body.mass_matrix(posture) + np.diag(arm.armature)
+    gravity = np.abs(body.bias(posture, np.zeros(len(posture))))
+    friction = arm.coulomb + arm.viscous * limits.velocity
+    needed = gravity + np.abs(mass) @ limits.acceleration + friction
+    return np.minimum(
+        torque_limit(arm, body), np.maximum(GENEROUS * needed, BRISK * np.diag(mass))
+    )
+
+
+def low_gains(
+    arm: NominalArm, body: RigidBody, posture: np.ndarray, bandwidth: float
+) -> Gains:
+    """Gains of a PD loop of w = 2 pi ``bandwidth`` [Hz]: kp = w^2 M + w b, kd = 2 zeta w M.
+
+    M is the joint's own inertia M_ii + I_i at the posture [kg m^2], b its nominal viscous friction [N m s/rad], which
+    already damps the loop.
+    """
+    inertia = np.diag(body.mass_matrix(posture)) + arm.armature
+    w = 2 * np.pi * bandwidth
+    return Gains(w**2 * inertia + w * arm.viscous, 2 * DAMPING * w * inertia)
+
+
+def slower(gains: Gains, viscous: np.ndarray, share: float) -> Gains:
+    """Gains as ``low_gains`` gives them at a share of the bandwidth; viscous friction b [N m s/rad], shape (n,)."""
+    w = gains.kp / (gains.kd / (2 * DAMPING) + viscous)
+    return Gains(
+        share**2 * (gains.kp - w * viscous) + share * w * viscous, share * gains.kd
+    )
+
+
+def control(
+    arm: NominalArm,
+    body: RigidBody,
+    space: Workspace,
+    kind: str,
+    share: float | None,
+    bandwidth: float,
+    reach: float | None = None,
+) -> Control:
+    """How actions of a kind become torque.
+
+    Args:
+        arm: the nominal arm.
+        body: its rigid-body model.
+        space: where it moves.
+        kind: one of ``KINDS``.
+        share: torque of an action of 1 over the rated torque; that of ``SHARES`` where ``None``.
+        bandwidth: of the PD loop [Hz].
+        reach: with ``residual``, tracking error at which kp alone commands as much as an action of 1 [rad]; then
+            ``share`` has to be ``None``.
+
+    Raises:
+        InputError: unknown kind, or a reach beside a share or without ``residual``.
+    """
+    check_known("action", kind, KINDS, where="action")
+    limit, rated = torque_limit(arm, body), rated_torque(arm, body, space)
+    gains = None if kind == "torque" else low_gains(arm, body, space.posture, bandwidth)
+    if reach is None:
+        return Control(
+            kind,
+            (SHARES[kind] if share is None else share) * rated,
+            rated,
+            limit,
+            gains,
+        )
+    if share is not None or gains is None or kind != "residual":
+        raise InputError(
+            "is for residual actions, and not beside action_share",
+            "leave it out",
+            where="action_reach",
+        )
+    return Control(kind, reach * gains.kp, rated, limit, gains)

@@ -1,0 +1,178 @@
+"""Divergence: a simulated arm that runs away, noticed at once and explained."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.nominal import NominalArm
+from gapscope.envs.actions import Control, Gains, slower
+from gapscope.envs.observation import FASTEST
+from gapscope.envs.velocity_estimate import estimate_gains
+
+SMALLEST = 1e-3
+"""A share of the step or of the bandwidth below this is no remedy [1]."""
+SMALLER = {
+    "residual": "a smaller action_share or action_reach",
+    "scale": "smaller actions",
+    "torque": "a smaller action_share",
+}
+"""What makes an action of 1 less, by kind of action."""
+
+
+@dataclass(frozen=True)
+class Divergence:
+    """That the arm ran away, and what to change.
+
+    Attributes:
+        joint: the fastest joint, counted from 1.
+        time: until which all was well, since the start of the episode [s].
+        speed: of that joint [rad/s].
+        causes: what lets it run away, the most likely first, each with what to change.
+    """
+
+    joint: int
+    time: float
+    speed: float
+    causes: tuple[str, ...]
+
+    def as_info(self) -> dict[str, Any]:
+        """As plain data, with all in one ``message``."""
+        speed = (
+            f"{self.speed:.3g} rad/s"
+            if np.isfinite(self.speed)
+            else "a speed that is no number"
+        )
+        what = f"joint {self.joint} ran away: {speed} after {self.time:.4g} s"
+        return {
+            "joint": self.joint,
+            "time": self.time,
+            "speed": self.speed,
+            "message": "\n  ".join([what, *self.causes]),
+        }
+
+
+def diverged(dq: np.ndarray) -> bool:
+    """Whether velocities [rad/s], shape (n,), are not those of an arm: a joint beyond ``FASTEST``, or not finite."""
+    if dq.dot(dq) <= FASTEST**2:  # then no joint can be
+        return False
+    return not np.abs(dq).max() <= FASTEST
+
+
+def explain(
+    arm: NominalArm,
+    body: RigidBody,
+    control: Control,
+    dt: float,
+    time: float,
+    q: np.ndarray,
+    dq: np.ndarray,
+) -> Divergence:
+    """Why the arm ran away.
+
+    Args:
+        arm: the nominal arm.
+        body: its rigid-body model.
+        control: how actions become torque.
+        dt: step of the simulation [s].
+        time: since the start of the episode [s].
+        q, dq: last position that made sense [rad], and velocity [rad/s], each (n,).
+    """
+    joint = int(np.argmax(np.where(np.isfinite(dq), np.abs(dq), np.inf)))
+    causes = (
+        []
+        if control.gains is None
+        else unstable_loop(body.mass_matrix(q), arm, control.gains, dt)
+    )
+    if not np.isfinite(control.limit[joint]):
+        causes.append(
+            "no torque limit: give sheet={'torque_limit': [...]} in N m, one number per joint"
+        )
+    if arm.viscous[joint] == 0:
+        causes.append(
+            f"no damping: joint {joint + 1} has no viscous friction; give sheet={{'viscous': [...]}} in N m s/rad"
+        )
+    causes.append(
+        f"actions or effects drive it: {SMALLER[control.kind]}, or milder effects"
+    )
+    return Divergence(joint + 1, float(time), float(abs(dq[joint])), tuple(causes))
+
+
+def unstable_loop(
+    mass: np.ndarray, arm: NominalArm, gains: Gains, dt: float
+) -> list[str]:
+    """What to change where the PD loop is unstable; nothing where it is stable. M [kg m^2] is without armature."""
+    mass = mass + np.diag(arm.armature)
+    longest = longest_step(mass, arm, gains, dt)
+    if longest is None:
+        return []
+    lower = _largest(
+        lambda share: stable(mass, arm, slower(gains, arm.viscous, share), dt), 1.0
+    )
+    ways = [f"time_step below {0.5 * longest:.2g} s"] if longest > 0 else []
+    ways.append(
+        f"bandwidth below {0.7 * lower:.2g} of what it is"
+        if lower > 0
+        else "a lower bandwidth"
+    )
+    return [
+        f"too large a step or gains: the PD loop is unstable at {dt:.3g} s; {', or '.join(ways)}"
+    ]
+
+
+def longest_step(
+    mass: np.ndarray, arm: NominalArm, gains: Gains, dt: float
+) -> float | None:
+    """Longest stable step of the sampled PD loop [s]: ``None`` where ``dt`` is stable, 0 where none is; see ``stable``.
+
+    Args:
+        mass: M with armature [kg m^2], shape (n, n).
+        arm: its viscous friction is B [N m s/rad].
+        gains: Kp and Kd.
+        dt: [s].
+    """
+    return (
+        None
+        if stable(mass, arm, gains, dt)
+        else _largest(lambda step: stable(mass, arm, gains, step), dt)
+    )
+
+
+def stable(mass: np.ndarray, arm: NominalArm, gains: Gains, dt: float) -> bool:
+    """Whether all eigenvalues of the sampled PD loop lie within the unit circle.
+
+    The loop is (M + dt B) dq[k+1] = M dq[k] - dt (Kp q[k] + Kd v[k]), q[k+1] = q[k] + dt dq[k+1], with the velocity
+    estimate v[k] = b0 q[k] + b1 q[k-1] + b2 q[k-2] + a1 v[k-1] + a2 v[k-2]. Arguments as in ``longest_step``.
+    """
+    n = len(mass)
+    one, none = np.eye(n), np.zeros((n, n))
+    b0, b1, b2, a1, a2 = estimate_gains(1.0 / dt)
+    # columns q[k], dq[k], q[k-1], q[k-2], v[k-1], v[k-2]
+    estimate = np.hstack([b0 * one, none, b1 * one, b2 * one, a1 * one, a2 * one])
+    position, velocity = np.eye(n, 6 * n), np.eye(n, 6 * n, n)
+    pushed = mass @ velocity - dt * (
+        gains.kp[:, None] * position + gains.kd[:, None] * estimate
+    )
+    faster = np.linalg.solve(mass + dt * np.diag(arm.viscous), pushed)
+    kept = (position, np.eye(n, 6 * n, 2 * n), estimate, np.eye(n, 6 * n, 4 * n))
+    return bool(
+        np.abs(
+            np.linalg.eigvals(np.vstack([position + dt * faster, faster, *kept]))
+        ).max()
+        < 1.0
+    )
+
+
+def _largest(works: Callable[[float], bool], fails: float) -> float:
+    """The largest number that works, below one that fails, by bisection; 0 where ``SMALLEST`` of that fails too."""
+    low, high = SMALLEST * fails, fails
+    if not works(low):
+        return 0.0
+    for _ in range(20):
+        middle = float(np.sqrt(low * high))
+        low, high = (middle, high) if works(middle) else (low, middle)
+    return low

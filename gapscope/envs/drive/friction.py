@@ -1,0 +1,121 @@
+"""Friction of all joints at one moment: the limit of dry friction, and the viscous coefficient."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gapscope.arm.errors import InputError
+from gapscope.effects.corrected import CorrectedArm
+
+DRIFT_PERIOD = 0.016
+"""Drift, whose time constant is seconds and more, is brought up to date this often [s]."""
+
+
+def total(values: np.ndarray, name: str, unit: str) -> np.ndarray:
+    """Values per joint that may not be negative, since that would feed energy in, shape (n,).
+
+    Raises:
+        InputError: one is negative.
+    """
+    if (values < 0).any():
+        joint = int(values.argmin())
+        raise InputError(
+            f"nominal value plus effect is {values[joint]:.4g} {unit} at joint {joint + 1}, which would feed energy in",
+            "give an increment that leaves the total at zero or above",
+            where=name,
+        )
+    return values
+
+
+class Friction:
+    """(c + d exp(-(v / vs)^2) + mu |applied|) F and b F, with F = 1 + a exp(-t / T); nominal values included.
+
+    The formulas are those of ``gapscope.effects.friction``, arranged so that a step allocates nothing.
+
+    Args:
+        arm: an arm with effects.
+        order: the arm's joints in the order of the result.
+        dt: time step [s].
+
+    Attributes:
+        viscous: b F [N m s/rad], shape (n,).
+        present: whether there is any friction.
+        drifting: whether it drifts.
+        dry: mask of the joints with dry friction, shape (n,).
+
+    Raises:
+        InputError: friction that is negative in total.
+    """
+
+    def __init__(self, arm: CorrectedArm, order: np.ndarray, dt: float) -> None:
+        nominal, value = arm.arm, arm.value
+        coulomb = total(
+            nominal.coulomb + value("coulomb_friction", "torque"),
+            "coulomb_friction",
+            "N m",
+        )
+        viscous = total(
+            nominal.viscous + value("viscous_friction", "coefficient"),
+            "viscous_friction",
+            "N m s/rad",
+        )
+        peak, speed = (
+            value("stribeck_friction", "torque"),
+            value("stribeck_friction", "velocity"),
+        )
+        total(coulomb + peak, "stribeck_friction", "N m")
+        self._coulomb, self._load, self._peak = (
+            coulomb[order],
+            value("load_friction", "coefficient")[order],
+            peak[order],
+        )
+        self._drifted_peak = self._peak
+        self._exponent = -1.0 / np.where(speed > 0, speed, 1.0)[order] ** 2
+        self._amplitude = value("friction_drift", "amplitude")[order]
+        self._time = np.where(
+            self._amplitude != 0, value("friction_drift", "time_constant")[order], 1.0
+        )
+        self._base_viscous, self.viscous = viscous[order], viscous[order].copy()
+        self._factor, self._every = (
+            np.ones(len(order)),
+            max(1, round(DRIFT_PERIOD / dt)),
+        )
+        self.drifting, self._loaded, self._stribeck = (
+            bool(x.any()) for x in (self._amplitude, self._load, self._peak)
+        )
+        self._limit, self._at_rest = np.zeros((2, len(order)))
+        self.dry = (self._coulomb > 0) | (self._load > 0) | (self._peak != 0)
+        self.present = bool(self.dry.any() or viscous.any())
+
+    def drifts(self, step: int) -> bool:
+        """Whether the drift has to be brought up to date at a step's number."""
+        return self.drifting and not step % self._every
+
+    def drift(self, t: float) -> None:
+        """Bring the drift up to date at a time t [s]."""
+        self._factor = 1.0 + self._amplitude * np.exp(-t / self._time)
+        self.viscous = self._factor * self._base_viscous
+        self._drifted_peak = self._factor * self._peak
+
+    def load(self, applied: np.ndarray) -> None:
+        """Take over the applied motor torque [N m], shape (n,)."""
+        if self._loaded:
+            np.abs(applied, self._at_rest)
+            self._at_rest *= self._load
+            self._at_rest += self._coulomb
+        else:
+            self._at_rest[:] = self._coulomb
+        if self.drifting:
+            self._at_rest *= self._factor
+
+    def limit(self, velocity: np.ndarray) -> np.ndarray:
+        """Limit of dry friction [N m] at velocities [rad/s], shape (n,); valid until the next call."""
+        if not self._stribeck:
+            return self._at_rest
+        limit = self._limit
+        np.multiply(velocity, velocity, limit)
+        limit *= self._exponent
+        np.exp(limit, limit)
+        limit *= self._drifted_peak
+        limit += self._at_rest
+        return limit

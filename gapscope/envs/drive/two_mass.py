@@ -1,0 +1,135 @@
+"""Joints with two masses: motor and link, between them a spring, a damper and free play."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gapscope.arm.errors import InputError
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.transmission import (
+    backlash_deflection,
+    elastic_deflection,
+    elastic_torque,
+    through_backlash,
+)
+
+RESOLUTION = 0.1
+"""Phase of the fastest resonance that a step may cover, w dt [rad]: its frequency is then right to 0.1 %."""
+MOST_SUBSTEPS = 64
+"""Parts into which a step may be divided."""
+TOOTH_FREQUENCY = 150.0
+"""Resonance of motor and link in the closed gear of a joint with backlash and without elasticity [Hz]."""
+TOOTH_DAMPING = 0.2
+"""Damping ratio of that resonance [1]."""
+
+
+class TwoMass:
+    """The motors of the joints with elasticity or backlash; each motor has its own position and velocity.
+
+        I ddtheta = u - friction - tau,   tau = k z + d dz,   z = theta - q beyond free play,
+
+    all on the joint side of the gear. Motor and link take their semi-implicit step with the same tau, so that momentum
+    is kept. The damper acts where the gear is closed and never pulls its teeth apart.
+
+    Args:
+        arm: an arm with effects.
+        order: the arm's joints in kinematic order.
+        inertia: of the rotors [kg m^2], shape (n,), kinematic order.
+        link_inertia: smallest inertia of each joint's link side [kg m^2], shape (n,).
+
+    Attributes:
+        joints: mask of the joints with two masses, shape (n,), kinematic order.
+        position, velocity: of all motors, those of rigid joints being the joints' [rad, rad/s], shape (n,).
+        stiffness, damping: k [N m/rad] and d [N m s/rad] of all joints, 0 on rigid ones, shape (n,).
+
+    Raises:
+        InputError: a joint with two masses has no rotor.
+    """
+
+    def __init__(
+        self,
+        arm: CorrectedArm,
+        order: np.ndarray,
+        inertia: np.ndarray,
+        link_inertia: np.ndarray,
+    ) -> None:
+        k, d = (
+            arm.value("joint_elasticity", name)[order]
+            for name in ("stiffness", "damping")
+        )
+        self._width = arm.value("backlash", "width")[order]
+        self.joints = (k > 0) | (self._width > 0)
+        if (inertia[self.joints] <= 0).any():
+            joint = int(order[self.joints & (inertia <= 0)][0]) + 1
+            raise InputError(
+                f"joint {joint} has a motor of its own but no rotor inertia",
+                "give nominal.armature in the data sheet, or add the effect armature",
+                where="joint_elasticity"
+                if k[self.joints & (inertia <= 0)][0] > 0
+                else "backlash",
+            )
+        rigid_gear = self.joints & (k == 0)
+        if rigid_gear.any():
+            w = 2 * np.pi * TOOTH_FREQUENCY
+            together = (
+                inertia * link_inertia / np.maximum(inertia + link_inertia, 1e-300)
+            )
+            k = np.where(rigid_gear, w**2 * together, k)
+            d = np.where(rigid_gear, 2 * TOOTH_DAMPING * w * together, d)
+        self.stiffness, self.damping, self._rigid = k, d, ~self.joints
+        self._inertia = np.where(self.joints, inertia, 1.0)
+        self._plays, self._tight = bool(self._width.any()), self._width == 0
+        self.position, self.velocity = np.zeros((2, len(k)))
+
+    def reset(self, q: np.ndarray, dq: np.ndarray, load: np.ndarray) -> None:
+        """Motors carry the load [N m] of their links at rest against them, each of shape (n,)."""
+        self.position[:] = q + self.deflection(load)
+        self.velocity[:] = dq
+
+    def deflection(self, load: np.ndarray) -> np.ndarray:
+        """Theta - q [rad] under a load [N m], shape (n,)."""
+        return elastic_deflection(
+            load, self.stiffness, self.damping
+        ) + backlash_deflection(load, self._width)
+
+    def torque(self, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+        """Tau [N m] from motors to links at positions q and velocities dq, 0 on rigid joints, shape (n,)."""
+        twist, rate = self.position - q, self.velocity - dq
+        if not self._plays:
+            return elastic_torque(twist, rate, self.stiffness, self.damping)
+        wound = through_backlash(twist, self._width)
+        torque = elastic_torque(
+            wound, rate * ((wound != 0) | self._tight), self.stiffness, self.damping
+        )
+        return torque * ((torque * wound >= 0) | self._tight)
+
+    def step(
+        self,
+        applied: np.ndarray,
+        through: np.ndarray,
+        limit: np.ndarray,
+        viscous: np.ndarray,
+        dt: float,
+    ) -> None:
+        """Move the motors on by one step; those of rigid joints have to ``follow`` then.
+
+        Args:
+            applied: motor torque u [N m], shape (n,).
+            through: tau [N m].
+            limit: of dry friction [N m].
+            viscous: b [N m s/rad].
+            dt: time step [s].
+        """
+        momentum = applied - through
+        momentum *= dt
+        momentum += self._inertia * self.velocity
+        moving = np.abs(momentum)
+        moving -= dt * limit
+        np.copysign(np.maximum(moving, 0.0, moving), momentum, self.velocity)
+        self.velocity /= self._inertia + dt * viscous
+        self.position += dt * self.velocity
+
+    def follow(self, q: np.ndarray, dq: np.ndarray) -> None:
+        """Motors of rigid joints are where the joints are."""
+        np.copyto(self.position, q, where=self._rigid)
+        np.copyto(self.velocity, dq, where=self._rigid)

@@ -1,0 +1,398 @@
+"""The Gymnasium environment: a simulated arm with effects follows a reference motion."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.spaces import Box
+
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.motions.named_motions import draw_motion, workspace
+from gapscope.arm.motions.trajectory import Limits, Reference
+from gapscope.arm.nearest_name import check_known
+from gapscope.arm.nominal import NominalArm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.severity import ArmScale
+from gapscope.envs.actions import control
+from gapscope.envs.arguments import (
+    checked_action,
+    checked_limits,
+    checked_motion,
+    checked_posture,
+    chosen_base,
+    chosen_feedforward,
+    chosen_robot,
+    described,
+    noise,
+    positive,
+    record_of,
+    times,
+    whole,
+)
+from gapscope.envs.course import Course, Feedforward, Timing
+from gapscope.envs.divergence import explain
+from gapscope.envs.given_effects import Effects, chosen_effects
+from gapscope.envs.observation import Layout
+from gapscope.envs.plant import Plant
+from gapscope.envs.randomisation import (
+    Randomisation,
+    checked_randomisation,
+    draw_effects,
+)
+from gapscope.envs.rendering.screen import Screen
+from gapscope.envs.reward import Reward, RewardParts
+
+REWARDS = tuple(f"reward_{name}" for name in RewardParts._fields)
+"""Where ``info`` holds the parts of the reward."""
+NEAR_STOP = 1e-3
+"""A joint within this distance of its stop has come to it [rad]."""
+
+
+class ArmTracking(gymnasium.Env):
+    """An arm with effects, n joints, that is to follow a reference motion.
+
+    An action is a vector of numbers in -1 .. 1, n in parts of ``torque_scale`` [N m] or 2 n factors. Observation: see
+    ``gapscope.envs.observation.Layout``; reward: see ``gapscope.envs.reward.Reward``. An episode is terminated when
+    the arm diverges (``info["divergence"]``) or a joint comes to its stop (``info["limit"]``), and truncated at its
+    end.
+
+    Args:
+        robot: a name of ``gapscope.arm.robots.KNOWN_ROBOTS``, a path of a URDF, or a nominal arm.
+        effects: what the simulated arm has beyond the nominal arm; records, entries as in a ``corrected.yaml``, or the
+            path of one.
+        engine: name of the engine that steps the simulation.
+        sheet: data sheet of the nominal arm, as ``nominal:`` in a case; not with a nominal arm as ``robot``.
+        action: ``residual``: torque added to a low-gain PD with feedforward, which runs at every step of the
+            simulation; ``scale``: factors of that feedforward and of the gains, 2 n numbers, see
+            ``gapscope.envs.actions.scaled``; ``torque``: the commanded torque itself.
+        feedforward: ``none``, ``gravity`` or ``nominal``, or a model with ``series(motion)``; with ``torque`` it is
+            observed only.
+        simulated: the arm that is simulated in place of the nominal arm with ``effects``: identified or corrected, with
+            its own inertia [kg m^2], friction [N m] and residual network [N m]. Gains, torque scale and encoders stay
+            those of ``robot``.
+        encoder_noise: standard deviation of the encoders' white noise before they round [rad], a number or shape (n,);
+            it comes from the seed of ``reset``.
+        motion: a name of ``gapscope.arm.motions.named_motions.MOTIONS``, ``random``, or a reference motion.
+        posture: about which motions are drawn [rad], shape (n,).
+        limits: of motions drawn: lower and upper position [rad], velocity [rad/s], acceleration [rad/s^2], each (n,).
+        time_step: of the simulation [s]; sub_steps: steps of the simulation per action.
+        episode_length: [s], rounded up to whole actions.
+        look_ahead: how far ahead the reference is observed [s].
+        action_share: torque of an action of 1 over the rated torque [1], see ``gapscope.envs.actions.rated_torque``;
+            by default 0.2 for ``residual``, 1 for ``torque``.
+        action_reach: in place of the share, with ``residual``: tracking error at which kp alone commands as much as an
+            action of 1 [rad].
+        bandwidth: of the PD loop [Hz].
+        reward: its tolerance and weights.
+        randomisation: effects to draw at each reset, beyond ``effects``.
+        debug: put what no controller would know into ``info``: true motion, torque, and the effects.
+        render_mode: ``rgb_array``, ``human`` or ``None``.
+
+    Raises:
+        InputError: an argument that cannot be used; says what to do.
+    """
+
+    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 50}  # noqa: RUF012 (Gymnasium's form)
+
+    def __init__(
+        self,
+        robot: str | Path | NominalArm = "kuka_iiwa",
+        *,
+        effects: Effects = None,
+        engine: str = "pybullet",
+        sheet: Mapping[str, Any] | None = None,
+        action: str = "residual",
+        feedforward: str | Feedforward = "nominal",
+        simulated: CorrectedArm | None = None,
+        encoder_noise: float | Sequence[float] = 0.0,
+        motion: str | Reference = "random",
+        posture: Sequence[float] | None = None,
+        limits: Limits | None = None,
+        time_step: float = 1e-3,
+        sub_steps: int = 20,
+        episode_length: float = 10.0,
+        look_ahead: Sequence[float] = (0.02, 0.1, 0.2),
+        action_share: float | None = None,
+        action_reach: float | None = None,
+        bandwidth: float = 2.0,
+        reward: Reward | None = None,
+        randomisation: Randomisation | None = None,
+        debug: bool = False,
+        render_mode: str | None = None,
+    ) -> None:
+        self.arm = chosen_robot(robot, sheet)
+        self.body = RigidBody(self.arm)
+        self._feedforward = chosen_feedforward(feedforward)
+        self._motion = checked_motion(motion, self.arm.n_joints)
+        self._randomisation = checked_randomisation(randomisation)
+        self._timing = Timing(
+            positive("time_step", time_step, "s"),
+            whole("sub_steps", sub_steps),
+            positive("episode_length", episode_length, "s"),
+            times("look_ahead", look_ahead),
+        )
+        self.space = workspace(
+            self.body,
+            checked_limits(limits, self.arm.n_joints),
+            checked_posture(posture),
+        )
+        share = (
+            None
+            if action_share is None
+            else positive("action_share", action_share, "1")
+        )
+        bandwidth = positive("bandwidth", bandwidth, "Hz")
+        reach = (
+            None
+            if action_reach is None
+            else positive("action_reach", action_reach, "rad")
+        )
+        self._control = control(
+            self.arm, self.body, self.space, action, share, bandwidth, reach
+        )
+        self.layout = Layout(
+            self.arm.n_joints, self._timing.look_ahead, self._control.size
+        )
+        base = chosen_base(simulated, self.arm, effects)
+        self._given = (
+            chosen_effects(effects, self.arm) if simulated is None else base.effects
+        )
+        step, spread = (
+            self.arm.encoder_step or 0.0,
+            noise("encoder_noise", encoder_noise, self.arm.n_joints),
+        )
+        self._plant = Plant(
+            base, step, spread, engine, self._given, self._control, self._timing
+        )
+        self._scale = ArmScale.of(self.arm)
+        self._reward = (
+            Reward()
+            if reward is None
+            else record_of(
+                "reward", reward, Reward, "give an gapscope.envs.reward.Reward"
+            )
+        )
+        self._debug = debug
+        lower, upper = self.body.position_limits()
+        self._stops = lower + NEAR_STOP, upper - NEAR_STOP
+        self._course: Course | None = None
+        self.render_mode = render_mode
+        self.metadata = self.metadata | {
+            "render_fps": max(1, round(1 / self._timing.period))
+        }
+        self._screen = (
+            None
+            if render_mode is None
+            else Screen(self.space.kinematics, render_mode, self._timing.period)
+        )
+        self.observation_space = self.layout.space
+        self.action_space = Box(-1.0, 1.0, (self._control.size,), dtype=np.float32)
+        self._lowest, self._highest = (
+            -np.ones(self._control.size),
+            np.ones(self._control.size),
+        )
+
+    @property
+    def torque_scale(self) -> np.ndarray:
+        """Torque that an action of 1 stands for [N m], shape (n,); 0 with ``scale``."""
+        return self._control.scale
+
+    @property
+    def actions(self) -> int:
+        """Numbers in an action."""
+        return self._control.size
+
+    @property
+    def length(self) -> float:
+        """Length of an episode [s]."""
+        return self._timing.duration
+
+    @property
+    def period(self) -> float:
+        """Time between actions [s]."""
+        return self._timing.period
+
+    @property
+    def effects(self) -> tuple[AppliedEffect, ...]:
+        """Effects of this episode, drawn ones included."""
+        return self._plant.effects
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Draw a motion and effects, and put the arm at the motion's start.
+
+        ``options`` may hold ``motion``, ``effects`` and ``randomisation`` for this episode, as in the constructor. The
+        motion does not depend on whether effects are drawn.
+
+        Raises:
+            InputError: an option that cannot be used.
+        """
+        super().reset(seed=seed)
+        options = dict(options or {})
+        seeds = self.np_random.integers(2**63, size=2)
+        reference = checked_motion(
+            options.pop("motion", self._motion), self.arm.n_joints
+        )
+        effects = (
+            chosen_effects(options.pop("effects"), self.arm)
+            if "effects" in options
+            else self._given
+        )
+        randomisation = checked_randomisation(
+            options.pop("randomisation", self._randomisation)
+        )
+        for name in options:
+            check_known(
+                "option", name, ("motion", "effects", "randomisation"), where="reset"
+            )
+        if randomisation is not None:
+            drawn = draw_effects(
+                np.random.default_rng(seeds[1]),
+                self.arm,
+                randomisation,
+                self._scale,
+                effects,
+            )
+            effects = (*effects, *drawn)
+        if isinstance(reference, str):
+            length = self._timing.duration
+            reference = draw_motion(
+                reference, np.random.default_rng(seeds[0]), self.space, length
+            )
+        self._course = Course(
+            self.arm,
+            self.body,
+            self._feedforward,
+            reference,
+            self._timing,
+            self._control,
+        )
+        self._plant.reset(effects, self._course, seeds)
+        self._count = 0
+        self._action: np.ndarray = np.zeros(self._control.size)
+        if self._screen is not None:
+            self._screen.begin(self._title(), self._course.q)
+        self._show({})
+        error = self._course.q[0] - self._plant.position
+        return self._observation(error), self._truth() if self._debug else {}
+
+    def step(
+        self, action: np.ndarray
+    ) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Carry out an action in -1 .. 1, shape (n,) or (2 n,); what exceeds these bounds is clipped.
+
+        In the action in which the arm diverges nothing is earned for tracking.
+
+        Raises:
+            InputError: an action of another shape, or with what is not a finite number.
+            ResetNeeded: the episode has ended, or has not begun.
+        """
+        course = self._running
+        action = checked_action(action, self._control.size)
+        action = np.minimum(np.maximum(action, self._lowest), self._highest)
+        done = self._plant.act(self._count, action)
+        self._count += 1
+        error = course.q[self._count] - self._plant.position
+        parts = self._reward(error, self._plant.load, action - self._action)
+        if done < self._timing.sub_steps:
+            parts = parts._replace(tracking=0.0)
+        self._action = action
+        info: dict[str, Any] = dict(zip(REWARDS, parts, strict=True))
+        info["tracking_rms"] = math.sqrt(error.dot(error) / len(error))
+        info["torque_rate"] = self._plant.torque_rate
+        info |= self._endings(done)
+        if self._debug:
+            info |= self._truth()
+        terminated, truncated = (
+            "divergence" in info or "limit" in info,
+            self._count >= self._timing.actions,
+        )
+        observation = self._observation(error)
+        self._show(info)
+        if terminated or truncated:
+            self._course = None
+        return observation, parts.total, terminated, truncated, info
+
+    def render(self) -> np.ndarray | None:
+        """The picture of the episode so far, uint8, shape (height, width, 3), with ``rgb_array``; else nothing."""
+        return None if self._screen is None else self._screen.picture()
+
+    def close(self) -> None:
+        """Free the engine and close the window; a second call does nothing."""
+        self._plant.close()
+        if self._screen is not None:
+            self._screen.close()
+
+    def _observation(self, error: np.ndarray) -> np.ndarray:
+        """The observation with the tracking error [rad], shape (n,)."""
+        plant = self._plant
+        measured = (plant.position, plant.velocity, error, self._action)
+        return self.layout.assemble(measured, self._running.planned[self._count])
+
+    def _endings(self, done: int) -> dict[str, Any]:
+        """Why the episode ends early, if it does, after the steps of an action that were done."""
+        timing, simulated = self._timing, self._plant.simulated
+        if done < timing.sub_steps:
+            time = ((self._count - 1) * timing.sub_steps + done) * timing.dt
+            divergence = explain(
+                self.arm,
+                self.body,
+                self._control,
+                timing.dt,
+                time,
+                self._plant.position,
+                simulated.dq,
+            )
+            return {"divergence": divergence.as_info()}
+        q, (lowest, highest) = simulated.q, self._stops
+        stopped = (q <= lowest) | (q >= highest)
+        if not np.count_nonzero(stopped):
+            return {}
+        joint = int(stopped.argmax())
+        read = f"its encoder reads {self._plant.position[joint]:.4g} rad"
+        return {
+            "limit": f"joint {joint + 1} ({self.arm.joints[joint]}) came to its stop; {read}"
+        }
+
+    def _truth(self) -> dict[str, Any]:
+        """What no controller would know."""
+        simulated = self._plant.simulated
+        return {
+            "q_true": simulated.q.copy(),
+            "dq_true": simulated.dq.copy(),
+            "torque_commanded": self._plant.torque.copy(),
+            "torque_applied": simulated.applied.copy(),
+            "effects": [described(applied) for applied in self._plant.effects],
+        }
+
+    def _show(self, info: dict[str, Any]) -> None:
+        if self._screen is not None:
+            plant = self._plant
+            error = self._running.q[self._count] - plant.position
+            ending = (
+                info.get("limit")
+                or info.get("divergence", {}).get("message", "").split("\n")[0]
+            )
+            self._screen.add(
+                plant.simulated.q, error, plant.torque / self._control.rated, ending
+            )
+
+    @property
+    def _running(self) -> Course:
+        if self._course is None:
+            raise ResetNeeded("the episode has ended or not begun: call reset() first")
+        return self._course
+
+    def _title(self) -> str:
+        names = ", ".join(
+            applied.name.replace("_", " ") for applied in self._plant.effects
+        )
+        return f"{self.arm.name}: {names or 'no effects'}"

@@ -1,0 +1,51 @@
+"""A corrected arm written as a file for another simulator."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.nearest_name import check_known
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.envs.export.heading import heading
+from gapscope.envs.export.left_out import FORMATS, left_out, remarks
+from gapscope.envs.export.mjcf import as_mjcf
+from gapscope.envs.export.plain_arm import plain_arm
+from gapscope.envs.export.sdf import as_sdf
+from gapscope.envs.export.urdf import as_urdf
+
+WRITERS = {"urdf": as_urdf, "mjcf": as_mjcf, "sdf": as_sdf}
+"""Writers by format."""
+
+
+def export(
+    corrected: CorrectedArm, form: str, out: Path, *, relative: bool = False
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Write a corrected arm; ``out`` never holds half of it.
+
+    Args:
+        corrected: the arm with its effects.
+        form: one of ``FORMATS``.
+        out: the file.
+        relative: name meshes from the folder of ``out``, not absolutely.
+
+    Returns:
+        What the file leaves out, and what is odd about the bodies; a sentence each. Both are in the file too.
+
+    Raises:
+        InputError: no such format, an effect on a joint that does not exist, friction or armature that is negative in
+            total, or bodies that no torque can move.
+        GapscopeError: the file cannot be written.
+    """
+    check_known("format", form, FORMATS, where="format")
+    arm = plain_arm(corrected)
+    root, more = WRITERS[form](arm, out, relative)
+    ET.indent(root)
+    comment = ET.tostring(
+        ET.Comment(heading(arm, form, more, relative)), encoding="unicode"
+    )
+    text = f'<?xml version="1.0" encoding="utf-8"?>\n{comment}\n{ET.tostring(root, encoding="unicode")}\n'
+    with written_whole(out) as aside:
+        aside.write_text(text, encoding="utf-8")
+    return (*left_out(arm, form), *more), remarks(arm)

@@ -1,0 +1,173 @@
+"""A corrected arm as URDF: that of the nominal arm with other inertials, friction and limits, or one of its bodies."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gapscope.arm.dynamics.link_shapes import find_mesh
+from gapscope.arm.dynamics.plain_urdf import numbers, plain_urdf
+from gapscope.arm.dynamics.urdf_inertials import (
+    own_parameters,
+    possible,
+    set_parameters,
+)
+from gapscope.envs.export.heading import mesh_path
+from gapscope.envs.export.plain_arm import Drive, PlainArm
+
+MOVABLE = ("revolute", "continuous", "prismatic", "floating", "planar")
+"""Types of joints that move."""
+
+
+def as_urdf(
+    arm: PlainArm, out: Path, relative: bool
+) -> tuple[ET.Element, tuple[str, ...]]:
+    """The arm as URDF, and what else is left out.
+
+    Joints that are not the arm's are fixed at zero, as its model has them. The base is turned by a fixed joint on a
+    link of its own. Of an arm from an MJCF file the moving bodies alone are written.
+
+    Args:
+        arm: the arm.
+        out: the file that it is written to.
+        relative: whether meshes are named from the folder of ``out``.
+    """
+    root = ET.parse(arm.body.file).getroot()
+    notes: tuple[str, ...] = ()
+    if root.tag == "robot":
+        notes = (*_fix_others(root, arm), *_name_meshes(root, arm, out, relative))
+        _set_bodies(root, arm)
+    else:
+        root = ET.fromstring(plain_urdf(arm.links))
+        root.set("name", arm.corrected.arm.name)
+        for link, inertia in zip(
+            arm.links,
+            (arm.body.model.inertias[k + 1] for k in range(len(arm.links))),
+            strict=True,
+        ):
+            element = next(
+                x for x in root.findall("link") if x.get("name") == f"{link.joint}_link"
+            )
+            set_parameters(element, inertia.toDynamicParameters())
+    for joint in root.findall("joint"):
+        if (drive := arm.drives.get(joint.get("name", ""))) is not None:
+            _set_drive(joint, drive)
+    if not arm.upright:
+        _turn_base(root, arm.mount)
+    return root, notes
+
+
+def _fix_others(root: ET.Element, arm: PlainArm) -> tuple[str, ...]:
+    """Fix joints that are not the arm's; says which."""
+    fixed = []
+    for joint in root.findall("joint"):
+        if joint.get("type") in MOVABLE and joint.get("name") not in arm.drives:
+            fixed.append(joint.get("name", ""))
+            joint.set("type", "fixed")
+            for element in list(joint):
+                if element.tag not in ("origin", "parent", "child"):
+                    joint.remove(element)
+    return (
+        (
+            f"motion of {', '.join(fixed)}: not among the joints of the arm, fixed at zero",
+        )
+        if fixed
+        else ()
+    )
+
+
+def _name_meshes(
+    root: ET.Element, arm: PlainArm, out: Path, relative: bool
+) -> tuple[str, ...]:
+    """Let meshes and textures be found from the new place; says which are not found."""
+    missing = []
+    for element in (*root.iter("mesh"), *root.iter("texture")):
+        name = element.get("filename", "")
+        found = find_mesh(name, arm.body.file)
+        if found is not None:
+            element.set("filename", mesh_path(found, out, relative))
+        elif element.tag == "texture":
+            missing.append(f"the texture {name}: it is not found, its name is kept")
+    return tuple(dict.fromkeys(missing))
+
+
+def _set_bodies(root: ET.Element, arm: PlainArm) -> None:
+    """Add the changes of inertia to the links that the joints move.
+
+    A link that alone could not lose so much takes over the inertia of what is fixed to it.
+    """
+    links = {link.get("name", ""): link for link in root.findall("link")}
+    child = {j.get("name", ""): _end(j, "child") for j in root.findall("joint")}
+    increments = arm.corrected.inertial_increments(arm.nominal)
+    merged = arm.body.inertial_parameters().reshape(-1, 10)
+    for joint, increment, total in zip(
+        arm.corrected.arm.joints, increments, merged, strict=True
+    ):
+        if not increment.any():
+            continue
+        link = links[child[joint]]
+        alone = own_parameters(link) + increment
+        if possible(alone) or not possible(total):
+            set_parameters(link, alone)
+            continue
+        for name, frame in arm.frames.items():
+            if frame.joint == joint and name in links:
+                set_parameters(links[name], np.zeros(10))
+        set_parameters(link, total)
+
+
+def _set_drive(joint: ET.Element, drive: Drive) -> None:
+    """Friction and limits of a joint."""
+    dynamics = joint.find("dynamics")
+    dynamics = ET.SubElement(joint, "dynamics") if dynamics is None else dynamics
+    dynamics.set("damping", repr(drive.damping))
+    dynamics.set("friction", repr(drive.friction))
+    limit = joint.find("limit")
+    limit = (
+        ET.SubElement(joint, "limit", effort="0", velocity="0")
+        if limit is None
+        else limit
+    )
+    if drive.effort is not None:
+        limit.set("effort", repr(float(drive.effort)))
+    if drive.velocity is not None:
+        limit.set("velocity", repr(drive.velocity))
+
+
+def _turn_base(root: ET.Element, mount: np.ndarray) -> None:
+    """A fixed joint between a new root link and the base."""
+    names = {link.get("name", "") for link in root.findall("link")}
+    carried = {_end(joint, "child") for joint in root.findall("joint")}
+    base = next(
+        name
+        for name in (x.get("name", "") for x in root.findall("link"))
+        if name not in carried
+    )
+    taken = names | {joint.get("name", "") for joint in root.findall("joint")}
+    world, holder = (_free(name, taken) for name in ("world", "mount"))
+    joint = ET.Element("joint", name=holder, type="fixed")
+    ET.SubElement(joint, "parent", link=world)
+    ET.SubElement(joint, "child", link=base)
+    ET.SubElement(
+        joint,
+        "origin",
+        xyz="0 0 0",
+        rpy=numbers(Rotation.from_matrix(mount).as_euler("xyz")),
+    )
+    root.insert(0, ET.Element("link", name=world))
+    root.insert(1, joint)
+
+
+def _end(joint: ET.Element, tag: str) -> str:
+    """Link at an end of a joint."""
+    element = joint.find(tag)
+    return "" if element is None else element.get("link", "")
+
+
+def _free(name: str, taken: set[str]) -> str:
+    while name in taken:
+        name += "_"
+    return name

@@ -1,0 +1,261 @@
+"""Domain randomisation: other effects in every episode."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from numbers import Integral, Real
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from gapscope.arm.errors import InputError
+from gapscope.arm.nearest_name import check_known
+from gapscope.arm.nominal import NominalArm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import Parameter, Transmission
+from gapscope.effects.severity import ArmScale, draw
+from gapscope.envs.arguments import record_of
+
+REVERSED = {
+    ("torque_saturation", "limit"),
+    ("joint_elasticity", "stiffness"),
+    ("joint_elasticity", "damping"),
+}
+"""Parameters that are the more severe the smaller they are."""
+INCIDENTAL = {
+    *(
+        ("payload", "com"),
+        ("torque_ripple", "cycles"),
+        ("torque_ripple", "phase"),
+        ("parallel_spring", "rest"),
+    ),
+    *(
+        ("stribeck_friction", "velocity"),
+        ("friction_drift", "time_constant"),
+        ("link_inertia", "link"),
+    ),
+    *(("external_force", "start"), ("external_force", "end")),
+}
+"""Parameters that say where or when, not how severe."""
+GIVE = "give an gapscope.envs.randomisation.Randomisation"
+"""What to do where something else was given."""
+LEAST, MOST = 1e-3, 10.0
+"""Bounds of severities [1]."""
+
+
+@dataclass(frozen=True)
+class Randomisation:
+    """Which effects are drawn at a reset, where, and how severe.
+
+    Values are those of ``gapscope.effects.severity``, in proportion to the arm, times a severity: 1 is what real
+    arms show.
+
+    Attributes:
+        names: effects of the catalogue to draw from, one or several.
+        joints: joints that joint effects may act on, counted from 1; all where ``None``. Effects on the arm or a link
+            (payload, base tilt, external force, link inertia) have no joints and are drawn all the same: leave them
+            out of ``names`` where they are not wanted.
+        count: fewest and most effects in an episode.
+        joint_count: fewest and most joints of one effect.
+        severity: lowest and highest severity [1]; a limit or a stiffness is divided by it.
+
+    Raises:
+        InputError: an unknown effect, a joint below 1, or a range that is not one.
+    """
+
+    names: Sequence[str] | str
+    joints: Sequence[int] | None = None
+    count: tuple[int, int] = (1, 1)
+    joint_count: tuple[int, int] = (1, 2)
+    severity: tuple[float, float] = (0.5, 1.0)
+
+    def __post_init__(self) -> None:
+        """Check names and ranges; a name may stand alone."""
+        names = (
+            (self.names,)
+            if isinstance(self.names, str)
+            else _listed("names", self.names)
+        )
+        object.__setattr__(self, "names", names)
+        for name in names:
+            check_known("effect", name, sorted(CATALOGUE), where="randomisation.names")
+        joints = None if self.joints is None else _listed("joints", self.joints)
+        if not names or (
+            joints is not None and not (joints and all(map(_is_joint, joints)))
+        ):
+            raise InputError(
+                "there is nothing to draw",
+                "name effects, and joints from 1 on or None",
+                where="randomisation",
+            )
+        _check_range("count", self.count, 0, len(names))
+        _check_range("joint_count", self.joint_count, 1, np.inf)
+        _check_range("severity", self.severity, LEAST, MOST)
+
+
+def checked_randomisation(randomisation: Randomisation | None) -> Randomisation | None:
+    """What is to be drawn, or ``None`` for nothing.
+
+    Raises:
+        InputError: it is something else.
+    """
+    if randomisation is None:
+        return None
+    return record_of("randomisation", randomisation, Randomisation, GIVE)
+
+
+def _listed(name: str, value: object) -> tuple[Any, ...]:
+    """The value as a tuple.
+
+    Raises:
+        InputError: it is no list.
+    """
+    if isinstance(value, str) or not isinstance(value, Iterable):
+        raise InputError(
+            f"expected a list, got {value!r}", where=f"randomisation.{name}"
+        )
+    return tuple(value)
+
+
+def _is_joint(joint: object) -> bool:
+    return isinstance(joint, Integral) and int(joint) >= 1
+
+
+def _check_range(name: str, value: object, least: float, most: float) -> None:
+    """Check that a value is a range, its lowest and highest number, within bounds; numbers of things are whole."""
+    ends, kind = _listed(name, value), Real if name == "severity" else Integral
+    if (
+        len(ends) != 2
+        or not all(isinstance(end, kind) for end in ends)
+        or not least <= ends[0] <= ends[1] <= most
+    ):
+        raise InputError(
+            f"{value!r} is no range within {least} .. {most}",
+            f"give the lowest and the highest {'number' if kind is Real else 'whole number'}",
+            where=f"randomisation.{name}",
+        )
+
+
+def draw_effects(
+    rng: np.random.Generator,
+    arm: NominalArm,
+    wanted: Randomisation,
+    scale: ArmScale,
+    given: tuple[AppliedEffect, ...] = (),
+) -> tuple[AppliedEffect, ...]:
+    """Effects with values, each of the catalogue at most once, and none of those given.
+
+    A joint that becomes elastic or gets play needs a rotor: where neither the data sheet nor the effects have one, an
+    ``armature`` comes with it.
+
+    Args:
+        rng: source of the effects; the same state gives the same effects, bit by bit.
+        arm: the nominal arm.
+        wanted: what to draw.
+        scale: what is large on this arm.
+        given: effects that the arm has anyway.
+
+    Raises:
+        InputError: a joint that the arm does not have.
+    """
+    joints = (
+        np.arange(1, arm.n_joints + 1)
+        if wanted.joints is None
+        else np.array(sorted(set(wanted.joints)))
+    )
+    if joints.max() > arm.n_joints:
+        raise InputError(
+            f"joint {joints.max()} of an arm with {arm.n_joints} joints",
+            f"use joints from 1 to {arm.n_joints}",
+            where="randomisation.joints",
+        )
+    count = int(rng.integers(wanted.count[0], wanted.count[1], endpoint=True))
+    names = [
+        str(name)
+        for name in rng.choice(sorted(set(wanted.names)), size=count, replace=False)
+    ]
+    drawn = tuple(_draw(rng, name, joints, wanted, scale) for name in sorted(names))
+    drawn = tuple(
+        applied
+        for applied in drawn
+        if applied.name not in {other.name for other in given}
+    )
+    return drawn + _rotors(arm, (*given, *drawn), scale)
+
+
+def _draw(
+    rng: np.random.Generator,
+    name: str,
+    joints: np.ndarray,
+    wanted: Randomisation,
+    scale: ArmScale,
+) -> AppliedEffect:
+    """One effect of a severity drawn."""
+    severity = float(rng.uniform(*wanted.severity))
+    low, high = (min(number, len(joints)) for number in wanted.joint_count)
+    some = rng.choice(
+        joints, size=int(rng.integers(low, high, endpoint=True)), replace=False
+    )
+    drawn = draw(name, rng, scale, some.tolist())
+    values = {
+        p.name: _scaled(name, p, drawn.parameters[p.name], severity)
+        for p in drawn.effect.parameters
+    }
+    return AppliedEffect(name, drawn.joints, values)
+
+
+def _scaled(
+    name: str, parameter: Parameter, value: np.ndarray, severity: float
+) -> np.ndarray:
+    """The value of a parameter at a severity, within its bounds."""
+    if (name, parameter.name) in INCIDENTAL:
+        return value
+    factor = 1.0 / severity if (name, parameter.name) in REVERSED else severity
+    return np.clip(value * factor, *parameter.bounds)
+
+
+def _rotors(
+    arm: NominalArm, effects: tuple[AppliedEffect, ...], scale: ArmScale
+) -> tuple[AppliedEffect, ...]:
+    """Armature for joints with play or elasticity that have none."""
+    flexible = {
+        joint
+        for applied in effects
+        if isinstance(applied.effect, Transmission)
+        for joint in applied.joints
+    }
+    inertia = CorrectedArm(arm, effects).value("armature", "inertia") + arm.armature
+    bare = tuple(joint for joint in sorted(flexible) if inertia[joint - 1] <= 0)
+    return (
+        (AppliedEffect("armature", bare, {"inertia": scale.rotor[np.array(bare) - 1]}),)
+        if bare
+        else ()
+    )
+
+
+class RandomiseEffects(gymnasium.Wrapper):
+    """Draws other effects at every reset of an ``ArmTracking`` environment.
+
+    The draw uses the environment's own ``np_random``: one seed gives the same episodes, motions and effects alike.
+
+    Raises:
+        InputError: what is to be drawn is no ``Randomisation``.
+    """
+
+    def __init__(self, env: gymnasium.Env, randomisation: Randomisation) -> None:
+        super().__init__(env)
+        self._randomisation = record_of(
+            "randomisation", randomisation, Randomisation, GIVE
+        )
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Reset with effects drawn anew; ``options`` go before."""
+        return self.env.reset(
+            seed=seed, options={"randomisation": self._randomisation} | (options or {})
+        )

@@ -1,0 +1,198 @@
+"""The recorder: a simulated arm with effects follows a reference under its controller, and is recorded."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+
+import numpy as np
+
+from gapscope.arm.controller import Controller
+from gapscope.arm.dynamics.feedforward import feedforward
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.motions.trajectory import Reference
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
+from gapscope.arm.velocity_filter import VelocityFilter
+from gapscope.effects.applied import AppliedEffect
+from gapscope.envs.simulated_arm import SimulatedArm
+
+LONGEST_STEP = 1e-3
+"""The simulation's time step is the controller's period, divided until it is no longer than this [s]."""
+UNSTABLE_SPEED = 50.0
+"""A joint faster than this [rad/s] has lost its controller."""
+
+
+def record(
+    arm: NominalArm,
+    effects: tuple[AppliedEffect, ...],
+    reference: Reference,
+    controller: Controller,
+    *,
+    duration: float,
+    rng: np.random.Generator,
+    rate: float = 250.0,
+    encoder_step: float | None = None,
+    encoder_noise: np.ndarray | float = 0.0,
+    torque_noise: np.ndarray | float = 0.0,
+    read_back: bool = False,
+    settle: float = 0.5,
+    name: str = "recording",
+    engine: str = "pybullet",
+    later: tuple[float, tuple[AppliedEffect, ...]] | None = None,
+) -> Recording:
+    """Record a simulated arm; columns t, q, dq (filtered), tau (commanded), q_ref and dq_ref.
+
+    At each tick of the controller tau = feedforward + kp (q_ref - q) + kd (dq_ref - dq), clipped at the torque limit,
+    is computed from the quantised encoders and held until the next tick. Row i holds the encoders' positions at t[i]
+    and the torque commanded at t[i]. A reference that starts at rest is held for ``settle`` seconds before t = 0, so
+    that the arm rests where its effects let it rest; one that starts in motion is met in motion.
+
+    Args:
+        arm: the nominal arm, which is also what the feedforward believes.
+        effects: what the simulated arm has beyond it.
+        reference: the motion to follow.
+        controller: its rate [Hz] is a multiple of ``rate``.
+        duration: of the recording [s].
+        rng: source of the noise.
+        rate: of the recording [Hz].
+        encoder_step: quantisation of the encoders [rad]; that of the data sheet where ``None``, none where 0.
+        encoder_noise: standard deviation of white noise on the encoders [rad], a number or shape (n,).
+        torque_noise: standard deviation of white noise on the recorded torque [N m], a number or shape (n,).
+        read_back: record the torque that reached the joints, as position control reads it back from its drives, in
+            place of the one commanded; row i holds what is applied from t[i] on.
+        settle: time at the reference's start before t = 0 [s].
+        name: name of the recording.
+        engine: ``pybullet``, ``mujoco`` or ``dart``.
+        later: a time [s], and the effects that take the place of the others from then on, as when a payload is picked
+            up; position and velocity of the joints go on, what effects have as a state starts anew.
+
+    Raises:
+        InputError: ``rate`` does not divide the controller's rate, or an effect cannot be simulated on this arm.
+        GapscopeError: the simulated arm became unstable.
+    """
+    every = _ticks_per_row(controller, rate)
+    command = _Command(arm, reference, controller, duration, settle)
+    step = (arm.encoder_step or 0.0) if encoder_step is None else encoder_step
+    dt, steps = _steps(controller)
+    change, following = later or (np.inf, effects)
+    with ExitStack() as stack:
+        arms = [
+            stack.enter_context(
+                SimulatedArm(
+                    arm,
+                    acting,
+                    dt,
+                    engine=engine,
+                    encoder_step=step,
+                    encoder_noise=encoder_noise,
+                    rng=rng,
+                )
+            )
+            for acting in ((effects, following) if later else (effects,))
+        ]
+        q, dq, tau = _run(arms, change, controller, command, steps, read_back)
+    _check_stable(q, controller)
+    rows = np.arange(command.first, len(command.t), every)
+    tau = tau[rows] + rng.standard_normal((len(rows), arm.n_joints)) * torque_noise
+    return Recording(
+        name,
+        command.t[rows],
+        q[rows],
+        tau,
+        dq=dq[rows],
+        q_ref=command.q[rows],
+        dq_ref=command.dq[rows],
+    )
+
+
+def _ticks_per_row(controller: Controller, rate: float) -> int:
+    """Ticks of the controller per row of the recording."""
+    ticks = round(controller.rate / rate)
+    if abs(ticks * rate - controller.rate) > 1e-6 * rate:
+        near = controller.rate / max(1, ticks)
+        raise InputError(
+            f"{rate:g} Hz does not divide the controller's {controller.rate:g} Hz",
+            f"record at {near:g} Hz, or another whole part of the controller's rate",
+            where="rate",
+        )
+    return ticks
+
+
+def _check_stable(q: np.ndarray, controller: Controller) -> None:
+    """Check that the arm followed its controller, at positions q [rad] of every tick, shape (N, n)."""
+    speed = np.abs(np.diff(q, axis=0)).max(axis=0) * controller.rate
+    if not (speed < UNSTABLE_SPEED).all():
+        raise GapscopeError(
+            f"the simulated arm became unstable at joint {int(speed.argmax()) + 1}",
+            "lower the controller's gains, or the severity of the effects",
+        )
+
+
+class _Command:
+    """Reference and feedforward at every tick, those before t = 0 included; ``first`` is the tick of t = 0."""
+
+    def __init__(
+        self,
+        arm: NominalArm,
+        reference: Reference,
+        controller: Controller,
+        duration: float,
+        settle: float,
+    ) -> None:
+        rests = np.abs(reference.velocity(np.zeros(1))).max() < 1e-9
+        self.first = round(settle * controller.rate) if rests else 0
+        ticks = np.arange(-self.first, round(duration * controller.rate) + 1)
+        self.t = ticks / controller.rate
+        held = np.maximum(self.t, 0.0)
+        self.q, self.dq = reference.position(held), reference.velocity(held)
+        ddq = np.where(ticks[:, None] < 0, 0.0, reference.acceleration(held))
+        self.torque = feedforward(
+            arm, RigidBody(arm), controller.feedforward, self.q, self.dq, ddq
+        )
+
+
+def _steps(controller: Controller) -> tuple[float, int]:
+    """Time step of the simulation [s], and steps per tick of the controller."""
+    steps = max(1, int(np.ceil(1.0 / (controller.rate * LONGEST_STEP) - 1e-9)))
+    return 1.0 / (controller.rate * steps), steps
+
+
+def _run(
+    arms: list[SimulatedArm],
+    change: float,
+    controller: Controller,
+    command: _Command,
+    steps: int,
+    read_back: bool,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions as the encoders gave them, filtered velocities and torques at every tick, each (N, n).
+
+    The last of the arms takes over from the first at time ``change`` [s].
+    """
+    simulated = arms[0]
+    arm = simulated.arm
+    limit = np.inf if arm.torque_limit is None else arm.torque_limit
+    q, dq, tau = (np.empty_like(command.q) for _ in range(3))
+    filtered = VelocityFilter(
+        controller.rate,
+        controller.velocity_cutoff,
+        controller.velocity_damping,
+        command.q[0],
+        command.dq[0],
+    )
+    simulated.start(command.q[0], command.dq[0], command.t[0])
+    for i in range(len(command.t)):
+        if simulated is not arms[-1] and command.t[i] >= change:
+            arms[-1].reset(simulated.q, simulated.dq, command.t[i])
+            simulated = arms[-1]
+        q[i] = simulated.encoders()
+        dq[i] = filtered(q[i])
+        pd = controller.kp * (command.q[i] - q[i]) + controller.kd * (
+            command.dq[i] - dq[i]
+        )
+        tau[i] = np.clip(command.torque[i] + pd, -limit, limit)
+        simulated.step(tau[i], steps)
+        if read_back:
+            tau[i] = simulated.applied
+    return q, dq, tau

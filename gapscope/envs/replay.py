@@ -1,0 +1,259 @@
+"""Replay: the simulated arm, nominal or corrected, under the same commands as a recording.
+
+Where the controller is known, its commands are the references, and the torque is what it makes of the simulated
+encoders. Otherwise the command is the recorded torque, held to for short horizons only: without a controller a small
+error of the torque grows into any error of the position.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline, make_interp_spline
+from scipy.signal import butter, sosfiltfilt
+
+from gapscope.arm.controller import Controller
+from gapscope.arm.dynamics.feedforward import feedforward
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
+from gapscope.arm.velocity_filter import VelocityFilter, rule_of
+from gapscope.effects.applied import AppliedEffect
+from gapscope.envs.simulated_arm import SimulatedArm
+
+TRIM = 0.3
+"""Time cut from both ends of a stretch before the gap is measured [s]."""
+HORIZON = 0.2
+"""Length of the stretches that are replayed under recorded torque [s]."""
+LONGEST_STEP = 1e-3
+"""Time step of the simulation, at most [s]."""
+CUTOFF = 20.0
+"""Cut-off of the measured states from which replays under recorded torque start [Hz]; at most 0.4 of the rate."""
+GAP_STEPS = 4.0
+"""A step of time longer than this many median steps is a gap; the replay starts anew behind it."""
+UNSTABLE_SPEED = 50.0
+"""A joint faster than this [rad/s] has run away."""
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A replayed motion, at the times of the recording, N samples of n joints.
+
+    Attributes:
+        t: time [s], shape (N,).
+        q: position as the simulated encoders read it [rad], shape (N, n).
+        tau: torque commanded [N m], shape (N, n).
+        rmse: replay gap, RMS of replayed minus recorded position without ``TRIM`` at both ends [rad], shape (n,).
+        through_controller: whether the controller made the torque; otherwise it is the recorded one.
+    """
+
+    t: np.ndarray
+    q: np.ndarray
+    tau: np.ndarray
+    rmse: np.ndarray
+    through_controller: bool
+
+
+def replay(
+    arm: NominalArm,
+    effects: tuple[AppliedEffect, ...],
+    recording: Recording,
+    controller: Controller | None,
+    *,
+    engine: str = "pybullet",
+) -> Replay:
+    """Run the simulated arm under the commands of a recording.
+
+    Args:
+        arm: the nominal arm, which is also what the controller's feedforward believes.
+        effects: what the simulated arm has beyond it and the known payload of the recording.
+        recording: with ``q_ref`` where the replay goes through the controller, with ``tau`` otherwise.
+        controller: the controller, where known.
+        engine: ``pybullet``, ``mujoco`` or ``dart``.
+
+    Raises:
+        InputError: the recording has neither a reference for a known controller nor a torque, or lasts less than
+            three times ``TRIM``, or an effect cannot be simulated on this arm.
+        GapscopeError: the simulated arm ran away.
+    """
+    if recording.duration < 3 * TRIM:
+        raise InputError(
+            f"lasts {recording.duration:.3g} s, a replay needs {3 * TRIM:.2g} s",
+            file=recording.name,
+        )
+    q, tau = recording.q.copy(), np.zeros_like(recording.q)
+    through_controller = controller is not None and recording.q_ref is not None
+    for rows in _stretches(recording):
+        if controller is not None and recording.q_ref is not None:
+            q[rows], tau[rows] = _tracked(
+                arm, effects, recording, rows, controller, engine
+            )
+        elif recording.tau is not None:
+            q[rows], tau[rows] = _driven(arm, effects, recording, rows, engine)
+        else:
+            raise InputError(
+                "has no torque, and no reference that a known controller follows",
+                "give columns tau1.., or q_ref1.. and controller: in the case file",
+                file=recording.name,
+            )
+    t = recording.t
+    inner = (t >= t[0] + TRIM) & (t <= t[-1] - TRIM)
+    rmse = np.sqrt(np.mean((q - recording.q)[inner] ** 2, axis=0))
+    return Replay(t, q, tau, rmse, through_controller)
+
+
+def _stretches(recording: Recording) -> list[slice]:
+    """Slices of a recording between its gaps, those of at least four samples."""
+    cuts = np.flatnonzero(np.diff(recording.t) > GAP_STEPS / recording.rate) + 1
+    spans = itertools.pairwise([0, *cuts.tolist(), len(recording.t)])
+    return [slice(a, b) for a, b in spans if b - a >= 4]
+
+
+class _Commands:
+    """Reference and feedforward at every tick of a stretch, K ticks: t (K,), q, dq, torque (K, n)."""
+
+    def __init__(
+        self, arm: NominalArm, recording: Recording, rows: slice, controller: Controller
+    ) -> None:
+        assert recording.q_ref is not None
+        t, q_ref = recording.t[rows], recording.q_ref[rows]
+        ticks = int((t[-1] - t[0]) * controller.rate + 1e-6) + 2
+        self.t = t[0] + np.arange(ticks) / controller.rate
+        held = np.minimum(self.t, t[-1])
+        dq_ref = (
+            make_interp_spline(t, q_ref, k=3)(t, 1)
+            if recording.dq_ref is None
+            else recording.dq_ref[rows]
+        )
+        velocity = make_interp_spline(t, dq_ref, k=3)
+        self.q, self.dq = CubicHermiteSpline(t, q_ref, dq_ref)(held), velocity(held)
+        self.torque = feedforward(
+            arm,
+            RigidBody(arm),
+            controller.feedforward,
+            self.q,
+            self.dq,
+            velocity(held, 1),
+        )
+
+
+def _simulated(
+    arm: NominalArm,
+    effects: tuple[AppliedEffect, ...],
+    recording: Recording,
+    dt: float,
+    engine: str,
+) -> SimulatedArm:
+    """The arm with the known body that was mounted, in steps of dt [s]."""
+    step = arm.encoder_step or 0.0
+    return SimulatedArm(
+        arm, effects, dt, engine=engine, encoder_step=step, load=recording.payload
+    )
+
+
+def _tracked(
+    arm: NominalArm,
+    effects: tuple[AppliedEffect, ...],
+    recording: Recording,
+    rows: slice,
+    controller: Controller,
+    engine: str,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Positions [rad] and commanded torques [N m] of a stretch under its controller, each (N, n)."""
+    command = _Commands(arm, recording, rows, controller)
+    start = recording.q[rows][0]
+    velocity = VelocityFilter(
+        controller.rate,
+        controller.velocity_cutoff,
+        controller.velocity_damping,
+        start,
+        command.dq[0],
+        rule_of(recording, controller),
+        None if recording.dq is None else recording.dq[rows][0],
+    )
+    limit = (
+        np.full(arm.n_joints, np.inf) if arm.torque_limit is None else arm.torque_limit
+    )
+    steps = max(1, int(np.ceil(1.0 / (controller.rate * LONGEST_STEP) - 1e-9)))
+    q, tau = np.empty_like(command.q), np.empty_like(command.q)
+    dt = 1.0 / (controller.rate * steps)
+    with _simulated(arm, effects, recording, dt, engine) as simulated:
+        simulated.start(start, command.dq[0], command.t[0])
+        for i in range(len(command.t)):
+            q[i] = now = simulated.encoders()
+            wanted = command.torque[i] + controller.kp * (command.q[i] - now)
+            wanted += controller.kd * (command.dq[i] - velocity(now))
+            tau[i] = np.minimum(np.maximum(wanted, -limit), limit)
+            simulated.step(tau[i], steps)
+            _check(
+                simulated,
+                command.t[i],
+                "check the controller's gains and units, and the effects of the model",
+            )
+    t = recording.t[rows]
+    tick = ((t - t[0]) * controller.rate + 1e-6).astype(int)
+    return _between(command.t, q, t), tau[tick]
+
+
+def _driven(
+    arm: NominalArm,
+    effects: tuple[AppliedEffect, ...],
+    recording: Recording,
+    rows: slice,
+    engine: str,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Positions [rad] under the recorded torque, from the measured state every ``HORIZON``, and that torque, (N, n)."""
+    assert recording.tau is not None
+    t, tau, period = recording.t[rows], recording.tau[rows], 1.0 / recording.rate
+    smooth = _smooth(recording.q[rows], recording.rate)
+    speed = make_interp_spline(t, smooth, k=3)(t, 1)
+    q = np.empty_like(tau)
+    dt = period / max(1, int(np.ceil(period / LONGEST_STEP - 1e-9)))
+    count = max(2, round(HORIZON / period))
+    with _simulated(arm, effects, recording, dt, engine) as simulated:
+        for first in range(0, len(t), count):
+            window = slice(first, min(first + count, len(t)))
+            grid = np.arange(t[window][0], t[window][-1] + dt, dt)
+            torque, positions = (
+                _between(t, tau, grid),
+                np.empty((len(grid), arm.n_joints)),
+            )
+            simulated.start(smooth[first], speed[first], grid[0])
+            for i, held in enumerate(torque):
+                positions[i] = simulated.encoders()
+                simulated.step(held)
+                _check(
+                    simulated,
+                    grid[i],
+                    "give armature and friction in nominal:, or a model with them",
+                )
+            q[window] = _between(grid, positions, t[window])
+    return q, tau
+
+
+def _check(simulated: SimulatedArm, time: float, remedy: str) -> None:
+    """Stop an arm that runs away."""
+    speed = np.abs(simulated.dq)
+    if not speed.max() < UNSTABLE_SPEED:
+        raise GapscopeError(
+            f"the replayed arm ran away at joint {int(speed.argmax()) + 1}, at t = {time:.3g} s",
+            remedy,
+        )
+
+
+def _smooth(q: np.ndarray, rate: float) -> np.ndarray:
+    """Measured positions through a zero-phase low-pass, (N, n)."""
+    cutoff = min(CUTOFF, 0.4 * rate)
+    sos = butter(2, cutoff, output="sos", fs=rate)
+    smooth: np.ndarray = sosfiltfilt(
+        sos, q, axis=0, padlen=min(len(q) - 1, int(3 * rate / cutoff))
+    )
+    return smooth
+
+
+def _between(t: np.ndarray, series: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """A series (K, n) at other times (N,), linear between its samples and constant beyond them, (N, n)."""
+    return np.stack([np.interp(at, t, column) for column in series.T], axis=1)

@@ -1,0 +1,284 @@
+"""A simulated arm with effects: an engine that moves the bodies, and the drive physics that moves the engine."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+
+from gapscope.arm.dynamics.inertials import odd_inertials
+from gapscope.arm.dynamics.plain_urdf import check_inertia, moving_links
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import ModelWarning
+from gapscope.arm.known_load import KnownLoad
+from gapscope.arm.nominal import NominalArm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import LinkChange
+from gapscope.envs.drive.encoders import Encoders
+from gapscope.envs.drive.friction import Friction, total
+from gapscope.envs.drive.loads import Loads
+from gapscope.envs.drive.movers import Native, Predicted
+from gapscope.envs.drive.path import TorquePath
+from gapscope.envs.drive.substeps import least_inertia, mass_matrices, substeps
+from gapscope.envs.drive.two_mass import TwoMass
+from gapscope.envs.engines import make_engine
+from gapscope.envs.engines.engine import RotorEngine
+
+START_TRIALS = 50
+"""Iterations of ``start`` for joints whose motor leads them."""
+
+
+class SimulatedArm:
+    """A simulated arm with effects, n joints in the arm's order, in a world of its own.
+
+    Args:
+        arm: the nominal arm; its armature and friction are simulated too.
+        effects: what the simulated arm has beyond them.
+        dt: time step [s] in which torque is held; stiff joints divide it further.
+        engine: ``pybullet``, ``mujoco`` or ``dart``.
+        encoder_step: quantisation of the encoders [rad]; none by default.
+        encoder_noise: standard deviation of white noise of the encoders [rad], a number or shape (n,).
+        rng: source of the noise.
+        load: known body on the last link, beyond the effects.
+
+    Attributes:
+        q: true joint positions [rad], shape (n,).
+        dq: true joint velocities [rad/s], shape (n,).
+        applied: motor torque that reached the joints in the last step, before friction [N m], shape (n,).
+        time: since the start of the recording [s]; drift and external force go by it.
+        body: rigid-body model of the arm with its load, payload, link errors and tilt.
+        parts: into how many parts a step is divided.
+
+    Raises:
+        InputError: an effect on a joint that does not exist, armature or friction that is negative in total, an arm
+            whose inertia is not physical, a stiffness that the step cannot hold, or an engine that is not installed.
+    """
+
+    def __init__(
+        self,
+        arm: NominalArm,
+        effects: tuple[AppliedEffect, ...] = (),
+        dt: float = 1e-3,
+        *,
+        engine: str = "pybullet",
+        encoder_step: float = 0.0,
+        encoder_noise: np.ndarray | float = 0.0,
+        rng: np.random.Generator | None = None,
+        load: KnownLoad | None = None,
+    ) -> None:
+        with_effects = CorrectedArm(arm, effects)
+        with_effects.check()
+        nominal = RigidBody(arm)
+        check_inertia(nominal)
+        for note in odd_inertials(nominal):
+            warnings.warn(note, ModelWarning, stacklevel=2)
+        nominal = nominal.carrying(load)
+        self.arm, self.dt, self.body = arm, dt, with_effects.body(nominal)
+        self._order, self._places = nominal.order, nominal.places
+        self._ordered = bool((nominal.order == np.arange(arm.n_joints)).all())
+        order, masses = self._order, mass_matrices(self.body)
+        check_inertia(
+            self.body,
+            ", ".join(e.name for e in effects if isinstance(e.effect, LinkChange)),
+        )
+        links = moving_links(self.body)
+        rotors = total(
+            arm.armature + with_effects.value("armature", "inertia"),
+            "armature",
+            "kg m^2",
+        )[order]
+        self._loads = Loads(with_effects, nominal)
+        self._motors = TwoMass(with_effects, order, rotors, least_inertia(masses))
+        elastic = self._motors.joints
+        stiff = (self._motors.stiffness, self._motors.damping, self._loads.stiffness)
+        self.parts = substeps(masses, rotors, elastic, *stiff, dt)
+        self._h = dt / self.parts
+        self._friction = Friction(with_effects, order, self._h)
+        self._path = TorquePath.of(with_effects, order, self._h)
+        self._rigid = ~elastic
+        self._two_mass = bool(elastic.any())
+        self._direct = not (
+            self._friction.present
+            or rotors.any()
+            or self._loads.present
+            or self._two_mass
+        )
+        self._encoders = Encoders(with_effects, encoder_step, encoder_noise, rng)
+        self._engine = make_engine(
+            engine, links, np.asarray(self.body.gravity), self._h
+        )
+        stepped = (
+            self.body,
+            np.where(elastic, 0.0, rotors),
+            self._friction.viscous * self._rigid,
+            self._friction.dry & self._rigid,
+            self._h,
+        )
+        self._step: Predicted | Native
+        if isinstance(self._engine, RotorEngine):
+            self._step = Native(self._engine, *stepped)
+        else:
+            limits = np.array([link.limits or (-np.inf, np.inf) for link in links]).T
+            self._step = Predicted(self._engine, *stepped, limits)
+        self._q, self._u = self._step.q, np.zeros(len(links))
+        self._advance = (
+            self._advance_two_mass if self._two_mass else self._advance_rigid
+        )
+        self.reset(np.zeros(arm.n_joints))
+
+    def __enter__(self) -> SimulatedArm:
+        """Use as a context that closes the world at its end."""
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        """Close the world."""
+        self.close()
+
+    def close(self) -> None:
+        """Free the engine's world; a second call does nothing."""
+        self._engine.close()
+
+    def reset(
+        self, q: np.ndarray, dq: np.ndarray | None = None, time: float = 0.0
+    ) -> None:
+        """Put the arm at true positions q [rad] with velocities dq [rad/s] (0 by default), and forget past torque.
+
+        Motors of elastic joints are where they carry their link's weight. ``time`` [s] is that of the recording.
+        """
+        q = np.asarray(q, dtype=float)[self._order]
+        dq = (
+            np.zeros(len(q)) if dq is None else np.asarray(dq, dtype=float)[self._order]
+        )
+        self._start_time, self._count = time, 0
+        self._engine.reset(q, dq)
+        self._step.reset()
+        self._motors.reset(q, dq, self._weight(q, dq, time))
+        self._path.reset()
+        self._drift()
+        self._u = np.zeros(len(q))
+
+    def start(
+        self, reading: np.ndarray, dq: np.ndarray | None = None, time: float = 0.0
+    ) -> None:
+        """Put the arm where its encoders, but for rounding and noise, read ``reading`` [rad], shape (n,)."""
+        seen = np.asarray(reading, dtype=float) - self._encoders.offset
+        q = seen.copy()
+        if self._two_mass and self._encoders.on_motor:
+            still = np.zeros(len(q))
+            for _ in range(START_TRIALS):
+                load = self._weight(q[self._order], still, time)
+                q = 0.5 * q + 0.5 * (seen - self._motors.deflection(load)[self._places])
+        self.reset(q, dq, time)
+
+    def _weight(self, q: np.ndarray, dq: np.ndarray, t: float) -> np.ndarray:
+        """Torque [N m] that holds the links up at a constant velocity, shape (n,), kinematic order."""
+        held = self.body.bias(q[self._places], dq[self._places])[self._order]
+        return held - self._loads(t, q) if self._loads.present else held
+
+    @property
+    def q(self) -> np.ndarray:
+        """True joint positions [rad], shape (n,)."""
+        return self._q.copy() if self._ordered else self._q[self._places]
+
+    @property
+    def dq(self) -> np.ndarray:
+        """True joint velocities [rad/s], shape (n,)."""
+        return self._step.dq.copy() if self._ordered else self._step.dq[self._places]
+
+    @property
+    def motor_q(self) -> np.ndarray:
+        """True positions of the motors [rad], joint side, shape (n,); those of rigid joints are the joints'."""
+        return (self._motors.position if self._two_mass else self._q)[self._places]
+
+    @property
+    def applied(self) -> np.ndarray:
+        """Motor torque that reached the joints in the last step, before friction [N m], shape (n,)."""
+        return self._u[self._places]
+
+    @property
+    def time(self) -> float:
+        """Time since the start of the recording [s]."""
+        return self._start_time + self._count * self._h
+
+    def encoders(self) -> np.ndarray:
+        """Positions as the encoders read them [rad], shape (n,); each call draws its own noise."""
+        joint = self.q
+        return self._encoders(self.motor_q if self._two_mass else joint, joint)
+
+    def step(self, torque: np.ndarray, steps: int = 1) -> None:
+        """Hold the commanded torque [N m], shape (n,), for ``steps`` time steps."""
+        command = np.asarray(torque, dtype=float)
+        if not self._ordered:
+            command = command[self._order]
+        count = steps * self.parts
+        if not self._path.constant:
+            self._hold_command(command, count)
+            return
+        self._u = self._path(command)
+        if self._direct:
+            self._engine.step(self._u, count)
+            self._count += count
+            self._step.read()
+            return
+        self._friction.load(self._u)
+        if self._two_mass or self._loads.present:
+            for _ in range(count):
+                self._drift()
+                self._advance()
+                self._count += 1
+        else:
+            self._hold_torque(count)
+
+    def _hold_torque(self, count: int) -> None:
+        """Steps under a torque that does not change, of rigid joints on which nothing else acts."""
+        friction, solver, torque, drifting = (
+            self._friction,
+            self._step,
+            self._u,
+            self._friction.drifting,
+        )
+        limit, advance = friction.limit, solver.advance
+        for _ in range(count):
+            if drifting:
+                self._drift()
+            advance(torque, limit(solver.dq))
+            self._count += 1
+
+    def _hold_command(self, command: np.ndarray, count: int) -> None:
+        """Steps under a command whose torque changes on its way to the joints."""
+        for _ in range(count):
+            self._drift()
+            self._u = self._path(
+                command, self._motors.position if self._two_mass else self._q
+            )
+            self._friction.load(self._u)
+            self._advance()
+            self._count += 1
+
+    def _advance_rigid(self) -> None:
+        """One step of rigid joints."""
+        torque = (
+            self._u + self._loads(self.time, self._q)
+            if self._loads.present
+            else self._u
+        )
+        self._step.advance(torque, self._friction.limit(self._step.dq))
+
+    def _advance_two_mass(self) -> None:
+        """One step with motors of their own: their friction and rotors act on them, not on the links."""
+        motors, rigid, torque = self._motors, self._rigid, self._u
+        limit = self._friction.limit(motors.velocity)
+        through = motors.torque(self._q, self._step.dq)
+        on_links = np.where(rigid, torque, through)
+        if self._loads.present:
+            on_links += self._loads(self.time, self._q)
+        self._step.advance(on_links, limit * rigid)
+        motors.step(torque, through, limit, self._friction.viscous, self._h)
+        motors.follow(self._q, self._step.dq)
+
+    def _drift(self) -> None:
+        """Bring the drift of friction up to date where that is due."""
+        if self._friction.drifts(self._count):
+            self._friction.drift(self.time)
+            self._step.set_viscous(self._friction.viscous * self._rigid)

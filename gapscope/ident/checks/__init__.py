@@ -1,0 +1,1 @@
+"""Checks of recordings and fits, each with a remedy."""

@@ -1,0 +1,129 @@
+"""Whether samples can be identified from at all; what cannot is refused with the reason, before any fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gapscope.arm.errors import InputError
+from gapscope.arm.recording import Recording
+from gapscope.ident.checks.fit_evidence import Likeness
+from gapscope.ident.signals.samples import Samples
+
+STILL = 0.01
+"""A joint that moves less than this does not move [rad]."""
+UNIT_FACTOR = 8.0
+"""Torque larger or smaller than the nominal arm's by more than this is in another unit."""
+PER_PARAMETER = 2.0
+"""Independent samples that each base parameter needs at least; a band of f Hz holds 2 f a second and joint."""
+_GUESSES = ((1e3, "mN m"), (1e2, "N cm"))
+
+
+def check_bare(recording: Recording) -> None:
+    """Check that a recording carries no known payload; raises ``InputError`` otherwise."""
+    if recording.payload is not None:
+        raise InputError(
+            "carries a known payload, and what simulates the arm to identify it simulates it without",
+            "leave the recording out, or use an estimator that does not simulate",
+            file=recording.name,
+        )
+
+
+def check_recordings(
+    recordings: Sequence[Recording], judged: Sequence[Recording], case: str
+) -> None:
+    """Check that there is torque to fit and to judge on, and that something moves.
+
+    Raises:
+        InputError: no recording has a torque that can be trusted, or all joints rest.
+    """
+    if not any(recording.tau is not None for recording in recordings):
+        notes = "; ".join(
+            dict.fromkeys(note for recording in recordings for note in recording.notes)
+        )
+        raise InputError(
+            "no recording holds a torque" + (f" ({notes})" if notes else ""),
+            "record tau1..taun, the torque commanded or derived from motor current, or name its columns in the case's "
+            "import: {tau: ...}; what the torque is not known of cannot be identified",
+            file=case,
+        )
+    if not any(recording.tau is not None for recording in judged):
+        raise InputError(
+            f"{', '.join(r.name for r in judged)}, set aside to judge on, holds no torque",
+            "name another recording with --judge",
+            file=case,
+        )
+    moved = np.max(
+        [np.ptp(r.q, axis=0) for r in recordings if r.tau is not None], axis=0
+    )
+    if (moved < STILL).all():
+        raise InputError(
+            f"the trajectory is constant: no joint moves by more than {np.max(moved):.2g} rad",
+            "record a motion in which all joints speed up, slow down and turn round (`gapscope excite` plans one)",
+            file=recordings[0].name,
+            where="columns q1 on",
+        )
+
+
+def resting(recordings: Sequence[Recording]) -> np.ndarray:
+    """Joints, from 0, that rest in every recording."""
+    return np.flatnonzero(
+        np.max([np.ptp(r.q, axis=0) for r in recordings], axis=0) < STILL
+    )
+
+
+def check_count(samples: Samples, base_count: int, name: str) -> None:
+    """Check that there are samples enough for the parameters.
+
+    Raises:
+        InputError: fewer than ``PER_PARAMETER`` independent samples per base parameter.
+    """
+    seconds = len(samples.torque) * samples.interval
+    independent = seconds * 2 * samples.band.cutoff * samples.torque.shape[1]
+    if independent < PER_PARAMETER * base_count:
+        needed = (
+            PER_PARAMETER
+            * base_count
+            / (2 * samples.band.cutoff * samples.torque.shape[1])
+        )
+        raise InputError(
+            f"{seconds:.2g} s in a band of {samples.band.cutoff:g} Hz hold {independent:.0f} independent samples, too "
+            f"few for {base_count} base parameters",
+            f"record for at least {np.ceil(needed + 1):.0f} s, ten times that for good measure, or raise --cutoff",
+            file=name,
+        )
+
+
+def check_unit(found: Likeness, name: str) -> None:
+    """Check that the torque is in N m on the joint's side.
+
+    Raises:
+        InputError: it is larger or smaller than the nominal arm's by more than ``UNIT_FACTOR`` on most joints.
+    """
+    factor = unit_factor(found)
+    if 1 / UNIT_FACTOR < factor < UNIT_FACTOR:
+        return
+    size = "larger" if factor > 1 else "smaller"
+    shown = factor if factor > 1 else 1 / factor
+    near = [unit for value, unit in _GUESSES if 1 / 3 < factor / value < 3]
+    guess = f": looks like {near[0]}" if near else ""
+    which = (
+        f"import: {{tau: {{column: tau{{j}}, unit: {near[0]}}}}}"
+        if near
+        else "import: {tau: {scale: [...]}}"
+    )
+    raise InputError(
+        f"the recorded torque is {shown:.3g} times {size} than the nominal arm's{guess}. Is it in N m on the joint's "
+        "side, or a raw motor current, or a torque on the motor's side?",
+        f"say in the case {which}; a current needs torque constant times gear ratio per joint as scale. If the torque "
+        "is right, the nominal arm is another arm: correct the URDF, or allow it with --any-torque",
+        file=name,
+        where="columns tau1 on",
+    )
+
+
+def unit_factor(found: Likeness) -> float:
+    """Recorded over nominal torque, the median over joints with a load [1]."""
+    known = np.isfinite(found.ratio)
+    return float(np.median(found.ratio[known])) if known.any() else 1.0

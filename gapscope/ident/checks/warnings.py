@@ -1,0 +1,83 @@
+"""What makes an identification doubtful: warnings, each a sentence with a remedy."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from gapscope.ident.checks.fit_evidence import Evidence, Likeness
+from gapscope.ident.checks.plausible_samples import resting
+from gapscope.ident.checks.torque_gain import torque_gain
+from gapscope.ident.checks.troubleshooting import FOUND, Row
+from gapscope.ident.estimators.estimate import Estimate
+from gapscope.ident.kalman.changes import FoundChange
+from gapscope.ident.model.physical_parameters import inconsistent
+from gapscope.ident.uncertainty.examination import Examination
+from gapscope.ident.uncertainty.validation import Validation
+
+SAID_OTHERWISE = ("low_speed_friction", "resting_joint", "torque_gain", "condition")
+"""Rows of the troubleshooting table that need no warning, or have a fuller one here."""
+
+
+def doubts(
+    evidence: Evidence,
+    estimate: Estimate,
+    examined: Examination,
+    changes: Sequence[FoundChange],
+    alike: Likeness,
+    table: Sequence[Row],
+    judged: Validation,
+) -> tuple[str, ...]:
+    """The warnings, those that concern all results first."""
+    return (
+        *_torque(alike, judged),
+        *_changed(changes),
+        *estimate.warnings,
+        *examined.warnings(),
+        *_still(evidence),
+        *_bodies(evidence),
+        *_rows(table),
+    )
+
+
+def _torque(alike: Likeness, judged: Validation) -> Iterator[str]:
+    gain = torque_gain(alike)
+    if gain.found:
+        yield gain.warning()
+    off = judged.nominal.overall
+    if off > 1.0:
+        yield (
+            f"the nominal arm's torque is off by {off:.0%} of the recorded one, more than no torque would be: "
+            "another unit, another arm, or a load it knows nothing of; values near it mean little until that is clear"
+        )
+
+
+def _changed(changes: Sequence[FoundChange]) -> Iterator[str]:
+    for found in changes:
+        yield f"{found}; cut the recording there, and name a known load in payloads:"
+
+
+def _still(evidence: Evidence) -> Iterator[str]:
+    still = resting([r for r in evidence.recordings if r.tau is not None])
+    if len(still):
+        joints = ", ".join(str(j + 1) for j in still)
+        yield f"joint {joints} rests in every fitted recording: its own parameters are not identifiable"
+
+
+def _bodies(evidence: Evidence) -> Iterator[str]:
+    wrong = inconsistent(evidence.physical.before)
+    if wrong:
+        negative = [str(c.link) for c in wrong if not c.positive_mass]
+        masses = (
+            f"; link {', '.join(negative)} even of negative mass" if negative else ""
+        )
+        yield (
+            f"the parameters nearest to the nominal arm that fit best are those of no body on link "
+            f"{', '.join(str(c.link) for c in wrong)}{masses}: the consistent ones are used instead"
+        )
+
+
+def _rows(table: Sequence[Row]) -> Iterator[str]:
+    for row in table:
+        if row.verdict == FOUND and row.entry.key not in SAID_OTHERWISE:
+            where = f" on joint {', '.join(map(str, row.joints))}" if row.joints else ""
+            yield f"{row.entry.cause}{where}: {row.entry.remedy}"

@@ -1,0 +1,129 @@
+"""The estimators by name: how each is made for an arm, and which interval belongs to it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from gapscope.arm.errors import InputError
+from gapscope.ident.estimators.consistent_sdp import ConsistentSdp
+from gapscope.ident.estimators.estimate import Estimate, Estimator
+from gapscope.ident.estimators.irls import HuberLeastSquares
+from gapscope.ident.estimators.log_cholesky import LogCholesky
+from gapscope.ident.estimators.maximum_likelihood import MaximumLikelihood
+from gapscope.ident.estimators.ols import OrdinaryLeastSquares
+from gapscope.ident.estimators.on_base import OnBase
+from gapscope.ident.estimators.partial_update import PartialUpdate
+from gapscope.ident.estimators.ridge import Ridge
+from gapscope.ident.estimators.total_least_squares import TotalLeastSquares
+from gapscope.ident.estimators.truncated_svd import TruncatedSvd
+from gapscope.ident.estimators.wls import WeightedLeastSquares
+from gapscope.ident.model.base_parameters import BaseParameters
+from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.uncertainty.intervals import Uncertainty, sandwich
+from gapscope.ident.uncertainty.refit_jackknife import STRETCHES, refit_jackknife
+
+Make = Callable[[BaseParameters, np.ndarray], Estimator]
+Interval = Callable[[Problem, Estimator, Estimate], Uncertainty]
+
+
+@dataclass(frozen=True)
+class Method:
+    """An estimator of base parameters and its interval.
+
+    Attributes:
+        make: the estimator, from base parameters and the nominal x of shape (p,).
+        interval: uncertainty of its estimate.
+        kind: of the interval, in words.
+    """
+
+    make: Make
+    interval: Interval
+    kind: str
+
+
+def method(name: str) -> Method:
+    """The method of a name; raises ``InputError`` where there is none."""
+    if name not in METHODS:
+        raise InputError(
+            f"unknown estimator {name!r}",
+            f"use {', '.join(METHODS)}",
+            where="--estimator",
+        )
+    return METHODS[name]
+
+
+def _by_joint(
+    problem: Problem, estimator: Estimator, estimate: Estimate
+) -> Uncertainty:
+    least = 1e-9 * max(float(estimate.residual.max()), 1e-300)
+    return sandwich(
+        problem, estimate.value, np.diag(np.maximum(estimate.residual, least) ** -2.0)
+    )
+
+
+def _unweighted(
+    problem: Problem, estimator: Estimator, estimate: Estimate
+) -> Uncertainty:
+    return sandwich(problem, estimate.value)
+
+
+def _across(problem: Problem, estimator: Estimator, estimate: Estimate) -> Uncertainty:
+    return sandwich(
+        problem,
+        estimate.value,
+        np.linalg.inv(MaximumLikelihood.noise(problem, estimate.value)),
+    )
+
+
+def _repeated(
+    problem: Problem, estimator: Estimator, estimate: Estimate
+) -> Uncertainty:
+    return refit_jackknife(problem, estimator)
+
+
+def _stated(problem: Problem, estimator: Estimator, estimate: Estimate) -> Uncertainty:
+    return Uncertainty(
+        estimate.covariance, float(max(problem.torque.size - len(estimate.value), 1)), 1
+    )
+
+
+_SANDWICH = "sandwich, which counts that samples follow each other"
+_JACKKNIFE = f"block jackknife, the estimate repeated without each of about {STRETCHES} stretches of time"
+_UNBIASED = f"{_JACKKNIFE}; the bias of the pull is not counted"
+
+METHODS: dict[str, Method] = {
+    "consistent": Method(
+        lambda base, x: WeightedLeastSquares(),
+        _by_joint,
+        f"{_SANDWICH}, of weighted least squares without the constraints",
+    ),
+    "wls": Method(lambda base, x: WeightedLeastSquares(), _by_joint, _SANDWICH),
+    "ols": Method(lambda base, x: OrdinaryLeastSquares(), _unweighted, _SANDWICH),
+    "irls": Method(lambda base, x: HuberLeastSquares(), _repeated, _JACKKNIFE),
+    "ridge": Method(lambda base, x: Ridge(), _repeated, _UNBIASED),
+    "truncated_svd": Method(lambda base, x: TruncatedSvd(), _repeated, _UNBIASED),
+    "total_least_squares": Method(
+        lambda base, x: TotalLeastSquares(), _repeated, _JACKKNIFE
+    ),
+    "maximum_likelihood": Method(
+        lambda base, x: MaximumLikelihood(), _across, _SANDWICH
+    ),
+    "partial_update": Method(
+        lambda base, x: PartialUpdate(base.of(x)),
+        _stated,
+        "posterior, of the data and the nominal arm together",
+    ),
+    "log_cholesky": Method(
+        lambda base, x: OnBase(LogCholesky(x), base), _repeated, _UNBIASED
+    ),
+    "sdp_euclidean": Method(
+        lambda base, x: OnBase(ConsistentSdp(x), base), _repeated, _UNBIASED
+    ),
+    "sdp_entropic": Method(
+        lambda base, x: OnBase(ConsistentSdp(x, "entropic"), base), _repeated, _UNBIASED
+    ),
+}
+"""Methods by name; ``consistent`` is weighted least squares constrained to bodies that can exist."""

@@ -1,0 +1,288 @@
+"""What an estimator that simulates needs beside the linear problem: the arm, its controller and what it was told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline, make_interp_spline
+
+from gapscope.arm.controller import Controller
+from gapscope.arm.dynamics.array_cache import Recent
+from gapscope.arm.dynamics.feedforward import feedforward
+from gapscope.arm.dynamics.rollout import Commands, Plant, RollOut, roll_outs
+from gapscope.arm.dynamics.sensitivity import sensitivity, ticks_per_step
+from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.recording import Recording
+from gapscope.arm.velocity_filter import rule_of
+from gapscope.ident.checks.controller_check import check_controller
+from gapscope.ident.checks.plausible_samples import check_bare
+from gapscope.ident.model.base_parameters import BaseParameters
+from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
+from gapscope.ident.signals.conditioning import GAP_STEPS
+
+AT_REST = 1e-3
+"""A reference that starts slower than this starts at rest [rad/s]."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Recordings under a known controller, and how to repeat them with other parameters.
+
+    Attributes:
+        regressor: of the nominal arm.
+        base: its base parameters, which are the problem's.
+        controller: that made the recordings' torque.
+        recordings: with q_ref and tau, without gaps.
+        build: from recordings to the problem; it made the problem from the measured ones, and is given simulated ones,
+            so that filtering and differentiation change both alike.
+        prior: parameters pi near which the simulated arm stays where the data do not decide, shape (p,); those of the
+            nominal arm by default.
+        settle: how long a reference that starts at rest was held before the recording [s].
+        warnings: what was noticed about controller and recordings.
+
+    Raises:
+        InputError: a recording has no reference, no torque or a gap, or its torque contradicts the controller.
+    """
+
+    regressor: Regressor
+    base: BaseParameters
+    controller: Controller
+    recordings: Sequence[Recording]
+    build: Callable[[Sequence[Recording]], Problem]
+    prior: np.ndarray = None  # type: ignore[assignment]
+    settle: float = 0.5
+    warnings: tuple[str, ...] = field(init=False, default=())
+
+    def __post_init__(self) -> None:
+        """Check the recordings and fill in the prior."""
+        if self.prior is None:
+            object.__setattr__(self, "prior", self.regressor.nominal())
+        warnings: list[str] = []
+        for recording, commands in zip(self.recordings, self.commands, strict=True):
+            warnings += check_controller(
+                recording, self.controller, commands, self._limit
+            )
+        object.__setattr__(self, "warnings", tuple(warnings))
+
+    @property
+    def _limit(self) -> np.ndarray | None:
+        return self.regressor.arm.torque_limit
+
+    @cached_property
+    def commands(self) -> tuple[Commands, ...]:
+        """Reference and feedforward of each recording at the controller's ticks from the recording's first row on."""
+        return tuple(self._commands(recording) for recording in self.recordings)
+
+    @property
+    def start(self) -> np.ndarray:
+        """Base parameters of the prior, shape (b,)."""
+        return self.base.of(self.prior)
+
+    def plant(self, beta: np.ndarray) -> Plant:
+        """The arm with base parameters beta, nearest to the prior."""
+        return Plant.of(self._full(self.base.nearest(beta, self.prior)))
+
+    def simulate(self, beta: np.ndarray) -> tuple[Recording, ...]:
+        """The recordings as an arm with base parameters beta, without noise, would have made them.
+
+        Raises:
+            GapscopeError: the arm ran away.
+        """
+        return tuple(
+            self._recorded(k, rolled) for k, rolled in enumerate(self._rolled(beta))
+        )
+
+    def problem(self, beta: np.ndarray) -> Problem:
+        """The problem that the simulated recordings make."""
+        return self.build(self.simulate(beta))
+
+    def tangents(
+        self, beta: np.ndarray
+    ) -> tuple[tuple[Recording, np.ndarray, np.ndarray], ...]:
+        """Simulated recordings with d q / d beta [rad] and d tau / d beta [N m], each of shape (N, n, b)."""
+        plant, rolled = self.plant(beta), self._rolled(beta)
+        increments = np.linalg.pinv(self.base.combination)
+        directions = np.stack(
+            [self._full(column) - self._full(0 * column) for column in increments.T],
+            axis=1,
+        )
+        arm, every = (
+            (self.regressor.body, plant, self.controller),
+            ticks_per_step(self.controller),
+        )
+        out: dict[int, tuple[Recording, np.ndarray, np.ndarray]] = {}
+        for rule, members in self._alike.items():
+            along = sensitivity(
+                *arm, [rolled[k] for k in members], directions, self._limit, rule
+            )
+            for k, (q, tau) in zip(members, along, strict=True):
+                rows = self._rows(k) / every
+                out[k] = (self._recorded(k, rolled[k]), _at(rows, q), _at(rows, tau))
+        return tuple(out[k] for k in range(len(self.recordings)))
+
+    def check(self, problem: Problem) -> None:
+        """Check that a problem is one of these recordings; raises ``InputError`` otherwise."""
+        if problem.matrix.shape[2] != self.base.count:
+            raise InputError(
+                f"the problem has {problem.matrix.shape[2]} parameters, the experiment {self.base.count}",
+                "make the problem with the base parameters of the experiment",
+            )
+
+    @cached_property
+    def _alike(self) -> dict[str, list[int]]:
+        """Numbers of the recordings whose controller discretised its filter alike, by that rule."""
+        rules = [rule_of(recording, self.controller) for recording in self.recordings]
+        return {
+            rule: [k for k, own in enumerate(rules) if own == rule]
+            for rule in dict.fromkeys(rules)
+        }
+
+    @cached_property
+    def _recent(self) -> Recent:
+        """Roll-outs of the last parameters: an estimator asks for those of one point more than once."""
+        return Recent()
+
+    def _full(self, parameters: np.ndarray) -> np.ndarray:
+        """Parameters in the order of ``Plant.of``; effects without a column keep the data sheet's values; (14 n,)."""
+        arm = self.regressor.arm
+        n = arm.n_joints
+        laws = dict(
+            zip(
+                JOINT_COLUMNS,
+                (arm.armature, arm.viscous, arm.coulomb, np.zeros(n)),
+                strict=True,
+            )
+        )
+        for k, name in enumerate(self.regressor.effects):
+            laws[name] = parameters[(10 + k) * n : (11 + k) * n]
+        return np.concatenate([parameters[: 10 * n], *laws.values()])
+
+    def _rolled(self, beta: np.ndarray) -> tuple[RollOut, ...]:
+        """Roll-outs of all recordings, computed or remembered."""
+        flat = self._recent.get("roll-outs", (beta,), lambda: self._computed(beta))
+        return tuple(
+            RollOut(*flat[5 * k : 5 * k + 5]) for k in range(len(self.recordings))
+        )
+
+    def _computed(self, beta: np.ndarray) -> tuple[np.ndarray, ...]:
+        """The arrays of the roll-outs, one after the other."""
+        body, plant = self.regressor.body, self.plant(beta)
+        out: dict[int, RollOut] = {}
+        for rule, members in self._alike.items():
+            commands, starts = zip(*map(self._begun, members), strict=True)
+            found = roll_outs(
+                body, plant, self.controller, commands, self._limit, starts, rule
+            )
+            out |= dict(zip(members, found, strict=True))
+        return tuple(
+            x for _, r in sorted(out.items()) for x in (r.t, r.q, r.dq, r.tau, r.speed)
+        )
+
+    def _begun(self, k: int) -> tuple[Commands, tuple[np.ndarray, np.ndarray]]:
+        """Commands of a recording, held before a start at rest, and the position and velocity at their start."""
+        commands = self.commands[k]
+        held = self._ticks_held(k)
+        if held:
+            return _held(commands, held), (commands.q[0], commands.dq[0])
+        return commands, (self.recordings[k].q[0], commands.dq[0])
+
+    def _ticks_held(self, k: int) -> int:
+        """Ticks for which a reference that starts at rest was held before the recording."""
+        rests = np.abs(self.commands[k].dq[0]).max() < AT_REST
+        return round(self.settle * self.controller.rate) if rests else 0
+
+    def _rows(self, k: int) -> np.ndarray:
+        """Ticks of a roll-out at which the recording has its rows, shape (N,)."""
+        t = self.recordings[k].t
+        return self._ticks_held(k) + ((t - t[0]) * self.controller.rate + 1e-6).astype(
+            int
+        )
+
+    def _recorded(self, k: int, rolled: RollOut) -> Recording:
+        own, rows = self.recordings[k], self._rows(k)
+        return Recording(
+            own.name,
+            own.t,
+            rolled.q[rows],
+            rolled.tau[rows],
+            dq=rolled.dq[rows],
+            q_ref=own.q_ref,
+            dq_ref=own.dq_ref,
+        )
+
+    def _commands(self, recording: Recording) -> Commands:
+        check_bare(recording)
+        t, q_ref = recording.t, recording.q_ref
+        if q_ref is None or recording.tau is None:
+            raise InputError(
+                "has no reference or no torque, which an estimator that simulates needs",
+                "give columns q_ref1.. and tau1.., or use an estimator that does not simulate",
+                file=recording.name,
+            )
+        if (np.diff(t) > GAP_STEPS / recording.rate).any():
+            raise InputError(
+                "has a gap in time",
+                "cut it there into two recordings",
+                file=recording.name,
+            )
+        ticks = (
+            t[0]
+            + np.arange(int((t[-1] - t[0]) * self.controller.rate + 1e-6) + 2)
+            / self.controller.rate
+        )
+        held = np.minimum(ticks, t[-1])
+        dq_ref = (
+            make_interp_spline(t, q_ref, k=3)(t, 1)
+            if recording.dq_ref is None
+            else recording.dq_ref
+        )
+        velocity = make_interp_spline(t, dq_ref, k=3)
+        q, dq, ddq = (
+            CubicHermiteSpline(t, q_ref, dq_ref)(held),
+            velocity(held),
+            velocity(held, 1),
+        )
+        arm, body = self.regressor.arm, self.regressor.body
+        return Commands(
+            ticks,
+            q,
+            dq,
+            feedforward(arm, body, self.controller.feedforward, q, dq, ddq),
+        )
+
+
+def _at(rows: np.ndarray, series: np.ndarray) -> np.ndarray:
+    """Rows of a series, numbers between two of them interpolated."""
+    below = np.minimum(rows.astype(int), len(series) - 1)
+    above = np.minimum(below + 1, len(series) - 1)
+    share = (rows - below)[:, None, None]
+    return (
+        series[below]
+        if not share.any()
+        else (1 - share) * series[below] + share * series[above]
+    )
+
+
+def _held(commands: Commands, ticks: int) -> Commands:
+    """Commands after the first one was held for some ticks."""
+    step = commands.t[1] - commands.t[0]
+    t = np.concatenate([commands.t[0] + step * np.arange(-ticks, 0), commands.t])
+    q, dq, torque = (
+        np.concatenate([np.repeat(x[:1], ticks, axis=0), x])
+        for x in (commands.q, commands.dq, commands.torque)
+    )
+    return Commands(t, q, dq, torque)
+
+
+def diverged(error: GapscopeError, iteration: int) -> GapscopeError:
+    """The error of an estimator whose simulated arm ran away, with its causes."""
+    return GapscopeError(
+        f"the simulated arm ran away in iteration {iteration} ({error.message})",
+        "check (a) that gains, feedforward and reference are those of the recording, (b) that the start is near the "
+        "arm: take the estimate of a linear estimator, or the data sheet, as the prior, (c) that the motion excites "
+        "every parameter, so that no estimate makes the mass matrix negative",
+    )

@@ -1,0 +1,82 @@
+"""What the linear estimators share: a triangular factor of the equations, and the estimate that follows from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from gapscope.ident.estimators.estimate import Estimate
+from gapscope.ident.model.linear_problem import Problem
+
+
+@dataclass(frozen=True)
+class Factor:
+    """Equations W beta = tau of any number of rows as a triangle: |tau - W beta|^2 = |z - R beta|^2 + rest.
+
+    Attributes:
+        triangle: R, shape (b, b).
+        rotated: z, shape (b,).
+        rest: squared norm of what no beta explains.
+        rows: number of equations.
+    """
+
+    triangle: np.ndarray
+    rotated: np.ndarray
+    rest: float
+    rows: int
+
+    @classmethod
+    def of(cls, matrix: np.ndarray, torque: np.ndarray) -> Factor:
+        """The factor of equations, matrix of shape (M, b) and torque of shape (M,)."""
+        b = matrix.shape[1]
+        triangle = np.asarray(np.linalg.qr(np.column_stack([matrix, torque]), mode="r"))
+        triangle = np.vstack(
+            [triangle, np.zeros((max(0, b + 1 - len(triangle)), b + 1))]
+        )
+        return cls(
+            triangle[:b, :b], triangle[:b, b], float(triangle[b, b] ** 2), len(matrix)
+        )
+
+    @property
+    def freedom(self) -> int:
+        """Equations less parameters, at least 1."""
+        return max(self.rows - len(self.rotated), 1)
+
+    def solve(self) -> np.ndarray:
+        """The least-squares beta, shape (b,); R has to be regular."""
+        return solve_triangular(self.triangle, self.rotated)
+
+    def inverse_gram(self) -> np.ndarray:
+        """(W^T W)^-1, shape (b, b); R has to be regular."""
+        inverse = solve_triangular(self.triangle, np.eye(len(self.triangle)))
+        return inverse @ inverse.T
+
+
+def whitened(problem: Problem, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Stacked equations divided by each joint's noise [N m], shape (n,): W of shape (N n, b), tau of shape (N n,)."""
+    b = problem.matrix.shape[2]
+    return (problem.matrix / spread[:, None]).reshape(-1, b), (
+        problem.torque / spread
+    ).ravel()
+
+
+def joint_noise(problem: Problem, beta: np.ndarray) -> np.ndarray:
+    """Standard deviation of what is left per joint [N m], shape (n,): parameters counted, and nowhere zero."""
+    residual = problem.residual(beta)
+    free = max(1.0 - len(beta) / residual.size, 1.0 / residual.size)
+    noise = np.sqrt((residual**2).mean(axis=0) / free)
+    floor = 1e-12 * max(float(np.abs(problem.torque).max(initial=0.0)), 1e-300)
+    return np.maximum(noise, max(floor, 1e-6 * float(noise.max(initial=0.0))))
+
+
+def finished(
+    problem: Problem,
+    beta: np.ndarray,
+    covariance: np.ndarray,
+    warnings: tuple[str, ...] = (),
+) -> Estimate:
+    """The estimate with what it leaves per joint."""
+    residual = np.sqrt((problem.residual(beta) ** 2).mean(axis=0))
+    return Estimate(tuple(problem.names), beta, covariance, residual, warnings)

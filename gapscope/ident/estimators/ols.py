@@ -1,0 +1,30 @@
+"""Ordinary least squares."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gapscope.ident.estimators.estimate import Estimate
+from gapscope.ident.estimators.linear_estimator import Factor, finished
+from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.model.solvable import check_samples
+
+
+@dataclass(frozen=True)
+class OrdinaryLeastSquares:
+    """Minimises |tau - W beta|^2; covariance s^2 (W^T W)^-1 with s^2 = |tau - W beta|^2 / (N n - b).
+
+    That covariance holds for white noise of one size on all joints and a model without error, which filtered
+    recordings hardly ever meet; ``gapscope.ident.uncertainty.intervals`` has covariances that need less. Source:
+    hollerbach2008.
+    """
+
+    def estimate(self, problem: Problem) -> Estimate:
+        """Estimate; raises ``InputError`` where the samples do not determine the parameters."""
+        check_samples(problem)
+        factor = Factor.of(*problem.stacked())
+        return finished(
+            problem,
+            factor.solve(),
+            factor.rest / factor.freedom * factor.inverse_gram(),
+        )

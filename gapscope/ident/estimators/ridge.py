@@ -1,0 +1,94 @@
+"""Ridge regression, its strength chosen by the L-curve or by generalised cross-validation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gapscope.ident.estimators.estimate import Estimate
+from gapscope.ident.estimators.linear_estimator import Factor, finished
+from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.model.solvable import check_samples
+
+STRENGTHS = np.logspace(-12, 1, 131)
+"""Strengths that are tried."""
+WORSE = 1.02
+"""The L-curve of a well-conditioned problem has no corner of its own: a strength that leaves more than this times the
+least squared residual is not taken [1]."""
+
+
+@dataclass(frozen=True)
+class Ridge:
+    """Minimises |tau - W beta|^2 + lambda |D (beta - beta_0)|^2, D the norms of W's columns.
+
+    With columns of unit norm lambda has no unit: it is compared with the squared singular values, of which none
+    exceeds b. The covariance is that of the noise alone; what the pull adds as bias is not in it.
+
+    Attributes:
+        choice: ``gcv`` (least |residual|^2 / (M - effective parameters)^2), ``l_curve`` (the sharpest corner of log
+            |residual| against log |D (beta - beta_0)|), or lambda itself.
+        prior: beta_0, shape (b,); zero where ``None``.
+
+    Source: hansen1992, golub1979.
+    """
+
+    choice: str | float = "gcv"
+    prior: np.ndarray | None = None
+
+    def estimate(self, problem: Problem) -> Estimate:
+        """Estimate; raises ``InputError`` where the samples are not finite or the arm rests."""
+        check_samples(problem, full_rank=False)
+        prior = (
+            np.zeros(problem.matrix.shape[2])
+            if self.prior is None
+            else np.asarray(self.prior, dtype=float)
+        )
+        matrix, torque = problem.stacked()
+        norms = np.linalg.norm(matrix, axis=0)
+        norms = np.where(norms > 0, norms, 1.0)
+        factor = Factor.of(matrix / norms, torque - matrix @ prior)
+        left, values, right = np.linalg.svd(factor.triangle)
+        part = left.T @ factor.rotated
+        strength = self._strength(values, part, factor)
+        gain = values / np.maximum(values**2 + strength, 1e-300)
+        shrunk = right.T @ (gain * part)
+        beta = prior + shrunk / norms
+        effective = float((values * gain).sum())
+        noise = (
+            factor.rest
+            + float(((1 - values * gain) * part) @ ((1 - values * gain) * part))
+        ) / max(factor.rows - effective, 1.0)
+        half = right.T * gain / norms[:, None]
+        warnings: tuple[str, ...] = ()
+        if effective <= 0.9 * len(beta):
+            warnings = (
+                f"the pull holds {len(beta) - effective:.1f} of {len(beta)} directions; their stated deviation leaves "
+                "out the bias that this adds; record a trajectory that excites them",
+            )
+        return finished(problem, beta, noise * half @ half.T, warnings)
+
+    def _strength(self, values: np.ndarray, part: np.ndarray, factor: Factor) -> float:
+        if not isinstance(self.choice, str):
+            return float(self.choice)
+        share = STRENGTHS[:, None] / (values**2 + STRENGTHS[:, None])
+        residual = ((share * part) ** 2).sum(axis=1) + factor.rest
+        if self.choice == "gcv":
+            free = factor.rows - len(values) + share.sum(axis=1)
+            return float(STRENGTHS[np.argmin(residual / np.maximum(free, 1e-9) ** 2)])
+        size = (((1 - share) * part / np.maximum(values, 1e-300)) ** 2).sum(axis=1)
+        corner = _corner(
+            0.5 * np.log(np.maximum(residual, 1e-300)), 0.5 * np.log(size + 1e-300)
+        )
+        return float(
+            STRENGTHS[min(corner, int((residual <= WORSE * residual[0]).sum()) - 1)]
+        )
+
+
+def _corner(x: np.ndarray, y: np.ndarray) -> int:
+    """Place of the largest curvature of a curve of evenly spaced strengths."""
+    dx, dy = np.gradient(x), np.gradient(y)
+    curvature = (dx * np.gradient(dy) - dy * np.gradient(dx)) / np.maximum(
+        (dx**2 + dy**2) ** 1.5, 1e-12
+    )
+    return int(np.argmax(curvature[2:-2]) + 2)

@@ -1,0 +1,171 @@
+"""What the estimators that simulate have in common: weights, checks, intervals, and how an iteration ends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.ident.estimators.estimate import Estimate
+from gapscope.ident.estimators.experiment import Experiment, diverged
+from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.model.solvable import check_samples
+from gapscope.ident.signals.effective_samples import parts
+from gapscope.ident.uncertainty.intervals import block_length
+
+HALVINGS = 6
+"""How often a step that lets the simulated arm run away, or fits worse, is halved."""
+WORSE = 1.05
+"""A step is halved when the error grows by more than this factor [1]."""
+NOT_SETTLED = (
+    "did not settle: (a) gains, feedforward or reference may not be those of the recording, (b) the start may be too "
+    "far from the arm, (c) an effect that the model lacks, such as elasticity or delay, may shape the motion"
+)
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """Parameters with the problem that the arm simulated with them makes.
+
+    Attributes:
+        beta: shape (b,).
+        problem: from simulated recordings.
+        error: RMS per joint of measured minus simulated torque [N m], shape (n,).
+    """
+
+    beta: np.ndarray
+    problem: Problem
+    error: np.ndarray
+
+
+def checked(problem: Problem, experiment: Experiment) -> None:
+    """Check that a problem belongs to its experiment, and that its samples determine the parameters."""
+    experiment.check(problem)
+    check_samples(problem)
+
+
+def started(problem: Problem, experiment: Experiment) -> Simulated:
+    """The problem checked, and simulated with the experiment's first parameters.
+
+    Raises:
+        InputError: too few samples, or a problem that is not the experiment's.
+        GapscopeError: the simulated arm runs away.
+    """
+    checked(problem, experiment)
+    try:
+        return simulated(problem, experiment, experiment.start)
+    except InputError:
+        raise
+    except GapscopeError as error:
+        raise diverged(error, 0) from error
+
+
+def simulated(problem: Problem, experiment: Experiment, beta: np.ndarray) -> Simulated:
+    """Simulate with parameters beta; raises ``GapscopeError`` where the arm runs away."""
+    own = experiment.problem(beta)
+    if own.torque.shape != problem.torque.shape:
+        raise InputError(
+            f"the problem has samples {problem.torque.shape}, its recordings make {own.torque.shape}",
+            "make the problem from the recordings of the experiment, in their order",
+        )
+    return Simulated(
+        beta, own, np.sqrt(np.mean((problem.torque - own.torque) ** 2, axis=0))
+    )
+
+
+def improved(
+    problem: Problem,
+    experiment: Experiment,
+    now: Simulated,
+    goal: np.ndarray,
+    iteration: int,
+) -> Simulated:
+    """A step towards ``goal``, halved while the arm runs away or the torque fits clearly worse.
+
+    Raises:
+        GapscopeError: the arm still runs away after the last halving.
+    """
+    failure: GapscopeError | None = None
+    step = goal - now.beta
+    for k in range(HALVINGS):
+        try:
+            there = simulated(problem, experiment, now.beta + 0.5**k * step)
+        except InputError:
+            raise
+        except GapscopeError as error:
+            failure = error
+            continue
+        if np.mean((there.error / now.error) ** 2) < WORSE**2:
+            return there
+        failure = None
+    if failure is not None:
+        raise diverged(failure, iteration) from failure
+    return now
+
+
+def instrument_covariance(
+    Z: np.ndarray, W: np.ndarray, residual: np.ndarray, problem: Problem
+) -> np.ndarray:
+    """Covariance of (Z^T W)^-1 Z^T tau with noise that is correlated in time, shape (b, b).
+
+    Args:
+        Z: weighted instruments, shape (N, n, b).
+        W: weighted regressor, shape (N, n, b).
+        residual: weighted, shape (N, n).
+        problem: for its groups.
+    """
+    b = W.shape[2]
+    gram = np.einsum("ija,ijb->ab", Z, W)
+    return score_covariance(
+        gram, np.einsum("ijb,ij->ib", Z, residual), problem.group, residual.size / b
+    )
+
+
+def score_covariance(
+    gram: np.ndarray, scores: np.ndarray, group: np.ndarray, excess: float
+) -> np.ndarray:
+    """A^-1 B A^-T with A the Gram matrix and B that of the scores' sum under Bartlett's window, shape (b, b).
+
+    Args:
+        gram: A, shape (b, b).
+        scores: g_i of each sample, shape (N, b).
+        group: shape (N,).
+        excess: equations per parameter [1].
+
+    Source: newey1987.
+    """
+    length = block_length(scores, group)
+    meat = np.zeros_like(gram)
+    for part in parts(group):
+        pad = np.zeros((length, scores.shape[1]))
+        total = np.cumsum(np.vstack([pad, scores[part], pad[1:]]), axis=0)
+        sums = total[length:] - total[:-length]
+        meat += sums.T @ sums / length
+    scale = 1 / np.sqrt(np.abs(np.diag(gram)).clip(1e-300))
+    inverse = np.linalg.pinv(gram * np.outer(scale, scale)) * np.outer(scale, scale)
+    return inverse @ meat @ inverse.T * excess / max(excess - 1, 1e-3)
+
+
+def settled(before: Simulated, after: Simulated, tolerance: float) -> bool:
+    """Whether error and simulated torque of two iterations agree to a tolerance, relative to the error."""
+    moved = np.sqrt(
+        np.mean((after.problem.torque - before.problem.torque) ** 2, axis=0)
+    )
+    return bool((moved <= tolerance * after.error).all())
+
+
+def estimate_of(
+    problem: Problem,
+    experiment: Experiment,
+    last: Simulated,
+    covariance: np.ndarray,
+    *,
+    converged: bool,
+    name: str,
+) -> Estimate:
+    """The estimate that an iteration ends with."""
+    warnings = list(experiment.warnings)
+    if not converged:
+        warnings.append(f"{name} {NOT_SETTLED}")
+    return Estimate(problem.names, last.beta, covariance, last.error, tuple(warnings))

@@ -1,0 +1,241 @@
+"""From an arm and a plan to the best trajectory found, checked at every sample."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.motions.trajectory import Limits, Reference
+from gapscope.arm.nominal import NominalArm
+from gapscope.ident.excitation.candidate_model import ExcitationModel
+from gapscope.ident.excitation.criteria import CRITERIA, condition_number
+from gapscope.ident.excitation.excitation_plan import OPTIMISERS, LimitPlan, Plan
+from gapscope.ident.excitation.limits import Checker, Margin
+from gapscope.ident.excitation.separation import Separated, Separator, Signatures
+from gapscope.ident.excitation.starved import check_condition
+from gapscope.ident.excitation.trajectory_parametrisation import Parametrisation
+from gapscope.ident.excitation.trajectory_search import SAMPLES, Search
+
+CHECKED_RATE = 1000.0
+"""Limits are checked at no less than this rate [Hz], and at every sample that is written."""
+TIGHTER = {"torque": 0.01, "singular": 0.1, "clearance": 0.01}
+"""By how much the limits are tighter in the search: share, share, m."""
+TRIES = 20
+"""Candidates that are checked at every sample, the best first, before giving up."""
+JUDGED = 2000
+"""Most samples on which condition number and separation are stated."""
+SEPARATING_RATE = 50.0
+"""Samples per second of a candidate that is judged by predictions over time [Hz]."""
+POSTURES = 300
+"""Random postures on which it is checked that limits allow any at all."""
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """An exciting trajectory that keeps all limits.
+
+    Attributes:
+        reference: the trajectory.
+        motion: its samples at the rate of the plan, N of n joints; at rest at both ends.
+        torque: nominal torque at these samples [N m], (N, n).
+        margins: to every limit that was checked, over samples of 1 ms or less.
+        condition: condition number of the base regressor, columns scaled to unit norm [1].
+        inertial_condition: the same for the inertial columns alone.
+        names: of the base columns, shape (b,).
+        separated: how far the effects of the plan are apart, or ``None`` where it names fewer than two.
+        evaluations: spent; a candidate with its gradient counts as ``search.GRADIENT_COST``.
+        feasible: those that kept all limits.
+        seconds: time of the search [s].
+        left_out: pairs of bodies that touch by construction and are not checked.
+    """
+
+    reference: Reference
+    motion: Motion
+    torque: np.ndarray
+    margins: tuple[Margin, ...]
+    condition: float
+    inertial_condition: float
+    names: tuple[str, ...]
+    separated: Separated | None
+    evaluations: int
+    feasible: int
+    seconds: float
+    left_out: tuple[tuple[str, str], ...]
+
+
+def design(
+    arm: NominalArm,
+    plan: Plan,
+    limits: LimitPlan,
+    rng: np.random.Generator,
+    progress: Callable[[float, float], None] = lambda share, best: None,
+    separator: Separator | None = None,
+    body: RigidBody | None = None,
+) -> Excitation:
+    """Look for the trajectory that excites an arm best.
+
+    Args:
+        arm: the nominal arm.
+        plan: what to look for, and how.
+        limits: what to keep.
+        rng: source of candidates; with a budget of evaluations alone the same seed gives the same trajectory.
+        progress: called with the share of the budget spent [1] and the best value so far, or infinity.
+        separator: tells apart what criterion ``separation`` is about; by default effects of typical size.
+        body: the arm's rigid bodies where they are not the nominal ones, as with a known payload.
+
+    Raises:
+        InputError: the limits allow no trajectory, none was found within the budget, or the best one tells nothing.
+
+    Warns:
+        ModelWarning: the condition number exceeds 1000; not where effects are to be separated.
+    """
+    prepared = prepare(arm, plan, limits, progress, separator, body)
+    begun = time.monotonic()
+    OPTIMISERS[plan.method]().run(prepared.search, rng)
+    seconds = time.monotonic() - begun
+    accepted = accept(prepared.search, prepared.final, plan)
+    found = _result(arm, plan, prepared, accepted, seconds)
+    if plan.criterion != "separation":
+        check_condition(prepared.search, accepted.x, found.condition)
+    return found
+
+
+class Prepared(NamedTuple):
+    """A search that has not begun, with the limits that its result has to keep at every sample."""
+
+    search: Search
+    final: Checker
+    separator: Separator | None
+    body: RigidBody
+
+
+def prepare(
+    arm: NominalArm,
+    plan: Plan,
+    limits: LimitPlan,
+    progress: Callable[[float, float], None] = lambda share, best: None,
+    separator: Separator | None = None,
+    body: RigidBody | None = None,
+) -> Prepared:
+    """Set up the search of ``design``, with the same arguments.
+
+    Raises:
+        InputError: the limits allow no trajectory.
+    """
+    body = RigidBody(arm) if body is None else body
+    allowed, collision = limits.allowed(arm, body), limits.collision(arm, body)
+    final = Checker(arm, body, allowed, collision)
+    final.check_static(_postures(allowed.motion))
+    samples = (
+        SAMPLES
+        if separator is None
+        else int(np.ceil(plan.length * SEPARATING_RATE)) + 1
+    )
+    if separator is None and len(plan.effects) > 1:
+        separator = Signatures(arm, body, plan.effects)
+    tight = allowed.tightened(**TIGHTER)
+    separating = plan.criterion == "separation"
+    search = Search(
+        Parametrisation(plan.family(arm.n_joints), allowed.motion),
+        ExcitationModel(arm, body, () if separating else plan.columns),
+        CRITERIA["condition" if separating else plan.criterion],
+        Checker(
+            arm,
+            body,
+            tight,
+            None if collision is None else collision.nearby(tight.clearance),
+        ),
+        plan.budget,
+        separator if separating else None,
+        progress,
+        samples,
+    )
+    return Prepared(search, final, separator, body)
+
+
+class Accepted(NamedTuple):
+    """A candidate that keeps all limits at every sample: its numbers, its trajectory, and its margins."""
+
+    x: np.ndarray
+    reference: Reference
+    margins: tuple[Margin, ...]
+
+
+def accept(search: Search, final: Checker, plan: Plan) -> Accepted:
+    """The best candidate of a search that keeps the final limits at every sample.
+
+    Raises:
+        InputError: there is none.
+    """
+    parts = int(np.ceil(CHECKED_RATE / plan.rate))
+    broken = search.hardest
+    for found in search.found[: -TRIES - 1 : -1]:
+        reference = search.parametrisation.reference(found.x)
+        motion = sampled(reference, plan.length, plan.rate * parts)
+        margins = final.margins(motion, search.model.torque(motion))
+        if all(margin.kept for margin in margins):
+            return Accepted(found.x, reference, margins)
+        broken = tuple(margin.name for margin in margins if not margin.kept)
+    if search.found:
+        problem = f"the best candidates break {', '.join(broken)} between the samples of the search"
+    else:
+        problem = f"none of {search.judged} candidates keeps all limits; broken most: {', '.join(broken)}"
+    postures = _postures(final.allowed.motion)
+    raise InputError(
+        f"no trajectory within the limits was found: {problem}",
+        "; ".join(
+            [
+                *(final.remedy(name, postures) for name in broken),
+                "or allow more evaluations",
+            ]
+        ),
+        where="limits",
+    )
+
+
+def sampled(reference: Reference, duration: float, rate: float) -> Motion:
+    """Samples of a reference at a rate [Hz], from its start to the first sample at or after its end [s]."""
+    t = np.arange(int(np.ceil(duration * rate - 1e-9)) + 1) / rate
+    return Motion(
+        t, reference.position(t), reference.velocity(t), reference.acceleration(t)
+    )
+
+
+def _result(
+    arm: NominalArm, plan: Plan, prepared: Prepared, accepted: Accepted, seconds: float
+) -> Excitation:
+    search, final, separator, body = prepared
+    motion = sampled(accepted.reference, plan.length, plan.rate)
+    step = -(-len(motion.t) // JUDGED)
+    few = Motion(*(x[::step] for x in (motion.t, motion.q, motion.dq, motion.ddq)))
+    model, inertial = (
+        ExcitationModel(arm, body, columns) for columns in (plan.columns, ())
+    )
+    matrix = inertial.matrix(few)
+    return Excitation(
+        accepted.reference,
+        motion,
+        search.model.torque(motion),
+        accepted.margins,
+        condition_number(model.matrix(few)),
+        condition_number(matrix),
+        model.names,
+        None if separator is None else separator.separate(few, matrix),
+        search.evaluations,
+        search.feasible,
+        seconds,
+        () if final.collision is None else final.collision.left_out,
+    )
+
+
+def _postures(limits: Limits) -> np.ndarray:
+    return np.random.default_rng(0).uniform(
+        limits.lower, limits.upper, (POSTURES, len(limits.lower))
+    )

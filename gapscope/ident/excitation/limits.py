@@ -1,0 +1,230 @@
+"""What a trajectory has to keep, and by how much it keeps it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gapscope.arm.dynamics.collision import CollisionModel
+from gapscope.arm.dynamics.kinematics import Kinematics
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.dynamics.singularity import smallest_singular_value
+from gapscope.arm.errors import InputError
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.motions.trajectory import Limits
+from gapscope.arm.nominal import NominalArm
+
+SURFACE = "surface"
+"""Name of the surface among the bodies of a ``CollisionModel``."""
+REMEDIES = {
+    "torque": "raise --torque, or lower --acceleration and --velocity",
+    "singular value": "lower --singular",
+    "distance": "lower --clearance",
+    SURFACE: "lower --surface, the height under the arm",
+}
+"""What to change where candidates break a limit."""
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """All limits of an exciting trajectory.
+
+    Attributes:
+        motion: of position [rad], velocity [rad/s] and acceleration [rad/s^2].
+        torque: largest nominal torque [N m], shape (n,).
+        singular: least singular value of the tool's Jacobian, as ``gapscope.arm.dynamics.singularity`` has it; 0
+        where it may be any. clearance: least distance between bodies, and to the surface [m].
+    """
+
+    motion: Limits
+    torque: np.ndarray
+    singular: float
+    clearance: float
+
+    def tightened(self, torque: float, singular: float, clearance: float) -> Allowed:
+        """With a share less torque, a share more distance from singular poses, and more clearance [m]."""
+        return replace(
+            self,
+            torque=self.torque * (1 - torque),
+            singular=self.singular * (1 + singular),
+            clearance=self.clearance + clearance,
+        )
+
+
+@dataclass(frozen=True)
+class Margin:
+    """How far a trajectory stays from one limit.
+
+    Attributes:
+        name: ``position``, ``velocity``, ``acceleration``, ``torque``, ``singular value`` or ``distance``.
+        unit: of limit and margin.
+        limit: the limit; for ``position`` half the range about its middle; shape (n,) or ().
+        margin: least distance from the limit over all samples, negative where it is broken; shape (n,) or ().
+        at: time at which the margin is least [s].
+    """
+
+    name: str
+    unit: str
+    limit: np.ndarray
+    margin: np.ndarray
+    at: float
+
+    @property
+    def kept(self) -> bool:
+        """Whether the limit holds at every sample, but for rounding."""
+        return bool((self.margin >= -1e-9).all())
+
+
+class Checker:
+    """Checks motions against limits, sample by sample.
+
+    Args:
+        arm: the nominal arm.
+        body: its rigid bodies.
+        allowed: the limits.
+        collision: its collision shapes; ``None`` where collisions are not checked.
+
+    Attributes:
+        allowed, collision: as given.
+    """
+
+    def __init__(
+        self,
+        arm: NominalArm,
+        body: RigidBody,
+        allowed: Allowed,
+        collision: CollisionModel | None,
+    ) -> None:
+        self.allowed, self.collision = allowed, collision
+        self._arm, self._body, self._kinematics = arm, body, Kinematics(body)
+
+    def singular_value(self, q: np.ndarray) -> np.ndarray:
+        """Smallest singular value of the tool's Jacobian at q [rad], (N, n); shape (N,)."""
+        return smallest_singular_value(self._kinematics, q)
+
+    def distance(self, q: np.ndarray) -> np.ndarray:
+        """Least distance between bodies at q [rad], (N, n), infinite where it is not checked [m]; shape (N,)."""
+        return (
+            np.full(len(q), np.inf)
+            if self.collision is None
+            else self.collision.distance(q)[0]
+        )
+
+    def margins(self, motion: Motion, torque: np.ndarray) -> tuple[Margin, ...]:
+        """Margins of a motion of N samples with its nominal torque [N m], (N, n), to all limits that are checked."""
+        allowed, t = self.allowed, motion.t
+        limits = allowed.motion
+        middle, half = (
+            (limits.upper + limits.lower) / 2,
+            (limits.upper - limits.lower) / 2,
+        )
+        out = [
+            _margin("position", "rad", half, half - np.abs(motion.q - middle), t),
+            _margin(
+                "velocity",
+                "rad/s",
+                limits.velocity,
+                limits.velocity - np.abs(motion.dq),
+                t,
+            ),
+            _margin(
+                "acceleration",
+                "rad/s^2",
+                limits.acceleration,
+                limits.acceleration - np.abs(motion.ddq),
+                t,
+            ),
+            _margin(
+                "torque", "N m", allowed.torque, allowed.torque - np.abs(torque), t
+            ),
+        ]
+        if allowed.singular > 0:
+            slack = self.singular_value(motion.q) - allowed.singular
+            out.append(
+                _margin("singular value", "1", np.array(allowed.singular), slack, t)
+            )
+        if self.collision is not None:
+            slack = self.distance(motion.q) - allowed.clearance
+            out.append(_margin("distance", "m", np.array(allowed.clearance), slack, t))
+        return tuple(out)
+
+    def check_static(self, postures: np.ndarray) -> None:
+        """Check that some posture can be held at all, given many within the position limits, shape (N, n).
+
+        Raises:
+            InputError: torque, singular poses or collisions forbid all of them; says which.
+        """
+        still = np.zeros_like(postures)
+        torque = (
+            np.abs(self._body.inverse_dynamics(postures, still, still))
+            <= self.allowed.torque
+        )
+        if not torque.all(axis=1).any():
+            joint = int(torque.mean(axis=0).argmin())
+            raise InputError(
+                f"the limits allow no trajectory: gravity alone needs more than {self.allowed.torque[joint]:.4g} N m "
+                f"on joint {joint + 1} in nearly every posture",
+                "raise the share of the torque limits that is used",
+                where="torque",
+            )
+        values = self.singular_value(postures)
+        if values.max() < self.allowed.singular:
+            raise InputError(
+                f"the limits allow no trajectory: no posture has a singular value of {self.allowed.singular:.4g}; the "
+                f"largest met is {values.max():.3g}",
+                "choose a smaller least singular value, or 0",
+                where="singular",
+            )
+        distances = self.distance(postures)
+        if distances.max() < self.allowed.clearance:
+            raise InputError(
+                f"the limits allow no trajectory: no posture keeps {self.allowed.clearance:.4g} m between bodies and "
+                f"to the surface; the best keeps {distances.max():.3g} m",
+                self.remedy("distance", postures),
+                where="clearance",
+            )
+
+    def remedy(self, name: str, postures: np.ndarray) -> str:
+        """What to change where candidates break one limit, named as in ``Margin``.
+
+        Args:
+            name: of the limit.
+            postures: random ones within the position limits, shape (N, n), for what mostly comes too near.
+        """
+        if name != "distance" or self.collision is None:
+            return REMEDIES.get(name, "slow the motion down")
+        distance, nearest = self.collision.distance(postures)
+        close = [
+            SURFACE in self.collision.pairs[i]
+            for i in nearest[distance < self.allowed.clearance]
+        ]
+        return REMEDIES[SURFACE if sum(close) > len(close) / 2 else name]
+
+
+def _margin(
+    name: str, unit: str, limit: np.ndarray, slack: np.ndarray, t: np.ndarray
+) -> Margin:
+    relative = slack / limit if name not in ("singular value", "distance") else slack
+    worst = relative if relative.ndim == 1 else relative.min(axis=1)
+    return Margin(name, unit, limit, slack.min(axis=0), float(t[int(worst.argmin())]))
+
+
+def check_motion_limits(limits: Limits) -> None:
+    """Check that the limits leave room to move.
+
+    Raises:
+        InputError: an empty range of positions, or a velocity or acceleration of zero.
+    """
+    for name, room in (
+        ("position", limits.upper - limits.lower),
+        ("velocity", limits.velocity),
+        ("acceleration", limits.acceleration),
+    ):
+        if not (room > 0).all() or not np.isfinite(room).all():
+            joint = int(np.argmin(np.where(np.isfinite(room), room, -1.0)))
+            raise InputError(
+                f"the limits allow no trajectory: joint {joint + 1} has no room of {name} ({room[joint]:.4g})",
+                "give a positive limit, or a smaller distance from the position limits",
+                where=name,
+            )

@@ -1,0 +1,27 @@
+"""Random search."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gapscope.ident.excitation.trajectory_search import Search
+
+
+@dataclass(frozen=True)
+class RandomSearch:
+    """Independent draws of standard normal numbers.
+
+    Attributes:
+        feasible: ends when so many candidates kept all limits; ``None`` for any.
+    """
+
+    feasible: int | None = None
+
+    def run(self, search: Search, rng: np.random.Generator) -> None:
+        """Draw until the budget is spent, or enough candidates kept all limits."""
+        while not search.spent and (
+            self.feasible is None or search.feasible < self.feasible
+        ):
+            search.score(search.parametrisation.draw(rng))

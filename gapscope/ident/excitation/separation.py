@@ -1,0 +1,117 @@
+"""How well a trajectory tells effects apart, from each other and from the base parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from scipy.linalg import subspace_angles
+
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.nearest_name import check_known
+from gapscope.arm.nominal import NominalArm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.severity import ArmScale, draw
+
+
+class Separated(NamedTuple):
+    """How far effects are apart on a trajectory.
+
+    Attributes:
+        least: smallest singular value of all signatures, each of norm 1 before the base parameters are taken out: 0
+            where some mixture of them shows nothing of its own, 1 where all are perpendicular to each other and to
+            the base parameters.
+        angle: least angle between the subspaces of two effects, after the base parameters are taken out [rad], for
+            each pair of names.
+    """
+
+    least: float
+    angle: dict[tuple[str, str], float]
+
+
+class Separator(Protocol):
+    """Says how far explanations are apart on a motion."""
+
+    def separate(self, motion: Motion, matrix: np.ndarray) -> Separated:
+        """On a motion of N samples with base regressor W, shape (N, n, b)."""
+
+
+class Signatures:
+    """Changes of torque by effects of typical size, one for each joint of an effect on joints.
+
+    Args:
+        arm: the nominal arm.
+        body: its rigid bodies.
+        names: of effects in the catalogue, two or more.
+        seed: of their sizes, drawn by ``gapscope.effects.severity``.
+
+    Raises:
+        InputError: fewer than two effects, the same one twice, or one that is not known.
+    """
+
+    def __init__(
+        self, arm: NominalArm, body: RigidBody, names: Sequence[str], seed: int = 0
+    ) -> None:
+        if len(names) < 2 or len(set(names)) < len(names):
+            raise InputError(
+                "separation needs two or more different effects",
+                "name them, with commas",
+                where="effects",
+            )
+        scale, rng = ArmScale.of(arm), np.random.default_rng(seed)
+        self.names, self._arm, self._body = tuple(names), arm, body
+        self._applied: list[tuple[str, AppliedEffect]] = []
+        for name in names:
+            check_known("effect", name, CATALOGUE, where="effects")
+            joints = (
+                range(1, arm.n_joints + 1) if CATALOGUE[name].scope == "joint" else (0,)
+            )
+            self._applied += [
+                (name, draw(name, rng, scale, [j] if j else None)) for j in joints
+            ]
+
+    def of(self, motion: Motion) -> np.ndarray:
+        """Change of the torque that would be recorded [N m], N n rows, one column for each effect and joint."""
+        nominal = CorrectedArm(self._arm).predict(self._body, motion)
+        changed = [
+            CorrectedArm(self._arm, (effect,)).predict(self._body, motion)
+            for _, effect in self._applied
+        ]
+        return np.column_stack([(torque - nominal).ravel() for torque in changed])
+
+    def separate(self, motion: Motion, matrix: np.ndarray) -> Separated:
+        """How far the effects are apart on a motion of N samples with base regressor W, shape (N, n, b).
+
+        With Z the signatures, each divided by its norm, and P what is left of a vector when the columns of W are
+        taken out by least squares: the smallest singular value of P Z, and the angles between the P Z of two effects.
+        """
+        signatures = self.of(motion)
+        norms = np.linalg.norm(signatures, axis=0)
+        unit = signatures / np.where(norms > 0, norms, 1.0)
+        flat = matrix.reshape(-1, matrix.shape[2])
+        basis, values, _ = np.linalg.svd(
+            flat / np.maximum(np.linalg.norm(flat, axis=0), 1e-300), full_matrices=False
+        )
+        basis = basis[:, values > 1e-9 * values[0]]
+        left = unit - basis @ (basis.T @ unit)
+        least = float(np.linalg.svd(left, compute_uv=False)[-1])
+        owner = [name for name, _ in self._applied]
+        parts = {name: left[:, [o == name for o in owner]] for name in self.names}
+        pairs = [(a, b) for i, a in enumerate(self.names) for b in self.names[i + 1 :]]
+        return Separated(
+            least,
+            {pair: _least_angle(*(parts[name] for name in pair)) for pair in pairs},
+        )
+
+
+def _least_angle(first: np.ndarray, second: np.ndarray) -> float:
+    """Least principal angle between two column spaces [rad]; 0 where one of them holds nothing."""
+    first, second = (x[:, np.linalg.norm(x, axis=0) > 1e-9] for x in (first, second))
+    if not first.size or not second.size:
+        return 0.0
+    return float(subspace_angles(first, second).min())

@@ -1,0 +1,91 @@
+"""Which limit starves a trajectory: keeps its motion too small to tell an arm's parameters apart."""
+
+from __future__ import annotations
+
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+
+from gapscope.arm.errors import InputError, ModelWarning
+from gapscope.arm.motions.trajectory import Limits
+from gapscope.ident.excitation.criteria import condition_number
+from gapscope.ident.excitation.trajectory_parametrisation import Parametrisation
+from gapscope.ident.excitation.trajectory_search import SAMPLES, Search
+from gapscope.ident.uncertainty.identifiability import CONDITION_LIMIT
+
+USELESS = 1e8
+"""Condition number above which a trajectory is refused: noise of 1e-8 of the torque would drown a parameter [1]."""
+WIDER = 10.0
+"""Factor by which a limit is widened to see what it costs [1]."""
+WORTH = 2.0
+"""Factor in the condition number that a wider limit has to be worth to be named [1]."""
+OPTIONS = {
+    "acceleration": "raise --acceleration",
+    "velocity": "raise --velocity",
+    "position": "lower --margin",
+}
+"""Limits of the motion, and what widens each."""
+
+
+class Starved(NamedTuple):
+    """A limit that starves a trajectory, and the condition number that it would have were it ``WIDER`` [1]."""
+
+    limit: str
+    condition: float
+
+
+def starving_limit(search: Search, x: np.ndarray, condition: float) -> Starved | None:
+    """The limit of the motion that costs a candidate most of its condition number; ``None`` where none costs much.
+
+    With wider limits the same numbers x are a larger motion, so each limit can be widened alone.
+
+    Args:
+        search: what the candidate comes from.
+        x: its numbers, shape (d,).
+        condition: its condition number [1].
+    """
+    best = min(
+        (Starved(name, _widened(search, x, name)) for name in OPTIONS),
+        key=lambda found: found.condition,
+    )
+    return best if WORTH * best.condition <= condition else None
+
+
+def check_condition(search: Search, x: np.ndarray, condition: float) -> None:
+    """Warn where the condition number of a candidate exceeds ``CONDITION_LIMIT``, and say what would lower it.
+
+    Raises:
+        InputError: it exceeds ``USELESS``.
+    """
+    if condition <= CONDITION_LIMIT:
+        return
+    problem = f"the motion can hardly tell the parameters apart, its condition number is {condition:.2g}"
+    remedy = "allow more evaluations, more harmonics or a longer motion"
+    starved = starving_limit(search, x, condition)
+    if starved is not None:
+        problem += f": the limit of {starved.limit} starves it"
+        remedy = f"{OPTIONS[starved.limit]}; {WIDER:g} times as wide, it would leave {starved.condition:.2g}"
+    if condition > USELESS:
+        raise InputError(
+            problem, remedy, where="limits" if starved is None else starved.limit
+        )
+    warnings.warn(f"{problem}; {remedy}", ModelWarning, stacklevel=3)
+
+
+def _widened(search: Search, x: np.ndarray, name: str) -> float:
+    """Condition number of the candidate were one limit ``WIDER`` [1]."""
+    space = search.parametrisation
+    t = np.linspace(0.0, space.family.duration, SAMPLES)
+    wider = Parametrisation(space.family, _wider(space.limits, name))
+    return condition_number(
+        search.model.matrix(wider.motion(x, t, space.family.basis(t)))
+    )
+
+
+def _wider(limits: Limits, name: str) -> Limits:
+    """Limits with one of them ``WIDER``."""
+    if name != "position":
+        return limits._replace(**{name: WIDER * getattr(limits, name)})
+    middle, half = (limits.upper + limits.lower) / 2, (limits.upper - limits.lower) / 2
+    return limits._replace(lower=middle - WIDER * half, upper=middle + WIDER * half)

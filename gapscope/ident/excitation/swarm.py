@@ -1,0 +1,51 @@
+"""Particle swarm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gapscope.ident.excitation.optimiser import random_starts
+from gapscope.ident.excitation.trajectory_search import Search
+
+REACH = 3.0
+"""Particles stay within this many standard deviations of a random draw."""
+
+
+@dataclass(frozen=True)
+class ParticleSwarm:
+    """A particle swarm with the constriction of [clerc2002].
+
+    v <- w v + c r1 (own best - x) + c r2 (best of all - x), x <- x + v, with r1, r2 uniform per coordinate.
+
+    Attributes:
+        particles: how many.
+        inertia: w [1].
+        pull: c [1].
+    """
+
+    particles: int = 40
+    inertia: float = 0.7298
+    pull: float = 1.4962
+
+    def run(self, search: Search, rng: np.random.Generator) -> None:
+        """Move the swarm until the budget is spent."""
+        x = random_starts(search, rng, 0.05, self.particles)
+        best, scores = x.copy(), np.array([search.score(p) for p in x])
+        v = 0.1 * rng.standard_normal(x.shape)
+        while not search.spent:
+            for i in range(self.particles):
+                leader = best[int(scores.argmin())]
+                own, common = rng.uniform(0.0, self.pull, (2, x.shape[1]))
+                v[i] = (
+                    self.inertia * v[i]
+                    + own * (best[i] - x[i])
+                    + common * (leader - x[i])
+                )
+                x[i] = np.clip(x[i] + v[i], -REACH, REACH)
+                score = search.score(x[i])
+                if score < scores[i]:
+                    best[i], scores[i] = x[i], score
+                if search.spent:
+                    break

@@ -1,0 +1,72 @@
+"""An exciting trajectory into files: CSV in the columns of the case format, and a ROS ``JointTrajectory``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from gapscope.arm.errors import InputError
+from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.write_case import write_columns
+from gapscope.arm.motions.motion import Motion
+
+ROS_RATE = 100.0
+"""Points per second of a ``JointTrajectory``, about [Hz]; controllers interpolate between them."""
+
+
+def write_csv(motion: Motion, path: Path) -> None:
+    """Write ``t``, ``q_ref1..``, ``dq_ref1..`` and ``ddq_ref1..``, without loss.
+
+    Raises:
+        GapscopeError: the file cannot be written.
+    """
+    series = {"q_ref": motion.q, "dq_ref": motion.dq, "ddq_ref": motion.ddq}
+    columns = {
+        f"{name}{j + 1}": x
+        for name, array in series.items()
+        for j, x in enumerate(array.T)
+    }
+    write_columns({"t": motion.t, **columns}, path)
+
+
+def write_joint_trajectory(motion: Motion, joints: Sequence[str], path: Path) -> None:
+    """Write a ``trajectory_msgs/JointTrajectory`` as YAML, as ``ros2 topic pub`` and controllers take it.
+
+    Positions, velocities and accelerations at about ``ROS_RATE`` points per second, first and last sample included.
+
+    Raises:
+        InputError: the number of names is not that of the joints.
+        GapscopeError: the file cannot be written.
+    """
+    if len(joints) != motion.q.shape[1]:
+        raise InputError(
+            f"{len(joints)} names for {motion.q.shape[1]} joints", where="joints"
+        )
+    step = max(1, round(motion.rate / ROS_RATE))
+    rows = np.unique([*range(0, len(motion.t), step), len(motion.t) - 1])
+    lines = [
+        "header: {stamp: {sec: 0, nanosec: 0}, frame_id: ''}",
+        f"joint_names: [{', '.join(map(_quoted, joints))}]",
+    ]
+    lines.append("points:")
+    for i in rows:
+        sec, nanosec = divmod(round(float(motion.t[i]) * 1e9), 10**9)
+        lines += [
+            f"- positions: {_numbers(motion.q[i])}",
+            f"  velocities: {_numbers(motion.dq[i])}",
+            f"  accelerations: {_numbers(motion.ddq[i])}",
+            "  effort: []",
+            f"  time_from_start: {{sec: {sec}, nanosec: {nanosec}}}",
+        ]
+    with written_whole(path) as aside:
+        aside.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _numbers(values: np.ndarray) -> str:
+    return "[" + ", ".join(f"{value + 0.0:.9f}" for value in values.round(9)) + "]"
+
+
+def _quoted(name: str) -> str:
+    return "'" + name.replace("'", "''") + "'"

@@ -1,0 +1,62 @@
+"""What a recursive filter saw: an estimate at every sample."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Track:
+    """Estimates of b parameters after each of N samples of n channels.
+
+    Attributes:
+        names: of the parameters, shape (b,).
+        t: time [s], shape (N,).
+        value: shape (N, b).
+        covariance: shape (N, b, b).
+        innovation: measured minus predicted over its standard deviation, white with unit variance where the model
+            holds [1], shape (N, n).
+        whitened: the regressor over the same standard deviation, so that a change delta of the parameters adds
+            ``whitened @ delta`` to the innovations, shape (N, n, b).
+        walk: variance that the random walk adds between a sample and the next, shape (N, b).
+    """
+
+    names: tuple[str, ...]
+    t: np.ndarray
+    value: np.ndarray
+    covariance: np.ndarray
+    innovation: np.ndarray
+    whitened: np.ndarray
+    walk: np.ndarray
+
+    @property
+    def deviation(self) -> np.ndarray:
+        """Standard errors, shape (N, b)."""
+        return np.sqrt(np.einsum("kii->ki", self.covariance).clip(0.0))
+
+    def of(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """Value and standard error of one parameter, shape (N,) each."""
+        place = self.names.index(name)
+        return self.value[:, place], self.deviation[:, place]
+
+    def smoothed(self) -> Track:
+        """The track with what later samples say, by the Rauch-Tung-Striebel recursion; memory has to be unlimited.
+
+        With G = P (P + Q)^-1: x_s = x + G (x_s' - x), P_s = P + G (P_s' - P - Q) G^T, ' the next sample. Only the
+        parameters that wander (Q > 0) lag; for the others G passes the last estimate on.
+        """
+        value, covariance = self.value.copy(), self.covariance.copy()
+        for k in range(len(value) - 2, -1, -1):
+            ahead = self.covariance[k] + np.diag(self.walk[k])
+            scale = np.sqrt(np.diag(ahead).clip(1e-300))
+            gain = np.linalg.solve(
+                ahead / np.outer(scale, scale),
+                self.covariance[k] / np.outer(scale, scale),
+            ).T
+            gain = scale[:, None] * gain / scale
+            value[k] = self.value[k] + gain @ (value[k + 1] - self.value[k])
+            spread = self.covariance[k] + gain @ (covariance[k + 1] - ahead) @ gain.T
+            covariance[k] = 0.5 * (spread + spread.T)
+        return replace(self, value=value, covariance=covariance)

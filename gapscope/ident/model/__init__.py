@@ -1,0 +1,1 @@
+"""The linear model of identification: regressor, base parameters, friction laws."""

@@ -1,0 +1,172 @@
+"""Encoder zeros estimated together with the parameters: what negative masses lead to asking."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gapscope.arm.motions.motion import Motion
+from gapscope.ident.model.friction_law import FrictionLaw
+from gapscope.ident.model.model_columns import ModelColumns
+from gapscope.ident.model.physical_parameters import check_links, inconsistent
+from gapscope.ident.signals.conditioning import Segment
+from gapscope.ident.signals.samples import PER_CUTOFF, Band
+
+WIDTH = 0.15
+"""Standard deviation that zeros are believed to have before the data speak [rad]."""
+KNOWN = 0.1
+"""An offset is determined where the data shrink its deviation to less than this share of ``WIDTH`` [1]."""
+LEAST = np.deg2rad(1.0)
+"""Smaller offsets are no reason to ask [rad]."""
+CERTAIN = 8.0
+"""An offset of fewer standard deviations is no reason to ask; model error makes them too small on real arms [1]."""
+WORTH = 0.1
+"""Offsets have to lower the cost of the fit by this share [1]."""
+ROUNDS = 8
+CLOSE = 1e-4
+"""Gauss-Newton ends when no offset moves by more [rad]."""
+
+
+@dataclass(frozen=True)
+class JointZeros:
+    """Offsets of the encoders, recorded q = true q + offset.
+
+    Attributes:
+        offset: [rad], shape (n,).
+        deviation: standard deviation [rad], shape (n,).
+        known: whether data and nominal arm determine it, shape (n,).
+        value: parameters x estimated with the offsets, shape (p,).
+        cost: mean square of the weighted residual, plus the pull, without and with offsets [1].
+        impossible: links whose parameters are those of no body, from 1, without and with offsets.
+    """
+
+    offset: np.ndarray
+    deviation: np.ndarray
+    known: np.ndarray
+    value: np.ndarray
+    cost: tuple[float, float]
+    impossible: tuple[tuple[int, ...], tuple[int, ...]]
+
+    @property
+    def asked(self) -> np.ndarray:
+        """Joints, from 0, whose zero has to be asked about.
+
+        The offset is large and certain, and with the offsets the fit is much better, or more bodies become possible.
+        """
+        large = (
+            (np.abs(self.offset) > LEAST)
+            & (np.abs(self.offset) > CERTAIN * self.deviation)
+            & self.known
+        )
+        better = self.cost[1] < (1 - WORTH) * self.cost[0]
+        possible = len(self.impossible[1]) < len(self.impossible[0])
+        return np.flatnonzero(large & (better or possible))
+
+    def questions(self) -> tuple[str, ...]:
+        """A question about each zero that has to be asked about."""
+        return tuple(
+            f"is the zero of joint {j + 1} right? The torque fits physical bodies with a zero that is off by "
+            f"{np.rad2deg(self.offset[j]):+.2f} ± {np.rad2deg(self.deviation[j]):.2f} degrees; if so, say in the case "
+            f"import: {{offsets: [...]}} with {-self.offset[j]:+.4f} rad for this joint, or calibrate it"
+            for j in self.asked
+        )
+
+
+def estimate_zeros(
+    columns: ModelColumns,
+    segments: Sequence[Segment],
+    law: FrictionLaw,
+    band: Band,
+    noise: np.ndarray,
+    penalty: np.ndarray,
+) -> JointZeros:
+    """Estimate offsets and parameters by Gauss-Newton on tau = W(q - offset) x.
+
+    Minimises sum |(tau - W(q - delta) x) / noise|^2 / rows + sum_k w_k (x_k - x0_k)^2 + |delta|^2 / (rows WIDTH^2);
+    the columns of delta are -d tau / d q at the current x. The pull to the nominal arm decides where the links' own
+    parameters could take up an offset: of the first joint about the vertical it leaves the offset open, of the last
+    joint it says how far the nominal link would have to be turned.
+
+    Args:
+        columns: the model.
+        segments: with torque.
+        law: form of the dry friction.
+        band: of both sides.
+        noise: RMS residual per joint [N m], shape (n,).
+        penalty: w, shape (p,).
+
+    Source: hollerbach2008.
+    """
+    n, nominal = columns.arm.n_joints, columns.nominal(law)
+    x, delta, costs, wrong = nominal, np.zeros(n), [], []
+    rows = sum(len(s.motion.t[band.rows(s)][:: band.step(s)]) for s in segments) * n
+    weights = np.concatenate([rows * penalty, np.full(n, WIDTH**-2.0)])
+    for turn in range(ROUNDS):
+        gram = np.zeros((len(x) + n + 1,) * 2)
+        for segment in segments:
+            full = (
+                _columns(columns, segment, law, band, x, delta, with_zero=turn > 0)
+                / noise[:, None]
+            )
+            flat = full.reshape(-1, full.shape[2])
+            gram += flat.T @ flat
+        start = np.concatenate([nominal, np.zeros(n)])
+        normal = gram[:-1, :-1] + np.diag(weights)
+        unit = 1.0 / np.sqrt(np.diag(normal))
+        right = gram[:-1, -1] - gram[:-1, :-1] @ start
+        change = unit * np.linalg.solve(normal * unit[:, None] * unit, unit * right)
+        total = start + change
+        squares = (
+            gram[-1, -1] - 2 * gram[-1, :-1] @ total + total @ gram[:-1, :-1] @ total
+        )
+        costs.append(float(squares + change @ (weights * change)) / rows)
+        step = total[-n:] - delta
+        x, delta = total[:-n], total[-n:]
+        wrong.append(
+            tuple(check.link for check in inconsistent(check_links(x[: columns.links])))
+        )
+        if turn > 0 and np.abs(step).max() < CLOSE:
+            break
+    spread = unit * np.sqrt(np.diag(np.linalg.inv(normal * unit[:, None] * unit)))
+    # a band of f Hz holds 2 f independent samples a second
+    deviation = spread[-n:] * np.sqrt(max(costs[-1], 1e-12) * PER_CUTOFF / 2)
+    return JointZeros(
+        delta,
+        deviation,
+        spread[-n:] < KNOWN * WIDTH,
+        x,
+        (costs[0], costs[-1]),
+        (wrong[0], wrong[-1]),
+    )
+
+
+def _columns(
+    columns: ModelColumns,
+    segment: Segment,
+    law: FrictionLaw,
+    band: Band,
+    x: np.ndarray,
+    delta: np.ndarray,
+    *,
+    with_zero: bool,
+) -> np.ndarray:
+    """[W, -d tau / d q, tau + its linearisation point] at the current offsets, shape (M, n, p + n + 1)."""
+    m = segment.motion
+    true = Motion(m.t, m.q - delta, m.dq, m.ddq)
+    smooth, dry = columns.smooth(true), columns.dry(m, law)
+    sensitivity = np.zeros((*m.q.shape, m.q.shape[1]))
+    if with_zero:
+        change = (x[: columns.links] - columns.body.inertial_parameters()).reshape(
+            -1, 10
+        )
+        sensitivity = (
+            -segment.bodies(columns.body)
+            .changed(change)
+            .sensitivities(true.q, m.dq, m.ddq)[0]
+        )
+    known = replace(segment, motion=true).known_torque(columns.body)
+    right = np.asarray(segment.torque) - known + sensitivity @ delta
+    full = np.concatenate([smooth, dry, sensitivity, right[:, :, None]], axis=2)
+    return band.filtered(full, segment)[:: band.step(segment)]

@@ -1,0 +1,110 @@
+"""The model of the pipeline, tau = W x: rigid bodies, rotors and friction of joints and coupled motors, offsets."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.io.import_section import Import
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.nominal import NominalArm
+from gapscope.ident.model.friction_law import FrictionLaw, drives
+from gapscope.ident.model.regressor import Regressor
+
+SMOOTH = ("armature", "viscous_friction", "torque_offset")
+"""Effects of the catalogue whose columns do not depend on the friction law."""
+LEAST_ARM = 0.05
+"""Lever that a link's first moment is at least counted with in its unit [m]."""
+
+
+class ModelColumns:
+    """W with tau = W x for an arm of n joints.
+
+    First the ten inertial parameters of each link, rotor inertia I [kg m^2], viscous friction b [N m s/rad] and offset
+    o [N m] of each joint, and I and b of each motor that moves several joints (``I6m``: motor 6, on the side of joint
+    6); then dry friction by a ``FrictionLaw``: c and d [N m] of joints and coupled motors.
+
+    Args:
+        arm: the nominal arm.
+        importing: how its logs are read; its transmission says which motors are coupled.
+        body: rigid bodies of the arm; built where ``None``.
+    """
+
+    def __init__(
+        self,
+        arm: NominalArm,
+        importing: Import | None = None,
+        body: RigidBody | None = None,
+    ) -> None:
+        self.arm, self.body = arm, body or RigidBody(arm)
+        self.drives, self.labels = drives(arm.n_joints, importing)
+        self.regressor = Regressor(arm, self.body, SMOOTH)
+        self.links = 10 * arm.n_joints
+
+    @property
+    def coupled(self) -> tuple[str, ...]:
+        """Labels of the coupled motors, ``6m``."""
+        return self.labels[self.arm.n_joints :]
+
+    def names(self, law: FrictionLaw) -> tuple[str, ...]:
+        """Names of x, shape (p,)."""
+        smooth = [f"{symbol}{label}" for symbol in ("I", "b") for label in self.coupled]
+        return (
+            *self.regressor.names,
+            *smooth,
+            *(f"{s}{label}" for s in law.shapes for label in self.labels),
+        )
+
+    def units(self, law: FrictionLaw) -> tuple[str, ...]:
+        """Units of x, shape (p,)."""
+        k = len(self.coupled)
+        dry = ["N m"] * (len(law.shapes) * len(self.drives))
+        return (*self.regressor.units, *["kg m^2"] * k, *["N m s/rad"] * k, *dry)
+
+    def nominal(self, law: FrictionLaw) -> np.ndarray:
+        """The x of the nominal arm and its data sheet, shape (p,)."""
+        k, sheet = len(self.coupled), self.regressor.nominal()
+        dry = np.zeros((len(law.shapes), len(self.drives)))
+        dry[0, : self.arm.n_joints] = self.arm.coulomb
+        return np.concatenate([sheet, np.zeros(2 * k), dry.ravel()])
+
+    def smooth(self, motion: Motion) -> np.ndarray:
+        """Columns that do not depend on the friction law, shape (N, n, p_smooth)."""
+        motors = self.drives[self.arm.n_joints :]
+        parts = [self.regressor.matrix(motion)]
+        parts += [_along(x @ motors.T, motors) for x in (motion.ddq, motion.dq)]
+        return np.concatenate(parts, axis=2)
+
+    def dry(self, motion: Motion, law: FrictionLaw) -> np.ndarray:
+        """Columns of dry friction, shape (N, n, p_dry)."""
+        to = self.drives.T
+        return np.concatenate(
+            [
+                _along(x, self.drives)
+                for x in law.columns(motion.q @ to, motion.dq @ to)
+            ],
+            axis=2,
+        )
+
+    def matrix(self, motion: Motion, law: FrictionLaw) -> np.ndarray:
+        """W of a motion of N samples, shape (N, n, p)."""
+        return np.concatenate([self.smooth(motion), self.dry(motion, law)], axis=2)
+
+    def scale(self, law: FrictionLaw) -> np.ndarray:
+        """What a change of x by 100 % is, shape (p,); infinite for all that the nominal arm need not know.
+
+        Mass m; first moments m max(|c|, 5 cm); inertia about the joint frame, half its trace.
+        """
+        out = np.full(len(self.names(law)), np.inf)
+        links = self.body.inertial_parameters().reshape(-1, 10)
+        for link, (m, hx, hy, hz, xx, _, yy, _, _, zz) in enumerate(links):
+            mass = max(m, 1e-2)
+            moment = max(float(np.sqrt(hx**2 + hy**2 + hz**2)), LEAST_ARM * mass)
+            inertia = max(0.5 * (xx + yy + zz), mass * (0.2 * LEAST_ARM) ** 2)
+            out[10 * link : 10 * link + 10] = [mass, *[moment] * 3, *[inertia] * 6]
+        return out
+
+
+def _along(series: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Columns along the drives' directions: (N, k) and (k, n) to (N, n, k)."""
+    return series[:, None, :] * directions.T[None]

@@ -1,0 +1,249 @@
+"""Physical parameters from base parameters: consistent bodies near the nominal arm that give the estimated torque."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gapscope.arm.errors import GapscopeError
+from gapscope.ident.model.base_parameters import BaseParameters
+from gapscope.ident.model.pseudo_inertia import (
+    BASIS,
+    central_inertia,
+    is_consistent,
+    pseudo_inertia,
+    triangle_inequality,
+)
+
+LENGTH = 0.1
+"""Length by which pseudo-inertias are made comparable with masses [m]."""
+FLOOR = 1e-4
+"""Least eigenvalue of the scaled pseudo-inertia over the link's nominal mass [1]: a radius of gyration of 1 mm."""
+NOT_NEGATIVE = ("I", "b", "c")
+"""Symbols of rotor inertia, viscous and Coulomb friction, none of which can be negative."""
+
+
+@dataclass(frozen=True)
+class LinkCheck:
+    """Whether the parameters of one link belong to a body.
+
+    Attributes:
+        link: from 1.
+        mass: [kg].
+        moments: principal moments about the centre of mass [kg m^2], shape (3,), ascending; NaN for a mass of 0.
+        positive_mass: whether the mass is positive.
+        positive_inertia: whether all principal moments are positive.
+        triangle: whether none exceeds the sum of the others.
+        least: least eigenvalue of the pseudo-inertia, lengths in units of ``LENGTH`` [kg].
+    """
+
+    link: int
+    mass: float
+    moments: np.ndarray
+    positive_mass: bool
+    positive_inertia: bool
+    triangle: bool
+    least: float
+
+    @property
+    def consistent(self) -> bool:
+        """Whether some distribution of positive mass has these parameters: the full pseudo-inertia test."""
+        return self.least > 0.0
+
+
+@dataclass(frozen=True)
+class Physical:
+    """Physically consistent parameters for estimated base parameters.
+
+    Attributes:
+        value: x, shape (p,); links consistent, rotors, viscous and Coulomb friction not negative.
+        before: the links' checks for the x nearest to the nominal one that gives beta exactly.
+        after: the links' checks for ``value``.
+        distance: (C x - beta)^T cov^-1 (C x - beta) over the number of base parameters: what consistency costs [1].
+    """
+
+    value: np.ndarray
+    before: tuple[LinkCheck, ...]
+    after: tuple[LinkCheck, ...]
+    distance: float
+
+
+def check_links(parameters: np.ndarray) -> tuple[LinkCheck, ...]:
+    """The checks of links, parameters of shape (10 n,) in joint order."""
+    out = []
+    for number, link in enumerate(parameters.reshape(-1, 10), 1):
+        mass = float(link[0])
+        known = abs(mass) > 1e-12
+        moments = (
+            np.linalg.eigvalsh(central_inertia(link)) if known else np.full(3, np.nan)
+        )
+        least = float(np.linalg.eigvalsh(_scaled(pseudo_inertia(link)))[0])
+        triangle = bool(triangle_inequality(link)) if known else False
+        out.append(
+            LinkCheck(
+                number,
+                mass,
+                moments,
+                mass > 0,
+                bool((moments > 0).all()),
+                triangle,
+                least,
+            )
+        )
+    return tuple(out)
+
+
+def consistent(
+    base: BaseParameters,
+    beta: np.ndarray,
+    information: np.ndarray,
+    nominal: np.ndarray,
+    penalty: np.ndarray,
+    links: int,
+) -> Physical:
+    """Consistent x that explains beta best, and lies nearest to the nominal one where beta leaves it open.
+
+    Minimises (C x - beta)^T H (C x - beta) + sum_k w_k (x_k - x0_k)^2 subject to J(pi_l) >= floor for every link l, and
+    to rotor inertia, viscous and Coulomb friction >= 0. With H = W^T W / sigma^2 this is the constrained weighted
+    least-squares fit itself.
+
+    Args:
+        base: C.
+        beta: estimated base parameters, shape (b,).
+        information: H, inverse of the covariance of beta, shape (b, b).
+        nominal: x0, shape (p,).
+        penalty: w, shape (p,); positive.
+        links: number of links; x begins with ten parameters of each.
+
+    Raises:
+        GapscopeError: the solver finds no solution.
+
+    Source: wensing2018, sousa2014.
+    """
+    unconstrained = base.combination @ nominal
+    spread = _nearest(base, beta - unconstrained, penalty) + nominal
+    value = _solve(base, beta, information, nominal, penalty, links)
+    gap = base.combination @ value - beta
+    distance = float(gap @ information @ gap) / max(base.count, 1)
+    return Physical(
+        value,
+        check_links(spread[: 10 * links]),
+        check_links(value[: 10 * links]),
+        distance,
+    )
+
+
+def _nearest(
+    base: BaseParameters, change: np.ndarray, penalty: np.ndarray
+) -> np.ndarray:
+    """Least change of x in units of 1 / sqrt(penalty) with C dx = change, shape (p,)."""
+    unit = 1.0 / np.sqrt(penalty)
+    return unit * (np.linalg.pinv(base.combination * unit) @ change)
+
+
+def _solve(
+    base: BaseParameters,
+    beta: np.ndarray,
+    information: np.ndarray,
+    nominal: np.ndarray,
+    penalty: np.ndarray,
+    links: int,
+) -> np.ndarray:
+    """The unconstrained solution where it is possible, else the best possible one, shape (p,)."""
+    normal = base.combination.T @ information @ base.combination + np.diag(penalty)
+    unit = 1.0 / np.sqrt(np.diag(normal))
+    root = np.linalg.cholesky(
+        normal * unit[:, None] * unit + 1e-13 * np.eye(len(unit))
+    ).T
+    right = base.combination.T @ information @ (beta - base.combination @ nominal)
+    target = np.linalg.solve(root.T, unit * right)
+    bounded = [
+        k
+        for k, name in enumerate(base.names)
+        if k >= 10 * links and _symbol(name) in NOT_NEGATIVE
+    ]
+    free = nominal + unit * np.linalg.solve(root, target)
+    mass = np.maximum(nominal[: 10 * links : 10], 1e-2)
+    least = np.linalg.eigvalsh(
+        _scaled(pseudo_inertia(free[: 10 * links].reshape(-1, 10)))
+    )[:, 0]
+    if (least >= FLOOR * mass).all() and (free[bounded] >= 0).all():
+        return free
+    out = _constrained(root, target, unit, nominal, mass, bounded)
+    if not is_consistent(out[: 10 * links].reshape(-1, 10)).all():
+        raise GapscopeError("no physically consistent parameters were found", _REMEDY)
+    return out
+
+
+def _constrained(
+    root: np.ndarray,
+    target: np.ndarray,
+    unit: np.ndarray,
+    nominal: np.ndarray,
+    mass: np.ndarray,
+    bounded: list[int],
+) -> np.ndarray:
+    """X = x0 + unit z with z = argmin |root z - target|^2, links possible and ``bounded`` not negative; shape (p,)."""
+    import cvxpy as cp  # takes a second to import, needed only here
+
+    size = max(float(np.linalg.norm(target)), 1e-9)
+    change = cp.Variable(len(unit))
+    x = nominal + size * cp.multiply(unit, change)
+    constraints = []
+    for link, own_mass in enumerate(mass):
+        own = x[10 * link : 10 * link + 10]
+        matrix = sum(own[k] * _scaled(BASIS[k] / own_mass) for k in range(10))
+        constraints.append(matrix >> FLOOR * np.eye(4))
+    if bounded:
+        constraints.append(
+            change[bounded] >= -nominal[bounded] / (size * unit[bounded])
+        )
+    problem = cp.Problem(
+        cp.Minimize(cp.sum_squares(root @ change - target / size)), constraints
+    )
+    try:
+        with (
+            warnings.catch_warnings()
+        ):  # an inaccurate solution is judged afterwards, by what counts
+            warnings.simplefilter("ignore", UserWarning)
+            problem.solve(
+                solver=cp.CLARABEL, tol_gap_abs=1e-11, tol_gap_rel=1e-11, tol_feas=1e-10
+            )
+    except cp.error.SolverError as error:
+        raise GapscopeError(
+            f"no physically consistent parameters were found ({error})", _REMEDY
+        ) from None
+    if change.value is None:
+        raise GapscopeError(
+            f"no physically consistent parameters were found ({problem.status})",
+            _REMEDY,
+        )
+    out = np.asarray(nominal + size * unit * change.value)
+    out[bounded] = np.maximum(out[bounded], 0.0)
+    return out
+
+
+_REMEDY = "check the nominal masses and inertias, the unit of the torque and the joints' zeros"
+
+
+def _symbol(name: str) -> str:
+    """``b`` of ``b3`` and ``b6m``."""
+    return (
+        name.rstrip("m").rstrip("0123456789")
+        if name[-1] == "m" and len(name) > 1
+        else name.rstrip("0123456789")
+    )
+
+
+def _scaled(matrix: np.ndarray) -> np.ndarray:
+    """A pseudo-inertia with lengths in units of ``LENGTH`` [kg]."""
+    unit = np.array([1 / LENGTH, 1 / LENGTH, 1 / LENGTH, 1.0])
+    return matrix * unit[:, None] * unit
+
+
+def inconsistent(checks: Sequence[LinkCheck]) -> tuple[LinkCheck, ...]:
+    """Those links that no body can be."""
+    return tuple(check for check in checks if not check.consistent)

@@ -1,0 +1,155 @@
+"""The identified arm as files that other tools read: a URDF of consistent bodies, a data sheet, effects.
+
+Any ten parameters per link need a URDF, which ``link_inertia`` of the catalogue (mass and centre of mass alone) cannot
+stand in for; rotor inertia, Coulomb and viscous friction go into the data sheet; offsets and a Stribeck term are
+effects of the catalogue. Friction of coupled motors and friction that keeps its direction at rest have no place there.
+"""
+
+from __future__ import annotations
+
+import os
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from gapscope.arm.dynamics.plain_urdf import moving_links, numbers, plain_urdf
+from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.case_file import read_case_file
+from gapscope.effects.applied import AppliedEffect
+from gapscope.ident.identification import Identification
+
+UNNOTICED = 1e-9
+"""Offsets and friction below this are not written [N m]."""
+
+
+def expressible(result: Identification) -> bool:
+    """Whether URDF, data sheet and the catalogue's effects can say all of the model."""
+    return not result.columns.coupled and result.choice.law.presliding is None
+
+
+def urdf_text(result: Identification) -> str:
+    """URDF of the identified bodies: the nominal arm's kinematics and limits, one link per joint, no shapes.
+
+    Frames and axes are those of the nominal arm's joints; inertial frames lie along the principal axes.
+    """
+    body, n = result.columns.body, result.case.arm.n_joints
+    change = result.physical.value[: 10 * n] - body.inertial_parameters()
+    links = moving_links(body.changed(change.reshape(n, 10)))
+    root = ET.fromstring(plain_urdf(links))
+    root.set("name", result.case.arm.name)
+    speed, effort = body.velocity_limits(), body.effort_limits()
+    for link, element in zip(links, root.findall("link")[1:], strict=True):
+        inertia = element.find("inertial/inertia")
+        assert inertia is not None
+        for key, value in zip(("ixx", "iyy", "izz"), link.moments, strict=True):
+            inertia.set(key, repr(float(value)))
+    for joint in root.findall("joint"):
+        limit, j = (
+            joint.find("limit"),
+            result.case.arm.joints.index(joint.get("name", "")),
+        )
+        if limit is not None and speed[j] > 0:
+            limit.set("velocity", numbers(speed[j : j + 1]))
+        if limit is not None and effort[j] > 0:
+            limit.set("effort", numbers(effort[j : j + 1]))
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode") + "\n"
+
+
+def sheet(result: Identification) -> dict[str, Any]:
+    """The ``nominal:`` section: rotor inertia [kg m^2], Coulomb [N m] and viscous friction [N m s/rad]."""
+    arm, named = result.case.arm, _named(result)
+    section: dict[str, Any] = {
+        name: [
+            round(max(named.get(f"{symbol}{j + 1}", 0.0), 0.0), 9)
+            for j in range(arm.n_joints)
+        ]
+        for name, symbol in (("armature", "I"), ("coulomb", "c"), ("viscous", "b"))
+    }
+    if arm.torque_limit is not None:
+        section["torque_limit"] = arm.torque_limit.tolist()
+    section["encoder"] = arm.encoder
+    if arm.encoder_step is not None:
+        section["encoder_step"] = arm.encoder_step
+    return section
+
+
+def effects(result: Identification) -> tuple[AppliedEffect, ...]:
+    """Offsets and Stribeck friction as effects of the catalogue."""
+    named, joints = _named(result), range(1, result.case.arm.n_joints + 1)
+    offset = {j: named.get(f"o{j}", 0.0) for j in joints}
+    drop = {j: named.get(f"d{j}", 0.0) for j in joints}
+    out = []
+    if shown := [j for j in joints if abs(offset[j]) > UNNOTICED]:
+        out.append(
+            AppliedEffect(
+                "torque_offset",
+                tuple(shown),
+                {"torque": np.array([offset[j] for j in shown])},
+            )
+        )
+    speed = result.choice.law.stribeck_speed
+    if speed is not None and (shown := [j for j in joints if abs(drop[j]) > UNNOTICED]):
+        values = {
+            "torque": np.array([drop[j] for j in shown]),
+            "velocity": np.full(len(shown), speed),
+        }
+        out.append(AppliedEffect("stribeck_friction", tuple(shown), values))
+    return tuple(out)
+
+
+def write_case_beside(
+    result: Identification, source: Path, path: Path, urdf: str
+) -> None:
+    """Write a case like the one at ``source`` whose nominal arm is the identified one.
+
+    Args:
+        result: what was identified.
+        source: the case file.
+        path: the case file to write; the recordings stay where they are.
+        urdf: name of the URDF beside it.
+
+    Raises:
+        GapscopeError: the file cannot be written.
+    """
+    content = read_case_file(source)
+    arm = result.case.arm
+    content |= {
+        "name": f"{content['name']} identified",
+        "robot": urdf,
+        "joints": list(arm.joints),
+        "gravity": arm.gravity.tolist(),
+        "nominal": sheet(result),
+    }
+    for key in ("recordings", "judge"):
+        if key in content:
+            content[key] = [
+                _moved(entry, source.parent, path.parent) for entry in content[key]
+            ]
+    if content.get("payloads"):
+        loads = content["payloads"].items()
+        content["payloads"] = {
+            _moved(name, source.parent, path.parent): load for name, load in loads
+        }
+    with written_whole(path) as aside:
+        aside.write_text(
+            yaml.safe_dump(
+                content, sort_keys=False, default_flow_style=None, width=120
+            ),
+            encoding="utf-8",
+        )
+
+
+def _moved(entry: Any, old: Path, new: Path) -> Any:
+    """An entry of recordings as seen from another folder."""
+    if isinstance(entry, dict):
+        return {label: _moved(text, old, new) for label, text in entry.items()}
+    return entry if entry.startswith("${") else os.path.relpath(old / entry, new)
+
+
+def _named(result: Identification) -> dict[str, float]:
+    names = result.columns.names(result.choice.law)
+    return dict(zip(names, result.physical.value.tolist(), strict=True))

@@ -1,0 +1,62 @@
+"""What a residual network has to beat: gradient boosting, and a Gaussian process on a subset of the rows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from gapscope.ident.residual.fit import Rows
+
+SUBSET = 600
+"""Rows that the Gaussian process is fitted to, per joint."""
+Baseline = Callable[[np.ndarray], np.ndarray]
+"""From normalised windows (n, M, taps, C) to torque [N m], (M, n)."""
+
+
+def seen(rows: Rows, windows: np.ndarray) -> np.ndarray:
+    """What the feed-forward network sees, (n, M, I): all baselines see the same."""
+    return windows.reshape(*windows.shape[:2], -1)[:, :, rows.inputs.seen_by_mlp]
+
+
+def gradient_boosting(rows: Rows, seed: int = 0) -> Baseline:
+    """Boosted trees per joint, 150 trees of 15 leaves."""
+    from sklearn.ensemble import HistGradientBoostingRegressor
+
+    models = [
+        HistGradientBoostingRegressor(
+            max_iter=150,
+            learning_rate=0.08,
+            max_leaf_nodes=15,
+            l2_regularization=1.0,
+            random_state=seed,
+        ).fit(x, y)
+        for x, y in zip(seen(rows, rows.windows), rows.target.T, strict=True)
+    ]
+    return lambda windows: _torque(models, rows, windows)
+
+
+def gaussian_process(rows: Rows, seed: int = 0) -> Baseline:
+    """A Gaussian process per joint, squared exponential of one length and white noise, on ``SUBSET`` rows at random."""
+    from sklearn.gaussian_process import GaussianProcessRegressor
+    from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+
+    pick = np.random.default_rng(seed).permutation(len(rows.target))[:SUBSET]
+    models = []
+    for x, y in zip(seen(rows, rows.windows), rows.target.T, strict=True):
+        kernel = ConstantKernel(0.5) * RBF(4.0, (0.5, 50.0)) + WhiteKernel(
+            0.5, (1e-4, 10.0)
+        )
+        models.append(
+            GaussianProcessRegressor(kernel, n_restarts_optimizer=0).fit(
+                x[pick], y[pick]
+            )
+        )
+    return lambda windows: _torque(models, rows, windows)
+
+
+def _torque(models: list, rows: Rows, windows: np.ndarray) -> np.ndarray:
+    found = [
+        model.predict(x) for model, x in zip(models, seen(rows, windows), strict=True)
+    ]
+    return np.asarray(np.stack(found, axis=1) * rows.scale)

@@ -1,0 +1,1 @@
+"""Signal conditioning, samples, and effective sample sizes."""

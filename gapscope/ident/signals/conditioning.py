@@ -1,0 +1,201 @@
+"""Signal conditioning: from a recording to motions and torques that can be compared.
+
+Both sides of the equation of motion pass the same zero-phase filter, so that what the filter takes from one side it
+takes from the other.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+from scipy.signal import butter, sosfiltfilt, welch
+
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError
+from gapscope.arm.known_load import KnownLoad
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.recording import Recording
+
+TORQUE_CUTOFF = 12.0
+"""Cut-off of the torque gap [Hz], by definition of ``torque_nrmse``."""
+TRIM = 0.3
+"""Time cut from both ends of a filtered segment [s], by definition of ``torque_nrmse``."""
+WORKING_RATE = 250.0
+"""Recordings sampled at twice this rate or faster are decimated to no less than it [Hz]."""
+SHORTEST = 1.5
+"""Segments shorter than this [s] are left out."""
+GAP_STEPS = 4.0
+"""A step of time longer than this many median steps is a gap, and the recording is cut there."""
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A piece of a recording without gaps, on a uniform grid, N samples of n joints.
+
+    Attributes:
+        recording: name of the recording.
+        motion: recorded positions after the zero-phase low-pass, with their derivatives.
+        torque: recorded torque on the same grid [N m], (N, n); ``None`` where the recording has none.
+        torque_sensor: joint torque sensor on the same grid [N m], (N, n), or ``None``.
+        payload: known body that was mounted on the last link, or ``None``.
+    """
+
+    recording: str
+    motion: Motion
+    torque: np.ndarray | None
+    torque_sensor: np.ndarray | None = None
+    payload: KnownLoad | None = None
+
+    def bodies(self, nominal: RigidBody) -> RigidBody:
+        """Bodies of the nominal arm with the known body that was mounted, the same object where there was none."""
+        return nominal.carrying(self.payload)
+
+    def known_torque(self, nominal: RigidBody) -> np.ndarray:
+        """Torque that the known body needs on this motion [N m], (N, n); zero where there was none."""
+        m = self.motion
+        if self.payload is None:
+            return np.zeros_like(m.q)
+        return np.asarray(
+            nominal.last_link_regressor(m.q, m.dq, m.ddq) @ self.payload.parameters
+        )
+
+    @property
+    def inner(self) -> slice:
+        """The samples that are left when both ends are trimmed by ``TRIM``."""
+        edge = _edge(self.motion.rate)
+        return slice(edge, len(self.motion.t) - edge)
+
+
+def _edge(rate: float) -> int:
+    """Samples that trimming takes from each end."""
+    return int(np.ceil(round(TRIM * rate, 1)))
+
+
+def low_pass(series: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
+    """Zero-phase Butterworth low-pass (order 4, forward and backward) along axis 0; cut-off at most 0.95 of Nyquist."""
+    sos = butter(4, min(cutoff, 0.95 * rate / 2), output="sos", fs=rate)
+    return sosfiltfilt(
+        sos,
+        series,
+        axis=0,
+        padlen=min(len(series) - 1, int(3 * rate / min(cutoff, rate / 2))),
+    )
+
+
+def position_cutoff(recordings: tuple[Recording, ...]) -> float:
+    """Cut-off for positions [Hz]: twice the frequency where their spectrum meets its noise floor.
+
+    The noise floor of a joint is the median power density in the upper half of the band; the crossing is the highest
+    frequency whose density exceeds ten times it. The largest crossing over joints and recordings counts; twice it
+    leaves the band below untouched. The result lies between 5 and 40 Hz, and below 0.8 of Nyquist.
+    """
+    crossings = [2.5]
+    nyquist = min(recording.rate for recording in recordings) / 2
+    for recording in recordings:
+        _, q = uniform(recording.t, recording.q, recording.rate)
+        frequency, density = welch(
+            q, recording.rate, nperseg=min(len(q), int(4 * recording.rate)), axis=0
+        )
+        noise = np.median(density[frequency > recording.rate / 4], axis=0)
+        above = (density > 10 * noise).any(axis=1)
+        crossings.append(float(frequency[above].max(initial=0.0)))
+    return float(min(2 * max(crossings), 40.0, 0.8 * nyquist))
+
+
+def uniform(
+    t: np.ndarray, series: np.ndarray, rate: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Series on a uniform grid of the given rate [Hz]; the samples themselves where t is uniform to 1 %."""
+    steps = np.diff(t)
+    if np.abs(steps * rate - 1).max(initial=0.0) < 0.01:
+        return t, series
+    grid = t[0] + np.arange(int((t[-1] - t[0]) * rate + 1e-6) + 1) / rate
+    return grid, make_interp_spline(t, series, k=1)(grid)
+
+
+def pieces(recording: Recording) -> list[slice]:
+    """Slices of a recording between its gaps, those of at least ``SHORTEST`` seconds."""
+    step = 1.0 / recording.rate
+    cuts = np.flatnonzero(np.diff(recording.t) > GAP_STEPS * step) + 1
+    edges = [0, *cuts.tolist(), len(recording.t)]
+    spans = [slice(a, b) for a, b in itertools.pairwise(edges)]
+    return [
+        s for s in spans if recording.t[s.stop - 1] - recording.t[s.start] >= SHORTEST
+    ]
+
+
+def condition(recording: Recording, cutoff: float) -> list[Segment]:
+    """Segments of a recording, positions filtered at ``cutoff`` [Hz] and differentiated by a quintic spline.
+
+    Raises:
+        InputError: no piece of the recording between two gaps is long enough.
+    """
+    spans = pieces(recording)
+    if not spans:
+        raise InputError(
+            _too_short(recording),
+            "record for longer, or repair the time stamps",
+            file=recording.name,
+        )
+    return [_segment(recording, span, cutoff) for span in spans]
+
+
+def _too_short(recording: Recording) -> str:
+    whole = recording.t[-1] - recording.t[0]
+    if whole >= SHORTEST:
+        return f"no stretch without a gap lasts {SHORTEST} s"
+    return f"lasts {whole:.3g} s, at least {SHORTEST} s is needed"
+
+
+def thinned(segment: Segment, rate: float) -> Segment:
+    """A segment decimated to no less than ``rate`` [Hz], its torques low-passed before."""
+    m = segment.motion
+    step = max(1, int(m.rate / rate + 1e-6))
+    torque, sensor = (
+        None if x is None else _decimate(x, m.rate, step)
+        for x in (segment.torque, segment.torque_sensor)
+    )
+    motion = Motion(m.t[::step], m.q[::step], m.dq[::step], m.ddq[::step])
+    return Segment(segment.recording, motion, torque, sensor, segment.payload)
+
+
+def blocks(segment: Segment, count: int) -> list[Segment]:
+    """A segment cut into blocks of equal length, which overlap only by what trimming takes from their ends."""
+    n, edge = len(segment.motion.t), _edge(segment.motion.rate)
+    cuts = np.linspace(edge, n - edge, count + 1).astype(int)
+    spans = [slice(a - edge, b + edge) for a, b in itertools.pairwise(cuts)]
+    m = segment.motion
+    return [
+        Segment(
+            segment.recording,
+            Motion(m.t[s], m.q[s], m.dq[s], m.ddq[s]),
+            None if segment.torque is None else segment.torque[s],
+            None if segment.torque_sensor is None else segment.torque_sensor[s],
+            segment.payload,
+        )
+        for s in spans
+    ]
+
+
+def _segment(recording: Recording, span: slice, cutoff: float) -> Segment:
+    rate = recording.rate
+    t, q = uniform(recording.t[span], recording.q[span], rate)
+    step = max(1, int(rate / WORKING_RATE + 1e-6))
+    q = low_pass(q, rate, cutoff)
+    spline = make_interp_spline(t[::step], q[::step], k=5)
+    grid = t[::step]
+    motion = Motion(grid, spline(grid), spline(grid, 1), spline(grid, 2))
+    torque, sensor = (
+        None
+        if x is None
+        else _decimate(uniform(recording.t[span], x[span], rate)[1], rate, step)
+        for x in (recording.tau, recording.tau_sensor)
+    )
+    return Segment(recording.name, motion, torque, sensor, recording.payload)
+
+
+def _decimate(series: np.ndarray, rate: float, step: int) -> np.ndarray:
+    return series if step == 1 else low_pass(series, rate, 0.4 * rate / step)[::step]

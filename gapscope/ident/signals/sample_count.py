@@ -1,0 +1,74 @@
+"""How many independent samples a motion gives for each parameter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gapscope.ident.signals.effective_samples import parts
+from gapscope.ident.signals.samples import Samples
+
+ADVISED = 10.0
+"""Independent samples per base parameter below which a warning says so [1]."""
+POWER = 0.99
+"""Share of the torque's power that lies within its bandwidth [1]."""
+
+
+@dataclass(frozen=True)
+class SampleCount:
+    """How much fitted recordings hold.
+
+    Attributes:
+        seconds: length of the fitted samples [s].
+        bandwidth: frequency below which ``POWER`` of the torque's power about its mean lies [Hz], shape (n,).
+        independent: sum_j 2 B_j T, the independent samples of all joints [1].
+        parameters: number of base parameters.
+    """
+
+    seconds: float
+    bandwidth: np.ndarray
+    independent: float
+    parameters: int
+
+    @property
+    def per_parameter(self) -> float:
+        """Independent samples per base parameter [1]."""
+        return self.independent / self.parameters
+
+    def warnings(self) -> tuple[str, ...]:
+        """A warning where there are fewer than ``ADVISED`` per parameter, or nothing."""
+        if self.per_parameter >= ADVISED:
+            return ()
+        needed = self.seconds * ADVISED / max(self.per_parameter, 1e-3)
+        return (
+            f"{self.seconds:.3g} s of motion up to {self.bandwidth.max():.2g} Hz hold about {self.per_parameter:.1f} "
+            f"independent samples per base parameter, {ADVISED:g} are advised: intervals and validation say less than "
+            f"they seem to; record for {needed:.2g} s, or move faster",
+        )
+
+
+def count_samples(samples: Samples, parameters: int) -> SampleCount:
+    """Count by the bandwidth B of the recorded torque: a band of B Hz holds 2 B independent samples a second."""
+    seconds = len(samples.torque) * samples.interval
+    bandwidth = _bandwidth(samples)
+    return SampleCount(
+        seconds, bandwidth, float(2 * seconds * bandwidth.sum()), parameters
+    )
+
+
+def _bandwidth(samples: Samples) -> np.ndarray:
+    """Frequency below which ``POWER`` of the power of each joint's torque lies [Hz], shape (n,)."""
+    grid = np.linspace(0.0, min(samples.band.cutoff, 0.5 / samples.interval), 512)
+    power = np.zeros((len(grid), samples.torque.shape[1]))
+    for span in parts(samples.group):
+        series = samples.torque[span] - samples.torque[span].mean(axis=0)
+        density = (
+            np.abs(np.fft.rfft(series * np.hanning(len(series))[:, None], axis=0)) ** 2
+        )
+        frequency = np.fft.rfftfreq(len(series), samples.interval)
+        power += np.array(
+            [np.interp(grid, frequency, column) for column in density.T]
+        ).T
+    share = np.cumsum(power, axis=0) / np.maximum(power.sum(axis=0), 1e-300)
+    return np.asarray(grid[np.argmax(share >= POWER, axis=0)])

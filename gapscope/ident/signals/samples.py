@@ -1,0 +1,143 @@
+"""The samples of the pipeline: segments with torque, both sides of tau = W x through the same filter."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.recording import Recording
+from gapscope.ident.model.friction_law import FrictionLaw
+from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.model.model_columns import ModelColumns
+from gapscope.ident.signals.conditioning import Segment, blocks, condition, low_pass
+
+PER_CUTOFF = 4.0
+"""Samples per period of the cut-off that are kept to fit; more hold nothing new."""
+MOST = 20_000
+"""Samples that are kept at most: long recordings are thinned further, which bounds the memory."""
+LONGEST = 60.0
+"""Longer segments are worked on in blocks of at most this [s]."""
+
+
+@dataclass(frozen=True)
+class Band:
+    """The band in which both sides are compared.
+
+    Attributes:
+        cutoff: of positions, columns and torque [Hz].
+        trim: whether both ends of a segment, where the filter settles, are left out.
+        thinning: by which factor fewer samples are kept than the band holds [1].
+    """
+
+    cutoff: float
+    trim: bool = True
+    thinning: int = 1
+
+    def bounded(self, segments: Sequence[Segment], most: int = MOST) -> Band:
+        """The band that keeps no more than about ``most`` samples of these segments."""
+        plain = replace(self, thinning=1)
+        count = sum(len(s.motion.t) / plain.step(s) for s in segments)
+        return replace(self, thinning=max(1, int(np.ceil(count / most))))
+
+    def filtered(self, series: np.ndarray, segment: Segment) -> np.ndarray:
+        """A series of a segment in the band, trimmed; axis 0 is time."""
+        return low_pass(series, segment.motion.rate, self.cutoff)[self.rows(segment)]
+
+    def rows(self, segment: Segment) -> slice:
+        """The samples of a segment that count."""
+        return segment.inner if self.trim else slice(0, len(segment.motion.t))
+
+    def step(self, segment: Segment) -> int:
+        """Every which sample is kept to fit."""
+        return self.thinning * max(
+            1, int(segment.motion.rate / (PER_CUTOFF * self.cutoff) + 1e-6)
+        )
+
+    def segments(self, recordings: Sequence[Recording]) -> list[Segment]:
+        """Segments of recordings, positions filtered at the cut-off; those without torque are left out.
+
+        Long ones are cut into blocks, whose trimmed samples follow each other without a gap.
+        """
+        found = [
+            s
+            for r in recordings
+            if r.tau is not None
+            for s in condition(r, self.cutoff)
+        ]
+        return [
+            block
+            for s in found
+            for block in (blocks(s, _count(s)) if self.trim else [s])
+        ]
+
+
+def _count(segment: Segment) -> int:
+    """Number of blocks of a segment."""
+    return int(np.ceil(len(segment.motion.t) / segment.motion.rate / LONGEST))
+
+
+class Samples:
+    """Samples to fit, stacked over segments and thinned to what the band holds.
+
+    Columns at the full rate are held of one segment at a time.
+
+    Args:
+        columns: the model.
+        segments: with torque.
+        band: the band.
+
+    Attributes:
+        smooth: columns that do not depend on the friction law, in the band, shape (M, n, p_smooth).
+        torque: recorded torque in the band, less that of known loads [N m], shape (M, n).
+        velocity: dq [rad/s], shape (M, n).
+        times: of the recording that a sample belongs to [s], shape (M,).
+        group: number of the segment of each sample, shape (M,).
+        interval: time between samples [s].
+    """
+
+    def __init__(
+        self, columns: ModelColumns, segments: Sequence[Segment], band: Band
+    ) -> None:
+        self.columns, self.segments, self.band = columns, list(segments), band
+        self.smooth = self._stack(columns.smooth(s.motion) for s in self.segments)
+        self.torque = self._stack(
+            np.asarray(s.torque) - s.known_torque(columns.body) for s in self.segments
+        )
+        self.velocity = np.concatenate(
+            [s.motion.dq[band.rows(s)][:: band.step(s)] for s in self.segments]
+        )
+        times = [s.motion.t[band.rows(s)][:: band.step(s)] for s in self.segments]
+        self.times, lengths = np.concatenate(times), [len(t) for t in times]
+        self.group = np.repeat(np.arange(len(lengths)), lengths)
+        self.interval = band.step(self.segments[0]) / self.segments[0].motion.rate
+
+    def matrix(self, law: FrictionLaw) -> np.ndarray:
+        """W in the band, shape (M, n, p)."""
+        dry = self.filtered_each(lambda motion: self.columns.dry(motion, law))
+        return np.concatenate([self.smooth, dry], axis=2)
+
+    def problem(
+        self, law: FrictionLaw, kept: np.ndarray, names: Sequence[str]
+    ) -> Problem:
+        """The linear problem in the columns ``kept``."""
+        return Problem(
+            self.matrix(law)[:, :, kept],
+            self.torque,
+            tuple(names),
+            self.group,
+            self.interval,
+        )
+
+    def filtered_each(self, series: Callable[[Motion], np.ndarray]) -> np.ndarray:
+        """A function of the motion, (N, ...), in the band and thinned; shape (M, ...)."""
+        return self._stack(series(s.motion) for s in self.segments)
+
+    def _stack(self, series: Iterable[np.ndarray]) -> np.ndarray:
+        pairs = zip(series, self.segments, strict=True)
+        # a copy, since a view would hold the samples that are left out
+        return np.concatenate(
+            [self.band.filtered(x, s)[:: self.band.step(s)].copy() for x, s in pairs]
+        )

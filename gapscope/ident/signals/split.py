@@ -1,0 +1,59 @@
+"""Which recordings are fitted, and which are set aside to judge on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from gapscope.arm.case import Case
+from gapscope.arm.errors import InputError
+from gapscope.arm.recording import CHANNELS, Recording
+
+HELD_OUT = 1 / 3
+"""Share of a single recording that is set aside, its end [1]."""
+
+
+def split(
+    case: Case, chosen: Sequence[str] = ()
+) -> tuple[list[Recording], list[Recording]]:
+    """Recordings to fit, and to judge: those chosen by name, else the case's, else the last one or the last third.
+
+    Raises:
+        InputError: a name is not that of a recording, or nothing is left to fit.
+    """
+    everything = [*case.recordings, *case.judged]
+    if chosen:
+        names = [recording.name for recording in everything]
+        for name in chosen:
+            if name not in names:
+                raise InputError(
+                    f"no recording is called {name!r}",
+                    f"there are {', '.join(names)}",
+                    where="--judge",
+                )
+        fit = [r for r in everything if r.name not in chosen]
+        if not fit:
+            raise InputError(
+                "every recording is to be judged on, none is left to fit",
+                where="--judge",
+            )
+        return fit, [r for r in everything if r.name in chosen]
+    if case.judged:
+        return list(case.recordings), list(case.judged)
+    if len(case.recordings) > 1:
+        return list(case.recordings[:-1]), [case.recordings[-1]]
+    (only,) = case.recordings
+    cut = int(len(only.t) * (1 - HELD_OUT))
+    return [_part(only, slice(0, cut), "start")], [_part(only, slice(cut, None), "end")]
+
+
+def _part(recording: Recording, rows: slice, label: str) -> Recording:
+    changed: dict[str, Any] = {
+        "name": f"{recording.name}, {label}",
+        "t": recording.t[rows],
+    }
+    for name in CHANNELS:
+        series = getattr(recording, name)
+        changed[name] = None if series is None else series[rows]
+    return replace(recording, **changed)

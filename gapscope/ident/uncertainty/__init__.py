@@ -1,0 +1,1 @@
+"""Intervals, identifiability and validation of identified parameters."""

@@ -1,0 +1,153 @@
+"""What recordings tell about the parameters, and how far the model may be off: the findings beside the estimate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gapscope.arm.errors import InputError
+from gapscope.ident.checks.fit_evidence import Evidence
+from gapscope.ident.estimators.estimate import Estimate, Estimator
+from gapscope.ident.model.base_parameters import (
+    BaseParameters,
+    base_parameters,
+    random_states,
+)
+from gapscope.ident.model.essential import EssentialParameters, essential_parameters
+from gapscope.ident.model.friction_law import FrictionLaw
+from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.model.model_columns import ModelColumns
+from gapscope.ident.model.tsqr import TriangularFactor
+from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
+from gapscope.ident.signals.effective_samples import inflation, parts
+from gapscope.ident.signals.sample_count import SampleCount, count_samples
+from gapscope.ident.uncertainty.identifiability import (
+    CONDITION_LIMIT,
+    Identifiability,
+    identifiability,
+)
+from gapscope.ident.uncertainty.intervals import Uncertainty
+from gapscope.ident.uncertainty.repeated_groups import GroupComparison, compare_groups
+from gapscope.ident.uncertainty.torque_interval import TorqueInterval, torque_interval
+
+HELD_OUT = 4
+"""Stretches of time, at least, that are predicted one at a time from the others."""
+
+
+@dataclass(frozen=True)
+class Examination:
+    """What recordings tell about the parameters.
+
+    Attributes:
+        shown: rank, condition and spectrum of the samples, against the base parameters of the arm's structure.
+        essential: base parameters that explain the fitted torque; ``None`` where samples do not suffice.
+        groups: segments identified one by one; ``None`` where one does not determine the parameters.
+        interval: of predicted torque; ``None`` where the others do not determine the parameters when one is held out.
+        counted: how many independent samples there are.
+        reasons: why something is ``None``, each a sentence.
+    """
+
+    shown: Identifiability
+    essential: EssentialParameters | None
+    groups: GroupComparison | None
+    interval: TorqueInterval | None
+    counted: SampleCount
+    reasons: tuple[str, ...]
+
+    def warnings(self) -> tuple[str, ...]:
+        """What makes the result doubtful, each with a remedy."""
+        shown = self.shown
+        weak = shown.rank < shown.base.count or shown.condition > CONDITION_LIMIT
+        unknown = self.interval is None
+        return (
+            *(shown.warnings[:1] if weak else ()),
+            *self.counted.warnings(),
+            *(self.interval.warnings if self.interval is not None else ()),
+            *(
+                f"the recordings cannot be checked for model error: {r}"
+                for r in self.reasons[-1:]
+                if unknown
+            ),
+        )
+
+
+def examine(
+    evidence: Evidence,
+    problem: Problem,
+    estimator: Estimator,
+    estimate: Estimate,
+    uncertainty: Uncertainty,
+) -> Examination:
+    """Examine what was fitted.
+
+    Args:
+        evidence: the fit.
+        problem: in base columns, that was solved.
+        estimator: that solved it.
+        estimate: what it said.
+        uncertainty: of that.
+    """
+    columns, law, cutoff = (
+        evidence.samples.columns,
+        evidence.choice.law,
+        evidence.samples.band.cutoff,
+    )
+    shown = identifiability(evidence.matrix, structural(columns, law))
+    reasons: list[str] = []
+    essential, groups, interval = None, None, None
+    try:
+        essential = _essential(evidence, problem)
+    except InputError as error:
+        reasons.append(f"essential parameters: {error.problem}")
+    try:
+        groups = compare_groups(problem, estimator, cutoff)
+    except (InputError, np.linalg.LinAlgError) as error:
+        where = f"{error.where} " if isinstance(error, InputError) else ""
+        reasons.append(f"segments: {where}by itself does not determine the parameters")
+    try:
+        # the bands of the split are set for this cut-off; higher up friction of a healthy arm passes for model error
+        interval = torque_interval(
+            _cut(problem), estimator, uncertainty, min(cutoff, TORQUE_CUTOFF), estimate
+        )
+    except (InputError, np.linalg.LinAlgError):
+        reasons.append(
+            "without one of its segments the rest does not determine the parameters; record more motions"
+        )
+    return Examination(
+        shown,
+        essential,
+        groups,
+        interval,
+        count_samples(evidence.samples, evidence.base.count),
+        tuple(reasons),
+    )
+
+
+def _cut(problem: Problem) -> Problem:
+    """The problem with its groups cut into equal parts, at least ``HELD_OUT`` in all."""
+    spans = parts(problem.group)
+    pieces = -(-HELD_OUT // len(spans))
+    edges = [np.linspace(s.start, s.stop, pieces + 1).astype(int)[:-1] for s in spans]
+    lengths = np.diff(np.r_[np.concatenate(edges), len(problem.group)])
+    return replace(problem, group=np.repeat(np.arange(len(lengths)), lengths))
+
+
+def structural(columns: ModelColumns, law: FrictionLaw) -> BaseParameters:
+    """Base parameters of the arm, whatever its recordings excite."""
+    states = random_states(columns.regressor, np.random.default_rng(0), 300)
+    return base_parameters(
+        columns.matrix(states, replace(law, presliding=None)), columns.names(law)
+    )
+
+
+def _essential(evidence: Evidence, problem: Problem) -> EssentialParameters:
+    """Essential parameters of the equations weighted by joint; variances allow for autocorrelation."""
+    left = problem.residual(evidence.beta) / evidence.choice.noise
+    factor = TriangularFactor(evidence.base.count)
+    factor.add(
+        problem.matrix / evidence.choice.noise[:, None],
+        problem.torque / evidence.choice.noise,
+    )
+    alike = float(inflation(left, problem.group).mean())
+    return essential_parameters(factor, problem.names, inflation=alike)

@@ -1,0 +1,111 @@
+"""Model error told from noise: what is left of the torque at the frequencies of the motion, against those above."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import f as fisher
+
+from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
+from gapscope.ident.signals.effective_samples import parts
+
+LOW, FLOOR = 1 / 4, (1 / 3, 1 / 2)
+"""Bands of the motion and of the noise floor, as shares of the cut-off: up to 3 Hz and 4 to 6 Hz at 12 Hz."""
+DOUBT = 1e-3
+"""Chance, over all joints, below which noise alone is not believed."""
+TAPER = 0.1
+"""Share of a series that is faded in and out before its spectrum is taken."""
+
+
+@dataclass(frozen=True)
+class ModelError:
+    """What of the residuals is no noise, per joint.
+
+    Attributes:
+        systematic: standard deviation of the part that follows the motion [N m], shape (n,).
+        noise: standard deviation of the rest [N m], shape (n,).
+        p_value: how often noise alone would look like this, shape (n,).
+        groups: number of groups that showed it.
+    """
+
+    systematic: np.ndarray
+    noise: np.ndarray
+    p_value: np.ndarray
+    groups: int
+
+    @property
+    def found(self) -> np.ndarray:
+        """Joints, counted from 1, on which noise alone is not believed."""
+        return np.flatnonzero(self.p_value * len(self.p_value) < DOUBT) + 1
+
+    def warnings(self) -> tuple[str, ...]:
+        """A warning that names the joints with model error, or nothing."""
+        if not len(self.found):
+            return ()
+        at = self.found - 1
+        share = (self.systematic / np.hypot(self.systematic, self.noise).clip(1e-300))[
+            at
+        ].max()
+        return (
+            f"what is left on joint {', '.join(map(str, self.found))} is no noise ({share:.0%} of it follows the "
+            "motion): the model lacks an effect, and s^2 (W^T W)^-1 states too small errors; use intervals that count "
+            "model error, and `gapscope diagnose` to name the effect",
+        )
+
+
+def model_error(
+    problem: Problem, residual: np.ndarray, cutoff: float = TORQUE_CUTOFF
+) -> ModelError:
+    """Split residuals into noise, level up to the cut-off, and model error, which lies where the motion lies.
+
+    The periodogram's mean up to a quarter of the cut-off over its mean from a third to a half of it has Fisher's F
+    distribution for noise, with twice the number of ordinates as degrees of freedom. What the low band holds above
+    the floor is the variance of the model error.
+
+    Args:
+        problem: whose groups and interval count.
+        residual: [N m], shape (N, n), better of groups that were not fitted.
+        cutoff: of the low-pass that the torque passed [Hz]; Nyquist's frequency where that is lower.
+
+    Source: pintelon2012.
+    """
+    cutoff = min(cutoff, 0.5 / problem.interval)
+    low, floor, counts = (
+        np.zeros(residual.shape[1]),
+        np.zeros(residual.shape[1]),
+        np.zeros(2),
+    )
+    spans = parts(problem.group)
+    for span in spans:
+        series = residual[span]
+        taper = _taper(len(series))
+        power = (
+            np.abs(np.fft.rfft(series * taper[:, None], axis=0)) ** 2 / (taper**2).sum()
+        )
+        frequency = np.fft.rfftfreq(len(series), problem.interval)
+        below = frequency <= LOW * cutoff
+        above = (frequency >= FLOOR[0] * cutoff) & (frequency <= FLOOR[1] * cutoff)
+        low += power[below].sum(axis=0)
+        floor += power[above].sum(axis=0)
+        counts += below.sum(), above.sum()
+    low, floor = low / counts[0], floor / max(counts[1], 1)
+    p_value = fisher.sf(
+        low / np.maximum(floor, 1e-300), 2 * counts[0], 2 * max(counts[1], 1)
+    )
+    variance = (residual**2).mean(axis=0)
+    band = (
+        2 * LOW * cutoff * problem.interval
+    )  # share of all frequencies, of which a real series has two of each
+    systematic = np.minimum((band * (low - floor)).clip(0.0), variance)
+    return ModelError(
+        np.sqrt(systematic), np.sqrt(variance - systematic), p_value, len(spans)
+    )
+
+
+def _taper(count: int) -> np.ndarray:
+    """A window that rises and falls by half a cosine, shape (count,)."""
+    place = np.arange(count) + 0.5
+    edge = np.clip(np.minimum(place, count - place) / (TAPER * count), 0, 1)
+    return 0.5 * (1 - np.cos(np.pi * edge))

@@ -1,0 +1,63 @@
+"""Uncertainty of any estimator: the estimate is repeated without one stretch of time after the other."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from gapscope.ident.estimators.estimate import Estimator
+from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.signals.effective_samples import parts
+from gapscope.ident.uncertainty.intervals import Uncertainty
+
+STRETCHES = 20
+"""About how many stretches of time are left out, one at a time."""
+
+
+def refit_jackknife(
+    problem: Problem, estimator: Estimator, stretches: int = STRETCHES
+) -> Uncertainty:
+    """Covariance (G - 1) / G sum_k (beta_k - mean)(beta_k - mean)^T, beta_k the estimate without stretch k of G.
+
+    It holds for estimators that are not linear in the torque, and counts that samples follow each other. What a pull
+    adds as bias is the same in every beta_k, so it is not counted. It has G - 1 degrees of freedom.
+
+    Args:
+        problem: that was solved.
+        estimator: that solved it.
+        stretches: about G; each belongs to one group.
+
+    Raises:
+        InputError: what is left without a stretch does not determine the parameters.
+
+    Source: kunsch1989.
+    """
+    spans = _spans(problem.group, stretches)
+    values = []
+    for span in spans:
+        others = np.ones(len(problem.torque), dtype=bool)
+        others[span] = False
+        values.append(estimator.estimate(problem.rows(others)).value)
+    found, count = np.array(values), len(values)
+    change = found - found.mean(axis=0)
+    return Uncertainty(
+        (count - 1) / count * change.T @ change,
+        float(count - 1),
+        len(problem.torque) // count,
+    )
+
+
+def _spans(group: np.ndarray, stretches: int) -> list[slice]:
+    """At least two stretches of about equal length within the groups."""
+    length = len(group) / max(stretches, 2)
+    out = []
+    for part in parts(group):
+        least = 2 if part.stop - part.start == len(group) else 1
+        edges = np.linspace(
+            part.start,
+            part.stop,
+            max(least, round((part.stop - part.start) / length)) + 1,
+        ).astype(int)
+        out += [slice(int(a), int(b)) for a, b in itertools.pairwise(edges) if b > a]
+    return out

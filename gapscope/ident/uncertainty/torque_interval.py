@@ -1,0 +1,140 @@
+"""Intervals for the torque that an identified model predicts on other trajectories, model error included."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student
+
+from gapscope.arm.errors import InputError
+from gapscope.ident.estimators.estimate import Estimate, Estimator
+from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
+from gapscope.ident.signals.effective_samples import parts
+from gapscope.ident.uncertainty.intervals import Uncertainty
+from gapscope.ident.uncertainty.model_error import ModelError, model_error
+
+
+@dataclass(frozen=True)
+class TorqueInterval:
+    """How far the arm's torque may lie from the model's.
+
+    Attributes:
+        estimate: the model.
+        parameters: how well its parameters are known.
+        error: noise and model error of torque that was not fitted.
+        warnings: of model error, with a remedy.
+    """
+
+    estimate: Estimate
+    parameters: Uncertainty
+    error: ModelError
+    warnings: tuple[str, ...]
+
+    def half_width(
+        self, matrix: np.ndarray, level: float = 0.95, *, recorded: bool = False
+    ) -> np.ndarray:
+        """Half the width of the interval [N m], shape (N, n), about W beta.
+
+        t sqrt(v + s^2), v = W C W^T with the parameters' covariance C, and the model error s of each joint. Student's
+        t has (v + s^2)^2 / (v^2 / f + s^4 / (G - 1)) degrees of freedom (Welch and Satterthwaite), f those of C, and
+        G groups: another motion's model error is one more draw beside theirs.
+
+        Args:
+            matrix: W of the other trajectory, shape (N, n, b).
+            level: share of samples that the interval is to hold [1].
+            recorded: of the torque as it would be recorded, noise included, in place of the torque itself.
+        """
+        own = ((matrix @ self.parameters.covariance) * matrix).sum(axis=2)
+        systematic = self.error.systematic**2
+        variance = own + systematic
+        few = own**2 / max(self.parameters.freedom, 1.0) + systematic**2 / max(
+            self.error.groups - 1, 1
+        )
+        freedom = np.maximum(variance**2 / np.maximum(few, 1e-300), 1.0)
+        total = variance + (self.error.noise**2 if recorded else 0.0)
+        return student.ppf(0.5 + level / 2, freedom) * np.sqrt(total)
+
+
+@dataclass(frozen=True)
+class PredictedTorque:
+    """Intervals of predicted torque on some recordings, n joints.
+
+    Attributes:
+        level: share of samples that an interval is to hold [1].
+        half_width: RMS half width for the arm's torque [N m], shape (n,).
+        recorded: the same for the torque as it is recorded, noise included [N m], shape (n,).
+        held: share of recorded samples within the latter [1], shape (n,).
+    """
+
+    level: float
+    half_width: np.ndarray
+    recorded: np.ndarray
+    held: np.ndarray
+
+
+def predicted_torque(
+    interval: TorqueInterval, problem: Problem, beta: np.ndarray, level: float = 0.95
+) -> PredictedTorque:
+    """Intervals on recordings that were not fitted, and how many of their samples lie within.
+
+    Args:
+        interval: of the model.
+        problem: other recordings in the same base columns.
+        beta: what is predicted with, shape (b,).
+        level: share of samples that an interval is to hold [1].
+    """
+    own, recorded = (
+        interval.half_width(problem.matrix, level, recorded=noisy)
+        for noisy in (False, True)
+    )
+    held = (np.abs(problem.residual(beta)) <= recorded).mean(axis=0)
+    return PredictedTorque(
+        level, np.sqrt((own**2).mean(axis=0)), np.sqrt((recorded**2).mean(axis=0)), held
+    )
+
+
+def torque_interval(
+    problem: Problem,
+    estimator: Estimator,
+    uncertainty: Uncertainty,
+    cutoff: float = TORQUE_CUTOFF,
+    estimate: Estimate | None = None,
+) -> TorqueInterval:
+    """Intervals from torque held out: each group is predicted by the model that the others give.
+
+    Args:
+        problem: of at least two groups, or one that is cut into four.
+        estimator: of the model.
+        uncertainty: of its parameters.
+        cutoff: of the low-pass that the torque passed [Hz].
+        estimate: of the whole problem; estimated where ``None``.
+
+    Raises:
+        InputError: the other groups do not determine the parameters.
+    """
+    estimate = estimate or estimator.estimate(problem)
+    error = model_error(problem, held_out(problem, estimator), cutoff)
+    return TorqueInterval(estimate, uncertainty, error, error.warnings())
+
+
+def held_out(problem: Problem, estimator: Estimator) -> np.ndarray:
+    """Residual of each group under the estimate of the other groups [N m], shape (N, n)."""
+    spans = parts(problem.group)
+    if len(spans) == 1:
+        edges = np.linspace(0, len(problem.torque), 5).astype(int)
+        spans = [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]
+    out = np.empty_like(problem.torque)
+    for span in spans:
+        others = np.ones(len(out), dtype=bool)
+        others[span] = False
+        if not others.any():
+            raise InputError(
+                "too few samples to hold any out", "record for longer", where="samples"
+            )
+        out[span] = problem.rows(span).residual(
+            estimator.estimate(problem.rows(others)).value
+        )
+    return out

@@ -1,0 +1,94 @@
+"""Provenance: what a result was made from, as hashes of its files, the source and the libraries."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from gapscope.arm.case import case_files
+from gapscope.arm.errors import GapscopeError
+
+KEY = "made_from"
+"""Key of ``diagnosis.json`` and of an evaluation's finished cells."""
+PACKAGE = Path(__file__).resolve().parent
+SOURCES = ("arm", "effects", "envs", "ident", "diagnosis")
+"""Folders on the way to a diagnosis."""
+NOT_DECISIVE = ("diagnosis/fleet/",)
+"""Parts of them that do not influence the diagnosis of one case."""
+ENDINGS = (".py", ".json", ".yaml", ".npz", ".csv")
+LIBRARIES = (
+    "gapscope",
+    "numpy",
+    "scipy",
+    "pin",
+    "pybullet",
+    "mujoco",
+    "pandas",
+    "joblib",
+)
+
+
+def source_files() -> list[Path]:
+    """The files that a diagnosis is made from, in order."""
+    files = [path for name in SOURCES for path in sorted((PACKAGE / name).rglob("*"))]
+    return [
+        path
+        for path in files
+        if path.suffix in ENDINGS and not _place(path).startswith(NOT_DECISIVE)
+    ]
+
+
+@cache
+def source_hash() -> str:
+    """SHA-256 over names and contents of those files."""
+    digest = hashlib.sha256()
+    for path in source_files():
+        digest.update(_place(path).encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()
+
+
+def library_versions() -> dict[str, str | None]:
+    """Installed version of each library that a diagnosis depends on; ``None`` if it is not installed."""
+    return {name: _version(name) for name in LIBRARIES}
+
+
+@cache
+def program() -> str:
+    """SHA-256 of what leads to a diagnosis: its source, Python and the libraries."""
+    versions = [
+        f"{name} {found or 'none'}" for name, found in library_versions().items()
+    ]
+    parts = [source_hash(), platform.python_version(), *versions]
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+def made_from(path: Path) -> dict[str, str]:
+    """SHA-256 of the case's files, names and contents, and of the program: its source, Python and the libraries.
+
+    Raises:
+        InputError: the case file, the robot or a recording cannot be read.
+    """
+    digest = hashlib.sha256()
+    for file in case_files(path):
+        try:
+            content = hashlib.sha256(file.read_bytes()).digest()
+        except OSError as error:
+            raise GapscopeError(
+                f"{file}: cannot be read ({error.strerror})", "check the path"
+            ) from None
+        digest.update(file.name.encode() + b"\0" + content)
+    return {"case_sha256": digest.hexdigest(), "program_sha256": program()}
+
+
+def _place(path: Path) -> str:
+    return path.relative_to(PACKAGE).as_posix()
+
+
+def _version(name: str) -> str | None:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None

@@ -1,0 +1,220 @@
+"""The tables of a blind check: rows of text, rendered as Markdown or on a terminal."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+from rich.table import Table as RichTable
+
+BRIEFLY = ("Effects named", "Verdicts and probabilities", "Beside plain methods")
+"""Titles of the tables that a terminal shows; the files have all of them."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table: title, heads of the columns, rows of text."""
+
+    title: str
+    heads: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+    def markdown(self) -> str:
+        """As Markdown."""
+        lines = [
+            f"### {self.title}",
+            "",
+            "| " + " | ".join(self.heads) + " |",
+            "|" + "---|" * len(self.heads),
+        ]
+        return (
+            "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in self.rows)])
+            + "\n"
+        )
+
+    def rich(self) -> RichTable:
+        """As a table on a terminal, without the counts of shares."""
+        table = RichTable(title=self.title)
+        for head in self.heads:
+            table.add_column(head)
+        for row in self.rows:
+            table.add_row(*(re.sub(r", \d+ of \d+$", "", cell) for cell in row))
+        return table
+
+
+def tables(figures: dict[str, Any]) -> list[Table]:
+    """All tables of a blind check."""
+    out = [_main(figures), _verdicts(figures)]
+    for key, title in (
+        ("by_severity", "Single effects over severity (own gap over the floor)"),
+        ("by_effect", "Single effects, severity 3 to 20"),
+        ("by_inertials", "Nominal inertials"),
+        ("by_controller", "Controller"),
+        ("by_rate", "Rate of the recordings"),
+        ("by_robot", "Arm"),
+    ):
+        if figures[key]:
+            out.append(_scores(title, figures[key]))
+    out += [_calibration(figures["calibration"]), _confusion(figures["confusion"])]
+    if "baselines" in figures:
+        out.append(_baselines(figures))
+    return out
+
+
+def _main(figures: dict[str, Any]) -> Table:
+    return _scores(
+        "Effects named",
+        {
+            k: v
+            for k, v in figures["by_kind"].items()
+            if k not in ("healthy", "outside")
+        },
+    )
+
+
+def _scores(title: str, groups: dict[str, Any]) -> Table:
+    heads = (
+        "",
+        "cases",
+        "top-1",
+        "exact set",
+        "exact, strictly",
+        "Jaccard",
+        "joints",
+        "called unexplained",
+        "first parameter, median error",
+        "gap closed, median",
+        "worst joint, median",
+    )
+    rows = tuple(
+        (
+            name,
+            str(s["count"]),
+            rate(s["top"]),
+            rate(s["exact"]),
+            rate(s["exact_strict"]),
+            _number(s["jaccard"]),
+            rate(s["joints"]),
+            rate(s["called_unexplained"]),
+            _median(s["parameter_error"]),
+            _median(s["gap_closed"]),
+            _median(s["gap_closed_worst_joint"]),
+        )
+        for name, s in groups.items()
+    )
+    return Table(title, heads, rows)
+
+
+def _verdicts(figures: dict[str, Any]) -> Table:
+    well, beyond, sets = (
+        figures["healthy"],
+        figures["unknown"],
+        figures["calibration"]["sets"],
+    )
+    rows = (
+        ("healthy arms called ill", rate(well["false_alarms"])),
+        ("healthy arms with an effect named", rate(well["effects_named"])),
+        ("outside the catalogue called unexplained", rate(beyond["recall"])),
+        ("inside the catalogue called unexplained", rate(beyond["false_unknown"])),
+        ("Brier score of the probabilities", _number(figures["calibration"]["brier"])),
+        ("expected calibration error", _number(figures["calibration"]["ece"])),
+        (f"sets at {sets['level']:.0%} that hold the truth", rate(sets["coverage"])),
+        ("mean size of these sets", _number(sets["mean_size"])),
+        ("diagnoses that failed", str(len(figures["failed"]))),
+        ("seconds of a diagnosis, median", _median(figures["seconds"], percent=False)),
+    )
+    return Table("Verdicts and probabilities", ("", ""), rows)
+
+
+def _calibration(calibration: dict[str, Any]) -> Table:
+    rows = tuple(
+        (
+            f"{r['from']:.1f} to {r['to']:.1f}",
+            str(r["count"]),
+            f"{r['probability']:.3f}",
+            f"{r['right']:.3f}",
+        )
+        for r in calibration["reliability"]
+    )
+    return Table(
+        "Reliability",
+        ("probability", "findings", "mean probability", "share right"),
+        rows,
+    )
+
+
+def _confusion(confusion: dict[str, dict[str, int]]) -> Table:
+    rows = tuple(
+        (
+            truth,
+            str(sum(answers.values())),
+            ", ".join(f"{answer} {count}" for answer, count in answers.items()),
+        )
+        for truth, answers in confusion.items()
+    )
+    return Table(
+        "Confusion: what single causes were taken for",
+        ("truth", "cases", "first answer"),
+        rows,
+    )
+
+
+def _baselines(figures: dict[str, Any]) -> Table:
+    methods = {"this diagnosis": figures, **figures["baselines"]}
+    heads = (
+        "method",
+        "single top-1",
+        "single exact",
+        "pair exact",
+        "triple Jaccard",
+        "ladder exact",
+        "healthy called ill",
+        "outside called unexplained",
+        "inside called unexplained",
+    )
+    rows = tuple(
+        (
+            name,
+            *(
+                _kind(m, *place)
+                for place in (("single", "top"), ("single", "exact"), ("pair", "exact"))
+            ),
+            _kind(m, "triple", "jaccard"),
+            _kind(m, "ladder", "exact"),
+            rate(m["healthy"]["false_alarms"]),
+            rate(m["unknown"]["recall"]),
+            rate(m["unknown"]["false_unknown"]),
+        )
+        for name, m in methods.items()
+    )
+    return Table("Beside plain methods", heads, rows)
+
+
+def _kind(figures: dict[str, Any], kind: str, key: str) -> str:
+    value = figures["by_kind"].get(kind, {}).get(key)
+    return rate(value) if isinstance(value, dict) else _number(value)
+
+
+def rate(share: dict[str, Any]) -> str:
+    """``95 % (90..98), 57 of 60``; a dash without cases."""
+    if not share["count"]:
+        return "–"
+    return (
+        f"{100 * share['rate']:.0f} % ({100 * share['low']:.0f}..{100 * share['high']:.0f}), "
+        f"{share['hits']} of {share['count']}"
+    )
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.3g}"
+
+
+def _median(quantiles: dict[str, float] | None, *, percent: bool = True) -> str:
+    if quantiles is None:
+        return "–"
+    return (
+        f"{100 * quantiles['median']:.1f} %"
+        if percent
+        else f"{quantiles['median']:.1f}"
+    )

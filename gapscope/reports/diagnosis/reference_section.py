@@ -1,0 +1,133 @@
+"""What a diagnosis against a reference was compared with, as the report shows it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from gapscope.diagnosis.display import percent, significant, uncertain
+from gapscope.diagnosis.document.wording import (
+    effect_name,
+    joint_names,
+    joint_ranges,
+    listing,
+)
+from gapscope.diagnosis.reference.reference import LEAST_SKEW
+from gapscope.diagnosis.result import Diagnosis
+
+SHEET = (
+    ("armature", "armature", "kg m²"),
+    ("coulomb", "Coulomb friction", "N m"),
+    ("viscous", "viscous friction", "N m s/rad"),
+)
+"""Entries of the data sheet: key, name, unit."""
+
+
+@dataclass(frozen=True)
+class ReferenceJoint:
+    """One joint: what was identified and what was allowed for.
+
+    Attributes:
+        label: ``J2``.
+        name: name of the joint.
+        identified: ``value ± std`` of each entry of ``SHEET``.
+        today: Coulomb and viscous friction on the day of the case, each with its change in percent.
+        held_out: torque NRMSE on stretches of the reference that were not fitted [1].
+        leeway: torque NRMSE that the leeway used comes to [1].
+    """
+
+    label: str
+    name: str
+    identified: tuple[str, ...]
+    today: tuple[str, ...]
+    held_out: float | None
+    leeway: float | None
+
+
+def against(diagnosis: Diagnosis) -> dict[str, Any] | None:
+    """Reference, what was identified on it per joint, and what was put down to another day; ``None`` without one."""
+    content = diagnosis.document.get("against")
+    if content is None:
+        return None
+    today = content["today"]
+    return {
+        "name": content["reference"],
+        "recordings": content["recordings"],
+        "parameters": content["base_parameters"],
+        "law": content["friction_law"],
+        "ratio": percent(content["torque_ratio_to_nominal"]),
+        "skew": _skew(content["sampling_skew"]),
+        "joints": _joints(content, joint_names(diagnosis.document)),
+        "sheet": [f"{name} [{unit}]" for _, name, unit in SHEET],
+        "allowed": percent(today["friction_allowed"]),
+        "inherent": [
+            _with_joints(e["effect"], e["joints"]) for e in content["inherent"]
+        ],
+        "left_open": _left_open(today["left_open"]),
+    }
+
+
+def _skew(skew: float) -> str:
+    """By how much the recorded torque is off in time, in words; empty where that is too little to be taken out."""
+    if abs(skew) <= LEAST_SKEW:
+        return ""
+    return (
+        f"{significant(1e3 * abs(skew), 2)} ms {'ahead of' if skew > 0 else 'behind'}"
+    )
+
+
+def _joints(content: Mapping[str, Any], names: Sequence[str]) -> list[ReferenceJoint]:
+    identified, std, today = (
+        content["identified"],
+        content["identified_std"],
+        content["today"],
+    )
+    return [
+        ReferenceJoint(
+            label=f"J{j + 1}",
+            name=name,
+            identified=tuple(
+                uncertain(identified[key][j], std[key][j]) for key, _, _ in SHEET
+            ),
+            today=tuple(
+                _changed(identified[key][j], today[key][j])
+                for key in ("coulomb", "viscous")
+            ),
+            held_out=content["held_out"]["torque_nrmse"][j],
+            leeway=today["torque_nrmse"][j],
+        )
+        for j, name in enumerate(names)
+    ]
+
+
+def _changed(before: float, after: float) -> str:
+    if not before:
+        return significant(after)
+    share = round(100.0 * (after / before - 1.0))
+    sign = "−" if share < 0 else "+"
+    return (
+        f"{significant(after)} ({sign}{abs(share)} %)"
+        if share
+        else f"{significant(after)} (same)"
+    )
+
+
+def _left_open(entries: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Effects taken for leeway, each once with all its joints."""
+    joints: dict[str, list[int]] = {}
+    for entry in entries:
+        joints.setdefault(entry["effect"], []).append(entry["joint"])
+    return [
+        _with_joints(name, sorted({j for j in found if j}))
+        for name, found in joints.items()
+    ]
+
+
+def _with_joints(name: str, joints: Sequence[int]) -> str:
+    where = (
+        f" (joint{'s' if len(joints) > 1 else ''} {listing(joint_ranges(joints))})"
+        if joints
+        else ""
+    )
+    return effect_name(name) + where

@@ -1,0 +1,108 @@
+"""The summary of several cases: one row each, with a link to its report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from gapscope.arm.io.atomic_write import written_whole
+from gapscope.diagnosis.document.wording import (
+    VERDICTS,
+    acts_on,
+    effect_name,
+    gap_closed,
+)
+from gapscope.reports.diagnosis import fleet_section as units_words
+from gapscope.reports.diagnosis.page import environment
+
+_COUNTED = {
+    "effects_found": "with effects found",
+    "no_gap": "without a gap",
+    "unexplained": "with an unexplained gap",
+    "failed": "failed",
+}
+
+
+@dataclass(frozen=True)
+class SummaryRow:
+    """One case in the summary.
+
+    Attributes:
+        name: name of the case.
+        folder: folder of its report, relative to the summary.
+        document: its diagnosis, or ``None`` where it failed.
+        failure: why it failed.
+    """
+
+    name: str
+    folder: str
+    document: Mapping[str, Any] | None = None
+    failure: str = ""
+
+    @property
+    def label(self) -> str:
+        """Name of the case, with its folder where that is called otherwise."""
+        return self.name if self.folder == self.name else f"{self.name} ({self.folder})"
+
+    @property
+    def link(self) -> str:
+        """Relative address of the report."""
+        return f"./{quote(self.folder)}/report.html"
+
+    @property
+    def verdict(self) -> str:
+        """Verdict as a label."""
+        return "Failed" if self.document is None else VERDICTS[self.document["verdict"]]
+
+    @property
+    def kind(self) -> str:
+        """Verdict as a key: one of the three, or ``failed``."""
+        return "failed" if self.document is None else self.document["verdict"]
+
+    @property
+    def effects(self) -> list[tuple[str, str]]:
+        """Effects found, each with what it acts on."""
+        found = [] if self.document is None else self.document["effects"]
+        return [(effect_name(entry["effect"]), acts_on(entry)) for entry in found]
+
+    @property
+    def closed(self) -> float | None:
+        """Share of the gap above the floor that is closed [1]."""
+        return None if self.document is None else gap_closed(self.document)
+
+    def mean_gap(self, stage: str) -> float | None:
+        """Torque NRMSE ``before`` or ``after``, mean over the joints [1]."""
+        values = (
+            [] if self.document is None else self.document["gap"][stage]["torque_nrmse"]
+        )
+        known = [value for value in values if value is not None]
+        return sum(known) / len(known) if known else None
+
+
+def render_summary(
+    rows: Sequence[SummaryRow], path: Path | str, units: Mapping[str, Any] | None = None
+) -> None:
+    """Write the summary of several cases, in the order given.
+
+    Args:
+        rows: one per case.
+        path: file to write.
+        units: content of ``units.json``, the comparison of the cases as units of one type of arm.
+
+    Raises:
+        GapscopeError: ``path`` cannot be written.
+    """
+    counts = {
+        label: sum(row.kind == kind for row in rows) for kind, label in _COUNTED.items()
+    }
+    compared = units["groups"] if units is not None else []
+    html = (
+        environment()
+        .get_template("summary.html")
+        .render(rows=rows, counts=counts, groups=compared, words=units_words)
+    )
+    with written_whole(path) as aside:
+        aside.write_text(html, encoding="utf-8")

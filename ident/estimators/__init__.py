@@ -1,1 +1,0 @@
-"""Estimators of the parameters of a linear problem, one file each, one interface (``ident.estimate.Estimator``)."""

@@ -1,0 +1,147 @@
+"""The generator: what it may import, that its laws act, and that severity is what was asked for."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_cases import CLEAN
+
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.blind_check.generator.bench import Bench, draw_bench
+from gapscope.blind_check.generator.case import make_case
+from gapscope.blind_check.generator.conditions import Conditions, Spec
+from gapscope.blind_check.generator.law import Cause
+from gapscope.blind_check.generator.laws import BEYOND, INSIDE, LAWS, SETUP
+from gapscope.blind_check.generator.rigid import inverse_dynamics
+from gapscope.blind_check.generator.sizing import draw_joints
+from gapscope.blind_check.plan import Plan, dealt
+from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.setup_faults import FAULTS
+
+ROOT = Path(__file__).parents[2]
+GENERATOR = sorted((ROOT / "diagnosis" / "blind" / "generator").rglob("*.py"))
+
+
+@pytest.fixture(scope="module")
+def bench() -> Bench:
+    made = draw_bench(CLEAN, np.random.default_rng(3))
+    assert made is not None
+    return made
+
+
+@pytest.mark.parametrize(
+    "path", GENERATOR, ids=lambda path: path.relative_to(ROOT).as_posix()
+)
+def test_the_generator_imports_nothing_of_the_project_but_arm(path: Path) -> None:
+    modules: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            modules |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0
+            modules.add(node.module or "")
+    ours = {
+        m
+        for m in modules
+        if m.split(".")[0]
+        in ("arm", "effects", "envs", "ident", "diagnosis", "gapscope")
+    }
+    assert all(m.startswith(("arm.", "gapscope.blind_check.generator")) for m in ours)
+
+
+def test_every_effect_and_fault_of_the_catalogue_has_a_law() -> None:
+    assert set(INSIDE) == set(CATALOGUE)
+    assert set(SETUP) == set(FAULTS)
+
+
+@pytest.mark.parametrize("name", INSIDE)
+def test_labels_have_the_names_and_units_of_the_catalogue(
+    name: str, bench: Bench
+) -> None:
+    known = {parameter.name: parameter.unit for parameter in CATALOGUE[name].parameters}
+    assert {key: unit for key, unit in LAWS[name].units.items()} == known
+
+
+@pytest.mark.parametrize(
+    "name", [n for n in (*INSIDE, *BEYOND) if LAWS[n].measure == "torque"]
+)
+def test_a_law_changes_the_torque_and_the_label_is_whole(
+    name: str, bench: Bench
+) -> None:
+    rng = np.random.default_rng(5)
+    joints = draw_joints(LAWS[name].joints, bench.arm.n, rng)
+    assert joints is not None
+    drawn = (
+        Cause(LAWS[name], joints, LAWS[name].draw(rng, bench.scene, joints))
+        for _ in range(6)
+    )
+    cause, added = next(
+        (c, a) for c in drawn if (a := bench.signature((c,))) is not None
+    )
+    assert added is not None and added.max() > 0.05
+    assert set(cause.label()["parameters"]) == set(LAWS[name].units)
+    assert cause.sized(np.full(max(len(joints), 1), 1.0)).label() == cause.label()
+
+
+def test_the_inverse_dynamics_is_that_of_the_arm_by_another_library(
+    bench: Bench, tmp_path: Path
+) -> None:
+    (tmp_path / "robot.urdf").write_text(bench.arm.urdf, encoding="utf-8")
+    body = RigidBody(load_nominal_arm("robot.urdf", folder=tmp_path))
+    q, dq, ddq = np.random.default_rng(0).uniform(-1.0, 1.0, (3, 5, bench.arm.n))
+    assert inverse_dynamics(bench.model, q, dq, ddq) == pytest.approx(
+        body.inverse_dynamics(q, dq, ddq), rel=1e-6
+    )
+
+
+def test_a_single_effect_has_the_severity_that_was_drawn() -> None:
+    label = make_case(
+        Spec("single", ("torque_offset",), (5.0, 10.0), CLEAN), (8,)
+    ).label
+    assert 5.0 <= max(label["signature"]) <= 10.0
+    assert label["ratio"] >= 3.0
+
+
+def test_a_healthy_arm_is_its_own_twin() -> None:
+    label = make_case(Spec("healthy", (), None, CLEAN), (9,)).label
+    assert label["ratio"] == 1.0
+    assert max(label["floor"]) < 0.1
+
+
+def test_the_same_seed_gives_the_same_recording() -> None:
+    spec = Spec("healthy", (), None, CLEAN)
+    one, two, other = (
+        make_case(spec, seed).rows[0]["tau"] for seed in ((2, 7), (2, 7), (2, 8))
+    )
+    assert (one == two).all()
+    assert one.shape != other.shape or (one != other).any()
+
+
+def test_a_plan_deals_every_kind_and_the_shares_of_the_conditions() -> None:
+    specs = dealt(Plan(), 5)
+    assert [
+        sum(s.kind == k for s in specs)
+        for k in ("single", "pair", "triple", "outside", "healthy", "ladder")
+    ] == [
+        100,
+        60,
+        30,
+        30,
+        80,
+        60,
+    ]
+    assert sum(s.conditions.bare for s in specs) == 120
+    assert {s.laws[0] for s in specs if s.kind == "single"} == {*INSIDE, *SETUP}
+    assert specs == dealt(Plan(), 5) != dealt(Plan(), 6)
+    assert all(isinstance(s.conditions, Conditions) for s in specs)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_documentation_says_how_each_law_is_generated(name: str) -> None:
+    text = (ROOT / "docs" / "blind_check.md").read_text(encoding="utf-8")
+    row = next(line for line in text.splitlines() if line.startswith(f"| `{name}` |"))
+    assert LAWS[name].form.replace("|", "\\|") in row

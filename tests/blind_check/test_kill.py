@@ -1,0 +1,93 @@
+"""Kill tests: what has to fail when the truth is taken away, and to turn round when the roles are exchanged."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from small_cases import CLEAN, Solved, solve
+
+from gapscope.arm.case import load_case
+from gapscope.blind_check.generator.case import make_case, write_case
+from gapscope.blind_check.generator.conditions import Spec
+from gapscope.blind_check.scoring.compare import compare
+from gapscope.diagnosis.diagnose import diagnose
+from gapscope.diagnosis.model.parametrisation import COORDINATES
+
+pytestmark = pytest.mark.slow
+
+
+def test_each_effect_is_found_with_its_own_label(solved: dict[str, Solved]) -> None:
+    assert all(
+        compare(name, case.label, case.document).top for name, case in solved.items()
+    )
+
+
+def test_permuted_labels_score_as_chance_does(solved: dict[str, Solved]) -> None:
+    names = list(solved)
+    other = names[1:] + names[:1]
+    hits = [
+        compare(n, solved[o].label, solved[n].document).exact
+        for n, o in zip(names, other, strict=True)
+    ]
+    assert sum(hits) == 0
+
+
+@pytest.fixture
+def no_ripple() -> Iterator[None]:
+    """The hypotheses without ripple; afterwards all of them, in their order."""
+    all_of_them = dict(COORDINATES)
+    del COORDINATES["torque_ripple"]
+    yield
+    COORDINATES.clear()
+    COORDINATES.update(all_of_them)
+
+
+def test_an_effect_that_is_no_longer_in_the_catalogue_is_called_unexplained(
+    solved: dict[str, Solved], no_ripple: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    case = solved["torque_ripple"]
+    assert case.document["verdict"] == "effects_found"
+    left = tuple(COORDINATES)
+    for name, module in list(sys.modules.items()):
+        if name.startswith("diagnosis.") and isinstance(
+            getattr(module, "EXPLAINED", None), tuple
+        ):
+            monkeypatch.setattr(module, "EXPLAINED", left)
+    document = diagnose(load_case(case.folder)).document
+    assert document["verdict"] == "unexplained"
+    assert "torque_ripple" not in [finding["effect"] for finding in document["effects"]]
+
+
+def test_nominal_and_real_exchanged_give_the_same_effect_with_the_other_sign(
+    tmp_path: Path,
+) -> None:
+    one = solve(("coulomb_friction",), tmp_path / "one", seed=4)
+    entry = one.label["effects"][0]
+    more = np.zeros(3)
+    more[np.array(entry["joints"]) - 1] = entry["parameters"]["torque"]["value"]
+    healthy = make_case(Spec("healthy", (), None, CLEAN), (4,))
+    write_case(healthy, "case", False, tmp_path / "other", tmp_path / "other.csv")
+    file = tmp_path / "other" / "case.yaml"
+    content = yaml.safe_load(file.read_text())
+    content["nominal"]["coulomb"] = [
+        float(x) for x in np.array(content["nominal"]["coulomb"]) + more
+    ]
+    del content[
+        "controller"
+    ]  # the controller knows the true friction, not the one that is believed now
+    file.write_text(yaml.safe_dump(content))
+    other = diagnose(load_case(tmp_path / "other")).document
+
+    found = [
+        next(e for e in d["effects"] if e["effect"] == "coulomb_friction")
+        for d in (one.document, other)
+    ]
+    assert found[0]["joints"] == found[1]["joints"] == entry["joints"]
+    there, back = (np.array(e["parameters"]["torque"]["value"]) for e in found)
+    assert (there > 0).all()
+    assert there == pytest.approx(-back, rel=0.15)

@@ -1,0 +1,276 @@
+"""What the scorer counts, on diagnoses written by hand and figures worked out by hand."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gapscope.blind_check.baselines.classifier import train
+from gapscope.blind_check.baselines.columns import Design, Term
+from gapscope.blind_check.baselines.methods import (
+    answer,
+    forward_bic,
+    largest_r2,
+    ridge,
+)
+from gapscope.blind_check.scoring.classes import Named, matched, same
+from gapscope.blind_check.scoring.compare import compare, first_parameter_error
+from gapscope.blind_check.scoring.statistics import (
+    brier,
+    ece,
+    reliability,
+    smallest_set,
+    wilson,
+)
+from gapscope.blind_check.scoring.summary import summary
+from gapscope.reports.blind_check.pictures import (
+    confusion_figure,
+    reliability_figure,
+    severity_figure,
+)
+from gapscope.reports.blind_check.tables import tables
+
+
+def label(
+    *effects: dict[str, Any], kind: str = "single", fast: bool = True
+) -> dict[str, Any]:
+    """A label of an arm with three joints."""
+    return {
+        "kind": kind,
+        "effects": list(effects),
+        "severity": [3.0, 5.0] if effects else None,
+        "measure": "torque",
+        "gap": [0.1] * 3,
+        "floor": [0.01] * 3,
+        "motions": ["slow", "fast" if fast else "middle", "fast"],
+        "conditions": {
+            "robot": "small",
+            "rate": 250,
+            "bare": False,
+            "inertials_off": 0.0,
+        },
+    }
+
+
+def effect(
+    name: str, joints: list[int], probability: float = 1.0, **parameters: Any
+) -> dict[str, Any]:
+    """An entry of ``effects``."""
+    return {
+        "effect": name,
+        "joints": joints,
+        "probability": probability,
+        "alternatives": [],
+        "parameters": {
+            key: {"unit": "1", "value": value} for key, value in parameters.items()
+        },
+    }
+
+
+def said(*effects: dict[str, Any], verdict: str = "effects_found") -> dict[str, Any]:
+    """A document, as far as the scorer reads it."""
+    return {"verdict": verdict, "effects": list(effects)}
+
+
+def test_wilson_interval() -> None:
+    """Ten of ten: 10 / (10 + z^2) = 0.7225; none of 80: z^2 / (80 + z^2) = 0.0458; five of ten is symmetric."""
+    assert wilson(10, 10) == (pytest.approx(0.72247, abs=1e-5), pytest.approx(1.0))
+    assert wilson(0, 80) == (0.0, pytest.approx(0.04582, abs=1e-5))
+    low, high = wilson(5, 10)
+    assert (low, high) == (
+        pytest.approx(0.23659, abs=1e-5),
+        pytest.approx(0.76341, abs=1e-5),
+    )
+    assert wilson(0, 0) == (0.0, 1.0)
+
+
+def test_brier_and_ece() -> None:
+    """Brier: (0.04 + 0.64 + 0.01 + 0.01) / 4. ECE: bin 0.8 holds p 0.8, 0.8 with half right, bin 0.9 two right."""
+    p, right = np.array([0.8, 0.8, 0.9, 0.9]), np.array([1.0, 0.0, 1.0, 1.0])
+    assert brier(p, right) == pytest.approx(0.175)
+    assert ece(p, right) == pytest.approx(0.5 * 0.3 + 0.5 * 0.1)
+    assert [(row["count"], row["right"]) for row in reliability(p, right)] == [
+        (2, 0.5),
+        (2, 1.0),
+    ]
+    assert ece(np.array([]), np.array([])) is None
+
+
+def test_the_smallest_set_stops_at_its_level() -> None:
+    candidates = [("b", 0.3), ("a", 0.65), ("c", 0.05)]
+    assert smallest_set(candidates, 0.9) == ["a", "b"]
+    assert smallest_set(candidates, 0.6) == ["a"]
+
+
+def test_delay_and_lag_are_one_class_without_fast_motions_only() -> None:
+    delay, lag = Named("actuator_delay", (1,)), Named("actuator_lag", (1,))
+    assert same(delay, lag, 3, ["slow"]) and not same(delay, lag, 3, ["slow", "fast"])
+
+
+def test_armature_and_link_inertia_are_one_class_on_joints_1_and_2() -> None:
+    link = Named("link_inertia", (), 2)
+    assert same(Named("armature", (1, 2)), link, 6, []) and not same(
+        Named("armature", (1, 3)), link, 6, []
+    )
+
+
+def test_payload_and_the_last_link_are_one_class() -> None:
+    payload = Named("payload")
+    assert same(payload, Named("link_inertia", (), 6), 6, []) and not same(
+        payload, Named("link_inertia", (), 5), 6, []
+    )
+
+
+def test_equal_names_are_matched_before_classes() -> None:
+    truth = [Named("actuator_lag", (1,)), Named("actuator_delay", (2,))]
+    found = [Named("actuator_delay", (2,)), Named("actuator_lag", (1,))]
+    assert sorted(matched(truth, found, 3, ["slow"])) == [(0, 1), (1, 0)]
+
+
+def test_a_right_diagnosis() -> None:
+    true = effect("coulomb_friction", [2, 1], torque=[2.0, 4.0])
+    case = compare(
+        "c",
+        label(true),
+        said(effect("coulomb_friction", [1, 2], 0.9, torque=[4.4, 2.0])),
+    )
+    assert (
+        case.top
+        and case.exact
+        and case.exact_strict
+        and case.jaccard == 1.0
+        and case.joints == (True,)
+    )
+    assert case.errors == (pytest.approx(0.05),)  # median of 0 and 10 %
+    assert case.findings[0].right and case.findings[0].probability == 0.9
+
+
+def test_one_effect_too_many_is_not_exact() -> None:
+    truth = effect("payload", [], mass=1.0, com=[0, 0, 0])
+    found = said(
+        effect("payload", [], mass=1.1, com=[0, 0, 0]),
+        effect("armature", [3], inertia=[0.1]),
+    )
+    case = compare("c", label(truth), found)
+    assert case.top and not case.exact and case.jaccard == 0.5
+    assert [finding.right for finding in case.findings] == [True, False]
+
+
+def test_a_class_counts_but_not_strictly() -> None:
+    case = compare(
+        "c",
+        label(effect("actuator_lag", [1]), fast=False),
+        said(effect("actuator_delay", [1])),
+    )
+    assert case.exact and not case.exact_strict
+
+
+def test_the_error_of_a_tilt_is_that_of_the_vector() -> None:
+    true, found = (
+        effect("base_tilt", [], roll=0.03, pitch=0.04),
+        effect("base_tilt", [], roll=0.03, pitch=0.05),
+    )
+    assert first_parameter_error(true, found) == pytest.approx(0.2)
+
+
+def test_an_effect_on_other_joints_has_no_parameter_error() -> None:
+    assert (
+        first_parameter_error(
+            effect("armature", [1], inertia=[1.0]),
+            effect("armature", [2], inertia=[1.0]),
+        )
+        is None
+    )
+
+
+def test_the_summary_counts_alarms_unknowns_and_failures() -> None:
+    beyond = {
+        "effect": "unknown",
+        "kind": "hysteresis",
+        "joints": [1],
+        "parameters": {},
+    }
+    cases = [
+        compare("a", label(kind="healthy"), said(verdict="no_gap")),
+        compare("b", label(kind="healthy"), said(effect("payload", [], mass=1.0))),
+        compare("c", label(beyond, kind="outside"), said(verdict="unexplained")),
+        compare(
+            "d", label(beyond, kind="outside"), said(effect("coulomb_friction", [1]))
+        ),
+        compare("e", label(effect("armature", [1])), said(effect("armature", [1]))),
+        compare("f", label(effect("armature", [1])), said(verdict="unexplained")),
+        compare("g", label(effect("armature", [1])), None),
+    ]
+    figures = summary(cases)
+    assert figures["healthy"]["false_alarms"]["hits"] == 1
+    assert (
+        figures["unknown"]["recall"]["hits"],
+        figures["unknown"]["false_unknown"]["hits"],
+    ) == (1, 1)
+    assert (
+        figures["failed"] == ["g"]
+        and figures["by_kind"]["single"]["exact"]["hits"] == 1
+    )
+    assert figures["confusion"]["armature"] == {
+        "armature": 1,
+        "unexplained": 1,
+        "failed": 1,
+    }
+    assert all(table.markdown() and table.rich() for table in tables(figures))
+    for picture in (severity_figure, reliability_figure, confusion_figure):
+        assert picture(figures).to_json()
+
+
+def plain_case(weights: list[float], noise: float = 0.01) -> Design:
+    """A regression with three columns that are not correlated."""
+    rng = np.random.default_rng(1)
+    columns = np.linalg.qr(rng.standard_normal((6000, 3)))[0]
+    terms = (Term("payload", 0), Term("armature", 1), Term("armature", 2))
+    gap = 60.0 * columns @ np.array(weights) + noise * rng.standard_normal(6000)
+    return Design(gap, terms, columns, np.full(2, float(np.sqrt((gap**2).mean()))), 2)
+
+
+@pytest.mark.parametrize("method", [largest_r2, forward_bic, ridge])
+def test_a_plain_method_finds_one_effect_and_its_joint(method: Any) -> None:
+    found = method(plain_case([0.0, 0.0, 1.0]))
+    assert found["verdict"] == "effects_found"
+    assert [(e["effect"], e["joints"]) for e in found["effects"]] == [("armature", [2])]
+
+
+@pytest.mark.parametrize("method", [largest_r2, forward_bic, ridge])
+def test_a_plain_method_sees_no_gap(method: Any) -> None:
+    assert method(plain_case([0.0, 0.0, 0.0]))["verdict"] == "no_gap"
+
+
+def test_forward_selection_finds_a_pair() -> None:
+    found = forward_bic(plain_case([1.0, 0.0, 0.7]))
+    assert [e["effect"] for e in found["effects"]] == ["payload", "armature"]
+
+
+def test_the_classifier_learns_what_can_be_told_apart() -> None:
+    rng = np.random.default_rng(0)
+    x = np.vstack([rng.standard_normal((40, 4)) + 3.0 * np.eye(4)[k] for k in range(3)])
+    names = np.repeat(["a", "b", "c"], 40)
+    p = train(x, list(names)).probabilities(x)
+    assert p.sum(axis=1) == pytest.approx(1.0)
+    assert (np.array(["a", "b", "c"])[p.argmax(axis=1)] == names).mean() > 0.9
+
+
+def test_the_classifier_learns_what_no_line_divides() -> None:
+    """Exclusive or: the network's hidden layer has something to do."""
+    x = np.random.default_rng(0).uniform(-1.0, 1.0, (300, 2))
+    names = np.where(x[:, 0] * x[:, 1] > 0, "same", "other")
+    network = train(x, names.tolist())
+    found = np.array(network.classes)[network.probabilities(x).argmax(axis=1)]
+    assert (found == names).mean() > 0.9
+
+
+def test_an_answer_of_a_plain_method_can_be_scored() -> None:
+    case = compare(
+        "c",
+        label(effect("armature", [1], inertia=[1.0])),
+        answer("effects_found", [("armature", [1])]),
+    )
+    assert case.exact and case.errors == ()

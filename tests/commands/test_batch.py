@@ -1,0 +1,265 @@
+"""Several cases at once: what is kept of an earlier run, what an interruption leaves, and that backends agree."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gapscope.arm.errors import GapscopeError
+from gapscope.commands.diagnose_batch import _going_on, kept
+from gapscope.provenance import made_from
+from gapscope.workers import in_order
+
+Command = Callable[..., Any]
+
+
+@pytest.fixture
+def other(sick: Path) -> Path:
+    """Another unit that is like ``sick``."""
+    return Path(shutil.copytree(sick, sick.parent / "other"))
+
+
+def texts(out: Path) -> dict[str, bytes]:
+    return {
+        path.parent.name: path.read_bytes() for path in out.glob("*/diagnosis.json")
+    }
+
+
+def test_units_are_compared(
+    gapscope: Command, sick: Path, healthy: Path, other: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    done = gapscope("diagnose", sick, other, healthy, "--out", out)
+    assert done.code == 0 and f"wrote {out / 'units.json'}" in done.out
+    (group,) = json.loads((out / "units.json").read_text(encoding="utf-8"))["groups"]
+    (effect,) = group["effects"]
+    assert (effect["effect"], effect["joint"], effect["units"]) == (
+        "viscous_friction",
+        2,
+        ["sick", "other"],
+    )
+    assert effect["kind"] == "some_units" and effect["agree"]
+    assert group["nominal_differs"] == [] and group["confusion"]["left_out"] == {}
+    assert group["confusion"]["confused_with"] == {
+        "sick": ["other"],
+        "other": ["sick"],
+        "healthy": [],
+    }
+    summary = (out / "summary.html").read_text(encoding="utf-8")
+    assert "on 2 of 3 units, alike" in summary and "Which unit is this?" in summary
+    assert "sick and other cannot be told apart" in done.out
+    assert "sick (other): Effects found" in done.out and "sick (other)" in summary
+
+
+def test_what_is_whole_and_unchanged_is_kept(
+    gapscope: Command,
+    sick: Path,
+    healthy: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    out = tmp_path / "out"
+    assert gapscope("diagnose", sick, healthy, "--out", out).code == 0
+    first = texts(out)
+    times = {path: path.stat().st_mtime_ns for path in out.glob("*/*")}
+    done = gapscope("diagnose", sick, healthy, "--out", out)
+    assert done.code == 0 and done.out.count("kept from an earlier run") == 2
+    assert {path: path.stat().st_mtime_ns for path in out.glob("*/*")} == times
+
+    with (healthy / "recording_1.csv").open("a", encoding="utf-8") as file:
+        file.write("\n")
+    done = gapscope("diagnose", sick, healthy, "--out", out)
+    assert (
+        done.out.count("kept from an earlier run") == 1
+        and "sick: Effects found" in done.out
+    )
+    done = gapscope("diagnose", sick, healthy, "--out", out, "--again")
+    assert "kept" not in done.out and texts(out)["sick"] == first["sick"]
+
+    monkeypatch.setattr("gapscope.provenance.program", lambda: "another")
+    assert kept(sick, out / "sick") is None
+
+
+@pytest.mark.parametrize("damage", ["half", "no report", "not of this program"])
+def test_what_is_not_whole_is_done_again(
+    gapscope: Command, sick: Path, tmp_path: Path, damage: str
+) -> None:
+    out = tmp_path / "out"
+    assert gapscope("diagnose", sick, "--out", out).code == 0
+    assert kept(sick, out) is not None
+    file = out / "diagnosis.json"
+    text = file.read_text(encoding="utf-8")
+    if damage == "half":
+        file.write_text(text[: len(text) // 2], encoding="utf-8")
+    elif damage == "no report":
+        (out / "report.html").unlink()
+    else:
+        file.write_text(
+            json.dumps({k: v for k, v in json.loads(text).items() if k != "made_from"}),
+            encoding="utf-8",
+        )
+    assert kept(sick, out) is None
+
+
+def test_moving_a_case_does_not_matter_changing_a_file_does(
+    sick: Path, tmp_path: Path
+) -> None:
+    moved = Path(shutil.copytree(sick, tmp_path / "elsewhere" / "sick"))
+    assert made_from(sick) == made_from(moved) == made_from(moved / "case.yaml")
+    urdf = next(moved.glob("*.urdf"))
+    urdf.write_text(urdf.read_text() + "\n")
+    assert made_from(sick) != made_from(moved)
+
+
+def test_a_fault_of_the_program_in_one_case_does_not_stop_the_others(
+    gapscope: Command,
+    sick: Path,
+    healthy: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from gapscope.commands import diagnose as run
+
+    whole = run.diagnose
+
+    def faulty(case: Any, progress: Any) -> Any:
+        if case.name == "sick":
+            raise ZeroDivisionError("by chance")
+        return whole(case, progress)
+
+    monkeypatch.setattr(run, "diagnose", faulty)
+    done = gapscope("diagnose", sick, healthy, "--out", tmp_path / "out")
+    assert done.code == 1 and "ZeroDivisionError: by chance" in done.out
+    assert (tmp_path / "out" / "healthy" / "diagnosis.json").is_file()
+
+
+def heeding_interrupts() -> None:
+    """Undo that a test run in the background ignores SIGINT, which its children would inherit."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(
+    sys.platform == "win32", reason="sends SIGINT to a group of processes"
+)
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_interrupted_says_how_to_go_on_and_leaves_nothing_half(
+    gapscope: Command, sick: Path, healthy: Path, other: Path, tmp_path: Path, jobs: str
+) -> None:
+    out, cases = tmp_path / "out", [sick, healthy, other]
+    command = [
+        sys.executable,
+        "-m",
+        "gapscope",
+        "diagnose",
+        *map(str, cases),
+        "--out",
+        str(out),
+        "--jobs",
+        jobs,
+    ]
+    running = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=heeding_interrupts,
+    )
+    end = time.monotonic() + 120
+    while (
+        not list(out.glob("*/diagnosis.json"))
+        and time.monotonic() < end
+        and running.poll() is None
+    ):
+        time.sleep(0.01)
+    os.killpg(running.pid, signal.SIGINT)
+    _, said = running.communicate(timeout=60)
+    assert running.returncode == 130, said
+    # a worker that is interrupted while it starts may tell of itself; the command does not
+    assert "run the same command again" in said and "cli.py" not in said
+    assert not (out / "summary.html").exists()
+    before = texts(out)
+    assert before and all(json.loads(text) for text in before.values())
+    done = gapscope("diagnose", *cases, "--out", out)
+    assert done.code == 0 and done.out.count("kept from an earlier run") == len(before)
+    assert (out / "summary.html").is_file()
+
+
+@pytest.mark.skipif(
+    find_spec("ray") is None,
+    reason="Ray is not installed: pip install 'gapscope[cluster]'",
+)
+def test_ray_gives_the_same_diagnoses(
+    gapscope: Command,
+    sick: Path,
+    healthy: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for backend in ("local", "ray"):
+        done = gapscope(
+            "diagnose",
+            "sick",
+            "healthy",
+            "--out",
+            backend,
+            "--jobs",
+            "2",
+            "--backend",
+            backend,
+        )
+        assert done.code == 0, done.err
+    assert texts(tmp_path / "local") == texts(tmp_path / "ray")
+    units = [
+        (tmp_path / backend / "units.json").read_bytes() for backend in ("local", "ray")
+    ]
+    assert units[0] == units[1]
+
+
+@pytest.mark.skipif(
+    find_spec("ray") is None,
+    reason="Ray is not installed: pip install 'gapscope[cluster]'",
+)
+def test_a_worker_that_is_lost_costs_its_own_call_only() -> None:
+    made = list(in_order(_inverse(), [(2,), (0,), (4,)], jobs=2, backend="ray"))
+    assert made[0] == 0.5 and made[2] == 0.25
+    assert isinstance(made[1], Exception)
+
+
+def _inverse() -> Callable[[int], float]:
+    """1 / number [1]; the process ends where there is none. Made here, so that workers need not import this file."""
+
+    def inverse(number: int) -> float:
+        if number == 0:
+            os._exit(1)
+        return 1.0 / number
+
+    return inverse
+
+
+def test_a_process_ended_from_outside_is_told_with_what_to_do() -> None:
+    with pytest.raises(GapscopeError, match="for want of memory"), _going_on():
+        list(in_order(_inverse(), [(2,), (0,), (4,)], jobs=2, backend="local"))
+
+
+@pytest.mark.skipif(find_spec("ray") is not None, reason="Ray is installed")
+def test_without_ray_it_says_how_to_get_it(
+    gapscope: Command, sick: Path, healthy: Path, tmp_path: Path
+) -> None:
+    done = gapscope(
+        "diagnose", sick, healthy, "--out", tmp_path / "out", "--backend", "ray"
+    )
+    assert done.code == 1 and "gapscope[cluster]" in done.err

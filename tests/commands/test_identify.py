@@ -1,0 +1,355 @@
+"""The command identify: what it writes, that the identified arm predicts, and a message for each bad input."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from gapscope.arm.case import load_case
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.effects.corrected_file import read_corrected
+from gapscope.ident.estimators.by_name import METHODS
+from gapscope.ident.model.physical_parameters import check_links
+from gapscope.ident.output.identification_json import check
+
+Command = Callable[..., Any]
+RESULTS = {
+    "identification.json",
+    "report.html",
+    "identified.urdf",
+    "identified_case.yaml",
+    "identified.yaml",
+    "base_parameters.npz",
+}
+
+
+def rewrite(
+    case: Path, change: Callable[[list[str], list[list[str]]], list[list[str]]]
+) -> None:
+    """Change every recording of a case: rows of text after the header."""
+    for path in sorted(case.glob("recording_*.csv")):
+        header, *rows = list(csv.reader(path.open(encoding="utf-8")))
+        with path.open("w", newline="", encoding="utf-8") as file:
+            csv.writer(file).writerows([header, *change(header, rows)])
+
+
+def column(
+    name: str, change: Callable[[float], float]
+) -> Callable[[list[str], list[list[str]]], list[list[str]]]:
+    """A change of every column whose name begins so."""
+
+    def changed(header: list[str], rows: list[list[str]]) -> list[list[str]]:
+        places = [
+            i for i, label in enumerate(header) if re.fullmatch(rf"{name}\d+", label)
+        ]
+        return [
+            [repr(change(float(x))) if i in places else x for i, x in enumerate(row)]
+            for row in rows
+        ]
+
+    return changed
+
+
+class TestResults:
+    def test_writes_its_files_and_names_them(
+        self, gapscope: Command, sick: Path, tmp_path: Path
+    ) -> None:
+        out = tmp_path / "out"
+        done = gapscope("identify", sick, "--out", out)
+        assert done.code == 0, done.err
+        assert {path.name for path in out.iterdir()} == RESULTS
+        assert all(str(out / name) in done.out for name in RESULTS)
+        document = json.loads((out / "identification.json").read_text(encoding="utf-8"))
+        check(document)
+        values = {p["name"]: p for p in document["parameters"]}
+        # the data sheet says 1.0 and what is hidden adds 3.0
+        assert values["b2"]["value"] == pytest.approx(4.0, rel=0.05)
+        assert values["b2"]["status"] == "recovered"
+        low, high = (
+            values["b2"]["value"] - 4 * values["b2"]["std"],
+            values["b2"]["value"] + 4 * values["b2"]["std"],
+        )
+        assert low < 4.0 < high
+        assert document["questions"] == []
+
+    def test_says_what_cannot_be_recovered(
+        self, gapscope: Command, healthy: Path, tmp_path: Path
+    ) -> None:
+        """The first joint turns about the vertical: its link's mass, height and other moments do not show."""
+        gapscope("identify", healthy, "--out", tmp_path / "out")
+        document = json.loads(
+            (tmp_path / "out" / "identification.json").read_text(encoding="utf-8")
+        )
+        status = {p["name"]: p["status"] for p in document["parameters"]}
+        hidden = {"m1", "mx1", "my1", "mz1", "Ixx1", "Ixy1", "Iyy1", "Ixz1", "Iyz1"}
+        assert {name for name, s in status.items() if s == "not identifiable"} >= hidden
+        assert status["Izz1"] == "only in combination"
+        assert status["mx2"] == status["c1"] == "recovered"
+        unknown = [p for p in document["parameters"] if p["status"] != "recovered"]
+        assert all(p["std"] is None and p["reason"] for p in unknown)
+
+    def test_identified_case_predicts_as_well_as_the_report_says(
+        self, gapscope: Command, sick: Path, tmp_path: Path
+    ) -> None:
+        out = tmp_path / "out"
+        gapscope("identify", sick, "--out", out)
+        gap = ("gap", "--json")
+        before = json.loads(gapscope(*gap, sick).out)
+        after = json.loads(
+            gapscope(
+                *gap, out / "identified_case.yaml", "--model", out / "identified.yaml"
+            ).out
+        )
+        nrmse = [np.array(d["recordings"][-1]["torque_nrmse"]) for d in (before, after)]
+        assert nrmse[0][1] > 0.1 and (nrmse[1] < 0.02).all()
+
+    def test_urdf_holds_possible_bodies_and_the_sheet_is_not_negative(
+        self, gapscope: Command, sick: Path, tmp_path: Path
+    ) -> None:
+        out = tmp_path / "out"
+        gapscope("identify", sick, "--out", out)
+        arm = load_case(out / "identified_case.yaml").arm
+        assert all(
+            c.consistent for c in check_links(RigidBody(arm).inertial_parameters())
+        )
+        assert (
+            (arm.armature >= 0).all()
+            and (arm.coulomb >= 0).all()
+            and (arm.viscous >= 0).all()
+        )
+        read_corrected(out / "identified.yaml")
+
+    def test_report_is_one_file_that_loads_nothing(
+        self, gapscope: Command, sick: Path, tmp_path: Path
+    ) -> None:
+        gapscope("identify", sick, "--out", tmp_path / "out")
+        text = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+        page = text[: text.index('id="curves"')]
+        assert not re.search(r'(?:src|href)="(?!#)', page)
+        for words in (
+            "Troubleshooting",
+            "Base parameters",
+            "Validation",
+            "not identifiable",
+            "default-src 'none'",
+        ):
+            assert words in text
+
+    def test_judges_on_the_recording_named(
+        self, gapscope: Command, healthy: Path, tmp_path: Path
+    ) -> None:
+        out = tmp_path / "out"
+        assert (
+            gapscope(
+                "identify", healthy, "--out", out, "--judge", "recording_0.csv"
+            ).code
+            == 0
+        )
+        document = json.loads((out / "identification.json").read_text(encoding="utf-8"))
+        fit, judged = document["validation"]
+        assert judged["recordings"] == ["recording_0.csv"]
+        assert fit["recordings"] == ["recording_1.csv", "recording_2.csv"]
+
+    def test_terminal_names_what_was_fitted_and_judged_and_warns(
+        self, gapscope: Command, healthy: Path, tmp_path: Path
+    ) -> None:
+        rewrite(healthy, column("tau2", lambda x: 1.1 * x + 4 * np.sin(1e3 * x)))
+        out = " ".join(
+            gapscope("identify", healthy, "--out", tmp_path / "out").out.split()
+        )
+        assert "fitted recording_0.csv, recording_1.csv; judged recording_2.csv" in out
+        document = json.loads(
+            (tmp_path / "out" / "identification.json").read_text(encoding="utf-8")
+        )
+        assert document["warnings"]
+        assert all(warning[:60] in out for warning in document["warnings"])
+
+    def test_document_says_what_the_recordings_tell(
+        self, gapscope: Command, healthy: Path, tmp_path: Path
+    ) -> None:
+        gapscope("identify", healthy, "--out", tmp_path / "out")
+        document = json.loads(
+            (tmp_path / "out" / "identification.json").read_text(encoding="utf-8")
+        )
+        shown, base = document["identifiability"], document["base"]
+        assert (
+            shown["rank"]
+            == shown["structural"]
+            == base["count"]
+            == len(shown["singular_values"])
+        )
+        assert shown["singular_values"][0] == 1.0 and shown[
+            "condition"
+        ] == pytest.approx(base["condition"], rel=1e-3)
+        assert set(shown["column_norms"]) == {p["name"] for p in document["parameters"]}
+        essential = document["essential"]
+        assert len(essential["names"]) + len(essential["dropped"]) == base["count"]
+        assert document["repeated_groups"]["verdict"] == "noise"
+        interval = document["torque_interval"]
+        assert np.min(interval["held"]) > 0.9
+        assert (
+            np.array(interval["half_width"]) < interval["half_width_recorded"]
+        ).all()
+        report = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+        assert (
+            "Identifiability" in report
+            and "spectrum-figure" in report
+            and "Intervals of the predicted" in report
+        )
+
+    def test_consistent_base_values_are_those_of_the_bodies(
+        self, gapscope: Command, healthy: Path, tmp_path: Path
+    ) -> None:
+        gapscope("identify", healthy, "--out", tmp_path / "out")
+        document = json.loads(
+            (tmp_path / "out" / "identification.json").read_text(encoding="utf-8")
+        )
+        arrays = np.load(tmp_path / "out" / "base_parameters.npz", allow_pickle=False)
+        values = [p["value"] for p in document["parameters"]]
+        np.testing.assert_allclose(
+            [p["consistent"] for p in document["base"]["parameters"]],
+            arrays["combination"] @ values,
+            rtol=1e-6,
+            atol=1e-9,
+        )
+
+    @pytest.mark.parametrize("estimator", METHODS)
+    def test_every_estimator(
+        self, gapscope: Command, healthy: Path, tmp_path: Path, estimator: str
+    ) -> None:
+        out = tmp_path / "out"
+        assert (
+            gapscope("identify", healthy, "--out", out, "--estimator", estimator).code
+            == 0
+        )
+        document = json.loads((out / "identification.json").read_text(encoding="utf-8"))
+        assert document["settings"]["estimator"] == estimator
+        assert document["validation"][1]["every"]["overall"] < 0.05
+        assert document["base"]["interval"] == METHODS[estimator].kind
+        inside = [
+            p["interval"][0] <= p["nominal"] <= p["interval"][1]
+            for p in document["base"]["parameters"]
+        ]
+        assert np.mean(inside) > 0.6
+
+
+class TestBadInput:
+    def refused(
+        self, gapscope: Command, case: Path, tmp_path: Path, *options: object
+    ) -> str:
+        done = gapscope("identify", case, "--out", tmp_path / "out", *options)
+        assert done.code == 2
+        assert "remedy" in done.err
+        assert not (tmp_path / "out" / "identification.json").exists()
+        return " ".join(done.err.split())
+
+    def test_too_few_samples(
+        self, gapscope: Command, healthy: Path, tmp_path: Path
+    ) -> None:
+        rewrite(healthy, lambda header, rows: rows[:450])
+        message = self.refused(gapscope, healthy, tmp_path, "--cutoff", 2)
+        assert (
+            "too few" in message
+            and "base parameters" in message
+            and "record for at least" in message
+        )
+
+    def test_constant_trajectory(
+        self, gapscope: Command, healthy: Path, tmp_path: Path
+    ) -> None:
+        rewrite(healthy, column("q", lambda x: 0.5))
+        assert "trajectory is constant" in self.refused(gapscope, healthy, tmp_path)
+
+    def test_nan(self, gapscope: Command, healthy: Path, tmp_path: Path) -> None:
+        def spoiled(header: list[str], rows: list[list[str]]) -> list[list[str]]:
+            rows[100][header.index("tau1")] = "nan"
+            return rows
+
+        rewrite(healthy, spoiled)
+        message = self.refused(gapscope, healthy, tmp_path)
+        assert "recording_0.csv" in message and "tau1" in message
+
+    def test_torque_in_milli_newton_metres(
+        self, gapscope: Command, healthy: Path, tmp_path: Path
+    ) -> None:
+        rewrite(healthy, column("tau", lambda x: 1e3 * x))
+        message = self.refused(gapscope, healthy, tmp_path)
+        assert "looks like mN m" in message and "unit: mN m" in message
+
+    def test_raw_current(
+        self, gapscope: Command, healthy: Path, tmp_path: Path
+    ) -> None:
+        """Torque constant 0.1 N m/A and gear ratio 100 make 0.1 A of 1 N m."""
+        rewrite(healthy, column("tau", lambda x: 0.1 * x))
+        message = self.refused(gapscope, healthy, tmp_path)
+        assert "raw motor current" in message and "scale" in message and "?" in message
+
+    def test_torque_let_pass_on_request(
+        self, gapscope: Command, healthy: Path, tmp_path: Path
+    ) -> None:
+        rewrite(healthy, column("tau", lambda x: 0.1 * x))
+        assert (
+            gapscope(
+                "identify", healthy, "--out", tmp_path / "out", "--any-torque"
+            ).code
+            == 0
+        )
+
+    def test_no_torque_column(
+        self, gapscope: Command, healthy: Path, tmp_path: Path
+    ) -> None:
+        for path in healthy.glob("recording_*.csv"):
+            path.write_text(
+                path.read_text(encoding="utf-8").replace("tau", "current"),
+                encoding="utf-8",
+            )
+        assert "tau1" in self.refused(gapscope, healthy, tmp_path)
+
+    def test_torque_declared_absent(
+        self, gapscope: Command, healthy: Path, tmp_path: Path
+    ) -> None:
+        file = healthy / "case.yaml"
+        content = yaml.safe_load(file.read_text(encoding="utf-8"))
+        file.write_text(
+            yaml.safe_dump(content | {"import": {"tau": None}}), encoding="utf-8"
+        )
+        assert "no recording holds a torque" in self.refused(
+            gapscope, healthy, tmp_path
+        )
+
+    @pytest.mark.parametrize("name", ["recording_0.csv", "log.db3"])
+    def test_a_recording_in_place_of_a_case(
+        self, gapscope: Command, healthy: Path, tmp_path: Path, name: str
+    ) -> None:
+        (healthy / name).touch()
+        message = self.refused(gapscope, healthy / name, tmp_path)
+        assert (
+            "is a recording, not a case" in message
+            and "case.yaml that lists it" in message
+        )
+
+    def test_too_short_a_recording(
+        self, gapscope: Command, healthy: Path, tmp_path: Path
+    ) -> None:
+        rewrite(healthy, lambda header, rows: rows[:301])
+        assert "lasts 1.2 s, at least 1.5 s is needed" in self.refused(
+            gapscope, healthy, tmp_path
+        )
+
+    def test_unknown_estimator_and_recording(
+        self, gapscope: Command, healthy: Path, tmp_path: Path
+    ) -> None:
+        assert "consistent" in self.refused(
+            gapscope, healthy, tmp_path, "--estimator", "magic"
+        )
+        assert "recording_0.csv" in self.refused(
+            gapscope, healthy, tmp_path, "--judge", "other.csv"
+        )

@@ -1,0 +1,101 @@
+"""Cases from a simulator that shares no code with the project, against their labels, which the diagnosis never sees."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gapscope.arm.case import load_case
+from gapscope.arm.io.load_recording import load_recording
+from gapscope.diagnosis.diagnose import diagnose
+from gapscope.diagnosis.document.diagnosis_json import validate
+from gapscope.diagnosis.gap.predict import predict_torque
+from gapscope.diagnosis.gap.torque_gap import torque_scale
+from gapscope.diagnosis.result import Diagnosis
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.ident.signals.conditioning import TRIM, low_pass
+
+pytestmark = pytest.mark.shared_data
+
+
+@cache
+def diagnosed(case: Path) -> Diagnosis:
+    """Diagnosis of a case, made once."""
+    return diagnose(load_case(case))
+
+
+def label_of(samples: Path, name: str) -> dict[str, Any]:
+    labels = json.loads((samples / "labels.json").read_text(encoding="utf-8"))
+    return next(label for label in labels if label["case"] == name)
+
+
+def nrmse(samples: Path, name: str, corrected: CorrectedArm) -> np.ndarray:
+    """Torque NRMSE on recording_d, by the definition, of the torque that ``predict`` gives."""
+    recording = load_recording(samples / name / "recording_d.csv", corrected.arm)
+    assert recording.tau is not None
+    edge = round(TRIM * recording.rate)
+    measured, predicted = (
+        low_pass(x, recording.rate, 12.0)[edge:-edge]
+        for x in (recording.tau, predict_torque(corrected, recording))
+    )
+    return np.sqrt(((measured - predicted) ** 2).mean(axis=0)) / torque_scale(measured)
+
+
+@pytest.mark.parametrize("name", ["case001", "case005"])
+def test_effect_and_joints_are_those_of_the_label(samples: Path, name: str) -> None:
+    label, case = label_of(samples, name), load_case(samples / name)
+    result = diagnosed(samples / label["case"])
+    validate(result.document)
+    assert result.document["verdict"] == "effects_found"
+    assert [(e.name, list(e.joints)) for e in result.effects] == [
+        (e["effect"], e["joints"]) for e in label["effects"]
+    ]
+    for found, true in zip(result.effects, label["effects"], strict=True):
+        for key, parameter in true["parameters"].items():
+            np.testing.assert_allclose(
+                found.parameters[key], parameter["value"], rtol=0.25
+            )
+
+    floor = np.array(label["floor"])
+    before, after = (
+        nrmse(samples, name, CorrectedArm(case.arm, e)) for e in ((), result.effects)
+    )
+    np.testing.assert_allclose(before, label["gap"], rtol=0.1, atol=0.003)
+    closed = (before - after).sum() / (before - floor).sum()
+    assert closed >= 0.9, f"{closed:.3f} of the gap is closed"
+
+
+def test_healthy_case(samples: Path) -> None:
+    label, case = label_of(samples, "case006"), load_case(samples / "case006")
+    assert label["effects"] == []
+    result = diagnosed(samples / label["case"])
+    assert result.document["verdict"] == "no_gap" and result.effects == ()
+    assert (
+        nrmse(samples, "case006", CorrectedArm(case.arm)) < 1.2 * np.array(label["gap"])
+    ).all()
+
+
+def test_effect_outside_the_catalogue(samples: Path) -> None:
+    label = label_of(samples, "case008")
+    assert label["effects"][0]["effect"] == "unknown"
+    document = diagnosed(samples / "case008").document
+    assert (
+        document["verdict"] == "unexplained" and document["unexplained"]["above_floor"]
+    )
+    assert {region["joint"] for region in document["unexplained"]["where"]} == set(
+        label["effects"][0]["joints"]
+    )
+    assert "joint 1" in document["next_recording"]
+
+
+def test_floor_is_that_of_a_healthy_twin(samples: Path) -> None:
+    """Within a factor of two and a half of the floor of the label."""
+    label = label_of(samples, "case006")
+    document = diagnosed(samples / "case006").document
+    ratio = np.array(document["gap"]["before"]["floor"]) / label["floor"]
+    assert (ratio > 0.4).all() and (ratio < 2.5).all(), ratio

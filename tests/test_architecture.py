@@ -1,0 +1,160 @@
+"""Imports inside the package: one way, no cycles, libraries only where they belong, rooms of a size to know."""
+
+from __future__ import annotations
+
+import ast
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "gapscope"
+
+LAYERS: tuple[set[str], ...] = (
+    {"arm"},
+    {"effects"},
+    {"envs", "ident"},
+    {"diagnosis"},
+    {"provenance", "workers"},
+    {"agents", "blind_check"},
+    {"reports"},
+    {"terminal", "commands"},
+    {"cli", "__main__"},
+)
+"""Folders and modules below ``gapscope``; each imports its own layer's and lower ones."""
+
+APART = ({"envs", "ident"}, {"agents", "blind_check"})
+"""Never import each other, although they share a layer."""
+
+DIAGNOSIS_LAYERS: tuple[set[str], ...] = (
+    {"thresholds", "display"},
+    {"gap", "setup_faults"},
+    {"model", "localisation"},
+    {"selection"},
+    {"assessment"},
+    {"result"},
+    {"study"},
+    {"document"},
+    {"diagnose"},
+    {"reference", "fleet", "advice"},
+)
+"""The same inside ``diagnosis``."""
+
+ONLY_IN = {
+    "pinocchio": ("arm/", "ident/model/regressor.py"),
+    "pybullet": ("envs/engines/",),
+    "pybullet_data": ("envs/engines/",),
+    "mujoco": ("envs/engines/", "blind_check/generator/rigid.py"),
+    "numba": ("blind_check/generator/joint.py",),
+    "dartpy": ("envs/engines/",),
+    "torch": ("ident/residual/", "agents/training/"),
+    "stable_baselines3": ("agents/training/",),
+    "optuna": ("agents/training/tuning.py",),
+    "sklearn": ("ident/residual/baselines.py",),
+}
+"""The only places that may import a library."""
+
+MOST_FILES = 25
+"""Modules in one folder."""
+
+FILES = {
+    ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(
+        ".__init__"
+    ): path
+    for path in sorted(PACKAGE.rglob("*.py"))
+}
+"""Path of each module, by its dotted name."""
+
+
+@cache
+def imports_of(module: str) -> frozenset[str]:
+    """Dotted names that a module imports, lazy imports included, those for type checking alone left out."""
+    tree = ast.parse(FILES[module].read_text(encoding="utf-8"))
+    names = set()
+    for node in _without_type_checking(tree):
+        if isinstance(node, ast.Import):
+            names.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+            whole = {f"{node.module}.{alias.name}" for alias in node.names}
+            submodules = whole & FILES.keys()
+            names.update(
+                submodules if submodules == whole else {*submodules, node.module}
+            )
+    return frozenset(names - {module})
+
+
+def _without_type_checking(tree: ast.AST) -> list[ast.AST]:
+    """All nodes of a tree outside ``if TYPE_CHECKING:``."""
+    found, waiting = [], [tree]
+    while waiting:
+        node = waiting.pop()
+        found.append(node)
+        if not (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"):
+            waiting.extend(ast.iter_child_nodes(node))
+    return found
+
+
+def layer_of(name: str, layers: tuple[set[str], ...]) -> int:
+    """Number of the layer that holds a folder or module."""
+    return next(number for number, layer in enumerate(layers) if name in layer)
+
+
+def parts_below(module: str, folder: str) -> str | None:
+    """First part of a module's name below a folder, if it lies in there."""
+    return (
+        module.removeprefix(f"{folder}.").split(".")[0]
+        if module.startswith(f"{folder}.")
+        else None
+    )
+
+
+def check_layers(module: str, folder: str, layers: tuple[set[str], ...]) -> None:
+    """Assert that what a module imports below a folder lies in its own layer or a lower one."""
+    place = parts_below(module, folder)
+    if place is None:
+        return
+    for imported in imports_of(module):
+        other = parts_below(imported, folder)
+        if other is not None:
+            assert layer_of(other, layers) <= layer_of(place, layers), imported
+
+
+@pytest.mark.parametrize("module", FILES)
+def test_imports_go_one_way(module):
+    check_layers(module, "gapscope", LAYERS)
+    check_layers(module, "gapscope.diagnosis", DIAGNOSIS_LAYERS)
+    place = parts_below(module, "gapscope")
+    for pair in APART:
+        if place in pair:
+            others = {parts_below(name, "gapscope") for name in imports_of(module)}
+            assert not others & (pair - {place})
+
+
+@pytest.mark.parametrize("module", FILES)
+def test_libraries_are_imported_where_they_belong(module):
+    place = FILES[module].relative_to(PACKAGE).as_posix()
+    libraries = {name.split(".")[0] for name in imports_of(module)}
+    for library, places in ONLY_IN.items():
+        assert library not in libraries or place.startswith(places)
+
+
+def test_no_module_imports_itself_by_way_of_others():
+    waiting = {m: {n for n in imports_of(m) if n in FILES} for m in FILES}
+    while waiting:
+        free = {
+            module for module, needed in waiting.items() if not needed & waiting.keys()
+        }
+        assert free, f"cycle among {sorted(waiting)}"
+        waiting = {
+            module: needed for module, needed in waiting.items() if module not in free
+        }
+
+
+def test_folders_stay_small():
+    folders = {path.parent for path in FILES.values()}
+    sizes = {
+        folder.relative_to(ROOT).as_posix(): len(list(folder.glob("*.py")))
+        for folder in folders
+    }
+    assert {name: size for name, size in sizes.items() if size > MOST_FILES} == {}
