@@ -24,7 +24,7 @@ from monte_carlo_arms import ENGINES, JOINTS, LEVELS, World, simulated, unmodell
 from rich.console import Console
 from rich.progress import Progress
 
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.ident.estimators.consistent_sdp import ConsistentSdp
 from gapscope.ident.estimators.didim import DirectInverse
 from gapscope.ident.estimators.estimate import Estimator
@@ -269,7 +269,7 @@ class Report:
     def write(self) -> None:
         """Write the tables so far."""
         if self._path:
-            with written_whole(self._path) as aside:
+            with atomic_write(self._path) as aside:
                 aside.write_text(self.text() + "\n", encoding="utf-8")
 
 

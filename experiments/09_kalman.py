@@ -21,7 +21,7 @@ from rich.console import Console
 from rich.progress import track as progress
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.motions.trajectory import Fourier, urdf_limits
 from gapscope.arm.recording import Recording
 from gapscope.effects.applied import AppliedEffect
@@ -368,7 +368,7 @@ def main() -> None:
     text = "\n\n".join(texts)
     console.print(text, soft_wrap=True, highlight=False, markup=False)
     if options.out:
-        with written_whole(options.out) as aside:
+        with atomic_write(options.out) as aside:
             aside.write_text(text + "\n", encoding="utf-8")
         console.print(f"wrote {options.out}")
 

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.blind_check.scoring.compare import compare
 from gapscope.blind_check.scoring.statistics import brier, ece
 from gapscope.blind_check.seal import open_labels
@@ -209,7 +209,7 @@ def main() -> None:
     values["level"] = fit_level(known, values)
     print(json.dumps(values, indent=2))
     if not arguments.dry:
-        with written_whole(FILE) as temporary:
+        with atomic_write(FILE) as temporary:
             temporary.write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
         print(f"wrote {FILE}")
 

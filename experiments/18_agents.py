@@ -33,7 +33,7 @@ from gapscope.agents.training.policy import write_agent
 from gapscope.agents.training.task import Task
 from gapscope.agents.training.training_loop import Training
 from gapscope.agents.training.training_settings import Settings, read_settings
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.effects.corrected_file import read_corrected
 
 ROBOT, SEVERITY = "iiwa", 1.5
@@ -70,7 +70,7 @@ def cell(
         "untrained": tried(task, settings, None),
         "trained": tried(task, settings, trained.policy),
     }
-    with written_whole(file) as aside:
+    with atomic_write(file) as aside:
         aside.write_text(json.dumps(found, indent=1, allow_nan=False), encoding="utf-8")
     return f"{model}, {agent}, {seed}"
 
@@ -239,7 +239,7 @@ def draw(cells: Cells, path: Path) -> None:
     figure.update_yaxes(type="log")
     figure.update_yaxes(title={"text": "joint error on the hidden arm [mrad]"}, col=1)
     figure.update_xaxes(title={"text": "actions of training"})
-    with written_whole(path) as aside:
+    with atomic_write(path) as aside:
         figure.write_html(aside, include_plotlyjs=True)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.motions.named_motions import Workspace, draw_motion, workspace
 from gapscope.arm.motions.trajectory import Fourier, Reference
 from gapscope.arm.recording import Recording
@@ -178,7 +178,7 @@ def main() -> None:
     )
     print(text)
     if options.out:
-        with written_whole(options.out) as aside:
+        with atomic_write(options.out) as aside:
             aside.write_text(text + "\n", encoding="utf-8")
 
 

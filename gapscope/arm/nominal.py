@@ -28,7 +28,7 @@ class NominalArm:
         torque_limit: [N m], (n,), or ``None``.
         encoder: side of the transmission on which q is measured, ``motor`` or ``joint``.
         encoder_step: quantisation step of q that the data sheet admits [rad], or ``None``.
-        doubt: factor on the errors that its inertials may have, 1 for those of a data sheet; less where they have been
+        inertial_error_factor: on the errors that its inertials may have, 1 for those of a data sheet; less where they have been
             identified on recordings of the arm itself.
 
     Raises:
@@ -45,7 +45,7 @@ class NominalArm:
     torque_limit: np.ndarray | None = None
     encoder: str = "motor"
     encoder_step: float | None = None
-    doubt: float = 1.0
+    inertial_error_factor: float = 1.0
 
     def __post_init__(self) -> None:
         """Fill in zeros where the data sheet is silent and freeze the arrays."""

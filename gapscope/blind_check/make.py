@@ -14,7 +14,7 @@ from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.json_file import read_json
 from gapscope.blind_check.generator.case import make_case, write_case
 from gapscope.blind_check.generator.conditions import Spec
-from gapscope.blind_check.plan import Plan, dealt
+from gapscope.blind_check.plan import Plan, allocate_cases
 from gapscope.blind_check.seal import (
     COMMITMENT,
     LABELS,
@@ -62,7 +62,7 @@ def make(
             where="--labels",
         )
     begun = _begin(folder, plan, seed)
-    specs = dealt(plan, begun["seed"])
+    specs = allocate_cases(plan, begun["seed"])
     names = [f"case{k:04d}" for k in range(len(specs))]
     parts = folder / "parts"
     todo = [

@@ -140,7 +140,7 @@ def read_plan(path: Path) -> Plan:
     return Plan(**values)
 
 
-def dealt(plan: Plan, seed: int) -> list[Spec]:
+def allocate_cases(plan: Plan, seed: int) -> list[Spec]:
     """The cases of a plan, in an order that says nothing; the same seed deals the same."""
     rng = np.random.default_rng([seed, 1])
     deck: list[tuple[str, tuple[str, ...]]] = []

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import read_json
 
 COMMITMENT = "commitment.json"
@@ -32,7 +32,7 @@ def sha256(path: Path) -> str:
 
 def write_json(content: Any, path: Path, *, private: bool = False) -> None:
     """Write JSON whole or not at all; ``private``: readable by its owner alone."""
-    with written_whole(path) as aside:
+    with atomic_write(path) as aside:
         aside.touch(mode=0o600 if private else 0o644)
         aside.write_text(
             json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n",

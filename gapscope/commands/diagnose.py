@@ -17,7 +17,7 @@ from gapscope.diagnosis.document.diagnosis_json import write_document
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import (
-    blaming,
+    error_context,
     read_corrected,
     read_corrected_arm,
     write_corrected,
@@ -118,8 +118,8 @@ def replay_file(
     effects = (
         read_corrected(model) if model is not None else ()
     )  # a simulator has no place for a residual network
-    with blaming(model, effects):
+    with error_context(model, effects):
         CorrectedArm(case.arm, effects).check()
     progress(f"replays {recording.duration:.3g} s in {engine}")
-    with blaming(model, effects):
+    with error_context(model, effects):
         return replay(case.arm, effects, recording, case.controller, engine=engine)

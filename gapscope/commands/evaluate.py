@@ -13,12 +13,12 @@ from gapscope.agents.model_files import read_models
 from gapscope.agents.summary import Line, relation, summarise
 from gapscope.arm.case import load_case
 from gapscope.arm.errors import GapscopeError
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.commands.diagnose import make_folder
 from gapscope.commands.evaluation_cells import Cells
-from gapscope.effects.corrected_file import blaming, read_corrected
+from gapscope.effects.corrected_file import error_context, read_corrected
 from gapscope.envs.arguments import described
 from gapscope.reports.evaluation.page import write_page
 
@@ -58,7 +58,7 @@ def evaluate_files(
     arm = robot if isinstance(robot, NominalArm) else chosen_arm(robot)
     hidden = () if effects is None else read_corrected(effects)
     tried = read_models(models, arm)
-    with blaming(effects, hidden):
+    with error_context(effects, hidden):
         bench = Bench(arm, hidden, plan)
     make_folder(out)
     try:
@@ -67,7 +67,7 @@ def evaluate_files(
         raise GapscopeError(
             f"{out / DOCUMENT}: cannot be replaced ({error.strerror})", "remove it"
         ) from None
-    with blaming(effects, hidden):
+    with error_context(effects, hidden):
         cells = Cells(out, bench, again)
         evaluation = evaluate(tried, bench, progress, cells)
     if cells.reused:
@@ -78,13 +78,13 @@ def evaluate_files(
     write_page(content, lines, out / PAGE)
     rows = [episode.row() for episode in evaluation.episodes]
     with (
-        written_whole(out / TABLE) as aside,
+        atomic_write(out / TABLE) as aside,
         aside.open("w", newline="", encoding="utf-8") as file,
     ):
         writer = csv.DictWriter(file, list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)
-    with written_whole(out / DOCUMENT) as aside:
+    with atomic_write(out / DOCUMENT) as aside:
         aside.write_text(
             json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8"
         )

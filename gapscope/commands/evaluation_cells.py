@@ -17,7 +17,7 @@ from gapscope.agents.evaluation import Bench, Episode
 from gapscope.agents.torque_model import ArmModel, Model
 from gapscope.agents.tracking_metrics import Measures
 from gapscope.arm.errors import GapscopeError
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.provenance import KEY, program
 
 FOLDER = "unfinished"
@@ -107,7 +107,7 @@ class Cells:
         except (OSError, ValueError, KeyError):
             pass
         value = work()
-        with written_whole(file) as aside:
+        with atomic_write(file) as aside:
             aside.write_text(
                 json.dumps({KEY: digest, "cell": key, "value": value}), encoding="utf-8"
             )

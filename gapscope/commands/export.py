@@ -9,7 +9,7 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.effects.corrected_file import blaming, read_corrected_arm
+from gapscope.effects.corrected_file import error_context, read_corrected_arm
 from gapscope.envs.export.formats import export
 from gapscope.envs.export.left_out import FORMATS
 
@@ -52,7 +52,7 @@ def export_file(
             "would be overwritten", "choose another file with --out", file=out
         )
     found = read_corrected_arm(arm, corrected)
-    with blaming(corrected, found.effects):
+    with error_context(corrected, found.effects):
         return export(found, form, out, relative=relative)
 
 

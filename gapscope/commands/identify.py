@@ -13,7 +13,7 @@ from rich.text import Text
 
 from gapscope.arm.case import load_case
 from gapscope.arm.errors import GapscopeError, InputError
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.commands.diagnose import make_folder
 from gapscope.effects.corrected_file import write_corrected
 from gapscope.ident.checks.troubleshooting import FOUND, Row
@@ -95,7 +95,7 @@ def identify_path(
         )
         result = replace(result, warnings=(*result.warnings, left_out))
     progress("writes the report")
-    with written_whole(out / URDF) as aside:
+    with atomic_write(out / URDF) as aside:
         aside.write_text(urdf_text(plain), encoding="utf-8")
     write_case_beside(
         plain, path / "case.yaml" if path.is_dir() else path, out / CASE, URDF

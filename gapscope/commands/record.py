@@ -18,7 +18,11 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.commands.diagnose import make_folder
 from gapscope.diagnosis.setup_faults.shifted_inertials import shifted_arm
-from gapscope.effects.corrected_file import blaming, read_with_faults, write_corrected
+from gapscope.effects.corrected_file import (
+    error_context,
+    read_with_faults,
+    write_corrected,
+)
 from gapscope.effects.setup_faults import Fault, ShiftedInertials
 from gapscope.envs.session import Plan, hidden_by_reading_back, record_case
 
@@ -70,7 +74,7 @@ def record_files(
     if sealed is not None:
         make_folder(sealed)
     rng = np.random.default_rng(seed)
-    with blaming(effects, truth):
+    with error_context(effects, truth):
         case = record_case(
             out.resolve().name,
             arm,

@@ -24,11 +24,11 @@ from gapscope.agents.training.training_loop import (
 from gapscope.agents.training.training_settings import Settings
 from gapscope.agents.training.tuning import tune
 from gapscope.arm.errors import GapscopeError, InputError
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.commands.diagnose import make_folder
 from gapscope.commands.evaluate import chosen_arm
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.corrected_file import blaming, read_corrected
+from gapscope.effects.corrected_file import error_context, read_corrected
 from gapscope.envs.arguments import described
 from gapscope.reports.training.page import write_page
 
@@ -71,7 +71,7 @@ def train_files(
     hidden = None if effects is None else read_corrected(effects)
     task = Task.of(model, arm, hidden)
     task.check(settings)
-    with blaming(effects, hidden or ()):
+    with error_context(effects, hidden or ()):
         task.hidden_arm(settings).close()
     make_folder(out)
     _claim(out, _asked(task, settings, trials), again)
@@ -153,7 +153,7 @@ def _claim(out: Path, asked: dict[str, Any], again: bool) -> None:
             where="--out",
         )
     try:
-        with written_whole(path) as aside:
+        with atomic_write(path) as aside:
             aside.write_text(json.dumps(asked, indent=1) + "\n", encoding="utf-8")
     except OSError as error:
         raise GapscopeError(

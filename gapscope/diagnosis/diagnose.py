@@ -13,14 +13,14 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.diagnosis.assessment.baseline import Baseline
 from gapscope.diagnosis.assessment.excess_residual import (
-    Remainder,
-    both,
-    remainder,
+    ExcessResidual,
+    elementwise_max,
+    excess_residual,
     set_aside,
 )
-from gapscope.diagnosis.assessment.held_out_prediction import Judge
+from gapscope.diagnosis.assessment.held_out_prediction import HeldOutPredictor
 from gapscope.diagnosis.assessment.instrumental_values import commanded, instrumented
-from gapscope.diagnosis.assessment.rejection import Refusal, refuse
+from gapscope.diagnosis.assessment.rejection import Rejection, reject
 from gapscope.diagnosis.assessment.replay_gap import ReplayGap, replay_gap
 from gapscope.diagnosis.assessment.sensor_sides import Sides, find_sides
 from gapscope.diagnosis.document.findings import document
@@ -36,12 +36,12 @@ from gapscope.diagnosis.gap.commanded_torque import (
 )
 from gapscope.diagnosis.gap.torque_gap import (
     TorqueGap,
-    healthy,
+    noise_floor,
     torque_gap,
     torque_scale,
 )
 from gapscope.diagnosis.result import Diagnosis
-from gapscope.diagnosis.selection.search import Search, search
+from gapscope.diagnosis.selection.search import Selection, search
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.diagnosis.setup_faults.quantization import find_quantization
@@ -83,14 +83,14 @@ class Study:
     case: Case
     body: RigidBody
     cutoff: float
-    found: Search
-    refusals: list[Refusal]
+    selection: Selection
+    rejections: list[Rejection]
     effects: tuple[AppliedEffect, ...]
-    judge: Judge
+    predictor: HeldOutPredictor
     before: TorqueGap
     after: TorqueGap
     floor: np.ndarray
-    left: Remainder
+    left: ExcessResidual
     replay: ReplayGap
     faults: tuple[FoundFault, ...]
     sides: Sides | None = None
@@ -135,18 +135,18 @@ def conclude(
         effects=tuple(
             sorted(study.effects, key=lambda applied: order.index(applied.name))
         ),
-        traces=traces(corrected, study.body, study.judge.segments),
-        signatures=signatures(corrected, study.body, study.judge.segments),
+        traces=traces(corrected, study.body, study.predictor.segments),
+        signatures=signatures(corrected, study.body, study.predictor.segments),
         spectrum=spectrum(
             study.before,
             study.after,
-            tuple(s.motion.rate for s in study.judge.segments),
+            tuple(s.motion.rate for s in study.predictor.segments),
         ),
         located=located(
             content,
             {"before": study.before, "after": study.after},
             study.floor,
-            study.judge.segments,
+            study.predictor.segments,
         ),
     )
 
@@ -179,40 +179,42 @@ def _examined(
     judged = [s for r in case.judged if r.tau is not None for s in condition(r, cutoff)]
     folds = _folds(case, cutoff)
     progress("searches for effects")
-    found = search(case.arm, body, folds, min(TORQUE_CUTOFF, cutoff), progress)
+    selection = search(case.arm, body, folds, min(TORQUE_CUTOFF, cutoff), progress)
     progress("judges on unseen data")
-    found, refusals = refuse(Judge(case.arm, body, found, folds, judged))
-    found = baseline.kept(found) if baseline else found
-    judge = Judge(case.arm, body, found, folds, judged)
-    effects = found.evidence.terms.effects(found.fit.theta, found.fit.terms)
-    before, after = judge.gap(frozenset()), judge.gap(found.fit.terms)
+    selection, rejections = reject(
+        HeldOutPredictor(case.arm, body, selection, folds, judged)
+    )
+    selection = baseline.kept(selection) if baseline else selection
+    predictor = HeldOutPredictor(case.arm, body, selection, folds, judged)
+    effects = selection.evidence.terms.effects(selection.fit.theta, selection.fit.terms)
+    before, after = predictor.gap(frozenset()), predictor.gap(selection.fit.terms)
     floor, nominal = _floor(
-        CorrectedArm(case.arm, effects), body, judge.segments, found
+        CorrectedArm(case.arm, effects), body, predictor.segments, selection
     )
     least = baseline.floor(after) if baseline else np.zeros_like(floor)
     floor = np.maximum(floor, least)
-    left, replayed = remainder(found, after.rmse, least), ReplayGap()
+    left, replayed = excess_residual(selection, after.rmse, least), ReplayGap()
     if judged:
-        left = both(left, set_aside(found, before, after, floor))
+        left = elementwise_max(left, set_aside(selection, before, after, floor))
     if baseline is None:
         progress("replays a recording in the simulator")
-        replayed = replay_gap(case, judge)
+        replayed = replay_gap(case, predictor)
     return Study(
         case,
         body,
         cutoff,
-        found,
-        refusals,
+        selection,
+        rejections,
         effects,
-        judge,
+        predictor,
         before,
         after,
         floor,
         left,
         replayed,
         faults,
-        find_sides(judge, nominal),
-        _by_commands(case, found, cutoff),
+        find_sides(predictor, nominal),
+        _by_commands(case, selection, cutoff),
     )
 
 
@@ -226,13 +228,15 @@ def _folds(case: Case, cutoff: float) -> list[list[Segment]]:
     )
 
 
-def _by_commands(case: Case, found: Search, cutoff: float) -> tuple[AppliedEffect, ...]:
+def _by_commands(
+    case: Case, selection: Selection, cutoff: float
+) -> tuple[AppliedEffect, ...]:
     """The effects found with values by the commands as instruments; none where the commands are not known."""
     told = commanded(case)
     return (
         ()
-        if told is None or not found.fit.terms
-        else instrumented(case, found, _folds(told, cutoff)) or ()
+        if told is None or not selection.fit.terms
+        else instrumented(case, selection, _folds(told, cutoff)) or ()
     )
 
 
@@ -249,17 +253,20 @@ def _check_torque(case: Case) -> None:
 
 
 def _floor(
-    corrected: CorrectedArm, body: RigidBody, segments: list[Segment], found: Search
+    corrected: CorrectedArm,
+    body: RigidBody,
+    segments: list[Segment],
+    selection: Selection,
 ) -> tuple[np.ndarray, np.ndarray]:
     """RMS of a healthy arm [N m], (n,), with its inertials a little wrong; and the part of these inertials."""
     gap = torque_gap(corrected, body, segments)
-    floors = np.array([healthy(corrected, body, s).floor for s in segments])
+    floors = np.array([noise_floor(corrected, body, s).floor for s in segments])
     noise2 = np.average(floors**2, axis=0, weights=np.diff(gap.edges))
-    evidence, terms = found.evidence, found.fit.terms
+    evidence, terms = selection.evidence, selection.fit.terms
     plain, allowed = (
-        (evidence.unseen(terms, corrected=c) * evidence.rows).sum(axis=0)
+        (evidence.held_out_mse(terms, corrected=c) * evidence.rows).sum(axis=0)
         for c in (False, True)
     )
     nominal2 = np.clip(plain - allowed, 0.0, None) / evidence.rows.sum(axis=0)
-    nominal2 *= (torque_scale(gap.measured) / found.scale) ** 2
+    nominal2 *= (torque_scale(gap.measured) / selection.scale) ** 2
     return np.asarray(np.sqrt(noise2 + nominal2)), np.asarray(np.sqrt(nominal2))

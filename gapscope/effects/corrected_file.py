@@ -12,7 +12,7 @@ from typing import Any
 import yaml
 
 from gapscope.arm.errors import InputError, ModelWarning
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.case_file import read_yaml
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
@@ -60,7 +60,7 @@ def write_corrected(
     }
     if residual is not None:
         content["residual"] = residual
-    with written_whole(path) as aside:
+    with atomic_write(path) as aside:
         aside.write_text(
             yaml.safe_dump(content, sort_keys=False, default_flow_style=None),
             encoding="utf-8",
@@ -160,7 +160,7 @@ def read_corrected_arm(arm: NominalArm, path: Path | str) -> CorrectedArm:
     content, path = _content(Path(path)), Path(path)
     effects = _effects(content, path)
     corrected = CorrectedArm(arm, effects, _residual(content, path))
-    with blaming(path, effects):
+    with error_context(path, effects):
         corrected.check()
     return corrected
 
@@ -210,7 +210,7 @@ def _effects(content: dict[str, Any], path: Path) -> tuple[AppliedEffect, ...]:
 
 
 @contextmanager
-def blaming(
+def error_context(
     path: Path | str | None, effects: Sequence[AppliedEffect]
 ) -> Iterator[None]:
     """Errors about one of the effects name the file that it comes from, and its place there.

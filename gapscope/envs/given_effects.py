@@ -11,7 +11,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.corrected_file import blaming, read_corrected, read_entry
+from gapscope.effects.corrected_file import error_context, read_corrected, read_entry
 from gapscope.envs.arguments import READ, record_of
 
 Effects = (
@@ -35,7 +35,7 @@ def chosen_effects(effects: Effects, arm: NominalArm) -> tuple[AppliedEffect, ..
     """
     file = effects if isinstance(effects, (str, Path)) else None
     found = _records(effects) if file is None else _read(file)
-    with blaming(file, found):
+    with error_context(file, found):
         CorrectedArm(arm, found).check()
     return found
 

@@ -10,7 +10,7 @@ import numpy as np
 from gapscope.arm.case import Case
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.recording import Recording
-from gapscope.ident.checks.fit_evidence import Evidence, likeness
+from gapscope.ident.checks.fit_evidence import Evidence, nominal_similarity
 from gapscope.ident.checks.plausible_samples import (
     check_count,
     check_recordings,
@@ -132,7 +132,7 @@ def identify(
     columns = ModelColumns(case.arm, None if settings.plain else case.importing)
     segments = band.segments(fit)
     samples = Samples(columns, segments, band.bounded(segments))
-    alike = likeness(samples)
+    alike = nominal_similarity(samples)
     if not settings.any_torque:
         check_unit(alike, fit[0].name)
     evidence, estimate, uncertainty, examined = _fit(samples, fit, settings, progress)

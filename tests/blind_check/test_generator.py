@@ -18,7 +18,7 @@ from gapscope.blind_check.generator.law import Cause
 from gapscope.blind_check.generator.laws import BEYOND, INSIDE, LAWS, SETUP
 from gapscope.blind_check.generator.rigid import inverse_dynamics
 from gapscope.blind_check.generator.sizing import draw_joints
-from gapscope.blind_check.plan import Plan, dealt
+from gapscope.blind_check.plan import Plan, allocate_cases
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.setup_faults import FAULTS
 
@@ -122,7 +122,7 @@ def test_the_same_seed_gives_the_same_recording() -> None:
 
 
 def test_a_plan_deals_every_kind_and_the_shares_of_the_conditions() -> None:
-    specs = dealt(Plan(), 5)
+    specs = allocate_cases(Plan(), 5)
     assert [
         sum(s.kind == k for s in specs)
         for k in ("single", "pair", "triple", "outside", "healthy", "ladder")
@@ -136,7 +136,7 @@ def test_a_plan_deals_every_kind_and_the_shares_of_the_conditions() -> None:
     ]
     assert sum(s.conditions.bare for s in specs) == 120
     assert {s.laws[0] for s in specs if s.kind == "single"} == {*INSIDE, *SETUP}
-    assert specs == dealt(Plan(), 5) != dealt(Plan(), 6)
+    assert specs == allocate_cases(Plan(), 5) != allocate_cases(Plan(), 6)
     assert all(isinstance(s.conditions, Conditions) for s in specs)
 
 

@@ -16,7 +16,7 @@ from gapscope.blind_check.generator.case import make_case, write_case
 from gapscope.blind_check.generator.conditions import Spec
 from gapscope.blind_check.scoring.compare import compare
 from gapscope.diagnosis.diagnose import diagnose
-from gapscope.diagnosis.model.parametrisation import COORDINATES
+from gapscope.diagnosis.model.parametrisation import PARAMETRISATIONS
 
 pytestmark = pytest.mark.slow
 
@@ -40,11 +40,11 @@ def test_permuted_labels_score_as_chance_does(solved: dict[str, Solved]) -> None
 @pytest.fixture
 def no_ripple() -> Iterator[None]:
     """The hypotheses without ripple; afterwards all of them, in their order."""
-    all_of_them = dict(COORDINATES)
-    del COORDINATES["torque_ripple"]
+    all_of_them = dict(PARAMETRISATIONS)
+    del PARAMETRISATIONS["torque_ripple"]
     yield
-    COORDINATES.clear()
-    COORDINATES.update(all_of_them)
+    PARAMETRISATIONS.clear()
+    PARAMETRISATIONS.update(all_of_them)
 
 
 def test_an_effect_that_is_no_longer_in_the_catalogue_is_called_unexplained(
@@ -52,7 +52,7 @@ def test_an_effect_that_is_no_longer_in_the_catalogue_is_called_unexplained(
 ) -> None:
     case = solved["torque_ripple"]
     assert case.document["verdict"] == "effects_found"
-    left = tuple(COORDINATES)
+    left = tuple(PARAMETRISATIONS)
     for name, module in list(sys.modules.items()):
         if name.startswith("diagnosis.") and isinstance(
             getattr(module, "EXPLAINED", None), tuple

@@ -30,7 +30,7 @@ from gapscope.diagnosis.reference.diagnose_change import diagnose_change
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.diagnosis.selection.resonance_starts import _Bodies
 from gapscope.diagnosis.selection.state import State
-from gapscope.diagnosis.setup_faults.channel_mapping import Reading
+from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.fault_samples import sample
 from gapscope.diagnosis.setup_faults.nuisance import equations
@@ -236,9 +236,12 @@ class TestSegment:
         """The nominal column is the prediction of the arm with the load, where there was one."""
         arm, body = synthetic.arm(), synthetic.body()
         told = sample([[segment(0)], [segment(1)]])
-        eq = equations(arm, body, told, Reading.plain(3))
+        eq = equations(arm, body, told, ChannelMapping.plain(3))
         none = equations(
-            arm, body, replace(told, load=np.zeros_like(told.load)), Reading.plain(3)
+            arm,
+            body,
+            replace(told, load=np.zeros_like(told.load)),
+            ChannelMapping.plain(3),
         )
         np.testing.assert_array_equal(eq.gram[0], none.gram[0])
         rows = told.folds[1]

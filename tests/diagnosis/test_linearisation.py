@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 import synthetic
 
-from gapscope.diagnosis.gap.torque_gap import healthy
+from gapscope.diagnosis.gap.torque_gap import noise_floor
 from gapscope.diagnosis.model.fit_data import Data
 from gapscope.diagnosis.model.jacobian import PLAY
 from gapscope.diagnosis.model.linearisation import Linearisation, effective_samples
-from gapscope.diagnosis.model.parametrisation import COORDINATES
+from gapscope.diagnosis.model.parametrisation import PARAMETRISATIONS
 from gapscope.diagnosis.model.terms import Term, Terms
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
@@ -155,7 +155,7 @@ def massless(axis: int, others: tuple[AppliedEffect, ...]) -> np.ndarray:
     return (with_load(1.0, c) - with_load(1.0, -c)) / 0.2
 
 
-DIFFERENTIABLE = [name for name in COORDINATES if name != "torque_saturation"]
+DIFFERENTIABLE = [name for name in PARAMETRISATIONS if name != "torque_saturation"]
 AROUND = {
     **{name: (name,) for name in DIFFERENTIABLE},
     "the way to the joint": (
@@ -221,7 +221,7 @@ def compare(names: tuple[str, ...], effects: set[str], tolerance: float = 0.05) 
     assert torque is not None
     gap = data.thin(torque - predict(known.effects(around)), segment())
     full = np.concatenate([columns, gap[:, :, None]], axis=2)
-    doubt = healthy(
+    doubt = noise_floor(
         CorrectedArm(synthetic.arm(), known.effects(around)),
         synthetic.body(),
         segment(),
@@ -285,7 +285,7 @@ def test_saturation_counts_the_torque_beyond_the_limit() -> None:
     y, k = gap + cut, term.columns[0]
     gram = sum(fold.gram[:, 1].sum(axis=0) for fold in linear.folds)
     limited = AppliedEffect("torque_saturation", (2,), {"limit": [limit]})
-    doubt = healthy(
+    doubt = noise_floor(
         CorrectedArm(synthetic.arm(), (limited,)), synthetic.body(), segment()
     )
     weight = 1.0 / (

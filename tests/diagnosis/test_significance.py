@@ -15,7 +15,7 @@ from gapscope.diagnosis.assessment.significance import (
     false_discovery_rates,
     log_e_values,
 )
-from gapscope.diagnosis.selection.search import Search, search
+from gapscope.diagnosis.selection.search import Selection, search
 from gapscope.ident.signals.conditioning import (
     TORQUE_CUTOFF,
     Segment,
@@ -32,14 +32,14 @@ def folds(truth: Truth) -> tuple[list[list[Segment]], float]:
 
 
 @cache
-def found(truth: Truth) -> Search:
+def found(truth: Truth) -> Selection:
     return search(synthetic.arm(), synthetic.body(), *folds(truth))
 
 
 HEALTHY, HEAVY = Truth(), Truth(armature=(0.0, 0.4, 0.0), coulomb=(1.0, 0.0, 0.0))
 
 
-def with_terms(of: Search, effect: str, joint: int) -> Search:
+def with_terms(of: Selection, effect: str, joint: int) -> Selection:
     """The same with one more term that nothing asked for."""
     term = next(t for t in of.evidence.terms.of(effect) if t.joint == joint)
     return replace(of, fit=of.evidence.fit(of.fit.terms | {term}))

@@ -13,7 +13,7 @@ import pytest
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import InputError
-from gapscope.ident.checks.fit_evidence import Likeness, likeness
+from gapscope.ident.checks.fit_evidence import Likeness, nominal_similarity
 from gapscope.ident.checks.torque_gain import torque_gain
 from gapscope.ident.identification import Identification, Settings, identify
 from gapscope.ident.model.model_columns import ModelColumns
@@ -42,7 +42,7 @@ def compared(case: Case) -> Likeness:
         Band(position_cutoff(tuple(fit))),
         ModelColumns(case.arm, case.importing),
     )
-    return likeness(Samples(columns, band.segments(fit), band))
+    return nominal_similarity(Samples(columns, band.segments(fit), band))
 
 
 @pytest.mark.parametrize("factor", [5.0, 1 / 5, 9.81, 1 / 9.81, 0.738, 1 / 0.738])

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from gapscope.agents.training.held_out_trial import Score
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 
 COLUMNS = ("reward", "joint_error", "torque_rate", "ended")
 
@@ -63,7 +63,7 @@ def write_curve(curve: Sequence[Point], path: Path) -> None:
     """
     parts = ("simulator", "hidden")
     with (
-        written_whole(path) as aside,
+        atomic_write(path) as aside,
         aside.open("w", newline="", encoding="utf-8") as file,
     ):
         writer = csv.writer(file)

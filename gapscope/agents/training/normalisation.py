@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.envs.environment import ArmTracking
 
 LARGEST = 10.0
@@ -96,7 +96,7 @@ class Normalisation:
     def write(self, path: Path) -> None:
         """Write as NPZ; ``path`` never holds half of it."""
         places = np.array([self.velocity, self.reference_rate])
-        with written_whole(path) as aside, aside.open("wb") as file:
+        with atomic_write(path) as aside, aside.open("wb") as file:
             np.savez(
                 file,
                 allow_pickle=False,

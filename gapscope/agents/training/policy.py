@@ -21,7 +21,7 @@ from gapscope.agents.training.task import Task
 from gapscope.agents.training.training_loop import NORMALISATION, Trained
 from gapscope.agents.training.training_settings import Settings, from_plain
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.nominal import NominalArm
 from gapscope.envs.environment import ArmTracking
 
@@ -83,7 +83,7 @@ def write_agent(
     Raises:
         GapscopeError: a file cannot be written.
     """
-    with written_whole(folder / POLICY) as aside:
+    with atomic_write(folder / POLICY) as aside:
         shutil.copyfile(trained.weights, aside)
     trained.normalisation.write(folder / NORMALISATION)
     env = task.simulator(settings)
@@ -109,7 +109,7 @@ def write_agent(
         },
         "files": {name: sha256(folder / name) for name in (POLICY, NORMALISATION)},
     }
-    with written_whole(folder / DOCUMENT) as aside:
+    with atomic_write(folder / DOCUMENT) as aside:
         aside.write_text(
             json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8"
         )

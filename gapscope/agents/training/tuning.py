@@ -14,7 +14,7 @@ from gapscope.agents.training.task import Task
 from gapscope.agents.training.training_loop import Training
 from gapscope.agents.training.training_settings import Settings
 from gapscope.arm.errors import GapscopeError, InputError
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 
 STUDY = "study.log"
 """Journal of the trials; a search that was interrupted goes on from it."""
@@ -94,7 +94,7 @@ def tune(
     while (left := trials - _finished(optuna, storage)) > 0:
         study.optimize(value, n_trials=min(left, 1))
     best = _with(settings, study.best_params)
-    with written_whole(folder / "tuned.yaml") as aside:
+    with atomic_write(folder / "tuned.yaml") as aside:
         aside.write_text(
             yaml.safe_dump(best.plain(), sort_keys=False), encoding="utf-8"
         )

@@ -14,7 +14,7 @@ MOST_BYTES = 2**28
 Arrays = tuple[np.ndarray, ...]
 
 
-class Recent:
+class ArrayCache:
     """Arrays computed from arrays, kept by the content of their arguments; the ones not used for longest go first."""
 
     def __init__(self) -> None:

@@ -8,7 +8,7 @@ from copy import copy
 import numpy as np
 import pinocchio as pin
 
-from gapscope.arm.dynamics.array_cache import Recent
+from gapscope.arm.dynamics.array_cache import ArrayCache
 from gapscope.arm.dynamics.robot_file import build
 from gapscope.arm.errors import InputError
 from gapscope.arm.known_load import KnownLoad
@@ -61,7 +61,7 @@ class RigidBody:
         self._to_arm = columns
         self.n_joints = arm.n_joints
         self.last_link = int(self._to_model[-1])
-        self._recent = Recent()
+        self._recent = ArrayCache()
         self._unladen: RigidBody | None = None
         self._laden: dict[KnownLoad, RigidBody] = {}
 

@@ -11,7 +11,7 @@ from gapscope.arm.errors import GapscopeError
 
 
 @contextmanager
-def written_whole(path: Path | str) -> Iterator[Path]:
+def atomic_write(path: Path | str) -> Iterator[Path]:
     """A temporary path to write to, with the same ending; it becomes ``path`` when the block ends without error.
 
     Makes the folder. Raises:

@@ -16,7 +16,7 @@ import yaml
 from gapscope.arm.case import Case
 from gapscope.arm.controller import Controller
 from gapscope.arm.errors import GapscopeError, InputError
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import CHANNELS, Recording
 
@@ -39,7 +39,7 @@ def write_recording(recording: Recording, path: str | Path) -> Path:
             "end it in .csv, .parquet or .npz",
             file=path,
         )
-    with written_whole(path) as aside:
+    with atomic_write(path) as aside:
         if path.suffix == ".npz":
             np.savez_compressed(aside, allow_pickle=False, **_channels(recording))
         elif path.suffix == ".csv":
@@ -75,7 +75,7 @@ def write_columns(columns: dict[str, np.ndarray], path: str | Path) -> None:
     Raises:
         GapscopeError: the file cannot be written.
     """
-    with written_whole(path) as aside:
+    with atomic_write(path) as aside:
         _write_csv(columns, aside)
 
 

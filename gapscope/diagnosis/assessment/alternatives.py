@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.diagnosis.model.terms import EXPLAINED, Term
-from gapscope.diagnosis.selection.search import Search
+from gapscope.diagnosis.selection.search import Selection
 from gapscope.effects.catalogue import CATALOGUE
 
 TEMPER = 0.2
@@ -33,7 +33,7 @@ class Rival:
     evidence: float
 
 
-def rivals(search: Search, finding: str) -> tuple[float, list[Rival]]:
+def rivals(search: Selection, finding: str) -> tuple[float, list[Rival]]:
     """Probability of an effect found by evidence alone, and its rivals in falling order of probability."""
     evidence, found = search.evidence, search.fit
     mine = frozenset(t for t in found.terms if t.finding == finding)

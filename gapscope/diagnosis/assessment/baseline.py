@@ -14,7 +14,7 @@ from gapscope.diagnosis.gap.torque_gap import TorqueGap, torque_scale
 from gapscope.diagnosis.model.linearisation import Linearisation
 from gapscope.diagnosis.model.terms import Term, Terms
 from gapscope.diagnosis.selection.evidence import evidences
-from gapscope.diagnosis.selection.search import Search
+from gapscope.diagnosis.selection.search import Selection
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import condition, position_cutoff
@@ -47,22 +47,26 @@ class Baseline:
     skew: float = 0.0
     open: frozenset[tuple[str, int]] = frozenset()
 
-    def kept(self, found: Search) -> Search:
+    def kept(self, selection: Selection) -> Selection:
         """A search less what the reference leaves open; a load where it explains as much as a changed link."""
         terms = frozenset(
             t
-            for t in found.fit.terms
+            for t in selection.fit.terms
             if not {(t.effect, t.joint), (t.effect, 0)} & self.open
         )
-        fit = found.fit if terms == found.fit.terms else found.evidence.fit(terms)
-        found = replace(found, fit=fit)
+        fit = (
+            selection.fit
+            if terms == selection.fit.terms
+            else selection.evidence.fit(terms)
+        )
+        selection = replace(selection, fit=fit)
         links = frozenset(t for t in terms if t.effect == "link_inertia")
         if not links:
-            return found
+            return selection
         load = _searched(
-            found, terms - links | frozenset(found.evidence.terms.of("payload"))
+            selection, terms - links | frozenset(selection.evidence.terms.of("payload"))
         )
-        return load if load.fit.score > fit.score - LINKS_STAY else found
+        return load if load.fit.score > fit.score - LINKS_STAY else selection
 
     def adjusted(self, case: Case) -> Case:
         """The case with the skew, and what the baseline's effects do, taken out of the recorded torque.
@@ -135,18 +139,21 @@ def _without_sensors(case: Case) -> Case:
     return replace(case, recordings=recordings, judged=judged)
 
 
-def _searched(found: Search, terms: frozenset[Term]) -> Search:
+def _searched(selection: Selection, terms: frozenset[Term]) -> Selection:
     """The search with other terms, linearised around their values."""
-    linear = found.evidence.linear
+    linear = selection.evidence.linear
     shapes = {
-        t: found.evidence.terms.shapes[t]
+        t: selection.evidence.terms.shapes[t]
         for t in terms
-        if t in found.evidence.terms.shapes
+        if t in selection.evidence.terms.shapes
     }
-    theta, missed = np.zeros(found.evidence.terms.size), found.fit.missed
+    theta, scored_mse = (
+        np.zeros(selection.evidence.terms.size),
+        selection.fit.scored_mse,
+    )
     for _ in range(LINEARISATIONS):
         linear = Linearisation(linear.data, theta, Terms(linear.arm.n_joints, shapes))
-        evidence = evidences(linear, missed, terms)[0]
+        evidence = evidences(linear, scored_mse, terms)[0]
         fit = evidence.fit(terms)
-        theta, missed = fit.theta, fit.missed
-    return replace(found, fit=fit, evidence=evidence)
+        theta, scored_mse = fit.theta, fit.scored_mse
+    return replace(selection, fit=fit, evidence=evidence)

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.diagnosis.gap.torque_gap import TorqueGap, torque_scale
-from gapscope.diagnosis.selection.moves import RINGING
-from gapscope.diagnosis.selection.search import Search
+from gapscope.diagnosis.selection.moves import COMPLIANT
+from gapscope.diagnosis.selection.search import Selection
 
 LEAST_RATIO = 1.6
 """Without effects a gap is above the floor when it exceeds it by this factor..."""
@@ -32,7 +32,7 @@ LOUDEST = 2.0
 
 
 @dataclass(frozen=True)
-class Remainder:
+class ExcessResidual:
     """What is above the floor per joint, n joints.
 
     Attributes:
@@ -66,35 +66,35 @@ class Remainder:
         return bool(left > most * (before**2).sum() or wide.any())
 
 
-def both(one: Remainder, other: Remainder) -> Remainder:
+def elementwise_max(one: ExcessResidual, other: ExcessResidual) -> ExcessResidual:
     """Of two the wider on each joint."""
     wider = {
         name: np.maximum(getattr(one, name), getattr(other, name))
         for name in ("before", "after", "ratio")
     }
-    return Remainder(**wider, rings=one.rings)
+    return ExcessResidual(**wider, rings=one.rings)
 
 
 def set_aside(
-    found: Search, before: TorqueGap, after: TorqueGap, floor: np.ndarray
-) -> Remainder:
+    selection: Selection, before: TorqueGap, after: TorqueGap, floor: np.ndarray
+) -> ExcessResidual:
     """What is above the floor [N m], (n,), on recordings set aside for judging."""
     scale = torque_scale(before.measured)
     first, then = (
         np.sqrt(np.clip(gap.rmse**2 - floor**2, 0.0, None)) / scale
         for gap in (before, after)
     )
-    return Remainder(
+    return ExcessResidual(
         first,
         then,
         after.rmse / floor,
-        any(t.effect in RINGING for t in found.fit.terms),
+        any(t.effect in COMPLIANT for t in selection.fit.terms),
     )
 
 
-def remainder(
-    found: Search, gap: np.ndarray, least: np.ndarray | float = 0.0
-) -> Remainder:
+def excess_residual(
+    selection: Selection, gap: np.ndarray, least: np.ndarray | float = 0.0
+) -> ExcessResidual:
     """What is above the floor before and after the effects found.
 
     Args:
@@ -103,21 +103,26 @@ def remainder(
             evidence says, the model around its values is too far from linear to say it.
         least: RMS that is left on this arm in any case [N m], (n,).
     """
-    evidence, terms = found.evidence, found.fit.terms
+    evidence, terms = selection.evidence, selection.fit.terms
     rows = evidence.rows.sum(axis=0)
 
     def pooled(square: np.ndarray) -> np.ndarray:
         return np.asarray((square * evidence.rows).sum(axis=0) / rows)
 
     floor2, before2, after2 = (
-        pooled(x) for x in (evidence.floor2, found.nothing, evidence.unseen(terms))
+        pooled(x)
+        for x in (evidence.floor2, selection.nominal_mse, evidence.held_out_mse(terms))
     )
     after2 = np.minimum(after2, gap**2)
     floor2 = np.maximum(floor2, np.square(least))
     floor2 = floor2 * np.clip((after2 / floor2).min(), 1.0, LOUDEST**2)
     before, after = (
-        np.sqrt(np.clip(x - floor2, 0.0, None)) / found.scale for x in (before2, after2)
+        np.sqrt(np.clip(x - floor2, 0.0, None)) / selection.scale
+        for x in (before2, after2)
     )
-    return Remainder(
-        before, after, np.sqrt(after2 / floor2), any(t.effect in RINGING for t in terms)
+    return ExcessResidual(
+        before,
+        after,
+        np.sqrt(after2 / floor2),
+        any(t.effect in COMPLIANT for t in terms),
     )

@@ -14,12 +14,12 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.gap.torque_gap import TorqueGap, torque_gap
 from gapscope.diagnosis.model.terms import Term
-from gapscope.diagnosis.selection.search import Search
+from gapscope.diagnosis.selection.search import Selection
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import Segment
 
 
-class Judge:
+class HeldOutPredictor:
     """Predicts unseen data with sets of terms.
 
     Args:
@@ -34,14 +34,14 @@ class Judge:
         self,
         arm: NominalArm,
         body: RigidBody,
-        found: Search,
+        selection: Selection,
         folds: list[list[Segment]],
         judged: list[Segment],
     ) -> None:
-        self.arm, self.body, self.found, self.folds, self.judged = (
+        self.arm, self.body, self.selection, self.folds, self.judged = (
             arm,
             body,
-            found,
+            selection,
             folds,
             judged,
         )
@@ -63,7 +63,7 @@ class Judge:
         gap: Callable[[CorrectedArm, list[Segment]], TorqueGap],
     ) -> TorqueGap:
         """Any gap on unseen data, from a function of an arm and segments."""
-        evidence = self.found.evidence
+        evidence = self.selection.evidence
         if self.judged:
             return gap(self._corrected(evidence.fit(terms).theta, terms), self.judged)
         gaps = [
@@ -80,7 +80,7 @@ class Judge:
         )
 
     def _corrected(self, theta: np.ndarray, terms: frozenset[Term]) -> CorrectedArm:
-        known = self.found.evidence.terms
+        known = self.selection.evidence.terms
         return CorrectedArm(self.arm, known.effects(known.clipped(theta), terms))
 
     def shares(self, draws: int = 200) -> dict[str, Share]:
@@ -89,13 +89,13 @@ class Judge:
         The worth of a set is the sum over joints of the unseen torque NRMSE that it closes; shares add up to the
         closed part of the gap above the floor, at most 1. Intervals are from folds drawn with replacement.
         """
-        evidence, chosen = self.found.evidence, self.found.fit.terms
+        evidence, chosen = self.selection.evidence, self.selection.fit.terms
         names = sorted({t.finding for t in chosen})
         subsets = [
             s for size in range(len(names) + 1) for s in combinations(names, size)
         ]
-        unseen = {
-            subset: evidence.unseen(
+        held_out_mse = {
+            subset: evidence.held_out_mse(
                 frozenset(t for t in chosen if t.finding in subset), corrected=False
             )
             for subset in subsets
@@ -111,9 +111,9 @@ class Judge:
             mean = (square * weights).sum(axis=1) / np.maximum(
                 weights.sum(axis=1), 1e-12
             )
-            return np.asarray((np.sqrt(mean) / self.found.scale).sum(axis=1))
+            return np.asarray((np.sqrt(mean) / self.selection.scale).sum(axis=1))
 
-        worth = {subset: -closed(square) for subset, square in unseen.items()}
+        worth = {subset: -closed(square) for subset, square in held_out_mse.items()}
         above = -worth[()] - closed(evidence.floor2)
         above = np.maximum(np.maximum(above, worth[tuple(names)] - worth[()]), 1e-12)
         return {name: Share.of(_shapley(name, names, worth) / above) for name in names}

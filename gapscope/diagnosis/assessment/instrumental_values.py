@@ -17,13 +17,13 @@ import numpy as np
 
 from gapscope.arm.case import Case
 from gapscope.diagnosis.model.fit_data import Data
-from gapscope.diagnosis.selection.search import SEARCH_RATE, Search
+from gapscope.diagnosis.selection.search import SEARCH_RATE, Selection
 from gapscope.effects.applied import AppliedEffect
 from gapscope.ident.signals.conditioning import Segment, thinned
 
 
 def instrumented(
-    case: Case, found: Search, folds: list[list[Segment]]
+    case: Case, selection: Selection, folds: list[list[Segment]]
 ) -> tuple[AppliedEffect, ...] | None:
     """The effects found with values by the commands as instruments.
 
@@ -35,18 +35,20 @@ def instrumented(
     Returns:
         The effects, or ``None`` where an equation has no solution.
     """
-    linear, evidence = found.evidence.linear, found.evidence
+    linear, evidence = selection.evidence.linear, selection.evidence
     commanded = Data(
         case.arm,
         linear.body,
         [[thinned(s, SEARCH_RATE) for s in f] for f in folds],
         linear.data.cutoff,
     )
-    columns = np.array(sorted(c for t in found.fit.terms for c in t.columns), dtype=int)
+    columns = np.array(
+        sorted(c for t in selection.fit.terms for c in t.columns), dtype=int
+    )
     size = len(columns) + len(linear.data.units)
     left, right = np.zeros((size, size)), np.zeros(size)
     weight = evidence.torque.independent / np.maximum(evidence.torque.count, 1e-9)
-    weight = (weight / (found.fit.unseen + evidence.floor2)).mean(axis=0)
+    weight = (weight / (selection.fit.held_out_mse + evidence.floor2)).mean(axis=0)
     for k in range(len(commanded.segments)):
         x, y, trust = linear.rows(linear.data, k, columns)
         z, _, _ = linear.rows(commanded, k, columns)
@@ -60,9 +62,9 @@ def instrumented(
         solved = scale * np.linalg.solve(left * np.outer(scale, scale), scale * right)
     except np.linalg.LinAlgError:
         return None
-    theta = found.fit.theta.copy()
+    theta = selection.fit.theta.copy()
     theta[columns] = solved[: len(columns)]
-    return evidence.terms.effects(evidence.terms.clipped(theta), found.fit.terms)
+    return evidence.terms.effects(evidence.terms.clipped(theta), selection.fit.terms)
 
 
 def commanded(case: Case) -> Case | None:

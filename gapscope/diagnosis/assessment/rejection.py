@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gapscope.diagnosis.assessment.alternatives import rivals
-from gapscope.diagnosis.assessment.held_out_prediction import Judge
+from gapscope.diagnosis.assessment.held_out_prediction import HeldOutPredictor
 from gapscope.diagnosis.model.terms import Term
-from gapscope.diagnosis.selection.search import Search
+from gapscope.diagnosis.selection.search import Selection
 
 REACHING = ("encoder_offset", "joint_elasticity", "backlash", "link_inertia")
 """Effects on one joint that change the torque of others."""
@@ -18,7 +18,7 @@ LEAST_PROBABILITY = 0.5
 
 
 @dataclass(frozen=True)
-class Refusal:
+class Rejection:
     """Terms of one effect that are taken back.
 
     Attributes:
@@ -32,33 +32,37 @@ class Refusal:
     cost: float
 
 
-def refuse(judge: Judge) -> tuple[Search, list[Refusal]]:
+def reject(predictor: HeldOutPredictor) -> tuple[Selection, list[Rejection]]:
     """Take back terms that widen the gap of a joint on unseen data beyond the nominal arm's, and improbable effects."""
-    found, refusals = judge.found, []
-    while found.fit.terms:
-        refusal = _harmful(_with(judge, found)) or _improbable(found)
+    selection, rejections = predictor.selection, []
+    while selection.fit.terms:
+        refusal = _harmful(_with(predictor, selection)) or _improbable(selection)
         if refusal is None:
             break
-        refusals.append(refusal)
-        found = replace(found, fit=found.evidence.fit(found.fit.terms - refusal.terms))
-    return found, refusals
+        rejections.append(refusal)
+        selection = replace(
+            selection, fit=selection.evidence.fit(selection.fit.terms - refusal.terms)
+        )
+    return selection, rejections
 
 
-def _with(judge: Judge, found: Search) -> Judge:
+def _with(predictor: HeldOutPredictor, selection: Selection) -> HeldOutPredictor:
     """The same judge over another result of the search."""
-    return Judge(judge.arm, judge.body, found, judge.folds, judge.judged)
+    return HeldOutPredictor(
+        predictor.arm, predictor.body, selection, predictor.folds, predictor.judged
+    )
 
 
-def _harmful(judge: Judge) -> Refusal | None:
+def _harmful(predictor: HeldOutPredictor) -> Rejection | None:
     """The term that does most harm on a joint whose gap is wider with all terms than without any."""
-    terms = judge.found.fit.terms
-    with_all = judge.gap(terms).nrmse
-    harm = with_all - judge.gap(frozenset()).nrmse
+    terms = predictor.selection.fit.terms
+    with_all = predictor.gap(terms).nrmse
+    harm = with_all - predictor.gap(frozenset()).nrmse
     joint = int(np.argmax(harm))
     if harm[joint] <= 0.01:
         return None
     costs = {
-        term: with_all[joint] - judge.gap(terms - {term}).nrmse[joint]
+        term: with_all[joint] - predictor.gap(terms - {term}).nrmse[joint]
         for term in sorted(terms, key=lambda t: (t.effect, t.joint))
         if term.joint in (joint + 1, 0) or term.effect in REACHING
     }
@@ -66,15 +70,15 @@ def _harmful(judge: Judge) -> Refusal | None:
     if worst is None or costs[worst] <= 0:
         return None
     reason = f"widens the gap of joint {joint + 1} on unseen data"
-    return Refusal(frozenset({worst}), reason, float(costs[worst]))
+    return Rejection(frozenset({worst}), reason, float(costs[worst]))
 
 
-def _improbable(found: Search) -> Refusal | None:
-    for name in sorted({t.finding for t in found.fit.terms}):
-        probability, others = rivals(found, name)
+def _improbable(selection: Selection) -> Rejection | None:
+    for name in sorted({t.finding for t in selection.fit.terms}):
+        probability, others = rivals(selection, name)
         if probability < LEAST_PROBABILITY:
-            terms = frozenset(t for t in found.fit.terms if t.finding == name)
-            return Refusal(
+            terms = frozenset(t for t in selection.fit.terms if t.finding == name)
+            return Rejection(
                 terms,
                 f"is improbable ({probability:.0%}); {others[0].effect} does as well",
                 0.0,

@@ -11,9 +11,9 @@ import numpy as np
 from gapscope.arm.case import Case
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.recording import Recording
-from gapscope.diagnosis.assessment.held_out_prediction import Judge
+from gapscope.diagnosis.assessment.held_out_prediction import HeldOutPredictor
 from gapscope.diagnosis.model.terms import Term
-from gapscope.diagnosis.selection.moves import RINGING, by_finding
+from gapscope.diagnosis.selection.moves import COMPLIANT, by_finding
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.engines import installed
 from gapscope.envs.replay import LONGEST_STEP, replay
@@ -48,7 +48,7 @@ class ReplayGap(NamedTuple):
     elsewhere: Mapping[str, tuple[np.ndarray | None, np.ndarray | None]] = {}
 
 
-def replay_gap(case: Case, judge: Judge) -> ReplayGap:
+def replay_gap(case: Case, predictor: HeldOutPredictor) -> ReplayGap:
     """Replay gap before and after, on one recording with values that were not fitted to it.
 
     That is the first recording set aside for judging, else the last one, or the last block of a single one, with
@@ -58,22 +58,22 @@ def replay_gap(case: Case, judge: Judge) -> ReplayGap:
         case: the nominal arm, its recordings with torque, and its controller where known.
         judge: what was found, and its folds.
     """
-    recording = _unseen(case, judge)
+    recording = _unseen(case, predictor)
     through_controller = case.controller is not None and recording.q_ref is not None
     ticks = (
         case.controller.rate
         if case.controller and through_controller
         else max(recording.rate, 1.0 / LONGEST_STEP)
     )
-    none, every = frozenset[Term](), judge.found.fit.terms
-    rings = any(t.effect in RINGING for t in every)
+    none, every = frozenset[Term](), predictor.selection.fit.terms
+    rings = any(t.effect in COMPLIANT for t in every)
     recording = _head(recording, (MOST_TICKS_RINGING if rings else MOST_TICKS) / ticks)
     known: dict[tuple[frozenset[Term], str], tuple[np.ndarray | None, str | None]] = {}
 
     def gap(terms: frozenset[Term], engine: str = ENGINE) -> np.ndarray | None:
         if (terms, engine) not in known:
             known[terms, engine] = attempt(
-                case, _effects(judge, terms), recording, engine
+                case, _effects(predictor, terms), recording, engine
             )
         return known[terms, engine][0]
 
@@ -117,13 +117,13 @@ def attempt(
         return None, str(error)
 
 
-def _unseen(case: Case, judge: Judge) -> Recording:
+def _unseen(case: Case, predictor: HeldOutPredictor) -> Recording:
     """The recording that is replayed."""
-    if judge.judged:
+    if predictor.judged:
         return next(r for r in case.judged if r.tau is not None)
     recording, fold = (
         [r for r in case.recordings if r.tau is not None][-1],
-        judge.folds[-1],
+        predictor.folds[-1],
     )
     return _rows(
         recording,
@@ -131,10 +131,14 @@ def _unseen(case: Case, judge: Judge) -> Recording:
     )
 
 
-def _effects(judge: Judge, terms: frozenset[Term]) -> tuple[AppliedEffect, ...]:
+def _effects(
+    predictor: HeldOutPredictor, terms: frozenset[Term]
+) -> tuple[AppliedEffect, ...]:
     """Some of the effects found, with values that were not fitted to the recording that is replayed."""
-    evidence = judge.found.evidence
-    theta = evidence.fit(terms).theta if judge.judged else evidence.without_last(terms)
+    evidence = predictor.selection.evidence
+    theta = (
+        evidence.fit(terms).theta if predictor.judged else evidence.without_last(terms)
+    )
     return evidence.terms.effects(evidence.terms.clipped(theta), terms)
 
 

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.diagnosis.assessment.held_out_prediction import Judge
+from gapscope.diagnosis.assessment.held_out_prediction import HeldOutPredictor
 from gapscope.diagnosis.gap.torque_gap import (
     TorqueGap,
     filtered_torque,
-    healthy,
+    noise_floor,
     torque_scale,
 )
 from gapscope.diagnosis.model.terms import Term
@@ -99,7 +99,7 @@ class Sides:
     recordings: tuple[str, ...]
 
 
-def find_sides(judge: Judge, nominal: np.ndarray) -> Sides | None:
+def find_sides(predictor: HeldOutPredictor, nominal: np.ndarray) -> Sides | None:
     """The gap on both sides on unseen data; ``None`` where what is fitted or what is judged has no sensors.
 
     The sensors' own errors are fitted to all that may be fitted.
@@ -108,28 +108,30 @@ def find_sides(judge: Judge, nominal: np.ndarray) -> Sides | None:
         judge: predicts unseen data with what was found.
         nominal: RMS of what errors of the nominal inertials explain, which show on the link side [N m], (n,).
     """
-    terms, evidence = judge.found.fit.terms, judge.found.evidence
+    terms, evidence = predictor.selection.fit.terms, predictor.selection.evidence
     errors = evidence.sensor_errors(terms)
-    told = [s for s in judge.segments if s.torque_sensor is not None]
+    told = [s for s in predictor.segments if s.torque_sensor is not None]
     if errors is None or not told:
         return None
     zero = SENSOR_ZERO * evidence.linear.data.torque_deviation
-    arm = CorrectedArm(judge.arm, evidence.terms.effects(judge.found.fit.theta, terms))
+    arm = CorrectedArm(
+        predictor.arm, evidence.terms.effects(predictor.selection.fit.theta, terms)
+    )
 
     def gap(other: CorrectedArm, segments: list[Segment]) -> TorqueGap:
         return _gap(
             other,
-            judge.body,
+            predictor.body,
             segments,
-            lambda s: _reading_errors(arm, judge.body, s, zero, errors),
+            lambda s: _reading_errors(arm, predictor.body, s, zero, errors),
         )
 
     scale = torque_scale(np.vstack([filtered_torque(s) for s in told]))
     before, after = (
-        judge.measured(stage, gap).rmse.reshape(2, -1) / scale
+        predictor.measured(stage, gap).rmse.reshape(2, -1) / scale
         for stage in (frozenset[Term](), terms)
     )
-    own, links = _floors(arm, judge.body, told)
+    own, links = _floors(arm, predictor.body, told)
     floors = own / scale, np.hypot(links, nominal) / scale
     actuator, link = (
         SideGap(*side) for side in zip(before, after, floors, strict=True)
@@ -194,7 +196,7 @@ def _floors(
     """RMS that a healthy arm and its sensors leave, actuator side and link side [N m], (n,) each."""
     actuator = [
         np.square(actuator_floor(arm, body, s))
-        + (healthy(arm, body, s).sticking ** 2).mean(axis=0)
+        + (noise_floor(arm, body, s).sticking ** 2).mean(axis=0)
         for s in segments
     ]
     link = [np.square(link_floor(arm, body, s)) for s in segments]

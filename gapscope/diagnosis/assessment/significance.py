@@ -21,26 +21,26 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gapscope.diagnosis.model.normal_equations import Normal, solve
+from gapscope.diagnosis.model.normal_equations import NormalEquations, solve
 from gapscope.diagnosis.model.terms import EXPLAINED, Term
-from gapscope.diagnosis.selection.moves import RINGING, by_finding
-from gapscope.diagnosis.selection.search import Search
+from gapscope.diagnosis.selection.moves import COMPLIANT, by_finding
+from gapscope.diagnosis.selection.search import Selection
 
 RATE = 0.05
 """Share of the effects confirmed that may be there by chance."""
 
 
-def log_e_values(found: Search) -> dict[str, float]:
+def log_e_values(selection: Selection) -> dict[str, float]:
     """log e of each effect found [nats]; not of joints that ring or play, of which a linear model without is none."""
-    evidence, terms = found.evidence, found.fit.terms
+    evidence, terms = selection.evidence, selection.fit.terms
     pieces = evidence.halves()
 
     def least(total: np.ndarray) -> np.ndarray:
-        return Normal(total, evidence.terms.size, evidence.spread).least
+        return NormalEquations(total, evidence.terms.size, evidence.spread).least
 
     both = least(pieces[0] + pieces[1])
     halves = [(one, both - one) for one in map(least, pieces)]
-    calm = frozenset(t for t in terms if t.effect not in RINGING)
+    calm = frozenset(t for t in terms if t.effect not in COMPLIANT)
     return {
         next(iter(part)).finding: _mean(
             [_log_e(terms, part, fitted, tested) for fitted, tested in halves]

@@ -23,7 +23,7 @@ def context(study: Study) -> dict[str, Any]:
         for note in r.notes
     ]
     roles = [(r, "fit") for r in case.recordings] + [(r, "judge") for r in case.judged]
-    if study.judge.judged:
+    if study.predictor.judged:
         judged_on = "recordings set aside for judging"
     elif len(case.recordings) > 1:
         judged_on = "each half of a recording, with the values fitted to all else"
@@ -40,13 +40,13 @@ def context(study: Study) -> dict[str, Any]:
             for r, role in roles
         ],
         "conditioning": {
-            "rate": study.judge.segments[0].motion.rate,
+            "rate": study.predictor.segments[0].motion.rate,
             "position_cutoff": study.cutoff,
             "torque_cutoff": 12.0,
             "how": "zero-phase Butterworth, order 4, on both sides; positions cut at twice the frequency where their "
             "spectrum meets its noise; floor from the gap's power density above the band, timing and form of friction",
-            "nominal_inertials_std": study.found.evidence.sigma,
-            "sampling_skew": study.found.evidence.skew,
+            "nominal_inertials_std": study.selection.evidence.sigma,
+            "sampling_skew": study.selection.evidence.skew,
         },
         "judged_on": judged_on,
         "torque_from": "controller" if inferred else "recorded",
@@ -57,8 +57,8 @@ def context(study: Study) -> dict[str, Any]:
 
 def _considered(study: Study) -> list[dict[str, Any]]:
     """What was found and taken back, then the best rivals at each step of the search; and why they lost."""
-    scale = study.found.scale
-    evidence = study.found.evidence
+    scale = study.selection.scale
+    evidence = study.selection.evidence
     out: list[dict[str, Any]] = [
         {
             "effect": next(iter(refusal.terms)).effect,
@@ -67,15 +67,17 @@ def _considered(study: Study) -> list[dict[str, Any]]:
             "gap_closed": -refusal.cost,
             "reason": refusal.reason,
         }
-        for refusal in study.refusals
+        for refusal in study.rejections
     ]
-    for winner, loser in study.found.considered:
+    for winner, loser in study.selection.considered:
         terms = loser.terms - winner.terms
         if not terms:
             continue
         name = next(iter(terms)).effect
         gap = [
-            np.sqrt((f.unseen * evidence.rows).sum(axis=0) / evidence.rows.sum(axis=0))
+            np.sqrt(
+                (f.held_out_mse * evidence.rows).sum(axis=0) / evidence.rows.sum(axis=0)
+            )
             / scale
             for f in (winner, loser)
         ]

@@ -15,7 +15,7 @@ from jsonschema import Draft202012Validator
 from jsonschema.exceptions import best_match
 
 from gapscope.arm.errors import GapscopeError
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 
 
 @cache
@@ -58,7 +58,7 @@ def write_document(document: Mapping[str, Any], path: Path | str) -> None:
         GapscopeError: the document is not valid, or ``path`` cannot be written.
     """
     validate(document)
-    with written_whole(path) as aside:
+    with atomic_write(path) as aside:
         text = json.dumps(
             plain(document), indent=2, ensure_ascii=False, allow_nan=False
         )

@@ -47,7 +47,7 @@ CLOSING = 0.25
 def document(study: Study) -> dict[str, Any]:
     """``diagnosis.json`` of a study, without NaN, as plain Python values."""
     floor = study.floor / torque_scale(study.before.measured)
-    rows = stack(study.judge.segments)
+    rows = stack(study.predictor.segments)
     effects = _effects(study, rows)
     above = study.left.above
     before, after = study.before.nrmse, study.after.nrmse
@@ -122,22 +122,22 @@ def _verdict(study: Study, found: bool, faulty: np.ndarray | None, plain: bool) 
         return "effects_found"
     if found:
         return "unexplained" if study.left.open and plain else "effects_found"
-    return "unexplained" if plain or study.refusals else "no_gap"
+    return "unexplained" if plain or study.rejections else "no_gap"
 
 
 def _effects(study: Study, rows: Rows) -> list[dict[str, Any]]:
     """Findings on the effects, those with the largest share first."""
-    shares = study.judge.shares()
-    log_e = log_e_values(study.found)
+    shares = study.predictor.shares()
+    log_e = log_e_values(study.selection)
     rates = false_discovery_rates(log_e)
-    draws = study.found.evidence.bootstrap(
-        study.found.fit.terms, np.random.default_rng(0)
+    draws = study.selection.evidence.bootstrap(
+        study.selection.fit.terms, np.random.default_rng(0)
     )
     return [
         {
             **_finding(study, applied, rows),
             "parameters": parameters(
-                study.found, applied, draws, _instrumented(study, applied)
+                study.selection, applied, draws, _instrumented(study, applied)
             ),
             "share": shares[finding_of(applied)].value,
             "share_interval": [
@@ -213,12 +213,12 @@ def _with_faults(
 
 
 def _finding(study: Study, applied: AppliedEffect, rows: Rows) -> dict[str, Any]:
-    fit, name = study.found.fit, finding_of(applied)
+    fit, name = study.selection.fit, finding_of(applied)
     mine = frozenset(t for t in fit.terms if t.finding == name)
-    only, without = study.judge.gap(mine), study.judge.gap(fit.terms - mine)
+    only, without = study.predictor.gap(mine), study.predictor.gap(fit.terms - mine)
     known = _support(study, applied, without.nrmse)
     sure = probability(applied.name, known)
-    others = shared(rivals(study.found, name)[1], sure, known)
+    others = shared(rivals(study.selection, name)[1], sure, known)
     gained = np.sqrt(np.clip(without.error**2 - study.after.error**2, 0.0, None))
     joints = applied.joints or tuple(
         int(j) + 1 for j in np.argsort(-(gained**2).sum(axis=0))[:2]
@@ -261,7 +261,7 @@ def _support(study: Study, applied: AppliedEffect, without: np.ndarray) -> Suppo
         np.flatnonzero(closed >= CLOSING * closed.max())
     )
     left = study.left.after[places] / np.maximum(study.left.before[places], 0.012)
-    _, others = rivals(study.found, finding_of(applied))
+    _, others = rivals(study.selection, finding_of(applied))
     return Support(
         margin=float(
             -np.logaddexp.reduce(
@@ -272,7 +272,7 @@ def _support(study: Study, applied: AppliedEffect, without: np.ndarray) -> Suppo
         left=float(left.max()),
         times_floor=float(study.left.ratio[places].max()),
         effects=len(study.effects),
-        nominal=float(study.found.evidence.sigma),
+        nominal=float(study.selection.evidence.sigma),
     )
 
 

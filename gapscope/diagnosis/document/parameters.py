@@ -8,7 +8,7 @@ import numpy as np
 
 from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.evidence import SKEWS
-from gapscope.diagnosis.selection.search import Search
+from gapscope.diagnosis.selection.search import Selection
 from gapscope.effects.applied import AppliedEffect
 
 
@@ -22,7 +22,7 @@ def finding_of(applied: AppliedEffect) -> str:
 
 
 def parameters(
-    found: Search,
+    selection: Selection,
     applied: AppliedEffect,
     draws: np.ndarray,
     instrumented: AppliedEffect | None = None,
@@ -34,11 +34,11 @@ def parameters(
     """
     mine = [
         t
-        for t in found.evidence.terms.all
-        if t in found.fit.terms and t.finding == finding_of(applied)
+        for t in selection.evidence.terms.all
+        if t in selection.fit.terms and t.finding == finding_of(applied)
     ]
     c = mine[0].coordinates
-    shapes = [found.evidence.linear.shape(t) for t in mine]
+    shapes = [selection.evidence.linear.shape(t) for t in mine]
     values = [np.array(s.values) for s in shapes]
     samples = [dict(c.values(*_coordinates(draw, mine, values))) for draw in draws]
     skew = SKEWS[1] if applied.name in ("actuator_delay", "actuator_lag") else 0.0

@@ -12,7 +12,7 @@ import numpy as np
 
 from gapscope.arm.case import load_case
 from gapscope.arm.errors import GapscopeError
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import PER_JOINT
 from gapscope.diagnosis.fleet.compare_units import Shared, Value, compare, groups
@@ -93,7 +93,7 @@ def write_units(content: Document, path: Path) -> None:
     Raises:
         GapscopeError: ``path`` cannot be written.
     """
-    with written_whole(path) as aside:
+    with atomic_write(path) as aside:
         text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
         aside.write_text(text + "\n", encoding="utf-8")
 

@@ -102,7 +102,7 @@ def filtered_torque(
 
 
 @dataclass(frozen=True)
-class Healthy:
+class NoiseFloor:
     """What a healthy arm of this kind would leave on one segment after the 12 Hz filter, n joints.
 
     Attributes:
@@ -119,7 +119,9 @@ class Healthy:
         return np.sqrt(self.steady**2 + (self.sticking**2).mean(axis=0))
 
 
-def healthy(corrected: CorrectedArm, body: RigidBody, segment: Segment) -> Healthy:
+def noise_floor(
+    corrected: CorrectedArm, body: RigidBody, segment: Segment
+) -> NoiseFloor:
     """Estimate what a healthy arm would leave on a segment, from the segment itself.
 
     *Noise*: the power density of the unfiltered gap above the band, taken as flat below. *Timing*: ``TIMING`` times
@@ -142,7 +144,7 @@ def healthy(corrected: CorrectedArm, body: RigidBody, segment: Segment) -> Healt
     stuck = (
         1.0 - np.abs(np.tanh(segment.motion.dq[segment.inner] / STICKING))
     ) / np.sqrt(3.0)
-    return Healthy(steady(gap, segment.torque, segment, form), dry * stuck)
+    return NoiseFloor(steady(gap, segment.torque, segment, form), dry * stuck)
 
 
 def steady(

@@ -41,7 +41,7 @@ class Data:
         self.torque_deviation = torque_scale(
             np.vstack([filtered_torque(s) for s in self.segments])
         )
-        self.units = arm.doubt * nuisance_units(body)
+        self.units = arm.inertial_error_factor * nuisance_units(body)
         self.nuisance, self.bodies = [], []
         for s in self.segments:
             regressor = body.regressor(s.motion.q, s.motion.dq, s.motion.ddq)

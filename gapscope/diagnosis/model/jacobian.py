@@ -13,7 +13,7 @@ import numpy as np
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.known_load import point_mass_parameters
 from gapscope.arm.motions.motion import Motion
-from gapscope.diagnosis.model.parametrisation import COORDINATES
+from gapscope.diagnosis.model.parametrisation import PARAMETRISATIONS
 from gapscope.diagnosis.model.terms import Terms
 from gapscope.effects.corrected import CorrectedArm, slow_with_rates
 from gapscope.effects.deflection import play_columns
@@ -22,7 +22,13 @@ from gapscope.effects.environment import acts, tilt
 from gapscope.effects.rigid_body import link_change
 from gapscope.ident.signals.conditioning import Segment
 
-BODILY = ("payload", "link_inertia", "base_tilt", "external_force", "encoder_offset")
+RIGID_BODY = (
+    "payload",
+    "link_inertia",
+    "base_tilt",
+    "external_force",
+    "encoder_offset",
+)
 """Effects that change the torque of the bodies."""
 PLAY = 0.004
 """Free play with which the columns of backlash begin [rad]."""
@@ -88,10 +94,10 @@ def columns(
 
     base = recorded(arm, rigid)
     out = np.zeros((len(motion.t), arm.arm.n_joints, terms.size))
-    for name, c in COORDINATES.items():
+    for name, c in PARAMETRISATIONS.items():
         moves_links = isinstance(c.effect, Transmission) and arm.arm.encoder == "motor"
         if (
-            name in BODILY
+            name in RIGID_BODY
             or name == "torque_saturation"
             or moves_links
             or (only and name not in only)
@@ -122,7 +128,7 @@ def columns(
 
 
 def _step(name: str) -> float:
-    c = COORDINATES[name]
+    c = PARAMETRISATIONS[name]
     return 1e-6 if isinstance(c.effect, Transmission) else c.step
 
 

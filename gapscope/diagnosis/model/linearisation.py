@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gapscope.diagnosis.gap.torque_gap import Healthy, healthy
+from gapscope.diagnosis.gap.torque_gap import NoiseFloor, noise_floor
 from gapscope.diagnosis.model.fit_data import Data
 from gapscope.diagnosis.model.jacobian import columns, link_tangent
 from gapscope.diagnosis.model.nonlinear_scan import (
@@ -72,7 +72,7 @@ class Fold:
     sides: Fold | None = None
 
     @property
-    def told(self) -> Fold:
+    def scored(self) -> Fold:
         """What evidence is drawn from: both sides where they are known, the joint's torque otherwise."""
         return self.sides or self
 
@@ -84,18 +84,18 @@ class _Part:
     gap: np.ndarray
     columns: np.ndarray
     rate: np.ndarray
-    doubt: Healthy
+    floor: NoiseFloor
     predicted: np.ndarray
 
     def trust(self, j: int) -> np.ndarray:
         """Square root of the weight of joint j's rows, (M,): less where it may stick."""
         return 1.0 / np.sqrt(
-            1.0 + (self.doubt.sticking[:, j] / self.doubt.steady[j]) ** 2
+            1.0 + (self.floor.sticking[:, j] / self.floor.steady[j]) ** 2
         )
 
 
 @dataclass(frozen=True)
-class Left:
+class ScanResidual:
     """What the nominal inertials and the plainest effects leave of the gap, M rows.
 
     Attributes:
@@ -203,14 +203,14 @@ class Linearisation:
         predicted, x = columns(
             self._corrected, self.body, segment, bodies, self.terms, self.theta
         )
-        doubt = healthy(self._corrected, self.body, segment)
+        floor = noise_floor(self._corrected, self.body, segment)
         assert segment.torque is not None
         gap = data.thin(self._corrected.delivered(segment.torque) - predicted, segment)
         rate = data.thin(np.gradient(predicted, segment.motion.t, axis=0), segment)
-        sticking = doubt.sticking[:: data.step(segment)]
+        sticking = floor.sticking[:: data.step(segment)]
         x = data.thin(x, segment)
         self._add_links(x, data.nuisance[k])
-        return _Part(gap, x, rate, Healthy(doubt.steady, sticking), predicted)
+        return _Part(gap, x, rate, NoiseFloor(floor.steady, sticking), predicted)
 
     def _link(self, k: int) -> LinkRows:
         """What the joint torque sensors measured on a segment; all zero where it has none."""
@@ -299,7 +299,7 @@ class Linearisation:
                     known[0] if known else None,
                     needed,
                 )
-        self.left = Left(
+        self.scan_residual = ScanResidual(
             np.array([scan.residual for scan in scans]).T,
             [scan.basis for scan in scans],
             np.array(
@@ -322,7 +322,7 @@ class Linearisation:
 
     def _doubt(self, parts: list[_Part], scan: Scan, j: int) -> float:
         """Variance of a healthy arm on joint j, counted per independent sample of what a scan leaves [N^2 m^2]."""
-        floor2 = np.mean([p.doubt.steady[j] ** 2 for p in parts])
+        floor2 = np.mean([p.floor.steady[j] ** 2 for p in parts])
         return float(
             floor2
             * scan.noise
@@ -425,7 +425,7 @@ class Linearisation:
             ]
         )
         t = np.concatenate([self.data.time(s) for s in segments])
-        steady = np.array([p.doubt.steady for p in parts]) ** 2
+        steady = np.array([p.floor.steady for p in parts]) ** 2
         weight = 1.0 / (steady.mean(axis=0) + (residual**2).mean(axis=0))
         return force_window(t, residual, force, weight, bases)
 
@@ -433,9 +433,9 @@ class Linearisation:
         """The rows of some segments, cut in the middle."""
         chosen = [parts[k] for k in places]
         segments = [self.data.segments[k] for k in places]
-        sticking = np.vstack([p.doubt.sticking for p in chosen])
+        sticking = np.vstack([p.floor.sticking for p in chosen])
         steady2 = np.vstack(
-            [np.broadcast_to(p.doubt.steady**2, p.gap.shape) for p in chosen]
+            [np.broadcast_to(p.floor.steady**2, p.gap.shape) for p in chosen]
         )
         seconds = sum(float(s.motion.t[-1] - s.motion.t[0]) for s in segments) / 2
         count = int(

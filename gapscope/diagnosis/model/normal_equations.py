@@ -6,7 +6,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 
-class Normal:
+class NormalEquations:
     """Normal equations of some folds for P parameters of terms, with K nuisances under a Gaussian prior.
 
     For given parameters the best nuisance is affine in them, delta = D [theta; 1], so that everything that is asked of

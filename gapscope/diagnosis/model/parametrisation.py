@@ -18,7 +18,7 @@ Values = Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True)
-class Coordinates:
+class Parametrisation:
     """How one effect is written, on one joint, one link or the whole arm.
 
     Attributes:
@@ -113,14 +113,14 @@ def _of(
     step: float = 1.0,
     lowest: float = -np.inf,
     values: Callable[[np.ndarray, np.ndarray], Values] | None = None,
-) -> Coordinates:
+) -> Parametrisation:
     effect = CATALOGUE[name]
-    return Coordinates(
+    return Parametrisation(
         effect, linear, shape, values or _first(effect.names[0]), step, lowest
     )
 
 
-COORDINATES: dict[str, Coordinates] = {
+PARAMETRISATIONS: dict[str, Parametrisation] = {
     c.effect.name: c
     for c in (
         _of("coulomb_friction"),

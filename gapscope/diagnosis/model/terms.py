@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gapscope.diagnosis.model.parametrisation import COORDINATES, Coordinates
+from gapscope.diagnosis.model.parametrisation import PARAMETRISATIONS, Parametrisation
 from gapscope.effects.applied import AppliedEffect
 
-EXPLAINED = tuple(COORDINATES)
+EXPLAINED = tuple(PARAMETRISATIONS)
 """Effects that a diagnosis can find by the torque gap."""
 
 
@@ -29,9 +29,9 @@ class Term:
     columns: tuple[int, ...]
 
     @property
-    def coordinates(self) -> Coordinates:
+    def coordinates(self) -> Parametrisation:
         """The coordinates of its effect."""
-        return COORDINATES[self.effect]
+        return PARAMETRISATIONS[self.effect]
 
     @property
     def finding(self) -> str:
@@ -58,7 +58,7 @@ class Terms:
     def __post_init__(self) -> None:
         """Lay out theta: effect by effect, coordinate by coordinate, joint by joint."""
         terms, start = [], 0
-        for name, c in COORDINATES.items():
+        for name, c in PARAMETRISATIONS.items():
             places = 1 if c.effect.scope == "arm" else self.n_joints
             for k in range(places):
                 columns = tuple(start + i * places + k for i in range(c.linear))
@@ -133,12 +133,12 @@ class Terms:
     def clipped(self, theta: np.ndarray) -> np.ndarray:
         """Theta with values of springs, bodies and effects that have a single parameter moved into their bounds."""
         out = theta.copy()
-        for name, c in COORDINATES.items():
+        for name, c in PARAMETRISATIONS.items():
             if c.linear == 1 and not c.shape:
                 block = self.block(name)
                 out[block] = np.clip(out[block], *c.effect.parameters[0].bounds)
         stiffness, moment = self.block("parallel_spring")
-        farthest = COORDINATES["parallel_spring"].effect.parameter("rest").bounds[
+        farthest = PARAMETRISATIONS["parallel_spring"].effect.parameter("rest").bounds[
             1
         ] * np.abs(out[stiffness])
         out[moment] = np.clip(out[moment], -farthest, farthest)
@@ -147,9 +147,9 @@ class Terms:
         ):
             out[row] = np.clip(
                 out[row],
-                *COORDINATES["link_inertia"].effect.parameter(parameter).bounds,
+                *PARAMETRISATIONS["link_inertia"].effect.parameter(parameter).bounds,
             )
-        mass, com = (p.bounds for p in COORDINATES["payload"].effect.parameters)
+        mass, com = (p.bounds for p in PARAMETRISATIONS["payload"].effect.parameters)
         places = self.block("payload")[:, 0]
         m = np.clip(out[places[0]], *mass)
         out[places[0]] = m

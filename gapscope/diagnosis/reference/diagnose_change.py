@@ -19,8 +19,12 @@ from gapscope.diagnosis.reference.reference import (
     check_same_arm,
     identify_reference,
 )
-from gapscope.diagnosis.reference.reference_json import told
-from gapscope.diagnosis.reference.reference_uncertainty import Fit, Leeway, Term
+from gapscope.diagnosis.reference.reference_json import comparison_entry
+from gapscope.diagnosis.reference.reference_uncertainty import (
+    Fit,
+    ReferenceUncertainty,
+    Term,
+)
 from gapscope.effects.applied import AppliedEffect
 from gapscope.ident.identification import Identification
 from gapscope.ident.model.pseudo_inertia import is_consistent
@@ -43,7 +47,7 @@ ROUNDS = 3
 """Times at most that the leeway is used, and the gap that is left diagnosed anew."""
 SETTLED = 0.002
 """A leeway that changes no joint's torque NRMSE by more than this is not worth another round."""
-DOUBT = 0.15
+INERTIAL_ERROR_FACTOR = 0.15
 """Doubt about the identified inertials beside those of a data sheet: what the reference leaves open is counted by the
 leeway, and a wide doubt on top would take a load on the last link for an error of that link."""
 SMALLEST_STEP = 1e-6
@@ -83,7 +87,7 @@ def diagnose_change(
         change = Change(
             identified, state.today, final, baseline, state.dropped, shift, diagnosis
         )
-        content = told(change, leeway.covariances())
+        content = comparison_entry(change, leeway.covariances())
     return replace(change, diagnosis=replace(diagnosis, document=content))
 
 
@@ -93,13 +97,13 @@ def _settled(
     state: _State,
     urdf: Path,
     progress: Callable[[str], None],
-) -> tuple[_State, Study, Leeway]:
+) -> tuple[_State, Study, ReferenceUncertainty]:
     """Diagnose, use the leeway, diagnose what is left, until nothing moves; what is left open twice is not named."""
     for turn in range(ROUNDS + 1):
         study = examine(
             _on(case, state.today, urdf), progress, state.baseline(identified)
         )
-        leeway = Leeway(
+        leeway = ReferenceUncertainty(
             identified, state.today.physical.value, study.case, study.effects
         )
         if turn == ROUNDS:
@@ -151,7 +155,7 @@ def _on(case: Case, result: Identification, urdf: Path) -> Case:
         armature=armature,
         coulomb=coulomb,
         viscous=viscous,
-        doubt=DOUBT,
+        inertial_error_factor=INERTIAL_ERROR_FACTOR,
     )
     return replace(case, arm=arm)
 
@@ -169,7 +173,7 @@ def _inherent(
 
 
 def _moved(
-    reference: Reference, today: Identification, fit: Fit, leeway: Leeway
+    reference: Reference, today: Identification, fit: Fit, leeway: ReferenceUncertainty
 ) -> tuple[Identification, np.ndarray]:
     """The identification with x moved within the leeway, bodies still possible; and torque NRMSE of the step, (n,)."""
     before, names = (

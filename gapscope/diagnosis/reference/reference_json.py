@@ -18,7 +18,7 @@ SCALED = (
 """Said wherever a load is found."""
 
 
-def told(
+def comparison_entry(
     change: Change, covariances: Sequence[tuple[Term, np.ndarray]]
 ) -> dict[str, Any]:
     """The document of the diagnosis with the key ``against``, wider deviations, and what has to be said with it.

@@ -30,7 +30,7 @@ from gapscope.ident.signals.conditioning import position_cutoff
 DAY = 0.15
 """Share by which Coulomb and viscous friction may differ from one day to another: friction of a joint changes with its
 temperature [bittencourt2012]. A choice: what is beyond it is news, what is within it can be no finding."""
-NEWS = 0.01
+MIN_CHANGE = 0.01
 """An effect is news if without it the torque NRMSE of some joint is wider by this much."""
 SKEW = 3e-4
 """Standard deviation of the skew of sampling [s]."""
@@ -66,7 +66,7 @@ class Fit:
     nrmse: np.ndarray
 
 
-class Leeway:
+class ReferenceUncertainty:
     """The gap of a case against the identified arm, and what the reference leaves open of it.
 
     Args:
@@ -255,7 +255,7 @@ class Leeway:
                 for term in kept
             ]
             least = int(np.argmin(closes))
-            if closes[least] >= NEWS:
+            if closes[least] >= MIN_CHANGE:
                 break
             dropped.append((kept.pop(least), closes[least]))
         return tuple(kept), tuple(dropped)

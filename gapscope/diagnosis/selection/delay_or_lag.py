@@ -57,6 +57,6 @@ def _gain(
     delayed: Model, rates: list[np.ndarray], late: np.ndarray, second: float
 ) -> float:
     """Evidence of n + T n' + second T^2 n'' less that of the delay [nats]."""
-    left = delayed.linear.left
+    left = delayed.linear.scan_residual
     change = (second - 0.5) * late**2 * rates[1] - late**3 / 6 * rates[2]
     return left.gain(change, free=rates[0])

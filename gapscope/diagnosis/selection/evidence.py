@@ -22,8 +22,8 @@ import numpy as np
 
 from gapscope.diagnosis.gap.torque_gap import MODEL_FORM
 from gapscope.diagnosis.model.linearisation import Fold, Linearisation
-from gapscope.diagnosis.model.normal_equations import Normal
-from gapscope.diagnosis.model.parametrisation import COORDINATES
+from gapscope.diagnosis.model.normal_equations import NormalEquations
+from gapscope.diagnosis.model.parametrisation import PARAMETRISATIONS
 from gapscope.diagnosis.model.terms import Term, cost, count_findings
 
 NEW_EFFECT = 20.0
@@ -58,8 +58,8 @@ class Fit:
     score: float
     cost: float
     theta: np.ndarray
-    unseen: np.ndarray
-    missed: np.ndarray
+    held_out_mse: np.ndarray
+    scored_mse: np.ndarray
     impossible: frozenset[Term] = frozenset()
 
 
@@ -104,22 +104,24 @@ class Evidence:
     def __init__(
         self,
         linearisation: Linearisation,
-        missed: np.ndarray,
+        scored_mse: np.ndarray,
         sigma: float,
         rows: tuple[Rows, Rows],
     ) -> None:
         self.linear, self.sigma = linearisation, sigma
         self.terms = linearisation.terms
-        self.torque, self.told = rows
+        self.torque, self.scored = rows
         self.skew = self.torque.skew
-        told = self.told
+        scored = self.scored
         self.weights = (
-            told.independent / np.maximum(told.count, 1e-9) / (missed + told.floor2)
+            scored.independent
+            / np.maximum(scored.count, 1e-9)
+            / (scored_mse + scored.floor2)
         )
         weighted = np.array(
             [
                 np.tensordot(w, g, axes=1)
-                for w, g in zip(self.weights, told.gram, strict=True)
+                for w, g in zip(self.weights, scored.gram, strict=True)
             ]
         )
         total = weighted.sum(axis=0)
@@ -127,9 +129,9 @@ class Evidence:
         self.spread = np.where(
             np.arange(k) < bodies, sigma, 1.0
         )  # the sensors' errors are in units of theirs
-        self._all = Normal(total, self.terms.size, self.spread)
+        self._all = NormalEquations(total, self.terms.size, self.spread)
         self._without = [
-            Normal(total - w, self.terms.size, self.spread) for w in weighted
+            NormalEquations(total - w, self.terms.size, self.spread) for w in weighted
         ]
         self.lowest = _lowest(linearisation)
         last = linearisation.body.last_link
@@ -140,7 +142,7 @@ class Evidence:
             self.spread, self.spread
         )
         self._log_det = 0.5 * float(np.linalg.slogdet(np.eye(k) + information)[1])
-        self.per_parameter = 0.5 * float(np.log(told.independent.sum()))
+        self.per_parameter = 0.5 * float(np.log(scored.independent.sum()))
 
     @property
     def rows(self) -> np.ndarray:
@@ -155,13 +157,13 @@ class Evidence:
     def fit(self, terms: frozenset[Term]) -> Fit:
         """Fit and score a set of terms; the score is minus infinity where a value could not be."""
         theta = self._all.solve(_columns(terms))
-        unseen = self.unseen(terms)
+        held_out_mse = self.held_out_mse(terms)
         delta = self._all.nuisance(theta, _columns(terms))
-        missed = unseen
-        if self.told is not self.torque:
-            missed = _mean_square(
-                self.told.gram,
-                self.told.count,
+        scored_mse = held_out_mse
+        if self.scored is not self.torque:
+            scored_mse = _mean_square(
+                self.scored.gram,
+                self.scored.count,
                 self._without,
                 _columns(terms),
                 corrected=True,
@@ -174,7 +176,11 @@ class Evidence:
         cost += 0.5 * float(((delta / self.spread) ** 2).sum()) + self._log_det
         score = (
             -0.5
-            * float((self.told.independent * np.log1p(missed / self.told.floor2)).sum())
+            * float(
+                (
+                    self.scored.independent * np.log1p(scored_mse / self.scored.floor2)
+                ).sum()
+            )
             - cost
         )
         impossible = self.terms.impossible(theta, terms, self.lowest)
@@ -185,8 +191,8 @@ class Evidence:
             -np.inf if impossible else score,
             cost,
             theta,
-            unseen,
-            missed,
+            held_out_mse,
+            scored_mse,
             impossible,
         )
 
@@ -203,7 +209,7 @@ class Evidence:
         ``MODEL_FORM``, may shift a value by, were half of it proportional to the term's own column.
         """
         columns = _columns(terms)
-        last = self.told.gram.shape[-1] - 1
+        last = self.scored.gram.shape[-1] - 1
         pieces = self._pieces(
             np.concatenate([columns, np.arange(self.terms.size, last + 1)])
         )
@@ -213,14 +219,14 @@ class Evidence:
                 rng.integers(len(pieces), size=len(pieces)), minlength=len(pieces)
             ).astype(float)
             total = np.tensordot(counts, pieces, axes=1)
-            values[draw, columns] = Normal(total, len(columns), self.spread).solve(
-                np.arange(len(columns))
-            )
+            values[draw, columns] = NormalEquations(
+                total, len(columns), self.spread
+            ).solve(np.arange(len(columns)))
         return values + rng.normal(size=values.shape) * self._systematic()
 
     def halves(self) -> tuple[np.ndarray, np.ndarray]:
         """Weighed normal equations of every other piece of the data, and of those between."""
-        pieces = self._pieces(np.arange(self.told.gram.shape[-1]))
+        pieces = self._pieces(np.arange(self.scored.gram.shape[-1]))
         return pieces[::2].sum(axis=0), pieces[1::2].sum(axis=0)
 
     def _pieces(self, places: np.ndarray) -> np.ndarray:
@@ -229,7 +235,7 @@ class Evidence:
             [
                 np.einsum(
                     "bjxy,j->bxy",
-                    _with_skew(fold.told.gram, self.skew)[
+                    _with_skew(fold.scored.gram, self.skew)[
                         :, :, places[:, None], places
                     ],
                     w,
@@ -249,35 +255,41 @@ class Evidence:
 
     def without_last(self, terms: frozenset[Term]) -> np.ndarray:
         """Values of the terms fitted without the last recording, shape (P,)."""
-        weighted = (self.told.gram * self.weights[:, :, None, None]).sum(axis=1)
+        weighted = (self.scored.gram * self.weights[:, :, None, None]).sum(axis=1)
         total = weighted[:-2].sum(axis=0) if len(weighted) > 2 else weighted.sum(axis=0)
-        return Normal(total, self.terms.size, self.spread).solve(_columns(terms))
+        return NormalEquations(total, self.terms.size, self.spread).solve(
+            _columns(terms)
+        )
 
     def left_out(self, terms: frozenset[Term]) -> list[tuple[np.ndarray, np.ndarray]]:
         """Per recording the values of the terms fitted without its first, and without its second half, (P,) each."""
         values = [normal.solve(_columns(terms)) for normal in self._without]
         return list(zip(values[::2], values[1::2], strict=True))
 
-    def unseen(self, terms: frozenset[Term], *, corrected: bool = True) -> np.ndarray:
+    def held_out_mse(
+        self, terms: frozenset[Term], *, corrected: bool = True
+    ) -> np.ndarray:
         """Mean square of the gap on each fold under values fitted to the others [N^2 m^2], (F, n).
 
         ``corrected`` says whether the nuisances, errors of the nominal inertials and skew, are taken out as well.
         """
         return self._gap(terms, self._without, corrected)
 
-    def seen(self, terms: frozenset[Term], *, corrected: bool = True) -> np.ndarray:
+    def in_sample_mse(
+        self, terms: frozenset[Term], *, corrected: bool = True
+    ) -> np.ndarray:
         """Mean square of the gap on each fold under values fitted to all folds [N^2 m^2], (F, n)."""
         return self._gap(terms, [self._all] * len(self.rows), corrected)
 
     def sensor_errors(self, terms: frozenset[Term]) -> np.ndarray | None:
         """Zero, scale and lag of each joint's torque sensor with a set of terms, over their spread, (3 n,)."""
-        if self.told is self.torque:
+        if self.scored is self.torque:
             return None
         delta = self._all.nuisance(self._all.solve(_columns(terms)), _columns(terms))
         return delta[len(self.linear.data.units) :]
 
     def _gap(
-        self, terms: frozenset[Term], normals: list[Normal], corrected: bool
+        self, terms: frozenset[Term], normals: list[NormalEquations], corrected: bool
     ) -> np.ndarray:
         gram = self.torque.gram if corrected else self.torque.plain
         return _mean_square(
@@ -288,7 +300,7 @@ class Evidence:
 def _mean_square(
     gram: np.ndarray,
     count: np.ndarray,
-    normals: list[Normal],
+    normals: list[NormalEquations],
     columns: np.ndarray,
     *,
     corrected: bool,
@@ -328,7 +340,7 @@ def _lowest(linearisation: Linearisation) -> np.ndarray:
         "viscous_friction": arm.viscous,
         "armature": arm.armature,
     }
-    for name, c in COORDINATES.items():
+    for name, c in PARAMETRISATIONS.items():
         lowest[terms.block(name)[0]] = c.lowest
     for name, values in believed.items():
         lowest[terms.block(name)[0]] = -values - 1e-9
@@ -341,7 +353,7 @@ def _lowest(linearisation: Linearisation) -> np.ndarray:
 
 
 def evidences(
-    linearisation: Linearisation, missed: np.ndarray, terms: frozenset[Term]
+    linearisation: Linearisation, scored_mse: np.ndarray, terms: frozenset[Term]
 ) -> tuple[Evidence, ...]:
     """The evidence under each error of the nominal inertials, best first, with the skew that explains the data best."""
 
@@ -355,15 +367,15 @@ def evidences(
     def rows(skew: float) -> tuple[Rows, Rows]:
         torque = Rows(linearisation.folds, skew)
         return torque, Rows(
-            [f.told for f in linearisation.folds], skew
+            [f.scored for f in linearisation.folds], skew
         ) if linearisation.data.sensed else torque
 
     best = ranked(
-        [Evidence(linearisation, missed, 0.01, rows(skew)) for skew in SKEWS]
+        [Evidence(linearisation, scored_mse, 0.01, rows(skew)) for skew in SKEWS]
     )[0]
     return ranked(
         [
-            Evidence(linearisation, missed, sigma, (best.torque, best.told))
+            Evidence(linearisation, scored_mse, sigma, (best.torque, best.scored))
             for sigma in NOMINAL_ERROR
         ]
     )

@@ -6,7 +6,7 @@ from gapscope.diagnosis.model.terms import Term, Terms
 
 CONTESTS = (("actuator_delay", "actuator_lag"),)
 """Effects with the same column where they begin."""
-RINGING = ("joint_elasticity", "backlash")
+COMPLIANT = ("joint_elasticity", "backlash")
 """Effects so far from linear that a model around their values says nothing of their absence."""
 
 
@@ -15,14 +15,16 @@ def neighbours(chosen: frozenset[Term], terms: Terms) -> list[frozenset[Term]]:
 
     Joints that ring or play stay: a model around their values says nothing of their absence.
     """
-    settled = {t for t in chosen if t.effect not in RINGING}
+    settled = {t for t in chosen if t.effect not in COMPLIANT}
     moves = [chosen - {t} for t in settled]
     of_joints = {t.effect for t in terms.open if t.coordinates.effect.scope == "joint"}
     for name in {t.effect for t in settled}:
         mine = frozenset(t for t in chosen if t.effect == name)
         moves.append(chosen - mine)
         joints = {t.joint for t in mine}
-        for other in of_joints - {t.effect for t in chosen} - {same(t) for t in mine}:
+        for other in (
+            of_joints - {t.effect for t in chosen} - {near_equivalent(t) for t in mine}
+        ):
             moves.append(
                 (chosen - mine)
                 | {t for t in terms.open if t.effect == other and t.joint in joints}
@@ -31,7 +33,9 @@ def neighbours(chosen: frozenset[Term], terms: Terms) -> list[frozenset[Term]]:
         rivals = [
             t
             for t in terms.open
-            if t not in chosen and t.joint in (term.joint, 0) and t.effect != same(term)
+            if t not in chosen
+            and t.joint in (term.joint, 0)
+            and t.effect != near_equivalent(term)
         ]
         moves += [(chosen - {term}) | {rival} for rival in rivals]
         if term.joint == 0:
@@ -42,11 +46,11 @@ def neighbours(chosen: frozenset[Term], terms: Terms) -> list[frozenset[Term]]:
 def clashes(term: Term, chosen: frozenset[Term], terms: Terms) -> bool:
     """Whether a term is chosen already, or one that says the same of the same joint."""
     return term in chosen or any(
-        t.effect == same(term) and t.joint == term.joint for t in chosen
+        t.effect == near_equivalent(term) and t.joint == term.joint for t in chosen
     )
 
 
-def same(term: Term) -> str | None:
+def near_equivalent(term: Term) -> str | None:
     """The effect that looks like a term's to first order, with which it is contested."""
     return next(
         (b if term.effect == a else a for a, b in CONTESTS if term.effect in (a, b)),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gapscope.diagnosis.selection.delay_or_lag import lag_over_delay
-from gapscope.diagnosis.selection.moves import CONTESTS, RINGING
+from gapscope.diagnosis.selection.moves import COMPLIANT, CONTESTS
 from gapscope.diagnosis.selection.state import VISIBLE_EFFECT, State, nrmse
 
 RARE = 20.0
@@ -16,7 +16,7 @@ DECISIVE_NRMSE = 0.0007
 """...if the unseen torque NRMSE of some joint differs by this much, more than the form of the model explains."""
 
 
-def contest(state: State) -> None:
+def compare_near_equivalents(state: State) -> None:
     """Give effects that look alike to first order the place of each other, each around its own values.
 
     The second of a pair is named only where it is decisively better; where neither is, both stay open.
@@ -30,7 +30,7 @@ def contest(state: State) -> None:
         states = {chosen: state.model}
         other = second if chosen == first else first
         rest = frozenset(t for t in state.fit.terms if t.effect != chosen)
-        state.accept(
+        state.fit_terms(
             rest
             | {t for t in state.terms.open if t.effect == other and t.joint in joints}
         )
@@ -43,7 +43,7 @@ def contest(state: State) -> None:
             continue
         gained = states[first].gain(states[second])
         left = {
-            name: nrmse(known.evidences[0], known.fit.unseen, state.scale)
+            name: nrmse(known.evidences[0], known.fit.held_out_mse, state.scale)
             for name, known in states.items()
         }
         decisive = (
@@ -65,23 +65,23 @@ def prefer_payload(state: State) -> None:
     if not link or payload & state.fit.terms:
         return
     before = state.model
-    state.accept((state.fit.terms - link) | payload)
+    state.fit_terms((state.fit.terms - link) | payload)
     gained = state.model.gain(before)
     state.contested["payload", "link_inertia"] = min(gained - RARE, 0.0)
     if gained > RARE:
         state.model = before
 
 
-def doubt(state: State) -> None:
+def drop_unneeded_compliance(state: State) -> None:
     """Try the model without each joint that bends or plays, around its own values; keep those that a person can see."""
     for term in sorted(
-        (t for t in state.fit.terms if t.effect in RINGING),
+        (t for t in state.fit.terms if t.effect in COMPLIANT),
         key=lambda t: (t.effect, t.joint),
     ):
         if term not in state.fit.terms:
             continue
         before = state.model
-        state.accept(state.fit.terms - {term})
+        state.fit_terms(state.fit.terms - {term})
         gained, without = before.gain(state.model), state.model
         state.model = before
         if gained > 0 or state.closed(without) < VISIBLE_EFFECT:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.diagnosis.model.terms import Term
-from gapscope.diagnosis.selection.moves import RINGING
+from gapscope.diagnosis.selection.moves import COMPLIANT
 from gapscope.diagnosis.selection.state import State
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.deflection import behind_elasticity, behind_play
@@ -47,12 +47,12 @@ class Start:
 def starts(state: State) -> list[Start]:
     """The best start of each effect on each joint that neither rings nor plays yet, the most promising first."""
     evidence = state.evidence
-    left2 = (state.fit.unseen * evidence.rows).sum(axis=0) / (
+    left2 = (state.fit.held_out_mse * evidence.rows).sum(axis=0) / (
         evidence.floor2 * evidence.rows
     ).sum(axis=0)
     if state.data.arm.encoder != "motor" or left2.max() < LEAST_RATIO**2:
         return []
-    taken = {t.joint for t in state.fit.terms if t.effect in RINGING}
+    taken = {t.joint for t in state.fit.terms if t.effect in COMPLIANT}
     free = [j for j in range(state.data.arm.n_joints) if j + 1 not in taken]
     bodies = _Bodies(state)
     best: dict[Term, Start] = {}
@@ -138,7 +138,7 @@ def _candidates(state: State, bodies: _Bodies, j: int) -> Iterator[Start]:
             yield Start(
                 elasticity,
                 values,
-                state.linear.left.gain(bodies.elastic(j, stiffness, damping)),
+                state.linear.scan_residual.gain(bodies.elastic(j, stiffness, damping)),
             )
     torque = np.concatenate([x[:, j] for x in bodies.torque])
     if torque.min() < 0 < torque.max():
@@ -146,5 +146,5 @@ def _candidates(state: State, bodies: _Bodies, j: int) -> Iterator[Start]:
             yield Start(
                 backlash,
                 np.array([width]),
-                state.linear.left.gain(bodies.loose(j, width)),
+                state.linear.scan_residual.gain(bodies.loose(j, width)),
             )

@@ -10,11 +10,15 @@ import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
-from gapscope.diagnosis.model.parametrisation import COORDINATES
+from gapscope.diagnosis.model.parametrisation import PARAMETRISATIONS
 from gapscope.diagnosis.model.terms import EXPLAINED, Term
 from gapscope.diagnosis.selection.evidence import Evidence, Fit
-from gapscope.diagnosis.selection.moves import RINGING, clashes, same
-from gapscope.diagnosis.selection.near_equivalents import contest, doubt, prefer_payload
+from gapscope.diagnosis.selection.moves import COMPLIANT, clashes, near_equivalent
+from gapscope.diagnosis.selection.near_equivalents import (
+    compare_near_equivalents,
+    drop_unneeded_compliance,
+    prefer_payload,
+)
 from gapscope.diagnosis.selection.resonance_starts import starts
 from gapscope.diagnosis.selection.state import VISIBLE_EFFECT, State
 from gapscope.ident.signals.conditioning import Segment, thinned
@@ -34,7 +38,7 @@ MOST_STARTS = 3
 
 
 @dataclass(frozen=True)
-class Search:
+class Selection:
     """Result of a search.
 
     Attributes:
@@ -51,7 +55,7 @@ class Search:
     evidence: Evidence
     considered: tuple[tuple[Fit, Fit], ...]
     contested: Mapping[tuple[str, str], float]
-    nothing: np.ndarray
+    nominal_mse: np.ndarray
 
 
 def search(
@@ -60,28 +64,28 @@ def search(
     folds: list[list[Segment]],
     cutoff: float,
     progress: Callable[[str], None] = lambda message: None,
-) -> Search:
+) -> Selection:
     """Find the terms that explain the gap of recordings, judged on halves of recordings left out of the fit."""
     state = State(
         arm, body, [[thinned(s, SEARCH_RATE) for s in fold] for fold in folds], cutoff
     )
     considered: list[tuple[Fit, Fit]] = []
-    nothing = state.fit.unseen
+    nominal_mse = state.fit.held_out_mse
     _forward(state, considered, progress)
     while _rings(state, progress) or _pair(state, progress):
         _forward(state, considered, progress)
-    contest(state)
+    compare_near_equivalents(state)
     prefer_payload(state)
-    doubt(state)
+    drop_unneeded_compliance(state)
     state.prune()
-    state.polish()
-    return Search(
+    state.relinearise()
+    return Selection(
         state.scale,
         state.fit,
         state.evidence,
         tuple(considered),
         state.contested,
-        nothing,
+        nominal_mse,
     )
 
 
@@ -104,7 +108,7 @@ def _forward(
         ]
         before = state.model
         for k, group in enumerate(groups):
-            state.accept(group.terms)
+            state.fit_terms(group.terms)
             if before.gain(state.model) > 0:
                 considered += [(group, rival) for rival in groups[k + 1 : k + 4]]
                 progress("adds " + _describe(group.terms - before.fit.terms))
@@ -123,7 +127,7 @@ def _rings(state: State, progress: Callable[[str], None]) -> bool:
     """Add a joint that rings or plays, if one explains what is left."""
     before = state.model
     for start in starts(state)[:MOST_STARTS]:
-        state.accept(before.fit.terms | {start.term}, {start.term: start.values})
+        state.fit_terms(before.fit.terms | {start.term}, {start.term: start.values})
         better = (
             before.gain(state.model) > LEAST_GAIN
             and state.closed(before) >= VISIBLE_EFFECT
@@ -142,7 +146,7 @@ def _pair(state: State, progress: Callable[[str], None]) -> bool:
     Not beside a joint that rings or plays, whose form leaves more than a pair that shows alone in neither part.
     """
     before = state.model
-    if any(t.effect in RINGING for t in before.fit.terms):
+    if any(t.effect in COMPLIANT for t in before.fit.terms):
         return False
     found = (_group(state, effect) for effect in EXPLAINED)
     groups = sorted((g for g in found if g is not None), key=lambda fit: -fit.score)[
@@ -157,7 +161,7 @@ def _pair(state: State, progress: Callable[[str], None]) -> bool:
     best = max(fits, key=lambda fit: fit.score, default=before.fit)
     if best.score < before.fit.score + LEAST_GAIN:
         return False
-    state.accept(best.terms)
+    state.fit_terms(best.terms)
     if before.gain(state.model) > LEAST_GAIN and len(state.fit.terms) > len(
         before.fit.terms
     ):
@@ -170,7 +174,11 @@ def _pair(state: State, progress: Callable[[str], None]) -> bool:
 
 def _contested(terms: frozenset[Term]) -> bool:
     """Whether two of the terms say the same of one joint."""
-    return any(a.joint == b.joint and a.effect == same(b) for a in terms for b in terms)
+    return any(
+        a.joint == b.joint and a.effect == near_equivalent(b)
+        for a in terms
+        for b in terms
+    )
 
 
 def _describe(terms: frozenset[Term]) -> str:
@@ -201,7 +209,7 @@ def _group(state: State, effect: str) -> Fit | None:
         (state.evidence.fit(state.fit.terms | {t}) for t in free),
         key=lambda f: -f.score,
     )
-    if COORDINATES[effect].effect.scope != "joint":
+    if PARAMETRISATIONS[effect].effect.scope != "joint":
         return state.best(singles[0].terms) if singles else None
     for single in singles:
         known = group or state.fit

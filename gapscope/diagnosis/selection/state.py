@@ -14,7 +14,12 @@ from gapscope.diagnosis.model.fit_data import Data
 from gapscope.diagnosis.model.linearisation import Linearisation
 from gapscope.diagnosis.model.terms import Term, Terms
 from gapscope.diagnosis.selection.evidence import Evidence, Fit, evidences
-from gapscope.diagnosis.selection.moves import RINGING, by_finding, by_term, neighbours
+from gapscope.diagnosis.selection.moves import (
+    COMPLIANT,
+    by_finding,
+    by_term,
+    neighbours,
+)
 from gapscope.ident.signals.conditioning import Segment
 
 MOST_LINEARISATIONS = 3
@@ -43,10 +48,10 @@ class Model(NamedTuple):
     def gain(self, rival: Model) -> float:
         """Evidence of a rival less that of this model, each around its own values, by the same floors and samples."""
         one, other = self.evidences[0], rival.evidences[0]
-        samples = 0.5 * (one.told.independent + other.told.independent)
-        floor2 = 0.5 * (one.told.floor2 + other.told.floor2)
+        samples = 0.5 * (one.scored.independent + other.scored.independent)
+        floor2 = 0.5 * (one.scored.floor2 + other.scored.floor2)
         mine, its = (
-            float((samples * np.log1p(f.missed / floor2)).sum())
+            float((samples * np.log1p(f.scored_mse / floor2)).sum())
             for f in (self.fit, rival.fit)
         )
         return 0.5 * (mine - its) - rival.fit.cost + self.fit.cost
@@ -66,18 +71,18 @@ class State:
         self.scale = self.data.torque_deviation
         terms = Terms(arm.n_joints)
         linear = Linearisation(self.data, np.zeros(terms.size), terms)
-        told = [fold.told for fold in linear.folds]
+        scored = [fold.scored for fold in linear.folds]
         gap = np.array(
             [
                 f.gram[:, :, -2, -2].sum(axis=0) / np.maximum(f.rows.sum(axis=0), 1e-9)
-                for f in told
+                for f in scored
             ]
         )
         weighed = evidences(linear, gap, frozenset())
         self.model = Model(linear, weighed, weighed[0].fit(frozenset()))
         self.contested: dict[tuple[str, str], float] = {}
 
-    def accept(
+    def fit_terms(
         self, terms: frozenset[Term], starts: Mapping[Term, np.ndarray] | None = None
     ) -> None:
         """Take a set of terms, less those whose values turn out impossible.
@@ -98,7 +103,7 @@ class State:
             linear = Linearisation(
                 self.data, settled(fit), Terms(self.terms.n_joints, shapes)
             )
-            weighed = evidences(linear, fit.missed, terms)
+            weighed = evidences(linear, fit.scored_mse, terms)
             self.model = Model(linear, weighed, weighed[0].fit(terms))
             self.model = self.model._replace(fit=self._possible(terms))
             terms = self.fit.terms
@@ -175,7 +180,7 @@ class State:
                 break
             before = self.model
             been.add(best.terms)
-            self.accept(best.terms)
+            self.fit_terms(best.terms)
             been.add(self.fit.terms)
             if before.gain(self.model) < 0:
                 self.model = before
@@ -188,7 +193,7 @@ class State:
         """
         for least, parts in ((VISIBLE_EFFECT, by_finding), (VISIBLE_TERM, by_term)):
             while calm := frozenset(
-                t for t in self.fit.terms if t.effect not in RINGING
+                t for t in self.fit.terms if t.effect not in COMPLIANT
             ):
                 loss = {
                     part: self._difference(self.fit.terms - part, self.fit.terms)
@@ -197,7 +202,7 @@ class State:
                 faintest = min(loss, key=lambda part: loss[part])
                 if loss[faintest] >= least:
                     break
-                self.accept(self.fit.terms - faintest)
+                self.fit_terms(self.fit.terms - faintest)
 
     def visible(self, terms: frozenset[Term]) -> bool:
         """Whether more terms close enough of the gap for a person to see it."""
@@ -216,7 +221,7 @@ class State:
             evidence = model.evidences[0]
             return nrmse(
                 evidence,
-                evidence.unseen(model.fit.terms, corrected=corrected),
+                evidence.held_out_mse(model.fit.terms, corrected=corrected),
                 self.scale,
             )
 
@@ -241,21 +246,23 @@ class State:
             return float((few_left - many_left).max())
 
         plain, corrected = (
-            min(closed(evidence.unseen, c), closed(evidence.seen, c))
+            min(closed(evidence.held_out_mse, c), closed(evidence.in_sample_mse, c))
             for c in (False, True)
         )
         return max(plain, corrected) if plain > 0 else plain
 
-    def polish(self) -> None:
+    def relinearise(self) -> None:
         """Linearise once more around the final values."""
         if self.fit.terms:
-            self.accept(self.fit.terms)
+            self.fit_terms(self.fit.terms)
 
 
-def nrmse(evidence: Evidence, unseen: np.ndarray, scale: np.ndarray) -> np.ndarray:
+def nrmse(
+    evidence: Evidence, held_out_mse: np.ndarray, scale: np.ndarray
+) -> np.ndarray:
     """Torque NRMSE per joint, (n,), from the mean square of the gap per fold and joint."""
     return (
-        np.sqrt((unseen * evidence.rows).sum(axis=0) / evidence.rows.sum(axis=0))
+        np.sqrt((held_out_mse * evidence.rows).sum(axis=0) / evidence.rows.sum(axis=0))
         / scale
     )
 

@@ -11,7 +11,7 @@ import numpy as np
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.setup_faults.channel_mapping import (
-    Reading,
+    ChannelMapping,
     flipped,
     scaled,
     shifted,
@@ -45,7 +45,7 @@ class Candidate:
     name: str
     joints: tuple[int, ...]
     variant: str
-    reading: Reading
+    reading: ChannelMapping
     values: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
 
@@ -62,7 +62,7 @@ def of_torque(n: int) -> list[Candidate]:
     swaps = [_swap(n, (i, j), "torque") for j in range(n) for i in range(j)]
     every = tuple(range(1, n + 1))
     columns = tuple(range(n))
-    turned = Reading(columns, (1.0,) * n, columns, (-1.0,) * n)
+    turned = ChannelMapping(columns, (1.0,) * n, columns, (-1.0,) * n)
     return [*flips, *both, *swaps, Candidate("sign_flip", every, "torque", turned)]
 
 
@@ -94,7 +94,9 @@ def of_inertials(n: int) -> list[Candidate]:
     ]
 
 
-def of_units(arm: NominalArm, samples: Samples, reading: Reading) -> list[Candidate]:
+def of_units(
+    arm: NominalArm, samples: Samples, reading: ChannelMapping
+) -> list[Candidate]:
     """Degrees on each joint, all, and those that move too far; motor side on the latter, together and alone."""
     n = arm.n_joints
     every = tuple(range(n))
@@ -108,7 +110,9 @@ def of_units(arm: NominalArm, samples: Samples, reading: Reading) -> list[Candid
     return found
 
 
-def too_far(arm: NominalArm, samples: Samples, reading: Reading) -> tuple[int, ...]:
+def too_far(
+    arm: NominalArm, samples: Samples, reading: ChannelMapping
+) -> tuple[int, ...]:
     """Joints, from 0, that travel more than a turn, or farther than their limits in the URDF are apart."""
     travel = np.ptp(reading.motion(samples.q, samples.dq, samples.ddq)[0], axis=0)
     lower, upper = RigidBody(arm).position_limits()
@@ -132,7 +136,7 @@ def motor_side(n: int, joints: tuple[int, ...], ratios: tuple[float, ...]) -> Ca
     motion[list(joints)] = 1.0 / np.array(ratios)
     torque[list(joints)] = ratios
     columns = tuple(range(n))
-    reading = Reading(
+    reading = ChannelMapping(
         columns, tuple(map(float, motion)), columns, tuple(map(float, torque))
     )
     return Candidate(

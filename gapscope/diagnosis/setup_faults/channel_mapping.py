@@ -8,7 +8,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Reading:
+class ChannelMapping:
     """What the joints' true motion and torque are, in terms of what was recorded; n joints, arrays of shape (n,).
 
     q_j = motion_factor_j recorded q_motion_source_j, likewise its derivatives and references; torque likewise; true
@@ -31,7 +31,7 @@ class Reading:
     moved_only: bool = False
 
     @classmethod
-    def plain(cls, n: int) -> Reading:
+    def plain(cls, n: int) -> ChannelMapping:
         """Everything as it is recorded, for n joints."""
         return cls(tuple(range(n)), (1.0,) * n, tuple(range(n)), (1.0,) * n)
 
@@ -46,9 +46,9 @@ class Reading:
             self.moved_only,
         )
 
-    def then(self, other: Reading) -> Reading:
+    def then(self, other: ChannelMapping) -> ChannelMapping:
         """Another reading of what this one has made."""
-        return Reading(
+        return ChannelMapping(
             tuple(self.motion_source[s] for s in other.motion_source),
             tuple(
                 f * self.motion_factor[s]
@@ -81,7 +81,7 @@ class Reading:
         return tau[:, list(self.torque_source)] * np.array(self.torque_factor)
 
 
-def flipped(n: int, joint: int, channel: str) -> Reading:
+def flipped(n: int, joint: int, channel: str) -> ChannelMapping:
     """Joint ``joint``, from 0, with the sign of its ``torque``, its ``position`` or both (``joint``) turned."""
     factor = tuple(-1.0 if j == joint else 1.0 for j in range(n))
     ones = (1.0,) * n
@@ -89,15 +89,15 @@ def flipped(n: int, joint: int, channel: str) -> Reading:
         ones if channel == "torque" else factor,
         ones if channel == "position" else factor,
     )
-    return Reading(tuple(range(n)), motion, tuple(range(n)), torque)
+    return ChannelMapping(tuple(range(n)), motion, tuple(range(n)), torque)
 
 
-def swapped(n: int, pair: tuple[int, int], channel: str) -> Reading:
+def swapped(n: int, pair: tuple[int, int], channel: str) -> ChannelMapping:
     """Two joints, from 0, with their ``torque`` or all their columns (``joint``) exchanged."""
     columns = list(range(n))
     columns[pair[0]], columns[pair[1]] = pair[1], pair[0]
     source = tuple(columns)
-    return Reading(
+    return ChannelMapping(
         tuple(range(n)) if channel == "torque" else source,
         (1.0,) * n,
         source,
@@ -107,11 +107,11 @@ def swapped(n: int, pair: tuple[int, int], channel: str) -> Reading:
 
 def scaled(
     n: int, joints: tuple[int, ...], motion: float, torque: float = 1.0
-) -> Reading:
+) -> ChannelMapping:
     """Joints, from 0, with motion and torque in another unit: what they have to be multiplied with."""
     inside = [j in joints for j in range(n)]
     columns = tuple(range(n))
-    return Reading(
+    return ChannelMapping(
         columns,
         tuple(motion if i else 1.0 for i in inside),
         columns,
@@ -119,15 +119,15 @@ def scaled(
     )
 
 
-def timed(n: int, factor: float) -> Reading:
+def timed(n: int, factor: float) -> ChannelMapping:
     """Another time scale: true over recorded period."""
     columns = tuple(range(n))
-    return Reading(columns, (1.0,) * n, columns, (1.0,) * n, time_factor=factor)
+    return ChannelMapping(columns, (1.0,) * n, columns, (1.0,) * n, time_factor=factor)
 
 
-def shifted(n: int, links: int, moved_only: bool = False) -> Reading:
+def shifted(n: int, links: int, moved_only: bool = False) -> ChannelMapping:
     """The URDF's inertials moved by ``links`` links."""
     columns = tuple(range(n))
-    return Reading(
+    return ChannelMapping(
         columns, (1.0,) * n, columns, (1.0,) * n, shift=links, moved_only=moved_only
     )

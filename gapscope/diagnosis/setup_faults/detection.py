@@ -25,10 +25,10 @@ from gapscope.diagnosis.setup_faults.candidates import (
     of_units,
     too_far,
 )
-from gapscope.diagnosis.setup_faults.channel_mapping import Reading
+from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
 from gapscope.diagnosis.setup_faults.fault_samples import sample
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, Quantity, repaired
-from gapscope.diagnosis.setup_faults.mapping_score import Bench, Score
+from gapscope.diagnosis.setup_faults.mapping_score import MappingScorer, Score
 from gapscope.diagnosis.setup_faults.merge import merged
 from gapscope.diagnosis.setup_faults.refine import refined
 from gapscope.diagnosis.setup_faults.time_stamps import find_stamps, rate_error
@@ -137,11 +137,11 @@ def _by_torque(case: Case) -> list[FoundFault]:
     samples = sample(segments)
     body = RigidBody(case.arm)
     benches = (
-        Bench(case.arm, body, samples.thinned(COARSE)),
-        Bench(case.arm, body, samples),
+        MappingScorer(case.arm, body, samples.thinned(COARSE)),
+        MappingScorer(case.arm, body, samples),
     )
     timed = all(rate_error(r) is not None for r in recordings)
-    reading, found = Reading.plain(case.arm.n_joints), []
+    reading, found = ChannelMapping.plain(case.arm.n_joints), []
     for _ in range(case.arm.n_joints):
         accepted = _next(*benches, reading, timed, ALONE if len(segments) == 1 else 1.0)
         if accepted is None:
@@ -152,7 +152,11 @@ def _by_torque(case: Case) -> list[FoundFault]:
 
 
 def _next(
-    coarse: Bench, fine: Bench, reading: Reading, timed: bool, strictness: float
+    coarse: MappingScorer,
+    fine: MappingScorer,
+    reading: ChannelMapping,
+    timed: bool,
+    strictness: float,
 ) -> _Accepted | None:
     """The best fault on top of a reading, if it is decisive; ``timed``: recorded velocities vouch for the rate."""
     n = fine.arm.n_joints

@@ -12,7 +12,7 @@ from gapscope.arm.case import Case
 from gapscope.arm.io.plausibility import repeated_rows
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import CHANNELS, Recording
-from gapscope.diagnosis.setup_faults.channel_mapping import Reading
+from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
 from gapscope.diagnosis.setup_faults.clock import even_stamps
 from gapscope.diagnosis.setup_faults.shifted_inertials import shifted_arm
 
@@ -59,7 +59,7 @@ class FoundFault:
     parameters: Mapping[str, Quantity]
     probability: float
     recordings: tuple[str, ...] = ()
-    reading: Reading | None = None
+    reading: ChannelMapping | None = None
     gap_with_only_this: np.ndarray | None = field(default=None, repr=False)
     gap_without_this: np.ndarray | None = field(default=None, repr=False)
     gap_before: np.ndarray | None = field(default=None, repr=False)
@@ -117,7 +117,7 @@ def repaired(case: Case, faults: tuple[FoundFault, ...]) -> Case:
     return replace(case, arm=arm, recordings=recordings, judged=judged)
 
 
-def _read(recording: Recording, reading: Reading) -> Recording:
+def _read(recording: Recording, reading: ChannelMapping) -> Recording:
     """Columns, units and stamps of a recording put right; recorded velocities do not depend on the stamps."""
     changed: dict[str, Any] = {}
     motion, torque = list(reading.motion_source), list(reading.torque_source)

@@ -14,7 +14,7 @@ import numpy as np
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm
-from gapscope.diagnosis.setup_faults.channel_mapping import Reading
+from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
 from gapscope.diagnosis.setup_faults.fault_samples import Samples
 from gapscope.diagnosis.setup_faults.nuisance import Equations, equations, unseen
 from gapscope.diagnosis.setup_faults.shifted_inertials import shifted_arm
@@ -58,7 +58,7 @@ class Score:
 
 
 @dataclass
-class Bench:
+class MappingScorer:
     """Readings of one case on its samples; equations of the last few motions are kept.
 
     Attributes:
@@ -72,7 +72,7 @@ class Bench:
     _kept: dict[tuple[object, ...], Equations] = field(default_factory=dict)
     _bodies: dict[tuple[int, bool], RigidBody | None] = field(default_factory=dict)
 
-    def score(self, reading: Reading, spread: float = 1.0) -> Score:
+    def score(self, reading: ChannelMapping, spread: float = 1.0) -> Score:
         """Score of a reading; the worst possible for an arm that cannot be.
 
         Args:

@@ -18,7 +18,7 @@ import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
-from gapscope.diagnosis.setup_faults.channel_mapping import Reading
+from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
 from gapscope.diagnosis.setup_faults.fault_samples import Samples
 
 INERTIALS = 0.3
@@ -91,7 +91,7 @@ def inertial_units(body: RigidBody) -> tuple[np.ndarray, np.ndarray]:
 
 
 def equations(
-    arm: NominalArm, body: RigidBody, samples: Samples, reading: Reading
+    arm: NominalArm, body: RigidBody, samples: Samples, reading: ChannelMapping
 ) -> Equations:
     """Normal equations of all folds under a reading of the motion (its reading of the torque does not matter)."""
     q, dq, ddq = reading.motion(samples.q, samples.dq, samples.ddq)
@@ -131,7 +131,7 @@ def equations(
 
 
 def unseen(
-    eq: Equations, reading: Reading, spread: float = 1.0
+    eq: Equations, reading: ChannelMapping, spread: float = 1.0
 ) -> tuple[np.ndarray, float]:
     """How well an ordinary arm explains the torque under a reading, and how extraordinary it has to be for that.
 

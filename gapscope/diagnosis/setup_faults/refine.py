@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from gapscope.diagnosis.setup_faults.candidates import Candidate, motor_side, wrong_rate
-from gapscope.diagnosis.setup_faults.channel_mapping import Reading
-from gapscope.diagnosis.setup_faults.mapping_score import Bench
+from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
+from gapscope.diagnosis.setup_faults.mapping_score import MappingScorer
 
 FIRST = 0.1
 """First step of the logarithm of a value."""
@@ -26,7 +26,7 @@ Build = Callable[[np.ndarray], Candidate]
 
 
 def refined(
-    bench: Bench, before: Reading, candidate: Candidate
+    bench: MappingScorer, before: ChannelMapping, candidate: Candidate
 ) -> tuple[Candidate, tuple[float, ...]]:
     """The candidate with its best values, and their standard deviations; itself where it has no continuous ones."""
     n = bench.arm.n_joints
@@ -39,7 +39,7 @@ def refined(
 
 
 def _ratios(
-    bench: Bench, before: Reading, candidate: Candidate
+    bench: MappingScorer, before: ChannelMapping, candidate: Candidate
 ) -> tuple[Candidate, tuple[float, ...]]:
     """Gear ratios of joints on their motor's side: one for all of them, unless their own explain decisively more."""
     n, joints = bench.arm.n_joints, tuple(j - 1 for j in candidate.joints)
@@ -72,7 +72,11 @@ class _Climb:
     """
 
     def __init__(
-        self, bench: Bench, before: Reading, build: Build, spread: float = 1.0
+        self,
+        bench: MappingScorer,
+        before: ChannelMapping,
+        build: Build,
+        spread: float = 1.0,
     ) -> None:
         self.bench, self.before, self.build, self.spread = bench, before, build, spread
         self.independent = bench.samples.weight * len(bench.samples.q)

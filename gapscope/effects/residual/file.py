@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.effects.residual.inputs import Inputs
 from gapscope.effects.residual.model import ResidualNetwork
 from gapscope.effects.residual.network import FORMS, Network
@@ -57,7 +57,7 @@ def write_residual(residual: ResidualNetwork, path: Path | str) -> None:
         **{f"weight{k}": weight for k, weight in enumerate(network.weights)},
         **{f"bias{k}": bias for k, bias in enumerate(network.biases)},
     }
-    with written_whole(path) as aside, aside.open("wb") as stream:
+    with atomic_write(path) as aside, aside.open("wb") as stream:
         np.savez_compressed(stream, allow_pickle=False, **arrays)
 
 

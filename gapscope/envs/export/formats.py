@@ -5,7 +5,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.nearest_name import check_known
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.export.heading import heading
@@ -46,6 +46,6 @@ def export(
         ET.Comment(heading(arm, form, more, relative)), encoding="unicode"
     )
     text = f'<?xml version="1.0" encoding="utf-8"?>\n{comment}\n{ET.tostring(root, encoding="unicode")}\n'
-    with written_whole(out) as aside:
+    with atomic_write(out) as aside:
         aside.write_text(text, encoding="utf-8")
     return (*left_out(arm, form), *more), remarks(arm)

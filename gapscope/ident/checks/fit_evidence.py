@@ -67,7 +67,7 @@ class Likeness:
     ratio: np.ndarray
 
 
-def likeness(samples: Samples) -> Likeness:
+def nominal_similarity(samples: Samples) -> Likeness:
     """Compare recorded torque with the nominal arm's, joint by joint."""
     columns, torque, n = samples.columns, samples.torque, samples.torque.shape[1]
     smooth = samples.smooth

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.ident.checks import symptoms
-from gapscope.ident.checks.fit_evidence import Evidence, Likeness, likeness
+from gapscope.ident.checks.fit_evidence import Evidence, Likeness, nominal_similarity
 from gapscope.ident.checks.plausible_samples import UNIT_FACTOR, resting, unit_factor
 from gapscope.ident.checks.torque_gain import GAIN, torque_gain
 from gapscope.ident.model.physical_parameters import inconsistent
@@ -58,7 +58,7 @@ class Row:
 
 def fill_in(evidence: Evidence) -> tuple[Row, ...]:
     """The table for one identification."""
-    alike = likeness(evidence.samples)
+    alike = nominal_similarity(evidence.samples)
     return tuple(check(evidence, alike) for check in CHECKS)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
 from gapscope.arm.controller import Controller
-from gapscope.arm.dynamics.array_cache import Recent
+from gapscope.arm.dynamics.array_cache import ArrayCache
 from gapscope.arm.dynamics.feedforward import feedforward
 from gapscope.arm.dynamics.rollout import Commands, Plant, RollOut, roll_outs
 from gapscope.arm.dynamics.sensitivity import sensitivity, ticks_per_step
@@ -142,9 +142,9 @@ class Experiment:
         }
 
     @cached_property
-    def _recent(self) -> Recent:
+    def _recent(self) -> ArrayCache:
         """Roll-outs of the last parameters: an estimator asks for those of one point more than once."""
-        return Recent()
+        return ArrayCache()
 
     def _full(self, parameters: np.ndarray) -> np.ndarray:
         """Parameters in the order of ``Plant.of``; effects without a column keep the data sheet's values; (14 n,)."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.write_case import write_columns
 from gapscope.arm.motions.motion import Motion
 
@@ -60,7 +60,7 @@ def write_joint_trajectory(motion: Motion, joints: Sequence[str], path: Path) ->
             "  effort: []",
             f"  time_from_start: {{sec: {sec}, nanosec: {nanosec}}}",
         ]
-    with written_whole(path) as aside:
+    with atomic_write(path) as aside:
         aside.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.ident.identification import Identification
 from gapscope.ident.model.orthonormal_base import orthonormal_base
 
@@ -45,5 +45,5 @@ def write_base(result: Identification, path: Path | str) -> None:
         "from_orthonormal": other.to_base(base),
         "to_orthonormal": other.from_base(base),
     }
-    with written_whole(path) as aside, aside.open("wb") as file:
+    with atomic_write(path) as aside, aside.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **arrays)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.errors import GapscopeError
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.ident.checks.troubleshooting import Row
 from gapscope.ident.estimators.by_name import method
 from gapscope.ident.identification import Identification
@@ -249,7 +249,7 @@ def write_document(content: Mapping[str, Any], path: Path | str) -> None:
     """
     found = plain(content)
     check(found)
-    with written_whole(path) as aside:
+    with atomic_write(path) as aside:
         aside.write_text(
             json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False) + "\n",
             encoding="utf-8",

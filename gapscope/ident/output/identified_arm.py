@@ -16,7 +16,7 @@ import numpy as np
 import yaml
 
 from gapscope.arm.dynamics.plain_urdf import moving_links, numbers, plain_urdf
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.case_file import read_case_file
 from gapscope.effects.applied import AppliedEffect
 from gapscope.ident.identification import Identification
@@ -134,7 +134,7 @@ def write_case_beside(
         content["payloads"] = {
             _moved(name, source.parent, path.parent): load for name, load in loads
         }
-    with written_whole(path) as aside:
+    with atomic_write(path) as aside:
         aside.write_text(
             yaml.safe_dump(
                 content, sort_keys=False, default_flow_style=None, width=120

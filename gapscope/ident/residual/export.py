@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.effects.residual.model import ResidualNetwork
 from gapscope.effects.residual.network import Network
 
@@ -74,7 +74,7 @@ def torchscript(
         )  # torch.export needs torch to run; TorchScript does not
         module = torch.jit.freeze(torch.jit.trace(Deployed(residual).eval(), example))
     if path is not None:
-        with written_whole(path) as aside:
+        with atomic_write(path) as aside:
             module.save(str(aside))
     return module
 

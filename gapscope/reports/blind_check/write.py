@@ -6,7 +6,7 @@ import html
 from dataclasses import asdict
 from pathlib import Path
 
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.blind_check.score import Scored
 from gapscope.blind_check.seal import write_json
 from gapscope.reports.blind_check.pictures import (
@@ -30,12 +30,12 @@ def write_score(scored: Scored, folder: Path) -> tuple[Path, ...]:
         places[0],
     )
     shown = tables(scored.figures)
-    with written_whole(places[1]) as aside:
+    with atomic_write(places[1]) as aside:
         aside.write_text(
             "# Blind check\n\n" + "\n".join(table.markdown() for table in shown),
             encoding="utf-8",
         )
-    with written_whole(places[2]) as aside:
+    with atomic_write(places[2]) as aside:
         aside.write_text(_page(scored, shown), encoding="utf-8")
     return places
 

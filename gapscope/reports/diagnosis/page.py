@@ -10,7 +10,7 @@ from pathlib import Path
 import jinja2
 from markupsafe import Markup
 
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.diagnosis import display
 from gapscope.diagnosis.document.diagnosis_json import plain, validate
 from gapscope.diagnosis.document.wording import acts_on, capital, effect_name
@@ -42,7 +42,7 @@ def render(diagnosis: Diagnosis, path: Path | str) -> None:
             },
         )
     )
-    with written_whole(path) as aside:
+    with atomic_write(path) as aside:
         aside.write_text(html, encoding="utf-8")
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.diagnosis.document.wording import (
     VERDICTS,
     acts_on,
@@ -104,5 +104,5 @@ def render_summary(
         .get_template("summary.html")
         .render(rows=rows, counts=counts, groups=compared, words=units_words)
     )
-    with written_whole(path) as aside:
+    with atomic_write(path) as aside:
         aside.write_text(html, encoding="utf-8")

@@ -10,7 +10,7 @@ from typing import Any
 
 from gapscope.agents.statistics import Mean
 from gapscope.agents.summary import Line
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.reports.evaluation.table import HEADS, cells
 from gapscope.reports.trajectory.page import COLOURS, FONT, GROUND, INK, LINE, SOFT
 
@@ -54,7 +54,7 @@ def write_page(content: dict[str, Any], lines: Sequence[Line], path: Path) -> No
         rows=rows,
         heads="".join(f"<th>{escape(head)}</th>" for head in HEADS),
     )
-    with written_whole(path) as aside:
+    with atomic_write(path) as aside:
         aside.write_text(page, encoding="utf-8")
 
 

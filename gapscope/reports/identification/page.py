@@ -11,7 +11,7 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.diagnosis import display
 from gapscope.ident.identification import Identification
 from gapscope.ident.output.identification_json import plain
@@ -52,7 +52,7 @@ def render(
             ],
         )
     )
-    with written_whole(path) as aside:
+    with atomic_write(path) as aside:
         aside.write_text(html, encoding="utf-8")
 
 

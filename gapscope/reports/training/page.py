@@ -9,7 +9,7 @@ from pathlib import Path
 from gapscope.agents.training.task import Task
 from gapscope.agents.training.training_loop import Trained
 from gapscope.agents.training.training_settings import Settings
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.reports.trajectory.page import COLOURS, FONT, GROUND, INK, LINE
 
 
@@ -48,7 +48,7 @@ def write_page(task: Task, settings: Settings, trained: Trained, path: Path) -> 
         facts=escape(facts),
         figure=_figure(trained),
     )
-    with written_whole(path) as aside:
+    with atomic_write(path) as aside:
         aside.write_text(page, encoding="utf-8")
 
 

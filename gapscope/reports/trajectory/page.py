@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gapscope.arm.io.atomic_write import written_whole
+from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.nominal import NominalArm
 from gapscope.ident.excitation.excitation_plan import Plan
 
@@ -45,7 +45,7 @@ def write_picture(found: Excitation, arm: NominalArm, plan: Plan, path: Path) ->
         rows=_rows(found),
         heads="".join(f"<th>{escape(name)}</th>" for name in arm.joints),
     )
-    with written_whole(path) as aside:
+    with atomic_write(path) as aside:
         aside.write_text(page, encoding="utf-8")
 
 
