@@ -28,8 +28,8 @@ class NominalArm:
         torque_limit: [N m], (n,), or ``None``.
         encoder: side of the transmission on which q is measured, ``motor`` or ``joint``.
         encoder_step: quantisation step of q that the data sheet admits [rad], or ``None``.
-        inertial_error_factor: on the errors that its inertials may have, 1 for those of a data sheet; less where they have been
-            identified on recordings of the arm itself.
+        inertial_error_factor: scales the standard deviation of its inertials' errors [1]; 1 for those of a data
+            sheet, less if they were identified on recordings of the arm itself.
 
     Raises:
         InputError: a data sheet list does not have one number per joint.
