@@ -101,7 +101,9 @@ def check(content: Any, path: Path, section: str = "") -> None:
     from jsonschema.exceptions import best_match
 
     schema = json.loads(
-        files("arm").joinpath("case.schema.json").read_text(encoding="utf-8")
+        files("gapscope.arm.io")
+        .joinpath("case.schema.json")
+        .read_text(encoding="utf-8")
     )
     if section:
         schema = {"$defs": schema["$defs"], **schema["properties"][section]}

@@ -143,7 +143,7 @@ class _State:
 
 
 def _on(case: Case, result: Identification, urdf: Path) -> Case:
-    """The case with the identified arm as its nominal one; nothing is replayed, see ``docs/against.md``."""
+    """The case with the identified arm as its nominal one; nothing is replayed, see ``docs/reference_case.md``."""
     urdf.write_text(urdf_text(result), encoding="utf-8")
     section = sheet(result)
     armature, coulomb, viscous = (
