@@ -19,13 +19,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from symbolic_regressor import symbolic_regressor
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.ident.model.base_parameters import structural_base
 from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
-from gapscope.ident.model.symbolic import symbolic_regressor
 
 DATA = Path(
     os.environ.get("GAPSCOPE_DATA")

@@ -51,7 +51,7 @@ def measured(name: str) -> NominalArm:
     """An arm of which there are recordings, without the fingers that its URDF may have."""
     root = Path(
         os.environ.get("GAPSCOPE_DATA")
-        or Path(__file__).resolve().parents[3] / "shared" / "data"
+        or Path(__file__).resolve().parents[4] / "shared" / "data"
     )
     if not root.is_dir():
         pytest.skip(

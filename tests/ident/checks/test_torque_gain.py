@@ -22,7 +22,7 @@ from gapscope.ident.signals.samples import Band, Samples
 from gapscope.ident.signals.split import split
 
 CUTOFF = Settings(cutoff=20.0)
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def scaled(factor: float) -> Case:

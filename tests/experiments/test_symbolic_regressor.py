@@ -1,5 +1,9 @@
 """The closed form of the regressor: by hand for a pendulum, against pinocchio for one, two and three joints."""
 
+import importlib
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -7,7 +11,10 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.ident.model.symbolic import symbolic_regressor
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "experiments"))
+symbolic_regressor = importlib.import_module("symbolic_regressor").symbolic_regressor
 
 JOINT = """
   <joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>
