@@ -10,7 +10,7 @@ import pytest
 from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 
-CASES = Path(__file__).resolve().parents[2] / "experiments" / "cases"
+CASES = Path(__file__).resolve().parents[3] / "experiments" / "cases"
 
 # case, joints, rate [Hz], samples to fit, samples to judge
 EXPECTED = [
