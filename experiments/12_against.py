@@ -15,7 +15,6 @@ bound the rate by 5 %, and 100 with two by 7 %. Pairs are made until the time is
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
 import time
 from dataclasses import replace
@@ -26,6 +25,7 @@ import numpy as np
 
 from gapscope.arm.case import load_case
 from gapscope.arm.errors import GapscopeError
+from gapscope.arm.io.json_file import write_json
 from gapscope.blind_check.generator.bench import Bench, draw_bench
 from gapscope.blind_check.generator.case import Made, write_case
 from gapscope.blind_check.generator.conditions import Conditions
@@ -194,7 +194,7 @@ def main() -> None:
         rows.append(row)
         print(f"{k}: {row}", flush=True)
         if arguments.out:
-            arguments.out.write_text(json.dumps(rows, indent=1), encoding="utf-8")
+            write_json(rows, arguments.out)
     show(rows)
 
 

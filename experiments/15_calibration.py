@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.json_file import to_json, write_json
 from gapscope.blind_check.scoring.compare import compare
 from gapscope.blind_check.scoring.statistics import brier, ece
 from gapscope.blind_check.seal import open_labels
@@ -207,10 +207,9 @@ def main() -> None:
     }
     values |= fit_rivals(known)
     values["level"] = fit_level(known, values)
-    print(json.dumps(values, indent=2))
+    print(to_json(values))
     if not arguments.dry:
-        with atomic_write(FILE) as temporary:
-            temporary.write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
+        write_json(values, FILE)
         print(f"wrote {FILE}")
 
 

@@ -31,7 +31,7 @@ from gapscope.agents.evaluation import Bench, Plan
 from gapscope.agents.model_files import read_model
 from gapscope.agents.statistics import interquartile_mean, mean_of
 from gapscope.arm.errors import GapscopeError
-from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.json_file import write_json
 from gapscope.arm.nominal import NominalArm
 from gapscope.blind_check.scoring.statistics import wilson
 from gapscope.effects.applied import AppliedEffect
@@ -180,10 +180,7 @@ def main() -> None:
                         found = cell(
                             ROBOTS[robot](), effects, model, engine, seed, folder
                         )
-                        with atomic_write(file) as aside:
-                            aside.write_text(
-                                json.dumps(found, indent=1), encoding="utf-8"
-                            )
+                        write_json(found, file)
                         print(f"{robot} {seed} {engine} {model}", flush=True)
                     cells[robot, model, engine, seed] = json.loads(
                         file.read_text(encoding="utf-8")

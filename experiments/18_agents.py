@@ -34,6 +34,7 @@ from gapscope.agents.training.task import Task
 from gapscope.agents.training.training_loop import Training
 from gapscope.agents.training.training_settings import Settings, read_settings
 from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.json_file import write_json
 from gapscope.effects.corrected_file import read_corrected
 
 ROBOT, SEVERITY = "iiwa", 1.5
@@ -70,8 +71,7 @@ def cell(
         "untrained": tried(task, settings, None),
         "trained": tried(task, settings, trained.policy),
     }
-    with atomic_write(file) as aside:
-        aside.write_text(json.dumps(found, indent=1, allow_nan=False), encoding="utf-8")
+    write_json(found, file)
     return f"{model}, {agent}, {seed}"
 
 

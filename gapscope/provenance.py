@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import platform
+from collections.abc import Iterable, Mapping
+from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
+
+import joblib
+import numpy as np
 
 from gapscope.arm.case import case_files
 from gapscope.arm.errors import GapscopeError
@@ -50,9 +56,11 @@ def source_hash() -> str:
     return digest.hexdigest()
 
 
-def library_versions() -> dict[str, str | None]:
-    """Installed version of each library that a diagnosis depends on; ``None`` if it is not installed."""
-    return {name: _version(name) for name in LIBRARIES}
+def library_versions(
+    libraries: Iterable[str] = LIBRARIES,
+) -> dict[str, str | None]:
+    """Installed version of each library; ``None`` if it is not installed."""
+    return {name: _version(name) for name in libraries}
 
 
 @cache
@@ -69,18 +77,52 @@ def made_from(path: Path) -> dict[str, str]:
     """SHA-256 of the case's files, names and contents, and of the program: its source, Python and the libraries.
 
     Raises:
-        InputError: the case file, the robot or a recording cannot be read.
+        GapscopeError: the case file, the robot or a recording cannot be read.
     """
     digest = hashlib.sha256()
     for file in case_files(path):
-        try:
-            content = hashlib.sha256(file.read_bytes()).digest()
-        except OSError as error:
-            raise GapscopeError(
-                f"{file}: cannot be read ({error.strerror})", "check the path"
-            ) from None
+        content = hashlib.sha256(_read(file)).digest()
         digest.update(file.name.encode() + b"\0" + content)
     return {"case_sha256": digest.hexdigest(), "program_sha256": program()}
+
+
+def sha256(path: Path) -> str:
+    """SHA-256 of a file, in hexadecimal digits; raises ``OSError`` if it cannot be read."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def fingerprint(value: Any) -> str:
+    """Hash of plain data, arrays and records, with the contents of files in place of their paths.
+
+    Raises:
+        GapscopeError: a file cannot be read.
+    """
+    return str(joblib.hash(_contents(value), hash_name="sha1"))
+
+
+def _contents(value: Any) -> Any:
+    """A value as lists, dicts, arrays and bytes; what else it holds as Python shows it."""
+    if is_dataclass(value) and not isinstance(value, type):
+        record = {field.name: getattr(value, field.name) for field in fields(value)}
+        return {"": type(value).__name__, **_contents(record)}
+    if isinstance(value, Mapping):
+        return {str(key): _contents(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_contents(entry) for entry in value]
+    if isinstance(value, Path):
+        return _read(value)
+    if isinstance(value, np.ndarray):
+        return np.ascontiguousarray(value)
+    return repr(value)
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise GapscopeError(
+            f"{path}: cannot be read ({error.strerror})", "check the path"
+        ) from None
 
 
 def _place(path: Path) -> str:

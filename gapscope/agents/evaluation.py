@@ -20,6 +20,7 @@ from gapscope.agents.tracking import Course, track
 from gapscope.agents.tracking_metrics import Gauge, Measures
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
+from gapscope.arm.io.json_file import plain
 from gapscope.arm.motions.named_motions import check_motion_name, draw_motion, workspace
 from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
@@ -100,13 +101,9 @@ class Episode:
 
     def row(self) -> dict[str, Any]:
         """As plain data; numbers that are not finite are ``None``."""
-        flat = {k: v for k, v in asdict(self).items() if k != "measures"} | asdict(
-            self.measures
-        )
-        return {
-            k: None if isinstance(v, float) and not np.isfinite(v) else v
-            for k, v in flat.items()
-        }
+        row = asdict(self)
+        row |= row.pop("measures")
+        return dict(plain(row, null_if_not_finite=True))
 
 
 class Bench:

@@ -13,6 +13,7 @@ from scipy.stats import binomtest
 
 from gapscope.agents.evaluation import Episode, Evaluation
 from gapscope.agents.statistics import Mean, mean_of, rank_correlation
+from gapscope.arm.io.json_file import plain
 
 SEED = 20
 """Of the bootstrap: the same episodes give the same intervals."""
@@ -104,6 +105,4 @@ def _mean(episodes: Sequence[Episode], of: Callable[[Episode], float]) -> Mean:
 
 
 def _plain(mean: Mean) -> dict[str, float | None]:
-    return {
-        key: value if isfinite(value) else None for key, value in mean._asdict().items()
-    }
+    return dict(plain(mean._asdict(), null_if_not_finite=True))

@@ -11,7 +11,7 @@ from typing import Any
 from joblib import Parallel, delayed
 
 from gapscope.arm.errors import GapscopeError, InputError
-from gapscope.arm.io.json_file import read_json
+from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.blind_check.generator.case import make_case, write_case
 from gapscope.blind_check.generator.conditions import Spec
 from gapscope.blind_check.plan import Plan, allocate_cases
@@ -21,9 +21,8 @@ from gapscope.blind_check.seal import (
     UNSEEN,
     commit,
     labels_folder,
-    sha256,
-    write_json,
 )
+from gapscope.provenance import sha256
 
 PLAN = "plan.json"
 """Seed and plan of a set that is being made, beside its labels."""

@@ -12,18 +12,16 @@ from joblib import Parallel, delayed
 
 from gapscope.arm.case import load_case
 from gapscope.arm.errors import GapscopeError, InputError
-from gapscope.arm.io.json_file import read_json
+from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.blind_check.frozen import frozen
 from gapscope.blind_check.seal import (
     read_commitment,
     readable_labels,
-    sha256,
-    write_json,
 )
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import write_document
 from gapscope.effects.corrected_file import write_corrected
-from gapscope.provenance import source_hash
+from gapscope.provenance import sha256, source_hash
 
 FROZEN = "frozen.json"
 """File of the results with what the run is fixed by, and at its end the hash of each diagnosis."""

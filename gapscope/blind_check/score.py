@@ -26,8 +26,8 @@ from gapscope.blind_check.scoring.classes import CLASSES
 from gapscope.blind_check.scoring.closure import closure
 from gapscope.blind_check.scoring.compare import Compared, compare
 from gapscope.blind_check.scoring.summary import healthy, scores, summary, unknown
-from gapscope.blind_check.seal import UNSEEN, open_labels, sha256
-from gapscope.provenance import source_hash
+from gapscope.blind_check.seal import UNSEEN, open_labels
+from gapscope.provenance import sha256, source_hash
 
 METHODS = {"largest R^2": largest_r2, "forward BIC": forward_bic, "ridge": ridge}
 """Baselines that need nothing but the case."""

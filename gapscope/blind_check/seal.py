@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from pathlib import Path
 from typing import Any
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.arm.io.json_file import read_json
+from gapscope.arm.io.json_file import read_json, write_json
+from gapscope.provenance import sha256
 
 COMMITMENT = "commitment.json"
 """File beside the cases that fixes the labels without telling them."""
@@ -23,21 +21,6 @@ def labels_folder(cases: Path) -> Path:
     """Where labels lie by default: ``DIR-labels`` beside DIR."""
     cases = cases.resolve()
     return cases.with_name(f"{cases.name}-labels")
-
-
-def sha256(path: Path) -> str:
-    """SHA-256 of a file, in hexadecimal digits."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def write_json(content: Any, path: Path, *, private: bool = False) -> None:
-    """Write JSON whole or not at all; ``private``: readable by its owner alone."""
-    with atomic_write(path) as aside:
-        aside.touch(mode=0o600 if private else 0o644)
-        aside.write_text(
-            json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n",
-            encoding="utf-8",
-        )
 
 
 def commit(cases: Path, labels: Path, count: int) -> None:

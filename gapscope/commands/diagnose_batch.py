@@ -13,11 +13,12 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 from rich.console import Console
 
 from gapscope.arm.errors import GapscopeError
+from gapscope.arm.io.json_file import write_json
 from gapscope.commands.diagnose import diagnose_one_of_many, make_folder
 from gapscope.commands.gap import units_text
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.fleet.confusion import Column, Unit, column
-from gapscope.diagnosis.fleet.fleet_json import grouped, units_document, write_units
+from gapscope.diagnosis.fleet.fleet_json import grouped, units_document
 from gapscope.provenance import KEY, made_from
 from gapscope.reports.diagnosis.summary import SummaryRow, render_summary
 from gapscope.workers import RAY, check_backend, in_order
@@ -99,7 +100,7 @@ def diagnose_all(
             )
         content = _compared(batch, rows, progress)
     if content["groups"]:
-        write_units(content, batch.out / UNITS)
+        write_json(content, batch.out / UNITS)
         console.print(units_text(content))
     render_summary(rows, batch.out / SUMMARY, content)
     return max(codes)

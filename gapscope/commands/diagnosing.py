@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 from typing import Annotated, Optional
@@ -178,6 +177,7 @@ def gap(
 ) -> None:
     """Measure the gap alone, per joint, of a nominal or corrected arm."""
     from gapscope.arm.case import load_case
+    from gapscope.arm.io.json_file import to_json
     from gapscope.commands.diagnose import corrected_arm
     from gapscope.commands.gap import gap_document, gap_tables
 
@@ -186,7 +186,7 @@ def gap(
         loaded = load_case(case)
         measured = gap_document(loaded, corrected_arm(loaded.arm, model))
     if as_json:
-        sys.stdout.write(json.dumps(measured, indent=2, allow_nan=False) + "\n")
+        sys.stdout.write(to_json(measured))
     else:
         console.print(gap_tables(measured, loaded.arm.joints))
 

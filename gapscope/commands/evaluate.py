@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from gapscope.agents.summary import Line, relation, summarise
 from gapscope.arm.case import load_case
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.json_file import write_json
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.commands.diagnose import make_folder
@@ -84,10 +84,7 @@ def evaluate_files(
         writer = csv.DictWriter(file, list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)
-    with atomic_write(out / DOCUMENT) as aside:
-        aside.write_text(
-            json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8"
-        )
+    write_json(content, out / DOCUMENT)
     cells.clear()
     return content, lines, [out / name for name in (PAGE, DOCUMENT, TABLE)]
 

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, fields, is_dataclass, replace
+from collections.abc import Callable
+from dataclasses import asdict, replace
 from functools import cache
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from gapscope.agents.evaluation import Bench, Episode
 from gapscope.agents.torque_model import ArmModel, Model
 from gapscope.agents.tracking_metrics import Measures
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.provenance import KEY, program
+from gapscope.arm.io.json_file import to_json
+from gapscope.provenance import KEY, PACKAGE, fingerprint, program
 
 FOLDER = "unfinished"
 """Folder in that of the results, which is there as long as an evaluation is not whole."""
@@ -97,8 +94,8 @@ class Cells:
             type(model).__name__,
             *([_of(model)] if isinstance(model, ArmModel) else []),
         ]
-        digest = hashlib.sha256("\0".join(parts).encode()).hexdigest()
-        file = self._folder / f"{digest[:32]}.json"
+        digest = fingerprint(parts)
+        file = self._folder / f"{digest}.json"
         try:
             kept = json.loads(file.read_text(encoding="utf-8"))
             if isinstance(kept, dict) and kept.get(KEY) == digest:
@@ -107,56 +104,10 @@ class Cells:
         except (OSError, ValueError, KeyError):
             pass
         value = work()
+        text = to_json({KEY: digest, "cell": key, "value": value}, allow_nan=True)
         with atomic_write(file) as aside:
-            aside.write_text(
-                json.dumps({KEY: digest, "cell": key, "value": value}), encoding="utf-8"
-            )
+            aside.write_text(text, encoding="utf-8")
         return value
-
-
-def fingerprint(value: Any) -> str:
-    """SHA-256 of plain data, arrays and records, with the contents of files in place of their paths.
-
-    Raises:
-        GapscopeError: a file cannot be read.
-    """
-    digest = hashlib.sha256()
-    _feed(digest.update, value)
-    return digest.hexdigest()
-
-
-def _feed(update: Callable[[bytes], None], value: Any) -> None:
-    """Feed a value to a hash; every part says what it is and how long."""
-    if is_dataclass(value) and not isinstance(value, type):
-        value = {
-            "": type(value).__name__,
-            **{field.name: getattr(value, field.name) for field in fields(value)},
-        }
-    if isinstance(value, Mapping):
-        update(f"mapping {len(value)}".encode())
-        for key in sorted(value, key=str):
-            _feed(update, str(key))
-            _feed(update, value[key])
-    elif isinstance(value, (list, tuple)):
-        update(f"sequence {len(value)}".encode())
-        for item in value:
-            _feed(update, item)
-    elif isinstance(value, Path):
-        try:
-            content = value.read_bytes()
-        except OSError as error:
-            raise GapscopeError(
-                f"{value}: cannot be read ({error.strerror})", "check the path"
-            ) from None
-        update(f"file {len(content)}".encode() + content)
-    elif isinstance(value, np.ndarray):
-        update(
-            f"array {value.shape} {value.dtype}".encode()
-            + np.ascontiguousarray(value).tobytes()
-        )
-    else:
-        text = repr(value).encode()
-        update(f"value {len(text)}".encode() + text)
 
 
 @cache
@@ -167,12 +118,7 @@ def _of(model: ArmModel) -> str:
 @cache
 def _source() -> str:
     """The program, its agents included, and the libraries."""
-    spec = find_spec("agents")
-    folder = (
-        Path(spec.origin).parent
-        if spec is not None and spec.origin is not None
-        else Path()
-    )
+    folder = PACKAGE / "agents"
     own = {
         path.relative_to(folder).as_posix(): path
         for path in sorted(folder.rglob("*.py"))

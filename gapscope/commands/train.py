@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from gapscope.agents.training.curve import write_curve
 from gapscope.agents.training.learner import check_installed
@@ -24,16 +21,19 @@ from gapscope.agents.training.training_loop import (
 from gapscope.agents.training.training_settings import Settings
 from gapscope.agents.training.tuning import tune
 from gapscope.arm.errors import GapscopeError, InputError
-from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.json_file import to_json, write_json
 from gapscope.commands.diagnose import make_folder
 from gapscope.commands.evaluate import chosen_arm
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import error_context, read_corrected
 from gapscope.envs.arguments import described
+from gapscope.provenance import fingerprint
 from gapscope.reports.training.page import write_page
 
 COMMAND, CURVE, PAGE = "command.json", "curve.csv", "learning_curve.html"
 OURS = (COMMAND, CURVE, PAGE, DOCUMENT, POLICY, NORMALISATION)
+SHEET = ("gravity", "armature", "coulomb", "viscous", "torque_limit")
+"""Numbers of the nominal arm that its URDF does not have."""
 
 
 def train_files(
@@ -101,26 +101,21 @@ def _asked(task: Task, settings: Settings, trials: int) -> dict[str, Any]:
 
 
 def _digest(label: object, corrected: CorrectedArm) -> str:
-    """SHA-256 of an arm with effects by its content."""
+    """Hash of an arm with effects by its content; its name and the place of its files do not matter."""
     arm, residual = corrected.arm, corrected.residual
-    digest = hashlib.sha256(arm.urdf.read_bytes())
-    parts = [
-        label,
-        arm.joints,
-        arm.encoder,
-        arm.encoder_step,
-        [described(applied) for applied in corrected.effects],
-    ]
-    sheet = [arm.gravity, arm.armature, arm.coulomb, arm.viscous, arm.torque_limit]
-    parts += [None if value is None else np.asarray(value).tolist() for value in sheet]
-    digest.update(repr(parts).encode())
-    for array in (
-        ()
-        if residual is None
-        else (*residual.network.weights, *residual.network.biases, residual.scale)
-    ):
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()
+    network = None if residual is None else residual.network
+    return fingerprint(
+        {
+            "label": label,
+            "urdf": arm.urdf,
+            "joints": arm.joints,
+            "encoder": [arm.encoder, arm.encoder_step],
+            "sheet": [getattr(arm, name) for name in SHEET],
+            "effects": [described(applied) for applied in corrected.effects],
+            "network": None if network is None else [network.weights, network.biases],
+            "scale": None if residual is None else residual.scale,
+        }
+    )
 
 
 def _claim(out: Path, asked: dict[str, Any], again: bool) -> None:
@@ -142,7 +137,7 @@ def _claim(out: Path, asked: dict[str, Any], again: bool) -> None:
             earlier = json.loads(path.read_text(encoding="utf-8"))
         except ValueError:
             earlier = {}
-        asked = json.loads(json.dumps(asked))
+        asked = json.loads(to_json(asked))
         if earlier == asked:
             return
         other = [name for name in asked if earlier.get(name) != asked[name]]
@@ -153,8 +148,7 @@ def _claim(out: Path, asked: dict[str, Any], again: bool) -> None:
             where="--out",
         )
     try:
-        with atomic_write(path) as aside:
-            aside.write_text(json.dumps(asked, indent=1) + "\n", encoding="utf-8")
+        write_json(asked, path)
     except OSError as error:
         raise GapscopeError(
             f"{path}: cannot be written ({error.strerror})", "choose another place"

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from gapscope.agents.evaluation import Bench
-from gapscope.commands.evaluation_cells import FOLDER, fingerprint
+from gapscope.commands.evaluation_cells import FOLDER
+from gapscope.provenance import fingerprint
 
 Command = Callable[..., object]
 FILE = """

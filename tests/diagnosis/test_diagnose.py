@@ -13,10 +13,11 @@ from synthetic import Truth
 
 from gapscope.arm.case import Case
 from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.io.json_file import plain
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.diagnose import diagnose
-from gapscope.diagnosis.document.diagnosis_json import plain, validate
+from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.result import Diagnosis
 
 COULOMB = Truth(coulomb=(0.0, 2.0, 0.0))

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from gapscope.arm.errors import GapscopeError
-from gapscope.diagnosis.document.diagnosis_json import plain, validate, write_document
+from gapscope.arm.io.json_file import plain
+from gapscope.diagnosis.document.diagnosis_json import validate, write_document
 
 Change = Callable[[dict[str, Any]], Any]
 

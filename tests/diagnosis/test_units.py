@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from synthetic import Truth, arm, recordings
 
 from gapscope.arm.case import Case
+from gapscope.arm.io.json_file import write_json
 from gapscope.arm.io.write_case import write_case
 from gapscope.diagnosis.fleet.compare_units import (
     DIFFERING,
@@ -25,7 +26,7 @@ from gapscope.diagnosis.fleet.compare_units import (
     groups,
 )
 from gapscope.diagnosis.fleet.confusion import NOMINAL, Column, Unit, column
-from gapscope.diagnosis.fleet.fleet_json import grouped, units_document, write_units
+from gapscope.diagnosis.fleet.fleet_json import grouped, units_document
 from gapscope.diagnosis.fleet.heterogeneity import pooled
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected_file import write_corrected
@@ -293,7 +294,7 @@ class TestDocument:
 
     def test_is_whole_and_plain_json(self, tmp_path: Path) -> None:
         content = self.made(tmp_path)
-        write_units(content, tmp_path / "units.json")
+        write_json(content, tmp_path / "units.json")
         assert (
             json.loads((tmp_path / "units.json").read_text(encoding="utf-8")) == content
         )

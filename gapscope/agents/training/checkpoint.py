@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import shutil
@@ -12,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.io.json_file import to_json
+from gapscope.provenance import sha256
 
 MANIFEST, STATE = "manifest.json", "state.json"
 _PREFIX = "round_"
@@ -39,13 +40,9 @@ def written_checkpoint(
         aside.mkdir(parents=True)
         try:
             yield aside
-            (aside / STATE).write_text(
-                json.dumps(state, indent=1, allow_nan=False), encoding="utf-8"
-            )
+            (aside / STATE).write_text(to_json(state), encoding="utf-8")
             hashes = {path.name: sha256(path) for path in sorted(aside.iterdir())}
-            (aside / MANIFEST).write_text(
-                json.dumps(hashes, indent=1), encoding="utf-8"
-            )
+            (aside / MANIFEST).write_text(to_json(hashes), encoding="utf-8")
             aside.replace(place)
         finally:
             shutil.rmtree(aside, ignore_errors=True)
@@ -85,11 +82,6 @@ def read_checkpoint(folder: Path) -> tuple[Path, dict[str, Any]] | None:
         raise InputError(
             f"is not whole ({error})", _REMEDY, file=newest / MANIFEST
         ) from None
-
-
-def sha256(path: Path) -> str:
-    """SHA-256 of a file."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _all(folder: Path) -> list[Path]:

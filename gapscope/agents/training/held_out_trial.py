@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from math import inf, isfinite
+from math import inf
 from typing import Any
 
 import numpy as np
 
 from gapscope.agents.evaluation import HELD_OUT, MOTIONS
 from gapscope.agents.training.training_settings import Settings
+from gapscope.arm.io.json_file import plain
 from gapscope.arm.motions.named_motions import draw_motion
 from gapscope.arm.motions.trajectory import Reference
 from gapscope.envs.environment import ArmTracking
@@ -39,10 +40,7 @@ class Score:
 
     def plain(self) -> dict[str, Any]:
         """As JSON knows it; what is not finite is ``None``."""
-        return {
-            k: None if isinstance(v, float) and not isfinite(v) else v
-            for k, v in asdict(self).items()
-        }
+        return dict(plain(asdict(self), null_if_not_finite=True))
 
 
 def held_out(

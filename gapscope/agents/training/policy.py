@@ -6,7 +6,6 @@ import json
 import platform
 import shutil
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,6 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
 
-from gapscope.agents.training.checkpoint import sha256
 from gapscope.agents.training.learner import make_learner, read_weights
 from gapscope.agents.training.normalisation import LARGEST, Normalisation
 from gapscope.agents.training.task import Task
@@ -22,8 +20,10 @@ from gapscope.agents.training.training_loop import NORMALISATION, Trained
 from gapscope.agents.training.training_settings import Settings, from_plain
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.json_file import write_json
 from gapscope.arm.nominal import NominalArm
 from gapscope.envs.environment import ArmTracking
+from gapscope.provenance import library_versions, sha256
 
 POLICY, DOCUMENT = "policy.zip", "agent.json"
 LIBRARIES = ("gapscope", "numpy", "torch", "stable_baselines3")
@@ -105,14 +105,11 @@ def write_agent(
         "stopped_early": trained.stopped,
         "versions": {
             "python": platform.python_version(),
-            **{name: version(name) for name in LIBRARIES},
+            **library_versions(LIBRARIES),
         },
         "files": {name: sha256(folder / name) for name in (POLICY, NORMALISATION)},
     }
-    with atomic_write(folder / DOCUMENT) as aside:
-        aside.write_text(
-            json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8"
-        )
+    write_json(content, folder / DOCUMENT)
     return content
 
 

@@ -1,12 +1,17 @@
-"""JSON files, read with an error that says what to do."""
+"""JSON files: read with an error that says what to do, written whole or not at all."""
 
 from __future__ import annotations
 
 import json
+import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from gapscope.arm.errors import InputError
+from gapscope.arm.io.atomic_write import atomic_write
 
 
 def read_json(path: Path, remedy: str) -> Any:
@@ -14,7 +19,7 @@ def read_json(path: Path, remedy: str) -> Any:
 
     Args:
         path: the file.
-        remedy: what to do where it cannot be read.
+        remedy: what to do if it cannot be read.
 
     Raises:
         InputError: there is no such file, or it is not JSON.
@@ -27,3 +32,57 @@ def read_json(path: Path, remedy: str) -> Any:
         ) from None
     except ValueError as error:
         raise InputError(f"is not valid JSON ({error})", remedy, file=path) from None
+
+
+def plain(value: Any, *, null_if_not_finite: bool = False) -> Any:
+    """The same value with dict, list, int and float in place of mappings, tuples and numpy types.
+
+    Args:
+        value: data of any depth.
+        null_if_not_finite: replace NaN and infinity, which JSON does not have, by ``None``.
+    """
+
+    def convert(entry: Any) -> Any:
+        return plain(entry, null_if_not_finite=null_if_not_finite)
+
+    if isinstance(value, Mapping):
+        return {key: convert(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [convert(entry) for entry in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if null_if_not_finite and isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def to_json(content: Any, *, allow_nan: bool = False) -> str:
+    """Content as indented JSON text that ends with a new line.
+
+    Args:
+        content: data that ``plain`` can convert.
+        allow_nan: write NaN and infinity as Python's own reader takes them.
+
+    Raises:
+        ValueError: a number is not finite and ``allow_nan`` is false.
+    """
+    text = json.dumps(plain(content), indent=2, ensure_ascii=False, allow_nan=allow_nan)
+    return text + "\n"
+
+
+def write_json(content: Any, path: Path | str, *, private: bool = False) -> None:
+    """Write JSON whole or not at all.
+
+    Args:
+        content: data that ``plain`` can convert, with finite numbers.
+        path: the file.
+        private: make it readable by its owner alone.
+
+    Raises:
+        GapscopeError: ``path`` cannot be written.
+        ValueError: a number is not finite.
+    """
+    text = to_json(content)
+    with atomic_write(path) as aside:
+        aside.touch(mode=0o600 if private else 0o644)
+        aside.write_text(text, encoding="utf-8")

@@ -10,12 +10,11 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from jsonschema import Draft202012Validator
 from jsonschema.exceptions import best_match
 
 from gapscope.arm.errors import GapscopeError
-from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.json_file import plain, write_json
 
 
 @cache
@@ -26,15 +25,6 @@ def _validator() -> Draft202012Validator:
         .read_text(encoding="utf-8")
     )
     return Draft202012Validator(json.loads(text))
-
-
-def plain(value: Any) -> Any:
-    """The same value with dict, list, int and float in place of mappings, tuples and numpy types."""
-    if isinstance(value, Mapping):
-        return {key: plain(entry) for key, entry in value.items()}
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return [plain(entry) for entry in value]
-    return value.item() if isinstance(value, np.generic) else value
 
 
 def validate(document: Mapping[str, Any]) -> None:
@@ -58,11 +48,7 @@ def write_document(document: Mapping[str, Any], path: Path | str) -> None:
         GapscopeError: the document is not valid, or ``path`` cannot be written.
     """
     validate(document)
-    with atomic_write(path) as aside:
-        text = json.dumps(
-            plain(document), indent=2, ensure_ascii=False, allow_nan=False
-        )
-        aside.write_text(text + "\n", encoding="utf-8")
+    write_json(document, path)
 
 
 def _problems(content: Any) -> Iterator[tuple[str, str]]:

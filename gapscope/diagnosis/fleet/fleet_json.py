@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gapscope.arm.case import load_case
 from gapscope.arm.errors import GapscopeError
-from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import PER_JOINT
 from gapscope.diagnosis.fleet.compare_units import Shared, Value, compare, groups
@@ -85,17 +82,6 @@ def units_document(
         "groups": [_group(*entry) for entry in made],
         "alone": list(alone),
     }
-
-
-def write_units(content: Document, path: Path) -> None:
-    """Write ``units.json``; ``path`` never holds half of one.
-
-    Raises:
-        GapscopeError: ``path`` cannot be written.
-    """
-    with atomic_write(path) as aside:
-        text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
-        aside.write_text(text + "\n", encoding="utf-8")
 
 
 def _spoilt(document: Document) -> str:

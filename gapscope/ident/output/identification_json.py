@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from gapscope.arm.errors import GapscopeError
-from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.json_file import plain, write_json
 from gapscope.ident.checks.troubleshooting import Row
 from gapscope.ident.estimators.by_name import method
 from gapscope.ident.identification import Identification
@@ -206,16 +203,6 @@ def _validator() -> Any:
     return Draft202012Validator(json.loads(text))
 
 
-def plain(value: Any) -> Any:
-    """The same value as JSON has it: lists, numbers, and null for numbers that are not finite."""
-    if isinstance(value, Mapping):
-        return {key: plain(entry) for key, entry in value.items()}
-    if isinstance(value, (list, tuple, np.ndarray)) and not isinstance(value, str):
-        return [plain(entry) for entry in value]
-    value = value.item() if isinstance(value, np.generic) else value
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
 def check(content: Mapping[str, Any]) -> None:
     """Check a plain document against ``identification.schema.json``.
 
@@ -247,10 +234,6 @@ def write_document(content: Mapping[str, Any], path: Path | str) -> None:
     Raises:
         GapscopeError: the document is not valid, or ``path`` cannot be written.
     """
-    found = plain(content)
+    found = plain(content, null_if_not_finite=True)
     check(found)
-    with atomic_write(path) as aside:
-        aside.write_text(
-            json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False) + "\n",
-            encoding="utf-8",
-        )
+    write_json(found, path)

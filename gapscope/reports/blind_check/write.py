@@ -7,8 +7,8 @@ from dataclasses import asdict
 from pathlib import Path
 
 from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.json_file import write_json
 from gapscope.blind_check.score import Scored
-from gapscope.blind_check.seal import write_json
 from gapscope.reports.blind_check.pictures import (
     confusion_figure,
     reliability_figure,

@@ -11,8 +11,9 @@ import jinja2
 from markupsafe import Markup
 
 from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.json_file import plain
 from gapscope.diagnosis import display
-from gapscope.diagnosis.document.diagnosis_json import plain, validate
+from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.document.wording import acts_on, capital, effect_name
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.reports.diagnosis import figures, sections

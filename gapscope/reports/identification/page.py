@@ -12,9 +12,9 @@ import jinja2
 from markupsafe import Markup
 
 from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.json_file import plain
 from gapscope.diagnosis import display
 from gapscope.ident.identification import Identification
-from gapscope.ident.output.identification_json import plain
 from gapscope.reports.identification import examined, figures, sections
 
 
@@ -33,7 +33,7 @@ def render(
     """
     from plotly.offline import get_plotlyjs  # several MB of text, needed only here
 
-    content = plain(document)
+    content = plain(document, null_if_not_finite=True)
     html = (
         _environment()
         .get_template("report.html")
