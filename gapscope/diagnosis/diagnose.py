@@ -45,6 +45,7 @@ from gapscope.diagnosis.selection.search import Selection, search
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.diagnosis.setup_faults.quantization import find_quantization
+from gapscope.diagnosis.thresholds import SINGLE_RECORDING_FOLDS
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import (
@@ -54,9 +55,6 @@ from gapscope.ident.signals.conditioning import (
     condition,
     position_cutoff,
 )
-
-BLOCKS = 4
-"""Folds into which a single recording is cut."""
 
 
 @dataclass(frozen=True)
@@ -224,7 +222,7 @@ def _folds(case: Case, cutoff: float) -> list[list[Segment]]:
     return (
         fitted
         if len(fitted) > 1
-        else [[b] for s in fitted[0] for b in blocks(s, BLOCKS)]
+        else [[b] for s in fitted[0] for b in blocks(s, SINGLE_RECORDING_FOLDS)]
     )
 
 

@@ -54,7 +54,7 @@ def test_an_effect_that_is_no_longer_in_the_catalogue_is_called_unexplained(
     assert case.document["verdict"] == "effects_found"
     left = tuple(PARAMETRISATIONS)
     for name, module in list(sys.modules.items()):
-        if name.startswith("diagnosis.") and isinstance(
+        if name.startswith("gapscope.diagnosis.") and isinstance(
             getattr(module, "EXPLAINED", None), tuple
         ):
             monkeypatch.setattr(module, "EXPLAINED", left)

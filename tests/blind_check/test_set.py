@@ -12,13 +12,14 @@ import yaml
 
 from gapscope.arm.errors import InputError
 from gapscope.blind_check import make as make_module
-from gapscope.blind_check.frozen import thresholds
+from gapscope.blind_check.frozen import threshold_values
 from gapscope.blind_check.make import make
 from gapscope.blind_check.plan import Plan, read_plan
 from gapscope.blind_check.run import run
 from gapscope.blind_check.score import score
 from gapscope.blind_check.seal import open_labels, readable_labels
 from gapscope.cli import main
+from gapscope.diagnosis import thresholds
 from gapscope.provenance import source_files
 
 PLAN = Plan(
@@ -225,7 +226,15 @@ def test_frozen_covers_the_diagnosis_and_not_the_scorer() -> None:
     names = {path.name for path in source_files()}
     assert {"diagnose.py", "catalogue.py", "conditioning.py"} <= names
     assert not any("blind" in path.parts for path in source_files())
-    assert thresholds()["rivals.OPEN"] == 0.05
+
+
+def test_frozen_holds_every_threshold_as_json() -> None:
+    values = threshold_values()
+    assert values["OPEN_ALTERNATIVE"] == 0.05
+    assert values["NOMINAL_ERROR"]["0.03"] == 8.0
+    assert values["RESONANCES"][0] == pytest.approx(1.2)
+    written = json.loads(json.dumps(values))
+    assert written.keys() == {name for name in vars(thresholds) if name.isupper()}
 
 
 def test_a_plan_is_read_from_yaml_and_its_faults_are_named(tmp_path: Path) -> None:

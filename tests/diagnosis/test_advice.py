@@ -19,9 +19,10 @@ from gapscope.diagnosis.advice.hypothesis import Hypothesis
 from gapscope.diagnosis.advice.motion_options import Option, options
 from gapscope.diagnosis.advice.next_recording import Advice, Request, advise
 from gapscope.diagnosis.advice.parameter_vector import scales, vector, with_values
-from gapscope.diagnosis.advice.questions import MOST, Question, open_questions
+from gapscope.diagnosis.advice.questions import Question, open_questions
 from gapscope.diagnosis.advice.recorded_data import Present, fitted
 from gapscope.diagnosis.diagnose import diagnose
+from gapscope.diagnosis.thresholds import DESIGNED_ALTERNATIVES
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.excitation.excitation_plan import LimitPlan
@@ -231,7 +232,7 @@ def test_questions_are_few_and_of_physics() -> None:
         "armature",
         "joint_elasticity",
     ]
-    assert len(asked) == MOST
+    assert len(asked) == DESIGNED_ALTERNATIVES
 
 
 def test_values_are_fitted_to_the_recordings() -> None:

@@ -15,10 +15,10 @@ import synthetic
 
 from gapscope.diagnosis.gap.torque_gap import noise_floor
 from gapscope.diagnosis.model.fit_data import Data
-from gapscope.diagnosis.model.jacobian import PLAY
 from gapscope.diagnosis.model.linearisation import Linearisation, effective_samples
 from gapscope.diagnosis.model.parametrisation import PARAMETRISATIONS
 from gapscope.diagnosis.model.terms import Term, Terms
+from gapscope.diagnosis.thresholds import BACKLASH_START
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import Segment, condition, thinned
@@ -300,7 +300,7 @@ def test_saturation_counts_the_torque_beyond_the_limit() -> None:
     [
         ("joint_elasticity", 2, [4e-5, 4e-8]),
         ("joint_elasticity", 3, [4e-5, 4e-8]),
-        ("backlash", 1, [PLAY]),
+        ("backlash", 1, [BACKLASH_START]),
     ],
 )
 def test_columns_before_a_joint_bends_or_plays(

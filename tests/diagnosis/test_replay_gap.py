@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from gapscope.arm.case import Case
-from gapscope.diagnosis.assessment.replay_gap import MOST_TICKS, attempt, replay_gap
+from gapscope.diagnosis.assessment.replay_gap import attempt, replay_gap
 from gapscope.diagnosis.document.findings import _known
 from gapscope.diagnosis.model.terms import Terms
+from gapscope.diagnosis.thresholds import REPLAYED_TICKS
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.session import Plan, record_case
@@ -124,5 +125,5 @@ def test_an_effect_that_cannot_be_simulated_is_explained(case: Case) -> None:
 def test_time_is_bounded(case: Case) -> None:
     """Only so many ticks of the controller are replayed: a fast controller sees a shorter part."""
     assert case.controller is not None
-    fast = replace(case, controller=replace(case.controller, rate=MOST_TICKS / 0.5))
+    fast = replace(case, controller=replace(case.controller, rate=REPLAYED_TICKS / 0.5))
     assert "0.5 s" in replay_gap(fast, _judge(case)).warnings[0]

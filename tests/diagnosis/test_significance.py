@@ -11,11 +11,11 @@ import synthetic
 from synthetic import Truth
 
 from gapscope.diagnosis.assessment.significance import (
-    RATE,
     false_discovery_rates,
     log_e_values,
 )
 from gapscope.diagnosis.selection.search import Selection, search
+from gapscope.diagnosis.thresholds import FALSE_DISCOVERY_RATE
 from gapscope.ident.signals.conditioning import (
     TORQUE_CUTOFF,
     Segment,
@@ -67,14 +67,14 @@ def test_effects_that_are_there_are_borne_out_by_both_halves() -> None:
 def test_effects_that_are_not_there_are_not(effect: str, joint: int) -> None:
     """E[e] <= 1: values of 20 / 0.05, which a single discovery needs, come up once in 400 at most."""
     values = log_e_values(with_terms(found(HEALTHY), effect, joint))
-    assert values[effect] < np.log(20 / RATE)
+    assert values[effect] < np.log(20 / FALSE_DISCOVERY_RATE)
 
 
 def test_what_is_there_stays_confirmed_beside_what_is_not() -> None:
     rates = false_discovery_rates(
         log_e_values(with_terms(found(HEAVY), "torque_offset", 3))
     )
-    assert {name for name, rate in rates.items() if rate <= RATE} == {
+    assert {name for name, rate in rates.items() if rate <= FALSE_DISCOVERY_RATE} == {
         "armature",
         "coulomb_friction",
     }

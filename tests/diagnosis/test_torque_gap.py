@@ -7,7 +7,7 @@ import pytest
 import synthetic
 from scipy.signal import butter, sosfiltfilt
 
-from gapscope.diagnosis.gap.torque_gap import healthy, torque_gap, torque_scale
+from gapscope.diagnosis.gap.torque_gap import noise_floor, torque_gap, torque_scale
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import Segment, condition
@@ -119,7 +119,7 @@ class TestFloor:
         predicted = nominal.predict(synthetic.body(), segment.motion)
         noise = np.random.default_rng(0).standard_normal(predicted.shape)
         loud, quiet = (
-            healthy(
+            noise_floor(
                 nominal,
                 synthetic.body(),
                 Segment("s", segment.motion, predicted + sigma * noise),
@@ -131,7 +131,7 @@ class TestFloor:
 
     def test_friction_is_in_doubt_where_the_joint_sticks(self) -> None:
         (segment, *_) = segments(synthetic.Truth())
-        found = healthy(CorrectedArm(synthetic.arm()), synthetic.body(), segment)
+        found = noise_floor(CorrectedArm(synthetic.arm()), synthetic.body(), segment)
         speed = np.abs(segment.motion.dq[segment.inner])
         for j in range(synthetic.N):
             slow, fast = speed[:, j] < 0.003, speed[:, j] > 0.3
@@ -146,5 +146,5 @@ class TestFloor:
         for recording in synthetic.recordings(synthetic.Truth(), seed, duration=6.0):
             (segment,) = condition(recording, 20.0)
             gap = torque_gap(nominal, synthetic.body(), [segment]).rmse
-            floor = healthy(nominal, synthetic.body(), segment).floor
+            floor = noise_floor(nominal, synthetic.body(), segment).floor
             assert (gap < 1.6 * floor).all() and (floor < 20 * gap).all()

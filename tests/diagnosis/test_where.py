@@ -8,13 +8,9 @@ import synthetic
 from scipy.signal import butter, sosfiltfilt
 
 from gapscope.diagnosis.diagnose import diagnose
-from gapscope.diagnosis.localisation.regimes import (
-    LEAST_ENRICHMENT,
-    LEAST_SHARE,
-    Region,
-    regions,
-)
+from gapscope.diagnosis.localisation.regimes import Region, regions
 from gapscope.diagnosis.localisation.stacked_rows import Rows, stack
+from gapscope.diagnosis.thresholds import REGION_ENRICHMENT, REGION_SHARE
 from gapscope.ident.signals.conditioning import condition
 
 RATE = 250.0
@@ -121,7 +117,7 @@ def test_regions_are_large_enriched_and_few(rows: Rows) -> None:
     ).standard_normal((N, 2))
     found = regions(error, rows, load(rows), [1, 2], most=2)
     assert found and all(
-        r.share >= LEAST_SHARE and r.enrichment >= LEAST_ENRICHMENT for r in found
+        r.share >= REGION_SHARE and r.enrichment >= REGION_ENRICHMENT for r in found
     )
     assert all(sum(r.joint == joint for r in found) <= 2 for joint in (1, 2))
     assert all(0 <= r.share <= 1 and 0 < r.coverage <= 1 for r in found)

@@ -9,9 +9,7 @@ from gapscope.diagnosis.advice.contrast import Pair
 from gapscope.diagnosis.advice.next_recording import Advice
 from gapscope.diagnosis.display import percent, significant
 from gapscope.diagnosis.document.wording import listing
-
-SETTLES, MAY_SETTLE = 2.0, 0.5
-"""Contrast from which on a recording settles a question, and from which on it may [floors]."""
+from gapscope.diagnosis.thresholds import MAY_SETTLE, SETTLES
 
 
 def lines(advice: Advice, document: Mapping[str, Any]) -> list[str]:

@@ -22,17 +22,18 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.advice.hypothesis import Hypothesis
 from gapscope.diagnosis.advice.recorded_data import Present
-from gapscope.diagnosis.gap.torque_gap import MODEL_FORM, STICKING, TIMING, torque_scale
+from gapscope.diagnosis.gap.torque_gap import torque_scale
 from gapscope.diagnosis.model.fit_data import nuisance_units
+from gapscope.diagnosis.thresholds import (
+    ADVICE_INERTIALS,
+    ADVICE_SAMPLE_STEP,
+    MODEL_FORM,
+    STICKING_SPEED,
+    TIMING_SKEW,
+    TORQUE_INDEPENDENT_RATE,
+)
 from gapscope.ident.excitation.separation import Separated
-from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
 
-INERTIALS = 0.01
-"""Relative error of the nominal inertials that every hypothesis may have, a standard deviation [1]."""
-INDEPENDENT = 2 * TORQUE_CUTOFF
-"""Independent samples per second of a filtered torque [1/s]."""
-THIN = 4
-"""Of the present recordings every so many samples are compared."""
 RIDGE = 1e-9
 """Keeps a parameter that the data do not show at its value [1]."""
 
@@ -109,7 +110,7 @@ class Contrast:
                 s.motion,
                 present.floor,
                 s.inner,
-                THIN,
+                ADVICE_SAMPLE_STEP,
             )
             for s in present.segments
         ]
@@ -120,7 +121,7 @@ class Contrast:
         known = Weighed(
             np.concatenate([p.torque for p in parts], axis=1),
             slopes,
-            INDEPENDENT * seconds,
+            TORQUE_INDEPENDENT_RATE * seconds,
         )
         self._known = [self._prior(b).plus(_normal(known, a, b)) for a, b in self.pairs]
         least = [normal.least()[0] for normal in self._known]
@@ -154,13 +155,15 @@ class Contrast:
         rate = np.sqrt((np.gradient(torque, motion.t, axis=0) ** 2).mean(axis=0))
         floor = np.sqrt(
             self._floor**2
-            + (TIMING * rate) ** 2
+            + (TIMING_SKEW * rate) ** 2
             + (MODEL_FORM * torque_scale(torque)) ** 2
         )
         weighed = self._weighed(
             self._hypotheses, self._body, motion, floor, slice(None), 1, new=True
         )
-        return weighed._replace(samples=INDEPENDENT * float(motion.t[-1] - motion.t[0]))
+        return weighed._replace(
+            samples=TORQUE_INDEPENDENT_RATE * float(motion.t[-1] - motion.t[0])
+        )
 
     def _weighed(
         self,
@@ -180,7 +183,7 @@ class Contrast:
         )
         doubt = (
             self._dry
-            * (1.0 - np.abs(np.tanh(motion.dq[inner] / STICKING)))
+            * (1.0 - np.abs(np.tanh(motion.dq[inner] / STICKING_SPEED)))
             / np.sqrt(3.0)
         )
         weight = 1.0 / np.sqrt(floor**2 + doubt**2)
@@ -203,7 +206,7 @@ class Contrast:
         size = own + len(self._units)
         gram = np.diag(
             np.concatenate(
-                [np.full(own, RIDGE), np.full(len(self._units), INERTIALS**-2)]
+                [np.full(own, RIDGE), np.full(len(self._units), ADVICE_INERTIALS**-2)]
             )
         )
         return _Normal(gram, np.zeros(size), 0.0)

@@ -22,6 +22,11 @@ from gapscope.diagnosis.advice.questions import Question, open_questions
 from gapscope.diagnosis.advice.recorded_data import Present
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.found_fault import repaired
+from gapscope.diagnosis.thresholds import (
+    LEAST_SCREENING,
+    PAYLOAD_WORTH,
+    SCREENING_SHARE,
+)
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.ident.excitation.design import Excitation, design, prepare
@@ -29,12 +34,6 @@ from gapscope.ident.excitation.excitation_plan import LimitPlan, Plan
 from gapscope.ident.excitation.random_search import RandomSearch
 from gapscope.ident.excitation.trajectory_search import Budget
 
-SCREENED = 0.3
-"""Share of the evaluations that go to comparing the options [1]."""
-LEAST_SCREENED = 20
-"""Evaluations for each option, at least."""
-WORTH_MOUNTING = 1.25
-"""A payload is mounted where it raises the contrast by this factor [1]."""
 GENERAL = "quick"
 """Speed of the recording for a gap that nothing explains."""
 
@@ -154,13 +153,15 @@ def _between(
         bodies,
         request,
         rng,
-        _part(progress, 0.0, SCREENED),
+        _part(progress, 0.0, SCREENING_SHARE),
     )
     option = _chosen(tried)
-    budget = Budget(max(LEAST_SCREENED, round((1 - SCREENED) * request.evaluations)))
+    budget = Budget(
+        max(LEAST_SCREENING, round((1 - SCREENING_SHARE) * request.evaluations))
+    )
     plan = replace(option.plan(request.rate), budget=budget)
     contrast, body = contrasts[option.payload], bodies[option.payload]
-    rest = _part(progress, SCREENED, 1 - SCREENED)
+    rest = _part(progress, SCREENING_SHARE, 1 - SCREENING_SHARE)
     excitation = design(case.arm, plan, request.limits, rng, rest, contrast, body)
     pairs = tuple(contrast.on(excitation.motion))
     return Advice(
@@ -183,7 +184,7 @@ def _screen(
         InputError: the limits allow none of the options.
     """
     each = Budget(
-        max(LEAST_SCREENED, int(SCREENED * request.evaluations / len(offered)))
+        max(LEAST_SCREENING, int(SCREENING_SHARE * request.evaluations / len(offered)))
     )
     tried: list[tuple[Option, float | None]] = []
     refused: InputError | None = None
@@ -213,7 +214,7 @@ def _chosen(tried: list[tuple[Option, float | None]]) -> Option:
     Where no short search met the limits, the full one starts at the moderate speed, or the first offered.
     """
     worth = {
-        option: (reached or 0.0) / (1.0 if option.payload is None else WORTH_MOUNTING)
+        option: (reached or 0.0) / (1.0 if option.payload is None else PAYLOAD_WORTH)
         for option, reached in tried
     }
     best = max(worth, key=lambda option: worth[option])

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from gapscope.diagnosis.thresholds import LEAST_PARAMETER_SCALE
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.effect import Parameter
 
@@ -14,8 +15,6 @@ FIXED = ("link", "start", "end", "cycles")
 """Parameters that are not fitted: a name, times that belong to one recording, a count of teeth or poles."""
 FARTHEST = 1e6
 """Stands for bounds that are farther away, in units of a parameter's scale [1]."""
-LEAST = 0.05
-"""A scale is at least this share of the largest value met on real arms [1]."""
 
 
 def free(
@@ -40,7 +39,7 @@ def vector(effects: tuple[AppliedEffect, ...]) -> np.ndarray:
 def scales(effects: tuple[AppliedEffect, ...]) -> np.ndarray:
     """Size of each value, for steps and for conditioning, same units, shape (P,)."""
     parts = [
-        np.maximum(np.abs(v), LEAST * max(abs(x) for x in p.typical))
+        np.maximum(np.abs(v), LEAST_PARAMETER_SCALE * max(abs(x) for x in p.typical))
         for _, p, v in free(effects)
     ]
     return np.concatenate([np.zeros(0), *parts])

@@ -6,12 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from gapscope.diagnosis.assessment.alternatives import OPEN
 from gapscope.diagnosis.document.wording import acts_on, effect_name
+from gapscope.diagnosis.thresholds import DESIGNED_ALTERNATIVES, OPEN_ALTERNATIVE
 from gapscope.effects.catalogue import CATALOGUE
-
-MOST = 3
-"""Most rivals that one recording is designed for; the most probable ones."""
 
 NOT_DESIGNED = ("torque_saturation", "encoder_quantization")
 """Effects that a motion alone does not predict: how far a command exceeds a limit depends on the controller."""
@@ -42,7 +39,7 @@ class Question:
 
 
 def open_questions(document: Mapping[str, Any]) -> list[Question]:
-    """The open questions of ``diagnosis.json``, the most probable rival first, at most ``MOST``.
+    """The open questions of ``diagnosis.json``, the most probable rival first, at most ``DESIGNED_ALTERNATIVES``.
 
     Setup faults are not physics of the arm, and those of ``NOT_DESIGNED`` are not predicted from motion: no recording
     is designed for them.
@@ -52,7 +49,7 @@ def open_questions(document: Mapping[str, Any]) -> list[Question]:
     for entry in document["effects"]:
         for rival in entry["alternatives"]:
             if (
-                rival["probability"] < OPEN
+                rival["probability"] < OPEN_ALTERNATIVE
                 or not {rival["effect"], entry["effect"]} <= designed
             ):
                 continue
@@ -74,7 +71,9 @@ def open_questions(document: Mapping[str, Any]) -> list[Question]:
                     _words(rival["effect"], joints),
                 )
             )
-    return sorted(out, key=lambda question: -question.probability)[:MOST]
+    return sorted(out, key=lambda question: -question.probability)[
+        :DESIGNED_ALTERNATIVES
+    ]
 
 
 def _words(rival: str, joints: tuple[int, ...]) -> str:

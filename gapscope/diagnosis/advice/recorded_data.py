@@ -18,6 +18,7 @@ from gapscope.diagnosis.advice.parameter_vector import (
     with_values,
 )
 from gapscope.diagnosis.gap.torque_gap import filtered_torque, torque_scale
+from gapscope.diagnosis.thresholds import ADVICE_RATE, FIT_DRAWS, FIT_STARTS, FIT_STEPS
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.severity import ArmScale, draw
 from gapscope.ident.signals.conditioning import (
@@ -27,15 +28,6 @@ from gapscope.ident.signals.conditioning import (
     thinned,
 )
 
-RATE = 100.0
-"""Recordings are decimated to no less than this [Hz]."""
-DRAWS = 12
-"""Starts that are tried for an effect whose values are not known."""
-FITTED = 2
-"""The best of them from which values are fitted."""
-STEPS = 12
-"""Most steps of a fit."""
-
 
 @dataclass(frozen=True)
 class Present:
@@ -43,7 +35,7 @@ class Present:
 
     Attributes:
         body: dynamics of the nominal arm.
-        segments: with torque, at about ``RATE``.
+        segments: with torque, at about ``ADVICE_RATE``.
         measured: recorded torque of each, filtered and trimmed as the gap is [N m], each (M, n).
         floor: RMS that a healthy arm would leave on them [N m], (n,).
     """
@@ -68,7 +60,7 @@ class Present:
             )
         cutoff = position_cutoff(recordings)
         segments = tuple(
-            thinned(s, RATE) for r in recordings for s in condition(r, cutoff)
+            thinned(s, ADVICE_RATE) for r in recordings for s in condition(r, cutoff)
         )
         measured = tuple(filtered_torque(s) for s in segments)
         return cls(
@@ -121,7 +113,7 @@ def fitted(present: Present, hypothesis: Hypothesis) -> tuple[Hypothesis, float]
     room = 1e-6 * np.minimum(high - low, 1.0)
     start = np.clip(vector(effects) / scale, low + room, high - room)
     done = least_squares(
-        lambda x: present.residual(at(x)), start, slope, (low, high), max_nfev=STEPS
+        lambda x: present.residual(at(x)), start, slope, (low, high), max_nfev=FIT_STEPS
     )
     return at(done.x), float(np.mean(done.fun**2))
 
@@ -136,11 +128,11 @@ def with_unknown(
     """A hypothesis with one more effect, whose values are found from several starts of the size of real arms'."""
     scale = ArmScale.of(hypothesis.arm)
     tried: list[tuple[float, int, Hypothesis]] = []
-    for k in range(DRAWS):
+    for k in range(FIT_DRAWS):
         drawn: AppliedEffect = draw(name, rng, scale, joints or None)
         started = Hypothesis(
             hypothesis.words, hypothesis.arm, (*hypothesis.effects, drawn)
         )
         tried.append((float(np.mean(present.residual(started) ** 2)), k, started))
-    best = [fitted(present, started) for _, _, started in sorted(tried)[:FITTED]]
+    best = [fitted(present, started) for _, _, started in sorted(tried)[:FIT_STARTS]]
     return min(best, key=lambda pair: pair[1])[0]

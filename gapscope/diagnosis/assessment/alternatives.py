@@ -8,12 +8,8 @@ import numpy as np
 
 from gapscope.diagnosis.model.terms import EXPLAINED, Term
 from gapscope.diagnosis.selection.search import Selection
+from gapscope.diagnosis.thresholds import TEMPER
 from gapscope.effects.catalogue import CATALOGUE
-
-TEMPER = 0.2
-"""Evidence counts this much in probabilities: folds of the same few motions say less than their nats."""
-OPEN = 0.05
-"""A rival with this probability leaves the question open [1]."""
 
 
 @dataclass(frozen=True)

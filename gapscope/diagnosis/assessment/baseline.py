@@ -15,16 +15,15 @@ from gapscope.diagnosis.model.linearisation import Linearisation
 from gapscope.diagnosis.model.terms import Term, Terms
 from gapscope.diagnosis.selection.evidence import evidences
 from gapscope.diagnosis.selection.search import Selection
+from gapscope.diagnosis.thresholds import (
+    BASELINE_LINEARISATIONS,
+    LINK_OVER_PAYLOAD,
+    REFERENCE_GAP_GROWTH,
+)
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import condition, position_cutoff
 
-MOST_GROWTH = 2.0
-"""What the reference leaves is taken to grow with the torque up to this factor."""
-LINKS_STAY = 20.0
-"""Evidence that a changed link needs over a load [nats]: links of a known arm do not change, what it carries does."""
-LINEARISATIONS = 3
-"""Around no effect, then around the values found."""
 LEAST_SAMPLES = 8
 """Samples that a recording has at least to be interpolated."""
 
@@ -66,7 +65,7 @@ class Baseline:
         load = _searched(
             selection, terms - links | frozenset(selection.evidence.terms.of("payload"))
         )
-        return load if load.fit.score > fit.score - LINKS_STAY else selection
+        return load if load.fit.score > fit.score - LINK_OVER_PAYLOAD else selection
 
     def adjusted(self, case: Case) -> Case:
         """The case with the skew, and what the baseline's effects do, taken out of the recorded torque.
@@ -110,7 +109,7 @@ class Baseline:
     def floor(self, gap: TorqueGap) -> np.ndarray:
         """RMS that the identified arm may leave on recordings of another day [N m], (n,)."""
         return self.rest * np.clip(
-            torque_scale(gap.measured) / self.scale, 1.0, MOST_GROWTH
+            torque_scale(gap.measured) / self.scale, 1.0, REFERENCE_GAP_GROWTH
         )
 
 
@@ -151,7 +150,7 @@ def _searched(selection: Selection, terms: frozenset[Term]) -> Selection:
         np.zeros(selection.evidence.terms.size),
         selection.fit.scored_mse,
     )
-    for _ in range(LINEARISATIONS):
+    for _ in range(BASELINE_LINEARISATIONS):
         linear = Linearisation(linear.data, theta, Terms(linear.arm.n_joints, shapes))
         evidence = evidences(linear, scored_mse, terms)[0]
         fit = evidence.fit(terms)

@@ -20,14 +20,16 @@ from typing import Any
 
 import numpy as np
 
-from gapscope.diagnosis.assessment.alternatives import TEMPER, Rival
+from gapscope.diagnosis.assessment.alternatives import Rival
+from gapscope.diagnosis.thresholds import (
+    LEAST_PROBABILITY,
+    LISTED_PROBABILITY,
+    MOST_PROBABILITY,
+    TEMPER,
+)
 
 FILE = Path(__file__).with_name("calibration.json")
 """The fitted values."""
-LEAST_NAMED = 0.01
-"""Names less probable than this are not listed in a set."""
-FEWEST, MOST = 0.02, 0.995
-"""No probability lies outside: what was seen no more than a few hundred times is not known better."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,11 @@ def probability(
         + float(np.dot(values["weights"], support.features()))
         + values["effects"].get(effect, 0.0)
     )
-    return float(np.clip(support.evidence / (1.0 + np.exp(-z)), FEWEST, MOST))
+    return float(
+        np.clip(
+            support.evidence / (1.0 + np.exp(-z)), LEAST_PROBABILITY, MOST_PROBABILITY
+        )
+    )
 
 
 def shared(
@@ -131,7 +137,7 @@ def conformal_set(
     """
     names, total = [effect], probability
     for rival in rivals:
-        if total >= fitted()["level"] or rival.probability < LEAST_NAMED:
+        if total >= fitted()["level"] or rival.probability < LISTED_PROBABILITY:
             break
         names.append(rival.effect)
         total += rival.probability

@@ -13,22 +13,16 @@ import numpy as np
 from gapscope.diagnosis.gap.torque_gap import TorqueGap, torque_scale
 from gapscope.diagnosis.selection.moves import COMPLIANT
 from gapscope.diagnosis.selection.search import Selection
-
-LEAST_RATIO = 1.6
-"""Without effects a gap is above the floor when it exceeds it by this factor..."""
-LEAST_LEFT_RATIO = 1.3
-"""...and with effects by this one..."""
-LEAST_EXCESS = 0.012
-"""...and by this much torque NRMSE, in squares."""
-MOST_LEFT = 0.12
-"""Effects explain a gap when they leave no more than this share of the square of what was above the floor; the form of
-a real effect differs from the catalogue's..."""
-MOST_LEFT_RINGING = 0.45
-"""...and that of a joint that rings or plays by more..."""
-WIDE_LEFT, WIDE = 0.5, 0.05
-"""...and no joint is left with this share of its own, and with this much torque NRMSE."""
-LOUDEST = 2.0
-"""Where every joint is above its floor, the noise was taken for too small by the quietest one, up to this factor."""
+from gapscope.diagnosis.thresholds import (
+    ABOVE_FLOOR_NRMSE,
+    ABOVE_FLOOR_RATIO,
+    EXPLAINED_RESIDUAL,
+    EXPLAINED_RESIDUAL_COMPLIANT,
+    LOUDEST_FLOOR,
+    RESIDUAL_ABOVE_FLOOR_RATIO,
+    WIDE_RESIDUAL_NRMSE,
+    WIDE_RESIDUAL_SHARE,
+)
 
 
 @dataclass(frozen=True)
@@ -50,8 +44,12 @@ class ExcessResidual:
     @property
     def above(self) -> np.ndarray:
         """Joints above the floor, (n,)."""
-        least = np.where(self.before > self.after + 1e-9, LEAST_LEFT_RATIO, LEAST_RATIO)
-        return (self.ratio > least) & (self.after > LEAST_EXCESS)
+        least = np.where(
+            self.before > self.after + 1e-9,
+            RESIDUAL_ABOVE_FLOOR_RATIO,
+            ABOVE_FLOOR_RATIO,
+        )
+        return (self.ratio > least) & (self.after > ABOVE_FLOOR_NRMSE)
 
     @property
     def open(self) -> bool:
@@ -61,8 +59,12 @@ class ExcessResidual:
     def more_than(self, before: np.ndarray) -> bool:
         """Whether more is left than effects may leave of what was above the floor before, as torque NRMSE, (n,)."""
         left = (self.after[self.above] ** 2).sum()
-        most = MOST_LEFT_RINGING if self.rings else MOST_LEFT
-        wide = self.above & (self.after > WIDE) & (self.after > WIDE_LEFT * before)
+        most = EXPLAINED_RESIDUAL_COMPLIANT if self.rings else EXPLAINED_RESIDUAL
+        wide = (
+            self.above
+            & (self.after > WIDE_RESIDUAL_NRMSE)
+            & (self.after > WIDE_RESIDUAL_SHARE * before)
+        )
         return bool(left > most * (before**2).sum() or wide.any())
 
 
@@ -115,7 +117,7 @@ def excess_residual(
     )
     after2 = np.minimum(after2, gap**2)
     floor2 = np.maximum(floor2, np.square(least))
-    floor2 = floor2 * np.clip((after2 / floor2).min(), 1.0, LOUDEST**2)
+    floor2 = floor2 * np.clip((after2 / floor2).min(), 1.0, LOUDEST_FLOOR**2)
     before, after = (
         np.sqrt(np.clip(x - floor2, 0.0, None)) / selection.scale
         for x in (before2, after2)

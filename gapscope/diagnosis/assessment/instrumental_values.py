@@ -17,7 +17,8 @@ import numpy as np
 
 from gapscope.arm.case import Case
 from gapscope.diagnosis.model.fit_data import Data
-from gapscope.diagnosis.selection.search import SEARCH_RATE, Selection
+from gapscope.diagnosis.selection.search import Selection
+from gapscope.diagnosis.thresholds import SEARCH_RATE
 from gapscope.effects.applied import AppliedEffect
 from gapscope.ident.signals.conditioning import Segment, thinned
 

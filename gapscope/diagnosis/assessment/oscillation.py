@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-LEAST, MOST = 0.5, 12.0
-"""Frequencies that are looked for [Hz]: what the band of the torque gap holds, less what a slow motion does."""
-FINER = 8
-"""Frequencies that are tried per resolution 1 / duration; the phase has to last for as long as what is predicted."""
+from gapscope.diagnosis.thresholds import (
+    LEAST_OSCILLATION,
+    MOST_OSCILLATION,
+    OSCILLATION_GRID,
+)
 
 
 def predict_oscillation(
@@ -28,7 +29,11 @@ def predict_oscillation(
     out = np.zeros(len(gap))
     if max(spans.values()) <= 0:
         return out
-    frequency = np.arange(LEAST, MOST, 1.0 / (FINER * max(spans.values())))
+    frequency = np.arange(
+        LEAST_OSCILLATION,
+        MOST_OSCILLATION,
+        1.0 / (OSCILLATION_GRID * max(spans.values())),
+    )
     # Fourier sums of every fold: powers of any set of folds follow
     sums = {
         f: _fourier(frequency, t[fold == f], gap[fold == f]) for f in np.unique(fold)

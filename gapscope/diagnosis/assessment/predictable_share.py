@@ -12,28 +12,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.diagnosis.assessment.curves import Curve, Variable, curve_of, variables
-from gapscope.diagnosis.assessment.oscillation import (
-    LEAST,
-    MOST,
-    amplitudes,
-    predict_oscillation,
-)
+from gapscope.diagnosis.assessment.oscillation import amplitudes, predict_oscillation
 from gapscope.diagnosis.assessment.ridge_folds import Folds, predict_unseen
 from gapscope.diagnosis.gap.torque_gap import TorqueGap
 from gapscope.diagnosis.localisation.stacked_rows import Rows
+from gapscope.diagnosis.thresholds import (
+    FOLD_GUARD,
+    FOURIER_FEATURES,
+    KERNEL_LENGTHS,
+    LEAST_OSCILLATION,
+    MOST_OSCILLATION,
+    PREDICTABLE_LEAST_RATIO,
+    ROWS_PER_CUTOFF,
+)
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
 from gapscope.ident.uncertainty.validation import band_correlation, whiteness
 
-PER_CUTOFF = 2.5
-"""Rows per period of the torque gap's cut-off; more hold nothing new."""
-FEATURES = 60
-"""Random Fourier features of each length, of a joint's signals; half as many of the posture of the arm."""
-LENGTHS = (0.5, 1.25)
-"""Lengths of the features' kernels, over the distance that two samples have on average."""
-GUARD = 0.3
-"""Time beside the border between two folds that is not fitted: what is judged is no neighbour of it [s]."""
-ABOVE = 1.1
-"""A gap less than this many times the floor is not above it: a share of next to nothing means nothing."""
 OSCILLATION = "frequency"
 """Name of the oscillation among the variables."""
 
@@ -112,7 +106,11 @@ def _of_joint(
     j, t, segment = joint - 1, rows.t[kept], rows.segment[kept]
     gap = after.error[kept, j]
     power = float(np.mean(gap**2))
-    above = power - float(floor[j]) ** 2 if power > (ABOVE * floor[j]) ** 2 else 0.0
+    above = (
+        power - float(floor[j]) ** 2
+        if power > (PREDICTABLE_LEAST_RATIO * floor[j]) ** 2
+        else 0.0
+    )
     seen = variables(rows, kept, j, after.predicted[kept, j])
     if above == 0.0:
         nothing = {**{v.name: 0.0 for v in seen}, OSCILLATION: 0.0}
@@ -129,7 +127,7 @@ def _of_joint(
     share = _share(gap, line + predict_unseen(features, gap - line, folds), above)
     told = max(by, key=lambda name: by[name])
     if told == OSCILLATION:
-        frequency = np.arange(LEAST, MOST, 0.05)
+        frequency = np.arange(LEAST_OSCILLATION, MOST_OSCILLATION, 0.05)
         curve = Curve(
             OSCILLATION, "Hz", frequency, amplitudes(t, gap, segment, frequency)
         )
@@ -144,13 +142,13 @@ def _thinned(rows: Rows) -> tuple[np.ndarray, Folds]:
     kept, folds, fitted = [], [], []
     for segment, rate in enumerate(rows.rates):
         own = np.flatnonzero(rows.segment == segment)[
-            :: max(1, int(rate / (PER_CUTOFF * TORQUE_CUTOFF)))
+            :: max(1, int(rate / (ROWS_PER_CUTOFF * TORQUE_CUTOFF)))
         ]
         half = np.arange(len(own)) >= len(own) / 2
         t = rows.t[own]
         kept.append(own)
         folds.append(2 * segment + half)
-        fitted.append(np.abs(t - t[int(np.argmax(half))]) > GUARD)
+        fitted.append(np.abs(t - t[int(np.argmax(half))]) > FOLD_GUARD)
     return np.concatenate(kept), Folds(np.concatenate(folds), np.concatenate(fitted))
 
 
@@ -158,7 +156,7 @@ def _features(seen: list[Variable], rng: np.random.Generator) -> np.ndarray:
     """A 1, a joint's signals, and random Fourier features of them; (K, 1 + signals + features)."""
     x = np.column_stack([c for v in seen for c in v.smooth()])
     x = (x - x.mean(axis=0)) / np.maximum(x.std(axis=0), 1e-9)
-    return np.column_stack([np.ones(len(x)), x, _waves(x, FEATURES, rng)])
+    return np.column_stack([np.ones(len(x)), x, _waves(x, FOURIER_FEATURES, rng)])
 
 
 def _posture(q: np.ndarray) -> np.ndarray:
@@ -166,14 +164,14 @@ def _posture(q: np.ndarray) -> np.ndarray:
     x = np.hstack([np.sin(q), np.cos(q)])
     return _waves(
         (x - x.mean(axis=0)) / np.maximum(x.std(axis=0), 0.05),
-        FEATURES // 2,
+        FOURIER_FEATURES // 2,
         np.random.default_rng(0),
     )
 
 
 def _waves(x: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
     """Random Fourier features, sqrt 2 cos(x W + b) with W normal over a length and b uniform. Source: rahimi2007."""
-    lengths = np.repeat(LENGTHS, count) * np.sqrt(2.0 * x.shape[1])
+    lengths = np.repeat(KERNEL_LENGTHS, count) * np.sqrt(2.0 * x.shape[1])
     angle = x @ (rng.standard_normal((x.shape[1], len(lengths))) / lengths)
     return np.asarray(
         np.sqrt(2.0) * np.cos(angle + rng.uniform(0.0, 2.0 * np.pi, len(lengths)))

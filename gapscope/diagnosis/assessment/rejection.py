@@ -10,11 +10,10 @@ from gapscope.diagnosis.assessment.alternatives import rivals
 from gapscope.diagnosis.assessment.held_out_prediction import HeldOutPredictor
 from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.search import Selection
+from gapscope.diagnosis.thresholds import NAMED_PROBABILITY
 
 REACHING = ("encoder_offset", "joint_elasticity", "backlash", "link_inertia")
 """Effects on one joint that change the torque of others."""
-LEAST_PROBABILITY = 0.5
-"""An effect less probable than this is not named."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +75,7 @@ def _harmful(predictor: HeldOutPredictor) -> Rejection | None:
 def _improbable(selection: Selection) -> Rejection | None:
     for name in sorted({t.finding for t in selection.fit.terms}):
         probability, others = rivals(selection, name)
-        if probability < LEAST_PROBABILITY:
+        if probability < NAMED_PROBABILITY:
             terms = frozenset(t for t in selection.fit.terms if t.finding == name)
             return Rejection(
                 terms,

@@ -14,16 +14,13 @@ from gapscope.arm.recording import Recording
 from gapscope.diagnosis.assessment.held_out_prediction import HeldOutPredictor
 from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.moves import COMPLIANT, by_finding
+from gapscope.diagnosis.thresholds import REPLAYED_TICKS, REPLAYED_TICKS_COMPLIANT
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.engines import installed
 from gapscope.envs.replay import LONGEST_STEP, replay
 
 ENGINE, SECOND_OPINIONS = "pybullet", ("mujoco",)
 """The engine that replays, and those that do so as well where they are installed."""
-
-MOST_TICKS, MOST_TICKS_RINGING = 12_000, 4_000
-"""Ticks of the controller that are replayed: 12 s at 1 kHz, which takes a second or two; a joint that rings or plays
-takes steps as small as its resonance asks for. Without a controller a tick is a step of 1 ms or less."""
 
 
 class ReplayGap(NamedTuple):
@@ -67,7 +64,9 @@ def replay_gap(case: Case, predictor: HeldOutPredictor) -> ReplayGap:
     )
     none, every = frozenset[Term](), predictor.selection.fit.terms
     rings = any(t.effect in COMPLIANT for t in every)
-    recording = _head(recording, (MOST_TICKS_RINGING if rings else MOST_TICKS) / ticks)
+    recording = _head(
+        recording, (REPLAYED_TICKS_COMPLIANT if rings else REPLAYED_TICKS) / ticks
+    )
     known: dict[tuple[frozenset[Term], str], tuple[np.ndarray | None, str | None]] = {}
 
     def gap(terms: frozenset[Term], engine: str = ENGINE) -> np.ndarray | None:

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-STRENGTHS = (3e-4, 3e-3, 3e-2, 0.3, 3.0)
-"""Strengths of the ridge that are tried, over the mean square of the columns."""
+from gapscope.diagnosis.thresholds import RIDGE_STRENGTHS
 
 
 @dataclass(frozen=True)
@@ -37,11 +36,11 @@ def predict_unseen(x: np.ndarray, y: np.ndarray, folds: Folds) -> np.ndarray:
         rights.append(x[rows].T @ y[rows])
     gram, right = np.sum(grams, axis=0), np.sum(rights, axis=0)
     ridge = np.trace(gram) / len(gram) * np.eye(len(gram))
-    said = np.zeros((len(STRENGTHS), len(y)))
+    said = np.zeros((len(RIDGE_STRENGTHS), len(y)))
     for place, own, own_right in zip(places, grams, rights, strict=True):
         value, vector = np.linalg.eigh(gram - own)
         turned = vector.T @ (right - own_right)
-        for k, strength in enumerate(STRENGTHS):
+        for k, strength in enumerate(RIDGE_STRENGTHS):
             said[k, place] = x[place] @ (
                 vector @ (turned / np.maximum(value + strength * ridge[0, 0], 1e-300))
             )

@@ -18,13 +18,17 @@ from gapscope.diagnosis.gap.torque_gap import (
 )
 from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.model.torque_sensor import (
-    SENSOR_LAG,
-    SENSOR_SCALE,
-    SENSOR_ZERO,
     actuator_floor,
     link_floor,
     link_torque,
     sensor_errors,
+)
+from gapscope.diagnosis.thresholds import (
+    ABOVE_FLOOR_NRMSE,
+    ABOVE_FLOOR_RATIO,
+    SENSOR_LAG,
+    SENSOR_SCALE,
+    SENSOR_ZERO,
 )
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, Segment, low_pass
@@ -55,8 +59,6 @@ SIDES = {
     "both": ("joint_elasticity", "backlash", "encoder_quantization"),
 }
 """Side of a sensor behind the gear on which each effect acts."""
-CARRIED_RATIO, CARRIED_NRMSE = 1.6, 0.012
-"""A side carries a gap where it exceeds its floor by this factor and by this much."""
 SIDE = {name: side for side, names in SIDES.items() for name in names}
 
 
@@ -76,7 +78,7 @@ class SideGap:
     def above(self, values: np.ndarray) -> np.ndarray:
         """Joints on which ``values`` stand clearly above the floor, (n,)."""
         return values > np.maximum(
-            CARRIED_RATIO * self.floor, self.floor + CARRIED_NRMSE
+            ABOVE_FLOOR_RATIO * self.floor, self.floor + ABOVE_FLOOR_NRMSE
         )
 
 

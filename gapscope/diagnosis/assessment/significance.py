@@ -26,9 +26,6 @@ from gapscope.diagnosis.model.terms import EXPLAINED, Term
 from gapscope.diagnosis.selection.moves import COMPLIANT, by_finding
 from gapscope.diagnosis.selection.search import Selection
 
-RATE = 0.05
-"""Share of the effects confirmed that may be there by chance."""
-
 
 def log_e_values(selection: Selection) -> dict[str, float]:
     """log e of each effect found [nats]; not of joints that ring or play, of which a linear model without is none."""

@@ -9,6 +9,7 @@ import numpy as np
 from gapscope.diagnosis.document.wording import effect_name
 from gapscope.diagnosis.gap.commanded_torque import WARNING
 from gapscope.diagnosis.model.terms import Term
+from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
 
 if TYPE_CHECKING:
     from gapscope.diagnosis.diagnose import Study
@@ -42,7 +43,7 @@ def context(study: Study) -> dict[str, Any]:
         "conditioning": {
             "rate": study.predictor.segments[0].motion.rate,
             "position_cutoff": study.cutoff,
-            "torque_cutoff": 12.0,
+            "torque_cutoff": TORQUE_CUTOFF,
             "how": "zero-phase Butterworth, order 4, on both sides; positions cut at twice the frequency where their "
             "spectrum meets its noise; floor from the gap's power density above the band, timing and form of friction",
             "nominal_inertials_std": study.selection.evidence.sigma,

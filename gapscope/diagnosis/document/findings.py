@@ -6,12 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gapscope.diagnosis.assessment.alternatives import (
-    OPEN,
-    TEMPER,
-    rivals,
-    separated_by,
-)
+from gapscope.diagnosis.assessment.alternatives import rivals, separated_by
 from gapscope.diagnosis.assessment.calibration import (
     Support,
     conformal_set,
@@ -21,7 +16,6 @@ from gapscope.diagnosis.assessment.calibration import (
 from gapscope.diagnosis.assessment.predictable_share import predictable
 from gapscope.diagnosis.assessment.sensor_sides import described
 from gapscope.diagnosis.assessment.significance import (
-    RATE,
     false_discovery_rates,
     log_e_values,
 )
@@ -32,16 +26,19 @@ from gapscope.diagnosis.gap.torque_gap import torque_scale
 from gapscope.diagnosis.localisation.regimes import located, regions
 from gapscope.diagnosis.localisation.region import Region
 from gapscope.diagnosis.localisation.stacked_rows import Rows, stack
+from gapscope.diagnosis.thresholds import (
+    ABOVE_FLOOR_NRMSE,
+    CLOSING_JOINTS,
+    FALSE_DISCOVERY_RATE,
+    OPEN_ALTERNATIVE,
+    PREDICTABLE_SHARE,
+    SIGNIFICANT_RESIDUAL_RATIO,
+    TEMPER,
+)
 from gapscope.effects.applied import AppliedEffect
 
 if TYPE_CHECKING:
     from gapscope.diagnosis.diagnose import Study
-
-PLAIN, PREDICTED = 2.2, 0.1
-"""What is left on a joint is plain from this many times the floor on; below that a flexible model has to predict this
-share of it on unseen data, as noise louder than believed looks alike but cannot be predicted."""
-CLOSING = 0.25
-"""An effect on the arm or a link acts on the joints where it closes this share of what it closes at most."""
 
 
 def document(study: Study) -> dict[str, Any]:
@@ -59,7 +56,9 @@ def document(study: Study) -> dict[str, Any]:
     open_joints = [int(j) + 1 for j in np.flatnonzero(above)]
     told = predictable(study.after, rows, study.floor, open_joints)
     plain = any(
-        p.share >= PREDICTED or study.left.ratio[p.joint - 1] >= PLAIN for p in told
+        p.share >= PREDICTABLE_SHARE
+        or study.left.ratio[p.joint - 1] >= SIGNIFICANT_RESIDUAL_RATIO
+        for p in told
     )
     verdict = _verdict(study, bool(effects), faulty, plain)
     return {
@@ -148,7 +147,7 @@ def _effects(study: Study, rows: Rows) -> list[dict[str, Any]]:
             "false_discovery_rate": rates.get(finding_of(applied)),
             "confirmed": None
             if finding_of(applied) not in rates
-            else rates[finding_of(applied)] <= RATE,
+            else rates[finding_of(applied)] <= FALSE_DISCOVERY_RATE,
         }
         for applied in sorted(
             study.effects, key=lambda e: shares[finding_of(e)].value, reverse=True
@@ -258,9 +257,11 @@ def _support(study: Study, applied: AppliedEffect, without: np.ndarray) -> Suppo
     """What speaks for an effect found, on its joints; of one on the arm or a link those where it closes the gap."""
     closed = without - study.after.nrmse
     places = [j - 1 for j in applied.joints] or list(
-        np.flatnonzero(closed >= CLOSING * closed.max())
+        np.flatnonzero(closed >= CLOSING_JOINTS * closed.max())
     )
-    left = study.left.after[places] / np.maximum(study.left.before[places], 0.012)
+    left = study.left.after[places] / np.maximum(
+        study.left.before[places], ABOVE_FLOOR_NRMSE
+    )
     _, others = rivals(study.selection, finding_of(applied))
     return Support(
         margin=float(
@@ -310,7 +311,7 @@ def _region(region: Region) -> dict[str, Any]:
 def _next(effects: list[dict[str, Any]], open_joints: list[int]) -> str | None:
     for effect in effects:
         for rival in effect["alternatives"]:
-            if rival["probability"] >= OPEN:
+            if rival["probability"] >= OPEN_ALTERNATIVE:
                 names = [effect_name(entry["effect"]) for entry in (effect, rival)]
                 return f"to tell {names[0]} from {names[1].replace('none', 'nothing')}: {rival['separated_by']}"
     if open_joints:

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from gapscope.diagnosis.model.terms import Term
-from gapscope.diagnosis.selection.evidence import SKEWS
 from gapscope.diagnosis.selection.search import Selection
+from gapscope.diagnosis.thresholds import SKEWS
 from gapscope.effects.applied import AppliedEffect
 
 

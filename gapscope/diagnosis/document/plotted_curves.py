@@ -16,7 +16,7 @@ from gapscope.diagnosis.localisation.stacked_rows import Rows, stack
 from gapscope.diagnosis.result import Located, Signature, Spectrum, Trace
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.ident.signals.conditioning import Segment
+from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, Segment
 
 POINTS = 1500
 """Most points of a curve."""
@@ -76,7 +76,7 @@ def traces(
 
 def spectrum(before: TorqueGap, after: TorqueGap, rates: tuple[float, ...]) -> Spectrum:
     """Amplitude spectrum of the gap up to 12 Hz, mean power over the segments, sampled at ``rates`` [Hz]."""
-    frequency = np.arange(0.0, 12.01, 0.25)
+    frequency = np.arange(0.0, TORQUE_CUTOFF + 0.01, 0.25)
     powers = [np.zeros((len(frequency), before.error.shape[1])) for _ in range(2)]
     for power, error in zip(powers, (before.error, after.error), strict=True):
         for a, b, rate in zip(before.edges, before.edges[1:], rates, strict=False):

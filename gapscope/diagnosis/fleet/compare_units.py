@@ -10,10 +10,8 @@ from typing import Any
 import numpy as np
 
 from gapscope.diagnosis.fleet.heterogeneity import Pooled, pooled
+from gapscope.diagnosis.thresholds import FLEET_LEVEL
 
-LEVEL = 0.01
-"""Values differ between units where one value for all of them would scatter as much with less than this probability,
-divided by the number of values that the effect has there."""
 ANGLES = ("phase",)
 """Parameters that repeat after a full turn, of which a share means nothing."""
 SHARED, DIFFERING, SOME, ONE = (
@@ -139,7 +137,7 @@ def _shared(
     agree = None
     if len(entries) > 1:
         agree = all(
-            v.pooled is None or v.pooled.p >= LEVEL / len(values) for v in values
+            v.pooled is None or v.pooled.p >= FLEET_LEVEL / len(values) for v in values
         )
     if len(entries) == len(documents) and agree is not None:
         kind = SHARED if agree else DIFFERING

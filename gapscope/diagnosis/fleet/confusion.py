@@ -13,6 +13,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.gap.torque_gap import torque_gap
+from gapscope.diagnosis.thresholds import ALIKE_NRMSE
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import read_corrected
@@ -20,8 +21,6 @@ from gapscope.ident.signals.conditioning import Segment, condition, position_cut
 
 NOMINAL = "nominal"
 """Row of the arm without effects."""
-ALIKE = 0.01
-"""Two arms predict a unit alike where no joint's torque NRMSE differs by this much [1]; less names no effect either."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +73,7 @@ class Column:
 
     @property
     def confused_with(self) -> tuple[str, ...]:
-        """Other units whose arm predicts this one as well: no larger mean, or no joint worse by ``ALIKE``."""
+        """Other units whose arm predicts this one as well: no larger mean, or no joint worse by ``ALIKE_NRMSE``."""
         own = self.torque_nrmse.get(self.unit)
         if own is None:
             return ()
@@ -86,7 +85,7 @@ class Column:
         return tuple(
             r
             for r, v in rows.items()
-            if v.mean() <= own.mean() or (v - own).max() < ALIKE
+            if v.mean() <= own.mean() or (v - own).max() < ALIKE_NRMSE
         )
 
 

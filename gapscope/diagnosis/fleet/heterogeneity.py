@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from gapscope.diagnosis.gap.torque_gap import EFFECT_FORM
+from gapscope.diagnosis.thresholds import EFFECT_FORM
 
-LEAST = 1e-9
+ROUNDING = 1e-9
 """Relative standard deviation below which a value is taken for exact up to rounding [1]."""
 
 
@@ -54,7 +54,9 @@ def pooled(
     x = np.asarray(values, dtype=float)
     size = np.abs(x).mean()
     s = np.array([0.0 if std is None else std for std in stds])
-    s = np.sqrt(s**2 + (form * size) ** 2 + (LEAST * size) ** 2 + np.finfo(float).tiny)
+    s = np.sqrt(
+        s**2 + (form * size) ** 2 + (ROUNDING * size) ** 2 + np.finfo(float).tiny
+    )
     unit = (
         s.min()
     )  # weights relative to the largest: no overflow where deviations are tiny

@@ -9,20 +9,16 @@ import numpy as np
 from scipy.signal import welch
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.diagnosis.thresholds import (
+    EFFECT_FORM,
+    FRICTION_FORM,
+    MODEL_FORM,
+    STICKING_SPEED,
+    TIMING_SKEW,
+)
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, Segment, low_pass
 
-TIMING = 1e-4
-"""Skew between torque and motion that differs from joint to joint on a healthy arm [s]."""
-STICKING = 0.02
-"""Below this speed dry friction is not determined by velocity: bristles bend, the joint sticks [rad/s]."""
-MODEL_FORM = 0.004
-"""Share of its torque's deviation that the model of a healthy arm leaves even on data without noise."""
-FRICTION_FORM = 0.03
-"""Share of the dry friction by which a healthy arm's differs in form from c sgn v when it slides."""
-
-EFFECT_FORM = 0.03
-"""Share of what an effect does to the torque by which the form of a real one differs from the catalogue's."""
 FORMS = (
     "viscous_friction",
     "stribeck_friction",
@@ -124,10 +120,10 @@ def noise_floor(
 ) -> NoiseFloor:
     """Estimate what a healthy arm would leave on a segment, from the segment itself.
 
-    *Noise*: the power density of the unfiltered gap above the band, taken as flat below. *Timing*: ``TIMING`` times
-    the RMS rate of the torque. *Form of the model*: ``MODEL_FORM`` times the torque's deviation. *Dry friction*, of
-    size L = c + mu |tau|, grown by its drift: anywhere in -L..L, so RMS L / sqrt 3, while the joint sticks, which it
-    does to the degree 1 - |tanh(v / STICKING)|; ``FRICTION_FORM`` L while it slides.
+    *Noise*: the power density of the unfiltered gap above the band, taken as flat below. *Timing*: ``TIMING_SKEW``
+    times the RMS rate of the torque. *Form of the model*: ``MODEL_FORM`` times the torque's deviation. *Dry
+    friction*, of size L = c + mu |tau|, grown by its drift: anywhere in -L..L, so RMS L / sqrt 3, while the joint
+    sticks, which it does to the degree 1 - |tanh(v / ``STICKING_SPEED``)|; ``FRICTION_FORM`` L while it slides.
     """
     assert segment.torque is not None
     body = segment.bodies(body)
@@ -142,7 +138,7 @@ def noise_floor(
         FRICTION_FORM * np.sqrt((dry**2).mean(axis=0)), EFFECT_FORM * simplified
     )
     stuck = (
-        1.0 - np.abs(np.tanh(segment.motion.dq[segment.inner] / STICKING))
+        1.0 - np.abs(np.tanh(segment.motion.dq[segment.inner] / STICKING_SPEED))
     ) / np.sqrt(3.0)
     return NoiseFloor(steady(gap, segment.torque, segment, form), dry * stuck)
 
@@ -164,7 +160,9 @@ def steady(
     rate, inner = segment.motion.rate, segment.inner
     noise = _noise_density(gap[inner], rate) * min(TORQUE_CUTOFF, rate / 2)
     torque = low_pass(torque, rate, TORQUE_CUTOFF)[inner]
-    timing = TIMING * np.sqrt((np.gradient(torque, 1 / rate, axis=0) ** 2).mean(axis=0))
+    timing = TIMING_SKEW * np.sqrt(
+        (np.gradient(torque, 1 / rate, axis=0) ** 2).mean(axis=0)
+    )
     return np.sqrt(
         noise + timing**2 + (MODEL_FORM * torque_scale(torque)) ** 2 + np.square(form)
     )

@@ -7,25 +7,17 @@ import numpy as np
 from gapscope.diagnosis.display import significant
 from gapscope.diagnosis.localisation.region import Region
 from gapscope.diagnosis.localisation.spectra import DRIVES, Spectra
-
-BANDS = ((0.0, 0.5), (0.5, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 8.0), (8.0, 12.0))
-"""Frequency bands [Hz]."""
-LEAST_POWER = 0.1
-"""A band or a line holds at least this share of the gap's power [1]."""
-LEAST_COHERENCE = 0.6
-"""Share of the gap's power in a band that follows a signal, at least [1]."""
-AS_GOOD = 0.05
-"""Coherence within which signals count as equal [1]."""
-LINE_SHARE = 0.6
-"""A line holds this share of the gap's power, ..."""
-LINE_WIDTH = 0.6
-"""...so far to either side [Hz], ..."""
-LINE_ENRICHMENT = 3.0
-"""...and this many times the nominal torque's share of power there."""
-LINE_LOWEST = 1.5
-"""Below this frequency the motion itself has lines [Hz]."""
-LEAST_BAND = 0.02
-"""A band counts as this share of the torque's power at least [1]."""
+from gapscope.diagnosis.thresholds import (
+    BAND_COHERENCE,
+    BAND_POWER,
+    BANDS,
+    EQUAL_COHERENCE,
+    LEAST_BAND_POWER,
+    LINE_ENRICHMENT,
+    LINE_LOWEST,
+    LINE_SHARE,
+    LINE_WIDTH,
+)
 
 
 def line(found: Spectra, joint: int) -> Region | None:
@@ -39,7 +31,7 @@ def line(found: Spectra, joint: int) -> Region | None:
     share = float(found.gap[near].sum() / whole)
     coverage = max(
         float(found.signals[0][near].sum() / max(found.signals[0].sum(), 1e-300)),
-        LEAST_BAND,
+        LEAST_BAND_POWER,
     )
     if (
         share < LINE_SHARE
@@ -61,11 +53,11 @@ def coherent(found: Spectra, joint: int) -> list[Region]:
     for low, high in BANDS:
         mask = (found.frequency >= low) & (found.frequency < high)
         share = float(found.gap[mask].sum() / max(whole, 1e-300))
-        if share < LEAST_POWER:
+        if share < BAND_POWER:
             continue
         coherence, transfer = found.band(mask)
         best = _plainest(coherence, transfer)
-        if coherence[best] < max(LEAST_COHERENCE, found.chance(int(mask.sum()))):
+        if coherence[best] < max(BAND_COHERENCE, found.chance(int(mask.sum()))):
             continue
         gain, phase = float(np.abs(transfer[best])), float(np.angle(transfer[best]))
         drive = DRIVES[best]
@@ -90,7 +82,7 @@ def coherent(found: Spectra, joint: int) -> list[Region]:
                 "coherence",
                 words,
                 share,
-                min(max(coverage, LEAST_BAND), 1.0),
+                min(max(coverage, LEAST_BAND_POWER), 1.0),
                 detail,
             )
         )
@@ -102,7 +94,7 @@ def _plainest(coherence: np.ndarray, transfer: np.ndarray) -> int:
 
     In a narrow band velocity and acceleration are the same but for a quarter of a period.
     """
-    as_good = coherence > coherence.max() - AS_GOOD
+    as_good = coherence > coherence.max() - EQUAL_COHERENCE
     return int(np.where(as_good, np.abs(np.cos(np.angle(transfer))), -1.0).argmax())
 
 

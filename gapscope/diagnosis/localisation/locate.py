@@ -13,9 +13,8 @@ from gapscope.diagnosis.localisation.rule_variables import quantities
 from gapscope.diagnosis.localisation.spectra import Spectra, spectra
 from gapscope.diagnosis.localisation.stacked_rows import Rows
 from gapscope.diagnosis.localisation.time_intervals import Levels, intervals, levels
+from gapscope.diagnosis.thresholds import REGIONS_PER_JOINT
 
-MOST = 2
-"""Most intervals, and most bands, of a joint."""
 BINS = 24
 """Bins of the quantity of a rule in ``Place.profile``."""
 
@@ -90,7 +89,7 @@ def _place(
 ) -> Place:
     own = rule(error, rows, load, floor, joint)
     over_time = levels(error, rows, floor)
-    bursts = intervals(over_time, joint)[:MOST]
+    bursts = intervals(over_time, joint)[:REGIONS_PER_JOINT]
     if (
         own is not None
         and bursts
@@ -99,7 +98,7 @@ def _place(
         own = None  # the intervals say it better: they know which recording
     in_frequency = spectra(error, rows, load, joint)
     peak = line(in_frequency, joint)
-    found = [own, *bursts, peak, *coherent(in_frequency, joint)[:MOST]]
+    found = [own, *bursts, peak, *coherent(in_frequency, joint)[:REGIONS_PER_JOINT]]
     regions = tuple(region for region in found if region is not None)
     return Place(
         joint,

@@ -10,17 +10,16 @@ import itertools
 import numpy as np
 from scipy.signal import welch
 
-from gapscope.diagnosis.localisation.frequencies import BANDS, LEAST_BAND
 from gapscope.diagnosis.localisation.locate import locate
 from gapscope.diagnosis.localisation.region import Region
 from gapscope.diagnosis.localisation.stacked_rows import Rows
-
-LEAST_SHARE = 0.25
-"""A region must hold this share of a joint's squared gap to be named."""
-IN_DEPTH = 3
-"""Joints that are looked at in depth."""
-LEAST_ENRICHMENT = 1.6
-"""A region must hold this many times the share of the gap that its share of the time would give."""
+from gapscope.diagnosis.thresholds import (
+    BANDS,
+    JOINTS_IN_DEPTH,
+    LEAST_BAND_POWER,
+    REGION_ENRICHMENT,
+    REGION_SHARE,
+)
 
 
 def located(
@@ -37,12 +36,12 @@ def located(
         rows: motion of the same rows.
         load: torque that the nominal arm predicts [N m], (M, n).
         floor: RMS that a healthy arm leaves [N m], (n,).
-        joints: from 1, the worst first; only the first ``IN_DEPTH`` are looked at in depth.
+        joints: from 1, the worst first; only the first ``JOINTS_IN_DEPTH`` are looked at in depth.
     """
     out = []
     deep = {
         place.joint: place.regions
-        for place in locate(error, rows, load, floor, joints[:IN_DEPTH])
+        for place in locate(error, rows, load, floor, joints[:JOINTS_IN_DEPTH])
     }
     for joint in joints:
         out += [*regions(error, rows, load, [joint]), *deep.get(joint, ())]
@@ -80,7 +79,7 @@ def regions(
         named = [
             r
             for r in candidates
-            if r.share >= LEAST_SHARE and r.enrichment >= LEAST_ENRICHMENT
+            if r.share >= REGION_SHARE and r.enrichment >= REGION_ENRICHMENT
         ]
         found += sorted(
             named, key=lambda r: r.share * np.log(r.enrichment), reverse=True
@@ -136,7 +135,7 @@ def _bands(error: np.ndarray, load: np.ndarray, rows: Rows, joint: int) -> list[
             "frequency",
             f"{low:g} to {high:g} Hz",
             float(share),
-            max(float(coverage), LEAST_BAND),
+            max(float(coverage), LEAST_BAND_POWER),
         )
         for (low, high), share, coverage in zip(BANDS, gap, expected, strict=True)
     ]

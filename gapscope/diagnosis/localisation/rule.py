@@ -12,24 +12,17 @@ from gapscope.diagnosis.localisation.region import Region
 from gapscope.diagnosis.localisation.rule_variables import Quantity, quantities
 from gapscope.diagnosis.localisation.stacked_rows import Rows
 from gapscope.diagnosis.localisation.tree import Cut, hottest_leaf
-
-DEPTH = 3
-"""Most conditions of a rule."""
-RATE = 25.0
-"""Rows are thinned to about this rate, twice the band of the gap [Hz]."""
-BLOCK = 1.0
-"""Rows are dealt to learning and testing in blocks of this length [s]."""
-LARGEST = 0.995
-"""Squared gaps above this quantile count as it: a spike is no regime [1]."""
-LEAST_SHARE, LEAST_ENRICHMENT = 0.25, 1.6
-"""A rule must hold this share of the squared gap above the floor on rows that it was not learnt from, and this many
-times what its share of the time would give, ..."""
-CHANCE = 0.02
-"""...more than all but this share of the shifts of the gap in time reach, ..."""
-LEAST_RATIO = 4.0
-"""...or, where it names a time, which may lie in a few blocks, with a gap that many times the one outside [1]."""
-WORTH = 1.1
-"""A condition stays where it raises share times log enrichment on unseen rows by this factor [1]."""
+from gapscope.diagnosis.thresholds import (
+    INTERVAL_RATIO,
+    REGION_ENRICHMENT,
+    REGION_SHARE,
+    RULE_BLOCK,
+    RULE_CAP_QUANTILE,
+    RULE_CHANCE,
+    RULE_CONDITION_GAIN,
+    RULE_CONDITIONS,
+    RULE_RATE,
+)
 
 
 def rule(
@@ -45,17 +38,19 @@ def rule(
         joint: from 1.
     """
     known = quantities(rows, load, joint - 1)
-    step = max(1, int(min(rows.rates) // RATE))
+    step = max(1, int(min(rows.rates) // RULE_RATE))
     x = np.column_stack([q.values for q in known])[::step]
     square = error[::step] ** 2
     above = np.clip(
-        np.minimum(square, np.quantile(square, LARGEST)) - floor**2, 0.0, None
+        np.minimum(square, np.quantile(square, RULE_CAP_QUANTILE)) - floor**2, 0.0, None
     )
-    blocks = (rows.t[::step] // BLOCK).astype(int) + 100_003 * rows.segment[::step]
+    blocks = (rows.t[::step] // RULE_BLOCK).astype(int) + 100_003 * rows.segment[::step]
     seen = np.unique(blocks, return_inverse=True)[1] % 2 == 0
     if not above[seen].any() or not above[~seen].any():
         return None
-    cuts = tuple(_rounded(cut) for cut in hottest_leaf(x[seen], above[seen], DEPTH))
+    cuts = tuple(
+        _rounded(cut) for cut in hottest_leaf(x[seen], above[seen], RULE_CONDITIONS)
+    )
     cuts = _worthwhile(cuts, x[~seen], above[~seen])
     if not cuts or not _holds(cuts, known, x[~seen], above[~seen]):
         return None
@@ -92,7 +87,7 @@ def _worthwhile(cuts: tuple[Cut, ...], x: np.ndarray, y: np.ndarray) -> tuple[Cu
     best: tuple[Cut, ...] = ()
     for subset in subsets:
         if _worth(subset, x, y) > max(
-            WORTH ** (len(subset) - len(best)) * _worth(best, x, y), 0.0
+            RULE_CONDITION_GAIN ** (len(subset) - len(best)) * _worth(best, x, y), 0.0
         ):
             best = subset
     return best
@@ -106,15 +101,15 @@ def _holds(
     if not inside.any() or inside.all():
         return False
     share, coverage = float(y[inside].sum() / y.sum()), float(inside.mean())
-    if share < LEAST_SHARE or share / coverage < LEAST_ENRICHMENT:
+    if share < REGION_SHARE or share / coverage < REGION_ENRICHMENT:
         return False
     if any(known[cut.index].name == "time" for cut in cuts):
-        return bool(y[inside].mean() > LEAST_RATIO * y[~inside].mean())
+        return bool(y[inside].mean() > INTERVAL_RATIO * y[~inside].mean())
     return share > _by_chance(inside, y)
 
 
 def _by_chance(inside: np.ndarray, y: np.ndarray) -> float:
-    """Share that a rule would reach with ``CHANCE`` if the gap lay elsewhere in time: over all circular shifts of it.
+    """Share that a rule would reach with ``RULE_CHANCE`` if the gap were elsewhere in time: over all circular shifts.
 
     A shift keeps how gap and motion hang together in themselves, and breaks what they have to do with each other.
     """
@@ -124,9 +119,9 @@ def _by_chance(inside: np.ndarray, y: np.ndarray) -> float:
         )
         / y.sum()
     )
-    near = int(BLOCK * RATE)
+    near = int(RULE_BLOCK * RULE_RATE)
     return (
-        float(np.quantile(shifted[near : len(y) - near], 1 - CHANCE))
+        float(np.quantile(shifted[near : len(y) - near], 1 - RULE_CHANCE))
         if len(y) > 4 * near
         else 1.0
     )

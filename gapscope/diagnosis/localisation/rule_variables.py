@@ -7,9 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.diagnosis.localisation.stacked_rows import Rows
-
-STILL = 0.1
-"""Quantile of the speed below which a joint moves in neither direction [1]."""
+from gapscope.diagnosis.thresholds import STILL_QUANTILE
 
 
 @dataclass(frozen=True)
@@ -32,7 +30,7 @@ def quantities(rows: Rows, load: np.ndarray, j: int) -> list[Quantity]:
     """Of joint j (from 0): speed, direction (-1, 0, 1), |nominal torque|, |acceleration|, position, time; each (M,)."""
     v = rows.dq[:, j]
     speed = np.abs(v)
-    direction = np.where(speed > np.quantile(speed, STILL), np.sign(v), 0.0)
+    direction = np.where(speed > np.quantile(speed, STILL_QUANTILE), np.sign(v), 0.0)
     return [
         Quantity("speed", "|dq|", "rad/s", speed),
         Quantity("direction", "direction", "", direction),

@@ -8,11 +8,10 @@ import numpy as np
 from scipy.signal import csd, welch
 
 from gapscope.diagnosis.localisation.stacked_rows import Rows
+from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
 
 STRETCH = 2.0
 """Length of the stretches over which spectra are averaged [s]."""
-TOP = 12.0
-"""The gap has been filtered at this frequency [Hz]."""
 STEP = 0.25
 """Grid of frequencies on which recordings of different length are averaged [Hz]."""
 
@@ -82,7 +81,7 @@ def spectra(error: np.ndarray, rows: Rows, load: np.ndarray, joint: int) -> Spec
     """Spectra of one joint's gap [N m], (M,), and of ``DRIVES``; load is the nominal torque [N m], (M, n)."""
     j = joint - 1
     signals = (load[:, j], rows.dq[:, j], rows.ddq[:, j])
-    frequency = np.arange(0.0, TOP + STEP / 2, STEP)
+    frequency = np.arange(0.0, TORQUE_CUTOFF + STEP / 2, STEP)
     gap, own = np.zeros(len(frequency)), np.zeros((len(signals), len(frequency)))
     cross, averages, total = np.zeros(own.shape, dtype=complex), 0.0, 0
     for segment, rate in enumerate(rows.rates):

@@ -8,24 +8,17 @@ import numpy as np
 
 from gapscope.diagnosis.localisation.region import Region
 from gapscope.diagnosis.localisation.stacked_rows import Rows
-
-WINDOW = 0.25
-"""Length of the windows over which the level is taken [s]."""
-PENALTY = 6.0
-"""Charge for a change point, times the variance of the level times the log of the number of windows [1]."""
-SHORTEST = 3
-"""Least number of windows between two change points."""
-LEAST_SPREAD = 0.35
-"""Least standard deviation of the level that is taken as its noise, in nats."""
-LEAST_RATIO = 4.0
-"""Within an interval the squared gap is this many times that of any stretch outside which is as long [1]: a gap that
-comes and goes with the motion has no start."""
-LEAST_SHARE, LEAST_ENRICHMENT = 0.25, 1.6
-"""As of any region."""
-TOGETHER = 2
-"""Most intervals."""
-MOST = 6
-"""With more change points in one recording the gap follows the motion, not time."""
+from gapscope.diagnosis.thresholds import (
+    CHANGE_POINT_PENALTY,
+    INTERVAL_RATIO,
+    LEAST_INTERVAL_WINDOWS,
+    LEAST_LEVEL_NOISE,
+    LEVEL_WINDOW,
+    MOST_CHANGE_POINTS,
+    MOST_INTERVALS,
+    REGION_ENRICHMENT,
+    REGION_SHARE,
+)
 
 
 @dataclass(frozen=True)
@@ -64,11 +57,11 @@ def levels(error: np.ndarray, rows: Rows, floor: float) -> list[Levels]:
         t, square = rows.clock[mine], error[mine] ** 2
         if not len(t):
             continue
-        window = ((t - t[0]) // WINDOW).astype(int)
+        window = ((t - t[0]) // LEVEL_WINDOW).astype(int)
         count = np.bincount(window)
         used = count >= 0.5 * np.median(count[count > 0])
         mean = np.bincount(window, square)[used] / count[used]
-        middle = t[0] + WINDOW * (np.flatnonzero(used) + 0.5)
+        middle = t[0] + LEVEL_WINDOW * (np.flatnonzero(used) + 0.5)
         edges = change_points(np.log(mean + floor**2 + 1e-12 * square.max() + 1e-300))
         out.append(Levels(name, middle, np.sqrt(mean), edges))
     return out
@@ -77,36 +70,39 @@ def levels(error: np.ndarray, rows: Rows, floor: float) -> list[Levels]:
 def change_points(series: np.ndarray) -> tuple[int, ...]:
     """Where the mean of a series (W,) changes: 0, the change points, W.
 
-    Least sum over the stretches of squared deviations from their mean, plus ``PENALTY`` var log W for each stretch, by
-    dynamic programming with the pruning of [killick2012]; var from the differences of neighbours.
+    Least sum over the stretches of squared deviations from their mean, plus ``CHANGE_POINT_PENALTY`` var log W for each
+    stretch, by dynamic programming with the pruning of [killick2012]; var from the differences of neighbours.
     """
     n = len(series)
-    if n < 2 * SHORTEST:
+    if n < 2 * LEAST_INTERVAL_WINDOWS:
         return (0, n)
     spread = max(
-        float(np.median(np.abs(np.diff(series)))) / (0.6745 * np.sqrt(2)), LEAST_SPREAD
+        float(np.median(np.abs(np.diff(series)))) / (0.6745 * np.sqrt(2)),
+        LEAST_LEVEL_NOISE,
     )
-    charge = PENALTY * spread**2 * np.log(n)
+    charge = CHANGE_POINT_PENALTY * spread**2 * np.log(n)
     total, squares = (
         np.concatenate([[0.0], np.cumsum(x)]) for x in (series, series**2)
     )
     cost, last = np.full(n + 1, np.inf), np.zeros(n + 1, dtype=int)
     cost[0] = -charge
     open_starts = np.array([0])
-    for end in range(SHORTEST, n + 1):
+    for end in range(LEAST_INTERVAL_WINDOWS, n + 1):
         length = end - open_starts
         deviation = (
             squares[end]
             - squares[open_starts]
             - (total[end] - total[open_starts]) ** 2 / length
         )
-        reached = np.where(length >= SHORTEST, cost[open_starts] + deviation, np.inf)
+        reached = np.where(
+            length >= LEAST_INTERVAL_WINDOWS, cost[open_starts] + deviation, np.inf
+        )
         cost[end], last[end] = (
             reached.min() + charge,
             open_starts[int(reached.argmin())],
         )
-        keep = (length < SHORTEST) | (reached <= cost[end])
-        open_starts = np.append(open_starts[keep], end - SHORTEST + 1)
+        keep = (length < LEAST_INTERVAL_WINDOWS) | (reached <= cost[end])
+        open_starts = np.append(open_starts[keep], end - LEAST_INTERVAL_WINDOWS + 1)
     edges = [n]
     while edges[-1] > 0:
         edges.append(int(last[edges[-1]]))
@@ -126,10 +122,10 @@ def intervals(found: list[Levels], joint: int) -> list[Region]:
         (level, a, b, slice(begin + a, begin + b))
         for level, begin in zip(found, starts, strict=False)
         for a, b in zip(level.edges, level.edges[1:], strict=False)
-        if len(level.edges) - 2 <= MOST
+        if len(level.edges) - 2 <= MOST_CHANGE_POINTS
     ]
     hottest = sorted(stretches, key=lambda stretch: -square[stretch[3]].mean())
-    for count in range(1, min(TOGETHER, len(hottest)) + 1):
+    for count in range(1, min(MOST_INTERVALS, len(hottest)) + 1):
         chosen = hottest[:count]
         outside = np.ones(len(square), dtype=bool)
         for *_, place in chosen:
@@ -138,7 +134,7 @@ def intervals(found: list[Levels], joint: int) -> list[Region]:
             float(square[~outside].sum() / max(square.sum(), 1e-300)),
             float((~outside).mean()),
         )
-        if share < max(LEAST_SHARE, LEAST_ENRICHMENT * coverage) or not outside.any():
+        if share < max(REGION_SHARE, REGION_ENRICHMENT * coverage) or not outside.any():
             continue
         if all(_stands_out(square[place], square[outside]) for *_, place in chosen):
             parts = [
@@ -160,14 +156,14 @@ def _stands_out(inside: np.ndarray, outside: np.ndarray) -> bool:
     """Whether the squared level in an interval is far above that of any stretch outside of the same length."""
     length = min(len(inside), len(outside))
     elsewhere = np.convolve(outside, np.full(length, 1.0 / length), mode="valid").max()
-    return bool(inside.mean() > LEAST_RATIO * elsewhere)
+    return bool(inside.mean() > INTERVAL_RATIO * elsewhere)
 
 
 def _region(
     level: Levels, a: int, b: int, joint: int, share: float, coverage: float
 ) -> Region:
-    start = float(level.t[a] - WINDOW / 2) if a > 0 else None
-    end = float(level.t[b - 1] + WINDOW / 2) if b < len(level.t) else None
+    start = float(level.t[a] - LEVEL_WINDOW / 2) if a > 0 else None
+    end = float(level.t[b - 1] + LEVEL_WINDOW / 2) if b < len(level.t) else None
     if start is None:
         words = (
             f"all of {level.recording}"

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gapscope.diagnosis.thresholds import LEAF_ROWS
+
 BINS = 48
 """Thresholds that are tried per quantity, at equal shares of the rows."""
-LEAST_ROWS = 0.02
-"""A leaf holds at least this share of the rows [1]."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ def hottest_leaf(x: np.ndarray, y: np.ndarray, depth: int) -> tuple[Cut, ...]:
     """
     cuts: list[Cut] = []
     inside = np.ones(len(y), dtype=bool)
-    least = max(4, int(LEAST_ROWS * len(y)))
+    least = max(4, int(LEAF_ROWS * len(y)))
     for _ in range(depth):
         cut = _best_cut(x[inside], y[inside], least)
         if cut is None:

@@ -15,6 +15,7 @@ from gapscope.arm.known_load import point_mass_parameters
 from gapscope.arm.motions.motion import Motion
 from gapscope.diagnosis.model.parametrisation import PARAMETRISATIONS
 from gapscope.diagnosis.model.terms import Terms
+from gapscope.diagnosis.thresholds import BACKLASH_START
 from gapscope.effects.corrected import CorrectedArm, slow_with_rates
 from gapscope.effects.deflection import play_columns
 from gapscope.effects.effect import Transmission
@@ -30,8 +31,6 @@ RIGID_BODY = (
     "encoder_offset",
 )
 """Effects that change the torque of the bodies."""
-PLAY = 0.004
-"""Free play with which the columns of backlash begin [rad]."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +58,7 @@ class Bodies:
             body.gravity_regressor(motion.q),
             body.force_regressor(motion.q),
             regressor[:, :, last : last + 10].copy(),
-            play_columns(body, motion, torque, PLAY),
+            play_columns(body, motion, torque, BACKLASH_START),
         )
 
 

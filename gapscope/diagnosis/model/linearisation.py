@@ -27,18 +27,10 @@ from gapscope.diagnosis.model.nonlinear_scan import (
     search_shape,
 )
 from gapscope.diagnosis.model.terms import Term, Terms
-from gapscope.diagnosis.model.torque_sensor import (
-    SENSOR_ZERO,
-    LinkRows,
-    link_rows,
-    two_sides,
-)
+from gapscope.diagnosis.model.torque_sensor import LinkRows, link_rows, two_sides
+from gapscope.diagnosis.thresholds import MOST_PIECES, PIECE_LENGTH, SENSOR_ZERO
 from gapscope.effects.corrected import CorrectedArm
 
-PIECE = 1.5
-"""Length of the pieces in which normal equations are kept, for the bootstrap [s]."""
-MOST_PIECES = 40
-"""Pieces over all folds; on long logs they grow instead."""
 COMMON = (
     "torque_offset",
     "coulomb_friction",
@@ -440,7 +432,9 @@ class Linearisation:
         seconds = sum(float(s.motion.t[-1] - s.motion.t[0]) for s in segments) / 2
         count = int(
             np.clip(
-                seconds / PIECE, 2, max(2, MOST_PIECES // (2 * len(self.data.folds)))
+                seconds / PIECE_LENGTH,
+                2,
+                max(2, MOST_PIECES // (2 * len(self.data.folds))),
             )
         )
         gap, x, rate = (

@@ -12,32 +12,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gapscope.diagnosis.model.terms import Term
+from gapscope.diagnosis.thresholds import (
+    FORCE_WINDOW_BIN,
+    HELD_NEAR_LIMIT,
+    LEAST_FORCE_WINDOW,
+    LEAST_NEED_AT_LIMIT,
+    LEAST_RIPPLE_CYCLES,
+    LEAST_RIPPLE_PERIODS,
+    LEAST_TORQUE_LIMIT,
+    LIMITED_TIME_HELD,
+    LIMITED_TIME_TRACKING,
+    MOST_RIPPLE_CYCLES,
+    TORQUE_LIMIT_GRID,
+)
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Signals
 from gapscope.effects.friction import stribeck
 from gapscope.ident.signals.conditioning import Segment
-
-LEAST_CYCLES = 3.5
-"""Ripples with fewer periods per revolution are not looked for: a spring that is not straight looks like that..."""
-MOST_CYCLES = 200.0
-"""...nor with more."""
-LEAST_PERIODS = 1.5
-"""A ripple must be seen for this many of its periods in some recording; less is a bend that much else explains."""
-BIN = 0.1
-"""Resolution of the windows in which a force may act [s]."""
-LEAST_LIMIT = 0.01
-"""Saturation lets at least this share of the largest recorded torque through..."""
-LEAST_NEED = 0.7
-"""...while it acts this share of the limit is needed on average..."""
-SELDOM, MOST_LIMITED = 0.4, 0.85
-"""...and it acts for the first share of the time at most, as a controller whose torque never arrives cannot track, or
-for the second, where an arm hardly holds..."""
-HELD = 0.15
-"""...and what is needed keeps to the limit meanwhile, within this share of it."""
-LIMITS = 40
-"""Limits that are tried in even steps up to the largest torque, and as many in even ratios."""
-LEAST_WINDOW = 0.3
-"""Shortest such window [s]."""
 
 
 @dataclass(frozen=True)
@@ -200,7 +191,9 @@ def _ripple(
     """Near a number of cycles that is known."""
     assert known is not None
     q = [arm.true_position(s.motion.q)[:, j, None] for s in segments]
-    cycles = np.maximum(known + cycle_step(q) * np.linspace(-0.6, 0.6, 9), LEAST_CYCLES)
+    cycles = np.maximum(
+        known + cycle_step(q) * np.linspace(-0.6, 0.6, 9), LEAST_RIPPLE_CYCLES
+    )
     return scan.best(cycles, scan.thin([waves(cycles, x) for x in q]), 2)
 
 
@@ -220,11 +213,12 @@ def ripple_candidates(q: Sequence[np.ndarray], dq: np.ndarray) -> np.ndarray:
     """Cycles per revolution to look for on a joint, as far as its slow motion keeps them within the filter's band."""
     speed = float(np.quantile(np.abs(dq), 0.3))
     least = max(
-        LEAST_CYCLES, LEAST_PERIODS * 2 * np.pi / max(float(np.ptp(x)) for x in q)
+        LEAST_RIPPLE_CYCLES,
+        LEAST_RIPPLE_PERIODS * 2 * np.pi / max(float(np.ptp(x)) for x in q),
     )
     return np.arange(
         least,
-        least + max(min(MOST_CYCLES, 75.0 / max(speed, 1e-3)), 30.0),
+        least + max(min(MOST_RIPPLE_CYCLES, 75.0 / max(speed, 1e-3)), 30.0),
         cycle_step(q),
     )
 
@@ -244,12 +238,13 @@ def _saturation(
     u, need = np.vstack(torque)[:, 0], np.concatenate(needed)
     largest = float(np.abs(u).max())
     least = max(
-        LEAST_LIMIT * largest, float(np.quantile(np.abs(u), 1.0 - MOST_LIMITED))
+        LEAST_TORQUE_LIMIT * largest,
+        float(np.quantile(np.abs(u), 1.0 - LIMITED_TIME_HELD)),
     )
     limits = np.sort(
         [
-            *np.linspace(least, 0.98 * largest, LIMITS),
-            *np.geomspace(least, 0.97 * largest, LIMITS)[1:],
+            *np.linspace(least, 0.98 * largest, TORQUE_LIMIT_GRID),
+            *np.geomspace(least, 0.97 * largest, TORQUE_LIMIT_GRID)[1:],
         ]
     )
     if known is not None:
@@ -260,8 +255,10 @@ def _saturation(
     apart = np.sqrt(
         np.maximum(along**2 @ beyond / count - 2 * held * limits + limits**2, 0.0)
     )
-    seldom = beyond.mean(axis=0) < SELDOM
-    possible = (held > LEAST_NEED * limits) & (seldom | (apart < HELD * limits))
+    seldom = beyond.mean(axis=0) < LIMITED_TIME_TRACKING
+    possible = (held > LEAST_NEED_AT_LIMIT * limits) & (
+        seldom | (apart < HELD_NEAR_LIMIT * limits)
+    )
     none = Shape((0.999 * largest,), (0.5 * largest,))
     if not possible.any():
         return none
@@ -288,11 +285,11 @@ def force_window(
         weight: of the joints [1/(N m)^2], (n,).
         bases: per joint what was taken out of the residual, orthonormal columns, (M, K).
     """
-    count = int(np.ceil((t.max() - t.min()) / BIN))
-    least = round(LEAST_WINDOW / BIN)
+    count = int(np.ceil((t.max() - t.min()) / FORCE_WINDOW_BIN))
+    least = round(LEAST_FORCE_WINDOW / FORCE_WINDOW_BIN)
     if count <= least:
         return None
-    place = np.minimum(((t - t.min()) / BIN).astype(int), count - 1)
+    place = np.minimum(((t - t.min()) / FORCE_WINDOW_BIN).astype(int), count - 1)
     gram: np.ndarray = np.zeros((count + 1, 3, 3))
     right: np.ndarray = np.zeros((count + 1, 3))
     np.add.at(gram, place + 1, np.einsum("mji,j,mjk->mik", force, weight, force))
@@ -311,5 +308,7 @@ def force_window(
         "wi,wi->w", pull, np.linalg.solve(inside, pull[:, :, None])[:, :, 0]
     )
     best = int(np.argmax(gains))
-    start, end = (float(t.min() + BIN * edge) for edge in (starts[best], ends[best]))
-    return Shape((start, end), (BIN / 2, BIN / 2))
+    start, end = (
+        float(t.min() + FORCE_WINDOW_BIN * edge) for edge in (starts[best], ends[best])
+    )
+    return Shape((start, end), (FORCE_WINDOW_BIN / 2, FORCE_WINDOW_BIN / 2))

@@ -21,25 +21,18 @@ import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
-from gapscope.diagnosis.gap.torque_gap import (
-    EFFECT_FORM,
-    FRICTION_FORM,
-    dry_friction,
-    simplified_forms,
-    steady,
-)
+from gapscope.diagnosis.gap.torque_gap import dry_friction, simplified_forms, steady
 from gapscope.diagnosis.model.jacobian import Bodies, bodily_columns
 from gapscope.diagnosis.model.terms import Terms
+from gapscope.diagnosis.thresholds import (
+    EFFECT_FORM,
+    FRICTION_FORM,
+    SENSOR_LAG,
+    SENSOR_SCALE,
+)
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Signals, TorqueLaw
 from gapscope.ident.signals.conditioning import Segment
-
-SENSOR_ZERO = 0.1
-"""Spread of a sensor's zero, over the normalisation of its joint's torque gap [1]."""
-SENSOR_SCALE = 0.01
-"""Spread of the error of a sensor's scale [1]."""
-SENSOR_LAG = 2e-3
-"""Spread of a sensor's lag [s]."""
 
 
 @dataclass(frozen=True)

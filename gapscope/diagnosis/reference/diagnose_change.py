@@ -25,6 +25,11 @@ from gapscope.diagnosis.reference.reference_uncertainty import (
     ReferenceUncertainty,
     Term,
 )
+from gapscope.diagnosis.thresholds import (
+    REFERENCE_INERTIAL_FACTOR,
+    REFERENCE_ROUNDS,
+    REFERENCE_SETTLED,
+)
 from gapscope.effects.applied import AppliedEffect
 from gapscope.ident.identification import Identification
 from gapscope.ident.model.pseudo_inertia import is_consistent
@@ -43,13 +48,6 @@ INHERENT = (
     "actuator_lag",
 )
 """Effects that a healthy arm may have beyond the identified model; those found on the reference are no news."""
-ROUNDS = 3
-"""Times at most that the leeway is used, and the gap that is left diagnosed anew."""
-SETTLED = 0.002
-"""A leeway that changes no joint's torque NRMSE by more than this is not worth another round."""
-INERTIAL_ERROR_FACTOR = 0.15
-"""Doubt about the identified inertials beside those of a data sheet: what the reference leaves open is counted by the
-leeway, and a wide doubt on top would take a load on the last link for an error of that link."""
 SMALLEST_STEP = 1e-6
 """Steps back towards the identified bodies end here [1]."""
 
@@ -99,19 +97,19 @@ def _settled(
     progress: Callable[[str], None],
 ) -> tuple[_State, Study, ReferenceUncertainty]:
     """Diagnose, use the leeway, diagnose what is left, until nothing moves; what is left open twice is not named."""
-    for turn in range(ROUNDS + 1):
+    for turn in range(REFERENCE_ROUNDS + 1):
         study = examine(
             _on(case, state.today, urdf), progress, state.baseline(identified)
         )
         leeway = ReferenceUncertainty(
             identified, state.today.physical.value, study.case, study.effects
         )
-        if turn == ROUNDS:
+        if turn == REFERENCE_ROUNDS:
             break
         progress("weighs what the reference leaves open")
         kept, refused = leeway.news()
         moved, step = _moved(identified, state.today, leeway.fit(kept), leeway)
-        if not refused and step.max() < SETTLED:
+        if not refused and step.max() < REFERENCE_SETTLED:
             break
         again = (
             frozenset((t.effect, t.joint) for t, _ in refused) if turn else frozenset()
@@ -155,7 +153,7 @@ def _on(case: Case, result: Identification, urdf: Path) -> Case:
         armature=armature,
         coulomb=coulomb,
         viscous=viscous,
-        inertial_error_factor=INERTIAL_ERROR_FACTOR,
+        inertial_error_factor=REFERENCE_INERTIAL_FACTOR,
     )
     return replace(case, arm=arm)
 

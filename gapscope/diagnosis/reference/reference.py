@@ -14,15 +14,14 @@ from gapscope.diagnosis.assessment.baseline import back_in_time
 from gapscope.diagnosis.gap.torque_gap import torque_scale
 from gapscope.diagnosis.model.linearisation import effective_samples
 from gapscope.diagnosis.reference.reference_rows import Rows, stack
+from gapscope.diagnosis.thresholds import (
+    LEAST_REFERENCE_SKEW,
+    MOST_REFERENCE_SKEW,
+    SAME_JOINT_PLACE,
+    VENDOR_INERTIALS,
+)
 from gapscope.ident.identification import Identification, Settings, identify
 from gapscope.ident.signals.conditioning import position_cutoff
-
-VENDOR = 0.3
-"""Relative error that the inertials of a vendor's URDF may have (standard deviation)."""
-LEAST_SKEW, MOST_SKEW = 1e-4, 1.5e-3
-"""Skews of sampling below the first are left, and none is corrected by more than the second [s]."""
-SAME_PLACE = 2e-3
-"""Joints of the same arm lie in the same place in both URDFs, to this much [m, rad]."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +86,7 @@ def check_same_arm(case: Case, reference: Case) -> None:
         )
         for a, b in zip(first.jointPlacements, second.jointPlacements, strict=True)
     )
-    if apart > SAME_PLACE:
+    if apart > SAME_JOINT_PLACE:
         raise InputError(
             "has joints of the same names in other places: another robot, or another version of its URDF",
             "give a reference of the same arm, and both cases the same kinematics",
@@ -121,7 +120,7 @@ def identify_reference(
     result = identify(reference, settings, progress)
     rows = stack(result.columns, result.choice.law, told, position_cutoff(told))
     skew = _skew(rows, result.physical.value)
-    if abs(skew) > LEAST_SKEW:
+    if abs(skew) > LEAST_REFERENCE_SKEW:
         reference = back_in_time(reference, skew)
         told, result = reference.recordings, identify(reference, settings, progress)
         rows = stack(result.columns, result.choice.law, told, position_cutoff(told))
@@ -147,15 +146,17 @@ def identify_reference(
 def vendor_precision(rows: Rows, scale: np.ndarray) -> np.ndarray:
     """Diagonal of the prior precision of x, (p,).
 
-    Inertials within ``VENDOR`` of the URDF; for all else, of which a data sheet need not know, as much as makes twice
-    the torque's deviation.
+    Inertials within ``VENDOR_INERTIALS`` of the URDF; for all else, of which a data sheet need not know, as much
+    as makes twice the torque's deviation.
     """
     size = np.sqrt((rows.matrix**2).mean(axis=0))
     deviation = torque_scale(rows.torque)[:, None]
     wide = 2.0 / np.maximum((size / deviation).max(axis=0), 1e-9)
     return (
         np.where(
-            np.isfinite(scale), VENDOR * np.where(np.isfinite(scale), scale, 1.0), wide
+            np.isfinite(scale),
+            VENDOR_INERTIALS * np.where(np.isfinite(scale), scale, 1.0),
+            wide,
         )
         ** -2.0
     )
@@ -201,7 +202,7 @@ def _skew(rows: Rows, x: np.ndarray) -> float:
     u = basis[0][:, basis[1] > 1e-4 * basis[1][0]]
     rate = rate - u @ (u.T @ rate)
     skew = float(rate @ y / max(float(rate @ rate), 1e-12 * n))
-    return float(np.clip(skew, -MOST_SKEW, MOST_SKEW))
+    return float(np.clip(skew, -MOST_REFERENCE_SKEW, MOST_REFERENCE_SKEW))
 
 
 def names_of(result: Identification, symbols: Sequence[str]) -> np.ndarray:

@@ -9,7 +9,8 @@ import numpy as np
 
 from gapscope.diagnosis.reference.change import Change
 from gapscope.diagnosis.reference.reference import names_of
-from gapscope.diagnosis.reference.reference_uncertainty import DAY, Term
+from gapscope.diagnosis.reference.reference_uncertainty import Term
+from gapscope.diagnosis.thresholds import FRICTION_DAY_TO_DAY
 
 SCALED = (
     "masses are measured with the torque of the reference: were its torque constants wrong by a factor on all joints, "
@@ -68,7 +69,7 @@ def _against(change: Change) -> dict[str, Any]:
         "today": {
             **of_value(change.today.physical.value),
             "torque_nrmse": change.shift.tolist(),
-            "friction_allowed": DAY,
+            "friction_allowed": FRICTION_DAY_TO_DAY,
             "left_open": [
                 {"effect": term.effect, "joint": term.joint, "closes": closes}
                 for term, closes in change.leeway

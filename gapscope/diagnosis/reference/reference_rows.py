@@ -9,13 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.arm.recording import Recording
+from gapscope.diagnosis.thresholds import LEAST_STRETCHES
 from gapscope.ident.model.friction_law import FrictionLaw
 from gapscope.ident.model.model_columns import ModelColumns
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, Segment, condition
 from gapscope.ident.signals.samples import Band, Samples
-
-LEAST_STRETCHES = 4
-"""Stretches of time, each predicted from all others."""
 
 
 @dataclass(frozen=True)

@@ -23,17 +23,15 @@ from gapscope.diagnosis.gap.torque_gap import torque_scale
 from gapscope.diagnosis.model.linearisation import effective_samples
 from gapscope.diagnosis.reference.reference import Reference, names_of
 from gapscope.diagnosis.reference.reference_rows import filtered, stack
+from gapscope.diagnosis.thresholds import (
+    FRICTION_DAY_TO_DAY,
+    MIN_CHANGE,
+    REFERENCE_SKEW,
+)
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import position_cutoff
 
-DAY = 0.15
-"""Share by which Coulomb and viscous friction may differ from one day to another: friction of a joint changes with its
-temperature [bittencourt2012]. A choice: what is beyond it is news, what is within it can be no finding."""
-MIN_CHANGE = 0.01
-"""An effect is news if without it the torque NRMSE of some joint is wider by this much."""
-SKEW = 3e-4
-"""Standard deviation of the skew of sampling [s]."""
 FLAT = 1e-6
 """Prior precision of sizes that are free, over that of the data."""
 
@@ -100,7 +98,7 @@ class ReferenceUncertainty:
         whole = replace(bare, effects=effects)
         self.terms = tuple(self._terms(whole))
         self.friction = names_of(result, ("c", "b", "d")).ravel()
-        self._box = DAY * np.abs(reference.value[self.friction]) + 1e-9
+        self._box = FRICTION_DAY_TO_DAY * np.abs(reference.value[self.friction]) + 1e-9
         self._variance = self._gap_variance(whole)
 
     def _predicted(self, arm: CorrectedArm) -> np.ndarray:
@@ -193,7 +191,7 @@ class ReferenceUncertainty:
         prior[:p, :p] = self.reference.precision
         day = np.arange(p, p + q)
         prior[day, day] = 3.0 / self._box**2
-        prior[p + q, p + q] = SKEW**-2
+        prior[p + q, p + q] = REFERENCE_SKEW**-2
         free = np.arange(p + q + 1, len(normal))
         prior[free, free] = FLAT * np.diag(normal)[free] + 1e-12
         return np.asarray(normal + prior)

@@ -15,11 +15,10 @@ from __future__ import annotations
 import numpy as np
 
 from gapscope.diagnosis.selection.state import Model, State
+from gapscope.diagnosis.thresholds import LONGEST_COMPARED_DELAY
 from gapscope.effects.corrected import CorrectedArm
 
 DELAY = "actuator_delay"
-LONGEST = 0.025
-"""Longer ones are too late for these few orders [s]; there the two are far apart anyway."""
 
 
 def lag_over_delay(state: State, delayed: Model) -> float | None:
@@ -29,7 +28,7 @@ def lag_over_delay(state: State, delayed: Model) -> float | None:
         for t in delayed.fit.terms
         if t.effect == DELAY
     }
-    if not times or max(times.values()) > LONGEST:
+    if not times or max(times.values()) > LONGEST_COMPARED_DELAY:
         return None
     late = np.zeros(state.data.arm.n_joints)
     late[list(times)] = list(times.values())

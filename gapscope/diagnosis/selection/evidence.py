@@ -20,24 +20,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gapscope.diagnosis.gap.torque_gap import MODEL_FORM
 from gapscope.diagnosis.model.linearisation import Fold, Linearisation
 from gapscope.diagnosis.model.normal_equations import NormalEquations
 from gapscope.diagnosis.model.parametrisation import PARAMETRISATIONS
 from gapscope.diagnosis.model.terms import Term, cost, count_findings
-
-NEW_EFFECT = 20.0
-"""Charge for each different effect [nats]: the logarithm of the number of ways to name one, and a margin for what the
-effective number of samples overstates."""
-NOMINAL_ERROR = {0.003: 0.0, 0.01: 2.0, 0.03: 8.0, 0.06: 15.0}
-"""Relative errors sigma of the nominal inertials that are tried, each with what it costs [nats]: that all bodies are
-wrong is a hypothesis as well; the evidence chooses."""
-SKEWS = (0.0, 2.5e-4, 5e-4)
-"""Skews of sampling that are tried [s]; half a tick is 0.5 ms at 1 kHz."""
-LEAST_DELAY = 1e-3
-"""Delays shorter than this are taken for a skew of sampling and not named [s]."""
-SKEW_CHARGE = 3.0
-"""What a skew costs [nats]."""
+from gapscope.diagnosis.thresholds import (
+    LEAST_DELAY,
+    MODEL_FORM,
+    NEW_EFFECT,
+    NOMINAL_ERROR,
+    SKEW_CHARGE,
+    SKEWS,
+)
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,13 @@ import numpy as np
 
 from gapscope.diagnosis.selection.delay_or_lag import lag_over_delay
 from gapscope.diagnosis.selection.moves import COMPLIANT, CONTESTS
-from gapscope.diagnosis.selection.state import VISIBLE_EFFECT, State, nrmse
-
-RARE = 20.0
-"""Evidence by which a change of the last link has to beat a payload [nats]."""
-DECISIVE = 8.0
-"""Evidence that decides between effects that look alike [nats]..."""
-DECISIVE_NRMSE = 0.0007
-"""...if the unseen torque NRMSE of some joint differs by this much, more than the form of the model explains."""
+from gapscope.diagnosis.selection.state import State, nrmse
+from gapscope.diagnosis.thresholds import (
+    DECISIVE_EVIDENCE,
+    DECISIVE_NRMSE,
+    LINK_OVER_PAYLOAD,
+    VISIBLE_EFFECT,
+)
 
 
 def compare_near_equivalents(state: State) -> None:
@@ -47,7 +46,7 @@ def compare_near_equivalents(state: State) -> None:
             for name, known in states.items()
         }
         decisive = (
-            abs(gained) > DECISIVE
+            abs(gained) > DECISIVE_EVIDENCE
             and np.abs(left[second] - left[first]).max() > DECISIVE_NRMSE
         )
         winner, loser = (second, first) if decisive and gained > 0 else (first, second)
@@ -67,8 +66,8 @@ def prefer_payload(state: State) -> None:
     before = state.model
     state.fit_terms((state.fit.terms - link) | payload)
     gained = state.model.gain(before)
-    state.contested["payload", "link_inertia"] = min(gained - RARE, 0.0)
-    if gained > RARE:
+    state.contested["payload", "link_inertia"] = min(gained - LINK_OVER_PAYLOAD, 0.0)
+    if gained > LINK_OVER_PAYLOAD:
         state.model = before
 
 

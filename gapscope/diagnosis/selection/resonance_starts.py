@@ -14,19 +14,15 @@ import numpy as np
 from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.moves import COMPLIANT
 from gapscope.diagnosis.selection.state import State
+from gapscope.diagnosis.thresholds import (
+    COMPLIANCE_RATIO,
+    COMPLIANCE_START_GAIN,
+    DAMPING_RATIOS,
+    PLAY_WIDTHS,
+    RESONANCES,
+)
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.deflection import behind_elasticity, behind_play
-
-RESONANCES = np.geomspace(1.2, 20.0, 12)
-"""Resonances to try [Hz]..."""
-RATIOS = (0.02, 0.12)
-"""...with these damping ratios."""
-WIDTHS = np.geomspace(4e-4, 6e-2, 11)
-"""Widths of free play to try [rad]."""
-LEAST_START = 5.0
-"""What a start has to explain before its fit [nats]."""
-LEAST_RATIO = 1.2
-"""Nothing rings or plays where no joint is left with this many times the floor."""
 
 
 @dataclass(frozen=True)
@@ -50,14 +46,14 @@ def starts(state: State) -> list[Start]:
     left2 = (state.fit.held_out_mse * evidence.rows).sum(axis=0) / (
         evidence.floor2 * evidence.rows
     ).sum(axis=0)
-    if state.data.arm.encoder != "motor" or left2.max() < LEAST_RATIO**2:
+    if state.data.arm.encoder != "motor" or left2.max() < COMPLIANCE_RATIO**2:
         return []
     taken = {t.joint for t in state.fit.terms if t.effect in COMPLIANT}
     free = [j for j in range(state.data.arm.n_joints) if j + 1 not in taken]
     bodies = _Bodies(state)
     best: dict[Term, Start] = {}
     for start in (start for j in free for start in _candidates(state, bodies, j)):
-        if start.gain > LEAST_START and (
+        if start.gain > COMPLIANCE_START_GAIN and (
             start.term not in best or start.gain > best[start.term].gain
         ):
             best[start.term] = start
@@ -132,7 +128,7 @@ def _candidates(state: State, bodies: _Bodies, j: int) -> Iterator[Start]:
         return
     for resonance in RESONANCES:
         stiffness = mass * (2 * np.pi * resonance) ** 2
-        for ratio in RATIOS:
+        for ratio in DAMPING_RATIOS:
             damping = 2 * ratio * np.sqrt(stiffness * mass)
             values = np.array([1 / stiffness, damping / stiffness**2])
             yield Start(
@@ -142,7 +138,7 @@ def _candidates(state: State, bodies: _Bodies, j: int) -> Iterator[Start]:
             )
     torque = np.concatenate([x[:, j] for x in bodies.torque])
     if torque.min() < 0 < torque.max():
-        for width in WIDTHS:
+        for width in PLAY_WIDTHS:
             yield Start(
                 backlash,
                 np.array([width]),

@@ -20,21 +20,17 @@ from gapscope.diagnosis.selection.near_equivalents import (
     prefer_payload,
 )
 from gapscope.diagnosis.selection.resonance_starts import starts
-from gapscope.diagnosis.selection.state import VISIBLE_EFFECT, State
+from gapscope.diagnosis.selection.state import State
+from gapscope.diagnosis.thresholds import (
+    COMPLIANCE_STARTS_TRIED,
+    FORWARD_STEPS,
+    GROUPS_TRIED,
+    MOVE_GAIN,
+    PAIRED_GROUPS,
+    SEARCH_RATE,
+    VISIBLE_EFFECT,
+)
 from gapscope.ident.signals.conditioning import Segment, thinned
-
-SEARCH_RATE = 100.0
-"""The search works on segments decimated to no less than this [Hz]."""
-LEAST_GAIN = 3.0
-"""A move must raise the evidence by this much [nats]."""
-MOST_STEPS = 12
-"""Forward steps before the search gives up."""
-MOST_TRIED = 3
-"""Groups that are tried around their own values at each step."""
-PAIRED = 6
-"""Best groups of which all pairs are tried once none alone raises the evidence."""
-MOST_STARTS = 3
-"""Starts of joints that ring or play that are tried."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +90,7 @@ def _forward(
 ) -> None:
     """Add the best group of terms while one raises the evidence, each around its own values."""
     been, refused = {state.fit.terms}, set()
-    for _ in range(MOST_STEPS):
+    for _ in range(FORWARD_STEPS):
         groups = [
             fit
             for fit in _groups(state)
@@ -103,8 +99,8 @@ def _forward(
         groups.sort(key=lambda fit: fit.score, reverse=True)
         groups = [
             fit
-            for fit in groups[:MOST_TRIED]
-            if fit.score >= state.fit.score + LEAST_GAIN
+            for fit in groups[:GROUPS_TRIED]
+            if fit.score >= state.fit.score + MOVE_GAIN
         ]
         before = state.model
         for k, group in enumerate(groups):
@@ -126,10 +122,10 @@ def _forward(
 def _rings(state: State, progress: Callable[[str], None]) -> bool:
     """Add a joint that rings or plays, if one explains what is left."""
     before = state.model
-    for start in starts(state)[:MOST_STARTS]:
+    for start in starts(state)[:COMPLIANCE_STARTS_TRIED]:
         state.fit_terms(before.fit.terms | {start.term}, {start.term: start.values})
         better = (
-            before.gain(state.model) > LEAST_GAIN
+            before.gain(state.model) > MOVE_GAIN
             and state.closed(before) >= VISIBLE_EFFECT
         )
         if start.term in state.fit.terms and better:
@@ -150,7 +146,7 @@ def _pair(state: State, progress: Callable[[str], None]) -> bool:
         return False
     found = (_group(state, effect) for effect in EXPLAINED)
     groups = sorted((g for g in found if g is not None), key=lambda fit: -fit.score)[
-        :PAIRED
+        :PAIRED_GROUPS
     ]
     sets = [
         a.terms | b.terms
@@ -159,10 +155,10 @@ def _pair(state: State, progress: Callable[[str], None]) -> bool:
     ]
     fits = [fit for fit in map(state.best, sets) if state.visible(fit.terms)]
     best = max(fits, key=lambda fit: fit.score, default=before.fit)
-    if best.score < before.fit.score + LEAST_GAIN:
+    if best.score < before.fit.score + MOVE_GAIN:
         return False
     state.fit_terms(best.terms)
-    if before.gain(state.model) > LEAST_GAIN and len(state.fit.terms) > len(
+    if before.gain(state.model) > MOVE_GAIN and len(state.fit.terms) > len(
         before.fit.terms
     ):
         progress("adds " + _describe(state.fit.terms - before.fit.terms))

@@ -20,16 +20,13 @@ from gapscope.diagnosis.selection.moves import (
     by_term,
     neighbours,
 )
+from gapscope.diagnosis.thresholds import (
+    REFUSED_MOVES,
+    RELINEARISATIONS,
+    VISIBLE_EFFECT,
+    VISIBLE_TERM,
+)
 from gapscope.ident.signals.conditioning import Segment
-
-MOST_LINEARISATIONS = 3
-"""Linearisations around the values of one set of terms."""
-MOST_REFUSED = 3
-"""Promising moves whose promise does not hold around their own values, after which no more are tried."""
-VISIBLE_EFFECT = 0.01
-"""An effect must lower the unseen torque NRMSE of some joint by this much to be named."""
-VISIBLE_TERM = 0.004
-"""A joint must gain this much in unseen torque NRMSE to be named with an effect that is named anyway."""
 
 
 class Model(NamedTuple):
@@ -93,7 +90,7 @@ class State:
             terms: the set.
             starts: linear coordinates of some of them to linearise around at first, in the place of those fitted.
         """
-        for _ in range(MOST_LINEARISATIONS):
+        for _ in range(RELINEARISATIONS):
             fit = self._started(terms, starts) if starts else self._possible(terms)
             starts, terms = None, fit.terms
             shapes = {
@@ -175,7 +172,7 @@ class State:
             if (
                 best is None
                 or best.score < self.fit.score + 0.5
-                or refused == MOST_REFUSED
+                or refused == REFUSED_MOVES
             ):
                 break
             before = self.model

@@ -19,14 +19,9 @@ from gapscope.diagnosis.setup_faults.channel_mapping import (
     timed,
 )
 from gapscope.diagnosis.setup_faults.fault_samples import Samples
+from gapscope.diagnosis.thresholds import FEW_FAR_JOINTS, GEAR_RATIO_STARTS, RATE_STARTS
 
 DEGREE = np.pi / 180
-RATES = (0.2, 0.25, 1 / 3, 0.4, 0.5, 0.65, 0.8, 1.25, 1.55, 2.0, 2.5, 3.0, 4.0, 5.0)
-"""Assumed over true period at which the search for a wrong rate begins [1]."""
-RATIOS = tuple(float(r) for r in np.geomspace(2.0, 500.0, 28))
-"""Gear ratios at which the search for one begins [1]."""
-FEW = 4
-"""With fewer joints that travel too far, each is taken for one on its motor's side by itself as well."""
 TURN = 2 * np.pi
 
 
@@ -76,7 +71,7 @@ def of_motion(n: int) -> list[Candidate]:
 
 def of_arm(n: int) -> list[Candidate]:
     """Shifted inertials and wrong rates."""
-    return [*of_inertials(n), *(wrong_rate(n, amount) for amount in RATES)]
+    return [*of_inertials(n), *(wrong_rate(n, amount) for amount in RATE_STARTS)]
 
 
 def of_inertials(n: int) -> list[Candidate]:
@@ -105,8 +100,12 @@ def of_units(
     if far:
         sets.add(far)
     found = [degrees(n, joints) for joints in sorted(sets)]
-    for joints in sorted({far, *((j,) for j in far if len(far) < FEW)} - {()}):
-        found += [motor_side(n, joints, (ratio,) * len(joints)) for ratio in RATIOS]
+    for joints in sorted(
+        {far, *((j,) for j in far if len(far) < FEW_FAR_JOINTS)} - {()}
+    ):
+        found += [
+            motor_side(n, joints, (ratio,) * len(joints)) for ratio in GEAR_RATIO_STARTS
+        ]
     return found
 
 

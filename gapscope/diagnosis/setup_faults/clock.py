@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-GAP = 2.5
-"""A step longer than this many periods has lost samples in it."""
-WINDOW = 25
-"""Samples over which the slow wander of a clock is taken out."""
+from gapscope.diagnosis.thresholds import CLOCK_WANDER_SAMPLES, LOST_SAMPLE_STEP
 
 
 def sample_count(t: np.ndarray) -> np.ndarray:
-    """Number of each sample on an even clock, from 0, (N,); steps beyond ``GAP`` periods skip numbers.
+    """Number of each sample on an even clock, from 0, (N,); steps beyond ``LOST_SAMPLE_STEP`` periods skip numbers.
 
     Shorter steps are taken as one period, or rounded to two where that leaves less unevenness: a jittered step may be
     nearly two periods long, a dropped row leaves a step of two.
@@ -19,7 +16,7 @@ def sample_count(t: np.ndarray) -> np.ndarray:
     steps = np.diff(t) / np.median(np.diff(t))
     rounded = np.maximum(np.round(steps), 1.0)
     counts = [
-        np.r_[0.0, np.cumsum(np.where(steps > GAP, rounded, one))]
+        np.r_[0.0, np.cumsum(np.where(steps > LOST_SAMPLE_STEP, rounded, one))]
         for one in (1.0, rounded)
     ]
     return min(counts, key=lambda count: float(np.std(_wander_free(t, count))))
@@ -50,7 +47,7 @@ def stamps_are_wrong(t: np.ndarray, q: np.ndarray) -> bool:
 def _wander_free(t: np.ndarray, count: np.ndarray) -> np.ndarray:
     slope, start = np.polyfit(count, t, 1)
     error = (t - start - slope * count) / slope
-    width = min(WINDOW, len(error))
+    width = min(CLOCK_WANDER_SAMPLES, len(error))
     kernel = np.ones(width)
     mean = np.convolve(error, kernel, "same") / np.convolve(
         np.ones(len(error)), kernel, "same"

@@ -32,45 +32,32 @@ from gapscope.diagnosis.setup_faults.mapping_score import MappingScorer, Score
 from gapscope.diagnosis.setup_faults.merge import merged
 from gapscope.diagnosis.setup_faults.refine import refined
 from gapscope.diagnosis.setup_faults.time_stamps import find_stamps, rate_error
+from gapscope.diagnosis.thresholds import (
+    FAULT_COARSE_STEP,
+    FAULT_FALL,
+    FAULT_FAR_FACTOR,
+    FAULT_FINALISTS,
+    FAULT_FOLD_GAIN,
+    FAULT_FOLD_LOSS,
+    FAULT_GAIN,
+    FAULT_JOINT_GAIN,
+    FAULT_LOSS,
+    FAULT_PRIOR_ODDS,
+    FAULT_SHARPNESS,
+    FAULT_SINGLE_RECORDING_FACTOR,
+    FAULT_VALUE_CHARGE,
+    FAULT_VALUES_GAIN,
+    FAULT_VISIBLE,
+    NOMINAL_RIGHT_NRMSE,
+    NOMINAL_RIGHT_RATIO,
+    SHIFTED_INERTIALS_FALL,
+)
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import (
     TORQUE_CUTOFF,
     condition,
     position_cutoff,
 )
-
-DECISIVE = 0.8
-"""Gain from which on a fault is named, ..."""
-LOSS = 0.1
-"""...of which no more than this is a loss in unseen gap, ..."""
-DECISIVE_JOINT, DECISIVE_VALUES = 0.35, 0.5
-"""...with this gain on some joint, or this one in surprise at the values, ..."""
-FOLD = 0.2
-"""...at least this gain on half of the folds, two at least, ..."""
-FOLD_LOSS = 0.15
-"""...and on none a loss beyond this."""
-FAR = 0.5
-"""Share of these gains that is enough for a unit where the joints travel farther than they can..."""
-ALONE = 1.5
-"""...and what they are multiplied with where there is one recording only."""
-LEAST_GAP = 0.03
-"""A fault that lowers the nominal arm's torque NRMSE by less on every joint is not named."""
-LEAST_FALL, LEAST_FALL_SHIFTED = 0.1, 0.5
-"""...nor, of one recording alone, one that lowers the sum of their squares over the joints by a smaller part: a wrong
-reading and an extraordinary arm may explain together what an event did. Inertials on the wrong links have to lower it
-by the second, however many recordings there are: a load far off the axis makes the right ones extraordinary."""
-RIGHT, RIGHT_BY = 0.12, 3.0
-"""Torque NRMSE below which the nominal arm is right as it is, and factor by which the gap has to fall to there."""
-COARSE = 4
-"""All candidates are compared on every ``COARSE``-th sample..."""
-FINALISTS = 5
-"""...and this many of them on all."""
-OCCAM = 0.3
-"""Gain that a fault with a continuous value owes to it, and not to being there."""
-SHARPNESS = 10.0
-"""Log evidence per unit of gain."""
-RARITY = 1e-3
-"""Prior odds of a setup fault against none."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +94,7 @@ def _shifted_inertials(case: Case) -> list[FoundFault]:
     A load and wrong inertials can stand in for the shift, so that unseen torque may not tell; but they leave a gap.
     """
     before = _nrmse(case)
-    if before is None or before.max() < RIGHT_BY * RIGHT:
+    if before is None or before.max() < NOMINAL_RIGHT_RATIO * NOMINAL_RIGHT_NRMSE:
         return []
     for candidate in of_inertials(case.arm.n_joints):
         fault = _fault(_Accepted(candidate, (), 0.99))
@@ -117,8 +104,8 @@ def _shifted_inertials(case: Case) -> list[FoundFault]:
             continue
         if (
             after is not None
-            and after.max() < RIGHT
-            and after.max() * RIGHT_BY < before.max()
+            and after.max() < NOMINAL_RIGHT_NRMSE
+            and after.max() * NOMINAL_RIGHT_RATIO < before.max()
         ):
             return [fault]
     return []
@@ -137,13 +124,18 @@ def _by_torque(case: Case) -> list[FoundFault]:
     samples = sample(segments)
     body = RigidBody(case.arm)
     benches = (
-        MappingScorer(case.arm, body, samples.thinned(COARSE)),
+        MappingScorer(case.arm, body, samples.thinned(FAULT_COARSE_STEP)),
         MappingScorer(case.arm, body, samples),
     )
     timed = all(rate_error(r) is not None for r in recordings)
     reading, found = ChannelMapping.plain(case.arm.n_joints), []
     for _ in range(case.arm.n_joints):
-        accepted = _next(*benches, reading, timed, ALONE if len(segments) == 1 else 1.0)
+        accepted = _next(
+            *benches,
+            reading,
+            timed,
+            FAULT_SINGLE_RECORDING_FACTOR if len(segments) == 1 else 1.0,
+        )
         if accepted is None:
             break
         reading = reading.then(accepted.candidate.reading)
@@ -175,14 +167,14 @@ def _next(
     tried: list[tuple[float, _Accepted, Score]] = []
     before = fine.score(reading)
     seen: set[tuple[str, str, tuple[int, ...]]] = set()
-    for i in np.argsort(gains)[::-1][:FINALISTS]:
+    for i in np.argsort(gains)[::-1][:FAULT_FINALISTS]:
         kind = (candidates[i].name, candidates[i].variant, candidates[i].joints)
         if gains[i] > 0 and kind not in seen:
             seen.add(kind)
             candidate, std = refined(coarse, reading, candidates[i])
             score = fine.score(reading.then(candidate.reading))
             gain = score.gain(before) - (
-                OCCAM if candidate.values and candidate.variant else 0.0
+                FAULT_VALUE_CHARGE if candidate.values and candidate.variant else 0.0
             )
             tried.append((gain, _Accepted(candidate, std, 0.0), score))
     if not tried:
@@ -192,11 +184,16 @@ def _next(
     impossible = unit and {j - 1 for j in accepted.candidate.joints} <= set(
         too_far(fine.arm, fine.samples, reading)
     )
-    if not decisive(before, score, strictness * (FAR if impossible else 1.0)):
+    if not decisive(
+        before, score, strictness * (FAULT_FAR_FACTOR if impossible else 1.0)
+    ):
         return None
-    rivals = sum(np.exp(SHARPNESS * (g - most)) for g, _, _ in tried)
+    rivals = sum(np.exp(FAULT_SHARPNESS * (g - most)) for g, _, _ in tried)
     return replace(
-        accepted, probability=float(1.0 / (rivals + np.exp(-SHARPNESS * most) / RARITY))
+        accepted,
+        probability=float(
+            1.0 / (rivals + np.exp(-FAULT_SHARPNESS * most) / FAULT_PRIOR_ODDS)
+        ),
     )
 
 
@@ -204,10 +201,14 @@ def decisive(before: Score, after: Score, share: float = 1.0) -> bool:
     """Whether a fault put right gains, on all folds, at least a share of what only a fault does."""
     joints, values = after.joints(before), after.values(before)
     folds = after.folds(before) + max(values, 0.0)
-    enough = (folds > share * FOLD).sum() >= max(min(2, len(folds)), len(folds) / 2)
-    large = joints.max() > share * DECISIVE_JOINT or values > share * DECISIVE_VALUES
-    gained = joints.sum() + values > share * DECISIVE and joints.sum() > -LOSS
-    return bool(gained and large and enough and folds.min() > -FOLD_LOSS)
+    enough = (folds > share * FAULT_FOLD_GAIN).sum() >= max(
+        min(2, len(folds)), len(folds) / 2
+    )
+    large = (
+        joints.max() > share * FAULT_JOINT_GAIN or values > share * FAULT_VALUES_GAIN
+    )
+    gained = joints.sum() + values > share * FAULT_GAIN and joints.sum() > -FAULT_LOSS
+    return bool(gained and large and enough and folds.min() > -FAULT_FOLD_LOSS)
 
 
 def _fault(accepted: _Accepted) -> FoundFault:
@@ -244,13 +245,13 @@ def _useless(fault: FoundFault, alone: bool) -> bool:
     without, after = fault.gap_without_this, fault.gap_after
     fallen = 1.0 - (after**2).sum() / max((without**2).sum(), 1e-12)
     least = (
-        LEAST_FALL_SHIFTED
+        SHIFTED_INERTIALS_FALL
         if fault.name == "shifted_inertials"
-        else LEAST_FALL
+        else FAULT_FALL
         if alone
         else -np.inf
     )
-    return bool((without - after).max() < LEAST_GAP or fallen < least)
+    return bool((without - after).max() < FAULT_VISIBLE or fallen < least)
 
 
 def _with_gaps(case: Case, faults: tuple[FoundFault, ...]) -> tuple[FoundFault, ...]:

@@ -7,14 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gapscope.diagnosis.thresholds import (
+    FAULT_SAMPLES,
+    MOTION_INDEPENDENT_RATE,
+    SINGLE_RECORDING_FOLDS,
+)
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, Segment, blocks, low_pass
-
-MOST = 640
-"""Samples over all recordings; faults are gross, so that few suffice."""
-BLOCKS = 4
-"""Folds into which a single recording is cut."""
-INDEPENDENT = 3.0
-"""Independent samples per second of an arm's motion [1/s]."""
 
 
 @dataclass(frozen=True)
@@ -64,12 +62,16 @@ def sample(recordings: Sequence[list[Segment]]) -> Samples:
     """Samples of the segments of each recording; a single recording is cut into blocks."""
     folds = [list(segments) for segments in recordings]
     if len(folds) == 1:
-        folds = [[block] for segment in folds[0] for block in blocks(segment, BLOCKS)]
+        folds = [
+            [block]
+            for segment in folds[0]
+            for block in blocks(segment, SINGLE_RECORDING_FOLDS)
+        ]
     seconds = sum(
         len(s.motion.t[s.inner]) / s.motion.rate for fold in folds for s in fold
     )
     total = sum(len(s.motion.t[s.inner]) for fold in folds for s in fold)
-    step = max(1, -(-total // MOST))
+    step = max(1, -(-total // FAULT_SAMPLES))
     rows = [np.concatenate([_thin(s, step) for s in fold], axis=1) for fold in folds]
     q, dq, ddq, tau = np.concatenate(rows, axis=1)
     edges = np.concatenate([[0], np.cumsum([r.shape[1] for r in rows])])
@@ -80,7 +82,7 @@ def sample(recordings: Sequence[list[Segment]]) -> Samples:
         ddq,
         tau,
         tuple(int(e) for e in edges),
-        min(1.0, INDEPENDENT * seconds / len(q)),
+        min(1.0, MOTION_INDEPENDENT_RATE * seconds / len(q)),
         load,
     )
 

@@ -1,7 +1,7 @@
 """Readings of a case compared: how well each lets an ordinary arm explain torque that was not used to fit.
 
-The gain of a reading is the sum over joints of log(R without / R with), R = sqrt(gap^2 + FLOOR^2) with the unseen gap
-over the torque's deviation, and of log(S without / S with), S = surprise + USUAL with the surprise at the values that
+The gain of a reading is the sum over joints of log(R without / R with), R = sqrt(gap^2 + ORDINARY_GAP^2) with the unseen gap
+over the torque's deviation, and of log(S without / S with), S = surprise + ORDINARY_SURPRISE with the surprise at the values that
 the arm would have to have. The floors keep small effects from counting: a setup fault is gross.
 """
 
@@ -18,13 +18,7 @@ from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
 from gapscope.diagnosis.setup_faults.fault_samples import Samples
 from gapscope.diagnosis.setup_faults.nuisance import Equations, equations, unseen
 from gapscope.diagnosis.setup_faults.shifted_inertials import shifted_arm
-
-FLOOR = 0.05
-"""Unseen gap, over the torque's deviation, that an arm with ordinary effects may leave."""
-USUAL = 3.0
-"""Surprise at an arm with ordinary effects."""
-WORST = 1e3
-"""Gaps beyond this many deviations are all alike."""
+from gapscope.diagnosis.thresholds import ORDINARY_GAP, ORDINARY_SURPRISE, WORST_GAP
 
 
 @dataclass(frozen=True)
@@ -32,8 +26,8 @@ class Score:
     """How a reading did.
 
     Attributes:
-        residual: sqrt(gap^2 + FLOOR^2) of each fold and joint, (K, n).
-        surprise: at the values fitted to all folds, plus ``USUAL``.
+        residual: sqrt(gap^2 + ORDINARY_GAP^2) of each fold and joint, (K, n).
+        surprise: at the values fitted to all folds, plus ``ORDINARY_SURPRISE``.
     """
 
     residual: np.ndarray
@@ -84,16 +78,20 @@ class MappingScorer:
             body = self._body(reading.shift, reading.moved_only)
             if body is None:
                 return Score(
-                    np.full((len(self.samples.folds), self.arm.n_joints), WORST), WORST
+                    np.full((len(self.samples.folds), self.arm.n_joints), WORST_GAP),
+                    WORST_GAP,
                 )
             if len(self._kept) > 8:
                 self._kept.pop(next(iter(self._kept)))
             self._kept[key] = equations(self.arm, body, self.samples, reading)
         gap, surprise = unseen(self._kept[key], reading, spread)
-        bounded = np.minimum(np.nan_to_num(gap, nan=WORST, posinf=WORST), WORST)
+        bounded = np.minimum(
+            np.nan_to_num(gap, nan=WORST_GAP, posinf=WORST_GAP), WORST_GAP
+        )
         return Score(
-            np.hypot(bounded, FLOOR),
-            USUAL + float(np.nan_to_num(surprise, nan=WORST, posinf=WORST)),
+            np.hypot(bounded, ORDINARY_GAP),
+            ORDINARY_SURPRISE
+            + float(np.nan_to_num(surprise, nan=WORST_GAP, posinf=WORST_GAP)),
         )
 
     def _body(self, shift: int, moved_only: bool) -> RigidBody | None:

@@ -20,21 +20,17 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
 from gapscope.diagnosis.setup_faults.fault_samples import Samples
+from gapscope.diagnosis.thresholds import (
+    FAULT_SIGN_WIDTH,
+    LEAST_TORQUE_DEVIATION,
+    LOWEST_TORQUE_SCALE,
+    ORDINARY_GAP_DEVIATION,
+    ORDINARY_INERTIALS,
+    ORDINARY_LEVER,
+    ORDINARY_LOAD,
+    ORDINARY_TORQUE_SCALE,
+)
 
-INERTIALS = 0.3
-"""Standard deviation of the relative errors of nominal inertials."""
-LOAD = 0.6
-"""Standard deviation of a load's mass, in masses of the arm."""
-LEVER = 0.3
-"""Lever of a load, in lengths of the arm."""
-SCALE, LOWEST_SCALE = 0.3, -0.6
-"""Standard deviation, and lower bound, of the relative error of a torque's scale."""
-SIGN_WIDTH = 0.02
-"""Velocity scale of the smoothed sign [rad/s]."""
-SIGMA = 0.1
-"""Gap that counts as one standard deviation, over the torque's."""
-SMALLEST = 1e-4
-"""Least deviation of a torque, over the largest joint's: motor torques of a small joint may be that small."""
 OWN = 6
 """Values of each joint of its own: scale, rotor, Coulomb, viscous, spring, offset."""
 
@@ -77,13 +73,13 @@ def inertial_units(body: RigidBody) -> tuple[np.ndarray, np.ndarray]:
     ):
         moment = max(float(np.linalg.norm([hx, hy, hz])), 0.05 * m)
         row[:] = [m, *[moment] * 3, *[0.5 * (xx + yy + zz)] * 6]
-    units *= INERTIALS
+    units *= ORDINARY_INERTIALS
     reach = sum(
         float(np.linalg.norm(body.model.jointPlacements[int(link)].translation))
         for link in body.links
     )
-    mass = LOAD * float(parameters[:, 0].sum())
-    lever = LEVER * max(reach, 0.1)
+    mass = ORDINARY_LOAD * float(parameters[:, 0].sum())
+    lever = ORDINARY_LEVER * max(reach, 0.1)
     load = np.array([mass, *[mass * lever] * 3, *[mass * lever**2] * 6])
     units[body.last_link] = np.hypot(units[body.last_link], load)
     inertia = np.diag(body.mass_matrix(np.zeros(body.n_joints)))
@@ -96,7 +92,7 @@ def equations(
     """Normal equations of all folds under a reading of the motion (its reading of the torque does not matter)."""
     q, dq, ddq = reading.motion(samples.q, samples.dq, samples.ddq)
     regressor = body.regressor(q, dq, ddq)
-    sign = np.tanh(dq / SIGN_WIDTH)
+    sign = np.tanh(dq / FAULT_SIGN_WIDTH)
     nominal = (
         regressor @ body.inertial_parameters()
         + arm.armature * ddq
@@ -119,7 +115,7 @@ def equations(
         rows=np.array([f.stop - f.start for f in folds]),
         deviation=np.maximum(
             samples.tau.std(axis=0),
-            max(SMALLEST * float(samples.tau.std(axis=0).max()), 1e-9),
+            max(LEAST_TORQUE_DEVIATION * float(samples.tau.std(axis=0).max()), 1e-9),
         ),
         weight=samples.weight,
         lowest=-np.array([arm.armature, arm.coulomb, arm.viscous]),
@@ -183,7 +179,7 @@ def _fit(
     """Most probable values of every joint's columns within their bounds, (n, D), from (n, D, D) and (n, D)."""
     n, columns = target.shape
     shared = columns - OWN
-    precision = eq.weight / (SIGMA * deviation) ** 2
+    precision = eq.weight / (ORDINARY_GAP_DEVIATION * deviation) ** 2
     size = shared + n * OWN
     prior = 1.0 / (spread * _spread(eq, deviation)) ** 2
     a, b = np.eye(size) / spread**2, np.zeros(size)
@@ -196,7 +192,7 @@ def _fit(
         b[:shared] += precision[j] * target[j, :shared]
         b[own] = precision[j] * target[j, shared:]
     lowest = np.full((n, OWN), -np.inf)
-    lowest[:, 0] = LOWEST_SCALE
+    lowest[:, 0] = LOWEST_TORQUE_SCALE
     lowest[:, 1:4] = eq.lowest.T
     solved = bounded(a, b, np.concatenate([np.full(shared, -np.inf), lowest.ravel()]))
     return np.hstack(
@@ -210,7 +206,7 @@ def _spread(eq: Equations, deviation: np.ndarray) -> np.ndarray:
     speed = np.sqrt(eq.gram[:, :, -3, -3].sum(axis=0) / eq.rows.sum())
     return np.array(
         [
-            np.full(n, SCALE),
+            np.full(n, ORDINARY_TORQUE_SCALE),
             eq.inertia,
             0.7 * deviation,
             0.7 * deviation / np.maximum(speed, 1e-3),

@@ -14,26 +14,20 @@ import numpy as np
 from gapscope.arm.case import Case
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, Quantity
-
-DIGITS = 6
-"""Significant digits that a log keeps at least; distances below what they resolve are rounding."""
-BEYOND_SHEET = 1.5
-"""A step is named where it exceeds the data sheet's by this factor."""
-USUAL = 2 * np.pi / 2**14
-"""Step named where the data sheet is silent [rad]: a 14-bit encoder on the joint's side. Arms with gears resolve 16 to
-20 bit there; at 14 bit the second derivative over 10 ms already jumps by 4 rad/s^2."""
-ON_LATTICE = 0.9
-"""Least length of the mean of exp(2 pi i q / s): 1 on a lattice, 0 without one."""
-LEVELS = 6
-"""Least number of distinct positions."""
-MOST = 6000
-"""Positions of a joint that are looked at, from each recording."""
+from gapscope.diagnosis.thresholds import (
+    LATTICE_COHERENCE,
+    LATTICE_LEVELS,
+    LATTICE_SAMPLES,
+    LOG_DIGITS,
+    STEP_OVER_DATA_SHEET,
+    STEP_WITHOUT_DATA_SHEET,
+)
 
 
 def find_quantization(case: Case) -> tuple[FoundFault, ...]:
     """``encoder_quantization`` on the joints whose step exceeds the data sheet's, as one finding; or nothing."""
     sheet = case.arm.encoder_step
-    least = USUAL if sheet is None else BEYOND_SHEET * sheet
+    least = STEP_WITHOUT_DATA_SHEET if sheet is None else STEP_OVER_DATA_SHEET * sheet
     found = {}
     for joint in range(case.arm.n_joints):
         step = encoder_step((*case.recordings, *case.judged), joint)
@@ -60,7 +54,11 @@ def encoder_step(
 
     Recordings have to agree; those in which the joint hardly moves do not count.
     """
-    steps = [s for r in recordings if (s := lattice(r.q[:MOST, joint])) is not None]
+    steps = [
+        s
+        for r in recordings
+        if (s := lattice(r.q[:LATTICE_SAMPLES, joint])) is not None
+    ]
     if not steps:
         return None
     values, stds = np.array(steps).T
@@ -77,12 +75,12 @@ def encoder_step(
 def lattice(q: np.ndarray) -> tuple[float, float] | None:
     """Step of the lattice on which positions q [rad], (N,), lie, and its standard deviation; ``None`` for none."""
     resolution = 10.0 ** (
-        np.floor(np.log10(max(float(np.abs(q).max()), 1e-9))) - DIGITS
+        np.floor(np.log10(max(float(np.abs(q).max()), 1e-9))) - LOG_DIGITS
     )
     values = np.unique(q)
     distances = np.diff(values)
     distances = np.sort(distances[distances > 3 * resolution])
-    if len(distances) < LEVELS:
+    if len(distances) < LATTICE_LEVELS:
         return None
     for candidate in _first_steps(distances, resolution):
         step = _sharpened(q, candidate)
@@ -129,7 +127,7 @@ def _sharpened(q: np.ndarray, step: float) -> tuple[float, float] | None:
         reach *= 2
     phase = np.exp(2j * np.pi * offset / step)
     levels = len(np.unique(np.round(offset / step)))
-    if np.abs(phase.mean()) < ON_LATTICE or levels < LEVELS:
+    if np.abs(phase.mean()) < LATTICE_COHERENCE or levels < LATTICE_LEVELS:
         return None
     count = np.round(offset / step)
     slope, start = np.polyfit(count, offset, 1)

@@ -9,17 +9,15 @@ import numpy as np
 from gapscope.diagnosis.setup_faults.candidates import Candidate, motor_side, wrong_rate
 from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
 from gapscope.diagnosis.setup_faults.mapping_score import MappingScorer
+from gapscope.diagnosis.thresholds import (
+    GEAR_RATIO_NUISANCE_FACTOR,
+    REFINE_FIRST_STEP,
+    REFINE_LAST_STEP,
+)
 
-FIRST = 0.1
-"""First step of the logarithm of a value."""
-LAST = 0.003
-"""Step at which refining ends."""
 CURVED = 0.02
 """Step over which the curvature is taken."""
 
-NARROW = 0.1
-"""Part of the ordinary errors of an arm that is left to it for the last refinement of gear ratios: wide ones stand in
-for a wrong ratio, of wrists above all."""
 
 Build = Callable[[np.ndarray], Candidate]
 """A candidate from the logarithms of its values."""
@@ -51,7 +49,10 @@ def _ratios(
             tuple(float(np.exp(value)) for value in np.broadcast_to(x, len(joints))),
         )
 
-    wide, narrow = _Climb(bench, before, build), _Climb(bench, before, build, NARROW)
+    wide, narrow = (
+        _Climb(bench, before, build),
+        _Climb(bench, before, build, GEAR_RATIO_NUISANCE_FACTOR),
+    )
     own = narrow.least(wide.least(np.log(candidate.values["ratio"])))
     common = narrow.least(np.array([np.median(own)]))
     charge = 0.5 * (len(joints) - 1) * np.log(narrow.independent)
@@ -92,8 +93,8 @@ class _Climb:
 
     def least(self, x: np.ndarray) -> np.ndarray:
         """Where the cost is least, by a coordinate-wise pattern search."""
-        step, least = FIRST, self.cost(x)
-        while step > LAST:
+        step, least = REFINE_FIRST_STEP, self.cost(x)
+        while step > REFINE_LAST_STEP:
             moved = False
             for k in range(len(x)):
                 for sign in (1.0, -1.0):

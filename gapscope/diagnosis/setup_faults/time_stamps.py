@@ -16,23 +16,18 @@ from scipy.signal import butter, sosfiltfilt
 from gapscope.arm.io.plausibility import PLAUSIBLE_RATES, REPEATED, repeated_rows
 from gapscope.arm.recording import CHANNELS, Recording
 from gapscope.diagnosis.setup_faults.channel_mapping import timed
-from gapscope.diagnosis.setup_faults.clock import GAP, stamps_are_wrong, unevenness
+from gapscope.diagnosis.setup_faults.clock import stamps_are_wrong, unevenness
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, Quantity
-
-REPEATS = 0.03
-"""Share of repeated rows beyond which they are named [1]."""
-JITTER = 0.05
-"""Unevenness beyond which it is named, standard deviation over the period [1]."""
-LOST = 0.01
-"""Share of samples missing beyond which gaps are named [1]."""
-RATE = 0.03
-"""Relative error of the rate beyond which it is named [1]."""
-GAP_STEPS = 4.0
-"""Steps of time longer than this many periods are gaps; shorter ones are single rows that were dropped."""
-SLOW = 5.0
-"""Recorded velocities are compared with those of the positions below this frequency [Hz]."""
-AGREEMENT = 0.98
-"""Correlation of a joint's two velocities from which on they are compared."""
+from gapscope.diagnosis.thresholds import (
+    LOST_SAMPLE_STEP,
+    NAMED_JITTER,
+    NAMED_LOST,
+    NAMED_RATE_ERROR,
+    NAMED_REPEATS,
+    RATE_AGREEMENT,
+    RATE_BAND,
+)
+from gapscope.ident.signals.conditioning import GAP_STEPS
 
 
 def find_stamps(recordings: Iterable[Recording]) -> tuple[FoundFault, ...]:
@@ -48,9 +43,9 @@ def find_stamps(recordings: Iterable[Recording]) -> tuple[FoundFault, ...]:
 
     note(_milliseconds(recordings))
     kinds: tuple[tuple[str, Callable[[Recording], float], float], ...] = (
-        ("repeats", repeats, REPEATS),
-        ("jitter", jitter, JITTER),
-        ("gaps", lost, LOST),
+        ("repeats", repeats, NAMED_REPEATS),
+        ("jitter", jitter, NAMED_JITTER),
+        ("gaps", lost, NAMED_LOST),
     )
     for kind, measure, most in kinds:
         amounts = {r.name: measure(r) for r in recordings}
@@ -61,7 +56,9 @@ def find_stamps(recordings: Iterable[Recording]) -> tuple[FoundFault, ...]:
         )
     rates = {r.name: rate_error(r) for r in recordings}
     wrong = {
-        name: a for name, a in rates.items() if a is not None and abs(np.log(a)) > RATE
+        name: a
+        for name, a in rates.items()
+        if a is not None and abs(np.log(a)) > NAMED_RATE_ERROR
     }
     note(_finding("wrong_rate", wrong, recordings))
     return tuple(found)
@@ -100,7 +97,7 @@ def jitter(recording: Recording) -> float:
     amount = float(unevenness(recording.t).std())
     return (
         amount
-        if amount > JITTER and stamps_are_wrong(recording.t, recording.q)
+        if amount > NAMED_JITTER and stamps_are_wrong(recording.t, recording.q)
         else 0.0
     )
 
@@ -108,7 +105,7 @@ def jitter(recording: Recording) -> float:
 def lost(recording: Recording) -> float:
     """Share of samples that are missing in gaps of more than ``GAP_STEPS`` periods [1]."""
     steps = np.diff(recording.t) * recording.rate
-    missing = float((steps[steps > max(GAP, GAP_STEPS)] - 1).sum())
+    missing = float((steps[steps > max(LOST_SAMPLE_STEP, GAP_STEPS)] - 1).sum())
     return missing / (len(recording.t) + missing)
 
 
@@ -131,7 +128,10 @@ def _rate_of(recording: Recording, q: np.ndarray, dq: np.ndarray) -> float | Non
     if len(q) < 50:
         return None
     sos = butter(
-        2, min(SLOW / rate, 0.2) if rate > 2 * SLOW else 0.2, output="sos", fs=1.0
+        2,
+        min(RATE_BAND / rate, 0.2) if rate > 2 * RATE_BAND else 0.2,
+        output="sos",
+        fs=1.0,
     )
     steps = np.diff(recording.t)
     usual = np.r_[False, (steps[1:] < 1.5 / rate) & (steps[:-1] < 1.5 / rate), False]
@@ -141,7 +141,7 @@ def _rate_of(recording: Recording, q: np.ndarray, dq: np.ndarray) -> float | Non
     own, given = own[usual], given[usual]
     power = (own**2).sum(axis=0) * (given**2).sum(axis=0)
     product = (own * given).sum(axis=0)
-    agree = (power > 0) & (product > AGREEMENT * np.sqrt(power))
+    agree = (power > 0) & (product > RATE_AGREEMENT * np.sqrt(power))
     if agree.sum() < max(1, recording.n_joints // 2):
         return None
     ratios = np.sqrt(

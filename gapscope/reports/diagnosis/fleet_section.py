@@ -14,8 +14,9 @@ from gapscope.diagnosis.document.wording import (
     joint_ranges,
     listing,
 )
-from gapscope.diagnosis.fleet.compare_units import DIFFERING, LEVEL, ONE, SHARED, SOME
-from gapscope.diagnosis.fleet.confusion import ALIKE, NOMINAL
+from gapscope.diagnosis.fleet.compare_units import DIFFERING, ONE, SHARED, SOME
+from gapscope.diagnosis.fleet.confusion import NOMINAL
+from gapscope.diagnosis.thresholds import ALIKE_NRMSE, FLEET_LEVEL
 from gapscope.effects.catalogue import CATALOGUE
 
 Content = Mapping[str, Any]
@@ -34,7 +35,7 @@ _SHEET = {
 }
 
 
-TOLERANCE = f"or worse by less than {ALIKE:g} NRMSE on every joint"
+TOLERANCE = f"or worse by less than {ALIKE_NRMSE:g} NRMSE on every joint"
 
 
 @dataclass(frozen=True)
@@ -170,7 +171,7 @@ def _lines(units: Sequence[str], rows: Sequence[Content]) -> Iterable[Line]:
                 ),
                 text(together["estimate"], together["std"]) if together else MISSING,
                 percent(together["i_squared"]) if together else MISSING,
-                bool(together) and together["p"] < LEVEL / len(row["parameters"]),
+                bool(together) and together["p"] < FLEET_LEVEL / len(row["parameters"]),
             )
 
 

@@ -13,8 +13,8 @@ from gapscope.diagnosis.document.wording import (
     joint_ranges,
     listing,
 )
-from gapscope.diagnosis.reference.reference import LEAST_SKEW
 from gapscope.diagnosis.result import Diagnosis
+from gapscope.diagnosis.thresholds import LEAST_REFERENCE_SKEW
 
 SHEET = (
     ("armature", "armature", "kg m²"),
@@ -70,7 +70,7 @@ def against(diagnosis: Diagnosis) -> dict[str, Any] | None:
 
 def _skew(skew: float) -> str:
     """By how much the recorded torque is off in time, in words; empty where that is too little to be taken out."""
-    if abs(skew) <= LEAST_SKEW:
+    if abs(skew) <= LEAST_REFERENCE_SKEW:
         return ""
     return (
         f"{significant(1e3 * abs(skew), 2)} ms {'ahead of' if skew > 0 else 'behind'}"

@@ -1,0 +1,304 @@
+"""All thresholds that decide, priors, and budgets of a diagnosis, by stage.
+
+Each states its meaning, its unit in brackets, and in parentheses where the value comes from:
+
+    hand        set by hand on training cases: sets of the blind check's generator, sample cases, synthetic arms
+    physical    known of arms, drives and logs in general
+    statistics  follows from a false-alarm rate, or from how many independent samples there are
+    definition  part of what ``diagnosis.json`` promises
+    budget      as much as computing time allows; more would hardly change a diagnosis
+
+Array layouts, grids of plots, texts and tolerances of rounding stay in their modules. The blind check freezes these
+values (``gapscope/blind_check/frozen.py``).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
+
+# fmt: off
+
+# --- gap: the noise floor, what a healthy arm of this kind leaves
+TIMING_SKEW = 1e-4  # Skew between torque and motion that differs between a healthy arm's joints [s]. (hand)
+# Below this speed velocity does not determine dry friction: bristles bend, the joint sticks [rad/s]. (physical)
+STICKING_SPEED = 0.02
+MODEL_FORM = 0.004  # Share of the torque's deviation that a healthy arm leaves even without noise [1]. (hand)
+FRICTION_FORM = 0.03  # Share by which healthy dry friction differs from c sgn v when it slides [1]. (hand)
+EFFECT_FORM = 0.03  # Share of its torque by which a real effect differs from the catalogue's form [1]. (hand)
+
+# --- setup_faults: folds and samples
+SINGLE_RECORDING_FOLDS = 4  # Folds into which a single recording is cut. (hand)
+FAULT_SAMPLES = 640  # Samples over all recordings; faults are gross, so that few suffice. (budget)
+MOTION_INDEPENDENT_RATE = 3.0  # Independent samples per second of an arm's motion [1/s]. (hand)
+
+# --- setup_faults: when a fault is named; gain: ln of held-out gap before over after, summed over joints [1]
+FAULT_GAIN = 0.8  # Gain from which on a fault is named [1]... (hand)
+FAULT_LOSS = 0.1  # ...of which no more than this may be a loss in held-out gap [1]... (hand)
+FAULT_JOINT_GAIN = 0.35  # ...with this gain on some joint [1]... (hand)
+FAULT_VALUES_GAIN = 0.5  # ...or this one in surprise at the values [1]... (hand)
+FAULT_FOLD_GAIN = 0.2  # ...with this gain on half of the folds, two at least [1]... (hand)
+FAULT_FOLD_LOSS = 0.15  # ...and on no fold a loss beyond this [1]. (hand)
+FAULT_FAR_FACTOR = 0.5  # Factor on these gains for a unit if the joints travel farther than they can [1]. (hand)
+FAULT_SINGLE_RECORDING_FACTOR = 1.5  # Factor on these gains if there is one recording only [1]. (hand)
+FAULT_VISIBLE = 0.03  # A fault must lower the nominal arm's torque NRMSE of some joint by this much [1]. (hand)
+# A fault seen in one recording must lower the sum of squared gaps by this share [1]: a wrong mapping plus extreme
+# parameters can fit a one-off disturbance. (hand)
+FAULT_FALL = 0.1
+# Inertials on the wrong links must lower it by this share, however many recordings there are [1]: a load far off
+# the axis makes the right ones extraordinary. (hand)
+SHIFTED_INERTIALS_FALL = 0.5
+NOMINAL_RIGHT_NRMSE = 0.12  # Torque NRMSE below which the nominal arm is right as it is [1]... (hand)
+NOMINAL_RIGHT_RATIO = 3.0  # ...if the gap falls to there by this factor [1]. (hand)
+FAULT_VALUE_CHARGE = 0.3  # Gain that a fault with a continuous value owes to the value alone [1]. (hand)
+FAULT_SHARPNESS = 10.0  # Log evidence per unit of gain, for probabilities [1]. (hand)
+FAULT_PRIOR_ODDS = 1e-3  # Prior odds of a setup fault against none [1]. (hand)
+
+# --- setup_faults: search of channel mappings
+FAULT_COARSE_STEP = 4  # All candidates are compared on every so many-th sample... (budget)
+FAULT_FINALISTS = 5  # ...and this many of them on all. (budget)
+# Assumed over true period: starts of the search for a wrong rate [1]. (budget)
+RATE_STARTS = (0.2, 0.25, 1 / 3, 0.4, 0.5, 0.65, 0.8, 1.25, 1.55, 2.0, 2.5, 3.0, 4.0, 5.0)
+# Gear ratios: starts of the search for one [1]. (physical)
+GEAR_RATIO_STARTS = tuple(float(r) for r in np.geomspace(2.0, 500.0, 28))
+# With fewer joints that travel too far, each is tried by itself as one read on its motor's side. (budget)
+FEW_FAR_JOINTS = 4
+REFINE_FIRST_STEP = 0.1  # First step of the logarithm of a fault's value [1]. (budget)
+REFINE_LAST_STEP = 0.003  # Step at which refining a fault's value ends [1]. (budget)
+# Factor on the prior of ordinary errors while gear ratios are refined [1]: wide errors stand in for a wrong ratio,
+# of wrists above all. (hand)
+GEAR_RATIO_NUISANCE_FACTOR = 0.1
+# Held-out gap, over the torque's deviation, that an arm with ordinary effects may leave [1]. (hand)
+ORDINARY_GAP = 0.05
+ORDINARY_SURPRISE = 3.0  # Surprise at the values of an arm with ordinary effects [nats]. (hand)
+WORST_GAP = 1e3  # Gaps beyond this many deviations are all alike [1]. (hand)
+
+# --- setup_faults: priors of an ordinary arm (standard deviations, relative unless a unit is given)
+ORDINARY_INERTIALS = 0.3  # Errors of the nominal inertials [1]. (hand)
+ORDINARY_LOAD = 0.6  # Mass of a load, in masses of the arm [1]. (hand)
+ORDINARY_LEVER = 0.3  # Lever of a load, in lengths of the arm [1]. (hand)
+ORDINARY_TORQUE_SCALE = 0.3  # Error of a torque's scale [1]... (hand)
+LOWEST_TORQUE_SCALE = -0.6  # ...and its lower bound [1]. (hand)
+FAULT_SIGN_WIDTH = 0.02  # Velocity scale of the smoothed sign in dry friction [rad/s]. (physical)
+ORDINARY_GAP_DEVIATION = 0.1  # Gap that counts as one standard deviation, over the torque's [1]. (hand)
+# Least deviation of a torque, over the largest joint's [1]: motors of small joints. (physical)
+LEAST_TORQUE_DEVIATION = 1e-4
+
+# --- setup_faults: time stamps and quantisation
+NAMED_REPEATS = 0.03  # Share of repeated rows beyond which they are named [1]. (hand)
+NAMED_JITTER = 0.05  # Unevenness beyond which it is named, standard deviation over the period [1]. (hand)
+NAMED_LOST = 0.01  # Share of samples missing beyond which gaps are named [1]. (hand)
+NAMED_RATE_ERROR = 0.03  # Relative error of the rate beyond which it is named [1]. (hand)
+RATE_BAND = 5.0  # Recorded velocities are compared with those of the positions below this frequency [Hz]. (hand)
+RATE_AGREEMENT = 0.98  # Correlation of a joint's two velocities from which on they are compared [1]. (hand)
+LOST_SAMPLE_STEP = 2.5  # A step longer than this many periods has lost samples in it [1]. (hand)
+CLOCK_WANDER_SAMPLES = 25  # Samples over which the slow wander of a clock is taken out. (hand)
+LOG_DIGITS = 6  # Significant digits that a log keeps at least; distances below what they resolve are rounding. (hand)
+STEP_OVER_DATA_SHEET = 1.5  # A step is named if it exceeds the data sheet's by this factor [1]. (hand)
+# Step named if the data sheet is silent [rad]: a 14-bit encoder on the joint's side. Arms with gears resolve 16 to
+# 20 bit there; at 14 bit the second derivative over 10 ms already jumps by 4 rad/s^2. (physical)
+STEP_WITHOUT_DATA_SHEET = 2 * np.pi / 2**14
+LATTICE_COHERENCE = 0.9  # Least length of the mean of exp(2 pi i q / s) [1]: 1 on a lattice, 0 without one. (hand)
+LATTICE_LEVELS = 6  # Least number of distinct positions. (hand)
+LATTICE_SAMPLES = 6000  # Positions of a joint that are looked at, from each recording. (budget)
+
+# --- model: linearisation
+BACKLASH_START = 0.004  # Free play with which the columns of backlash begin [rad]. (hand)
+PIECE_LENGTH = 1.5  # Length of the pieces in which normal equations are kept, for the bootstrap [s]. (hand)
+MOST_PIECES = 40  # Pieces over all folds; on long logs they grow instead. (budget)
+SENSOR_ZERO = 0.1  # Prior of a sensor's zero, over the normalisation of its joint's torque gap [1]. (hand)
+SENSOR_SCALE = 0.01  # Prior of the error of a sensor's scale [1]. (data sheets of joint torque sensors)
+SENSOR_LAG = 2e-3  # Prior of a sensor's lag [s]. (hand)
+
+# --- model: scan of parameters that act nonlinearly
+# Ripples with fewer periods per revolution are not looked for: a spring that is not straight looks alike. (hand)
+LEAST_RIPPLE_CYCLES = 3.5
+MOST_RIPPLE_CYCLES = 200.0  # Ripples with more periods per revolution are not looked for. (physical)
+# Periods of a ripple that some recording must show; less is a bend that much else explains. (hand)
+LEAST_RIPPLE_PERIODS = 1.5
+FORCE_WINDOW_BIN = 0.1  # Resolution of the windows in which a force may act [s]. (budget)
+LEAST_FORCE_WINDOW = 0.3  # Shortest such window [s]. (hand)
+LEAST_TORQUE_LIMIT = 0.01  # Saturation lets at least this share of the largest recorded torque through [1]. (hand)
+LEAST_NEED_AT_LIMIT = 0.7  # While it acts this share of the limit is needed on average [1]. (hand)
+# It acts for this share of the time at most [1], as a controller whose torque never arrives cannot track... (hand)
+LIMITED_TIME_TRACKING = 0.4
+# ...or for this one, if the arm hardly holds [1]: what is needed keeps to the limit meanwhile... (hand)
+LIMITED_TIME_HELD = 0.85
+HELD_NEAR_LIMIT = 0.15  # ...within this share of it [1]. (hand)
+# Limits that are tried in even steps up to the largest torque, and as many in even ratios. (budget)
+TORQUE_LIMIT_GRID = 40
+
+# --- selection: charges of the evidence
+# Charge for each different effect [nats]: the logarithm of the number of ways to name one, and a margin for what
+# the effective number of samples overstates. (hand)
+NEW_EFFECT = 20.0
+# Relative errors of the nominal inertials that are tried [1], each with its charge [nats]: larger inertial errors
+# cost more evidence. (hand)
+NOMINAL_ERROR = {0.003: 0.0, 0.01: 2.0, 0.03: 8.0, 0.06: 15.0}
+SKEWS = (0.0, 2.5e-4, 5e-4)  # Skews of sampling that are tried [s]; half a tick is 0.5 ms at 1 kHz. (physical)
+SKEW_CHARGE = 3.0  # Charge for a skew [nats]. (hand)
+LEAST_DELAY = 1e-3  # Delays shorter than this count as a skew of sampling and are not named [s]. (hand)
+
+# --- selection: search
+SEARCH_RATE = 100.0  # The search works on segments decimated to no less than this [Hz]. (budget)
+MOVE_GAIN = 3.0  # A move must raise the evidence by this much [nats]. (hand)
+FORWARD_STEPS = 12  # Forward steps before the search gives up. (budget)
+GROUPS_TRIED = 3  # Groups that are tried around their own values at each step. (budget)
+PAIRED_GROUPS = 6  # Best groups of which all pairs are tried once none alone raises the evidence. (budget)
+COMPLIANCE_STARTS_TRIED = 3  # Starts of compliant joints that are fitted. (budget)
+RELINEARISATIONS = 3  # Linearisations around the values of one set of terms. (budget)
+REFUSED_MOVES = 3  # Stop after this many moves fail on relinearisation. (budget)
+# An effect must lower the held-out torque NRMSE of some joint by this much to be named [1]. (definition)
+VISIBLE_EFFECT = 0.01
+VISIBLE_TERM = 0.004  # A joint must gain this much in it to be named with an effect that is named anyway [1]. (hand)
+# Delays up to this are compared with a lag by their second order in time [s]; longer ones differ anyway. (hand)
+LONGEST_COMPARED_DELAY = 0.025
+# Evidence that a changed link needs over a payload [nats]: links seldom change, what they carry does. (hand)
+LINK_OVER_PAYLOAD = 20.0
+DECISIVE_EVIDENCE = 8.0  # Evidence that decides between near-equivalent effects [nats]... (hand)
+# ...if the held-out torque NRMSE of some joint differs by this much [1], more than MODEL_FORM explains. (hand)
+DECISIVE_NRMSE = 0.0007
+
+# --- selection: starts of compliant joints
+COMPLIANCE_RATIO = 1.2  # Skip the compliance search if no joint's gap exceeds this many times the floor [1]. (hand)
+COMPLIANCE_START_GAIN = 5.0  # What a start has to explain before its fit [nats]. (hand)
+RESONANCES = np.geomspace(1.2, 20.0, 12)  # Resonances to try [Hz]... (physical)
+DAMPING_RATIOS = (0.02, 0.12)  # ...with these damping ratios [1]. (physical)
+PLAY_WIDTHS = np.geomspace(4e-4, 6e-2, 11)  # Widths of free play to try [rad]. (physical)
+
+# --- assessment: excess residual, what exceeds the floor
+ABOVE_FLOOR_RATIO = 1.6  # Without effects a gap is above the floor if it exceeds it by this factor [1]... (hand)
+RESIDUAL_ABOVE_FLOOR_RATIO = 1.3  # ...with effects by this one [1]... (hand)
+ABOVE_FLOOR_NRMSE = 0.012  # ...and by this much torque NRMSE, in squares [1]. (hand)
+# Effects explain a gap if they leave no more than this share of its square above the floor [1]; the form of a real
+# effect differs from the catalogue's... (hand)
+EXPLAINED_RESIDUAL = 0.12
+EXPLAINED_RESIDUAL_COMPLIANT = 0.45  # ...and that of a compliant joint by more [1]... (hand)
+WIDE_RESIDUAL_SHARE = 0.5  # ...and no joint is left with this share of its own [1]... (hand)
+WIDE_RESIDUAL_NRMSE = 0.05  # ...and with this much torque NRMSE [1]. (hand)
+# If every joint is above its floor, the quietest one raises all floors, up to this factor [1]. (hand)
+LOUDEST_FLOOR = 2.0
+SIGNIFICANT_RESIDUAL_RATIO = 2.2  # The residual is significant above this many times the floor [1]... (hand)
+# ...below, a flexible model must predict this share of it on held-out data [1]: louder noise looks alike but cannot
+# be predicted. (hand)
+PREDICTABLE_SHARE = 0.1
+# An effect on the arm or a link acts on the joints on which it closes this share of what it closes at most [1].
+# (hand)
+CLOSING_JOINTS = 0.25
+
+# --- assessment: share of a residual that a flexible model predicts
+PREDICTABLE_LEAST_RATIO = 1.1  # Skip residuals below this many times the floor [1]. (hand)
+ROWS_PER_CUTOFF = 2.5  # Rows per period of the torque gap's cut-off; more hold nothing new. (statistics)
+# Random Fourier features of each length, of a joint's signals; half as many of the posture of the arm. (budget)
+FOURIER_FEATURES = 60
+# Lengths of the features' kernels, over the distance that two samples have on average [1]. (hand)
+KERNEL_LENGTHS = (0.5, 1.25)
+# Time beside the border between two folds that is not fitted [s]: held-out rows have no neighbours in it. (hand)
+FOLD_GUARD = 0.3
+# Strengths of the ridge that are tried, over the mean square of the columns [1]. (budget)
+RIDGE_STRENGTHS = (3e-4, 3e-3, 3e-2, 0.3, 3.0)
+LEAST_OSCILLATION = 0.5  # Lowest frequency of an oscillation [Hz]: a slow motion does what is below. (hand)
+MOST_OSCILLATION = TORQUE_CUTOFF  # Highest frequency of an oscillation [Hz]: the band of the torque gap. (definition)
+# Frequencies that are tried per resolution 1 / duration: the phase has to last over the prediction. (budget)
+OSCILLATION_GRID = 8
+
+# --- assessment: probabilities, replay
+# Evidence counts this much in probabilities [1]: folds of the same few motions say less than their nats. (hand)
+TEMPER = 0.2
+OPEN_ALTERNATIVE = 0.05  # An alternative with this probability leaves the question open [1]. (hand)
+NAMED_PROBABILITY = 0.5  # An effect less probable than this is not named [1]. (definition)
+FALSE_DISCOVERY_RATE = 0.05  # Share of the effects confirmed that may be there by chance [1]. (statistics)
+LISTED_PROBABILITY = 0.01  # Names less probable than this are not listed in a set [1]. (hand)
+# No calibrated probability lies below this [1]: it was seen a few hundred times at most... (statistics)
+LEAST_PROBABILITY = 0.02
+MOST_PROBABILITY = 0.995  # ...nor above this [1]. (statistics)
+REFERENCE_GAP_GROWTH = 2.0  # What the reference leaves is taken to grow with the torque up to this factor [1]. (hand)
+BASELINE_LINEARISATIONS = 3  # Linearisations of a baseline: around no effect, then around the values found. (budget)
+# Ticks of the controller that are replayed: 12 s at 1 kHz, which takes a second or two... (budget)
+REPLAYED_TICKS = 12_000
+# ...and of an arm with compliant joints, which takes steps as small as its resonance asks for. (budget)
+REPLAYED_TICKS_COMPLIANT = 4_000
+
+# --- localisation: regions and rules
+REGION_SHARE = 0.25  # A region must hold this share of a joint's squared gap to be named [1]... (hand)
+REGION_ENRICHMENT = 1.6  # ...and this many times what its share of the time would give [1]. (hand)
+JOINTS_IN_DEPTH = 3  # Joints that are looked at in depth. (budget)
+REGIONS_PER_JOINT = 2  # Most intervals, and most bands, of a joint. (hand)
+RULE_CONDITIONS = 3  # Most conditions of a rule. (hand)
+RULE_RATE = 25.0  # Rows are thinned to about this rate, twice the band of the gap [Hz]. (statistics)
+RULE_BLOCK = 1.0  # Rows go to learning and testing in blocks of this length [s]. (hand)
+RULE_CAP_QUANTILE = 0.995  # Squared gaps above this quantile count as it [1]: a spike is no regime. (hand)
+# A rule must hold more than all but this share of the shifts of the gap in time reach [1]... (statistics)
+RULE_CHANCE = 0.02
+# ...a rule that names a time, and an interval, this many times the squared gap outside [1]: a gap that comes and
+# goes with the motion has no start. (hand)
+INTERVAL_RATIO = 4.0
+# A condition must raise share times log enrichment on held-out rows by this factor [1]. (hand)
+RULE_CONDITION_GAIN = 1.1
+STILL_QUANTILE = 0.1  # Quantile of the speed below which a joint moves in neither direction [1]. (hand)
+LEAF_ROWS = 0.02  # A leaf holds at least this share of the rows [1]. (hand)
+
+# --- localisation: intervals in time
+LEVEL_WINDOW = 0.25  # Length of the windows over which the level is taken [s]. (hand)
+# Charge for a change point, times the variance of the level times the log of the number of windows [1]. (hand)
+CHANGE_POINT_PENALTY = 6.0
+LEAST_INTERVAL_WINDOWS = 3  # Least number of windows between two change points. (hand)
+LEAST_LEVEL_NOISE = 0.35  # Least standard deviation of the level that is taken as its noise [nats]. (hand)
+MOST_INTERVALS = 2  # Most intervals of a recording. (hand)
+MOST_CHANGE_POINTS = 6  # With more change points in one recording the gap follows the motion, not time. (hand)
+
+# --- localisation: frequencies
+# Frequency bands [Hz]. (hand)
+BANDS = ((0.0, 0.5), (0.5, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 8.0), (8.0, TORQUE_CUTOFF))
+BAND_POWER = 0.1  # A band or a line holds at least this share of the gap's power [1]. (hand)
+BAND_COHERENCE = 0.6  # Share of the gap's power in a band that follows a signal, at least [1]. (hand)
+EQUAL_COHERENCE = 0.05  # Coherence within which signals count as equal [1]. (hand)
+LINE_SHARE = 0.6  # A line holds this share of the gap's power [1]... (hand)
+LINE_WIDTH = 0.6  # ...so far to either side [Hz]... (hand)
+LINE_ENRICHMENT = 3.0  # ...and this many times the nominal torque's share of power there [1]. (hand)
+LINE_LOWEST = 1.5  # Below this frequency the motion itself has lines [Hz]. (hand)
+LEAST_BAND_POWER = 0.02  # A band counts as this share of the torque's power at least [1]. (hand)
+
+# --- reference: what changed since a reference
+# Share by which Coulomb and viscous friction may differ from day to day, as temperature does [bittencourt2012]:
+# changes beyond it are reported. (physical, the value by choice)
+FRICTION_DAY_TO_DAY = 0.15
+# A change must widen the torque NRMSE of some joint by this much if it is left out [1]. (definition)
+MIN_CHANGE = VISIBLE_EFFECT
+REFERENCE_SKEW = 3e-4  # Prior of the skew of sampling [s]. (physical)
+# Most rounds in which the reference's uncertainty is used and the residual diagnosed anew. (budget)
+REFERENCE_ROUNDS = 3
+REFERENCE_SETTLED = 0.002  # A round that changes no joint's torque NRMSE by more than this is the last [1]. (hand)
+# Factor on the prior of inertial errors, identified over those of a data sheet [1]: the reference's uncertainty
+# counts what it leaves open, and a wide prior would take a load on the last link for an error of that link. (hand)
+REFERENCE_INERTIAL_FACTOR = 0.15
+VENDOR_INERTIALS = 0.3  # Prior of relative errors of the inertials of a vendor's URDF [1]. (hand)
+LEAST_REFERENCE_SKEW = 1e-4  # Skews of sampling below this are not corrected [s]... (hand)
+MOST_REFERENCE_SKEW = 1.5e-3  # ...and none by more than this [s]. (hand)
+SAME_JOINT_PLACE = 2e-3  # Joints of the same arm lie in the same place in both URDFs, to this much [m, rad]. (hand)
+LEAST_STRETCHES = 4  # Least stretches of time, each predicted from all others. (statistics)
+
+# --- fleet: several units
+# Values differ between units if one common value would scatter as much with less than this probability, divided by
+# the number of values that the effect has [1]. (statistics)
+FLEET_LEVEL = 0.01
+# Two arms predict a unit alike if no joint's torque NRMSE differs by this much [1]. (definition)
+ALIKE_NRMSE = VISIBLE_EFFECT
+
+# --- advice: the next recording
+ADVICE_INERTIALS = 0.01  # Prior of relative errors of the nominal inertials that every hypothesis may have [1]. (hand)
+TORQUE_INDEPENDENT_RATE = 2 * TORQUE_CUTOFF  # Independent samples per second of a filtered torque [1/s]. (statistics)
+ADVICE_SAMPLE_STEP = 4  # Of the present recordings every so many samples are compared. (budget)
+# A parameter's scale is at least this share of the largest value met on real arms [1]. (hand)
+LEAST_PARAMETER_SCALE = 0.05
+DESIGNED_ALTERNATIVES = 3  # Most alternatives that one recording is designed for; the most probable ones. (hand)
+ADVICE_RATE = 100.0  # Recordings are decimated to no less than this [Hz]. (budget)
+FIT_DRAWS = 12  # Starts that are tried for an effect whose values are not known. (budget)
+FIT_STARTS = 2  # The best of them from which values are fitted. (budget)
+FIT_STEPS = 12  # Most steps of a fit. (budget)
+SCREENING_SHARE = 0.3  # Share of the evaluations that go to comparing the options [1]. (budget)
+LEAST_SCREENING = 20  # Evaluations for each option, at least. (budget)
+PAYLOAD_WORTH = 1.25  # A payload is mounted if it raises the contrast by this factor [1]. (hand)
+SETTLES = 2.0  # Contrast from which on a recording settles a question [floors]... (hand)
+MAY_SETTLE = 0.5  # ...and from which on it may [floors]. (hand)
