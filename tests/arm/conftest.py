@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -65,17 +64,3 @@ def recording() -> Recording:
         dq + 2 * noise,
         30 + 0.1 * noise,
     )
-
-
-@pytest.fixture(scope="session")
-def data_root() -> Path:
-    """The folder with recordings of real arms, which a user of the project does not have."""
-    root = Path(
-        os.environ.get("GAPSCOPE_DATA")
-        or Path(__file__).resolve().parents[3] / "shared" / "data"
-    )
-    if not root.is_dir():
-        pytest.skip(
-            f"no recordings of real arms: {root} is no folder (set GAPSCOPE_DATA)"
-        )
-    return root

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -116,15 +115,3 @@ def corrected(tmp_path: Path) -> Path:
         "schema: 1\neffects:\n  - {effect: viscous_friction, joints: [2], parameters: {coefficient: [3.0]}}\n"
     )
     return path
-
-
-@pytest.fixture(scope="session")
-def samples() -> Path:
-    """The sample cases, which a user of the project does not have."""
-    root = Path(
-        os.environ.get("GAPSCOPE_DATA")
-        or Path(__file__).resolve().parents[3] / "shared" / "data"
-    )
-    if not (root / "sample_cases" / "labels.json").is_file():
-        pytest.skip(f"no sample cases in {root} (set GAPSCOPE_DATA)")
-    return root / "sample_cases"

@@ -29,14 +29,14 @@ def diagnosed(case: Path) -> Diagnosis:
     return diagnose(load_case(case))
 
 
-def label_of(samples: Path, name: str) -> dict[str, Any]:
-    labels = json.loads((samples / "labels.json").read_text(encoding="utf-8"))
+def label_of(sample_cases: Path, name: str) -> dict[str, Any]:
+    labels = json.loads((sample_cases / "labels.json").read_text(encoding="utf-8"))
     return next(label for label in labels if label["case"] == name)
 
 
-def nrmse(samples: Path, name: str, corrected: CorrectedArm) -> np.ndarray:
+def nrmse(sample_cases: Path, name: str, corrected: CorrectedArm) -> np.ndarray:
     """Torque NRMSE on recording_d, by the definition, of the torque that ``predict`` gives."""
-    recording = load_recording(samples / name / "recording_d.csv", corrected.arm)
+    recording = load_recording(sample_cases / name / "recording_d.csv", corrected.arm)
     assert recording.tau is not None
     edge = round(TRIM * recording.rate)
     measured, predicted = (
@@ -47,9 +47,11 @@ def nrmse(samples: Path, name: str, corrected: CorrectedArm) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", ["case001", "case005"])
-def test_effect_and_joints_are_those_of_the_label(samples: Path, name: str) -> None:
-    label, case = label_of(samples, name), load_case(samples / name)
-    result = diagnosed(samples / label["case"])
+def test_effect_and_joints_are_those_of_the_label(
+    sample_cases: Path, name: str
+) -> None:
+    label, case = label_of(sample_cases, name), load_case(sample_cases / name)
+    result = diagnosed(sample_cases / label["case"])
     validate(result.document)
     assert result.document["verdict"] == "effects_found"
     assert [(e.name, list(e.joints)) for e in result.effects] == [
@@ -63,27 +65,29 @@ def test_effect_and_joints_are_those_of_the_label(samples: Path, name: str) -> N
 
     floor = np.array(label["floor"])
     before, after = (
-        nrmse(samples, name, CorrectedArm(case.arm, e)) for e in ((), result.effects)
+        nrmse(sample_cases, name, CorrectedArm(case.arm, e))
+        for e in ((), result.effects)
     )
     np.testing.assert_allclose(before, label["gap"], rtol=0.1, atol=0.003)
     closed = (before - after).sum() / (before - floor).sum()
     assert closed >= 0.9, f"{closed:.3f} of the gap is closed"
 
 
-def test_healthy_case(samples: Path) -> None:
-    label, case = label_of(samples, "case006"), load_case(samples / "case006")
+def test_healthy_case(sample_cases: Path) -> None:
+    label, case = label_of(sample_cases, "case006"), load_case(sample_cases / "case006")
     assert label["effects"] == []
-    result = diagnosed(samples / label["case"])
+    result = diagnosed(sample_cases / label["case"])
     assert result.document["verdict"] == "no_gap" and result.effects == ()
     assert (
-        nrmse(samples, "case006", CorrectedArm(case.arm)) < 1.2 * np.array(label["gap"])
+        nrmse(sample_cases, "case006", CorrectedArm(case.arm))
+        < 1.2 * np.array(label["gap"])
     ).all()
 
 
-def test_effect_outside_the_catalogue(samples: Path) -> None:
-    label = label_of(samples, "case008")
+def test_effect_outside_the_catalogue(sample_cases: Path) -> None:
+    label = label_of(sample_cases, "case008")
     assert label["effects"][0]["effect"] == "unknown"
-    document = diagnosed(samples / "case008").document
+    document = diagnosed(sample_cases / "case008").document
     assert (
         document["verdict"] == "unexplained" and document["unexplained"]["above_floor"]
     )
@@ -93,9 +97,9 @@ def test_effect_outside_the_catalogue(samples: Path) -> None:
     assert "joint 1" in document["next_recording"]
 
 
-def test_floor_is_that_of_a_healthy_twin(samples: Path) -> None:
+def test_floor_is_that_of_a_healthy_twin(sample_cases: Path) -> None:
     """Within a factor of two and a half of the floor of the label."""
-    label = label_of(samples, "case006")
-    document = diagnosed(samples / "case006").document
+    label = label_of(sample_cases, "case006")
+    document = diagnosed(sample_cases / "case006").document
     ratio = np.array(document["gap"]["before"]["floor"]) / label["floor"]
     assert (ratio > 0.4).all() and (ratio < 2.5).all(), ratio

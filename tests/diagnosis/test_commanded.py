@@ -139,11 +139,9 @@ def test_a_gap_in_time_is_not_bridged() -> None:
 
 @pytest.mark.slow
 @pytest.mark.shared_data
-def test_a_sample_case_without_its_torque(shared: Path) -> None:
+def test_a_sample_case_without_its_torque(sample_cases: Path) -> None:
     """Delays of case005 on all joints, by another simulator, from positions and references alone."""
-    document = diagnose(
-        without(load_case(shared / "sample_cases" / "case005"), "tau")
-    ).document
+    document = diagnose(without(load_case(sample_cases / "case005"), "tau")).document
     assert [(e["effect"], e["joints"]) for e in document["effects"]] == [
         ("actuator_delay", [1, 2, 3, 4, 5, 6])
     ]

@@ -68,10 +68,10 @@ def test_noise_after_rounding_is_no_lattice() -> None:
 
 
 @pytest.mark.shared_data
-def test_a_12_bit_servo_is_known_by_its_positions(shared: Path) -> None:
+def test_a_12_bit_servo_is_known_by_its_positions(data_root: Path) -> None:
     case = load_case(
         Path(__file__).parents[2] / "experiments" / "cases" / "so101.yaml",
-        data_root=shared,
+        data_root=data_root,
     )
     (found,) = find_quantization(case)
     np.testing.assert_allclose(
@@ -80,6 +80,6 @@ def test_a_12_bit_servo_is_known_by_its_positions(shared: Path) -> None:
 
 
 @pytest.mark.shared_data
-def test_sample_cases_keep_to_their_data_sheets(shared: Path) -> None:
-    for folder in sorted((shared / "sample_cases").glob("case*")):
+def test_sample_cases_keep_to_their_data_sheets(sample_cases: Path) -> None:
+    for folder in sorted(sample_cases.glob("case*")):
         assert find_quantization(load_case(folder)) == ()

@@ -242,10 +242,8 @@ def test_samples_taken_at_uneven_times_are_stamped_rightly() -> None:
 
 @pytest.mark.shared_data
 @pytest.mark.parametrize("number", range(9))
-def test_sample_cases_have_no_setup_fault(number: int, shared: Path) -> None:
-    assert (
-        find_setup_faults(load_case(shared / "sample_cases" / f"case00{number}")) == ()
-    )
+def test_sample_cases_have_no_setup_fault(number: int, sample_cases: Path) -> None:
+    assert find_setup_faults(load_case(sample_cases / f"case00{number}")) == ()
 
 
 @pytest.mark.shared_data
@@ -253,6 +251,6 @@ def test_sample_cases_have_no_setup_fault(number: int, shared: Path) -> None:
     "name",
     ["kinova_gen3_current", "kinova_gen3_sensor", "panda", "staubli_tx40", "ur10"],
 )
-def test_real_arms_have_no_setup_fault(name: str, shared: Path) -> None:
+def test_real_arms_have_no_setup_fault(name: str, data_root: Path) -> None:
     path = Path(__file__).parents[2] / "experiments" / "cases" / f"{name}.yaml"
-    assert find_setup_faults(load_case(path, data_root=shared)) == ()
+    assert find_setup_faults(load_case(path, data_root=data_root)) == ()

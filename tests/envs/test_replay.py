@@ -27,7 +27,6 @@ EFFECTS = (
     AppliedEffect("payload", (), {"mass": 2.0, "com": [0.0, 0.0, 0.05]}),
     AppliedEffect("actuator_delay", (2, 4), {"delay": 0.005}),
 )
-SAMPLES = Path(__file__).parents[3] / "shared" / "data" / "sample_cases"
 
 
 def _motion(arm: NominalArm) -> Fourier:
@@ -174,9 +173,11 @@ def test_filter_goes_on_from_its_first_value(rule: str) -> None:
     np.testing.assert_allclose(out[-1], steady, rtol=1e-6)
 
 
-def _labelled(name: str, arm: NominalArm) -> tuple[AppliedEffect, ...]:
+def _labelled(
+    sample_cases: Path, name: str, arm: NominalArm
+) -> tuple[AppliedEffect, ...]:
     """Effects of a sample case's label; an elastic joint's damper from its damping ratio of 0.05."""
-    labels = json.loads((SAMPLES / "labels.json").read_text())
+    labels = json.loads((sample_cases / "labels.json").read_text())
     effects = next(label["effects"] for label in labels if label["case"] == name)
     values = [
         {key: entry["value"] for key, entry in effect["parameters"].items()}
@@ -206,19 +207,15 @@ def _damper(
 
 
 @pytest.mark.shared_data
-@pytest.mark.skipif(
-    not SAMPLES.is_dir(),
-    reason="needs ../shared/data/sample_cases, which is not part of the project",
-)
 @pytest.mark.parametrize("name", [f"case00{i}" for i in (0, 1, 2, 3, 4, 5, 7)])
 @pytest.mark.parametrize("engine", ENGINES)
 def test_labelled_effects_close_a_case_of_another_simulator(
-    engines, engine: str, name: str
+    engines, engine: str, name: str, sample_cases: Path
 ) -> None:
     """By at least 80 %, the mean over the joints; LuGre friction, noise and another integrator are what is left."""
-    case = load_case(SAMPLES / name, read_recordings=False)
-    recording = load_recording(SAMPLES / name / "recording_d.csv", case.arm, None)
-    truth = _labelled(name, case.arm)
+    case = load_case(sample_cases / name, read_recordings=False)
+    recording = load_recording(sample_cases / name / "recording_d.csv", case.arm, None)
+    truth = _labelled(sample_cases, name, case.arm)
     before, after = (
         replay(case.arm, e, recording, case.controller, engine=engines(engine))
         for e in ((), truth)

@@ -1,6 +1,5 @@
 """A real arm: the TX40's published log, fitted and judged as in the comparison with FIGAROH."""
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -19,12 +18,9 @@ MOST = 0.11
 
 @pytest.mark.shared_data
 @pytest.mark.slow
-def test_rows_that_were_not_fitted_are_predicted_by_bodies_that_can_exist():
-    data = Path(os.environ.get("GAPSCOPE_DATA") or ROOT.parent / "shared" / "data")
-    if not (data / "staubli_tx40").is_dir():
-        pytest.skip(f"no recordings of the TX40 in {data} (set GAPSCOPE_DATA)")
+def test_rows_that_were_not_fitted_are_predicted_by_bodies_that_can_exist(data_root):
     case = load_case(
-        ROOT / "experiments" / "cases" / "staubli_tx40.yaml", data_root=data
+        ROOT / "experiments" / "cases" / "staubli_tx40.yaml", data_root=data_root
     )
     found = identify(case, Settings(cutoff=CUTOFF, trim=False))
     band = Band(CUTOFF, trim=False)

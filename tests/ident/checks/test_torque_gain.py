@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -73,22 +72,15 @@ def test_silent_on_a_healthy_arm() -> None:
     assert not torque_gain(compared(arms.case())).found
 
 
+@pytest.mark.shared_data
 @pytest.mark.parametrize("number", range(9))
-def test_silent_on_sample_cases(number: int) -> None:
+def test_silent_on_sample_cases(number: int, sample_cases: Path) -> None:
     """None of them has torque in another unit; one has scaled torque on some joints, one a payload."""
-    folder = data() / "sample_cases" / f"case{number:03d}"
-    assert not torque_gain(compared(load_case(folder))).found
+    case = load_case(sample_cases / f"case{number:03d}")
+    assert not torque_gain(compared(case)).found
 
 
-def test_silent_on_an_arm_full_of_friction(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("GAPSCOPE_DATA", str(data()))
-    assert not torque_gain(
-        compared(load_case(ROOT / "experiments" / "cases" / "staubli_tx40.yaml"))
-    ).found
-
-
-def data() -> Path:
-    root = Path(os.environ.get("GAPSCOPE_DATA") or ROOT.parent / "shared" / "data")
-    if not (root / "sample_cases").is_dir():
-        pytest.skip(f"no recordings in {root} (set GAPSCOPE_DATA)")
-    return root
+@pytest.mark.shared_data
+def test_silent_on_an_arm_full_of_friction(data_root: Path) -> None:
+    path = ROOT / "experiments" / "cases" / "staubli_tx40.yaml"
+    assert not torque_gain(compared(load_case(path, data_root=data_root))).found

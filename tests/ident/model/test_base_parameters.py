@@ -1,6 +1,5 @@
 """Base parameters: published counts, combinations worked out by hand, conversions both ways, and bad input."""
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -47,17 +46,9 @@ def chain(
     )
 
 
-def measured(name: str) -> NominalArm:
+def measured(data_root: Path, name: str) -> NominalArm:
     """An arm of which there are recordings, without the fingers that its URDF may have."""
-    root = Path(
-        os.environ.get("GAPSCOPE_DATA")
-        or Path(__file__).resolve().parents[4] / "shared" / "data"
-    )
-    if not root.is_dir():
-        pytest.skip(
-            f"no recordings of real arms: {root} is no folder (set GAPSCOPE_DATA)"
-        )
-    urdf = next((root / name).glob("*.urdf"))
+    urdf = next((data_root / name).glob("*.urdf"))
     arm = load_nominal_arm(urdf)
     return load_nominal_arm(
         urdf, joints=[joint for joint in arm.joints if "finger" not in joint]
@@ -92,8 +83,8 @@ def test_number_of_base_parameters_is_the_published_one(robot, count, preference
 @pytest.mark.parametrize(
     ("robot", "count"), [("ur10", 36), ("panda", 43), ("staubli_tx40", 36)]
 )
-def test_number_of_base_parameters_of_measured_arms(robot, count):
-    _, base = random_base(measured(robot))
+def test_number_of_base_parameters_of_measured_arms(robot, count, data_root):
+    _, base = random_base(measured(data_root, robot))
     assert base.count == count
     assert base.gap > 1e8
 

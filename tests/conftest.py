@@ -1,0 +1,28 @@
+"""What tests of several folders share: where the measured recordings and the sample cases lie."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+BESIDE_THE_PROJECT = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+@pytest.fixture(scope="session")
+def data_root() -> Path:
+    """The folder of measured recordings and sample cases, which a user of the project does not have."""
+    root = Path(os.environ.get("GAPSCOPE_DATA") or BESIDE_THE_PROJECT)
+    if not root.is_dir():
+        pytest.skip(f"no measured recordings: {root} is no folder (set GAPSCOPE_DATA)")
+    return root
+
+
+@pytest.fixture(scope="session")
+def sample_cases(data_root: Path) -> Path:
+    """The folder of the sample cases and their labels."""
+    folder = data_root / "sample_cases"
+    if not (folder / "labels.json").is_file():
+        pytest.skip(f"no sample cases in {data_root} (set GAPSCOPE_DATA)")
+    return folder
