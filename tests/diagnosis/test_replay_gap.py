@@ -45,7 +45,9 @@ def _judge(case: Case, judged: bool = False, start: float = 0.0) -> SimpleNamesp
     found = SimpleNamespace(
         evidence=evidence, fit=SimpleNamespace(terms=frozenset(Terms(7).of("payload")))
     )
-    return SimpleNamespace(judged=["some"] if judged else [], folds=folds, selection=found)
+    return SimpleNamespace(
+        judged=["some"] if judged else [], folds=folds, selection=found
+    )
 
 
 def test_the_effects_found_close_it(case: Case) -> None:
