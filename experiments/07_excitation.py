@@ -29,7 +29,11 @@ from gapscope.arm.robots import load_nominal_arm
 from gapscope.ident.excitation.candidate_model import ExcitationModel
 from gapscope.ident.excitation.criteria import CRITERIA, condition_number
 from gapscope.ident.excitation.design import accept, design, prepare, sampled
-from gapscope.ident.excitation.excitation_plan import OPTIMISERS, LimitPlan, Plan
+from gapscope.ident.excitation.excitation_plan import (
+    OPTIMISERS,
+    ExcitationPlan,
+    LimitPlan,
+)
 from gapscope.ident.excitation.families import KINDS
 from gapscope.ident.excitation.optimiser import Optimiser
 from gapscope.ident.excitation.random_search import RandomSearch
@@ -64,7 +68,7 @@ def optimised(
     best: float = np.nan,
 ) -> tuple[int, float]:
     """Run one optimiser and print its row; evaluations, and the condition number [1]."""
-    plan, limits = Plan(budget=budget), LimitPlan()
+    plan, limits = ExcitationPlan(budget=budget), LimitPlan()
     search, final, _, body = prepare(arm, plan, limits)
     begun = time.process_time()
     optimiser.run(search, np.random.default_rng(seed))
@@ -87,7 +91,7 @@ def optimised(
 def criteria(arm: NominalArm, seeds: int, evaluations: int) -> None:
     """Print what is optimal by each criterion, for each kind of trajectory: median over the seeds, least and most."""
     body = RigidBody(arm)
-    model = ExcitationModel(arm, body, Plan().columns)
+    model = ExcitationModel(arm, body, ExcitationPlan().columns)
     measures: tuple[Callable[[float], float], ...] = (
         float,
         *[lambda v: float(np.exp(-v))] * 2,
@@ -97,7 +101,7 @@ def criteria(arm: NominalArm, seeds: int, evaluations: int) -> None:
     def figures(
         kind: str, criterion: str, optimiser: str | None, seed: int
     ) -> list[float]:
-        plan = Plan(
+        plan = ExcitationPlan(
             kind,
             criterion=criterion,
             effects=EFFECTS,

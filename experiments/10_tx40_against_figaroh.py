@@ -27,7 +27,11 @@ from figaroh_environment import FIGAROH, install
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.nominal import smooth_sign
-from gapscope.ident.identification import Identification, Settings, identify
+from gapscope.ident.identification import (
+    Identification,
+    IdentificationSettings,
+    identify,
+)
 from gapscope.ident.model.friction_law import FrictionLaw
 from gapscope.ident.model.model_columns import ModelColumns
 from gapscope.ident.signals.conditioning import TRIM, Segment
@@ -220,7 +224,7 @@ def main() -> None:
     for cutoff in (10.0, 100.0):
         band = Band(cutoff, trim=False)
         start, work = perf_counter(), process_time()
-        result = identify(case, Settings(cutoff=cutoff, trim=False))
+        result = identify(case, IdentificationSettings(cutoff=cutoff, trim=False))
         seconds, work = perf_counter() - start, process_time() - work
         (fit,), (judged,) = band.segments(case.recordings), band.segments(case.judged)
         other = figaroh(python, case, fit, judged, cutoff, out)

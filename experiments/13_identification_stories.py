@@ -31,7 +31,11 @@ from gapscope.ident.checks.troubleshooting import FOUND
 from gapscope.ident.estimators.ols import OrdinaryLeastSquares
 from gapscope.ident.estimators.partial_update import PartialUpdate
 from gapscope.ident.estimators.wls import WeightedLeastSquares
-from gapscope.ident.identification import Identification, Settings, identify
+from gapscope.ident.identification import (
+    Identification,
+    IdentificationSettings,
+    identify,
+)
 from gapscope.ident.uncertainty.repeated_groups import compare_groups
 
 SHEET = {
@@ -39,7 +43,7 @@ SHEET = {
     "coulomb": [5.0, 5.0, 4.0, 4.0, 3.0, 2.0, 1.5],
     "viscous": [4.0, 4.0, 3.0, 3.0, 2.0, 1.0, 0.8],
 }
-SETTINGS = Settings(cutoff=20.0)
+SETTINGS = IdentificationSettings(cutoff=20.0)
 
 
 def recorded(*effects: AppliedEffect) -> Case:

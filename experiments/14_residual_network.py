@@ -40,7 +40,7 @@ from gapscope.ident.residual.baselines import (
 )
 from gapscope.ident.residual.export import torchscript
 from gapscope.ident.residual.fit import Report, fit_residual, rows_of
-from gapscope.ident.residual.settings import Settings
+from gapscope.ident.residual.settings import ResidualSettings
 from gapscope.ident.residual.trajectory import Trajectory, chosen_rows, from_segment
 from gapscope.ident.signals.conditioning import (
     TORQUE_CUTOFF,
@@ -214,7 +214,9 @@ def nrmse(problem: Problem, predict: Predict | None) -> np.ndarray:
     )
 
 
-def of_baseline(baseline: Baseline, problem: Problem, settings: Settings) -> Predict:
+def of_baseline(
+    baseline: Baseline, problem: Problem, settings: ResidualSettings
+) -> Predict:
     """A baseline on all samples of a motion, a thousand at a time."""
     inputs = rows_of(problem.fit, settings).inputs
 
@@ -251,13 +253,13 @@ def study(problem: Problem, out: Path) -> list[ResidualNetwork]:
     networks, notes = [], []
     for form in ("mlp", "tcn"):
         start = time.process_time()
-        residual, report = fit_residual(problem.fit, Settings(form=form))
+        residual, report = fit_residual(problem.fit, ResidualSettings(form=form))
         row(form.upper(), nrmse(problem, residual.torque), time.process_time() - start)
         path = out / f"{problem.name}_{form}.npz"
         write_residual(residual, path)
         networks.append(read_residual(path))
         notes.append(note(form, report, residual, problem))
-    plain = Settings()
+    plain = ResidualSettings()
     for name, make in (
         ("gradient boosting", gradient_boosting),
         ("Gaussian process", gaussian_process),

@@ -25,7 +25,11 @@ from gapscope.arm.recording import Recording
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.mystery_arm import iiwa, position_controller
 from gapscope.envs.recorder import record
-from gapscope.ident.identification import Identification, Settings, identify
+from gapscope.ident.identification import (
+    Identification,
+    IdentificationSettings,
+    identify,
+)
 from gapscope.ident.signals.samples import Band
 from gapscope.ident.uncertainty.validation import Errors, Validation, validate
 
@@ -148,7 +152,7 @@ def main() -> None:
         others = case.recordings[len(FREQUENCIES) :]
         result = identify(
             case,
-            Settings(
+            IdentificationSettings(
                 cutoff=CUTOFF, judge=tuple(recording.name for recording in others)
             ),
         )

@@ -23,9 +23,9 @@ from gapscope.envs.mystery_arm import HIDDEN, iiwa
 from gapscope.envs.randomisation import Randomisation, draw_effects
 from gapscope.envs.session import Plan as Session
 from gapscope.envs.session import record_case
-from gapscope.ident.identification import Settings as Identifying
+from gapscope.ident.identification import IdentificationSettings
 from gapscope.ident.residual.fit import fit_residual
-from gapscope.ident.residual.settings import Settings as Learning
+from gapscope.ident.residual.settings import ResidualSettings
 from gapscope.ident.residual.trajectory import from_segment
 from gapscope.ident.signals.conditioning import condition, position_cutoff
 
@@ -72,7 +72,7 @@ def prepare(robot: str, seed: int, severity: float, folder: Path) -> None:
         write_case(case, folder / "case", overwrite=True)
         write_corrected(case.name, effects, folder / "truth.yaml")
     if not (folder / MODELS["identified"]).is_file():
-        identify_path(folder / "case", folder / "identified", Identifying())
+        identify_path(folder / "case", folder / "identified", IdentificationSettings())
     if not (folder / "diagnosis" / "diagnosis.json").is_file():
         diagnose_path(folder / "case", folder / "diagnosis")
     if not (folder / MODELS["corrected + network"]).is_file():
@@ -96,7 +96,8 @@ def learn(folder: Path) -> None:
         for s in condition(r, cutoff)
     ]
     write_residual(
-        fit_residual(parts, Learning())[0], folder / "diagnosis" / "residual.npz"
+        fit_residual(parts, ResidualSettings())[0],
+        folder / "diagnosis" / "residual.npz",
     )
     write_corrected(
         case.name, effects, folder / MODELS["corrected + network"], "residual.npz"

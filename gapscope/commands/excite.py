@@ -17,7 +17,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.commands.diagnose import make_folder
 from gapscope.ident.excitation.design import Excitation, design
-from gapscope.ident.excitation.excitation_plan import LimitPlan, Plan
+from gapscope.ident.excitation.excitation_plan import ExcitationPlan, LimitPlan
 from gapscope.ident.excitation.trajectory_files import write_csv, write_joint_trajectory
 from gapscope.reports.trajectory.page import write_picture
 
@@ -25,7 +25,7 @@ from gapscope.reports.trajectory.page import write_picture
 def excite_files(
     robot: str,
     out: Path,
-    plan: Plan,
+    plan: ExcitationPlan,
     limits: LimitPlan,
     *,
     seed: int | None = None,
@@ -116,7 +116,7 @@ class SearchProgress:
         return f"{self._criterion}-criterion {best:.3f}"
 
 
-def summary(found: Excitation, plan: Plan) -> list[str]:
+def summary(found: Excitation, plan: ExcitationPlan) -> list[str]:
     """What was found, in a few lines."""
     lines = [
         f"condition number {found.condition:.3g}, {len(found.names)} base columns scaled to unit norm; "

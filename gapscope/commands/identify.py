@@ -17,7 +17,11 @@ from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.commands.diagnose import make_folder
 from gapscope.effects.corrected_file import write_corrected
 from gapscope.ident.checks.troubleshooting import FOUND, Row
-from gapscope.ident.identification import Identification, Settings, identify
+from gapscope.ident.identification import (
+    Identification,
+    IdentificationSettings,
+    identify,
+)
 from gapscope.ident.output.base_file import write_base
 from gapscope.ident.output.identification_json import document, write_document
 from gapscope.ident.output.identified_arm import (
@@ -54,7 +58,7 @@ class Identified:
 def identify_path(
     path: Path,
     out: Path,
-    settings: Settings,
+    settings: IdentificationSettings,
     progress: Callable[[str], None] = lambda message: None,
 ) -> Identified:
     """Identify the case at a path and write report, identified arm and, as the last, ``identification.json``.

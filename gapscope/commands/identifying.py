@@ -58,9 +58,9 @@ def identify(
 ) -> None:
     """Identify base and physical parameters and friction."""
     from gapscope.commands.identify import identify_path, summary
-    from gapscope.ident.identification import Settings
+    from gapscope.ident.identification import IdentificationSettings
 
-    settings = Settings(cutoff, estimator, tuple(judge or ()), any_torque)
+    settings = IdentificationSettings(cutoff, estimator, tuple(judge or ()), any_torque)
     with Progress(case.name or str(case)) as progress:
         identified = identify_path(case, out, settings, progress)
     console.print(summary(identified))
@@ -117,11 +117,11 @@ def excite(
         margin_table,
         summary,
     )
-    from gapscope.ident.excitation.excitation_plan import LimitPlan, Plan
+    from gapscope.ident.excitation.excitation_plan import ExcitationPlan, LimitPlan
     from gapscope.ident.excitation.trajectory_search import Budget
 
     names = tuple(name.strip() for name in effects.split(",") if name.strip())
-    plan = Plan(
+    plan = ExcitationPlan(
         kind,
         order,
         frequency,

@@ -288,7 +288,6 @@ ALIKE_NRMSE = VISIBLE_EFFECT
 
 # --- advice: the next recording
 ADVICE_INERTIALS = 0.01  # Prior of relative errors of the nominal inertials that every hypothesis may have [1]. (hand)
-TORQUE_INDEPENDENT_RATE = 2 * TORQUE_CUTOFF  # Independent samples per second of a filtered torque [1/s]. (statistics)
 ADVICE_SAMPLE_STEP = 4  # Of the present recordings every so many samples are compared. (budget)
 # A parameter's scale is at least this share of the largest value met on real arms [1]. (hand)
 LEAST_PARAMETER_SCALE = 0.05

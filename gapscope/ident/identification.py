@@ -10,7 +10,7 @@ import numpy as np
 from gapscope.arm.case import Case
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.recording import Recording
-from gapscope.ident.checks.fit_evidence import Evidence, nominal_similarity
+from gapscope.ident.checks.fit_evidence import FitEvidence, nominal_similarity
 from gapscope.ident.checks.plausible_samples import (
     check_count,
     check_recordings,
@@ -38,7 +38,7 @@ from gapscope.ident.uncertainty.validation import Validation, validate
 
 
 @dataclass(frozen=True)
-class Settings:
+class IdentificationSettings:
     """How to identify.
 
     Attributes:
@@ -86,7 +86,7 @@ class Identification:
     """
 
     case: Case
-    settings: Settings
+    settings: IdentificationSettings
     columns: ModelColumns
     choice: Choice
     base: BaseParameters
@@ -112,7 +112,7 @@ class Identification:
 
 def identify(
     case: Case,
-    settings: Settings | None = None,
+    settings: IdentificationSettings | None = None,
     progress: Callable[[str], None] = lambda message: None,
 ) -> Identification:
     """Identify an arm from the recordings of a case.
@@ -121,7 +121,7 @@ def identify(
         InputError: the recordings or the settings cannot be used; says why and what to do.
         GapscopeError: no physically consistent parameters were found.
     """
-    settings = settings or Settings()
+    settings = settings or IdentificationSettings()
     method(settings.estimator)
     fit, judged = split(case, settings.judge)
     check_recordings(fit, judged, case.name)
@@ -191,7 +191,7 @@ def identify(
 
 
 def _predicted(
-    evidence: Evidence,
+    evidence: FitEvidence,
     examined: Examination,
     value: np.ndarray,
     unseen: Sequence[Segment],
@@ -210,9 +210,9 @@ def _predicted(
 def _fit(
     samples: Samples,
     fit: Sequence[Recording],
-    settings: Settings,
+    settings: IdentificationSettings,
     progress: Callable[[str], None],
-) -> tuple[Evidence, Estimate, Uncertainty, Examination]:
+) -> tuple[FitEvidence, Estimate, Uncertainty, Examination]:
     """Friction law, base parameters with intervals, consistent parameters, zeros, and what the recordings tell."""
     columns, n = samples.columns, samples.columns.arm.n_joints
     plain = samples.matrix(FrictionLaw())
@@ -243,7 +243,7 @@ def _fit(
     zeros = estimate_zeros(
         columns, samples.segments, choice.law, samples.band, choice.noise, penalty
     )
-    evidence = Evidence(
+    evidence = FitEvidence(
         fit,
         samples,
         choice,

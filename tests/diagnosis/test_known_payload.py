@@ -36,7 +36,7 @@ from gapscope.diagnosis.setup_faults.fault_samples import sample
 from gapscope.diagnosis.setup_faults.nuisance import equations
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.ident.identification import Settings, identify
+from gapscope.ident.identification import IdentificationSettings, identify
 from gapscope.ident.signals.conditioning import Segment, blocks, condition, thinned
 
 LOAD = KnownLoad(2.0, (0.1, -0.03, 0.05))
@@ -355,7 +355,7 @@ class TestPrediction:
 
 def test_identification_takes_it_out_of_the_torque() -> None:
     """The arm identified on recordings with and without a declared load is the arm without it."""
-    few = Settings(plain=True)
+    few = IdentificationSettings(plain=True)
     told, hidden = (
         identify(case(declared=declared), few) for declared in (True, False)
     )

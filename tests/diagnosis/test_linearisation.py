@@ -15,7 +15,7 @@ import synthetic
 
 from gapscope.diagnosis.gap.torque_gap import noise_floor
 from gapscope.diagnosis.model.fit_data import Data
-from gapscope.diagnosis.model.linearisation import Linearisation, effective_samples
+from gapscope.diagnosis.model.linearisation import Linearisation
 from gapscope.diagnosis.model.parametrisation import PARAMETRISATIONS
 from gapscope.diagnosis.model.terms import Term, Terms
 from gapscope.diagnosis.thresholds import BACKLASH_START
@@ -352,14 +352,3 @@ def test_terms_of_one_half_do_not_reach_the_other() -> None:
             half.rows.sum(axis=0), first.rows.sum(axis=0) + second.rows.sum(axis=0)
         )
     assert not np.allclose(first.gram.sum(axis=0), second.gram.sum(axis=0), rtol=0.1)
-
-
-@pytest.mark.parametrize(("rho", "share"), [(0.0, 1.0), (0.5, 1 / 3), (0.9, 1 / 19)])
-def test_effective_samples_of_an_autoregressive_series(
-    rho: float, share: float
-) -> None:
-    rng = np.random.default_rng(0)
-    x = np.zeros((20000, 1))
-    for i in range(1, len(x)):
-        x[i] = rho * x[i - 1] + rng.standard_normal()
-    assert effective_samples(x)[0] == pytest.approx(share * len(x), rel=0.1)

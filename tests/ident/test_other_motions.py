@@ -12,7 +12,7 @@ from gapscope.arm.motions.trajectory import Fourier
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.mystery_arm import iiwa, position_controller
 from gapscope.envs.recorder import record
-from gapscope.ident.identification import Settings, identify
+from gapscope.ident.identification import IdentificationSettings, identify
 from gapscope.ident.signals.samples import Band
 from gapscope.ident.uncertainty.validation import validate
 
@@ -56,7 +56,7 @@ def identified():
         for name, motion in motions.items()
     )
     case = Case("iiwa", Path(), arm, recordings, controller=controller)
-    return identify(case, Settings(cutoff=20.0, judge=OTHERS))
+    return identify(case, IdentificationSettings(cutoff=20.0, judge=OTHERS))
 
 
 @pytest.mark.slow

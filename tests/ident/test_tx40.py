@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gapscope.arm.case import load_case
-from gapscope.ident.identification import Settings, identify
+from gapscope.ident.identification import IdentificationSettings, identify
 from gapscope.ident.signals.samples import Band
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -22,7 +22,7 @@ def test_rows_that_were_not_fitted_are_predicted_by_bodies_that_can_exist(data_r
     case = load_case(
         ROOT / "experiments" / "cases" / "staubli_tx40.yaml", data_root=data_root
     )
-    found = identify(case, Settings(cutoff=CUTOFF, trim=False))
+    found = identify(case, IdentificationSettings(cutoff=CUTOFF, trim=False))
     band = Band(CUTOFF, trim=False)
     (judged,) = band.segments(case.judged)
     torque = band.filtered(np.asarray(judged.torque), judged)

@@ -30,9 +30,10 @@ from gapscope.diagnosis.thresholds import (
     MODEL_FORM,
     STICKING_SPEED,
     TIMING_SKEW,
-    TORQUE_INDEPENDENT_RATE,
 )
 from gapscope.ident.excitation.separation import Separated
+from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
+from gapscope.ident.signals.effective_samples import band_samples
 
 RIDGE = 1e-9
 """Keeps a parameter that the data do not show at its value [1]."""
@@ -121,7 +122,7 @@ class Contrast:
         known = Weighed(
             np.concatenate([p.torque for p in parts], axis=1),
             slopes,
-            TORQUE_INDEPENDENT_RATE * seconds,
+            band_samples(seconds, TORQUE_CUTOFF),
         )
         self._known = [self._prior(b).plus(_normal(known, a, b)) for a, b in self.pairs]
         least = [normal.least()[0] for normal in self._known]
@@ -162,7 +163,7 @@ class Contrast:
             self._hypotheses, self._body, motion, floor, slice(None), 1, new=True
         )
         return weighed._replace(
-            samples=TORQUE_INDEPENDENT_RATE * float(motion.t[-1] - motion.t[0])
+            samples=band_samples(float(motion.t[-1] - motion.t[0]), TORQUE_CUTOFF)
         )
 
     def _weighed(

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.known_load import KnownLoad
-from gapscope.ident.excitation.excitation_plan import Plan
+from gapscope.ident.excitation.excitation_plan import ExcitationPlan
 
 SPEEDS = {
-    "slow": Plan(kind="fourier", order=5, frequency=0.05, duration=20.0),
-    "moderate": Plan(kind="fourier", order=5, frequency=0.1, duration=10.0),
-    "quick": Plan(kind="fourier", order=5, frequency=0.3, duration=10.0),
-    "lively": Plan(kind="multisine", order=10, frequency=0.5, duration=10.0),
+    "slow": ExcitationPlan(kind="fourier", order=5, frequency=0.05, duration=20.0),
+    "moderate": ExcitationPlan(kind="fourier", order=5, frequency=0.1, duration=10.0),
+    "quick": ExcitationPlan(kind="fourier", order=5, frequency=0.3, duration=10.0),
+    "lively": ExcitationPlan(kind="multisine", order=10, frequency=0.5, duration=10.0),
 }
 """Motions by the speed of their changes, up to 0.25, 0.5, 1.5 and 5 Hz."""
 
@@ -41,7 +41,7 @@ class Option:
         )
         return f"{self.speed} (up to {top:g} Hz), {load}"
 
-    def plan(self, rate: float) -> Plan:
+    def plan(self, rate: float) -> ExcitationPlan:
         """The plan of its search, written at a rate [Hz]."""
         two = ("one explanation", "another")
         return replace(

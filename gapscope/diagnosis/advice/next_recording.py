@@ -30,7 +30,7 @@ from gapscope.diagnosis.thresholds import (
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.ident.excitation.design import Excitation, design, prepare
-from gapscope.ident.excitation.excitation_plan import LimitPlan, Plan
+from gapscope.ident.excitation.excitation_plan import ExcitationPlan, LimitPlan
 from gapscope.ident.excitation.random_search import RandomSearch
 from gapscope.ident.excitation.trajectory_search import Budget
 
@@ -78,7 +78,7 @@ class Advice:
     pairs: tuple[Pair, ...] = ()
     tried: tuple[tuple[Option, float | None], ...] = ()
     option: Option | None = None
-    plan: Plan | None = None
+    plan: ExcitationPlan | None = None
     excitation: Excitation | None = None
 
 

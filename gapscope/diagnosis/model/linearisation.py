@@ -30,6 +30,7 @@ from gapscope.diagnosis.model.terms import Term, Terms
 from gapscope.diagnosis.model.torque_sensor import LinkRows, link_rows, two_sides
 from gapscope.diagnosis.thresholds import MOST_PIECES, PIECE_LENGTH, SENSOR_ZERO
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.ident.signals.effective_samples import ar1_samples
 
 COMMON = (
     "torque_offset",
@@ -375,7 +376,7 @@ class Linearisation:
                 known[:, [COMMON.index(name) for name in names]] = steady
         basis = _basis(np.hstack([known, bodies]))
         residual = gap - basis @ (basis.T @ gap)
-        independent = effective_samples(residual[:, None])[0]
+        independent = ar1_samples(residual[:, None])[0]
         return Scan(residual, basis, thin, float(residual @ residual / independent))
 
     def _steady_friction(self, j: int, names: tuple[str, ...]) -> list[np.ndarray]:
@@ -486,9 +487,7 @@ class Linearisation:
         explaining = np.concatenate(
             [full[:, :, : self.terms.size], full[:, :, bodies:-1]], axis=2
         )
-        independent = effective_samples(_richest_residual(explaining)) * weight.mean(
-            axis=0
-        )
+        independent = ar1_samples(_richest_residual(explaining)) * weight.mean(axis=0)
         return Fold(gram, rows, np.sqrt(floor2), independent)
 
 
@@ -513,12 +512,3 @@ def _richest_residual(full: np.ndarray) -> np.ndarray:
             x[:, -1] - scaled @ np.linalg.lstsq(scaled, x[:, -1], rcond=1e-6)[0]
         )
     return residual.T
-
-
-def effective_samples(series: np.ndarray) -> np.ndarray:
-    """Independent samples in each column, M (1 - rho) / (1 + rho) with rho the lag-one autocorrelation; shape (n,)."""
-    centred = series - series.mean(axis=0)
-    power = (centred**2).sum(axis=0)
-    rho = (centred[1:] * centred[:-1]).sum(axis=0) / np.where(power > 0, power, 1.0)
-    rho = np.clip(rho, 0.0, 0.98)
-    return np.maximum(len(series) * (1 - rho) / (1 + rho), 8.0)

@@ -12,7 +12,6 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.diagnosis.assessment.baseline import back_in_time
 from gapscope.diagnosis.gap.torque_gap import torque_scale
-from gapscope.diagnosis.model.linearisation import effective_samples
 from gapscope.diagnosis.reference.reference_rows import Rows, stack
 from gapscope.diagnosis.thresholds import (
     LEAST_REFERENCE_SKEW,
@@ -20,8 +19,13 @@ from gapscope.diagnosis.thresholds import (
     SAME_JOINT_PLACE,
     VENDOR_INERTIALS,
 )
-from gapscope.ident.identification import Identification, Settings, identify
+from gapscope.ident.identification import (
+    Identification,
+    IdentificationSettings,
+    identify,
+)
 from gapscope.ident.signals.conditioning import position_cutoff
+from gapscope.ident.signals.effective_samples import ar1_samples
 
 
 @dataclass(frozen=True)
@@ -116,7 +120,7 @@ def identify_reference(
         recordings=told or reference.recordings,
         judged=(told or reference.recordings)[-1:],
     )
-    settings = Settings(plain=True)
+    settings = IdentificationSettings(plain=True)
     result = identify(reference, settings, progress)
     rows = stack(result.columns, result.choice.law, told, position_cutoff(told))
     skew = _skew(rows, result.physical.value)
@@ -128,7 +132,7 @@ def identify_reference(
     prior = vendor_precision(rows, columns.scale(law))
     rest = _held_out(rows, columns.nominal(law), prior)
     left = rows.torque - rows.matrix @ result.physical.value
-    weight = effective_samples(left) / len(left) / np.maximum(rest, 1e-9) ** 2
+    weight = ar1_samples(left) / len(left) / np.maximum(rest, 1e-9) ** 2
     precision = np.einsum(
         "mjp,j,mjq->pq", rows.matrix, weight, rows.matrix, optimize=True
     ) + np.diag(prior)

@@ -20,7 +20,6 @@ from scipy.optimize import lsq_linear
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.diagnosis.gap.torque_gap import torque_scale
-from gapscope.diagnosis.model.linearisation import effective_samples
 from gapscope.diagnosis.reference.reference import Reference, names_of
 from gapscope.diagnosis.reference.reference_rows import filtered, stack
 from gapscope.diagnosis.thresholds import (
@@ -31,6 +30,7 @@ from gapscope.diagnosis.thresholds import (
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import position_cutoff
+from gapscope.ident.signals.effective_samples import ar1_samples
 
 FLAT = 1e-6
 """Prior precision of sizes that are free, over that of the data."""
@@ -167,7 +167,7 @@ class ReferenceUncertainty:
     def _solve(
         self, gram: np.ndarray, right: np.ndarray, variance: np.ndarray, count: int
     ) -> np.ndarray:
-        weight = effective_samples(self.gap) / count / variance
+        weight = ar1_samples(self.gap) / count / variance
         target = weight @ right
         normal = self._with_prior(np.tensordot(weight, gram, axes=1))
         p, q = self.rows.matrix.shape[2], len(self.friction)
@@ -209,7 +209,7 @@ class ReferenceUncertainty:
         left = self._variance
         gram = np.einsum("mja,mjb->jab", x, x, optimize=True)
         normal = self._with_prior(
-            np.tensordot(effective_samples(self.gap) / len(x) / left, gram, axes=1)
+            np.tensordot(ar1_samples(self.gap) / len(x) / left, gram, axes=1)
         )
         unit = 1.0 / np.sqrt(np.diag(normal))
         covariance = np.linalg.inv(normal * unit[:, None] * unit) * unit[:, None] * unit

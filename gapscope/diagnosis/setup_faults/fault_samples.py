@@ -13,6 +13,7 @@ from gapscope.diagnosis.thresholds import (
     SINGLE_RECORDING_FOLDS,
 )
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, Segment, blocks, low_pass
+from gapscope.ident.signals.effective_samples import motion_samples
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ def sample(recordings: Sequence[list[Segment]]) -> Samples:
         ddq,
         tau,
         tuple(int(e) for e in edges),
-        min(1.0, MOTION_INDEPENDENT_RATE * seconds / len(q)),
+        min(1.0, motion_samples(seconds, MOTION_INDEPENDENT_RATE) / len(q)),
         load,
     )
 

@@ -17,7 +17,7 @@ from gapscope.ident.signals.samples import Samples
 
 
 @dataclass(frozen=True)
-class Evidence:
+class FitEvidence:
     """What is known after a fit, or before it as far as the fit is ``None``.
 
     Attributes:
@@ -49,7 +49,7 @@ class Evidence:
 
 
 @dataclass(frozen=True)
-class Likeness:
+class NominalSimilarity:
     """How far the nominal rigid bodies explain the torque of joint j by the motion of joint i, friction left free.
 
     Attributes:
@@ -67,7 +67,7 @@ class Likeness:
     ratio: np.ndarray
 
 
-def nominal_similarity(samples: Samples) -> Likeness:
+def nominal_similarity(samples: Samples) -> NominalSimilarity:
     """Compare recorded torque with the nominal arm's, joint by joint."""
     columns, torque, n = samples.columns, samples.torque, samples.torque.shape[1]
     smooth = samples.smooth
@@ -113,4 +113,6 @@ def nominal_similarity(samples: Samples) -> Likeness:
     size = np.sqrt((nominal**2).mean(axis=0))
     ratio = np.sqrt((torque**2).mean(axis=0)) / np.maximum(size, 1e-9)
     loaded = size > 0.05 * size.max()
-    return Likeness(gain, weight, loss, explained, np.where(loaded, ratio, np.nan))
+    return NominalSimilarity(
+        gain, weight, loss, explained, np.where(loaded, ratio, np.nan)
+    )

@@ -8,7 +8,8 @@ import numpy as np
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.recording import Recording
-from gapscope.ident.checks.fit_evidence import Likeness
+from gapscope.ident.checks.fit_evidence import NominalSimilarity
+from gapscope.ident.signals.effective_samples import band_samples
 from gapscope.ident.signals.samples import Samples
 
 STILL = 0.01
@@ -80,13 +81,11 @@ def check_count(samples: Samples, base_count: int, name: str) -> None:
         InputError: fewer than ``PER_PARAMETER`` independent samples per base parameter.
     """
     seconds = len(samples.torque) * samples.interval
-    independent = seconds * 2 * samples.band.cutoff * samples.torque.shape[1]
+    n_joints = samples.torque.shape[1]
+    independent = n_joints * band_samples(seconds, samples.band.cutoff)
     if independent < PER_PARAMETER * base_count:
-        needed = (
-            PER_PARAMETER
-            * base_count
-            / (2 * samples.band.cutoff * samples.torque.shape[1])
-        )
+        per_second = n_joints * band_samples(1.0, samples.band.cutoff)
+        needed = PER_PARAMETER * base_count / per_second
         raise InputError(
             f"{seconds:.2g} s in a band of {samples.band.cutoff:g} Hz hold {independent:.0f} independent samples, too "
             f"few for {base_count} base parameters",
@@ -95,7 +94,7 @@ def check_count(samples: Samples, base_count: int, name: str) -> None:
         )
 
 
-def check_unit(found: Likeness, name: str) -> None:
+def check_unit(found: NominalSimilarity, name: str) -> None:
     """Check that the torque is in N m on the joint's side.
 
     Raises:
@@ -123,7 +122,7 @@ def check_unit(found: Likeness, name: str) -> None:
     )
 
 
-def unit_factor(found: Likeness) -> float:
+def unit_factor(found: NominalSimilarity) -> float:
     """Recorded over nominal torque, the median over joints with a load [1]."""
     known = np.isfinite(found.ratio)
     return float(np.median(found.ratio[known])) if known.any() else 1.0

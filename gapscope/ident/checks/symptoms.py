@@ -9,9 +9,9 @@ from scipy.optimize import linear_sum_assignment
 from scipy.signal import welch
 
 from gapscope.arm.recording import Recording
-from gapscope.ident.checks.fit_evidence import Evidence
+from gapscope.ident.checks.fit_evidence import FitEvidence
 from gapscope.ident.signals.conditioning import uniform
-from gapscope.ident.signals.effective_samples import inflation
+from gapscope.ident.signals.effective_samples import variance_inflation
 
 SLOW = 0.1
 """A joint hardly moves below this share of its speed [1]."""
@@ -19,7 +19,7 @@ FLAT = 3
 """Equal samples in a row at a joint's largest torque that count as clipped."""
 
 
-def time_offset(evidence: Evidence) -> tuple[np.ndarray, np.ndarray]:
+def time_offset(evidence: FitEvidence) -> tuple[np.ndarray, np.ndarray]:
     """How far the recorded torque lags behind the motion, and its standard deviation [s], each (n,).
 
     tau(t - T) = tau - T d tau / dt: the derivative of the fitted torque of each joint is a further column. Where a
@@ -49,7 +49,9 @@ def time_offset(evidence: Evidence) -> tuple[np.ndarray, np.ndarray]:
     inverse: np.ndarray = np.linalg.pinv(triangle[:-1, :-1], rcond=1e-9)
     solution, spread = inverse @ triangle[:-1, -1], np.sqrt((inverse**2).sum(axis=1))
     used = np.maximum((weight > 0).mean(axis=0), 1e-9)
-    scale = np.sqrt((left**2).mean(axis=0) / used * inflation(left, samples.group))
+    scale = np.sqrt(
+        (left**2).mean(axis=0) / used * variance_inflation(left, samples.group)
+    )
     return solution[-n:] / size[-n:], spread[-n:] / size[-n:] * scale
 
 
@@ -140,7 +142,7 @@ def exchanged(explained: np.ndarray) -> tuple[float, tuple[int, ...]]:
     return won, tuple(int(j) + 1 for j in moved)
 
 
-def near_rest(evidence: Evidence) -> float:
+def near_rest(evidence: FitEvidence) -> float:
     """Share by which a Stribeck term lowers the error on unseen stretches [1]."""
     plain: list[float] = []
     with_it: list[float] = []
@@ -150,7 +152,7 @@ def near_rest(evidence: Evidence) -> float:
     return 1 - min(with_it) / plain[0] if with_it else 0.0
 
 
-def condition(evidence: Evidence) -> float:
+def condition(evidence: FitEvidence) -> float:
     """Condition number of the base columns, scaled to unit norm [1]."""
     columns = evidence.matrix[:, :, evidence.base.kept].reshape(-1, evidence.base.count)
     return float(

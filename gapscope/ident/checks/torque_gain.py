@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gapscope.ident.checks.fit_evidence import Likeness
+from gapscope.ident.checks.fit_evidence import NominalSimilarity
 
 CLEAR = 0.05
 """A joint counts where only the rigid bodies explain this share of its torque's variance [1]."""
@@ -66,7 +66,7 @@ class TorqueGain:
         )
 
 
-def torque_gain(found: Likeness) -> TorqueGain:
+def torque_gain(found: NominalSimilarity) -> TorqueGain:
     """The common gain, of the joints on which the rigid bodies show."""
     clear = np.flatnonzero((found.weight > CLEAR) & (found.gain > 0))
     if len(clear) < 2:

@@ -8,7 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.ident.checks import symptoms
-from gapscope.ident.checks.fit_evidence import Evidence, Likeness, nominal_similarity
+from gapscope.ident.checks.fit_evidence import (
+    FitEvidence,
+    NominalSimilarity,
+    nominal_similarity,
+)
 from gapscope.ident.checks.plausible_samples import UNIT_FACTOR, resting, unit_factor
 from gapscope.ident.checks.torque_gain import GAIN, torque_gain
 from gapscope.ident.model.physical_parameters import inconsistent
@@ -56,7 +60,7 @@ class Row:
     joints: tuple[int, ...] = ()
 
 
-def fill_in(evidence: Evidence) -> tuple[Row, ...]:
+def fill_in(evidence: FitEvidence) -> tuple[Row, ...]:
     """The table for one identification."""
     alike = nominal_similarity(evidence.samples)
     return tuple(check(evidence, alike) for check in CHECKS)
@@ -78,7 +82,7 @@ def _row(
     return Row(entry, worst, threshold, unit, FOUND if found.any() else CLEAR, joints)
 
 
-def _unit(evidence: Evidence, alike: Likeness) -> Row:
+def _unit(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
     factor = unit_factor(alike)
     entry = Entry(
         "torque_unit",
@@ -90,7 +94,7 @@ def _unit(evidence: Evidence, alike: Likeness) -> Row:
     return _row(entry, max(factor, 1 / max(factor, 1e-300)), UNIT_FACTOR)
 
 
-def _gain(evidence: Evidence, alike: Likeness) -> Row:
+def _gain(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
     found = torque_gain(alike)
     entry = Entry(
         "torque_gain",
@@ -109,7 +113,7 @@ def _gain(evidence: Evidence, alike: Likeness) -> Row:
     )
 
 
-def _sign(evidence: Evidence, alike: Likeness) -> Row:
+def _sign(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
     entry = Entry(
         "torque_sign",
         "negative friction or inertia on one joint",
@@ -122,7 +126,7 @@ def _sign(evidence: Evidence, alike: Likeness) -> Row:
     return _row(entry, value, -0.25, below=True)
 
 
-def _swapped(evidence: Evidence, alike: Likeness) -> Row:
+def _swapped(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
     won, joints = symptoms.exchanged(alike.explained)
     entry = Entry(
         "swapped_joints",
@@ -135,7 +139,7 @@ def _swapped(evidence: Evidence, alike: Likeness) -> Row:
     return Row(entry, won, 0.2, "1", FOUND if found else CLEAR, joints if found else ())
 
 
-def _zero(evidence: Evidence, alike: Likeness) -> Row:
+def _zero(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
     zeros = evidence.zeros
     asked = zeros.asked
     entry = Entry(
@@ -161,7 +165,7 @@ def _zero(evidence: Evidence, alike: Likeness) -> Row:
     )
 
 
-def _bodies(evidence: Evidence, alike: Likeness) -> Row:
+def _bodies(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
     entry = Entry(
         "unphysical",
         "the torque fits, the bodies cannot exist",
@@ -184,7 +188,7 @@ def _bodies(evidence: Evidence, alike: Likeness) -> Row:
     )
 
 
-def _low_speed(evidence: Evidence, alike: Likeness) -> Row:
+def _low_speed(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
     entry = Entry(
         "low_speed_friction",
         "residual peaks where a joint reverses",
@@ -195,7 +199,7 @@ def _low_speed(evidence: Evidence, alike: Likeness) -> Row:
     return _row(entry, symptoms.near_rest(evidence), 0.05)
 
 
-def _condition(evidence: Evidence, alike: Likeness) -> Row:
+def _condition(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
     entry = Entry(
         "condition",
         "large intervals, parameters that change from fit to fit",
@@ -206,7 +210,7 @@ def _condition(evidence: Evidence, alike: Likeness) -> Row:
     return _row(entry, symptoms.condition(evidence), 1000.0)
 
 
-def _rest(evidence: Evidence, alike: Likeness) -> Row:
+def _rest(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
     entry = Entry(
         "resting_joint",
         "parameters of a joint missing among the base parameters",
@@ -225,7 +229,7 @@ def _rest(evidence: Evidence, alike: Likeness) -> Row:
     )
 
 
-def _noise(evidence: Evidence, alike: Likeness) -> Row:
+def _noise(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
     entry = Entry(
         "derivative_noise",
         "rotor and link inertias too small, noisy acceleration",
@@ -240,7 +244,7 @@ def _noise(evidence: Evidence, alike: Likeness) -> Row:
     )
 
 
-def _cutoff(evidence: Evidence, alike: Likeness) -> Row:
+def _cutoff(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
     entry = Entry(
         "cutoff_too_low",
         "fast parts of the motion badly predicted",
@@ -255,7 +259,7 @@ def _cutoff(evidence: Evidence, alike: Likeness) -> Row:
     )
 
 
-def _late(evidence: Evidence, alike: Likeness) -> Row:
+def _late(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
     entry = Entry(
         "time_offset",
         "viscous friction too large, small or negative, residual that follows the torque's rate",
@@ -268,7 +272,7 @@ def _late(evidence: Evidence, alike: Likeness) -> Row:
     return _row(entry, 1e3 * certain, 3.0, "ms")
 
 
-def _saturated(evidence: Evidence, alike: Likeness) -> Row:
+def _saturated(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
     entry = Entry(
         "saturated_torque",
         "inertia and friction too small, flat tops",
@@ -284,7 +288,7 @@ def _saturated(evidence: Evidence, alike: Likeness) -> Row:
     )
 
 
-CHECKS: tuple[Callable[[Evidence, Likeness], Row], ...] = (
+CHECKS: tuple[Callable[[FitEvidence, NominalSimilarity], Row], ...] = (
     *(_unit, _gain, _sign, _swapped, _zero, _bodies, _low_speed),
     *(_condition, _rest, _noise, _cutoff, _late, _saturated),
 )

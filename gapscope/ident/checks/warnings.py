@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from gapscope.ident.checks.fit_evidence import Evidence, Likeness
+from gapscope.ident.checks.fit_evidence import FitEvidence, NominalSimilarity
 from gapscope.ident.checks.plausible_samples import resting
 from gapscope.ident.checks.torque_gain import torque_gain
 from gapscope.ident.checks.troubleshooting import FOUND, Row
@@ -19,11 +19,11 @@ SAID_OTHERWISE = ("low_speed_friction", "resting_joint", "torque_gain", "conditi
 
 
 def doubts(
-    evidence: Evidence,
+    evidence: FitEvidence,
     estimate: Estimate,
     examined: Examination,
     changes: Sequence[FoundChange],
-    alike: Likeness,
+    alike: NominalSimilarity,
     table: Sequence[Row],
     judged: Validation,
 ) -> tuple[str, ...]:
@@ -39,7 +39,7 @@ def doubts(
     )
 
 
-def _torque(alike: Likeness, judged: Validation) -> Iterator[str]:
+def _torque(alike: NominalSimilarity, judged: Validation) -> Iterator[str]:
     gain = torque_gain(alike)
     if gain.found:
         yield gain.warning()
@@ -56,14 +56,14 @@ def _changed(changes: Sequence[FoundChange]) -> Iterator[str]:
         yield f"{found}; cut the recording there, and name a known load in payloads:"
 
 
-def _still(evidence: Evidence) -> Iterator[str]:
+def _still(evidence: FitEvidence) -> Iterator[str]:
     still = resting([r for r in evidence.recordings if r.tau is not None])
     if len(still):
         joints = ", ".join(str(j + 1) for j in still)
         yield f"joint {joints} rests in every fitted recording: its own parameters are not identifiable"
 
 
-def _bodies(evidence: Evidence) -> Iterator[str]:
+def _bodies(evidence: FitEvidence) -> Iterator[str]:
     wrong = inconsistent(evidence.physical.before)
     if wrong:
         negative = [str(c.link) for c in wrong if not c.positive_mass]

@@ -10,7 +10,7 @@ from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.ident.estimators.estimate import Estimate
 from gapscope.ident.estimators.linear_estimator import Factor, finished
 from gapscope.ident.estimators.standard_parameters import (
-    Reference,
+    ReferenceParameters,
     StandardColumns,
     standard_factor,
 )
@@ -55,7 +55,7 @@ class ConsistentSdp:
                 where="pull",
             )
         columns = StandardColumns.of(problem.names)
-        reference = Reference.of(columns, self.prior, problem.names)
+        reference = ReferenceParameters.of(columns, self.prior, problem.names)
         factor, warnings = standard_factor(problem, self.prior)
         weight = (
             (1e-4 if self.prior is None else 1.0)
@@ -81,7 +81,7 @@ class ConsistentSdp:
         self,
         factor: Factor,
         columns: StandardColumns,
-        reference: Reference,
+        reference: ReferenceParameters,
         weight: float,
     ) -> np.ndarray:
         import cvxpy as cp
@@ -146,7 +146,10 @@ class ConsistentSdp:
         return value
 
     def _hessian(
-        self, value: np.ndarray, columns: StandardColumns, reference: Reference
+        self,
+        value: np.ndarray,
+        columns: StandardColumns,
+        reference: ReferenceParameters,
     ) -> np.ndarray:
         hessian = np.zeros((len(value), len(value)))
         hessian[columns.others, columns.others] = reference.other_units**-2.0

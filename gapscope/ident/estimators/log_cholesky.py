@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from gapscope.ident.estimators.estimate import Estimate
 from gapscope.ident.estimators.linear_estimator import Factor, finished
 from gapscope.ident.estimators.standard_parameters import (
-    Reference,
+    ReferenceParameters,
     StandardColumns,
     standard_factor,
 )
@@ -46,7 +46,7 @@ class LogCholesky:
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate standard parameters; raises ``InputError`` where columns, prior or samples cannot be used."""
         columns = StandardColumns.of(problem.names)
-        reference = Reference.of(columns, self.prior, problem.names)
+        reference = ReferenceParameters.of(columns, self.prior, problem.names)
         factor, warnings = standard_factor(problem, self.prior)
         weight = (
             (1e-2 if self.prior is None else 1.0)
@@ -78,7 +78,7 @@ class _Search:
         self,
         factor: Factor,
         columns: StandardColumns,
-        reference: Reference,
+        reference: ReferenceParameters,
         weight: float,
     ) -> None:
         self._factor, self._columns, self._pull = factor, columns, np.sqrt(weight)

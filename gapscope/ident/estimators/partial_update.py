@@ -17,7 +17,7 @@ from gapscope.ident.estimators.linear_estimator import (
 )
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.solvable import check_samples, unit_warnings
-from gapscope.ident.signals.effective_samples import inflation
+from gapscope.ident.signals.effective_samples import variance_inflation
 
 RELATIVE = 0.2
 """How far an inertial parameter of a simulated arm is believed to be off, relative to its value [1]."""
@@ -78,7 +78,7 @@ class PartialUpdate:
         for _ in range(ROUNDS):
             before = beta
             noise = joint_noise(problem, beta) * np.sqrt(
-                inflation(problem.residual(beta), problem.group)
+                variance_inflation(problem.residual(beta), problem.group)
             )
             beta, covariance, moved = self._updated(problem, prior, spread, noise)
             if np.abs((beta - before) / spread).max() < 1e-6:

@@ -11,7 +11,7 @@ from gapscope.ident.estimators.estimate import Estimate
 from gapscope.ident.estimators.experiment import Experiment, diverged
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.solvable import check_samples
-from gapscope.ident.signals.effective_samples import parts
+from gapscope.ident.signals.effective_samples import group_slices
 from gapscope.ident.uncertainty.intervals import block_length
 
 HALVINGS = 6
@@ -137,7 +137,7 @@ def score_covariance(
     """
     length = block_length(scores, group)
     meat = np.zeros_like(gram)
-    for part in parts(group):
+    for part in group_slices(group):
         pad = np.zeros((length, scores.shape[1]))
         total = np.cumsum(np.vstack([pad, scores[part], pad[1:]]), axis=0)
         sums = total[length:] - total[:-length]

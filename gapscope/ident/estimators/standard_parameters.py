@@ -71,7 +71,7 @@ class StandardColumns:
 
 
 @dataclass(frozen=True)
-class Reference:
+class ReferenceParameters:
     """The bodies and coefficients that a pull draws to.
 
     Attributes:
@@ -91,7 +91,7 @@ class Reference:
     @classmethod
     def of(
         cls, columns: StandardColumns, prior: np.ndarray | None, names: Sequence[str]
-    ) -> Reference:
+    ) -> ReferenceParameters:
         """Of a prior, shape (p,), or of a like body for every link where there is none."""
         count = len(columns.links)
         if prior is None:

@@ -16,12 +16,16 @@ from gapscope.arm.motions.trajectory import Limits, Reference
 from gapscope.arm.nominal import NominalArm
 from gapscope.ident.excitation.candidate_model import ExcitationModel
 from gapscope.ident.excitation.criteria import CRITERIA, condition_number
-from gapscope.ident.excitation.excitation_plan import OPTIMISERS, LimitPlan, Plan
+from gapscope.ident.excitation.excitation_plan import (
+    OPTIMISERS,
+    ExcitationPlan,
+    LimitPlan,
+)
 from gapscope.ident.excitation.limits import Checker, Margin
 from gapscope.ident.excitation.separation import Separated, Separator, Signatures
 from gapscope.ident.excitation.starved import check_condition
 from gapscope.ident.excitation.trajectory_parametrisation import Parametrisation
-from gapscope.ident.excitation.trajectory_search import SAMPLES, Search
+from gapscope.ident.excitation.trajectory_search import SAMPLES, TrajectorySearch
 
 CHECKED_RATE = 1000.0
 """Limits are checked at no less than this rate [Hz], and at every sample that is written."""
@@ -72,7 +76,7 @@ class Excitation:
 
 def design(
     arm: NominalArm,
-    plan: Plan,
+    plan: ExcitationPlan,
     limits: LimitPlan,
     rng: np.random.Generator,
     progress: Callable[[float, float], None] = lambda share, best: None,
@@ -110,7 +114,7 @@ def design(
 class Prepared(NamedTuple):
     """A search that has not begun, with the limits that its result has to keep at every sample."""
 
-    search: Search
+    search: TrajectorySearch
     final: Checker
     separator: Separator | None
     body: RigidBody
@@ -118,7 +122,7 @@ class Prepared(NamedTuple):
 
 def prepare(
     arm: NominalArm,
-    plan: Plan,
+    plan: ExcitationPlan,
     limits: LimitPlan,
     progress: Callable[[float, float], None] = lambda share, best: None,
     separator: Separator | None = None,
@@ -142,7 +146,7 @@ def prepare(
         separator = Signatures(arm, body, plan.effects)
     tight = allowed.tightened(**TIGHTER)
     separating = plan.criterion == "separation"
-    search = Search(
+    search = TrajectorySearch(
         Parametrisation(plan.family(arm.n_joints), allowed.motion),
         ExcitationModel(arm, body, () if separating else plan.columns),
         CRITERIA["condition" if separating else plan.criterion],
@@ -168,7 +172,7 @@ class Accepted(NamedTuple):
     margins: tuple[Margin, ...]
 
 
-def accept(search: Search, final: Checker, plan: Plan) -> Accepted:
+def accept(search: TrajectorySearch, final: Checker, plan: ExcitationPlan) -> Accepted:
     """The best candidate of a search that keeps the final limits at every sample.
 
     Raises:
@@ -209,7 +213,11 @@ def sampled(reference: Reference, duration: float, rate: float) -> Motion:
 
 
 def _result(
-    arm: NominalArm, plan: Plan, prepared: Prepared, accepted: Accepted, seconds: float
+    arm: NominalArm,
+    plan: ExcitationPlan,
+    prepared: Prepared,
+    accepted: Accepted,
+    seconds: float,
 ) -> Excitation:
     search, final, separator, body = prepared
     motion = sampled(accepted.reference, plan.length, plan.rate)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gapscope.ident.excitation.optimiser import random_starts
-from gapscope.ident.excitation.trajectory_search import Search
+from gapscope.ident.excitation.trajectory_search import TrajectorySearch
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Evolution:
     spread: float = 0.3
     population: int | None = None
 
-    def run(self, search: Search, rng: np.random.Generator) -> None:
+    def run(self, search: TrajectorySearch, rng: np.random.Generator) -> None:
         """Evolve until the budget is spent."""
         import cma
 

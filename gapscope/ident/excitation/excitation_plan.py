@@ -45,7 +45,7 @@ OPTIMISERS: dict[str, Callable[[], Optimiser]] = {
 
 
 @dataclass(frozen=True)
-class Plan:
+class ExcitationPlan:
     """What to look for, and how.
 
     Attributes:

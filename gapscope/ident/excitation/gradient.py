@@ -9,7 +9,7 @@ from scipy.optimize import minimize
 
 from gapscope.arm.errors import InputError
 from gapscope.ident.excitation.optimiser import random_starts
-from gapscope.ident.excitation.trajectory_search import Search
+from gapscope.ident.excitation.trajectory_search import TrajectorySearch
 
 WORTH = 0.01
 """Least gain for which a descent that has stalled is begun anew at its end."""
@@ -32,7 +32,7 @@ class GradientRefinement:
 
     starts: float = 0.05
 
-    def run(self, search: Search, rng: np.random.Generator) -> None:
+    def run(self, search: TrajectorySearch, rng: np.random.Generator) -> None:
         """Refine until the budget is spent.
 
         Raises:

@@ -6,18 +6,18 @@ from typing import Protocol
 
 import numpy as np
 
-from gapscope.ident.excitation.trajectory_search import Search
+from gapscope.ident.excitation.trajectory_search import TrajectorySearch
 
 
 class Optimiser(Protocol):
     """Spends the budget of a search; what it found lies in ``search.found``."""
 
-    def run(self, search: Search, rng: np.random.Generator) -> None:
+    def run(self, search: TrajectorySearch, rng: np.random.Generator) -> None:
         """Judge candidates until the budget is spent."""
 
 
 def random_starts(
-    search: Search, rng: np.random.Generator, share: float, count: int
+    search: TrajectorySearch, rng: np.random.Generator, share: float, count: int
 ) -> np.ndarray:
     """The best of random candidates, best first, shape (count, d), for a share of the whole budget."""
     tried: list[tuple[float, np.ndarray]] = []

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gapscope.ident.excitation.trajectory_search import Search
+from gapscope.ident.excitation.trajectory_search import TrajectorySearch
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class RandomSearch:
 
     feasible: int | None = None
 
-    def run(self, search: Search, rng: np.random.Generator) -> None:
+    def run(self, search: TrajectorySearch, rng: np.random.Generator) -> None:
         """Draw until the budget is spent, or enough candidates kept all limits."""
         while not search.spent and (
             self.feasible is None or search.feasible < self.feasible

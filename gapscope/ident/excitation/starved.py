@@ -11,7 +11,7 @@ from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.motions.trajectory import Limits
 from gapscope.ident.excitation.criteria import condition_number
 from gapscope.ident.excitation.trajectory_parametrisation import Parametrisation
-from gapscope.ident.excitation.trajectory_search import SAMPLES, Search
+from gapscope.ident.excitation.trajectory_search import SAMPLES, TrajectorySearch
 from gapscope.ident.uncertainty.identifiability import CONDITION_LIMIT
 
 USELESS = 1e8
@@ -35,7 +35,9 @@ class Starved(NamedTuple):
     condition: float
 
 
-def starving_limit(search: Search, x: np.ndarray, condition: float) -> Starved | None:
+def starving_limit(
+    search: TrajectorySearch, x: np.ndarray, condition: float
+) -> Starved | None:
     """The limit of the motion that costs a candidate most of its condition number; ``None`` where none costs much.
 
     With wider limits the same numbers x are a larger motion, so each limit can be widened alone.
@@ -52,7 +54,7 @@ def starving_limit(search: Search, x: np.ndarray, condition: float) -> Starved |
     return best if WORTH * best.condition <= condition else None
 
 
-def check_condition(search: Search, x: np.ndarray, condition: float) -> None:
+def check_condition(search: TrajectorySearch, x: np.ndarray, condition: float) -> None:
     """Warn where the condition number of a candidate exceeds ``CONDITION_LIMIT``, and say what would lower it.
 
     Raises:
@@ -73,7 +75,7 @@ def check_condition(search: Search, x: np.ndarray, condition: float) -> None:
     warnings.warn(f"{problem}; {remedy}", ModelWarning, stacklevel=3)
 
 
-def _widened(search: Search, x: np.ndarray, name: str) -> float:
+def _widened(search: TrajectorySearch, x: np.ndarray, name: str) -> float:
     """Condition number of the candidate were one limit ``WIDER`` [1]."""
     space = search.parametrisation
     t = np.linspace(0.0, space.family.duration, SAMPLES)

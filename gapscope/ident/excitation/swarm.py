@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.ident.excitation.optimiser import random_starts
-from gapscope.ident.excitation.trajectory_search import Search
+from gapscope.ident.excitation.trajectory_search import TrajectorySearch
 
 REACH = 3.0
 """Particles stay within this many standard deviations of a random draw."""
@@ -29,7 +29,7 @@ class ParticleSwarm:
     inertia: float = 0.7298
     pull: float = 1.4962
 
-    def run(self, search: Search, rng: np.random.Generator) -> None:
+    def run(self, search: TrajectorySearch, rng: np.random.Generator) -> None:
         """Move the swarm until the budget is spent."""
         x = random_starts(search, rng, 0.05, self.particles)
         best, scores = x.copy(), np.array([search.score(p) for p in x])

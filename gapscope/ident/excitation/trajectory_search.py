@@ -83,7 +83,7 @@ class Found:
     evaluations: int
 
 
-class Search:
+class TrajectorySearch:
     """Scores candidates and keeps the best ones.
 
     The score is the value of the criterion plus a penalty for torque, singular values and distances that break their

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gapscope.ident.residual.fit import Rows
+from gapscope.ident.residual.fit import ResidualRows
 
 SUBSET = 600
 """Rows that the Gaussian process is fitted to, per joint."""
@@ -14,12 +14,12 @@ Baseline = Callable[[np.ndarray], np.ndarray]
 """From normalised windows (n, M, taps, C) to torque [N m], (M, n)."""
 
 
-def seen(rows: Rows, windows: np.ndarray) -> np.ndarray:
+def seen(rows: ResidualRows, windows: np.ndarray) -> np.ndarray:
     """What the feed-forward network sees, (n, M, I): all baselines see the same."""
     return windows.reshape(*windows.shape[:2], -1)[:, :, rows.inputs.seen_by_mlp]
 
 
-def gradient_boosting(rows: Rows, seed: int = 0) -> Baseline:
+def gradient_boosting(rows: ResidualRows, seed: int = 0) -> Baseline:
     """Boosted trees per joint, 150 trees of 15 leaves."""
     from sklearn.ensemble import HistGradientBoostingRegressor
 
@@ -36,7 +36,7 @@ def gradient_boosting(rows: Rows, seed: int = 0) -> Baseline:
     return lambda windows: _torque(models, rows, windows)
 
 
-def gaussian_process(rows: Rows, seed: int = 0) -> Baseline:
+def gaussian_process(rows: ResidualRows, seed: int = 0) -> Baseline:
     """A Gaussian process per joint, squared exponential of one length and white noise, on ``SUBSET`` rows at random."""
     from sklearn.gaussian_process import GaussianProcessRegressor
     from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
@@ -55,7 +55,7 @@ def gaussian_process(rows: Rows, seed: int = 0) -> Baseline:
     return lambda windows: _torque(models, rows, windows)
 
 
-def _torque(models: list, rows: Rows, windows: np.ndarray) -> np.ndarray:
+def _torque(models: list, rows: ResidualRows, windows: np.ndarray) -> np.ndarray:
     found = [
         model.predict(x) for model, x in zip(models, seen(rows, windows), strict=True)
     ]

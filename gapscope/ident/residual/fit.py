@@ -18,7 +18,7 @@ from gapscope.ident.residual.orthogonality import (
     project_heads,
     share_explained,
 )
-from gapscope.ident.residual.settings import Settings
+from gapscope.ident.residual.settings import ResidualSettings
 from gapscope.ident.residual.trajectory import Trajectory, groups
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
 
@@ -54,7 +54,7 @@ class Report:
 
 
 @dataclass(frozen=True)
-class Rows:
+class ResidualRows:
     """Rows of all trajectories, M of n joints, in weighted torque: over ``scale``.
 
     Attributes:
@@ -98,7 +98,9 @@ class Rows:
         return self.distance <= self.reach
 
 
-def rows_of(trajectories: Sequence[Trajectory], settings: Settings) -> Rows:
+def rows_of(
+    trajectories: Sequence[Trajectory], settings: ResidualSettings
+) -> ResidualRows:
     """Rows of trajectories as a network sees them."""
     group = groups(trajectories, settings.members)
     left = np.concatenate([x.left[x.rows] for x in trajectories])
@@ -121,7 +123,7 @@ def rows_of(trajectories: Sequence[Trajectory], settings: Settings) -> Rows:
         np.arange(len(trajectories)), [len(x.rows) for x in trajectories]
     )
     distance = _from_other_groups(windows[:, :, -1], group)
-    return Rows(
+    return ResidualRows(
         inputs,
         windows,
         left / scale,
@@ -148,7 +150,7 @@ def _from_other_groups(now: np.ndarray, group: np.ndarray) -> np.ndarray:
 
 
 def fit_residual(
-    trajectories: Sequence[Trajectory], settings: Settings
+    trajectories: Sequence[Trajectory], settings: ResidualSettings
 ) -> tuple[ResidualNetwork, Report]:
     """Train a residual network on what the corrected arm leaves of some trajectories.
 
@@ -189,7 +191,7 @@ def fit_residual(
 
 
 def usefulness(
-    network: Network, rows: Rows, held: np.ndarray
+    network: Network, rows: ResidualRows, held: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Share of the squares that members close on rows that they held out, and the best factor for them; each (n,).
 
@@ -222,7 +224,7 @@ def _scaled(network: Network, gain: np.ndarray) -> Network:
     )
 
 
-def _projected(network: Network, rows: Rows, active: np.ndarray) -> Network:
+def _projected(network: Network, rows: ResidualRows, active: np.ndarray) -> Network:
     """The network with heads whose output is orthogonal to the physics on the rows."""
     hidden = network.hidden(rows.windows)
     weight, bias = network.weights[-1].copy(), network.biases[-1].copy()
@@ -238,7 +240,7 @@ def _projected(network: Network, rows: Rows, active: np.ndarray) -> Network:
     )
 
 
-def _trust(rows: Rows) -> Trust:
+def _trust(rows: ResidualRows) -> Trust:
     """Landmarks spread over the inputs seen, and the radius within which everything seen lies.
 
     The radius is at least ``reach``: up to there the network was shown to be of use on rows that it had not seen.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gapscope.ident.signals.effective_samples import inflation
+from gapscope.ident.signals.effective_samples import variance_inflation
 
 DEPENDENT = 1e-7
 """Singular value of unit columns, over the largest, below which a direction counts as none."""
@@ -95,7 +95,7 @@ def parameter_moves(
     norms = np.maximum(np.linalg.norm(stacked, axis=0), 1e-300)
     unit = stacked / norms
     gram = np.linalg.pinv(unit.T @ unit, rcond=1e-10, hermitian=True)
-    noise = (left**2).mean(axis=0) * inflation(left, group)
+    noise = (left**2).mean(axis=0) * variance_inflation(left, group)
     spread = np.einsum(
         "mnk,mnl,n->kl", unit.reshape(columns.shape), unit.reshape(columns.shape), noise
     )

@@ -35,24 +35,13 @@ def physics_columns(
 def effect_columns(
     corrected: CorrectedArm, body: RigidBody, motion: Motion
 ) -> np.ndarray:
-    """Derivatives of the predicted torque by the parameters of the effects, (N, n, k), as ``effect_parameters``."""
+    """Derivatives of the predicted torque by the parameters of the effects, (N, n, k)."""
     physical = replace(corrected.unlimited, residual=None)
     columns = [
         _derivative(physical, k, name, i, body, motion)
         for k, name, i in _places(physical)
     ]
     return np.stack(columns, axis=2) if columns else np.zeros((*motion.q.shape, 0))
-
-
-def effect_parameters(corrected: CorrectedArm) -> tuple[str, ...]:
-    """Names of the parameters with a column, such as ``coulomb_friction.torque[2]``; shape (k,)."""
-    out = []
-    for k, name, i in _places(corrected.unlimited):
-        applied = corrected.unlimited.effects[k]
-        out.append(
-            f"{applied.name}.{name}[{applied.joints[i] if applied.joints else i + 1}]"
-        )
-    return tuple(out)
 
 
 def _places(corrected: CorrectedArm) -> list[tuple[int, str, int]]:

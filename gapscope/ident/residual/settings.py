@@ -14,7 +14,7 @@ PAST_OF_MLP = 4
 
 
 @dataclass(frozen=True)
-class Settings:
+class ResidualSettings:
     """Settings of a training.
 
     Attributes:

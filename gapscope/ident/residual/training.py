@@ -10,7 +10,7 @@ import torch
 
 from gapscope.effects.residual.inputs import Inputs
 from gapscope.effects.residual.network import LOG_VARIANCE, Network
-from gapscope.ident.residual.settings import TCN_LAYERS, Settings
+from gapscope.ident.residual.settings import TCN_LAYERS, ResidualSettings
 
 BETA = 0.5
 """Weight of the likelihood's gradient by variance^beta: rows of large variance are not given up early."""
@@ -51,7 +51,7 @@ class Ensemble(torch.nn.Module):
     seen: torch.Tensor
 
     def __init__(
-        self, settings: Settings, inputs: Inputs, generator: torch.Generator
+        self, settings: ResidualSettings, inputs: Inputs, generator: torch.Generator
     ) -> None:
         super().__init__()
         self.form, n = settings.form, inputs.n
@@ -102,7 +102,7 @@ class Ensemble(torch.nn.Module):
 
 
 def train(
-    settings: Settings,
+    settings: ResidualSettings,
     inputs: Inputs,
     windows: np.ndarray,
     target: np.ndarray,

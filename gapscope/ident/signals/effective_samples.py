@@ -1,41 +1,85 @@
-"""Autocorrelation of residuals: how many samples are worth one."""
+"""Effective number of independent samples: every way of counting that the project uses.
+
+Samples of a filtered recording resemble their neighbours, so that M of them hold less information than M independent
+ones. Five ways of counting are in use; they answer different questions and give different numbers:
+
+=======================  ==================================  ====================================================
+function                 formula                             used for
+=======================  ==================================  ====================================================
+`ar1_samples`            M (1 - rho_1) / (1 + rho_1)         evidence of the diagnosis: its linearisation and
+                                                             its reference
+`motion_samples`         r T, r = 3 /s set by hand           the test for setup faults
+`variance_inflation`     M / (1 + 2 sum_k rho_k)             error bars of parameters: partial update, essential
+                                                             parameters, orthogonality of the residual network
+`band_samples`           2 B T, B the bandwidth of torque    sample count of an identification
+`band_samples`           2 f T, f the cut-off of the filter  advice (24 samples/s at 12 Hz), and the least length
+                                                             of a recording to identify
+=======================  ==================================  ====================================================
+
+T is the length of the recording [s], rho_k the autocorrelation at lag k.
+"""
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
+LARGEST_LAG_ONE = 0.98
+"""Lag-one autocorrelations above this [1] would leave almost no samples."""
+FEWEST_AR1_SAMPLES = 8.0
+"""Least result of ``ar1_samples`` [1]."""
 
-def autocovariance(residual: np.ndarray, group: np.ndarray, lags: int) -> np.ndarray:
-    """Autocovariance of series within their groups, shape (lags + 1, n).
+
+def ar1_samples(series: np.ndarray) -> np.ndarray:
+    """M (1 - rho) / (1 + rho) independent samples of each column, rho its lag-one autocorrelation; shape (n,).
+
+    This holds for the mean of an autoregression of order one. rho is limited to 0 ... ``LARGEST_LAG_ONE``, the result
+    is at least ``FEWEST_AR1_SAMPLES``.
 
     Args:
-        residual: shape (N, n), taken as it is; its mean is part of it.
-        group: shape (N,), whole numbers that do not fall.
-        lags: largest lag in samples, below N.
+        series: shape (M, n); its mean is subtracted.
+
+    Source: bayley1946.
     """
-    out = np.zeros((lags + 1, residual.shape[1]))
-    for part in parts(group):
-        series = residual[part]
-        size = 2 ** int(np.ceil(np.log2(2 * len(series))))
-        power = np.abs(np.fft.rfft(series, size, axis=0)) ** 2
-        found = np.fft.irfft(power, size, axis=0)[: min(lags + 1, len(series))]
-        out[: len(found)] += found
-    return out / len(residual)
+    centred = series - series.mean(axis=0)
+    power = (centred**2).sum(axis=0)
+    product = (centred[1:] * centred[:-1]).sum(axis=0)
+    rho = np.clip(product / np.where(power > 0, power, 1.0), 0.0, LARGEST_LAG_ONE)
+    return np.maximum(len(series) * (1 - rho) / (1 + rho), FEWEST_AR1_SAMPLES)
 
 
-def inflation(
+def motion_samples(seconds: float, rate: float) -> float:
+    """r T: independent samples of a motion of T [s] at a fixed rate r [1/s], whatever its band."""
+    return rate * seconds
+
+
+def band_samples(seconds: float, bandwidth: float) -> float:
+    """2 B T: independent samples of one channel in a band of B [Hz] over T [s]. Source: bendat2010."""
+    return 2 * bandwidth * seconds
+
+
+def variance_inflation(
     residual: np.ndarray, group: np.ndarray, longest: int = 1000
 ) -> np.ndarray:
-    """1 + 2 sum_k rho_k per joint [1], at least 1, shape (n,): how many samples are worth one.
+    """1 + 2 sum_k rho_k per joint [1], at least 1, shape (n,): how many samples count as one.
 
     The factor by which the variance of a mean, or of a parameter whose regressor is slower than the noise, exceeds
     that of white noise. The sum ends where rho_k first falls below 0, or at ``longest`` samples.
+
+    Args:
+        residual: shape (N, n).
+        group: shape (N,), integers in non-decreasing order.
+        longest: largest lag in samples.
+
+    Source: bayley1946.
     """
     lags = min(len(residual) - 1, longest)
     covariance = autocovariance(residual, group, lags)
     rho = covariance[1:] / np.maximum(covariance[0], 1e-300)
-    alive = np.logical_and.accumulate(rho > 0, axis=0)
-    return 1 + 2 * (rho * alive).sum(axis=0)
+    # beyond the first negative value the estimates are noise around zero
+    before_first_negative = np.logical_and.accumulate(rho > 0, axis=0)
+    return 1 + 2 * (rho * before_first_negative).sum(axis=0)
 
 
 def low_pass_inflation(cutoff: float, interval: float) -> float:
@@ -47,21 +91,39 @@ def low_pass_inflation(cutoff: float, interval: float) -> float:
         cutoff: of the filter [Hz]; at Nyquist's frequency and above nothing was filtered.
         interval: between samples [s].
     """
-    if cutoff >= 0.5 / interval:
+    nyquist = 0.5 / interval
+    if cutoff >= nyquist:
         return 1.0
-    frequency = (np.arange(4096) + 0.5) / 4096 * 0.5 / interval
-    gain = 1 / (
-        1
-        + (np.tan(np.pi * frequency * interval) / np.tan(np.pi * cutoff * interval))
-        ** 8
-    )
+    frequency = (np.arange(4096) + 0.5) / 4096 * nyquist
+    # frequencies as the bilinear transform warps them
+    warped = np.tan(np.pi * frequency * interval)
+    warped_cutoff = np.tan(np.pi * cutoff * interval)
+    # order 4, forward and backward: the squared magnitude is the gain of both passes
+    gain = 1 / (1 + (warped / warped_cutoff) ** 8)
     return float(1 / (gain**2).mean())
 
 
-def parts(group: np.ndarray) -> list[slice]:
-    """The stretches of equal group, in order."""
-    edges = np.flatnonzero(np.diff(group)) + 1
-    return [
-        slice(int(a), int(b))
-        for a, b in zip(np.r_[0, edges], np.r_[edges, len(group)], strict=True)
-    ]
+def autocovariance(residual: np.ndarray, group: np.ndarray, lags: int) -> np.ndarray:
+    """Autocovariance of series within their groups, shape (lags + 1, n).
+
+    Args:
+        residual: shape (N, n); its mean is not subtracted.
+        group: shape (N,), integers in non-decreasing order.
+        lags: largest lag in samples, below N.
+    """
+    total = np.zeros((lags + 1, residual.shape[1]))
+    for rows in group_slices(group):
+        series = residual[rows]
+        # padded to twice the length, so that the circular correlation of the FFT is the linear one
+        size = 2 ** int(np.ceil(np.log2(2 * len(series))))
+        power = np.abs(np.fft.rfft(series, size, axis=0)) ** 2
+        correlation = np.fft.irfft(power, size, axis=0)[: min(lags + 1, len(series))]
+        total[: len(correlation)] += correlation
+    return total / len(residual)
+
+
+def group_slices(group: np.ndarray) -> list[slice]:
+    """Slices of the runs of equal group, in order."""
+    inner = (np.flatnonzero(np.diff(group)) + 1).tolist()
+    edges = [0, *inner, len(group)]
+    return [slice(start, stop) for start, stop in itertools.pairwise(edges)]

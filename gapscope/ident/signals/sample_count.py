@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gapscope.ident.signals.effective_samples import parts
+from gapscope.ident.signals.effective_samples import band_samples, group_slices
 from gapscope.ident.signals.samples import Samples
 
 ADVISED = 10.0
@@ -53,7 +53,7 @@ def count_samples(samples: Samples, parameters: int) -> SampleCount:
     seconds = len(samples.torque) * samples.interval
     bandwidth = _bandwidth(samples)
     return SampleCount(
-        seconds, bandwidth, float(2 * seconds * bandwidth.sum()), parameters
+        seconds, bandwidth, band_samples(seconds, float(bandwidth.sum())), parameters
     )
 
 
@@ -61,7 +61,7 @@ def _bandwidth(samples: Samples) -> np.ndarray:
     """Frequency below which ``POWER`` of the power of each joint's torque lies [Hz], shape (n,)."""
     grid = np.linspace(0.0, min(samples.band.cutoff, 0.5 / samples.interval), 512)
     power = np.zeros((len(grid), samples.torque.shape[1]))
-    for span in parts(samples.group):
+    for span in group_slices(samples.group):
         series = samples.torque[span] - samples.torque[span].mean(axis=0)
         density = (
             np.abs(np.fft.rfft(series * np.hanning(len(series))[:, None], axis=0)) ** 2

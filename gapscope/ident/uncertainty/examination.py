@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gapscope.arm.errors import InputError
-from gapscope.ident.checks.fit_evidence import Evidence
+from gapscope.ident.checks.fit_evidence import FitEvidence
 from gapscope.ident.estimators.estimate import Estimate, Estimator
 from gapscope.ident.model.base_parameters import (
     BaseParameters,
@@ -20,7 +20,7 @@ from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.model_columns import ModelColumns
 from gapscope.ident.model.tsqr import TriangularFactor
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
-from gapscope.ident.signals.effective_samples import inflation, parts
+from gapscope.ident.signals.effective_samples import group_slices, variance_inflation
 from gapscope.ident.signals.sample_count import SampleCount, count_samples
 from gapscope.ident.uncertainty.identifiability import (
     CONDITION_LIMIT,
@@ -73,7 +73,7 @@ class Examination:
 
 
 def examine(
-    evidence: Evidence,
+    evidence: FitEvidence,
     problem: Problem,
     estimator: Estimator,
     estimate: Estimate,
@@ -126,7 +126,7 @@ def examine(
 
 def _cut(problem: Problem) -> Problem:
     """The problem with its groups cut into equal parts, at least ``HELD_OUT`` in all."""
-    spans = parts(problem.group)
+    spans = group_slices(problem.group)
     pieces = -(-HELD_OUT // len(spans))
     edges = [np.linspace(s.start, s.stop, pieces + 1).astype(int)[:-1] for s in spans]
     lengths = np.diff(np.r_[np.concatenate(edges), len(problem.group)])
@@ -141,7 +141,7 @@ def structural(columns: ModelColumns, law: FrictionLaw) -> BaseParameters:
     )
 
 
-def _essential(evidence: Evidence, problem: Problem) -> EssentialParameters:
+def _essential(evidence: FitEvidence, problem: Problem) -> EssentialParameters:
     """Essential parameters of the equations weighted by joint; variances allow for autocorrelation."""
     left = problem.residual(evidence.beta) / evidence.choice.noise
     factor = TriangularFactor(evidence.base.count)
@@ -149,5 +149,5 @@ def _essential(evidence: Evidence, problem: Problem) -> EssentialParameters:
         problem.matrix / evidence.choice.noise[:, None],
         problem.torque / evidence.choice.noise,
     )
-    alike = float(inflation(left, problem.group).mean())
+    alike = float(variance_inflation(left, problem.group).mean())
     return essential_parameters(factor, problem.names, inflation=alike)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -52,26 +51,6 @@ class Identifiability:
         """Names of the parameters of a standing."""
         pairs = zip(self.base.names, self.standing, strict=True)
         return tuple(name for name, own in pairs if own == standing)
-
-    def as_dict(self) -> dict[str, Any]:
-        """The report as plain numbers and words, for JSON."""
-        return {
-            "parameters": len(self.base.names),
-            "base_parameters": self.base.count,
-            "pivot_gap": float(min(self.base.gap, 1e16)),
-            "rows": self.rows,
-            "rank": self.rank,
-            "condition_unit_columns": self.condition,
-            "condition": self.condition_unscaled,
-            "singular_values": self.singular_values.tolist(),
-            "column_norms": dict(
-                zip(self.base.names, self.column_norms.tolist(), strict=True)
-            ),
-            "standing": dict(zip(self.base.names, self.standing, strict=True)),
-            "expressions": list(self.base.expressions()),
-            "weakest": list(self.weakest),
-            "warnings": list(self.warnings),
-        }
 
     def text(self) -> str:
         """The report in words, some lines, the base parameters last."""

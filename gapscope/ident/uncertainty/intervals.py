@@ -1,7 +1,7 @@
-"""Uncertainty that holds for autocorrelated residuals: sandwich, block jackknife, block bootstrap, intervals.
+"""Uncertainty that holds for autocorrelated residuals: sandwich, block jackknife, intervals.
 
 Filtered recordings have residuals that are alike from sample to sample, so that s^2 (W^T W)^-1 states too small errors.
-The three methods here use the scores g_i = W_i^T S^-1 e_i, shape (b,), of samples i as they follow each other.
+Both methods here use the scores g_i = W_i^T S^-1 e_i, shape (b,), of samples i as they follow each other.
 """
 
 from __future__ import annotations
@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student
 
-from gapscope.arm.errors import InputError
-from gapscope.ident.estimators.estimate import Estimate, Estimator
+from gapscope.ident.estimators.estimate import Estimate
 from gapscope.ident.model.linear_problem import Problem
-from gapscope.ident.signals.effective_samples import autocovariance, parts
+from gapscope.ident.signals.effective_samples import autocovariance, group_slices
 
 
 @dataclass(frozen=True)
@@ -103,7 +102,7 @@ def sandwich(
     gram, scores = _grams_and_scores(problem, beta, weight)
     length = block_length(scores, problem.group) if length is None else length
     meat = np.zeros_like(gram)
-    for part in parts(problem.group):
+    for part in group_slices(problem.group):
         total = np.cumsum(
             np.vstack(
                 [
@@ -157,56 +156,6 @@ def block_jackknife(
     )
 
 
-def block_bootstrap(
-    problem: Problem,
-    estimator: Estimator,
-    rng: np.random.Generator,
-    draws: int = 100,
-    length: int | None = None,
-) -> Uncertainty:
-    """Covariance of an estimator over recordings put together from drawn blocks of this one, for any estimator.
-
-    Args:
-        problem: to be solved.
-        estimator: solves each drawn problem.
-        rng: source of the draws.
-        draws: how many, at least 2.
-        length: of blocks [samples]; chosen by ``block_length`` where ``None``.
-
-    Source: kunsch1989, politis2004.
-    """
-    if draws < 2:
-        raise InputError(f"expected at least 2 draws, got {draws}", where="draws")
-    value = estimator.estimate(problem).value
-    if length is None:
-        length = block_length(_grams_and_scores(problem, value, None)[1], problem.group)
-    starts = np.concatenate(
-        [
-            np.arange(p.start, max(p.stop - length, p.start) + 1)
-            for p in parts(problem.group)
-        ]
-    )
-    count = int(np.ceil(len(problem.torque) / length))
-    values = []
-    for _ in range(draws):
-        chosen = rng.choice(starts, count)
-        rows = (chosen[:, None] + np.arange(length)).ravel()
-        rows = np.minimum(rows, len(problem.torque) - 1)[: len(problem.torque)]
-        drawn = Problem(
-            problem.matrix[rows],
-            problem.torque[rows],
-            problem.names,
-            np.arange(len(rows)) // length,
-            problem.interval,
-        )
-        values.append(estimator.estimate(drawn).value)
-    return Uncertainty(
-        np.atleast_2d(np.cov(np.array(values), rowvar=False)),
-        max(count - 1.0, 1.0),
-        length,
-    )
-
-
 def plain(estimate: Estimate, problem: Problem) -> Uncertainty:
     """What the estimator states itself, with the degrees of freedom of white noise."""
     return Uncertainty(
@@ -229,7 +178,7 @@ def _grams_and_scores(
 def _blocks(group: np.ndarray, length: int) -> list[slice]:
     """Blocks of about equal length within the groups."""
     out = []
-    for part in parts(group):
+    for part in group_slices(group):
         count = max(1, round((part.stop - part.start) / length))
         edges = np.linspace(part.start, part.stop, count + 1).astype(int)
         out += [slice(int(a), int(b)) for a, b in itertools.pairwise(edges) if b > a]

@@ -9,7 +9,7 @@ from scipy.stats import f as fisher
 
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
-from gapscope.ident.signals.effective_samples import parts
+from gapscope.ident.signals.effective_samples import group_slices
 
 LOW, FLOOR = 1 / 4, (1 / 3, 1 / 2)
 """Bands of the motion and of the noise floor, as shares of the cut-off: up to 3 Hz and 4 to 6 Hz at 12 Hz."""
@@ -77,7 +77,7 @@ def model_error(
         np.zeros(residual.shape[1]),
         np.zeros(2),
     )
-    spans = parts(problem.group)
+    spans = group_slices(problem.group)
     for span in spans:
         series = residual[span]
         taper = _taper(len(series))

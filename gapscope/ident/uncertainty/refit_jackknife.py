@@ -8,7 +8,7 @@ import numpy as np
 
 from gapscope.ident.estimators.estimate import Estimator
 from gapscope.ident.model.linear_problem import Problem
-from gapscope.ident.signals.effective_samples import parts
+from gapscope.ident.signals.effective_samples import group_slices
 from gapscope.ident.uncertainty.intervals import Uncertainty
 
 STRETCHES = 20
@@ -52,7 +52,7 @@ def _spans(group: np.ndarray, stretches: int) -> list[slice]:
     """At least two stretches of about equal length within the groups."""
     length = len(group) / max(stretches, 2)
     out = []
-    for part in parts(group):
+    for part in group_slices(group):
         least = 2 if part.stop - part.start == len(group) else 1
         edges = np.linspace(
             part.start,

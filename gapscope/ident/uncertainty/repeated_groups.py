@@ -12,7 +12,7 @@ from gapscope.arm.errors import InputError
 from gapscope.ident.estimators.estimate import Estimator
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
-from gapscope.ident.signals.effective_samples import low_pass_inflation, parts
+from gapscope.ident.signals.effective_samples import group_slices, low_pass_inflation
 
 DOUBT = 0.01
 """Chance below which noise alone is not believed."""
@@ -76,7 +76,7 @@ def compare_groups(
     Raises:
         InputError: a group by itself does not determine the parameters.
     """
-    spans = parts(problem.group)
+    spans = group_slices(problem.group)
     if len(spans) == 1:
         edges = np.linspace(0, len(problem.torque), 5).astype(int)
         spans = [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]

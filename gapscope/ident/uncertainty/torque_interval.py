@@ -12,7 +12,7 @@ from gapscope.arm.errors import InputError
 from gapscope.ident.estimators.estimate import Estimate, Estimator
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
-from gapscope.ident.signals.effective_samples import parts
+from gapscope.ident.signals.effective_samples import group_slices
 from gapscope.ident.uncertainty.intervals import Uncertainty
 from gapscope.ident.uncertainty.model_error import ModelError, model_error
 
@@ -122,7 +122,7 @@ def torque_interval(
 
 def held_out(problem: Problem, estimator: Estimator) -> np.ndarray:
     """Residual of each group under the estimate of the other groups [N m], shape (N, n)."""
-    spans = parts(problem.group)
+    spans = group_slices(problem.group)
     if len(spans) == 1:
         edges = np.linspace(0, len(problem.torque), 5).astype(int)
         spans = [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]

@@ -10,7 +10,7 @@ import numpy as np
 
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.nominal import NominalArm
-from gapscope.ident.excitation.excitation_plan import Plan
+from gapscope.ident.excitation.excitation_plan import ExcitationPlan
 
 if TYPE_CHECKING:
     from gapscope.ident.excitation.design import Excitation
@@ -23,7 +23,9 @@ FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", "Liberat
 INK, SOFT, LINE, GROUND = "#1f2328", "#5b6470", "#e6e9ed", "#f6f7f9"
 
 
-def write_picture(found: Excitation, arm: NominalArm, plan: Plan, path: Path) -> None:
+def write_picture(
+    found: Excitation, arm: NominalArm, plan: ExcitationPlan, path: Path
+) -> None:
     """Write position, velocity, acceleration and torque of all joints over time, and the margins to the limits.
 
     Raises:

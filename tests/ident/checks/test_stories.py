@@ -14,9 +14,13 @@ from gapscope.arm.case import Case
 from gapscope.arm.recording import Recording
 from gapscope.effects.applied import AppliedEffect
 from gapscope.ident.checks.troubleshooting import CHECKS, FOUND
-from gapscope.ident.identification import Identification, Settings, identify
+from gapscope.ident.identification import (
+    Identification,
+    IdentificationSettings,
+    identify,
+)
 
-CUTOFF = Settings(cutoff=20.0)
+CUTOFF = IdentificationSettings(cutoff=20.0)
 FIVE = np.deg2rad(5.0)
 
 

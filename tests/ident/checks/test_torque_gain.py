@@ -12,15 +12,19 @@ import pytest
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import InputError
-from gapscope.ident.checks.fit_evidence import Likeness, nominal_similarity
+from gapscope.ident.checks.fit_evidence import NominalSimilarity, nominal_similarity
 from gapscope.ident.checks.torque_gain import torque_gain
-from gapscope.ident.identification import Identification, Settings, identify
+from gapscope.ident.identification import (
+    Identification,
+    IdentificationSettings,
+    identify,
+)
 from gapscope.ident.model.model_columns import ModelColumns
 from gapscope.ident.signals.conditioning import position_cutoff
 from gapscope.ident.signals.samples import Band, Samples
 from gapscope.ident.signals.split import split
 
-CUTOFF = Settings(cutoff=20.0)
+CUTOFF = IdentificationSettings(cutoff=20.0)
 ROOT = Path(__file__).resolve().parents[3]
 
 
@@ -35,7 +39,7 @@ def identified(factor: float) -> Identification:
     return identify(scaled(factor), replace(CUTOFF, any_torque=True))
 
 
-def compared(case: Case) -> Likeness:
+def compared(case: Case) -> NominalSimilarity:
     fit, _ = split(case)
     band, columns = (
         Band(position_cutoff(tuple(fit))),

@@ -17,7 +17,7 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.trajectory import Limits
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.ident.excitation.excitation_plan import LimitPlan, Plan
+from gapscope.ident.excitation.excitation_plan import ExcitationPlan, LimitPlan
 from gapscope.ident.excitation.limits import Allowed, Checker
 from gapscope.ident.excitation.sampling import check_sampling
 
@@ -235,4 +235,4 @@ def test_ten_samples_per_period_are_enough_and_fewer_are_not() -> None:
 )
 def test_plans_that_do_not_fit_together_are_refused(options: dict[str, object]) -> None:
     with pytest.raises(InputError):
-        Plan(**options)  # type: ignore[arg-type]
+        ExcitationPlan(**options)  # type: ignore[arg-type]

@@ -16,13 +16,17 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.ident.excitation.candidate_model import ExcitationModel
 from gapscope.ident.excitation.criteria import CRITERIA
 from gapscope.ident.excitation.design import Excitation, design, sampled
-from gapscope.ident.excitation.excitation_plan import OPTIMISERS, LimitPlan, Plan
+from gapscope.ident.excitation.excitation_plan import (
+    OPTIMISERS,
+    ExcitationPlan,
+    LimitPlan,
+)
 from gapscope.ident.excitation.families import family
 from gapscope.ident.excitation.limits import Allowed, Checker
 from gapscope.ident.excitation.random_search import RandomSearch
 from gapscope.ident.excitation.trajectory_files import write_joint_trajectory
 from gapscope.ident.excitation.trajectory_parametrisation import Parametrisation
-from gapscope.ident.excitation.trajectory_search import Budget, Search
+from gapscope.ident.excitation.trajectory_search import Budget, TrajectorySearch
 from gapscope.ident.model.regressor import JOINT_COLUMNS
 
 COLUMNS = ("armature", "viscous_friction")
@@ -30,11 +34,11 @@ LIMITS = LimitPlan(singular=0.0)
 
 
 @pytest.fixture
-def search(arm: NominalArm, body: RigidBody, limits: Limits) -> Search:
+def search(arm: NominalArm, body: RigidBody, limits: Limits) -> TrajectorySearch:
     made = Parametrisation(family("fourier", 3, 10.0, 3, 0.1), limits)
     allowed = Allowed(limits, np.array([40.0, 40.0, 40.0]), 0.0, 0.0)
     checker = Checker(arm, body, allowed, None)
-    return Search(
+    return TrajectorySearch(
         made,
         ExcitationModel(arm, body, COLUMNS),
         CRITERIA["condition"],
@@ -43,7 +47,9 @@ def search(arm: NominalArm, body: RigidBody, limits: Limits) -> Search:
     )
 
 
-def test_gradient_of_the_score_agrees_with_finite_differences(search: Search) -> None:
+def test_gradient_of_the_score_agrees_with_finite_differences(
+    search: TrajectorySearch,
+) -> None:
     """With torque limits broken, so that the penalty counts too."""
     search.checker.allowed.torque[:] = [0.5, 12.0, 3.0]
     x, h = search.parametrisation.draw(np.random.default_rng(1)), 1e-6
@@ -62,7 +68,7 @@ def test_gradient_of_the_score_agrees_with_finite_differences(search: Search) ->
     assert off.max() < 0.05
 
 
-def test_found_ones_get_better_and_the_budget_holds(search: Search) -> None:
+def test_found_ones_get_better_and_the_budget_holds(search: TrajectorySearch) -> None:
     RandomSearch().run(search, np.random.default_rng(0))
     values = [found.value for found in search.found]
     assert (
@@ -72,7 +78,9 @@ def test_found_ones_get_better_and_the_budget_holds(search: Search) -> None:
     )
 
 
-def test_random_search_stops_after_enough_feasible_ones(search: Search) -> None:
+def test_random_search_stops_after_enough_feasible_ones(
+    search: TrajectorySearch,
+) -> None:
     RandomSearch(feasible=7).run(search, np.random.default_rng(0))
     assert search.feasible == 7
 
@@ -80,7 +88,7 @@ def test_random_search_stops_after_enough_feasible_ones(search: Search) -> None:
 @pytest.fixture(scope="module")
 def plain(arm: NominalArm) -> Excitation:
     """The best of 200 random candidates."""
-    plan = Plan(
+    plan = ExcitationPlan(
         order=3, columns=COLUMNS, optimiser="random", budget=Budget(200), rate=200.0
     )
     return design(arm, plan, LIMITS, np.random.default_rng(3))
@@ -90,7 +98,7 @@ def plain(arm: NominalArm) -> Excitation:
 def test_optimiser_keeps_all_limits_and_repeats_itself(
     name: str, arm: NominalArm, body: RigidBody, plain: Excitation
 ) -> None:
-    plan = Plan(
+    plan = ExcitationPlan(
         order=3, columns=COLUMNS, optimiser=name, budget=Budget(200), rate=200.0
     )
     found, again = (
@@ -121,7 +129,7 @@ def test_every_optimiser_at_most_halves_what_random_search_finds(
     found = {}
     for name, make in OPTIMISERS.items():
         space = Parametrisation(family("fourier", 3, 10.0, 5, 0.1), limits)
-        made = Search(
+        made = TrajectorySearch(
             space,
             model,
             CRITERIA["condition"],
@@ -139,10 +147,12 @@ def test_separation_finds_a_trajectory_that_tells_the_effects_apart(
     arm: NominalArm,
 ) -> None:
     effects = ("coulomb_friction", "load_friction")
-    plan = Plan(order=2, criterion="separation", effects=effects, budget=Budget(80))
+    plan = ExcitationPlan(
+        order=2, criterion="separation", effects=effects, budget=Budget(80)
+    )
     first = design(
         arm,
-        Plan(order=2, effects=effects, budget=Budget(8), optimiser="random"),
+        ExcitationPlan(order=2, effects=effects, budget=Budget(8), optimiser="random"),
         LIMITS,
         np.random.default_rng(0),
     )
@@ -161,7 +171,7 @@ def test_when_no_candidate_keeps_the_limits_the_hardest_is_named(
     ):
         design(
             arm,
-            Plan(order=2, budget=Budget(20), optimiser="random"),
+            ExcitationPlan(order=2, budget=Budget(20), optimiser="random"),
             LimitPlan(torque=0.06, singular=0.0),
             np.random.default_rng(0),
         )

@@ -19,9 +19,13 @@ from gapscope.ident.excitation.families import family
 from gapscope.ident.excitation.limits import Allowed, Checker
 from gapscope.ident.excitation.starved import check_condition, starving_limit
 from gapscope.ident.excitation.trajectory_parametrisation import Parametrisation
-from gapscope.ident.excitation.trajectory_search import SAMPLES, Budget, Search
+from gapscope.ident.excitation.trajectory_search import (
+    SAMPLES,
+    Budget,
+    TrajectorySearch,
+)
 
-Candidate = Callable[..., tuple[Search, np.ndarray, float]]
+Candidate = Callable[..., tuple[TrajectorySearch, np.ndarray, float]]
 TINY = {
     "acceleration": {"acceleration": np.full(3, 1e-3)},
     "velocity": {"velocity": np.full(3, 1e-3)},
@@ -34,12 +38,14 @@ TINY = {
 def candidate(arm: NominalArm, body: RigidBody, limits: Limits) -> Candidate:
     """A search within changed limits, a random candidate of it, and its condition number."""
 
-    def made(**changed: np.ndarray) -> tuple[Search, np.ndarray, float]:
+    def made(**changed: np.ndarray) -> tuple[TrajectorySearch, np.ndarray, float]:
         within = limits._replace(**changed)
         space = Parametrisation(family("fourier", 3, 10.0, 3, 0.1), within)
         model = ExcitationModel(arm, body, ("armature", "viscous_friction"))
         checker = Checker(arm, body, Allowed(within, np.full(3, 40.0), 0.0, 0.0), None)
-        search = Search(space, model, CRITERIA["condition"], checker, Budget(10))
+        search = TrajectorySearch(
+            space, model, CRITERIA["condition"], checker, Budget(10)
+        )
         x, t = space.draw(np.random.default_rng(0)), np.linspace(0, 10.0, SAMPLES)
         return (
             search,

@@ -8,12 +8,12 @@ import arms
 import numpy as np
 
 from gapscope.arm.motions.motion import Motion
-from gapscope.ident.identification import Settings, identify
+from gapscope.ident.identification import IdentificationSettings, identify
 from gapscope.ident.output.base_file import write_base
 
 
 def test_matrices_lead_both_ways(tmp_path: Path) -> None:
-    result = identify(arms.case(), Settings(cutoff=20.0))
+    result = identify(arms.case(), IdentificationSettings(cutoff=20.0))
     write_base(result, tmp_path / "base.npz")
     found = np.load(tmp_path / "base.npz", allow_pickle=False)
     p, b = len(found["names"]), len(found["kept_names"])

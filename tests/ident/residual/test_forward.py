@@ -9,14 +9,14 @@ import toy
 
 from gapscope.effects.residual.inputs import Inputs
 from gapscope.ident.residual.export import torchscript
-from gapscope.ident.residual.settings import Settings
+from gapscope.ident.residual.settings import ResidualSettings
 from gapscope.ident.residual.training import Ensemble
 
 
 @pytest.mark.parametrize("form", ["mlp", "tcn"])
 @pytest.mark.parametrize("n", [1, 2, 7])
 def test_numpy_equals_torch(form: str, n: int) -> None:
-    settings = Settings(form=form, members=3, hidden=8)
+    settings = ResidualSettings(form=form, members=3, hidden=8)
     inputs = Inputs(
         n, settings.taps, 0.02, np.zeros((n, 3 * n + 3)), np.ones((n, 3 * n + 3))
     )

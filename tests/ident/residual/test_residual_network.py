@@ -10,7 +10,7 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
 from gapscope.effects.residual.file import write_residual
 from gapscope.ident.residual.fit import fit_residual
-from gapscope.ident.residual.settings import Settings
+from gapscope.ident.residual.settings import ResidualSettings
 
 FORMS = ("mlp", "tcn")
 
@@ -50,7 +50,7 @@ def test_output_is_orthogonal_to_the_physics_and_no_parameter_moves(form: str) -
 def test_same_seed_same_bits_and_another_seed_another_network() -> None:
     xs = [toy.trajectory(k) for k in range(3)]
     runs = [
-        fit_residual(xs, Settings(members=3, steps=80, seed=seed))[0]
+        fit_residual(xs, ResidualSettings(members=3, steps=80, seed=seed))[0]
         for seed in (3, 3, 4)
     ]
     first, second, other = ([*r.network.weights, *r.network.biases] for r in runs)
@@ -93,7 +93,9 @@ def test_torque_is_bounded_by_the_training_residual() -> None:
 
 
 def test_a_single_trajectory_is_cut_into_blocks() -> None:
-    residual, report = fit_residual([toy.trajectory(0)], Settings(members=4, steps=80))
+    residual, report = fit_residual(
+        [toy.trajectory(0)], ResidualSettings(members=4, steps=80)
+    )
     assert residual.network.members == 4 and np.isfinite(report.closed).all()
 
 
@@ -103,9 +105,9 @@ def test_a_single_trajectory_is_cut_into_blocks() -> None:
 )
 def test_settings_that_make_no_sense_are_refused(given: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        Settings(**given)
+        ResidualSettings(**given)
     with pytest.raises(InputError, match="no trajectory"):
-        fit_residual([], Settings())
+        fit_residual([], ResidualSettings())
 
 
 def test_a_file_in_no_folder_is_made(tmp_path) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from gapscope.arm.motions.motion import Motion
 from gapscope.ident.residual.fit import Report, fit_residual
-from gapscope.ident.residual.settings import Settings
+from gapscope.ident.residual.settings import ResidualSettings
 from gapscope.ident.residual.trajectory import Trajectory
 
 RATE, DURATION, N = 100.0, 12.0, 2
@@ -65,6 +65,6 @@ def trained(form: str = "mlp", seed: int = 0) -> tuple:
     return found
 
 
-def quick(form: str = "mlp", seed: int = 0) -> Settings:
+def quick(form: str = "mlp", seed: int = 0) -> ResidualSettings:
     """A short training."""
-    return Settings(form=form, members=3, hidden=16, steps=600, seed=seed)
+    return ResidualSettings(form=form, members=3, hidden=16, steps=600, seed=seed)

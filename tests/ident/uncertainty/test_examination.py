@@ -11,9 +11,13 @@ import pytest
 
 from gapscope.arm.recording import Recording
 from gapscope.effects.applied import AppliedEffect
-from gapscope.ident.identification import Identification, Settings, identify
+from gapscope.ident.identification import (
+    Identification,
+    IdentificationSettings,
+    identify,
+)
 
-CUTOFF = Settings(cutoff=20.0)
+CUTOFF = IdentificationSettings(cutoff=20.0)
 LOAD = AppliedEffect("load_friction", (2, 4), {"coefficient": np.array([0.15, 0.15])})
 LACKS = "lacks an effect"
 

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from gapscope.arm.errors import InputError
 from gapscope.ident.estimators.ols import OrdinaryLeastSquares
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.signals.conditioning import low_pass
-from gapscope.ident.signals.effective_samples import (
-    autocovariance,
-    inflation,
-    low_pass_inflation,
-    parts,
-)
+from gapscope.ident.signals.effective_samples import group_slices
 from gapscope.ident.uncertainty.intervals import (
-    block_bootstrap,
     block_jackknife,
     block_length,
     plain,
@@ -80,23 +75,27 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     assert 0.92 < coverage["jackknife"] < 0.985
 
 
-def test_bootstrap_agrees_with_the_sandwich() -> None:
-    given = drawn(0)
+def test_sandwich_agrees_with_a_block_bootstrap() -> None:
+    """Deviation over recordings put together from randomly drawn blocks of 40 samples."""
+    given, rng = drawn(0), np.random.default_rng(1)
     estimate = OrdinaryLeastSquares().estimate(given)
-    bootstrap = block_bootstrap(
-        given, OrdinaryLeastSquares(), np.random.default_rng(1), draws=120
+    starts = np.concatenate(
+        [np.arange(s.start, s.stop - 40 + 1) for s in group_slices(given.group)]
     )
-    assert np.allclose(
-        bootstrap.deviation, sandwich(given, estimate.value).deviation, rtol=0.35
-    )
-    again = block_bootstrap(
-        given, OrdinaryLeastSquares(), np.random.default_rng(1), draws=120
-    )
-    assert np.array_equal(bootstrap.covariance, again.covariance)
-    with pytest.raises(InputError, match="at least 2 draws"):
-        block_bootstrap(
-            given, OrdinaryLeastSquares(), np.random.default_rng(1), draws=1
+    values = []
+    for _ in range(120):
+        chosen = rng.choice(starts, len(given.torque) // 40)
+        rows = (chosen[:, None] + np.arange(40)).ravel()
+        sample = replace(
+            given,
+            matrix=given.matrix[rows],
+            torque=given.torque[rows],
+            group=np.arange(len(rows)) // 40,
         )
+        values.append(OrdinaryLeastSquares().estimate(sample).value)
+    assert np.allclose(
+        np.std(values, axis=0), sandwich(given, estimate.value).deviation, rtol=0.35
+    )
 
 
 def test_sandwich_of_independent_samples_by_hand() -> None:
@@ -115,7 +114,7 @@ def test_sandwich_is_bartletts_sum_of_autocovariances() -> None:
     beta = OrdinaryLeastSquares().estimate(given).value
     scores = np.einsum("ijb,ij->ib", given.matrix, given.residual(beta))
     meat = np.zeros((4, 4))
-    for part in parts(given.group):
+    for part in group_slices(given.group):
         for k in range(6):
             lagged = scores[part][k:].T @ scores[part][: len(scores[part]) - k]
             meat += (1 - k / 6) * (lagged if k == 0 else lagged + lagged.T)
@@ -150,35 +149,6 @@ def test_block_length_grows_with_the_memory() -> None:
     group = np.zeros(2000, int)
     assert 30 < block_length(series, group) < 110
     assert block_length(white, group) < 15
-
-
-def test_autocovariance_by_hand_and_within_groups() -> None:
-    """1, 2 | 3, 4: lag 0 is 30 / 4; lag 1 only within groups, (1 * 2 + 3 * 4) / 4."""
-    found = autocovariance(
-        np.array([[1.0], [2.0], [3.0], [4.0]]), np.array([0, 0, 1, 1]), 1
-    )
-    assert np.allclose(found[:, 0], [7.5, 3.5])
-
-
-def test_inflation_of_a_first_order_process() -> None:
-    """AR(1) with 0.8: (1 + 0.8) / (1 - 0.8) = 9."""
-    rng = np.random.default_rng(0)
-    series = rng.standard_normal((20000, 3))
-    for i in range(1, len(series)):
-        series[i] += 0.8 * series[i - 1]
-    assert np.allclose(inflation(series, np.zeros(len(series), int)), 9.0, rtol=0.25)
-
-
-def test_inflation_of_a_low_pass() -> None:
-    """Of a long series of filtered noise; at Nyquist's frequency nothing was filtered."""
-    series = low_pass(
-        np.random.default_rng(0).standard_normal((50000, 4)), 1 / INTERVAL, 5.0
-    )
-    blocks = series.reshape(100, 500, 4).mean(axis=1)
-    assert low_pass_inflation(5.0, INTERVAL) == pytest.approx(
-        500 * blocks.var() / series.var(), rel=0.15
-    )
-    assert low_pass_inflation(25.0, INTERVAL) == 1.0
 
 
 class TestModelError:
