@@ -26,12 +26,12 @@ import numpy as np
 from gapscope.arm.case import load_case
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.json_file import write_json
-from gapscope.blind_check.generator.bench import Bench, draw_bench
-from gapscope.blind_check.generator.case import Made, write_case
+from gapscope.blind_check.generator.case import MadeCase, write_case
+from gapscope.blind_check.generator.case_setup import CaseSetup, draw_setup
 from gapscope.blind_check.generator.conditions import Conditions
 from gapscope.blind_check.generator.law import Cause
 from gapscope.blind_check.generator.laws import LAWS
-from gapscope.blind_check.generator.plant import Columns, Plant
+from gapscope.blind_check.generator.plant import Columns, TrueArm
 from gapscope.blind_check.scoring.statistics import wilson
 from gapscope.diagnosis.reference.diagnose_change import diagnose_change
 
@@ -42,10 +42,10 @@ REFERENCE, CASE = (0, 1, 2), (3, -1)
 
 
 def recorded(
-    bench: Bench, plant: Plant, which: tuple[int, ...]
+    setup: CaseSetup, plant: TrueArm, which: tuple[int, ...]
 ) -> list[Columns] | None:
     """The recordings of some motions, or none where one of them does not run well."""
-    rows = [bench.run(plant, k) for k in which]
+    rows = [setup.run(plant, k) for k in which]
     return None if any(r is None for r in rows) else [r for r in rows if r is not None]
 
 
@@ -64,32 +64,32 @@ def make_pair(
         duration=(8.0, 12.0),
     )
     for _ in range(40):
-        bench = draw_bench(conditions, rng)
-        if bench is None:
+        setup = draw_setup(conditions, rng)
+        if setup is None:
             continue
         none = np.array([], dtype=int)
         law = LAWS["payload"]
-        causes = [Cause(law, none, law.draw(rng, bench.scene, none))] if loaded else []
-        healthy, today = bench.plant(()), bench.plant(causes)
+        causes = [Cause(law, none, law.draw(rng, setup.scene, none))] if loaded else []
+        healthy, today = setup.plant(()), setup.plant(causes)
         for name in ("coulomb", "viscous"):
             today.values[name] = today.values[name] * (
-                1.0 + rng.uniform(-DAY, DAY, bench.arm.n)
+                1.0 + rng.uniform(-DAY, DAY, setup.arm.n)
             )
         before, after = (
-            recorded(bench, healthy, REFERENCE),
-            recorded(bench, today, CASE),
+            recorded(setup, healthy, REFERENCE),
+            recorded(setup, today, CASE),
         )
         if before is None or after is None:
             continue
-        none_known = np.zeros(bench.arm.n)
+        none_known = np.zeros(setup.arm.n)
         believed = replace(
-            bench, arm=replace(bench.arm, coulomb=none_known, viscous=none_known)
+            setup, arm=replace(setup.arm, coulomb=none_known, viscous=none_known)
         )
         for name, plant, rows in (
             ("reference", healthy, before),
             ("case", today, after),
         ):
-            made = Made(believed, plant, tuple(causes), [*rows, rows[-1]], {})
+            made = MadeCase(believed, plant, tuple(causes), [*rows, rows[-1]], {})
             write_case(made, name, False, folder / name, folder / f"{name}.csv")
         return causes[0].label()["parameters"] if causes else {}
     raise GapscopeError(f"no pair of {robot} came about", "draw from another seed")

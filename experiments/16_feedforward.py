@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from feedforward_arms import MODELS, ROBOTS, prepare
 
-from gapscope.agents.evaluation import Bench, Plan
+from gapscope.agents.evaluation import EvaluationPlan, TrackingBench
 from gapscope.agents.model_files import read_model
 from gapscope.agents.statistics import interquartile_mean, mean_of
 from gapscope.arm.errors import GapscopeError
@@ -60,8 +60,8 @@ def cell(
     """Episodes of one model, and the largest stable bandwidths [Hz] of both laws."""
     source = MODELS[model]
     tried = read_model(str(folder / source) if "." in source else source, arm)
-    plan = Plan(engines=(engine,), seeds=(seed,))
-    bench = Bench(arm, effects, plan)
+    plan = EvaluationPlan(engines=(engine,), seeds=(seed,))
+    bench = TrackingBench(arm, effects, plan)
     out: dict[str, Any] = {
         "episodes": [
             episode.row() for episode in bench.episodes(model, tried, engine, seed)
@@ -69,7 +69,7 @@ def cell(
         "margin": {"feedforward": bench.margin(tried, engine)},
     }
     if model in INSIDE:
-        out["margin"]["computed"] = Bench(
+        out["margin"]["computed"] = TrackingBench(
             arm, effects, replace(plan, law="computed")
         ).margin(tried, engine)
     return out

@@ -32,7 +32,7 @@ from gapscope.agents.training.held_out_trial import Policy, episodes, held_out, 
 from gapscope.agents.training.policy import write_agent
 from gapscope.agents.training.task import Task
 from gapscope.agents.training.training_loop import Training
-from gapscope.agents.training.training_settings import Settings, read_settings
+from gapscope.agents.training.training_settings import TrainingSettings, read_settings
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import write_json
 from gapscope.effects.corrected_file import read_corrected
@@ -76,7 +76,7 @@ def cell(
 
 
 def tried(
-    task: Task, settings: Settings, policy: Policy | None
+    task: Task, settings: TrainingSettings, policy: Policy | None
 ) -> dict[str, list[dict[str, Any]]]:
     """Episodes on the hidden arm by engine, of a policy or of none."""
     out = {}

@@ -20,7 +20,7 @@ from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.motions.named_motions import Workspace, draw_motion, workspace
-from gapscope.arm.motions.trajectory import Fourier, Reference
+from gapscope.arm.motions.trajectory import Fourier, ReferenceMotion
 from gapscope.arm.recording import Recording
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.mystery_arm import iiwa, position_controller
@@ -48,7 +48,9 @@ EFFECTS = (
 """What the arm has and its data sheet does not."""
 
 
-def references(space: Workspace, rng: np.random.Generator) -> dict[str, Reference]:
+def references(
+    space: Workspace, rng: np.random.Generator
+) -> dict[str, ReferenceMotion]:
     """The motions by name, those to fit first."""
     fourier = {
         f"fourier {frequency:g} Hz": Fourier.random(

@@ -7,12 +7,12 @@ from typing import Protocol
 import numpy as np
 
 from gapscope.agents.gains import Tuning
-from gapscope.agents.torque_model import Model
+from gapscope.agents.torque_model import TorqueModel
 from gapscope.arm.motions.motion import Motion
 from gapscope.envs.actions import Gains
 
 
-class Controller(Protocol):
+class TrackingController(Protocol):
     """A controller of n joints; it is called at every tick, and its torque is held until the next."""
 
     def torque(
@@ -50,7 +50,7 @@ class Feedforward:
     """
 
     def __init__(
-        self, gains: Gains, limit: np.ndarray, model: Model | None = None
+        self, gains: Gains, limit: np.ndarray, model: TorqueModel | None = None
     ) -> None:
         self.gains, self.limit, self.model = gains, limit, model
 
@@ -93,7 +93,7 @@ class ComputedTorque:
     Source: siciliano2009.
     """
 
-    def __init__(self, tuning: Tuning, limit: np.ndarray, model: Model) -> None:
+    def __init__(self, tuning: Tuning, limit: np.ndarray, model: TorqueModel) -> None:
         self.tuning, self.limit, self.model = tuning, limit, model
 
     def torque(

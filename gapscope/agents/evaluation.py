@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from gapscope.agents.controllers import ComputedTorque, Controller, Feedforward
+from gapscope.agents.controllers import ComputedTorque, Feedforward, TrackingController
 from gapscope.agents.disturbances import NAMES as DISTURBANCES
 from gapscope.agents.disturbances import check_disturbance, disturbance
 from gapscope.agents.evaluation_cache import Forgetful, Keeper
 from gapscope.agents.gains import Tuning, gains, own_inertia
 from gapscope.agents.stability import largest_factor, settles
-from gapscope.agents.torque_model import ArmModel, Gravity, Model
-from gapscope.agents.tracking import Course, track
-from gapscope.agents.tracking_metrics import Gauge, Measures
+from gapscope.agents.torque_model import ArmModel, Gravity, TorqueModel
+from gapscope.agents.tracking import SampledReference, track
+from gapscope.agents.tracking_metrics import Measures, TrackingMetrics
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.json_file import plain
@@ -45,7 +45,7 @@ DT = 1e-3
 
 
 @dataclass(frozen=True)
-class Plan:
+class EvaluationPlan:
     """How models are evaluated.
 
     Attributes:
@@ -106,7 +106,7 @@ class Episode:
         return dict(plain(row, null_if_not_finite=True))
 
 
-class Bench:
+class TrackingBench:
     """An arm with hidden effects, on which models are tried.
 
     Args:
@@ -119,7 +119,7 @@ class Bench:
     """
 
     def __init__(
-        self, arm: NominalArm, effects: tuple[AppliedEffect, ...], plan: Plan
+        self, arm: NominalArm, effects: tuple[AppliedEffect, ...], plan: EvaluationPlan
     ) -> None:
         self.arm, self.effects, self.plan = arm, effects, plan
         for name in plan.motions:
@@ -128,15 +128,18 @@ class Bench:
             check_disturbance(name, effects)
         body = RigidBody(arm)
         self.space = workspace(body)
-        self._gauge = Gauge(arm, body, self.space)
+        self._gauge = TrackingMetrics(arm, body, self.space)
         self._inertia = own_inertia(arm, self.space.posture)
         self._scale = ArmScale.of(arm)
         self._truth = ArmModel(CorrectedArm(arm, effects))
-        self._courses: dict[tuple[str, int], tuple[Course, np.ndarray]] = {}
+        self._courses: dict[tuple[str, int], tuple[SampledReference, np.ndarray]] = {}
 
     def controller(
-        self, model: Model | None, tuning: Tuning | None = None, limited: bool = True
-    ) -> Controller:
+        self,
+        model: TorqueModel | None,
+        tuning: Tuning | None = None,
+        limited: bool = True,
+    ) -> TrackingController:
         """The controller of the plan's law with a model.
 
         Args:
@@ -161,7 +164,7 @@ class Bench:
             )
         return ComputedTorque(tuning, limit, model)
 
-    def course(self, motion: str, seed: int) -> tuple[Course, np.ndarray]:
+    def course(self, motion: str, seed: int) -> tuple[SampledReference, np.ndarray]:
         """A held-out motion, and the torque that has to be commanded for it [N m], (N, n)."""
         key = (motion, seed)
         if key not in self._courses:
@@ -172,7 +175,7 @@ class Bench:
                     seed,
                 )
             )
-            course = Course.of(
+            course = SampledReference.of(
                 draw_motion(motion, rng, self.space, self.plan.duration),
                 self.plan.duration,
                 DT,
@@ -180,7 +183,7 @@ class Bench:
             self._courses[key] = course, self._truth.series(course.motion)
         return self._courses[key]
 
-    def torque_error(self, model: Model | None, motion: str, seed: int) -> float:
+    def torque_error(self, model: TorqueModel | None, motion: str, seed: int) -> float:
         """NRMSE of a model's feedforward [1]: RMS over the torque's spread per joint, as for the gap; mean of them."""
         course, needed = self.course(motion, seed)
         rows = slice(course.first, course.ticks)
@@ -189,7 +192,7 @@ class Bench:
         return float(np.mean(rms / torque_scale(needed[rows])))
 
     def episodes(
-        self, name: str, model: Model | None, engine: str, seed: int
+        self, name: str, model: TorqueModel | None, engine: str, seed: int
     ) -> Iterator[Episode]:
         """All motions and disturbances of the plan with one model, engine and seed."""
         plan, controller = self.plan, self.controller(model)
@@ -215,14 +218,14 @@ class Bench:
                     error,
                 )
 
-    def margin(self, model: Model | None, engine: str) -> float:
+    def margin(self, model: TorqueModel | None, engine: str) -> float:
         """Largest bandwidth at which the loop stays stable on a held-out motion [Hz].
 
         See ``gapscope.agents.stability``. Without torque limits, so that what is unstable grows.
         """
         rng = np.random.default_rng(HELD_OUT)
         reference = draw_motion("fourier", rng, self.space, MARGIN_TIME)
-        course = Course.of(reference, MARGIN_TIME, DT, settle=0.0)
+        course = SampledReference.of(reference, MARGIN_TIME, DT, settle=0.0)
         with self._simulated(engine) as simulated:
 
             def stable(factor: float) -> bool:
@@ -271,8 +274,8 @@ class Evaluation:
 
 
 def evaluate(
-    models: Mapping[str, Model | None],
-    bench: Bench,
+    models: Mapping[str, TorqueModel | None],
+    bench: TrackingBench,
     progress: Callable[[str], None] = lambda message: None,
     keeper: Keeper | None = None,
 ) -> Evaluation:
@@ -304,6 +307,6 @@ def evaluate(
 
 
 def _episodes(
-    bench: Bench, name: str, model: Model | None, engine: str, seed: int
+    bench: TrackingBench, name: str, model: TorqueModel | None, engine: str, seed: int
 ) -> list[Episode]:
     return list(bench.episodes(name, model, engine, seed))

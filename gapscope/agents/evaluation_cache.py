@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol
 
-from gapscope.agents.torque_model import Model
+from gapscope.agents.torque_model import TorqueModel
 
 if TYPE_CHECKING:
     from gapscope.agents.evaluation import Episode
@@ -17,7 +17,7 @@ class Keeper(Protocol):
     def episodes(
         self,
         name: str,
-        model: Model | None,
+        model: TorqueModel | None,
         engine: str,
         seed: int,
         work: Callable[[], list[Episode]],
@@ -25,7 +25,11 @@ class Keeper(Protocol):
         """Episodes of a model with one seed: those kept, or those that ``work`` returns."""
 
     def margin(
-        self, name: str, model: Model | None, engine: str, work: Callable[[], float]
+        self,
+        name: str,
+        model: TorqueModel | None,
+        engine: str,
+        work: Callable[[], float],
     ) -> float:
         """Largest stable bandwidth of a model [Hz]: the one kept, or the one that ``work`` returns."""
 
@@ -36,7 +40,7 @@ class Forgetful:
     def episodes(
         self,
         name: str,
-        model: Model | None,
+        model: TorqueModel | None,
         engine: str,
         seed: int,
         work: Callable[[], list[Episode]],
@@ -45,7 +49,11 @@ class Forgetful:
         return work()
 
     def margin(
-        self, name: str, model: Model | None, engine: str, work: Callable[[], float]
+        self,
+        name: str,
+        model: TorqueModel | None,
+        engine: str,
+        work: Callable[[], float],
     ) -> float:
         """What ``work`` returns."""
         return work()

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gapscope.agents.controllers import ComputedTorque, Controller, Feedforward
+from gapscope.agents.controllers import ComputedTorque, Feedforward, TrackingController
 from gapscope.agents.evaluation import DT
 from gapscope.agents.gains import Tuning, gains, own_inertia
 from gapscope.agents.torque_model import ArmModel
-from gapscope.agents.tracking import Course, track
-from gapscope.agents.tracking_metrics import Gauge, Measures
+from gapscope.agents.tracking import SampledReference, track
+from gapscope.agents.tracking_metrics import Measures, TrackingMetrics
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.named_motions import draw_motion, workspace
 from gapscope.arm.nominal import NominalArm
@@ -32,23 +32,23 @@ CASES = (
     "computed, right model",
     "computed, wrong model",
 )
-"""What ``shaking`` compares: the model outside the loop, and inside it."""
+"""What ``run_instability_demo`` compares: the model outside the loop, and inside it."""
 
 
 @dataclass(frozen=True)
-class Shaking:
+class InstabilityDemo:
     """One of ``CASES``, and what came of it."""
 
     case: str
     measures: Measures
 
 
-def shaking(
+def run_instability_demo(
     arm: NominalArm,
     bandwidth: float = 5.0,
     engine: str = "pybullet",
     duration: float = 2.0,
-) -> list[Shaking]:
+) -> list[InstabilityDemo]:
     """Track one motion with each of ``CASES`` at the same gains.
 
     The true arm is the nominal one but for a delay of ``DELAY`` on every joint; the wrong model has too much inertia.
@@ -81,14 +81,16 @@ def shaking(
         ),
         *delay,
     )
-    gauge = Gauge(arm, body, space)
+    gauge = TrackingMetrics(arm, body, space)
     models = [ArmModel(CorrectedArm(arm, effects)) for effects in (delay, wrong)]
-    controllers: list[Controller] = [Feedforward(gains(inertia, tuning), gauge.limit)]
+    controllers: list[TrackingController] = [
+        Feedforward(gains(inertia, tuning), gauge.limit)
+    ]
     controllers += [
         Feedforward(gains(inertia, tuning), gauge.limit, model) for model in models
     ]
     controllers += [ComputedTorque(tuning, gauge.limit, model) for model in models]
-    course = Course.of(
+    course = SampledReference.of(
         draw_motion("fourier", np.random.default_rng(0), space, duration), duration, DT
     )
     out = []
@@ -97,5 +99,5 @@ def shaking(
     ) as simulated:
         for case, controller in zip(CASES, controllers, strict=True):
             done = track(simulated, controller, course.planned(controller))
-            out.append(Shaking(case, gauge(done, DT, duration)))
+            out.append(InstabilityDemo(case, gauge(done, DT, duration)))
     return out

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from gapscope.agents.torque_model import ArmModel, Gravity, Model
+from gapscope.agents.torque_model import ArmModel, Gravity, TorqueModel
 from gapscope.arm.case import load_case
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.json_file import read_json
@@ -32,7 +32,7 @@ def named(entry: str) -> tuple[str, str]:
     return (usual or path.stem), entry
 
 
-def read_models(entries: list[str], arm: NominalArm) -> dict[str, Model | None]:
+def read_models(entries: list[str], arm: NominalArm) -> dict[str, TorqueModel | None]:
     """Models by name, in their order; ``None`` is PD alone.
 
     Args:
@@ -43,7 +43,7 @@ def read_models(entries: list[str], arm: NominalArm) -> dict[str, Model | None]:
     Raises:
         InputError: a file is missing or no model, is of an arm with other joints, or two models have one name.
     """
-    models: dict[str, Model | None] = {}
+    models: dict[str, TorqueModel | None] = {}
     for entry in entries:
         name, source = named(entry)
         if not name or name in models:
@@ -54,7 +54,7 @@ def read_models(entries: list[str], arm: NominalArm) -> dict[str, Model | None]:
     return models
 
 
-def read_model(source: str, arm: NominalArm) -> Model | None:
+def read_model(source: str, arm: NominalArm) -> TorqueModel | None:
     """One model; see ``read_models``."""
     if source == "pd":
         return None

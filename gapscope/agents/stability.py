@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gapscope.agents.controllers import Controller
-from gapscope.agents.tracking import Course, track
+from gapscope.agents.controllers import TrackingController
+from gapscope.agents.tracking import SampledReference, track
 from gapscope.envs.simulated_arm import SimulatedArm
 from gapscope.envs.velocity_estimate import VELOCITY_CUTOFF
 
@@ -25,8 +25,8 @@ RESOLUTION = 0.02
 
 def settles(
     simulated: SimulatedArm,
-    controller: Controller,
-    course: Course,
+    controller: TrackingController,
+    course: SampledReference,
     cutoff: float | None = VELOCITY_CUTOFF,
 ) -> bool:
     """Whether an arm forgets a kick while it moves: two runs, one with a kick, come together again.

@@ -22,7 +22,7 @@ MEASURES = ("joint_error", "tool_error", "reward", "torque_rate")
 
 
 @dataclass(frozen=True)
-class Line:
+class SummaryLine:
     """Summary of one model in one engine under one disturbance: interquartile means over seeds and motions.
 
     Attributes:
@@ -57,7 +57,7 @@ class Line:
         }
 
 
-def summarise(evaluation: Evaluation) -> list[Line]:
+def summarise(evaluation: Evaluation) -> list[SummaryLine]:
     """A line per disturbance, engine and model, the models in the order in which they were tried."""
     groups: dict[tuple[str, str, str], list[Episode]] = {}
     kinds = dict.fromkeys(episode.disturbance for episode in evaluation.episodes)
@@ -68,7 +68,7 @@ def summarise(evaluation: Evaluation) -> list[Line]:
                     episode
                 )
     return [
-        Line(
+        SummaryLine(
             *key,
             len(episodes),
             sum(e.measures.diverged for e in episodes),
@@ -83,7 +83,7 @@ def summarise(evaluation: Evaluation) -> list[Line]:
     ]
 
 
-def relation(lines: Sequence[Line]) -> float | None:
+def relation(lines: Sequence[SummaryLine]) -> float | None:
     """Spearman's correlation over models and engines of torque error and joint error [1]; ``None`` for fewer than 3.
 
     Of the first disturbance alone.

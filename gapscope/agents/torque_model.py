@@ -17,7 +17,7 @@ STATEFUL = {"actuator_delay": "delay", "actuator_lag": "time_constant"}
 """Effects on the way to the joint that a single sample cannot undo, with the parameter that is their time."""
 
 
-class Model(Protocol):
+class TorqueModel(Protocol):
     """Inverse dynamics of an arm with n joints: the torque to command [N m].
 
     Positions are those that the encoders read.

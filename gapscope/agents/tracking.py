@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gapscope.agents.controllers import Controller
+from gapscope.agents.controllers import TrackingController
 from gapscope.arm.motions.motion import Motion
-from gapscope.arm.motions.trajectory import Reference
+from gapscope.arm.motions.trajectory import ReferenceMotion
 from gapscope.arm.velocity_filter import VelocityFilter
 from gapscope.envs.divergence import diverged
 from gapscope.envs.simulated_arm import SimulatedArm
@@ -21,7 +21,7 @@ BEYOND = 0.25
 
 
 @dataclass(frozen=True)
-class Course:
+class SampledReference:
     """A reference at every tick of a controller, from some time before its start to beyond its end, N ticks.
 
     Attributes:
@@ -36,8 +36,12 @@ class Course:
 
     @classmethod
     def of(
-        cls, reference: Reference, duration: float, dt: float, settle: float = SETTLE
-    ) -> Course:
+        cls,
+        reference: ReferenceMotion,
+        duration: float,
+        dt: float,
+        settle: float = SETTLE,
+    ) -> SampledReference:
         """Sample a reference that starts at rest.
 
         Args:
@@ -58,9 +62,9 @@ class Course:
         )
         return cls(motion, first)
 
-    def planned(self, controller: Controller) -> Course:
+    def planned(self, controller: TrackingController) -> SampledReference:
         """The same with the feedforward of a controller."""
-        return Course(self.motion, self.first, controller.plan(self.motion))
+        return SampledReference(self.motion, self.first, controller.plan(self.motion))
 
     @property
     def ticks(self) -> int:
@@ -69,7 +73,7 @@ class Course:
 
 
 @dataclass(frozen=True)
-class Track:
+class TrackingRun:
     """What an arm did on a course, K ticks from t = 0 on, K less than the course's where it diverged.
 
     Attributes:
@@ -89,12 +93,12 @@ class Track:
 
 def track(
     simulated: SimulatedArm,
-    controller: Controller,
-    course: Course,
+    controller: TrackingController,
+    course: SampledReference,
     *,
     kick: np.ndarray | float = 0.0,
     cutoff: float | None = VELOCITY_CUTOFF,
-) -> Track:
+) -> TrackingRun:
     """Let a simulated arm follow a course; the controller runs at every step of the simulation.
 
     The velocity that the controller has is dq_ref - D(q_ref - q), with D a second-order low-pass differentiator: as the
@@ -127,4 +131,4 @@ def track(
             done, ran_away = i, True
             break
     rows = slice(min(course.first, done), done)
-    return Track(motion.t[rows], motion.q[rows], q[rows], tau[rows], ran_away)
+    return TrackingRun(motion.t[rows], motion.q[rows], q[rows], tau[rows], ran_away)

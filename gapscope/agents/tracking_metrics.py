@@ -7,7 +7,7 @@ from math import inf
 
 import numpy as np
 
-from gapscope.agents.tracking import Track
+from gapscope.agents.tracking import TrackingRun
 from gapscope.arm.dynamics.kinematics import Kinematics
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.named_motions import Workspace
@@ -39,7 +39,7 @@ class Measures:
     diverged: bool
 
 
-class Gauge:
+class TrackingMetrics:
     """Measures the tracks of one arm.
 
     Args:
@@ -61,7 +61,7 @@ class Gauge:
         self._kinematics: Kinematics = space.kinematics
         self._reward = reward or Reward()
 
-    def __call__(self, track: Track, dt: float, duration: float) -> Measures:
+    def __call__(self, track: TrackingRun, dt: float, duration: float) -> Measures:
         """Measure a track with a period of ``dt`` [s] on a course of ``duration`` [s]."""
         every = max(1, round(ACTION / dt))
         reward = self._rewards(track, every, max(1, round(duration / dt) // every))
@@ -77,7 +77,7 @@ class Gauge:
         rate = float(np.sqrt(np.mean((np.diff(track.tau, axis=0) / dt) ** 2)))
         return Measures(joint, tool, reward, rate, False)
 
-    def _rewards(self, track: Track, every: int, actions: int) -> float:
+    def _rewards(self, track: TrackingRun, every: int, actions: int) -> float:
         """Mean reward of the actions, those that were not done included."""
         share = track.tau / self._rated
         total = 0.0

@@ -16,7 +16,7 @@ SETTLING = 0.3
 """Time that the filter is given to forget its start [s]."""
 
 
-class Gains(NamedTuple):
+class FilterGains(NamedTuple):
     """v[k] = b0 q[k] + b1 q[k-1] + b2 q[k-2] + a1 v[k-1] + a2 v[k-2]; b in 1/s, a in 1."""
 
     b0: float
@@ -26,12 +26,12 @@ class Gains(NamedTuple):
     a2: float
 
 
-def bilinear(rate: float, cutoff: float, damping: float) -> Gains:
+def bilinear(rate: float, cutoff: float, damping: float) -> FilterGains:
     """Gains of w^2 s / (s^2 + 2 zeta w s + w^2), s = 2 rate (z - 1) / (z + 1); delay 2 zeta / w at low frequency."""
     w, k = 2 * np.pi * cutoff, 2 * rate
     lead = k**2 + 2 * damping * w * k + w**2
     gain = w**2 * k / lead
-    return Gains(
+    return FilterGains(
         gain,
         0.0,
         -gain,
@@ -40,22 +40,24 @@ def bilinear(rate: float, cutoff: float, damping: float) -> Gains:
     )
 
 
-def semi_implicit(rate: float, cutoff: float, damping: float) -> Gains:
+def semi_implicit(rate: float, cutoff: float, damping: float) -> FilterGains:
     """Gains of v += h (w^2 (q - x) - 2 zeta w v), x += h v at each tick of h = 1 / rate: half a tick faster."""
     wh, h = 2 * np.pi * cutoff / rate, 1.0 / rate
     gain = wh**2 / h
-    return Gains(gain, -gain, 0.0, 2 - 2 * damping * wh - wh**2, 2 * damping * wh - 1)
+    return FilterGains(
+        gain, -gain, 0.0, 2 - 2 * damping * wh - wh**2, 2 * damping * wh - 1
+    )
 
 
-def backward(rate: float, cutoff: float, damping: float) -> Gains:
+def backward(rate: float, cutoff: float, damping: float) -> FilterGains:
     """Gains of the same with v and x on the right-hand side taken after the tick: half a tick slower."""
     wh, h = 2 * np.pi * cutoff / rate, 1.0 / rate
     lead = 1 + 2 * damping * wh + wh**2
     gain = wh**2 / h / lead
-    return Gains(gain, -gain, 0.0, (2 + 2 * damping * wh) / lead, -1 / lead)
+    return FilterGains(gain, -gain, 0.0, (2 + 2 * damping * wh) / lead, -1 / lead)
 
 
-RULES: dict[str, Callable[[float, float, float], Gains]] = {
+RULES: dict[str, Callable[[float, float, float], FilterGains]] = {
     "bilinear": bilinear,
     "semi_implicit": semi_implicit,
     "backward": backward,
@@ -63,7 +65,7 @@ RULES: dict[str, Callable[[float, float, float], Gains]] = {
 """How controllers discretise the filter; a case does not say which, but a recorded velocity does."""
 
 
-def stable(gains: Gains) -> bool:
+def stable(gains: FilterGains) -> bool:
     """Whether both roots of z^2 - a1 z - a2 lie inside the unit circle."""
     return abs(gains.a2) < 1 and abs(gains.a1) < 1 - gains.a2
 
@@ -95,7 +97,7 @@ class VelocityFilter:
         first: np.ndarray | None = None,
     ) -> None:
         gains = (
-            Gains(rate, -rate, 0.0, 0.0, 0.0)
+            FilterGains(rate, -rate, 0.0, 0.0, 0.0)
             if cutoff is None
             else RULES[rule](rate, cutoff, damping)
         )

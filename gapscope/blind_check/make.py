@@ -13,8 +13,8 @@ from joblib import Parallel, delayed
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.blind_check.generator.case import make_case, write_case
-from gapscope.blind_check.generator.conditions import Spec
-from gapscope.blind_check.plan import Plan, allocate_cases
+from gapscope.blind_check.generator.conditions import CaseSpec
+from gapscope.blind_check.plan import BlindPlan, allocate_cases
 from gapscope.blind_check.seal import (
     COMMITMENT,
     LABELS,
@@ -30,7 +30,7 @@ PLAN = "plan.json"
 
 def make(
     out: Path,
-    plan: Plan,
+    plan: BlindPlan,
     *,
     seed: int | None = None,
     labels: Path | None = None,
@@ -86,7 +86,7 @@ def make(
     return out / COMMITMENT, folder / LABELS
 
 
-def _begin(folder: Path, plan: Plan, seed: int | None) -> dict[str, Any]:
+def _begin(folder: Path, plan: BlindPlan, seed: int | None) -> dict[str, Any]:
     """Seed, salt and plan of the set, from an earlier run where there was one."""
     file = folder / PLAN
     if file.is_file():
@@ -108,7 +108,9 @@ def _begin(folder: Path, plan: Plan, seed: int | None) -> dict[str, Any]:
     return begun
 
 
-def _one(spec: Spec, name: str, seed: tuple[int, ...], out: Path, folder: Path) -> str:
+def _one(
+    spec: CaseSpec, name: str, seed: tuple[int, ...], out: Path, folder: Path
+) -> str:
     """Make one case; its folder is renamed into place at the end, after its label was written."""
     aside = out / f".{name}"
     shutil.rmtree(aside, ignore_errors=True)

@@ -15,7 +15,7 @@ from gapscope.blind_check.generator.arms import ROBOTS, USUAL
 from gapscope.blind_check.generator.conditions import (
     STRONG,
     WEAK,
-    Spec,
+    CaseSpec,
     deal,
     deal_conditions,
 )
@@ -35,7 +35,7 @@ ALONE = {"encoder_quantization", *SETUP}
 
 
 @dataclass(frozen=True)
-class Plan:
+class BlindPlan:
     """A set of blind cases.
 
     Attributes:
@@ -109,8 +109,8 @@ COUNTS = ("singles", "pairs", "triples", "outside", "healthy", "ladder")
 """Fields of a plan that count cases."""
 
 
-def read_plan(path: Path) -> Plan:
-    """A plan from a YAML file whose keys are the fields of ``Plan``.
+def read_plan(path: Path) -> BlindPlan:
+    """A plan from a YAML file whose keys are the fields of ``BlindPlan``.
 
     Raises:
         InputError: the file cannot be read, or a key or value is wrong.
@@ -123,7 +123,7 @@ def read_plan(path: Path) -> Plan:
             "give a YAML file with a plan",
             file=path,
         ) from None
-    known = [field.name for field in fields(Plan)]
+    known = [field.name for field in fields(BlindPlan)]
     if not isinstance(content, dict) or (
         unknown := [key for key in content if key not in known]
     ):
@@ -137,10 +137,10 @@ def read_plan(path: Path) -> Plan:
         key: tuple(value) if isinstance(value, list) else value
         for key, value in content.items()
     }
-    return Plan(**values)
+    return BlindPlan(**values)
 
 
-def allocate_cases(plan: Plan, seed: int) -> list[Spec]:
+def allocate_cases(plan: BlindPlan, seed: int) -> list[CaseSpec]:
     """The cases of a plan, in an order that says nothing; the same seed deals the same."""
     rng = np.random.default_rng([seed, 1])
     deck: list[tuple[str, tuple[str, ...]]] = []
@@ -161,7 +161,7 @@ def allocate_cases(plan: Plan, seed: int) -> list[Spec]:
     strong = deal(rng, len(deck), STRONG, [1.0] * len(STRONG))
     weak = deal(rng, len(deck), WEAK, [1.0] * len(WEAK))
     specs = [
-        Spec(
+        CaseSpec(
             kind,
             laws,
             None if kind == "healthy" else weak[k] if kind == "ladder" else strong[k],

@@ -60,7 +60,7 @@ def make(
 ) -> None:
     """Make cases whose effect is withheld, and publish the hash of their labels."""
     from gapscope.blind_check.make import make as make_cases
-    from gapscope.blind_check.plan import COUNTS, Plan, read_plan
+    from gapscope.blind_check.plan import COUNTS, BlindPlan, read_plan
     from gapscope.reports.blind_check.truth import truth_lines
 
     given = dict(
@@ -74,7 +74,7 @@ def make(
         for key, text in (("effects", effects), ("robots", robots))
         if text
     }
-    chosen = replace(read_plan(plan) if plan else Plan(), **changes)  # type: ignore[arg-type]
+    chosen = replace(read_plan(plan) if plan else BlindPlan(), **changes)  # type: ignore[arg-type]
     commitment, truth = make_cases(
         out, chosen, seed=seed, labels=labels, jobs=jobs, progress=_say
     )

@@ -7,9 +7,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from gapscope.agents.evaluation import Bench, Evaluation, Plan, evaluate
+from gapscope.agents.evaluation import (
+    Evaluation,
+    EvaluationPlan,
+    TrackingBench,
+    evaluate,
+)
 from gapscope.agents.model_files import read_models
-from gapscope.agents.summary import Line, relation, summarise
+from gapscope.agents.summary import SummaryLine, relation, summarise
 from gapscope.arm.case import load_case
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.atomic_write import atomic_write
@@ -29,12 +34,12 @@ def evaluate_files(
     models: list[str],
     robot: str | NominalArm,
     effects: Path | None,
-    plan: Plan,
+    plan: EvaluationPlan,
     out: Path,
     progress: Callable[[str], None] = lambda message: None,
     *,
     again: bool = False,
-) -> tuple[dict[str, Any], list[Line], list[Path]]:
+) -> tuple[dict[str, Any], list[SummaryLine], list[Path]]:
     """Evaluate models and write the page, the episodes as CSV and, as the last, ``evaluation.json``.
 
     What is finished is kept in a folder in ``out`` until then, so that the same call goes on after an interruption.
@@ -59,7 +64,7 @@ def evaluate_files(
     hidden = () if effects is None else read_corrected(effects)
     tried = read_models(models, arm)
     with error_context(effects, hidden):
-        bench = Bench(arm, hidden, plan)
+        bench = TrackingBench(arm, hidden, plan)
     make_folder(out)
     try:
         (out / DOCUMENT).unlink(missing_ok=True)
@@ -89,7 +94,9 @@ def evaluate_files(
     return content, lines, [out / name for name in (PAGE, DOCUMENT, TABLE)]
 
 
-def document(bench: Bench, evaluation: Evaluation, lines: list[Line]) -> dict[str, Any]:
+def document(
+    bench: TrackingBench, evaluation: Evaluation, lines: list[SummaryLine]
+) -> dict[str, Any]:
     """An evaluation as plain data; numbers that are not finite are ``None``."""
     plan = bench.plan
     return {

@@ -9,8 +9,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from gapscope.agents.evaluation import Bench, Episode
-from gapscope.agents.torque_model import ArmModel, Model
+from gapscope.agents.evaluation import Episode, TrackingBench
+from gapscope.agents.torque_model import ArmModel, TorqueModel
 from gapscope.agents.tracking_metrics import Measures
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.atomic_write import atomic_write
@@ -36,7 +36,7 @@ class Cells:
         GapscopeError: a kept cell cannot be removed.
     """
 
-    def __init__(self, out: Path, bench: Bench, again: bool = False) -> None:
+    def __init__(self, out: Path, bench: TrackingBench, again: bool = False) -> None:
         self._folder, self.reused = out / FOLDER, 0
         plan = replace(bench.plan, seeds=(0,), engines=bench.plan.engines[:1])
         self._common = [
@@ -51,7 +51,7 @@ class Cells:
     def episodes(
         self,
         name: str,
-        model: Model | None,
+        model: TorqueModel | None,
         engine: str,
         seed: int,
         work: Callable[[], list[Episode]],
@@ -67,7 +67,11 @@ class Cells:
         ]
 
     def margin(
-        self, name: str, model: Model | None, engine: str, work: Callable[[], float]
+        self,
+        name: str,
+        model: TorqueModel | None,
+        engine: str,
+        work: Callable[[], float],
     ) -> float:
         """Largest stable bandwidth [Hz], kept or new."""
         return float(self._cell(("margin", name, engine), model, work))
@@ -85,7 +89,7 @@ class Cells:
             ) from None
 
     def _cell(
-        self, key: tuple[str, ...], model: Model | None, work: Callable[[], Any]
+        self, key: tuple[str, ...], model: TorqueModel | None, work: Callable[[], Any]
     ) -> Any:
         """What a cell holds. Numbers that are infinite are written as Python reads them."""
         parts = [

@@ -64,7 +64,7 @@ def evaluate(
     ] = False,
 ) -> None:
     """Evaluate models by how well an arm is tracked with them."""
-    from gapscope.agents.evaluation import Plan
+    from gapscope.agents.evaluation import EvaluationPlan
     from gapscope.agents.gains import Tuning
     from gapscope.commands.environment_file import chosen
     from gapscope.commands.evaluate import evaluate_files
@@ -78,7 +78,7 @@ def evaluate(
             markup=False,
             soft_wrap=True,
         )
-    plan = Plan(
+    plan = EvaluationPlan(
         _names(given["motions"]),
         _names(given["disturbances"]),
         tuple(range(given["seeds"])),

@@ -18,7 +18,7 @@ from gapscope.agents.training.training_loop import (
     NORMALISATION,
     Training,
 )
-from gapscope.agents.training.training_settings import Settings
+from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.agents.training.tuning import tune
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.json_file import to_json, write_json
@@ -40,7 +40,7 @@ def train_files(
     model: str,
     robot: str,
     effects: Path | None,
-    settings: Settings,
+    settings: TrainingSettings,
     out: Path,
     *,
     again: bool = False,
@@ -87,7 +87,7 @@ def train_files(
     return write_agent(task, settings, trained, out), paths
 
 
-def _asked(task: Task, settings: Settings, trials: int) -> dict[str, Any]:
+def _asked(task: Task, settings: TrainingSettings, trials: int) -> dict[str, Any]:
     """What a command asks for: settings, and hashes of the arm and of what the model takes it for."""
     return {
         "model": _digest(task.name in ("pd", "gravity") and task.name, task.believed),

@@ -13,7 +13,7 @@ import numpy as np
 from gapscope.arm.dynamics.feedforward import KINDS as FEEDFORWARDS
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.named_motions import check_motion_name
-from gapscope.arm.motions.trajectory import Limits, Reference
+from gapscope.arm.motions.trajectory import Limits, ReferenceMotion
 from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm
@@ -207,7 +207,9 @@ def chosen_robot(
     return robot
 
 
-def checked_motion(motion: str | Reference, n_joints: int) -> str | Reference:
+def checked_motion(
+    motion: str | ReferenceMotion, n_joints: int
+) -> str | ReferenceMotion:
     """The motion, if an arm of n joints can follow it.
 
     Raises:

@@ -10,7 +10,7 @@ import numpy as np
 from gapscope.arm.dynamics.feedforward import feedforward
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
-from gapscope.arm.motions.trajectory import Reference
+from gapscope.arm.motions.trajectory import ReferenceMotion
 from gapscope.arm.nominal import NominalArm
 from gapscope.envs.actions import Control
 
@@ -78,7 +78,7 @@ class Course:
         arm: NominalArm,
         body: RigidBody,
         model: str | Feedforward,
-        reference: Reference,
+        reference: ReferenceMotion,
         timing: Timing,
         control: Control,
     ) -> None:
@@ -107,7 +107,7 @@ class Course:
         self.planned = np.hstack([self.q, dq, *ahead, torque])
 
 
-def sampled(reference: Reference, timing: Timing, steps: int) -> Motion:
+def sampled(reference: ReferenceMotion, timing: Timing, steps: int) -> Motion:
     """A reference at so many steps of the simulation."""
     t = timing.dt * np.arange(steps)
     return Motion(

@@ -14,7 +14,7 @@ from gymnasium.spaces import Box
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.named_motions import draw_motion, workspace
-from gapscope.arm.motions.trajectory import Limits, Reference
+from gapscope.arm.motions.trajectory import Limits, ReferenceMotion
 from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
@@ -112,7 +112,7 @@ class ArmTracking(gymnasium.Env):
         feedforward: str | Feedforward = "nominal",
         simulated: CorrectedArm | None = None,
         encoder_noise: float | Sequence[float] = 0.0,
-        motion: str | Reference = "random",
+        motion: str | ReferenceMotion = "random",
         posture: Sequence[float] | None = None,
         limits: Limits | None = None,
         time_step: float = 1e-3,

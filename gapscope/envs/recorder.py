@@ -10,7 +10,7 @@ from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.feedforward import feedforward
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
-from gapscope.arm.motions.trajectory import Reference
+from gapscope.arm.motions.trajectory import ReferenceMotion
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.velocity_filter import VelocityFilter
@@ -26,7 +26,7 @@ UNSTABLE_SPEED = 50.0
 def record(
     arm: NominalArm,
     effects: tuple[AppliedEffect, ...],
-    reference: Reference,
+    reference: ReferenceMotion,
     controller: Controller,
     *,
     duration: float,
@@ -135,7 +135,7 @@ class _Command:
     def __init__(
         self,
         arm: NominalArm,
-        reference: Reference,
+        reference: ReferenceMotion,
         controller: Controller,
         duration: float,
         settle: float,

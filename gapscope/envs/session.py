@@ -14,7 +14,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.named_motions import check_motion_name, draw_motion, workspace
 from gapscope.arm.motions.sampled import Sampled, read_sampled
-from gapscope.arm.motions.trajectory import Reference
+from gapscope.arm.motions.trajectory import ReferenceMotion
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
@@ -136,7 +136,9 @@ def hidden_by_reading_back(effects: tuple[AppliedEffect, ...]) -> tuple[str, ...
     )
 
 
-def _motions(arm: NominalArm, plan: Plan, rng: np.random.Generator) -> list[Reference]:
+def _motions(
+    arm: NominalArm, plan: Plan, rng: np.random.Generator
+) -> list[ReferenceMotion]:
     """A motion for each recording, from slow to as fast as the limits allow, or as the file of a motion has it."""
     speeds = (
         np.linspace(SLOWEST, 1.0, plan.recordings)
@@ -148,7 +150,7 @@ def _motions(arm: NominalArm, plan: Plan, rng: np.random.Generator) -> list[Refe
         return [sampled.slower(speed) for speed in speeds]
     check_motion_name(plan.motion, arm.n_joints)
     space = workspace(RigidBody(arm))
-    motions: list[Reference] = []
+    motions: list[ReferenceMotion] = []
     for speed in speeds:
         limits = space.limits
         slower = limits._replace(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gapscope.arm.velocity_filter import Gains, bilinear
+from gapscope.arm.velocity_filter import FilterGains, bilinear
 
 VELOCITY_CUTOFF = 80.0
 """Cut-off of the velocity estimate [Hz]; at most ``WIDEST`` of the rate at which the encoders are read."""
@@ -17,6 +17,6 @@ def cutoff(rate: float) -> float:
     return min(VELOCITY_CUTOFF, WIDEST * rate)
 
 
-def estimate_gains(rate: float) -> Gains:
+def estimate_gains(rate: float) -> FilterGains:
     """Gains of the differentiator at a rate [Hz]."""
     return bilinear(rate, cutoff(rate), VELOCITY_DAMPING)

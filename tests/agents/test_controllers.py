@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from gapscope.agents.controllers import ComputedTorque, Feedforward
-from gapscope.agents.evaluation import Bench, Plan
+from gapscope.agents.evaluation import EvaluationPlan, TrackingBench
 from gapscope.agents.gains import Tuning, gains, own_inertia
 from gapscope.agents.torque_model import ArmModel, Gravity
-from gapscope.agents.tracking import Course, track
+from gapscope.agents.tracking import SampledReference, track
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.named_motions import draw_motion, workspace
@@ -101,7 +101,7 @@ def test_inverse_dynamics_tracks_an_arm_without_effects_within_a_milliradian(
         if computed
         else Feedforward(gains(own_inertia(arm, space.posture), tuning), limit, model)
     )
-    course = Course.of(
+    course = SampledReference.of(
         draw_motion("fourier", np.random.default_rng(5), space, 2.0), 2.0, 1e-3
     ).planned(controller)
     with SimulatedArm(arm, encoder_step=arm.encoder_step) as simulated:
@@ -114,7 +114,7 @@ def test_inverse_dynamics_tracks_an_arm_without_effects_within_a_milliradian(
 def test_dry_friction_leaves_less_than_a_milliradian() -> None:
     """RMS of each joint, data-sheet friction of up to 3.5 N m included."""
     arm = iiwa()
-    bench = Bench(arm, (), Plan(duration=2.0))
+    bench = TrackingBench(arm, (), EvaluationPlan(duration=2.0))
     controller = bench.controller(ArmModel(CorrectedArm(arm)))
     course = bench.course("fourier", 0)[0].planned(controller)
     with SimulatedArm(arm, encoder_step=arm.encoder_step) as simulated:

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gapscope.agents.evaluation import Bench, Plan, evaluate
+from gapscope.agents.evaluation import EvaluationPlan, TrackingBench, evaluate
 from gapscope.agents.gains import Tuning
 from gapscope.agents.model_files import named, read_model, read_models
 from gapscope.agents.summary import relation, summarise
 from gapscope.agents.torque_model import ArmModel, Gravity
-from gapscope.agents.tracking import Track
-from gapscope.agents.tracking_metrics import Gauge
+from gapscope.agents.tracking import TrackingRun
+from gapscope.agents.tracking_metrics import TrackingMetrics
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.named_motions import workspace
@@ -28,7 +28,7 @@ HIDDEN = (
     ),
     AppliedEffect("viscous_friction", (1, 2), {"coefficient": [4.0, 3.0]}),
 )
-SHORT = Plan(("fourier",), ("none", "push"), (0, 1), ("pybullet",), 2.0)
+SHORT = EvaluationPlan(("fourier",), ("none", "push"), (0, 1), ("pybullet",), 2.0)
 
 
 def test_measures_by_hand(pendulum: NominalArm) -> None:
@@ -37,8 +37,10 @@ def test_measures_by_hand(pendulum: NominalArm) -> None:
     body = RigidBody(arm)
     t = np.arange(1000) * 1e-3
     tau = np.linspace(0.0, 5.0, 1000)[:, None]
-    measured = Gauge(arm, body, workspace(body))(
-        Track(t, np.zeros((1000, 1)), np.full((1000, 1), 0.01), tau, False), 1e-3, 1.0
+    measured = TrackingMetrics(arm, body, workspace(body))(
+        TrackingRun(t, np.zeros((1000, 1)), np.full((1000, 1), 0.01), tau, False),
+        1e-3,
+        1.0,
     )
     assert measured.joint_error == pytest.approx(0.01)
     assert measured.torque_rate == pytest.approx(5.0 * 1000 / 999)
@@ -49,7 +51,7 @@ def test_measures_by_hand(pendulum: NominalArm) -> None:
 
 
 def test_a_better_model_tracks_better(two: NominalArm) -> None:
-    bench = Bench(two, HIDDEN, SHORT)
+    bench = TrackingBench(two, HIDDEN, SHORT)
     models = {
         "pd": None,
         "gravity": Gravity(two),
@@ -90,14 +92,16 @@ def test_a_better_model_tracks_better(two: NominalArm) -> None:
         line.margin is not None and line.margin > 4.0 and line.diverged == 0
         for line in lines.values()
     )
-    again = evaluate({"nominal": models["nominal"]}, Bench(two, HIDDEN, SHORT)).episodes
+    again = evaluate(
+        {"nominal": models["nominal"]}, TrackingBench(two, HIDDEN, SHORT)
+    ).episodes
     assert again == tuple(e for e in evaluation.episodes if e.model == "nominal")
 
 
 def test_an_arm_that_runs_away_counts_as_diverged(two: NominalArm) -> None:
     free = replace(two, torque_limit=np.full(2, 1e6))
     delay = AppliedEffect("actuator_delay", (1, 2), {"delay": [0.03, 0.03]})
-    bench = Bench(
+    bench = TrackingBench(
         free, (delay,), replace(SHORT, tuning=Tuning(40.0), disturbances=("none",))
     )
     episodes = [
@@ -112,7 +116,7 @@ def test_an_arm_that_runs_away_counts_as_diverged(two: NominalArm) -> None:
 
 
 def test_computed_torque_needs_a_model_with_inertia(two: NominalArm) -> None:
-    bench = Bench(two, (), replace(SHORT, law="computed"))
+    bench = TrackingBench(two, (), replace(SHORT, law="computed"))
     for model in (None, Gravity(two)):
         with pytest.raises(InputError, match="inertia"):
             evaluate({"x": model}, bench)
@@ -137,16 +141,16 @@ def test_straight_lines_need_three_joints_and_a_push_no_other_force(
     two: NominalArm,
 ) -> None:
     with pytest.raises(InputError, match="three joints"):
-        Bench(two, (), replace(SHORT, motions=("pick",)))
+        TrackingBench(two, (), replace(SHORT, motions=("pick",)))
     values = {"force": np.ones(3), "start": np.array(0.0), "end": np.array(1.0)}
     with pytest.raises(InputError, match="external force"):
-        Bench(two, (AppliedEffect("external_force", (), values),), SHORT)
+        TrackingBench(two, (AppliedEffect("external_force", (), values),), SHORT)
 
 
 def test_engines_agree(two: NominalArm) -> None:
     if not installed("mujoco"):
         pytest.skip("needs MuJoCo")
-    bench = Bench(two, HIDDEN, replace(SHORT, disturbances=("none",)))
+    bench = TrackingBench(two, HIDDEN, replace(SHORT, disturbances=("none",)))
     pair = [
         next(bench.episodes("gravity", Gravity(two), engine, 0)).measures
         for engine in ("pybullet", "mujoco")

@@ -5,7 +5,7 @@ import pytest
 
 from gapscope.agents.controllers import Feedforward
 from gapscope.agents.gains import Tuning, gains
-from gapscope.agents.instability_demo import CASES, shaking
+from gapscope.agents.instability_demo import CASES, run_instability_demo
 from gapscope.agents.stability import (
     HIGHEST,
     LOWEST,
@@ -13,7 +13,7 @@ from gapscope.agents.stability import (
     largest_factor,
     settles,
 )
-from gapscope.agents.tracking import Course
+from gapscope.agents.tracking import SampledReference
 from gapscope.arm.motions.point_to_point import PointToPoint
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
@@ -57,7 +57,7 @@ def test_margin_of_a_joint_with_a_delay(floating: NominalArm, delay: float) -> N
         / (2 * np.pi)
     )
     effects = (AppliedEffect("actuator_delay", (1,), {"delay": [delay]}),)
-    course = Course.of(
+    course = SampledReference.of(
         PointToPoint(np.zeros(1), np.full(1, 0.3), 1.0), 2.0, DT, settle=0.0
     )
     with SimulatedArm(floating, effects, DT) as simulated:
@@ -73,7 +73,7 @@ def test_margin_of_a_joint_with_a_delay(floating: NominalArm, delay: float) -> N
 
 @pytest.mark.slow
 def test_an_arm_with_a_wrong_model_inside_the_loop_shakes() -> None:
-    found = {one.case: one.measures for one in shaking(iiwa())}
+    found = {one.case: one.measures for one in run_instability_demo(iiwa())}
     assert tuple(found) == CASES
     right, wrong = found["computed, right model"], found["computed, wrong model"]
     assert right.joint_error < 1e-3 and wrong.joint_error > 0.01

@@ -9,7 +9,7 @@ import pytest
 
 from gapscope.arm.case import load_case
 from gapscope.blind_check.generator.case import make_case, write_case
-from gapscope.blind_check.generator.conditions import Conditions, Spec
+from gapscope.blind_check.generator.conditions import CaseSpec, Conditions
 from gapscope.diagnosis.diagnose import diagnose
 
 pytest.importorskip("mujoco")
@@ -30,7 +30,7 @@ class Solved(NamedTuple):
 def solve(laws: tuple[str, ...], folder: Path, seed: int = 1) -> Solved:
     """Make one small case and diagnose it."""
     made = make_case(
-        Spec(
+        CaseSpec(
             "single" if laws else "healthy", laws, (8.0, 16.0) if laws else None, CLEAN
         ),
         (seed,),

@@ -11,14 +11,14 @@ from small_cases import CLEAN
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.blind_check.generator.bench import Bench, draw_bench
 from gapscope.blind_check.generator.case import make_case
-from gapscope.blind_check.generator.conditions import Conditions, Spec
+from gapscope.blind_check.generator.case_setup import CaseSetup, draw_setup
+from gapscope.blind_check.generator.conditions import CaseSpec, Conditions
 from gapscope.blind_check.generator.law import Cause
 from gapscope.blind_check.generator.laws import BEYOND, INSIDE, LAWS, SETUP
 from gapscope.blind_check.generator.rigid import inverse_dynamics
 from gapscope.blind_check.generator.sizing import draw_joints
-from gapscope.blind_check.plan import Plan, allocate_cases
+from gapscope.blind_check.plan import BlindPlan, allocate_cases
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.setup_faults import FAULTS
 
@@ -27,8 +27,8 @@ GENERATOR = sorted((ROOT / "diagnosis" / "blind" / "generator").rglob("*.py"))
 
 
 @pytest.fixture(scope="module")
-def bench() -> Bench:
-    made = draw_bench(CLEAN, np.random.default_rng(3))
+def setup() -> CaseSetup:
+    made = draw_setup(CLEAN, np.random.default_rng(3))
     assert made is not None
     return made
 
@@ -60,7 +60,7 @@ def test_every_effect_and_fault_of_the_catalogue_has_a_law() -> None:
 
 @pytest.mark.parametrize("name", INSIDE)
 def test_labels_have_the_names_and_units_of_the_catalogue(
-    name: str, bench: Bench
+    name: str, setup: CaseSetup
 ) -> None:
     known = {parameter.name: parameter.unit for parameter in CATALOGUE[name].parameters}
     assert {key: unit for key, unit in LAWS[name].units.items()} == known
@@ -70,17 +70,17 @@ def test_labels_have_the_names_and_units_of_the_catalogue(
     "name", [n for n in (*INSIDE, *BEYOND) if LAWS[n].measure == "torque"]
 )
 def test_a_law_changes_the_torque_and_the_label_is_whole(
-    name: str, bench: Bench
+    name: str, setup: CaseSetup
 ) -> None:
     rng = np.random.default_rng(5)
-    joints = draw_joints(LAWS[name].joints, bench.arm.n, rng)
+    joints = draw_joints(LAWS[name].joints, setup.arm.n, rng)
     assert joints is not None
     drawn = (
-        Cause(LAWS[name], joints, LAWS[name].draw(rng, bench.scene, joints))
+        Cause(LAWS[name], joints, LAWS[name].draw(rng, setup.scene, joints))
         for _ in range(6)
     )
     cause, added = next(
-        (c, a) for c in drawn if (a := bench.signature((c,))) is not None
+        (c, a) for c in drawn if (a := setup.signature((c,))) is not None
     )
     assert added is not None and added.max() > 0.05
     assert set(cause.label()["parameters"]) == set(LAWS[name].units)
@@ -88,32 +88,32 @@ def test_a_law_changes_the_torque_and_the_label_is_whole(
 
 
 def test_the_inverse_dynamics_is_that_of_the_arm_by_another_library(
-    bench: Bench, tmp_path: Path
+    setup: CaseSetup, tmp_path: Path
 ) -> None:
-    (tmp_path / "robot.urdf").write_text(bench.arm.urdf, encoding="utf-8")
+    (tmp_path / "robot.urdf").write_text(setup.arm.urdf, encoding="utf-8")
     body = RigidBody(load_nominal_arm("robot.urdf", folder=tmp_path))
-    q, dq, ddq = np.random.default_rng(0).uniform(-1.0, 1.0, (3, 5, bench.arm.n))
-    assert inverse_dynamics(bench.model, q, dq, ddq) == pytest.approx(
+    q, dq, ddq = np.random.default_rng(0).uniform(-1.0, 1.0, (3, 5, setup.arm.n))
+    assert inverse_dynamics(setup.model, q, dq, ddq) == pytest.approx(
         body.inverse_dynamics(q, dq, ddq), rel=1e-6
     )
 
 
 def test_a_single_effect_has_the_severity_that_was_drawn() -> None:
     label = make_case(
-        Spec("single", ("torque_offset",), (5.0, 10.0), CLEAN), (8,)
+        CaseSpec("single", ("torque_offset",), (5.0, 10.0), CLEAN), (8,)
     ).label
     assert 5.0 <= max(label["signature"]) <= 10.0
     assert label["ratio"] >= 3.0
 
 
 def test_a_healthy_arm_is_its_own_twin() -> None:
-    label = make_case(Spec("healthy", (), None, CLEAN), (9,)).label
+    label = make_case(CaseSpec("healthy", (), None, CLEAN), (9,)).label
     assert label["ratio"] == 1.0
     assert max(label["floor"]) < 0.1
 
 
 def test_the_same_seed_gives_the_same_recording() -> None:
-    spec = Spec("healthy", (), None, CLEAN)
+    spec = CaseSpec("healthy", (), None, CLEAN)
     one, two, other = (
         make_case(spec, seed).rows[0]["tau"] for seed in ((2, 7), (2, 7), (2, 8))
     )
@@ -122,7 +122,7 @@ def test_the_same_seed_gives_the_same_recording() -> None:
 
 
 def test_a_plan_deals_every_kind_and_the_shares_of_the_conditions() -> None:
-    specs = allocate_cases(Plan(), 5)
+    specs = allocate_cases(BlindPlan(), 5)
     assert [
         sum(s.kind == k for s in specs)
         for k in ("single", "pair", "triple", "outside", "healthy", "ladder")
@@ -136,7 +136,7 @@ def test_a_plan_deals_every_kind_and_the_shares_of_the_conditions() -> None:
     ]
     assert sum(s.conditions.bare for s in specs) == 120
     assert {s.laws[0] for s in specs if s.kind == "single"} == {*INSIDE, *SETUP}
-    assert specs == allocate_cases(Plan(), 5) != allocate_cases(Plan(), 6)
+    assert specs == allocate_cases(BlindPlan(), 5) != allocate_cases(BlindPlan(), 6)
     assert all(isinstance(s.conditions, Conditions) for s in specs)
 
 

@@ -13,7 +13,7 @@ from small_cases import CLEAN, Solved, solve
 
 from gapscope.arm.case import load_case
 from gapscope.blind_check.generator.case import make_case, write_case
-from gapscope.blind_check.generator.conditions import Spec
+from gapscope.blind_check.generator.conditions import CaseSpec
 from gapscope.blind_check.scoring.compare import compare
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.model.parametrisation import PARAMETRISATIONS
@@ -70,7 +70,7 @@ def test_nominal_and_real_exchanged_give_the_same_effect_with_the_other_sign(
     entry = one.label["effects"][0]
     more = np.zeros(3)
     more[np.array(entry["joints"]) - 1] = entry["parameters"]["torque"]["value"]
-    healthy = make_case(Spec("healthy", (), None, CLEAN), (4,))
+    healthy = make_case(CaseSpec("healthy", (), None, CLEAN), (4,))
     write_case(healthy, "case", False, tmp_path / "other", tmp_path / "other.csv")
     file = tmp_path / "other" / "case.yaml"
     content = yaml.safe_load(file.read_text())

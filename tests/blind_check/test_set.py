@@ -14,7 +14,7 @@ from gapscope.arm.errors import InputError
 from gapscope.blind_check import make as make_module
 from gapscope.blind_check.frozen import threshold_values
 from gapscope.blind_check.make import make
-from gapscope.blind_check.plan import Plan, read_plan
+from gapscope.blind_check.plan import BlindPlan, read_plan
 from gapscope.blind_check.run import run
 from gapscope.blind_check.score import score
 from gapscope.blind_check.seal import open_labels, readable_labels
@@ -22,7 +22,7 @@ from gapscope.cli import main
 from gapscope.diagnosis import thresholds
 from gapscope.provenance import source_files
 
-PLAN = Plan(
+PLAN = BlindPlan(
     1,
     0,
     0,

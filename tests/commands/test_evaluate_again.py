@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from gapscope.agents.evaluation import Bench
+from gapscope.agents.evaluation import TrackingBench
 from gapscope.commands.evaluation_cells import FOLDER
 from gapscope.provenance import fingerprint
 
@@ -189,17 +189,19 @@ class TestInterrupted:
         """How many cells were worked on; at ``limit`` the plug is pulled."""
         state = {"done": 0, "limit": 10**6}
         for name in ("episodes", "margin"):
-            real = getattr(Bench, name)
+            real = getattr(TrackingBench, name)
 
             def counting(
-                self: Bench, *arguments: object, real: Callable[..., object] = real
+                self: TrackingBench,
+                *arguments: object,
+                real: Callable[..., object] = real,
             ) -> object:
                 if state["done"] >= state["limit"]:
                     raise UnpluggedError
                 state["done"] += 1
                 return real(self, *arguments)
 
-            monkeypatch.setattr(Bench, name, counting)
+            monkeypatch.setattr(TrackingBench, name, counting)
         return state
 
     def test_goes_on_where_it_was(

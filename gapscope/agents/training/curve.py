@@ -9,7 +9,7 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
-from gapscope.agents.training.held_out_trial import Score
+from gapscope.agents.training.held_out_trial import AgentScore
 from gapscope.arm.io.atomic_write import atomic_write
 
 COLUMNS = ("reward", "joint_error", "torque_rate", "ended")
@@ -26,8 +26,8 @@ class Point:
     """
 
     steps: int
-    simulator: Score
-    hidden: Score | None
+    simulator: AgentScore
+    hidden: AgentScore | None
 
     def plain(self) -> dict[str, Any]:
         """As JSON knows it."""
@@ -49,11 +49,11 @@ class Point:
         )
 
 
-def _score(content: dict[str, Any]) -> Score:
+def _score(content: dict[str, Any]) -> AgentScore:
     known: dict[str, Any] = {
         name: inf if value is None else value for name, value in content.items()
     }
-    return Score(**known)
+    return AgentScore(**known)
 
 
 def write_curve(curve: Sequence[Point], path: Path) -> None:

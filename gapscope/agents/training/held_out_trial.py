@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from gapscope.agents.evaluation import HELD_OUT, MOTIONS
-from gapscope.agents.training.training_settings import Settings
+from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.io.json_file import plain
 from gapscope.arm.motions.named_motions import draw_motion
-from gapscope.arm.motions.trajectory import Reference
+from gapscope.arm.motions.trajectory import ReferenceMotion
 from gapscope.envs.environment import ArmTracking
 
 Policy = Callable[[np.ndarray], np.ndarray]
@@ -21,7 +21,7 @@ Policy = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
-class Score:
+class AgentScore:
     """How an agent does on some motions, means over them.
 
     Attributes:
@@ -44,8 +44,8 @@ class Score:
 
 
 def held_out(
-    settings: Settings, env: ArmTracking, first: int = 0
-) -> list[tuple[str, Reference]]:
+    settings: TrainingSettings, env: ArmTracking, first: int = 0
+) -> list[tuple[str, ReferenceMotion]]:
     """Names and motions of an evaluation: those of ``gapscope evaluate``, from seeds that no training draws.
 
     Args:
@@ -69,8 +69,8 @@ def idle(env: ArmTracking) -> Policy:
 
 
 def episodes(
-    env: ArmTracking, policy: Policy, motions: Sequence[tuple[str, Reference]]
-) -> list[Score]:
+    env: ArmTracking, policy: Policy, motions: Sequence[tuple[str, ReferenceMotion]]
+) -> list[AgentScore]:
     """A score for each motion; effects that the environment draws are the same at each call."""
     return [
         _episode(env, policy, motion, number)
@@ -79,18 +79,20 @@ def episodes(
 
 
 def judge(
-    env: ArmTracking, policy: Policy, motions: Sequence[tuple[str, Reference]]
-) -> Score:
+    env: ArmTracking, policy: Policy, motions: Sequence[tuple[str, ReferenceMotion]]
+) -> AgentScore:
     """The mean score over motions."""
     scores = episodes(env, policy, motions)
     reward, error, rate = (
         float(np.mean([getattr(s, name) for s in scores]))
         for name in ("reward", "joint_error", "torque_rate")
     )
-    return Score(reward, error, rate, sum(s.ended for s in scores), len(scores))
+    return AgentScore(reward, error, rate, sum(s.ended for s in scores), len(scores))
 
 
-def _episode(env: ArmTracking, policy: Policy, motion: Reference, number: int) -> Score:
+def _episode(
+    env: ArmTracking, policy: Policy, motion: ReferenceMotion, number: int
+) -> AgentScore:
     observation, _ = env.reset(seed=HELD_OUT + number, options={"motion": motion})
     rewards, errors, rates = [], [], []
     while True:
@@ -105,4 +107,4 @@ def _episode(env: ArmTracking, policy: Policy, motion: Reference, number: int) -
         inf if terminated else float(np.sqrt(np.mean(np.square(x))))
         for x in (errors, rates)
     )
-    return Score(sum(rewards) / count, error, rate, int(terminated), 1)
+    return AgentScore(sum(rewards) / count, error, rate, int(terminated), 1)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gapscope.agents.training.training_settings import Settings
+from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.errors import GapscopeError, InputError
 
 REPLAY = (
@@ -40,7 +40,7 @@ def check_installed() -> None:
         ) from None
 
 
-def make_learner(settings: Settings, environment: Any) -> Any:
+def make_learner(settings: TrainingSettings, environment: Any) -> Any:
     """A learner whose untrained agent does nothing: the deterministic action is exactly zero.
 
     Args:
@@ -83,7 +83,7 @@ class _Gentle:
         return super()._sample_action(0, *more, **options)  # type: ignore[misc]
 
 
-def _hush(learner: Any, settings: Settings, torch: Any) -> None:
+def _hush(learner: Any, settings: TrainingSettings, torch: Any) -> None:
     """Set the last layer of the policy to zero, and the exploration of SAC."""
     policy = learner.policy
     with torch.no_grad():

@@ -17,7 +17,7 @@ from gapscope.agents.training.learner import make_learner, read_weights
 from gapscope.agents.training.normalisation import LARGEST, Normalisation
 from gapscope.agents.training.task import Task
 from gapscope.agents.training.training_loop import NORMALISATION, Trained
-from gapscope.agents.training.training_settings import Settings, from_plain
+from gapscope.agents.training.training_settings import TrainingSettings, from_plain
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import write_json
@@ -42,7 +42,7 @@ class TrainedAgent:
     """
 
     document: dict[str, Any]
-    settings: Settings
+    settings: TrainingSettings
     normalisation: Normalisation
     learner: Any
 
@@ -76,7 +76,7 @@ class TrainedAgent:
 
 
 def write_agent(
-    task: Task, settings: Settings, trained: Trained, folder: Path
+    task: Task, settings: TrainingSettings, trained: Trained, folder: Path
 ) -> dict[str, Any]:
     """Write ``policy.zip``, ``normalisation.npz`` and, as the last, ``agent.json``; returns its content.
 

@@ -7,9 +7,9 @@ from functools import partial
 from typing import Any
 
 from gapscope.agents.model_files import read_arm
-from gapscope.agents.torque_model import ArmModel, Gravity, Model
+from gapscope.agents.torque_model import ArmModel, Gravity, TorqueModel
 from gapscope.agents.training.normalisation import Normalisation, Normalised
-from gapscope.agents.training.training_settings import Settings
+from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.motions.named_motions import check_motion_name
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
@@ -56,18 +56,20 @@ class Task:
         )
         return cls(arm, source, replace(believed, effects=lasting), hidden)
 
-    def model(self) -> Model | None:
+    def model(self) -> TorqueModel | None:
         """The feedforward model; ``None`` is PD alone."""
         if self.name == "pd":
             return None
         return Gravity(self.arm) if self.name == "gravity" else ArmModel(self.believed)
 
-    def check(self, settings: Settings) -> None:
+    def check(self, settings: TrainingSettings) -> None:
         """Check that the arm can do the motions; raises ``InputError`` otherwise."""
         for name in (settings.motion, *settings.motions):
             check_motion_name(name, self.arm.n_joints)
 
-    def simulator(self, settings: Settings, length: float | None = None) -> ArmTracking:
+    def simulator(
+        self, settings: TrainingSettings, length: float | None = None
+    ) -> ArmTracking:
         """The environment made from the model, with the settings' domain randomisation.
 
         Args:
@@ -81,19 +83,23 @@ class Task:
             randomisation=settings.randomisation,
         )
 
-    def hidden_arm(self, settings: Settings, engine: str | None = None) -> ArmTracking:
+    def hidden_arm(
+        self, settings: TrainingSettings, engine: str | None = None
+    ) -> ArmTracking:
         """The environment with the hidden effects; its episodes are as long as an evaluation."""
         options = {"effects": self.hidden or (), "engine": engine or settings.engine}
         return self._environment(settings, settings.duration, **options)
 
-    def normalised(self, settings: Settings, normalisation: Normalisation) -> list[Any]:
+    def normalised(
+        self, settings: TrainingSettings, normalisation: Normalisation
+    ) -> list[Any]:
         """What makes each of the training environments, for a vector environment."""
         return [
             partial(_normalised, self, settings, normalisation)
         ] * settings.environments
 
     def _environment(
-        self, settings: Settings, length: float | None, **options: Any
+        self, settings: TrainingSettings, length: float | None, **options: Any
     ) -> ArmTracking:
         model = self.model()
         return ArmTracking(
@@ -112,6 +118,6 @@ class Task:
 
 
 def _normalised(
-    task: Task, settings: Settings, normalisation: Normalisation
+    task: Task, settings: TrainingSettings, normalisation: Normalisation
 ) -> Normalised:
     return Normalised(task.simulator(settings), normalisation)

@@ -23,7 +23,7 @@ from gapscope.agents.training.learner import (
 )
 from gapscope.agents.training.normalisation import Normalisation
 from gapscope.agents.training.task import Task
-from gapscope.agents.training.training_settings import Settings
+from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.errors import InputError
 
 CHECKPOINTS, EVENTS = "checkpoint", "tensorboard"
@@ -75,7 +75,7 @@ class Training:
     def __init__(
         self,
         task: Task,
-        settings: Settings,
+        settings: TrainingSettings,
         folder: Path,
         progress: Callable[[str], None] = lambda message: None,
     ) -> None:

@@ -34,7 +34,7 @@ LISTS = ("network", "motions", "randomise")
 
 
 @dataclass(frozen=True)
-class Settings:
+class TrainingSettings:
     """Settings of a training.
 
     A training is made of rounds; after each the agent is evaluated and a checkpoint written.
@@ -192,7 +192,7 @@ class Settings:
         unit = per * self.environments
         return unit * -(-self.round_steps // unit)
 
-    def randomised(self) -> Settings:
+    def randomised(self) -> TrainingSettings:
         """The same with domain randomisation: over the effects that a diagnosis can find where none are named."""
         return self if self.randomise else replace(self, randomise=HIDDEN)
 
@@ -213,11 +213,11 @@ class Settings:
         }
 
 
-def read_settings(agent: str | Path, **changed: Any) -> Settings:
+def read_settings(agent: str | Path, **changed: Any) -> TrainingSettings:
     """Settings from a file, or those that ship under the name of an algorithm.
 
     Args:
-        agent: one of ``ALGORITHMS``, or the path of a YAML file with the fields of ``Settings``.
+        agent: one of ``ALGORITHMS``, or the path of a YAML file with the fields of ``TrainingSettings``.
         changed: fields to put in place of the file's; those that are ``None`` are not.
 
     Raises:
@@ -242,7 +242,7 @@ def read_settings(agent: str | Path, **changed: Any) -> Settings:
         raise error.at(path) from None
 
 
-def from_plain(content: Any, **changed: Any) -> Settings:
+def from_plain(content: Any, **changed: Any) -> TrainingSettings:
     """Settings from names with values.
 
     Raises:
@@ -252,7 +252,7 @@ def from_plain(content: Any, **changed: Any) -> Settings:
         raise InputError(
             "expected names with values", "start from a file of agents/training/configs"
         )
-    known = [f.name for f in fields(Settings)]
+    known = [f.name for f in fields(TrainingSettings)]
     for name in content:
         if name not in known:
             raise InputError(
@@ -264,4 +264,4 @@ def from_plain(content: Any, **changed: Any) -> Settings:
         k: tuple(v) if k in ("count", "severity") and isinstance(v, list) else v
         for k, v in content.items()
     }
-    return Settings(**{**content, **changed})
+    return TrainingSettings(**{**content, **changed})

@@ -12,7 +12,7 @@ import yaml
 
 from gapscope.agents.training.task import Task
 from gapscope.agents.training.training_loop import Training
-from gapscope.agents.training.training_settings import Settings
+from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.atomic_write import atomic_write
 
@@ -34,7 +34,7 @@ def check_installed() -> None:
 
 def tune(
     task: Task,
-    settings: Settings,
+    settings: TrainingSettings,
     trials: int,
     folder: Path,
     progress: Callable[[str], None] = lambda message: None,
@@ -114,7 +114,7 @@ def _finished(optuna: Any, storage: Any) -> int:
     )
 
 
-def _start(settings: Settings) -> dict[str, Any]:
+def _start(settings: TrainingSettings) -> dict[str, Any]:
     given = settings.hyperparameters
     return {
         "learning_rate": float(given.get("learning_rate", 3e-4)),
@@ -133,7 +133,7 @@ def _suggest(trial: Any) -> dict[str, Any]:
     }
 
 
-def _with(settings: Settings, found: dict[str, Any]) -> Settings:
+def _with(settings: TrainingSettings, found: dict[str, Any]) -> TrainingSettings:
     others = {name: value for name, value in found.items() if name != "exploration"}
     return replace(
         settings,

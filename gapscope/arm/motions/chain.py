@@ -7,10 +7,10 @@ from typing import Protocol
 
 import numpy as np
 
-from gapscope.arm.motions.trajectory import Reference
+from gapscope.arm.motions.trajectory import ReferenceMotion
 
 
-class Timed(Reference, Protocol):
+class Timed(ReferenceMotion, Protocol):
     """A reference motion that rests outside [0, duration]."""
 
     @property

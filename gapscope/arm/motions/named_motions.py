@@ -13,7 +13,12 @@ from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.motions.chain import Chain, Reversed, Timed
 from gapscope.arm.motions.point_to_point import PointToPoint
 from gapscope.arm.motions.posture import working_posture
-from gapscope.arm.motions.trajectory import Fourier, Limits, Reference, urdf_limits
+from gapscope.arm.motions.trajectory import (
+    Fourier,
+    Limits,
+    ReferenceMotion,
+    urdf_limits,
+)
 from gapscope.arm.motions.weld_seam import WeldSeam
 from gapscope.arm.nearest_name import check_known
 
@@ -79,7 +84,7 @@ def workspace(
 
 def draw_motion(
     name: str, rng: np.random.Generator, space: Workspace, duration: float
-) -> Reference:
+) -> ReferenceMotion:
     """A random motion of a kind, at rest at its start, that lasts for at least ``duration`` [s].
 
     Args:
@@ -119,7 +124,9 @@ def motions_for(n_joints: int) -> tuple[str, ...]:
     return tuple(name for name in MOTIONS if n_joints >= 3 or name not in STRAIGHT)
 
 
-def _fourier(rng: np.random.Generator, space: Workspace, duration: float) -> Reference:
+def _fourier(
+    rng: np.random.Generator, space: Workspace, duration: float
+) -> ReferenceMotion:
     limits, posture = space.limits, space.posture
     frequency = float(rng.uniform(0.1, 0.3))
     centre = posture + rng.uniform(-0.2, 0.2, len(posture)) * _room(space)
@@ -135,25 +142,31 @@ def _fourier(rng: np.random.Generator, space: Workspace, duration: float) -> Ref
 
 def _point_to_point(
     rng: np.random.Generator, space: Workspace, duration: float
-) -> Reference:
+) -> ReferenceMotion:
     return _repeated(rng, space, duration, (_transit,))
 
 
 def _weld_seam(
     rng: np.random.Generator, space: Workspace, duration: float
-) -> Reference:
+) -> ReferenceMotion:
     return _repeated(rng, space, duration, (_seam,))
 
 
-def _pick(rng: np.random.Generator, space: Workspace, duration: float) -> Reference:
+def _pick(
+    rng: np.random.Generator, space: Workspace, duration: float
+) -> ReferenceMotion:
     return _repeated(rng, space, duration, (_descent, _home))
 
 
-def _place(rng: np.random.Generator, space: Workspace, duration: float) -> Reference:
+def _place(
+    rng: np.random.Generator, space: Workspace, duration: float
+) -> ReferenceMotion:
     return _repeated(rng, space, duration, (_transit, _descent, _home))
 
 
-MOTIONS: dict[str, Callable[[np.random.Generator, Workspace, float], Reference]] = {
+MOTIONS: dict[
+    str, Callable[[np.random.Generator, Workspace, float], ReferenceMotion]
+] = {
     "fourier": _fourier,
     "point_to_point": _point_to_point,
     "weld_seam": _weld_seam,

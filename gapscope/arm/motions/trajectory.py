@@ -13,7 +13,7 @@ from gapscope.arm.errors import InputError
 _STEP = np.polynomial.Polynomial([0, 0, 0, 0, 35, -84, 70, -20])
 
 
-class Reference(Protocol):
+class ReferenceMotion(Protocol):
     """A reference motion of n joints; each method takes times [s] of shape (N,) and returns shape (N, n)."""
 
     def position(self, t: np.ndarray) -> np.ndarray:

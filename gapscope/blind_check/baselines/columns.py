@@ -39,7 +39,7 @@ THIN = 5
 
 
 @dataclass(frozen=True)
-class Term:
+class DesignColumn:
     """One column: its effect, its joint (from 1; 0 for the arm)."""
 
     effect: str
@@ -59,7 +59,7 @@ class Design:
     """
 
     gap: np.ndarray
-    terms: tuple[Term, ...]
+    terms: tuple[DesignColumn, ...]
     columns: np.ndarray
     nrmse: np.ndarray
     n_joints: int
@@ -120,32 +120,32 @@ def design(folder: Path) -> Design:
 
 def _columns(
     arm: NominalArm, predicted: Any, nominal: np.ndarray
-) -> list[tuple[Term, np.ndarray]]:
+) -> list[tuple[DesignColumn, np.ndarray]]:
     n = arm.n_joints
     joints = tuple(range(1, n + 1))
-    out: list[tuple[Term, np.ndarray]] = []
+    out: list[tuple[DesignColumn, np.ndarray]] = []
     for effect, step in STEPS.items():
         values = {name: np.full(n, value) for name, value in step.items()}
         change = predicted(AppliedEffect(effect, joints, values)) - nominal
         out += [
-            (Term(effect, j), np.where(np.arange(n) == j - 1, change, 0.0))
+            (DesignColumn(effect, j), np.where(np.arange(n) == j - 1, change, 0.0))
             for j in joints
         ]
     for j in joints:
         offset = AppliedEffect("encoder_offset", (j,), {"offset": np.array([1e-4])})
-        out.append((Term("encoder_offset", j), predicted(offset) - nominal))
+        out.append((DesignColumn("encoder_offset", j), predicted(offset) - nominal))
     zero = np.zeros(3)
     weight = predicted(_payload(zero)) - nominal
-    out.append((Term("payload", 0), weight))
+    out.append((DesignColumn("payload", 0), weight))
     out += [
-        (Term("payload", 0), predicted(_payload(axis)) - nominal - weight)
+        (DesignColumn("payload", 0), predicted(_payload(axis)) - nominal - weight)
         for axis in 0.1 * np.eye(3)
     ]
     for name in ("roll", "pitch"):
         tilt = {"roll": np.array(0.0), "pitch": np.array(0.0), name: np.array(1e-4)}
         out.append(
             (
-                Term("base_tilt", 0),
+                DesignColumn("base_tilt", 0),
                 predicted(AppliedEffect("base_tilt", (), tilt)) - nominal,
             )
         )
@@ -153,7 +153,7 @@ def _columns(
         link = {"link": np.array(float(j)), "mass": np.array(1e-3), "com": zero}
         out.append(
             (
-                Term("link_inertia", j),
+                DesignColumn("link_inertia", j),
                 predicted(AppliedEffect("link_inertia", (), link)) - nominal,
             )
         )

@@ -11,12 +11,12 @@ import numpy as np
 import yaml
 
 from gapscope.arm.errors import GapscopeError
-from gapscope.blind_check.generator.bench import Bench, draw_bench
-from gapscope.blind_check.generator.conditions import STRONG, WEAK, Spec
+from gapscope.blind_check.generator.case_setup import CaseSetup, draw_setup
+from gapscope.blind_check.generator.conditions import STRONG, WEAK, CaseSpec
 from gapscope.blind_check.generator.law import Cause
 from gapscope.blind_check.generator.laws import LAWS
 from gapscope.blind_check.generator.measure import rms
-from gapscope.blind_check.generator.plant import Columns, Plant
+from gapscope.blind_check.generator.plant import Columns, TrueArm
 from gapscope.blind_check.generator.sizing import draw_cause
 from gapscope.blind_check.generator.urdf import text_of
 
@@ -34,7 +34,7 @@ SHOWN = 0.02
 
 
 @dataclass(frozen=True)
-class Made:
+class MadeCase:
     """A case before it is written.
 
     Attributes:
@@ -45,14 +45,14 @@ class Made:
         label: the truth, as JSON knows it.
     """
 
-    bench: Bench
-    plant: Plant
+    setup: CaseSetup
+    plant: TrueArm
     causes: tuple[Cause, ...]
     rows: list[Columns]
     label: dict[str, Any]
 
 
-def make_case(spec: Spec, seed: tuple[int, ...]) -> Made:
+def make_case(spec: CaseSpec, seed: tuple[int, ...]) -> MadeCase:
     """Draw until a case runs well; the same seed gives the same case.
 
     Raises:
@@ -70,7 +70,7 @@ def make_case(spec: Spec, seed: tuple[int, ...]) -> Made:
     )
 
 
-def _eased(spec: Spec, attempt: int) -> Spec:
+def _eased(spec: CaseSpec, attempt: int) -> CaseSpec:
     """The case as it is wanted; after many draws the lowest class of its kind, then nearly true inertials as well.
 
     Some effects cannot reach a high class on some arms: the loop becomes unstable first.
@@ -89,31 +89,31 @@ def _eased(spec: Spec, attempt: int) -> Spec:
     return replace(spec, severity=severity, conditions=conditions)
 
 
-def _attempt(spec: Spec, rng: np.random.Generator, attempt: int) -> Made | None:
-    bench = draw_bench(spec.conditions, rng)
-    if bench is None:
+def _attempt(spec: CaseSpec, rng: np.random.Generator, attempt: int) -> MadeCase | None:
+    setup = draw_setup(spec.conditions, rng)
+    if setup is None:
         return None
     causes = []
     for name in spec.laws:
         drawn = (
-            draw_cause(LAWS[name], bench, spec.severity, rng) for _ in range(DRAWS)
+            draw_cause(LAWS[name], setup, spec.severity, rng) for _ in range(DRAWS)
         )
         cause = next((cause for cause in drawn if cause is not None), None)
         if cause is None:
             return None
         causes.append(cause)
-    plant = bench.plant(causes)
+    plant = setup.plant(causes)
     rows = []
-    for k in [-1, *range(len(bench.motions) - 1)]:
-        recorded = bench.run(plant, k)
+    for k in [-1, *range(len(setup.motions) - 1)]:
+        recorded = setup.run(plant, k)
         if recorded is None:
             return None
         rows.append(recorded)
     rows = rows[1:] + rows[:1]
-    if attempt < EASED[2] and not _shown(bench, causes, rows, spec):
+    if attempt < EASED[2] and not _shown(setup, causes, rows, spec):
         return None
-    gap, scale = bench.gap(rows[-1])
-    ratio = rms(gap) / bench.floor
+    gap, scale = setup.gap(rows[-1])
+    ratio = rms(gap) / setup.floor
     sized = bool(causes) and all(cause.law.measure == "torque" for cause in causes)
     if (
         sized
@@ -123,11 +123,13 @@ def _attempt(spec: Spec, rng: np.random.Generator, attempt: int) -> Made | None:
     ):
         return None
     spoiled = [_spoiled(plant, recorded, rng) for recorded in rows]
-    label = _label(spec, bench, causes, gap, scale, attempt)
-    return Made(bench, plant, tuple(causes), spoiled, label)
+    label = _label(spec, setup, causes, gap, scale, attempt)
+    return MadeCase(setup, plant, tuple(causes), spoiled, label)
 
 
-def _shown(bench: Bench, causes: list[Cause], rows: list[Columns], spec: Spec) -> bool:
+def _shown(
+    setup: CaseSetup, causes: list[Cause], rows: list[Columns], spec: CaseSpec
+) -> bool:
     """Whether what a strong cause does to the unseen motion can be seen in some other recording too.
 
     It has to be ``VISIBLE`` times the floor and ``SHOWN`` of torque NRMSE on the joint where it is widest.
@@ -135,33 +137,33 @@ def _shown(bench: Bench, causes: list[Cause], rows: list[Columns], spec: Spec) -
     torque = len(causes) == 1 and causes[0].law.measure == "torque"
     if not torque or spec.severity is None or spec.severity[0] < VISIBLE:
         return True
-    joint = int(np.argmax(rms(bench.gap(rows[-1])[0] - bench.twin) / bench.floor))
-    gaps = [bench.gap(recorded) for recorded in rows[:-1]]
-    least = VISIBLE * bench.floor[joint]
+    joint = int(np.argmax(rms(setup.gap(rows[-1])[0] - setup.twin) / setup.floor))
+    gaps = [setup.gap(recorded) for recorded in rows[:-1]]
+    least = VISIBLE * setup.floor[joint]
     return any(
         rms(gap)[joint] > max(least, SHOWN * scale[joint]) for gap, scale in gaps
     )
 
 
-def _spoiled(plant: Plant, rows: Columns, rng: np.random.Generator) -> Columns:
+def _spoiled(plant: TrueArm, rows: Columns, rng: np.random.Generator) -> Columns:
     for spoil in plant.spoil:
         rows = spoil(rows, rng)
     return rows
 
 
 def _label(
-    spec: Spec,
-    bench: Bench,
+    spec: CaseSpec,
+    setup: CaseSetup,
     causes: list[Cause],
     gap: np.ndarray,
     scale: np.ndarray,
     attempt: int,
 ) -> dict[str, Any]:
-    nrmse, floor = rms(gap) / scale, bench.floor / scale
-    own = rms(gap - bench.twin) / bench.floor
+    nrmse, floor = rms(gap) / scale, setup.floor / scale
+    own = rms(gap - setup.twin) / setup.floor
     torque = all(cause.law.measure == "torque" for cause in causes)
     steps = [
-        float(c.values["step"].max() / bench.scene.encoder_step)
+        float(c.values["step"].max() / setup.scene.encoder_step)
         for c in causes
         if c.law.measure == "step"
     ]
@@ -176,22 +178,24 @@ def _label(
         "gap": [round(float(x), 5) for x in nrmse],
         "floor": [round(float(x), 5) for x in floor],
         "conditions": asdict(spec.conditions),
-        "motions": bench.kinds,
-        "feedforward": bench.loop.feedforward,
+        "motions": setup.kinds,
+        "feedforward": setup.loop.feedforward,
         "attempts": attempt + 1,
     }
 
 
-def _class(spec: Spec, causes: list[Cause], own: np.ndarray) -> list[float] | None:
+def _class(spec: CaseSpec, causes: list[Cause], own: np.ndarray) -> list[float] | None:
     """The severity class that a single effect has come into; that of the plan for several, none without any."""
     if spec.severity is None or len(causes) != 1 or causes[0].law.measure != "torque":
         return list(spec.severity) if spec.severity else None
     return list(next((c for c in (*WEAK, *STRONG) if own.max() <= c[1]), STRONG[-1]))
 
 
-def write_case(made: Made, name: str, bare: bool, folder: Path, unseen: Path) -> None:
+def write_case(
+    made: MadeCase, name: str, bare: bool, folder: Path, unseen: Path
+) -> None:
     """Write ``case.yaml``, ``robot.urdf`` and the recordings into a folder, the unseen recording elsewhere."""
-    arm, loop = made.bench.arm, made.bench.loop
+    arm, loop = made.setup.arm, made.setup.loop
     folder.mkdir(parents=True)
     unseen.parent.mkdir(parents=True, exist_ok=True)
     root = arm.root
@@ -209,7 +213,7 @@ def write_case(made: Made, name: str, bare: bool, folder: Path, unseen: Path) ->
             "viscous": plain(arm.viscous),
             "torque_limit": plain(loop.limit),
             "encoder": "motor",
-            "encoder_step": made.bench.scene.encoder_step,
+            "encoder_step": made.setup.scene.encoder_step,
         },
     }
     if not bare:

@@ -41,7 +41,7 @@ class Conditions:
 
 
 @dataclass(frozen=True)
-class Spec:
+class CaseSpec:
     """What one case is to be.
 
     Attributes:
@@ -75,7 +75,7 @@ def deal(
 def deal_conditions(
     rng: np.random.Generator, count: int, options: dict[str, Any]
 ) -> list[Conditions]:
-    """Conditions of ``count`` cases; see ``Plan`` for the options."""
+    """Conditions of ``count`` cases; see ``BlindPlan`` for the options."""
     robots = list(options["robots"])
     columns = zip(
         deal(rng, count, robots, [1.0] * len(robots)),

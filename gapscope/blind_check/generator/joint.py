@@ -91,7 +91,7 @@ FIELDS = (
     "shake_phase",
     "one_sided",
 )
-"""Values of a joint, all in SI units on the joint's side; ``Plant`` fills them."""
+"""Values of a joint, all in SI units on the joint's side; ``TrueArm`` fills them."""
 JOINT = np.dtype(
     [(name, "f8", (MOST,)) for name in FIELDS] + [("h", "f8"), ("n", "i8")]
 )

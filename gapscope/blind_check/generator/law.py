@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from gapscope.blind_check.generator.arms import Arm
-from gapscope.blind_check.generator.plant import Plant
+from gapscope.blind_check.generator.plant import TrueArm
 
-Values = dict[str, np.ndarray]
+LawValues = dict[str, np.ndarray]
 
 
 @dataclass(frozen=True)
-class Scene:
+class LawContext:
     """What a law may look at when it draws, n joints.
 
     Attributes:
@@ -46,9 +46,9 @@ class Scene:
     encoder_step: float
 
 
-Draw = Callable[[np.random.Generator, Scene, np.ndarray], Values]
-Act = Callable[[Plant, np.ndarray, Values], None]
-Resize = Callable[[Values, np.ndarray], Values]
+Draw = Callable[[np.random.Generator, LawContext, np.ndarray], LawValues]
+Act = Callable[[TrueArm, np.ndarray, LawValues], None]
+Resize = Callable[[LawValues, np.ndarray], LawValues]
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class Cause:
 
     law: Law
     joints: np.ndarray
-    values: Values
+    values: LawValues
 
     def sized(self, factor: np.ndarray) -> Cause:
         """The same cause with another size."""
@@ -109,7 +109,7 @@ class Cause:
                 return False
         return True
 
-    def act(self, plant: Plant) -> None:
+    def act(self, plant: TrueArm) -> None:
         """Put it into the true arm."""
         self.law.act(plant, self.joints, self.values)
 
@@ -133,7 +133,7 @@ class Cause:
 def times(*names: str) -> Resize:
     """Size by multiplying the values of these names."""
 
-    def resize(values: Values, factor: np.ndarray) -> Values:
+    def resize(values: LawValues, factor: np.ndarray) -> LawValues:
         return {k: v * _fit(factor, v) if k in names else v for k, v in values.items()}
 
     return resize
@@ -142,13 +142,13 @@ def times(*names: str) -> Resize:
 def over(*names: str) -> Resize:
     """Size by dividing the values of these names."""
 
-    def resize(values: Values, factor: np.ndarray) -> Values:
+    def resize(values: LawValues, factor: np.ndarray) -> LawValues:
         return {k: v / _fit(factor, v) if k in names else v for k, v in values.items()}
 
     return resize
 
 
-def fixed(values: Values, factor: np.ndarray) -> Values:
+def fixed(values: LawValues, factor: np.ndarray) -> LawValues:
     """The values as they are: a fault has no size."""
     return values
 

@@ -22,7 +22,7 @@ Outer = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
-class Healthy:
+class HealthyArm:
     """What a healthy arm of a case is, beside its data sheet; n joints.
 
     Attributes:
@@ -44,7 +44,7 @@ class Healthy:
 
 
 @dataclass
-class Plant:
+class TrueArm:
     """An arm in the making, n joints.
 
     Attributes:
@@ -61,7 +61,7 @@ class Plant:
     """
 
     arm: Arm
-    healthy: Healthy
+    healthy: HealthyArm
     loop: Loop
     root: ET.Element
     values: dict[str, np.ndarray] = field(default_factory=dict)

@@ -9,7 +9,7 @@ import numpy as np
 from gapscope.arm.errors import GapscopeError
 from gapscope.blind_check.generator import joint, loop
 from gapscope.blind_check.generator.motions import Motion
-from gapscope.blind_check.generator.plant import Columns, Plant
+from gapscope.blind_check.generator.plant import Columns, TrueArm
 from gapscope.blind_check.generator.rigid import (
     inverse_dynamics,
     model_of,
@@ -25,7 +25,7 @@ LOST = 0.7
 
 
 def simulate(
-    plant: Plant, motion: Motion, ahead: np.ndarray, noise: np.ndarray
+    plant: TrueArm, motion: Motion, ahead: np.ndarray, noise: np.ndarray
 ) -> Columns | None:
     """Run the true arm along a motion; one row per tick of the controller.
 
@@ -100,7 +100,7 @@ def simulate(
 
 
 def _start(
-    plant: Plant, model: Any, data: Any, state: np.ndarray, q: np.ndarray
+    plant: TrueArm, model: Any, data: Any, state: np.ndarray, q: np.ndarray
 ) -> None:
     """Begin at rest where the encoders read the reference, soft joints deflected by gravity, joints cold."""
     n, v = plant.arm.n, plant.values
@@ -123,7 +123,7 @@ def _start(
 class _Outer:
     """Forces on the tip and motion of the base, where the plant has them."""
 
-    def __init__(self, plant: Plant, model: Any, data: Any) -> None:
+    def __init__(self, plant: TrueArm, model: Any, data: Any) -> None:
         self.plant, self.model, self.data, self.tip = (
             plant,
             model,

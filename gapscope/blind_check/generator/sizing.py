@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gapscope.blind_check.generator.bench import Bench
+from gapscope.blind_check.generator.case_setup import CaseSetup
 from gapscope.blind_check.generator.conditions import STRONG
 from gapscope.blind_check.generator.law import Cause, Law
 
@@ -21,7 +21,7 @@ NEAR = 0.2
 
 def draw_cause(
     law: Law,
-    bench: Bench,
+    setup: CaseSetup,
     severity: tuple[float, float] | None,
     rng: np.random.Generator,
 ) -> Cause | None:
@@ -33,10 +33,10 @@ def draw_cause(
         severity: lowest and highest ratio of its own gap to the floor, on the joint where it is widest.
         rng: source of joints and values.
     """
-    joints = draw_joints(law.joints, bench.arm.n, rng)
+    joints = draw_joints(law.joints, setup.arm.n, rng)
     if joints is None:
         return None
-    cause = Cause(law, joints, law.draw(rng, bench.scene, joints))
+    cause = Cause(law, joints, law.draw(rng, setup.scene, joints))
     if severity is None or law.measure == "none":
         return cause
     low, high = severity
@@ -47,13 +47,13 @@ def draw_cause(
     if law.measure == "step":
         return cause.sized(
             np.full(len(joints), target)
-            / (cause.values["step"] / bench.scene.encoder_step)
+            / (cause.values["step"] / setup.scene.encoder_step)
         )
-    return _sized(cause, bench, targets, severity)
+    return _sized(cause, setup, targets, severity)
 
 
 def _sized(
-    cause: Cause, bench: Bench, targets: np.ndarray, severity: tuple[float, float]
+    cause: Cause, setup: CaseSetup, targets: np.ndarray, severity: tuple[float, float]
 ) -> Cause | None:
     """Scale towards the targets: what an effect adds to the gap is nearly proportional to its size.
 
@@ -64,14 +64,14 @@ def _sized(
     for _ in range(TRIES):
         if not cause.believable():
             return None
-        found = bench.signature((cause,))
+        found = setup.signature((cause,))
         if found is None:
             cause, shrink = cause.sized(np.full(len(targets), 0.6)), 0.6 * shrink
             if shrink < 0.2:
                 return None
             continue
         seen = (
-            SEEN / (bench.floor / bench.scene.deviation)
+            SEEN / (setup.floor / setup.scene.deviation)
             if severity[0] >= STRONG[0][0]
             else np.zeros(len(found))
         )

@@ -23,7 +23,7 @@ VECTORS = {
 
 
 @dataclass(frozen=True)
-class Finding:
+class ScoredFinding:
     """One effect that a diagnosis named: its probability, whether it is right, and its set of rivals.
 
     ``covered`` and ``size`` describe the smallest set of names that reaches ``LEVEL``.
@@ -67,7 +67,7 @@ class Compared:
     jaccard: float
     joints: tuple[bool, ...] = ()
     errors: tuple[float, ...] = ()
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[ScoredFinding, ...] = ()
     closure: dict[str, Any] | None = None
     seconds: float | None = None
     robot: str = ""
@@ -161,7 +161,7 @@ def first_parameter_error(truth: dict[str, Any], found: dict[str, Any]) -> float
 
 def _finding(
     entry: dict[str, Any], truth: Sequence[Named], n: int, motions: Sequence[str]
-) -> Finding:
+) -> ScoredFinding:
     candidates = [
         (entry, entry["probability"]),
         *((rival, rival["probability"]) for rival in entry["alternatives"]),
@@ -169,7 +169,7 @@ def _finding(
     names = {e["effect"]: named(e) for e, _ in candidates}
     chosen = smallest_set([(e["effect"], p) for e, p in candidates], LEVEL)
     right = [any(same(t, names[name], n, motions) for t in truth) for name in chosen]
-    return Finding(
+    return ScoredFinding(
         probability=float(entry["probability"]),
         right=any(same(t, names[entry["effect"]], n, motions) for t in truth),
         covered=any(right),

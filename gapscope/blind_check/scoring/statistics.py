@@ -12,7 +12,7 @@ Z95 = 1.959963984540054
 """Quantile of the normal distribution for intervals of 95 %."""
 
 
-class Share(NamedTuple):
+class Proportion(NamedTuple):
     """A count over a number of cases."""
 
     hits: int
@@ -35,9 +35,9 @@ class Share(NamedTuple):
         }
 
 
-def share(values: Sequence[bool]) -> Share:
+def proportion(values: Sequence[bool]) -> Proportion:
     """Share of what is true."""
-    return Share(int(sum(values)), len(values))
+    return Proportion(int(sum(values)), len(values))
 
 
 def wilson(hits: int, count: int) -> tuple[float, float]:

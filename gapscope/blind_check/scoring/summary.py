@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gapscope.blind_check.scoring.compare import LEVEL, Compared
-from gapscope.blind_check.scoring.statistics import brier, ece, reliability, share
+from gapscope.blind_check.scoring.statistics import brier, ece, proportion, reliability
 
 
 def summary(cases: Sequence[Compared]) -> dict[str, Any]:
@@ -53,15 +53,15 @@ def scores(cases: Sequence[Compared]) -> dict[str, Any]:
     closed = [c.closure for c in cases if c.closure is not None]
     return {
         "count": len(cases),
-        "top": share([c.top for c in cases]).plain(),
-        "exact": share([c.exact for c in cases]).plain(),
-        "exact_strict": share([c.exact_strict for c in cases]).plain(),
+        "top": proportion([c.top for c in cases]).plain(),
+        "exact": proportion([c.exact for c in cases]).plain(),
+        "exact_strict": proportion([c.exact_strict for c in cases]).plain(),
         "jaccard": float(np.mean([c.jaccard for c in cases])) if cases else None,
-        "joints": share([right for c in cases for right in c.joints]).plain(),
-        "called_unexplained": share(
+        "joints": proportion([right for c in cases for right in c.joints]).plain(),
+        "called_unexplained": proportion(
             [c.verdict == "unexplained" for c in cases]
         ).plain(),
-        "called_no_gap": share([c.verdict == "no_gap" for c in cases]).plain(),
+        "called_no_gap": proportion([c.verdict == "no_gap" for c in cases]).plain(),
         "parameter_error": _quantiles(errors),
         "gap_closed": _quantiles([x["mean"] for x in closed]),
         "gap_closed_worst_joint": _quantiles([x["worst"] for x in closed]),
@@ -72,10 +72,10 @@ def healthy(cases: Sequence[Compared]) -> dict[str, Any]:
     """False alarms: a healthy arm that is said to have an effect, or a gap that nothing explains."""
     return {
         "count": len(cases),
-        "false_alarms": share(
+        "false_alarms": proportion(
             [c.verdict not in ("no_gap", "failed") for c in cases]
         ).plain(),
-        "effects_named": share([bool(c.found) for c in cases]).plain(),
+        "effects_named": proportion([bool(c.found) for c in cases]).plain(),
     }
 
 
@@ -84,8 +84,10 @@ def unknown(cases: Sequence[Compared]) -> dict[str, Any]:
     outside = [c for c in cases if c.unknown]
     inside = [c for c in cases if c.truth and c.kind in ("single", "pair", "triple")]
     return {
-        "recall": share([c.verdict == "unexplained" for c in outside]).plain(),
-        "false_unknown": share([c.verdict == "unexplained" for c in inside]).plain(),
+        "recall": proportion([c.verdict == "unexplained" for c in outside]).plain(),
+        "false_unknown": proportion(
+            [c.verdict == "unexplained" for c in inside]
+        ).plain(),
     }
 
 
@@ -103,7 +105,7 @@ def calibration(cases: Sequence[Compared]) -> dict[str, Any]:
         "reliability": reliability(p, right),
         "sets": {
             "level": LEVEL,
-            "coverage": share([f.covered for f in findings]).plain(),
+            "coverage": proportion([f.covered for f in findings]).plain(),
             "mean_size": float(np.mean([f.size for f in findings]))
             if findings
             else None,

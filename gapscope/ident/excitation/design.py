@@ -12,7 +12,7 @@ import numpy as np
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
-from gapscope.arm.motions.trajectory import Limits, Reference
+from gapscope.arm.motions.trajectory import Limits, ReferenceMotion
 from gapscope.arm.nominal import NominalArm
 from gapscope.ident.excitation.candidate_model import ExcitationModel
 from gapscope.ident.excitation.criteria import CRITERIA, condition_number
@@ -60,7 +60,7 @@ class Excitation:
         left_out: pairs of bodies that touch by construction and are not checked.
     """
 
-    reference: Reference
+    reference: ReferenceMotion
     motion: Motion
     torque: np.ndarray
     margins: tuple[Margin, ...]
@@ -168,7 +168,7 @@ class Accepted(NamedTuple):
     """A candidate that keeps all limits at every sample: its numbers, its trajectory, and its margins."""
 
     x: np.ndarray
-    reference: Reference
+    reference: ReferenceMotion
     margins: tuple[Margin, ...]
 
 
@@ -204,7 +204,7 @@ def accept(search: TrajectorySearch, final: Checker, plan: ExcitationPlan) -> Ac
     )
 
 
-def sampled(reference: Reference, duration: float, rate: float) -> Motion:
+def sampled(reference: ReferenceMotion, duration: float, rate: float) -> Motion:
     """Samples of a reference at a rate [Hz], from its start to the first sample at or after its end [s]."""
     t = np.arange(int(np.ceil(duration * rate - 1e-9)) + 1) / rate
     return Motion(

@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from scipy.interpolate import BSpline
 
-from gapscope.arm.motions.trajectory import Fourier, Reference
+from gapscope.arm.motions.trajectory import Fourier, ReferenceMotion
 from gapscope.arm.motions.way_points import WayPoints, clamped_quintic
 from gapscope.arm.nearest_name import check_known
 
@@ -50,7 +50,9 @@ class Family(Protocol):
     def pullback(self, free: np.ndarray, gradient: np.ndarray) -> np.ndarray:
         """Gradient by the free numbers, shape (size,), from that by C, shape (m, n)."""
 
-    def reference(self, centre: np.ndarray, coefficients: np.ndarray) -> Reference:
+    def reference(
+        self, centre: np.ndarray, coefficients: np.ndarray
+    ) -> ReferenceMotion:
         """The trajectory about q0 [rad], shape (n,), with C [rad], shape (m, n)."""
 
 

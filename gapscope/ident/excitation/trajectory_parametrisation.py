@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from gapscope.arm.motions.motion import Motion
-from gapscope.arm.motions.trajectory import Limits, Reference
+from gapscope.arm.motions.trajectory import Limits, ReferenceMotion
 from gapscope.ident.excitation.families import Basis, Family
 
 STEP = 0.004
@@ -59,7 +59,7 @@ class Parametrisation:
         """A random x, shape (d,)."""
         return rng.standard_normal(self.size)
 
-    def reference(self, x: np.ndarray) -> Reference:
+    def reference(self, x: np.ndarray) -> ReferenceMotion:
         """The trajectory."""
         found = self._decode(x)
         return self.family.reference(found.centre, found.share * found.gain * found.raw)

@@ -9,13 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from gapscope.agents.statistics import Mean
-from gapscope.agents.summary import Line
+from gapscope.agents.summary import SummaryLine
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.reports.evaluation.table import HEADS, cells
 from gapscope.reports.trajectory.page import COLOURS, FONT, GROUND, INK, LINE, SOFT
 
 
-def write_page(content: dict[str, Any], lines: Sequence[Line], path: Path) -> None:
+def write_page(
+    content: dict[str, Any], lines: Sequence[SummaryLine], path: Path
+) -> None:
     """Write tracking errors by model, the relation to the torque error, stable bandwidths, and the table.
 
     Args:
@@ -58,7 +60,7 @@ def write_page(content: dict[str, Any], lines: Sequence[Line], path: Path) -> No
         aside.write_text(page, encoding="utf-8")
 
 
-def _figure(content: dict[str, Any], lines: Sequence[Line]) -> str:
+def _figure(content: dict[str, Any], lines: Sequence[SummaryLine]) -> str:
     """Four panels, with plotly's code, as HTML."""
     from plotly.graph_objects import Box, Scatter
     from plotly.subplots import make_subplots

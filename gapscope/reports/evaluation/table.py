@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gapscope.agents.statistics import Mean
-from gapscope.agents.summary import Line
+from gapscope.agents.summary import SummaryLine
 
 HEADS = (
     "model",
@@ -37,7 +37,7 @@ MEANS = (
 """Measures and their factors, in the order of the columns."""
 
 
-def tables(lines: list[Line], content: dict[str, Any]) -> Group:
+def tables(lines: list[SummaryLine], content: dict[str, Any]) -> Group:
     """What the terminal shows, within 80 columns: a table for each engine and disturbance."""
     plan = content["plan"]
     heading = (
@@ -57,7 +57,7 @@ def tables(lines: list[Line], content: dict[str, Any]) -> Group:
     )
 
 
-def _table(lines: list[Line], kind: tuple[str, str]) -> Table:
+def _table(lines: list[SummaryLine], kind: tuple[str, str]) -> Table:
     title = f"\n{kind[0]}, disturbance: {kind[1]}"
     shown = Table(
         title=title,
@@ -79,7 +79,7 @@ def _table(lines: list[Line], kind: tuple[str, str]) -> Table:
     return shown
 
 
-def cells(line: Line) -> list[str]:
+def cells(line: SummaryLine) -> list[str]:
     """A line as texts, one per heading."""
     return [
         line.model,
@@ -91,7 +91,7 @@ def cells(line: Line) -> list[str]:
     ]
 
 
-def mean(line: Line, name: str) -> Mean:
+def mean(line: SummaryLine, name: str) -> Mean:
     """A mean of a line by the name of its measure."""
     return line.torque_error if name == "torque_error" else line.means[name]
 

@@ -8,12 +8,14 @@ from pathlib import Path
 
 from gapscope.agents.training.task import Task
 from gapscope.agents.training.training_loop import Trained
-from gapscope.agents.training.training_settings import Settings
+from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.reports.trajectory.page import COLOURS, FONT, GROUND, INK, LINE
 
 
-def write_page(task: Task, settings: Settings, trained: Trained, path: Path) -> None:
+def write_page(
+    task: Task, settings: TrainingSettings, trained: Trained, path: Path
+) -> None:
     """Write joint error and reward over steps, in the simulator and on the hidden arm.
 
     Args:

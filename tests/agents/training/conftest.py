@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gapscope.agents.training.task import Task
-from gapscope.agents.training.training_settings import Settings
+from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.nominal import NominalArm
 
 URDF = """<robot name="rod"><link name="base"/>
@@ -38,7 +38,7 @@ def task(arm: NominalArm) -> Task:
     return Task.of("pd", arm, ())
 
 
-def short(algorithm: str = "ppo", **changed: Any) -> Settings:
+def short(algorithm: str = "ppo", **changed: Any) -> TrainingSettings:
     """Settings of a training that takes seconds."""
     values: dict[str, Any] = {
         "algorithm": algorithm,
@@ -76,4 +76,4 @@ def short(algorithm: str = "ppo", **changed: Any) -> Settings:
         }
         if algorithm == "sac":
             values["hyperparameters"]["ent_coef"] = 0.003
-    return Settings(**{**values, **changed})
+    return TrainingSettings(**{**values, **changed})

@@ -8,7 +8,7 @@ import pytest
 
 from gapscope.agents.training.hyperparameters import ALGORITHMS
 from gapscope.agents.training.training_settings import (
-    Settings,
+    TrainingSettings,
     from_plain,
     read_settings,
 )
@@ -24,8 +24,8 @@ def test_shipped_settings_are_whole(algorithm: str) -> None:
 
 
 def test_randomisation_is_over_what_a_diagnosis_can_find() -> None:
-    assert Settings().randomisation is None
-    found = Settings().randomised().randomisation
+    assert TrainingSettings().randomisation is None
+    found = TrainingSettings().randomised().randomisation
     assert found is not None and "payload" in found.names
 
 

@@ -11,7 +11,7 @@ import pytest
 from gapscope.agents.torque_model import ArmModel, Gravity
 from gapscope.agents.training.held_out_trial import held_out, idle, judge
 from gapscope.agents.training.task import Task
-from gapscope.agents.training.training_settings import Settings
+from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.write_case import write_case
@@ -171,4 +171,4 @@ def test_models_of_other_joints_are_refused(
 
 def test_motions_that_the_arm_cannot_follow_are_refused(arm: NominalArm) -> None:
     with pytest.raises(InputError, match="three joints"):
-        Task.of("pd", arm).check(Settings())
+        Task.of("pd", arm).check(TrainingSettings())

@@ -18,7 +18,7 @@ from gapscope.agents.training.training_loop import (
     WEIGHTS,
     Training,
 )
-from gapscope.agents.training.training_settings import Settings
+from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
@@ -66,7 +66,7 @@ def same(one: Path, other: Path) -> None:
     ids=["ppo", "sac"],
 )
 def test_agents_learn_to_hold_a_rod_up(
-    task: Task, settings: Settings, tmp_path: Path
+    task: Task, settings: TrainingSettings, tmp_path: Path
 ) -> None:
     trained = Training(task, settings, tmp_path / "out").run()
     first, best = trained.curve[0], trained.curve[trained.best]

@@ -4,11 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from gapscope.blind_check.generator.law import Law, Scene, Values, over, sign, times
-from gapscope.blind_check.generator.plant import Plant
+from gapscope.blind_check.generator.law import (
+    Law,
+    LawContext,
+    LawValues,
+    over,
+    sign,
+    times,
+)
+from gapscope.blind_check.generator.plant import TrueArm
 
 
-def _scale(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _scale(
+    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+) -> LawValues:
     count = len(joints)
     return {
         "scale": sign(rng, count) * rng.uniform(0.07, 0.2, count),
@@ -17,13 +26,15 @@ def _scale(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values
     }
 
 
-def _rescale(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _rescale(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.add("scale", joints, values["scale"])
     plant.put("iron", joints, values["iron"])
     plant.put("peak", joints, values["peak"])
 
 
-def _offset(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _offset(
+    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+) -> LawValues:
     count = len(joints)
     return {
         "torque": sign(rng, count)
@@ -32,11 +43,13 @@ def _offset(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Value
     }
 
 
-def _bias(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _bias(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.add("offset", joints, values["torque"])
 
 
-def _clamp(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _clamp(
+    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+) -> LawValues:
     share = rng.uniform(0.65, 0.85, len(joints))
     return {
         "limit": share * scene.peak[joints],
@@ -45,28 +58,30 @@ def _clamp(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values
     }
 
 
-def _clip(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _clip(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.put("clamp", joints, values["limit"])
     plant.put("clamp_slope", joints, values["slope"])
 
 
-def _lag(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _lag(rng: np.random.Generator, scene: LawContext, joints: np.ndarray) -> LawValues:
     return {
         "time_constant": rng.uniform(0.003, 0.01, len(joints)),
         "second": np.full(len(joints), float(rng.integers(0, 2))),
     }
 
 
-def _slow(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _slow(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.put("lag", joints, values["time_constant"])
     plant.put("second", joints, values["second"])
 
 
-def _delay(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _delay(
+    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+) -> LawValues:
     return {"delay": rng.uniform(0.003, 0.009, len(joints))}
 
 
-def _late(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _late(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.add("delay", joints, values["delay"])
 
 

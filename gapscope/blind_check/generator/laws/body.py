@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gapscope.blind_check.generator.law import Law, Scene, Values, sign, times
-from gapscope.blind_check.generator.plant import Plant
+from gapscope.blind_check.generator.law import Law, LawContext, LawValues, sign, times
+from gapscope.blind_check.generator.plant import TrueArm
 from gapscope.blind_check.generator.urdf import (
     Inertial,
     added,
@@ -16,7 +16,9 @@ from gapscope.blind_check.generator.urdf import (
 )
 
 
-def _payload(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _payload(
+    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+) -> LawValues:
     com = np.array(
         [rng.uniform(-0.04, 0.04), rng.uniform(-0.04, 0.04), rng.uniform(-0.01, 0.1)]
     )
@@ -25,14 +27,14 @@ def _payload(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Valu
     return {"mass": mass, "com": com, "radius": radius, "top": mass / scene.arm.payload}
 
 
-def _add_payload(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _add_payload(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     link = moved_links(plant.root)[-1]
     mass, radius = float(values["mass"]), float(values["radius"])
     load = Inertial(mass, values["com"], 0.4 * mass * radius**2 * np.eye(3))
     set_inertial(link, added(inertial_of(link), load))
 
 
-def _link(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _link(rng: np.random.Generator, scene: LawContext, joints: np.ndarray) -> LawValues:
     link = int(rng.integers(2, max(scene.arm.n, 3)))
     body = inertial_of(moved_links(scene.arm.root)[link - 1])
     share = float(sign(rng, 1)[0] * rng.uniform(0.1, 0.3))
@@ -46,7 +48,7 @@ def _link(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
     }
 
 
-def _add_link(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _add_link(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     link = moved_links(plant.root)[int(values["link"]) - 1]
     body = inertial_of(link)
     mass = body.mass + float(values["mass"])
@@ -55,16 +57,18 @@ def _add_link(plant: Plant, joints: np.ndarray, values: Values) -> None:
     )
 
 
-def _armature(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _armature(
+    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+) -> LawValues:
     share = rng.uniform(0.2, 0.8, len(joints))
     return {"inertia": scene.arm.armature[joints] * share, "share": share}
 
 
-def _add_armature(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _add_armature(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.add("armature", joints, values["inertia"])
 
 
-def _tilt(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _tilt(rng: np.random.Generator, scene: LawContext, joints: np.ndarray) -> LawValues:
     angle, way = np.radians(rng.uniform(0.5, 4.0)), rng.uniform(0, 2 * np.pi)
     return {
         "roll": np.array(angle * np.cos(way)),
@@ -72,7 +76,7 @@ def _tilt(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
     }
 
 
-def _tilted(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _tilted(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     turn = Rotation.from_euler(
         "xy", [float(values["roll"]), float(values["pitch"])]
     )  # first x, then y, fixed axes

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gapscope.blind_check.generator.law import Law, Scene, Values, fixed
-from gapscope.blind_check.generator.plant import Columns, Plant
+from gapscope.blind_check.generator.law import Law, LawContext, LawValues, fixed
+from gapscope.blind_check.generator.plant import Columns, TrueArm
 from gapscope.blind_check.generator.urdf import shifted
 
 STAMPS = ("gaps", "repeats", "jitter", "wrong_rate")
@@ -14,11 +14,13 @@ UNITS = ("degrees", "milliseconds", "motor_side")
 """Kinds of wrong units."""
 
 
-def _nothing(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _nothing(
+    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+) -> LawValues:
     return {}
 
 
-def _flip(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _flip(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     def spoil(rows: Columns, rng: np.random.Generator) -> Columns:
         torque = rows["tau"].copy()
         torque[:, joints] *= -1.0
@@ -27,7 +29,7 @@ def _flip(plant: Plant, joints: np.ndarray, values: Values) -> None:
     plant.spoil.append(spoil)
 
 
-def _swap(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _swap(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     def spoil(rows: Columns, rng: np.random.Generator) -> Columns:
         torque = rows["tau"].copy()
         torque[:, joints] = torque[:, joints[::-1]]
@@ -36,11 +38,11 @@ def _swap(plant: Plant, joints: np.ndarray, values: Values) -> None:
     plant.spoil.append(spoil)
 
 
-def _unit(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _unit(rng: np.random.Generator, scene: LawContext, joints: np.ndarray) -> LawValues:
     return {"unit": rng.choice(UNITS), "ratio": np.array(float(rng.integers(50, 161)))}
 
 
-def _rename(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _rename(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     unit, ratio = str(values["unit"]), float(values["ratio"])
 
     def spoil(rows: Columns, rng: np.random.Generator) -> Columns:
@@ -55,11 +57,13 @@ def _rename(plant: Plant, joints: np.ndarray, values: Values) -> None:
     plant.spoil.append(spoil)
 
 
-def _shift(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _shift(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.spoil_urdf = shifted
 
 
-def _stamps(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _stamps(
+    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+) -> LawValues:
     kind = str(rng.choice(STAMPS))
     amount = {
         "gaps": rng.uniform(0.03, 0.1),
@@ -70,7 +74,7 @@ def _stamps(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Value
     return {"kind": np.array(kind), "amount": np.array(amount)}
 
 
-def _restamp(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _restamp(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     kind, amount = str(values["kind"]), float(values["amount"])
 
     def spoil(rows: Columns, rng: np.random.Generator) -> Columns:

@@ -4,29 +4,35 @@ from __future__ import annotations
 
 import numpy as np
 
-from gapscope.blind_check.generator.law import Law, Scene, Values, times
-from gapscope.blind_check.generator.plant import Plant
+from gapscope.blind_check.generator.law import Law, LawContext, LawValues, times
+from gapscope.blind_check.generator.plant import TrueArm
 
 
-def _coulomb(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _coulomb(
+    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+) -> LawValues:
     return {"torque": scene.arm.coulomb[joints] * rng.uniform(0.8, 2.0, len(joints))}
 
 
-def _add_coulomb(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _add_coulomb(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.add("coulomb", joints, values["torque"])
 
 
-def _viscous(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _viscous(
+    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+) -> LawValues:
     return {
         "coefficient": scene.arm.viscous[joints] * rng.uniform(0.8, 3.0, len(joints))
     }
 
 
-def _add_viscous(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _add_viscous(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.add("viscous", joints, values["coefficient"])
 
 
-def _stribeck(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _stribeck(
+    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+) -> LawValues:
     count = len(joints)
     return {
         "torque": scene.arm.coulomb[joints] * rng.uniform(0.8, 2.0, count),
@@ -35,21 +41,23 @@ def _stribeck(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Val
     }
 
 
-def _add_stribeck(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _add_stribeck(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.add("fall", joints, values["torque"])
     plant.put("fall_speed", joints, values["velocity"])
     plant.put("fall_power", joints, values["power"])
 
 
-def _load(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _load(rng: np.random.Generator, scene: LawContext, joints: np.ndarray) -> LawValues:
     return {"coefficient": rng.uniform(0.05, 0.15, len(joints))}
 
 
-def _add_load(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _add_load(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.add("load", joints, values["coefficient"])
 
 
-def _drift(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _drift(
+    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+) -> LawValues:
     count = len(joints)
     power = (scene.arm.coulomb + scene.arm.viscous * scene.speed)[joints] * scene.speed[
         joints
@@ -62,7 +70,7 @@ def _drift(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values
     }
 
 
-def _add_drift(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _add_drift(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.put("drift", joints, values["amplitude"])
     plant.put("drift_time", joints, values["time_constant"])
     plant.put("drift_share", joints, values["share"])

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from gapscope.blind_check.generator.law import Law, Scene, Values, sign, times
-from gapscope.blind_check.generator.plant import Outer, Plant
+from gapscope.blind_check.generator.law import Law, LawContext, LawValues, sign, times
+from gapscope.blind_check.generator.plant import Outer, TrueArm
 
 
-def _bouc_wen(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _bouc_wen(
+    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+) -> LawValues:
     count = len(joints)
     return {
         "torque": scene.deviation[joints] * rng.uniform(0.05, 0.2, count),
@@ -16,12 +18,14 @@ def _bouc_wen(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Val
     }
 
 
-def _bend(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _bend(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.put("hysteresis", joints, values["torque"])
     plant.put("reach", joints, values["reach"])
 
 
-def _uneven(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _uneven(
+    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+) -> LawValues:
     count = len(joints)
     return {
         "torque": scene.arm.coulomb[joints] * rng.uniform(0.5, 1.5, count),
@@ -31,7 +35,7 @@ def _uneven(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Value
     }
 
 
-def _rough(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _rough(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     """Dry friction c + A (1 + sin(n q + phi)) / 2, with c lowered by A / 2 as far as it goes: no more on average."""
     before = plant.values["coulomb"][joints]
     after = np.maximum(before, values["torque"])
@@ -41,7 +45,7 @@ def _rough(plant: Plant, joints: np.ndarray, values: Values) -> None:
     plant.put("uneven_phase", joints, values["phase"])
 
 
-def _leak(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _leak(rng: np.random.Generator, scene: LawContext, joints: np.ndarray) -> LawValues:
     before = np.roll(scene.deviation, 1)[joints]
     return {
         "share": sign(rng, len(joints))
@@ -51,11 +55,13 @@ def _leak(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
     }
 
 
-def _couple(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _couple(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.put("leak", joints, values["share"])
 
 
-def _shake(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _shake(
+    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+) -> LawValues:
     way = rng.standard_normal(3)
     return {
         "acceleration": rng.uniform(0.2, 1.0) * way / np.linalg.norm(way),
@@ -64,7 +70,7 @@ def _shake(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values
     }
 
 
-def _vibrate(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _vibrate(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.shaken = (
         values["acceleration"],
         float(values["frequency"]),
@@ -72,7 +78,7 @@ def _vibrate(plant: Plant, joints: np.ndarray, values: Values) -> None:
     )
 
 
-def _hum(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _hum(rng: np.random.Generator, scene: LawContext, joints: np.ndarray) -> LawValues:
     count = len(joints)
     return {
         "torque": scene.deviation[joints] * rng.uniform(0.05, 0.2, count),
@@ -81,7 +87,7 @@ def _hum(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
     }
 
 
-def _disturb(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _disturb(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     for name, value in (
         ("shake", "torque"),
         ("shake_frequency", "frequency"),
@@ -90,7 +96,7 @@ def _disturb(plant: Plant, joints: np.ndarray, values: Values) -> None:
         plant.put(name, joints, values[value])
 
 
-def _fade(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _fade(rng: np.random.Generator, scene: LawContext, joints: np.ndarray) -> LawValues:
     count = len(joints)
     return {
         "share": rng.uniform(0.1, 0.25, count),
@@ -99,7 +105,7 @@ def _fade(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
     }
 
 
-def _weaken(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _weaken(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     for name, value in (
         ("fade", "share"),
         ("fade_time", "time"),
@@ -108,7 +114,7 @@ def _weaken(plant: Plant, joints: np.ndarray, values: Values) -> None:
         plant.put(name, joints, values[value])
 
 
-def _wall(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _wall(rng: np.random.Generator, scene: LawContext, joints: np.ndarray) -> LawValues:
     way = rng.standard_normal(3)
     way /= np.linalg.norm(way)
     along = scene.tip @ way
@@ -121,7 +127,7 @@ def _wall(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
     }
 
 
-def _meet(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _meet(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     normal, level, stiffness = (
         values["normal"],
         float(values["level"]),
@@ -141,12 +147,14 @@ def _meet(plant: Plant, joints: np.ndarray, values: Values) -> None:
     plant.push = outer
 
 
-def _one_sided(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _one_sided(
+    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+) -> LawValues:
     drag = (scene.arm.coulomb + scene.arm.viscous)[joints]
     return {"coefficient": drag * rng.uniform(0.5, 2.0, len(joints))}
 
 
-def _drag(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _drag(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.put("one_sided", joints, values["coefficient"])
 
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from gapscope.blind_check.generator.law import Law, Scene, Values, sign, times
-from gapscope.blind_check.generator.plant import Outer, Plant
+from gapscope.blind_check.generator.law import Law, LawContext, LawValues, sign, times
+from gapscope.blind_check.generator.plant import Outer, TrueArm
 
 
-def _offset(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _offset(
+    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+) -> LawValues:
     count = len(joints)
     return {
         "offset": sign(rng, count) * rng.uniform(0.015, 0.06, count),
@@ -16,20 +18,24 @@ def _offset(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Value
     }
 
 
-def _misread(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _misread(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.put("encoder", joints, values["offset"])
     plant.put("eccentric", joints, values["eccentric"])
 
 
-def _coarse(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _coarse(
+    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+) -> LawValues:
     return {"step": np.full(len(joints), scene.encoder_step * rng.uniform(3.0, 20.0))}
 
 
-def _round(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _round(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.put("step", joints, values["step"])
 
 
-def _force(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _force(
+    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+) -> LawValues:
     way = rng.standard_normal(3)
     lasts = rng.uniform(0.15, 0.4) * scene.shortest
     start = rng.uniform(1.2, scene.shortest - lasts - 1.2)
@@ -41,7 +47,7 @@ def _force(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values
     }
 
 
-def _push(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _push(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     force = values["force"]
     start, end, ramp = (float(values[name]) for name in ("start", "end", "ramp"))
 

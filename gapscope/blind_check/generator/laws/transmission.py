@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from gapscope.blind_check.generator.law import Law, Scene, Values, sign, times
-from gapscope.blind_check.generator.plant import Plant
+from gapscope.blind_check.generator.law import Law, LawContext, LawValues, sign, times
+from gapscope.blind_check.generator.plant import TrueArm
 
 TOOTH = 80.0
 """Resonance of the closed gear of a joint with free play [Hz]."""
 
 
-def _elastic(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _elastic(
+    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+) -> LawValues:
     frequency = rng.uniform(6.0, 14.0, len(joints))
     link, rotor = scene.inertia[joints], scene.arm.armature[joints]
     stiffness = link * (2 * np.pi * frequency) ** 2
@@ -28,7 +30,7 @@ def _elastic(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Valu
     }
 
 
-def _softer(values: Values, factor: np.ndarray) -> Values:
+def _softer(values: LawValues, factor: np.ndarray) -> LawValues:
     """A spring that yields ``factor`` times as far, with the same damping ratio."""
     return {
         "stiffness": values["stiffness"] / factor,
@@ -38,12 +40,14 @@ def _softer(values: Values, factor: np.ndarray) -> Values:
     }
 
 
-def _soften(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _soften(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     for name in ("stiffness", "damping", "hardening"):
         plant.put(name, joints, values[name])
 
 
-def _backlash(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _backlash(
+    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+) -> LawValues:
     link, rotor = scene.inertia[joints], scene.arm.armature[joints]
     stiffness = link * (2 * np.pi * TOOTH) ** 2
     return {
@@ -53,13 +57,15 @@ def _backlash(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Val
     }
 
 
-def _loosen(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _loosen(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.put("play", joints, 0.5 * values["width"])
     plant.put("stiffness", joints, values["stiffness"])
     plant.put("damping", joints, values["damping"])
 
 
-def _ripple(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _ripple(
+    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+) -> LawValues:
     count = len(joints)
     return {
         "amplitude": scene.deviation[joints] * rng.uniform(0.05, 0.15, count),
@@ -69,7 +75,7 @@ def _ripple(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Value
     }
 
 
-def _cog(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _cog(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     for name, value in (
         ("ripple", "amplitude"),
         ("cycles", "cycles"),
@@ -79,7 +85,9 @@ def _cog(plant: Plant, joints: np.ndarray, values: Values) -> None:
         plant.put(name, joints, values[value])
 
 
-def _spring(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Values:
+def _spring(
+    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+) -> LawValues:
     count = len(joints)
     swing = np.maximum(scene.swing[joints], 0.3)
     share = rng.uniform(0.2, 0.6, count)
@@ -91,7 +99,7 @@ def _spring(rng: np.random.Generator, scene: Scene, joints: np.ndarray) -> Value
     }
 
 
-def _pull(plant: Plant, joints: np.ndarray, values: Values) -> None:
+def _pull(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     for name, value in (("spring", "stiffness"), ("rest", "rest"), ("cubic", "cubic")):
         plant.put(name, joints, values[value])
 

@@ -11,11 +11,11 @@ from scipy.interpolate import CubicSpline
 
 from gapscope.blind_check.generator.arms import Arm, draw_arm
 from gapscope.blind_check.generator.conditions import Conditions
-from gapscope.blind_check.generator.law import Cause, Scene
+from gapscope.blind_check.generator.law import Cause, LawContext
 from gapscope.blind_check.generator.loop import Loop
 from gapscope.blind_check.generator.measure import KNEE, nominal_torque, residual, rms
 from gapscope.blind_check.generator.motions import Motion, draw_motion
-from gapscope.blind_check.generator.plant import Columns, Healthy, Plant
+from gapscope.blind_check.generator.plant import Columns, HealthyArm, TrueArm
 from gapscope.blind_check.generator.rigid import (
     inertia_diagonal,
     inverse_dynamics,
@@ -32,7 +32,7 @@ RESTLESS = 0.35
 
 
 @dataclass(frozen=True)
-class Bench:
+class CaseSetup:
     """What stays the same while causes are tried; the last motion is the unseen one.
 
     Attributes:
@@ -48,7 +48,7 @@ class Bench:
 
     arm: Arm
     loop: Loop
-    healthy: Healthy
+    healthy: HealthyArm
     model: Any
     believed: Any
     motions: list[Motion]
@@ -56,18 +56,18 @@ class Bench:
     ahead: list[np.ndarray]
     noise: list[np.ndarray]
     thin: int
-    scene: Scene
+    scene: LawContext
     floor: np.ndarray
     twin: np.ndarray
 
-    def plant(self, causes: Sequence[Cause]) -> Plant:
+    def plant(self, causes: Sequence[Cause]) -> TrueArm:
         """The true arm with some causes."""
-        plant = Plant(self.arm, self.healthy, self.loop, copied(self.believed))
+        plant = TrueArm(self.arm, self.healthy, self.loop, copied(self.believed))
         for cause in causes:
             cause.act(plant)
         return plant
 
-    def run(self, plant: Plant, which: int) -> Columns | None:
+    def run(self, plant: TrueArm, which: int) -> Columns | None:
         """One recording, thinned to its rate, before any fault of the set-up; ``None`` where it cannot be used."""
         rows = simulate(
             plant, self.motions[which], self.ahead[which], self.noise[which]
@@ -91,7 +91,7 @@ class Bench:
         return None if rows is None else rms(self.gap(rows)[0] - self.twin) / self.floor
 
 
-def draw_bench(conditions: Conditions, rng: np.random.Generator) -> Bench | None:
+def draw_setup(conditions: Conditions, rng: np.random.Generator) -> CaseSetup | None:
     """A bench for a case; ``None`` where its healthy twin does not run well."""
     arm = draw_arm(conditions.robot, rng)
     model = model_of(arm.urdf)
@@ -108,7 +108,7 @@ def draw_bench(conditions: Conditions, rng: np.random.Generator) -> Bench | None
     ]
     loop = _loop(arm, inertia, torques, conditions, rng)
     encoder_step = 2 * np.pi / 2 ** int(rng.integers(16, 20))
-    healthy = Healthy(
+    healthy = HealthyArm(
         step=STEP,
         encoder_step=encoder_step,
         noise=rng.uniform(0.5e-5, 2.2e-5) * conditions.noise,
@@ -127,7 +127,7 @@ def draw_bench(conditions: Conditions, rng: np.random.Generator) -> Bench | None
         off(believed, conditions.inertials_off, rng)
     scene = _scene(arm, model, motions, torques[-1], inertia, conditions, encoder_step)
     none = np.zeros(arm.n)
-    bench = Bench(
+    setup = CaseSetup(
         arm,
         loop,
         healthy,
@@ -142,11 +142,11 @@ def draw_bench(conditions: Conditions, rng: np.random.Generator) -> Bench | None
         none,
         none,
     )
-    rows = bench.run(bench.plant(()), -1)
+    rows = setup.run(setup.plant(()), -1)
     if rows is None:
         return None
-    twin = bench.gap(rows)[0]
-    return replace(bench, twin=twin, floor=rms(twin))
+    twin = setup.gap(rows)[0]
+    return replace(setup, twin=twin, floor=rms(twin))
 
 
 def sheet_of(arm: Arm) -> dict[str, np.ndarray]:
@@ -238,10 +238,10 @@ def _scene(
     inertia: np.ndarray,
     conditions: Conditions,
     encoder_step: float,
-) -> Scene:
+) -> LawContext:
     unseen = motions[-1]
     deviation = torque.std(axis=0)
-    return Scene(
+    return LawContext(
         arm=arm,
         deviation=np.maximum(deviation, 0.05 * deviation.max()),
         peak=np.abs(torque).max(axis=0),
