@@ -15,10 +15,10 @@ from gapscope.arm.robots import load_nominal_arm
 from gapscope.blind_check.generator.arms import SHEETS
 from gapscope.commands.diagnose import diagnose_path
 from gapscope.commands.identify import identify_path
+from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import read_corrected, write_corrected
 from gapscope.effects.residual.file import write_residual
-from gapscope.effects.severity import ArmScale
 from gapscope.envs.mystery_arm import HIDDEN, iiwa
 from gapscope.envs.randomisation import Randomisation, draw_effects
 from gapscope.envs.session import Plan as Session

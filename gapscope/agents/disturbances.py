@@ -9,7 +9,7 @@ import numpy as np
 from gapscope.arm.errors import InputError
 from gapscope.arm.nearest_name import check_known
 from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.severity import ArmScale
+from gapscope.effects.arm_scale import ArmScale
 
 NAMES = ("none", "push", "noise")
 """``push``: a force on the tool; ``noise``: white noise on the encoders."""

@@ -26,8 +26,8 @@ from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.gap.torque_gap import torque_scale
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.severity import ArmScale
 from gapscope.envs.arguments import positive
 from gapscope.envs.engines import check_engine
 from gapscope.envs.simulated_arm import SimulatedArm

@@ -16,8 +16,8 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.named_motions import draw_motion, workspace
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.severity import ArmScale
 from gapscope.envs.simulated_arm import SimulatedArm
 
 DELAY = 8e-3

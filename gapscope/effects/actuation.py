@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.effect import Parameter, Path, Series
+from gapscope.effects.parametrisation import Parametrisation, Values, linear_in
+from gapscope.effects.sampling import log_uniform, random_sign
 
 
 def saturate(
@@ -102,6 +105,60 @@ def ripple(
     return recorded + ripple_torque(series.position, amplitude, cycles, phase)
 
 
+def saturation_values(x: np.ndarray, nonlinear: np.ndarray) -> Values:
+    """The limit is searched; x0 is 1 with saturation and 0 without."""
+    return {"limit": nonlinear[0]}
+
+
+def ripple_values(x: np.ndarray, nonlinear: np.ndarray) -> Values:
+    """A sin(n q + phi) = x0 sin n q + x1 cos n q."""
+    return {
+        "amplitude": np.hypot(x[0], x[1]),
+        "cycles": nonlinear[0],
+        "phase": np.arctan2(x[1], x[0]),
+    }
+
+
+def draw_limit(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
+    """1 to 1.6 times the torque of each joint."""
+    return {"limit": scale.torque[j] * rng.uniform(1.0, 1.6)}
+
+
+def draw_delay(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
+    """2 to 20 ms."""
+    return {"delay": log_uniform(rng, 0.002, 0.02, len(j))}
+
+
+def draw_lag(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
+    """5 to 30 ms."""
+    return {"time_constant": log_uniform(rng, 0.005, 0.03, len(j))}
+
+
+def draw_scale(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
+    """10 to 30 % too much or too little."""
+    return {"scale": random_sign(rng, len(j)) * rng.uniform(0.1, 0.3, len(j))}
+
+
+def draw_offset(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
+    """5 to 30 % of the torque of each joint."""
+    return {"torque": random_sign(rng) * scale.torque[j] * rng.uniform(0.05, 0.3)}
+
+
+def draw_ripple(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
+    """2 to 10 % of the torque of each joint, a whole number of times per revolution."""
+    return {
+        "amplitude": scale.torque[j] * rng.uniform(0.02, 0.1, len(j)),
+        "cycles": np.round(log_uniform(rng, 2.0, 100.0, len(j))),
+        "phase": rng.uniform(0.0, 2 * np.pi, len(j)),
+    }
+
+
+DELAY_TIME = Parameter("delay", "T", "s", (0.0, 0.2), (0.002, 0.02))
+TIME_CONSTANT = Parameter("time_constant", "T", "s", (0.0, 0.5), (0.005, 0.03))
+SCALE_ERROR = Parameter("scale", "s", "1", (-0.6, 1.5), (0.1, 0.3))
+OFFSET_TORQUE = Parameter("torque", "o", "N m", (-200.0, 200.0), (0.1, 3.5))
+
+
 SATURATION = Path(
     name="torque_saturation",
     family="actuation",
@@ -114,6 +171,11 @@ SATURATION = Path(
     inverse=saturate,
     applied=saturate,
     place=0,
+    parametrisation=Parametrisation(
+        saturation_values, nonlinear=("limit",), lowest=0.6
+    ),
+    severity=draw_limit,
+    limits=True,
 )
 
 DELAY = Path(
@@ -121,7 +183,7 @@ DELAY = Path(
     family="actuation",
     scope="joint",
     equation="applied(t) = recorded(t - T)",
-    parameters=(Parameter("delay", "T", "s", (0.0, 0.2), (0.002, 0.02)),),
+    parameters=(DELAY_TIME,),
     looks_like="a phase lag of the torque that grows linearly with frequency",
     reference="hwangbo2019",
     confused_with=(
@@ -132,6 +194,11 @@ DELAY = Path(
     inverse=delay_inverse,
     applied=delay,
     place=1,
+    parametrisation=linear_in(DELAY_TIME, step=1e-4, lowest=0.0),
+    severity=draw_delay,
+    inherent=True,
+    delays=True,
+    plotted_against="torque rate",
 )
 
 LAG = Path(
@@ -139,7 +206,7 @@ LAG = Path(
     family="actuation",
     scope="joint",
     equation="T d applied / dt + applied = recorded",
-    parameters=(Parameter("time_constant", "T", "s", (0.0, 0.5), (0.005, 0.03)),),
+    parameters=(TIME_CONSTANT,),
     looks_like="a torque that rolls off with frequency",
     reference="hwangbo2019",
     confused_with=(
@@ -149,6 +216,11 @@ LAG = Path(
     inverse=lag_inverse,
     applied=lag,
     place=2,
+    parametrisation=linear_in(TIME_CONSTANT, step=1e-4, lowest=0.0),
+    severity=draw_lag,
+    inherent=True,
+    delays=True,
+    near_equivalent="actuator_delay",
 )
 
 SCALE = Path(
@@ -156,7 +228,7 @@ SCALE = Path(
     family="actuation",
     scope="joint",
     equation="applied = (1 + s) recorded",
-    parameters=(Parameter("scale", "s", "1", (-0.6, 1.5), (0.1, 0.3)),),
+    parameters=(SCALE_ERROR,),
     looks_like="a gap proportional to the whole torque of the joint",
     reference="gautier2014",
     confused_with=(
@@ -167,6 +239,9 @@ SCALE = Path(
     inverse=scale_inverse,
     applied=scale,
     place=3,
+    parametrisation=linear_in(SCALE_ERROR, step=1e-3),
+    severity=draw_scale,
+    plotted_against="recorded torque",
 )
 
 OFFSET = Path(
@@ -174,7 +249,7 @@ OFFSET = Path(
     family="actuation",
     scope="joint",
     equation="applied = recorded + offset",
-    parameters=(Parameter("torque", "o", "N m", (-200.0, 200.0), (0.1, 3.5)),),
+    parameters=(OFFSET_TORQUE,),
     looks_like="a constant torque",
     reference="gautier1992",
     confused_with=(
@@ -184,6 +259,9 @@ OFFSET = Path(
     inverse=offset_inverse,
     applied=offset,
     place=4,
+    parametrisation=linear_in(OFFSET_TORQUE),
+    severity=draw_offset,
+    plotted_against="time",
 )
 
 RIPPLE = Path(
@@ -204,4 +282,8 @@ RIPPLE = Path(
     inverse=ripple_inverse,
     applied=ripple,
     place=5,
+    parametrisation=Parametrisation(ripple_values, linear=2, nonlinear=("cycles",)),
+    severity=draw_ripple,
+    inherent=True,
+    simplified=True,
 )

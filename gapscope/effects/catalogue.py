@@ -1,4 +1,4 @@
-"""The catalogue: every effect that Gapscope knows, by name."""
+"""The catalogue: every effect that Gapscope knows, by name; others can be entered with ``register``."""
 
 from __future__ import annotations
 
@@ -23,6 +23,51 @@ CATALOGUE: dict[str, Effect] = {
         *(ENCODER_OFFSET, ENCODER_QUANTIZATION, EXTERNAL_FORCE),
     )
 }
+
+
+def register(new: Effect) -> Effect:
+    """Enter an effect into the catalogue of this process, so that it can be simulated, predicted, and diagnosed.
+
+    A process that is started later, as by ``diagnose --jobs``, does not know it unless it imports the same file.
+
+    Returns:
+        The effect.
+
+    Raises:
+        InputError: the catalogue has an effect of this name.
+    """
+    if new.name in CATALOGUE:
+        raise InputError(
+            f"the catalogue has an effect called {new.name!r}",
+            "give the effect another name, or remove the other one first",
+        )
+    CATALOGUE[new.name] = new
+    return new
+
+
+def remove(name: str) -> Effect:
+    """Take an effect out of the catalogue of this process, and return it.
+
+    Raises:
+        InputError: the catalogue has no such effect.
+    """
+    removed = effect(name)
+    del CATALOGUE[name]
+    return removed
+
+
+def explained() -> list[Effect]:
+    """Effects that a diagnosis can find by the torque gap, in the order of their terms.
+
+    The order is the catalogue's, but for load friction, which comes before Stribeck friction: random numbers of the
+    reported standard deviations depend on it.
+    """
+    names = list(CATALOGUE)
+    if {LOAD.name, STRIBECK.name} <= CATALOGUE.keys():
+        names.remove(LOAD.name)
+        names.insert(names.index(STRIBECK.name), LOAD.name)
+    shown = (CATALOGUE[name] for name in names)
+    return [each for each in shown if each.parametrisation is not None]
 
 
 def effect(name: str) -> Effect:

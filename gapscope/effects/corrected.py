@@ -275,13 +275,13 @@ class CorrectedArm:
         """The same arm without saturation."""
         return replace(
             self,
-            effects=tuple(e for e in self.effects if e.name != "torque_saturation"),
+            effects=tuple(e for e in self.effects if not e.effect.limits),
         )
 
     def delivered(self, recorded: np.ndarray) -> np.ndarray:
         """What is left of a recorded torque [N m], (N, n), after saturation."""
         for effect, values in self.of_kind(Path):
-            if effect.name == "torque_saturation":
+            if effect.limits:
                 assert isinstance(effect, Path)
                 recorded = effect.applied(recorded, None, *values)
         return recorded

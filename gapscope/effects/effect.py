@@ -1,14 +1,32 @@
-"""What an effect is: a frozen record, and the ways in which an effect can act."""
+"""What an effect is: a frozen record, and the ways in which an effect can act.
+
+What all effects of a kind have in common, its class states as default: the side of the gear, the reach.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 
+from gapscope.effects.arm_scale import ArmScale
+from gapscope.effects.parametrisation import Parametrisation, Values
+
 Law = Callable[..., np.ndarray]
+Side = Literal["actuator", "link", "both"]
+Reach = Literal["joint", "arm"]
+Quantity = Literal[
+    "own torque",
+    "velocity",
+    "acceleration",
+    "time",
+    "recorded torque",
+    "directed load",
+    "torque rate",
+]
+Severity = Callable[[np.random.Generator, ArmScale, np.ndarray], Values]
 
 
 @dataclass(frozen=True)
@@ -36,7 +54,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Effect:
-    """One named physical cause of a gap.
+    """One named physical cause of a gap, with all that the simulator, the diagnosis and the report need to know of it.
 
     Attributes:
         name: name in the catalogue.
@@ -47,6 +65,18 @@ class Effect:
         looks_like: what gives it away in data.
         reference: source of the form or of the typical values; a key of ``docs/references.md``.
         confused_with: names of effects that look alike, each with the recording that separates the two.
+        parametrisation: how a diagnosis fits it; ``None`` if the torque gap does not show it.
+        severity: values drawn at random on some joints from 0, of the size met on an arm; ``None`` for values drawn
+            evenly from the typical range.
+        side: side of a torque sensor behind the gear on which it acts.
+        reach: ``joint`` if it changes the torque of its own joint alone, ``arm`` if that of the others too.
+        inherent: whether a healthy arm may have it beyond bodies, rotors and plain friction.
+        simplified: whether the form in nature is more complicated than that of the catalogue.
+        locally_linear: whether a linearisation around its values says what the torque would be without it.
+        delays: whether it makes the torque late by its first parameter, a time [s].
+        limits: whether it cuts the recorded torque off at its first parameter [N m].
+        near_equivalent: the more common effect that it equals to first order, if any.
+        plotted_against: the quantity over which a report draws it.
     """
 
     name: str
@@ -57,6 +87,17 @@ class Effect:
     looks_like: str
     reference: str
     confused_with: tuple[tuple[str, str], ...] = ()
+    parametrisation: Parametrisation | None = field(default=None, kw_only=True)
+    severity: Severity | None = field(default=None, kw_only=True)
+    side: Side = field(default="link", kw_only=True)
+    reach: Reach = field(default="arm", kw_only=True)
+    inherent: bool = field(default=False, kw_only=True)
+    simplified: bool = field(default=False, kw_only=True)
+    locally_linear: bool = field(default=True, kw_only=True)
+    delays: bool = field(default=False, kw_only=True)
+    limits: bool = field(default=False, kw_only=True)
+    near_equivalent: str | None = field(default=None, kw_only=True)
+    plotted_against: Quantity = field(default="own torque", kw_only=True)
 
     def parameter(self, name: str) -> Parameter:
         """The parameter called ``name``; raises ``KeyError`` if there is none."""
@@ -113,6 +154,8 @@ class TorqueLaw(Effect):
     """
 
     law: Law = field(kw_only=True)
+    side: Side = field(default="actuator", kw_only=True)
+    reach: Reach = field(default="joint", kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -131,6 +174,8 @@ class Drift(Effect):
     """A slow change of all friction of a joint: ``factor(t, *values)`` multiplies it [1]; t from the start [s]."""
 
     factor: Law = field(kw_only=True)
+    side: Side = field(default="actuator", kw_only=True)
+    reach: Reach = field(default="joint", kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -159,6 +204,10 @@ class Transmission(Effect):
 
     deflection: Law = field(kw_only=True)
     lag: Law = field(kw_only=True)
+    side: Side = field(default="both", kw_only=True)
+    inherent: bool = field(default=True, kw_only=True)
+    simplified: bool = field(default=True, kw_only=True)
+    locally_linear: bool = field(default=False, kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -175,6 +224,8 @@ class Path(Effect):
     inverse: Law = field(kw_only=True)
     applied: Law = field(kw_only=True)
     place: int = field(kw_only=True)
+    side: Side = field(default="actuator", kw_only=True)
+    reach: Reach = field(default="joint", kw_only=True)
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.effect import External, Inertial, Parameter
+from gapscope.effects.parametrisation import Parametrisation, Values
 
 
 def tilt(roll: float, pitch: float) -> np.ndarray:
@@ -22,6 +24,35 @@ def acts(t: np.ndarray | float, start: np.ndarray, end: np.ndarray) -> np.ndarra
     return ((np.asarray(t) >= start) & (np.asarray(t) < end)).astype(float)
 
 
+def tilt_values(x: np.ndarray, nonlinear: np.ndarray) -> Values:
+    """Roll = x0, pitch = x1."""
+    return {"roll": x[0], "pitch": x[1]}
+
+
+def force_values(x: np.ndarray, nonlinear: np.ndarray) -> Values:
+    """The force is linear, the interval in which it acts is searched."""
+    return {"force": x, "start": nonlinear[0], "end": nonlinear[1]}
+
+
+def draw_tilt(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
+    """0.5 to 5 degrees in any direction."""
+    angle = np.deg2rad(rng.uniform(0.5, 5.0))
+    direction = rng.uniform(-np.pi, np.pi)
+    return {"roll": angle * np.cos(direction), "pitch": angle * np.sin(direction)}
+
+
+def draw_force(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
+    """20 to 60 % of the weight that the arm may carry, in any direction, for 0.5 to 3.5 s."""
+    direction = rng.standard_normal(3)
+    start = rng.uniform(1.0, 4.0)
+    size = 9.81 * scale.lift * rng.uniform(0.2, 0.6)
+    return {
+        "force": size * direction / np.linalg.norm(direction),
+        "start": np.array(start),
+        "end": np.array(start + rng.uniform(0.5, 3.0)),
+    }
+
+
 BASE_TILT = Inertial(
     name="base_tilt",
     family="environment",
@@ -37,6 +68,8 @@ BASE_TILT = Inertial(
         ("encoder_offset", "static poses turned about the first joint"),
         ("torque_offset", "static poses turned about the first joint"),
     ),
+    parametrisation=Parametrisation(tilt_values, linear=2),
+    severity=draw_tilt,
 )
 
 EXTERNAL_FORCE = External(
@@ -53,4 +86,6 @@ EXTERNAL_FORCE = External(
     reference="haddadin2017",
     confused_with=(("payload", "the same motion once more, with nobody near"),),
     active=acts,
+    parametrisation=Parametrisation(force_values, linear=3, nonlinear=("start", "end")),
+    severity=draw_force,
 )

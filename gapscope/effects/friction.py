@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from gapscope.arm.nominal import smooth_sign
+from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.effect import Drift, DryLaw, Parameter, Signals, TorqueLaw
+from gapscope.effects.parametrisation import (
+    Grid,
+    Values,
+    amplitude_and_searched,
+    linear_in,
+)
+from gapscope.effects.sampling import log_uniform
 
 
 def coulomb_amplitude(
@@ -65,14 +73,47 @@ def drift_factor(
     )
 
 
+def draw_coulomb(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
+    """5 to 30 % of the torque of each joint."""
+    return {"torque": scale.torque[j] * rng.uniform(0.05, 0.3)}
+
+
+def draw_viscous(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
+    """5 to 30 % of the torque of each joint at its velocity limit."""
+    return {"coefficient": scale.torque[j] / scale.speed[j] * rng.uniform(0.05, 0.3)}
+
+
+def draw_stribeck(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
+    """5 to 20 % of the torque of each joint."""
+    return {
+        "torque": scale.torque[j] * rng.uniform(0.05, 0.2),
+        "velocity": log_uniform(rng, 0.02, 2.9, len(j)),
+    }
+
+
+def draw_drift(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
+    """Friction that falls by a sixth to a half, within minutes so that a recording shows it."""
+    return {
+        "amplitude": rng.uniform(0.2, 1.0, len(j)),
+        "time_constant": log_uniform(rng, 5.0, 300.0, len(j)),
+    }
+
+
+COULOMB_TORQUE = Parameter(
+    "torque", "c", "N m", (-200.0, 200.0), (0.1, 14.0), increment=True
+)
+VISCOUS_COEFFICIENT = Parameter(
+    "coefficient", "b", "N m s/rad", (-200.0, 200.0), (0.03, 15.0), increment=True
+)
+LOAD_COEFFICIENT = Parameter("coefficient", "mu", "1", (0.0, 0.8), (0.03, 0.31))
+
+
 COULOMB = DryLaw(
     name="coulomb_friction",
     family="friction",
     scope="joint",
     equation="c sgn v",
-    parameters=(
-        Parameter("torque", "c", "N m", (-200.0, 200.0), (0.1, 14.0), increment=True),
-    ),
+    parameters=(COULOMB_TORQUE,),
     looks_like="an odd step of the torque at v = 0",
     reference="gaz2019",
     confused_with=(
@@ -81,6 +122,9 @@ COULOMB = DryLaw(
     ),
     law=coulomb,
     amplitude=coulomb_amplitude,
+    parametrisation=linear_in(COULOMB_TORQUE, data_sheet="coulomb"),
+    severity=draw_coulomb,
+    plotted_against="velocity",
 )
 
 VISCOUS = TorqueLaw(
@@ -88,16 +132,7 @@ VISCOUS = TorqueLaw(
     family="friction",
     scope="joint",
     equation="b v",
-    parameters=(
-        Parameter(
-            "coefficient",
-            "b",
-            "N m s/rad",
-            (-200.0, 200.0),
-            (0.03, 15.0),
-            increment=True,
-        ),
-    ),
+    parameters=(VISCOUS_COEFFICIENT,),
     looks_like="a torque linear and odd in velocity",
     reference="swevers2007",
     confused_with=(
@@ -105,6 +140,10 @@ VISCOUS = TorqueLaw(
         ("armature", "slow and fast runs of the same path"),
     ),
     law=viscous,
+    parametrisation=linear_in(VISCOUS_COEFFICIENT, data_sheet="viscous"),
+    severity=draw_viscous,
+    simplified=True,
+    plotted_against="velocity",
 )
 
 STRIBECK = DryLaw(
@@ -124,6 +163,12 @@ STRIBECK = DryLaw(
     ),
     law=stribeck,
     amplitude=stribeck_amplitude,
+    parametrisation=amplitude_and_searched(
+        "torque", "velocity", Grid(0.01, 3.0, (5e-3, 10.0))
+    ),
+    severity=draw_stribeck,
+    inherent=True,
+    simplified=True,
 )
 
 LOAD = DryLaw(
@@ -131,7 +176,7 @@ LOAD = DryLaw(
     family="friction",
     scope="joint",
     equation="mu |tau_load| sgn v",
-    parameters=(Parameter("coefficient", "mu", "1", (0.0, 0.8), (0.03, 0.31)),),
+    parameters=(LOAD_COEFFICIENT,),
     looks_like="a friction loop whose width grows with the load",
     reference="hamon2010",
     confused_with=(
@@ -140,6 +185,9 @@ LOAD = DryLaw(
     ),
     law=load_dependent,
     amplitude=load_amplitude,
+    parametrisation=linear_in(LOAD_COEFFICIENT, step=1e-3, lowest=0.0),
+    inherent=True,
+    plotted_against="directed load",
 )
 
 DRIFT = Drift(
@@ -158,4 +206,14 @@ DRIFT = Drift(
         ("payload", "the same motion cold and warm"),
     ),
     factor=drift_factor,
+    parametrisation=amplitude_and_searched(
+        "amplitude",
+        "time_constant",
+        Grid(0.05, 20.0, (0.02, 1e4), in_durations=True),
+        step=1e-3,
+        lowest=-1.0,
+    ),
+    severity=draw_drift,
+    inherent=True,
+    simplified=True,
 )

@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from gapscope.arm.known_load import point_mass_parameters
+from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.effect import Inertial, LinkChange, Parameter
+from gapscope.effects.parametrisation import (
+    Parametrisation,
+    Values,
+    linear_in,
+    nonzero,
+)
+from gapscope.effects.sampling import random_sign
 
 
 def payload_change(own: np.ndarray, mass: np.ndarray, com: np.ndarray) -> np.ndarray:
@@ -30,20 +38,79 @@ def link_change(
     return moved - own
 
 
+def payload_values(x: np.ndarray, nonlinear: np.ndarray) -> Values:
+    """Mass m = x0 and first moment m c = x1, x2, x3."""
+    return {"mass": x[0], "com": x[1:] / nonzero(x[0])}
+
+
+def clip_payload(x: np.ndarray) -> np.ndarray:
+    """Mass moved into its bounds, first moment to where the centre of mass lies within its own."""
+    mass = np.clip(x[0], *LOAD_MASS.bounds)
+    farthest = np.abs(mass) * LOAD_COM.bounds[1]
+    return np.vstack([mass, np.clip(x[1:], -farthest, farthest)])
+
+
+def link_values(x: np.ndarray, nonlinear: np.ndarray) -> Values:
+    """dm = x0 and dc = x1, x2, x3."""
+    return {"mass": x[0], "com": x[1:]}
+
+
+def clip_link(x: np.ndarray) -> np.ndarray:
+    """dm and dc moved into their bounds."""
+    return np.vstack(
+        [np.clip(x[0], *LINK_MASS.bounds), np.clip(x[1:], *LINK_COM.bounds)]
+    )
+
+
+def draw_armature(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
+    """20 to 100 % of the nominal armature."""
+    return {"inertia": scale.rotor[j] * rng.uniform(0.2, 1.0)}
+
+
+def draw_payload(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
+    """10 to 60 % of what the arm may carry, within 12 cm of the last joint's frame."""
+    com = np.array([*rng.uniform(-0.05, 0.05, 2), rng.uniform(0.0, 0.1)])
+    return {"mass": np.array(scale.lift * rng.uniform(0.1, 0.6)), "com": com}
+
+
+def draw_link(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
+    """10 to 40 % of the mass of a link that has one, more or less, and up to 2 cm along each axis."""
+    link = int(rng.choice(np.flatnonzero(scale.mass > 0)))
+    return {
+        "link": np.array(link + 1.0),
+        "mass": random_sign(rng) * rng.uniform(0.1, 0.4) * scale.mass[link],
+        "com": rng.uniform(-0.02, 0.02, 3),
+    }
+
+
+ROTOR_INERTIA = Parameter(
+    "inertia", "I", "kg m^2", (-10.0, 50.0), (0.02, 1.3), increment=True
+)
+LOAD_MASS = Parameter("mass", "m", "kg", (-50.0, 200.0), (0.2, 10.0), increment=True)
+LOAD_COM = Parameter("com", "c", "m", (-1.0, 1.0), (-0.1, 0.1), size=3)
+LINK_MASS = Parameter("mass", "dm", "kg", (-100.0, 100.0), (-2.0, 2.0), increment=True)
+LINK_COM = Parameter(
+    "com", "dc", "m", (-1.0, 1.0), (-0.03, 0.03), size=3, increment=True
+)
+
+
 ARMATURE = Inertial(
     name="armature",
     family="rigid_body",
     scope="joint",
     equation="I a",
-    parameters=(
-        Parameter("inertia", "I", "kg m^2", (-10.0, 50.0), (0.02, 1.3), increment=True),
-    ),
+    parameters=(ROTOR_INERTIA,),
     looks_like="a torque proportional to the joint's own acceleration only",
     reference="swevers2007",
     confused_with=(
         ("actuator_delay", "a chirp above 10 Hz"),
         ("payload", "fast motion of this joint alone, arm stretched and folded"),
     ),
+    parametrisation=linear_in(ROTOR_INERTIA, data_sheet="armature"),
+    severity=draw_armature,
+    side="actuator",
+    reach="joint",
+    plotted_against="acceleration",
 )
 
 PAYLOAD = LinkChange(
@@ -51,10 +118,7 @@ PAYLOAD = LinkChange(
     family="rigid_body",
     scope="arm",
     equation="Y_last(q, dq, ddq) pi(m, c), a point mass m at c on the last link",
-    parameters=(
-        Parameter("mass", "m", "kg", (-50.0, 200.0), (0.2, 10.0), increment=True),
-        Parameter("com", "c", "m", (-1.0, 1.0), (-0.1, 0.1), size=3),
-    ),
+    parameters=(LOAD_MASS, LOAD_COM),
     looks_like="coherent gravity and inertia torque on all joints",
     reference="hollerbach2008",
     confused_with=(
@@ -62,6 +126,8 @@ PAYLOAD = LinkChange(
         ("encoder_offset", "static poses over the whole range of every joint"),
     ),
     change=payload_change,
+    parametrisation=Parametrisation(payload_values, linear=4, clip=clip_payload),
+    severity=draw_payload,
 )
 
 LINK_INERTIA = LinkChange(
@@ -71,8 +137,8 @@ LINK_INERTIA = LinkChange(
     equation="Y_link(q, dq, ddq) (pi(m + dm, c + dc, I (m + dm) / m) - pi(m, c, I))",
     parameters=(
         Parameter("link", "l", "1", (1.0, 100.0), (1.0, 7.0)),
-        Parameter("mass", "dm", "kg", (-100.0, 100.0), (-2.0, 2.0), increment=True),
-        Parameter("com", "dc", "m", (-1.0, 1.0), (-0.03, 0.03), size=3, increment=True),
+        LINK_MASS,
+        LINK_COM,
     ),
     looks_like="gravity and inertia torque on the joints that carry this link, and on none beyond it",
     reference="hollerbach2008",
@@ -81,4 +147,6 @@ LINK_INERTIA = LinkChange(
         ("armature", "the same motion with the other joints in another posture"),
     ),
     change=link_change,
+    parametrisation=Parametrisation(link_values, linear=4, clip=clip_link),
+    severity=draw_link,
 )

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.effect import Parameter, Sensing
+from gapscope.effects.parametrisation import Values, linear_in
+from gapscope.effects.sampling import random_sign
 
 
 def remove_offset(recorded: np.ndarray, offset: np.ndarray) -> np.ndarray:
@@ -28,12 +31,27 @@ def quantize(true: np.ndarray, step: np.ndarray) -> np.ndarray:
     return np.where(step > 0, np.round(true / unit) * unit, true)
 
 
+def draw_offset(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
+    """1 to 5 degrees."""
+    size = len(j)
+    return {"offset": random_sign(rng, size) * rng.uniform(0.0175, 0.0873, size)}
+
+
+def draw_step(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
+    """Encoders of 10 to 20 bits per revolution."""
+    bits = rng.integers(10, 20, len(j), endpoint=True)
+    return {"step": 2 * np.pi / 2.0**bits}
+
+
+OFFSET_ANGLE = Parameter("offset", "delta", "rad", (-0.8, 0.8), (0.0175, 0.0873))
+
+
 ENCODER_OFFSET = Sensing(
     name="encoder_offset",
     family="sensing",
     scope="joint",
     equation="recorded q = q + delta",
-    parameters=(Parameter("offset", "delta", "rad", (-0.8, 0.8), (0.0175, 0.0873)),),
+    parameters=(OFFSET_ANGLE,),
     looks_like="an error periodic with gravity, on this joint and those before it",
     reference="hollerbach2008",
     confused_with=(
@@ -43,6 +61,8 @@ ENCODER_OFFSET = Sensing(
     ),
     true=remove_offset,
     recorded=add_offset,
+    parametrisation=linear_in(OFFSET_ANGLE),
+    severity=draw_offset,
 )
 
 ENCODER_QUANTIZATION = Sensing(
@@ -58,4 +78,7 @@ ENCODER_QUANTIZATION = Sensing(
     ),
     true=keep,
     recorded=quantize,
+    severity=draw_step,
+    side="both",
+    reach="joint",
 )

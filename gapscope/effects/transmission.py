@@ -8,7 +8,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.effect import Parameter, Signals, TorqueLaw, Transmission
+from gapscope.effects.parametrisation import (
+    Parametrisation,
+    Values,
+    linear_in,
+    nonzero,
+)
+from gapscope.effects.sampling import log_uniform
 
 
 def elastic_deflection(
@@ -54,6 +62,55 @@ def spring(signals: Signals, stiffness: np.ndarray, rest: np.ndarray) -> np.ndar
     return stiffness * (signals.position - rest)
 
 
+def elasticity_values(x: np.ndarray, nonlinear: np.ndarray) -> Values:
+    """Deflection = x0 tau - x1 dtau/dt, with x0 = 1 / k and x1 = d / k^2."""
+    compliance = np.maximum(x[0], 1e-12)
+    return {
+        "stiffness": 1.0 / compliance,
+        "damping": np.maximum(x[1], 0.0) / compliance**2,
+    }
+
+
+def spring_values(x: np.ndarray, nonlinear: np.ndarray) -> Values:
+    """K (q - q0) = x0 q - x1."""
+    return {"stiffness": x[0], "rest": x[1] / nonzero(x[0])}
+
+
+def clip_spring(x: np.ndarray) -> np.ndarray:
+    """x1 = k q0 moved to where q0 lies within its bounds."""
+    farthest = REST.bounds[1] * np.abs(x[0])
+    return np.stack([x[0], np.clip(x[1], -farthest, farthest)])
+
+
+def draw_elasticity(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
+    """A resonance of motor and link at 8 to 30 Hz, damped by 2 to 10 %."""
+    resonance = 2 * np.pi * rng.uniform(8.0, 30.0, len(j))
+    reduced = scale.rotor[j] * scale.inertia[j] / (scale.rotor[j] + scale.inertia[j])
+    return {
+        "stiffness": resonance**2 * reduced,
+        "damping": 2 * rng.uniform(0.02, 0.1, len(j)) * resonance * reduced,
+    }
+
+
+def draw_backlash(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
+    """0.1 to 1 degree."""
+    return {"width": log_uniform(rng, 0.0017, 0.0175, len(j))}
+
+
+def draw_spring(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
+    """10 to 50 % of the torque of each joint at one radian."""
+    return {
+        "stiffness": scale.torque[j] * rng.uniform(0.1, 0.5),
+        "rest": rng.uniform(-0.5, 0.5, len(j)),
+    }
+
+
+WIDTH = Parameter("width", "w", "rad", (0.0, 0.5), (0.0017, 0.0175))
+REST = Parameter("rest", "q0", "rad", (-7.0, 7.0), (-1.0, 1.0))
+COMPLIANCE_STEP = 1e-6
+"""Step of compliance [rad/(N m)] and of free play [rad] for finite differences; the torque is far from linear."""
+
+
 ELASTICITY = Transmission(
     name="joint_elasticity",
     family="transmission",
@@ -71,6 +128,10 @@ ELASTICITY = Transmission(
     ),
     deflection=elastic_deflection,
     lag=elastic_lag,
+    parametrisation=Parametrisation(
+        elasticity_values, linear=2, step=COMPLIANCE_STEP, lowest=0.0
+    ),
+    severity=draw_elasticity,
 )
 
 BACKLASH = Transmission(
@@ -78,7 +139,7 @@ BACKLASH = Transmission(
     family="transmission",
     scope="joint",
     equation="tau = 0 while |theta - q| < w / 2",
-    parameters=(Parameter("width", "w", "rad", (0.0, 0.5), (0.0017, 0.0175)),),
+    parameters=(WIDTH,),
     looks_like="free play, then an impact, where the torque changes its sign",
     reference="nordin2002",
     confused_with=(
@@ -90,6 +151,8 @@ BACKLASH = Transmission(
     ),
     deflection=backlash_deflection,
     lag=no_lag,
+    parametrisation=linear_in(WIDTH, step=COMPLIANCE_STEP, lowest=0.0),
+    severity=draw_backlash,
 )
 
 SPRING = TorqueLaw(
@@ -101,7 +164,7 @@ SPRING = TorqueLaw(
         Parameter(
             "stiffness", "k", "N m/rad", (-1e4, 1e4), (1.0, 50.0), increment=True
         ),
-        Parameter("rest", "q0", "rad", (-7.0, 7.0), (-1.0, 1.0)),
+        REST,
     ),
     looks_like="a torque linear in the joint's position",
     reference="hollerbach2008",
@@ -110,4 +173,9 @@ SPRING = TorqueLaw(
         ("torque_offset", "static poses over the whole range of the joint"),
     ),
     law=spring,
+    parametrisation=Parametrisation(spring_values, linear=2, clip=clip_spring),
+    severity=draw_spring,
+    side="link",
+    inherent=True,
+    simplified=True,
 )

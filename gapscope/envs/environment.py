@@ -18,8 +18,8 @@ from gapscope.arm.motions.trajectory import Limits, ReferenceMotion
 from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.severity import ArmScale
 from gapscope.envs.actions import control
 from gapscope.envs.arguments import (
     checked_action,

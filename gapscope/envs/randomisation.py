@@ -14,10 +14,11 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Parameter, Transmission
-from gapscope.effects.severity import ArmScale, draw
+from gapscope.effects.severity import draw
 from gapscope.envs.arguments import record_of
 
 REVERSED = {

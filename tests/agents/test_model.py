@@ -14,13 +14,14 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.trajectory import Fourier, Limits
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.residual.inputs import Inputs
 from gapscope.effects.residual.model import ResidualNetwork
 from gapscope.effects.residual.network import Network
 from gapscope.effects.residual.trust import Trust
-from gapscope.effects.severity import ArmScale, draw
+from gapscope.effects.severity import draw
 
 INSTANT = sorted(
     set(CATALOGUE)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from gapscope.blind_check.generator.case import make_case, write_case
 from gapscope.blind_check.generator.conditions import CaseSpec
 from gapscope.blind_check.scoring.compare import compare
 from gapscope.diagnosis.diagnose import diagnose
-from gapscope.diagnosis.model.parametrisation import PARAMETRISATIONS
+from gapscope.effects.catalogue import CATALOGUE, remove
 
 pytestmark = pytest.mark.slow
 
@@ -39,25 +38,19 @@ def test_permuted_labels_score_as_chance_does(solved: dict[str, Solved]) -> None
 
 @pytest.fixture
 def no_ripple() -> Iterator[None]:
-    """The hypotheses without ripple; afterwards all of them, in their order."""
-    all_of_them = dict(PARAMETRISATIONS)
-    del PARAMETRISATIONS["torque_ripple"]
+    """The catalogue without ripple; afterwards all of it, in its order."""
+    all_of_them = dict(CATALOGUE)
+    remove("torque_ripple")
     yield
-    PARAMETRISATIONS.clear()
-    PARAMETRISATIONS.update(all_of_them)
+    CATALOGUE.clear()
+    CATALOGUE.update(all_of_them)
 
 
 def test_an_effect_that_is_no_longer_in_the_catalogue_is_called_unexplained(
-    solved: dict[str, Solved], no_ripple: None, monkeypatch: pytest.MonkeyPatch
+    solved: dict[str, Solved], no_ripple: None
 ) -> None:
     case = solved["torque_ripple"]
     assert case.document["verdict"] == "effects_found"
-    left = tuple(PARAMETRISATIONS)
-    for name, module in list(sys.modules.items()):
-        if name.startswith("gapscope.diagnosis.") and isinstance(
-            getattr(module, "EXPLAINED", None), tuple
-        ):
-            monkeypatch.setattr(module, "EXPLAINED", left)
     document = diagnose(load_case(case.folder)).document
     assert document["verdict"] == "unexplained"
     assert "torque_ripple" not in [finding["effect"] for finding in document["effects"]]

@@ -16,8 +16,7 @@ from synthetic import Truth
 
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import validate
-from gapscope.diagnosis.model.parametrisation import PARAMETRISATIONS
-from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.catalogue import CATALOGUE, explained
 
 
 @dataclass(frozen=True)
@@ -113,7 +112,7 @@ def test_every_effect_of_the_catalogue_is_here() -> None:
     """Quantisation, which shows in the positions themselves, has a file of its own."""
     assert (
         {label.split()[0] for label in EVERY}
-        == set(PARAMETRISATIONS)
+        == {effect.name for effect in explained()}
         == set(CATALOGUE) - {"encoder_quantization"}
     )
 

@@ -16,10 +16,10 @@ import synthetic
 from gapscope.diagnosis.gap.torque_gap import noise_floor
 from gapscope.diagnosis.model.fit_data import Data
 from gapscope.diagnosis.model.linearisation import Linearisation
-from gapscope.diagnosis.model.parametrisation import PARAMETRISATIONS
 from gapscope.diagnosis.model.terms import Term, Terms
 from gapscope.diagnosis.thresholds import BACKLASH_START
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.catalogue import explained
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import Segment, condition, thinned
 
@@ -132,7 +132,7 @@ def by_differences(known: Terms, around: np.ndarray, names: set[str]) -> np.ndar
                 up, down = (
                     around + sign * h * np.eye(known.size)[k] for sign in (1, -1)
                 )
-                if term.coordinates.lowest == 0.0 and around[k] < h:
+                if term.parametrisation.lowest == 0.0 and around[k] < h:
                     down = around
                 span = (up - down).sum()
                 out[:, :, k] = (
@@ -155,7 +155,7 @@ def massless(axis: int, others: tuple[AppliedEffect, ...]) -> np.ndarray:
     return (with_load(1.0, c) - with_load(1.0, -c)) / 0.2
 
 
-DIFFERENTIABLE = [name for name in PARAMETRISATIONS if name != "torque_saturation"]
+DIFFERENTIABLE = [effect.name for effect in explained() if not effect.limits]
 AROUND = {
     **{name: (name,) for name in DIFFERENTIABLE},
     "the way to the joint": (

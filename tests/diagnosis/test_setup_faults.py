@@ -15,6 +15,7 @@ from gapscope.arm.case import Case, load_case
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.found_fault import repaired
 from gapscope.diagnosis.setup_faults.shifted_inertials import shifted_arm
+from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.setup_faults import (
     Fault,
     JointSwap,
@@ -23,7 +24,6 @@ from gapscope.effects.setup_faults import (
     TimeStamps,
     UnitMismatch,
 )
-from gapscope.effects.severity import ArmScale
 from gapscope.envs.mystery_arm import HIDDEN, iiwa
 from gapscope.envs.randomisation import Randomisation, draw_effects
 from gapscope.envs.session import Plan, record_case

@@ -17,7 +17,6 @@ from synthetic import Truth
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
-from gapscope.diagnosis.assessment.sensor_sides import SIDE
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.document.wording import sides_sentence
@@ -43,7 +42,7 @@ def rubbing() -> Diagnosis:
 
 
 def test_every_effect_has_a_side() -> None:
-    assert set(SIDE) == set(CATALOGUE) and set(SIDE.values()) == {
+    assert {effect.side for effect in CATALOGUE.values()} == {
         "actuator",
         "link",
         "both",
@@ -76,7 +75,7 @@ def test_the_side_is_that_of_the_torque_behind_the_gear(name: str) -> None:
         link_torque(CorrectedArm(synthetic.arm(), e), body, moved)
         for e in ((), (applied,))
     )
-    assert np.allclose(plain, changed) == (SIDE[name] == "actuator")
+    assert np.allclose(plain, changed) == (effect.side == "actuator")
 
 
 def test_friction_lies_on_the_actuator_side() -> None:

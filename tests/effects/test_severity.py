@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from gapscope.arm.robots import load_nominal_arm
+from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.catalogue import CATALOGUE
-from gapscope.effects.severity import ArmScale, draw, possible
+from gapscope.effects.severity import draw, possible
 
 
 @pytest.fixture(scope="module", params=["kuka_iiwa", "franka_panda", "xarm6"])

@@ -8,9 +8,10 @@ import pytest
 from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.effect import Effect, Sensing
-from gapscope.effects.severity import ArmScale, draw
+from gapscope.effects.severity import draw
 from gapscope.envs.engines import ENGINES
 from gapscope.envs.simulated_arm import SimulatedArm
 

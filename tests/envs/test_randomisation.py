@@ -10,8 +10,8 @@ gym = pytest.importorskip(
 from gapscope.arm.errors import InputError  # noqa: E402
 from gapscope.arm.nominal import NominalArm  # noqa: E402
 from gapscope.effects.applied import AppliedEffect  # noqa: E402
+from gapscope.effects.arm_scale import ArmScale  # noqa: E402
 from gapscope.effects.catalogue import CATALOGUE  # noqa: E402
-from gapscope.effects.severity import ArmScale  # noqa: E402
 from gapscope.envs.environment import ArmTracking  # noqa: E402
 from gapscope.envs.randomisation import Randomisation, RandomiseEffects, draw_effects  # noqa: E402
 

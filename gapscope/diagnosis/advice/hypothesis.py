@@ -18,12 +18,11 @@ from gapscope.diagnosis.advice.parameter_vector import (
 )
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import External
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, low_pass
 
 STEP = 1e-3
 """Step of the finite differences, in units of a parameter's scale [1]."""
-PASSING = "external_force"
-"""An effect that belongs to one recording."""
 
 
 @dataclass(frozen=True)
@@ -67,11 +66,12 @@ class Hypothesis:
             (self.effects[index], values) for index, _, values in free(self.effects)
         ]
         parts = [
-            np.full(len(values), applied.name != PASSING) for applied, values in pairs
+            np.full(len(values), not isinstance(applied.effect, External))
+            for applied, values in pairs
         ]
         return np.concatenate([np.zeros(0, dtype=bool), *parts])
 
     def elsewhere(self) -> Hypothesis:
         """The hypothesis on another recording: a force from outside does not come again."""
-        lasting = tuple(e for e in self.effects if e.name != PASSING)
+        lasting = tuple(e for e in self.effects if not isinstance(e.effect, External))
         return Hypothesis(self.words, self.arm, lasting)

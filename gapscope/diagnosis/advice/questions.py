@@ -8,10 +8,7 @@ from typing import Any
 
 from gapscope.diagnosis.document.wording import acts_on, effect_name
 from gapscope.diagnosis.thresholds import DESIGNED_ALTERNATIVES, OPEN_ALTERNATIVE
-from gapscope.effects.catalogue import CATALOGUE
-
-NOT_DESIGNED = ("torque_saturation", "encoder_quantization")
-"""Effects that a motion alone does not predict: how far a command exceeds a limit depends on the controller."""
+from gapscope.effects.catalogue import explained
 
 
 @dataclass(frozen=True)
@@ -41,10 +38,10 @@ class Question:
 def open_questions(document: Mapping[str, Any]) -> list[Question]:
     """The open questions of ``diagnosis.json``, the most probable rival first, at most ``DESIGNED_ALTERNATIVES``.
 
-    Setup faults are not physics of the arm, and those of ``NOT_DESIGNED`` are not predicted from motion: no recording
-    is designed for them.
+    No recording is designed for setup faults, which are not physics of the arm, nor for what a motion alone does not
+    predict: how far a command exceeds a limit depends on the controller.
     """
-    designed = {*CATALOGUE, "none"} - set(NOT_DESIGNED)
+    designed = {"none", *(e.name for e in explained() if not e.limits)}
     out = []
     for entry in document["effects"]:
         for rival in entry["alternatives"]:

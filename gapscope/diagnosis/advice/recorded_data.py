@@ -20,7 +20,8 @@ from gapscope.diagnosis.advice.parameter_vector import (
 from gapscope.diagnosis.gap.torque_gap import filtered_torque, torque_scale
 from gapscope.diagnosis.thresholds import ADVICE_RATE, FIT_DRAWS, FIT_STARTS, FIT_STEPS
 from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.severity import ArmScale, draw
+from gapscope.effects.arm_scale import ArmScale
+from gapscope.effects.severity import draw
 from gapscope.ident.signals.conditioning import (
     Segment,
     condition,

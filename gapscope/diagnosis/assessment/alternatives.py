@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gapscope.diagnosis.model.terms import EXPLAINED, Term
+from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.search import Selection
 from gapscope.diagnosis.thresholds import TEMPER
-from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.catalogue import CATALOGUE, explained
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ def rivals(search: Selection, finding: str) -> tuple[float, list[Rival]]:
     mine = frozenset(t for t in found.terms if t.finding == finding)
     joints = {t.joint for t in mine} - {0}
     options: dict[str, frozenset[Term]] = {"none": frozenset()}
-    for name in EXPLAINED:
+    for name in (e.name for e in explained()):
         same = [
             t for t in evidence.terms.open if t.effect == name and t not in found.terms
         ]

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.diagnosis.gap.torque_gap import TorqueGap, torque_scale
-from gapscope.diagnosis.selection.moves import COMPLIANT
 from gapscope.diagnosis.selection.search import Selection
 from gapscope.diagnosis.thresholds import (
     ABOVE_FLOOR_NRMSE,
@@ -90,7 +89,7 @@ def set_aside(
         first,
         then,
         after.rmse / floor,
-        any(t.effect in COMPLIANT for t in selection.fit.terms),
+        any(not t.definition.locally_linear for t in selection.fit.terms),
     )
 
 
@@ -126,5 +125,5 @@ def excess_residual(
         before,
         after,
         np.sqrt(after2 / floor2),
-        any(t.effect in COMPLIANT for t in terms),
+        any(not t.definition.locally_linear for t in terms),
     )

@@ -12,9 +12,6 @@ from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.search import Selection
 from gapscope.diagnosis.thresholds import NAMED_PROBABILITY
 
-REACHING = ("encoder_offset", "joint_elasticity", "backlash", "link_inertia")
-"""Effects on one joint that change the torque of others."""
-
 
 @dataclass(frozen=True)
 class Rejection:
@@ -63,7 +60,7 @@ def _harmful(predictor: HeldOutPredictor) -> Rejection | None:
     costs = {
         term: with_all[joint] - predictor.gap(terms - {term}).nrmse[joint]
         for term in sorted(terms, key=lambda t: (t.effect, t.joint))
-        if term.joint in (joint + 1, 0) or term.effect in REACHING
+        if term.joint == joint + 1 or term.definition.reach == "arm"
     }
     worst = max(costs, key=lambda term: costs[term], default=None)
     if worst is None or costs[worst] <= 0:

@@ -13,7 +13,7 @@ from gapscope.arm.errors import GapscopeError
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.assessment.held_out_prediction import HeldOutPredictor
 from gapscope.diagnosis.model.terms import Term
-from gapscope.diagnosis.selection.moves import COMPLIANT, by_finding
+from gapscope.diagnosis.selection.moves import by_finding
 from gapscope.diagnosis.thresholds import REPLAYED_TICKS, REPLAYED_TICKS_COMPLIANT
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.engines import installed
@@ -63,7 +63,7 @@ def replay_gap(case: Case, predictor: HeldOutPredictor) -> ReplayGap:
         else max(recording.rate, 1.0 / LONGEST_STEP)
     )
     none, every = frozenset[Term](), predictor.selection.fit.terms
-    rings = any(t.effect in COMPLIANT for t in every)
+    rings = any(not t.definition.locally_linear for t in every)
     recording = _head(
         recording, (REPLAYED_TICKS_COMPLIANT if rings else REPLAYED_TICKS) / ticks
     )

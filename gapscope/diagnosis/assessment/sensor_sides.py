@@ -30,36 +30,9 @@ from gapscope.diagnosis.thresholds import (
     SENSOR_SCALE,
     SENSOR_ZERO,
 )
+from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, Segment, low_pass
-
-SIDES = {
-    "actuator": (
-        "coulomb_friction",
-        "viscous_friction",
-        "stribeck_friction",
-        "load_friction",
-        "friction_drift",
-        "armature",
-        "torque_ripple",
-        "torque_scale",
-        "torque_offset",
-        "torque_saturation",
-        "actuator_lag",
-        "actuator_delay",
-    ),
-    "link": (
-        "payload",
-        "link_inertia",
-        "base_tilt",
-        "parallel_spring",
-        "encoder_offset",
-        "external_force",
-    ),
-    "both": ("joint_elasticity", "backlash", "encoder_quantization"),
-}
-"""Side of a sensor behind the gear on which each effect acts."""
-SIDE = {name: side for side, names in SIDES.items() for name in names}
 
 
 @dataclass(frozen=True)
@@ -231,9 +204,13 @@ def described(sides: Sides, found: list[dict[str, Any]]) -> dict[str, Any]:
         },
         "recordings": list(sides.recordings),
         "effects": [
-            {"effect": f["effect"], "joints": f["joints"], "side": SIDE[f["effect"]]}
+            {
+                "effect": f["effect"],
+                "joints": f["joints"],
+                "side": CATALOGUE[f["effect"]].side,
+            }
             for f in found
-            if f["effect"] in SIDE
+            if f["effect"] in CATALOGUE
         ],
     }
 

@@ -22,9 +22,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from gapscope.diagnosis.model.normal_equations import NormalEquations, solve
-from gapscope.diagnosis.model.terms import EXPLAINED, Term
-from gapscope.diagnosis.selection.moves import COMPLIANT, by_finding
+from gapscope.diagnosis.model.terms import Term
+from gapscope.diagnosis.selection.moves import by_finding
 from gapscope.diagnosis.selection.search import Selection
+from gapscope.effects.catalogue import explained
 
 
 def log_e_values(selection: Selection) -> dict[str, float]:
@@ -37,7 +38,7 @@ def log_e_values(selection: Selection) -> dict[str, float]:
 
     both = least(pieces[0] + pieces[1])
     halves = [(one, both - one) for one in map(least, pieces)]
-    calm = frozenset(t for t in terms if t.effect not in COMPLIANT)
+    calm = frozenset(t for t in terms if t.definition.locally_linear)
     return {
         next(iter(part)).finding: _mean(
             [_log_e(terms, part, fitted, tested) for fitted, tested in halves]
@@ -47,14 +48,15 @@ def log_e_values(selection: Selection) -> dict[str, float]:
 
 
 def false_discovery_rates(
-    log_e: Mapping[str, float], tried: int = len(EXPLAINED)
+    log_e: Mapping[str, float], tried: int | None = None
 ) -> dict[str, float]:
     """The least rate of false discoveries at which each effect would be confirmed, at most 1.
 
     Args:
         log_e: of each effect found [nats].
-        tried: effects that were tried.
+        tried: number of effects that were tried; ``None`` for all that a torque gap can show.
     """
+    tried = len(explained()) if tried is None else tried
     ranked = sorted(log_e, key=lambda name: log_e[name], reverse=True)
     rates = [
         min(1.0, tried / (k + 1) * float(np.exp(-max(log_e[name], -50.0))))

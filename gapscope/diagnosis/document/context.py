@@ -97,4 +97,4 @@ def _considered(study: Study) -> list[dict[str, Any]]:
 
 def _joints(terms: frozenset[Term]) -> list[int]:
     """Joints of terms on joints; none of those on a link or the arm."""
-    return sorted(t.joint for t in terms if t.coordinates.effect.scope == "joint")
+    return sorted(t.joint for t in terms if t.definition.scope == "joint")

@@ -37,16 +37,18 @@ def parameters(
         for t in selection.evidence.terms.all
         if t in selection.fit.terms and t.finding == finding_of(applied)
     ]
-    c = mine[0].coordinates
+    fitted = mine[0].parametrisation
     shapes = [selection.evidence.linear.shape(t) for t in mine]
     values = [np.array(s.values) for s in shapes]
-    samples = [dict(c.values(*_coordinates(draw, mine, values))) for draw in draws]
-    skew = SKEWS[1] if applied.name in ("actuator_delay", "actuator_lag") else 0.0
+    samples = [dict(fitted.values(*_coordinates(draw, mine, values))) for draw in draws]
+    skew = SKEWS[1] if applied.effect.delays else 0.0
     out: dict[str, Any] = {}
     for parameter in applied.effect.parameters:
         value = applied.parameters[parameter.name]
-        if parameter.name in c.shape:
-            std = np.array([s.std[c.shape.index(parameter.name)] for s in shapes])
+        if parameter.name in fitted.nonlinear:
+            std = np.array(
+                [s.std[fitted.nonlinear.index(parameter.name)] for s in shapes]
+            )
         elif parameter.name == "link":
             std = np.zeros(1)
         else:
@@ -61,7 +63,10 @@ def parameters(
             "value": value.tolist(),
             "std": std.tolist(),
         }
-        if instrumented is not None and parameter.name not in (*c.shape, "link"):
+        if instrumented is not None and parameter.name not in (
+            *fitted.nonlinear,
+            "link",
+        ):
             out[parameter.name]["by_commands"] = instrumented.parameters[
                 parameter.name
             ].tolist()

@@ -19,17 +19,6 @@ from gapscope.diagnosis.thresholds import (
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, Segment, low_pass
 
-FORMS = (
-    "viscous_friction",
-    "stribeck_friction",
-    "parallel_spring",
-    "torque_ripple",
-    "friction_drift",
-    "joint_elasticity",
-    "backlash",
-)
-"""Effects whose form the catalogue simplifies, beside dry friction; bodies, offsets and delays it gives exactly."""
-
 
 def torque_scale(torque: np.ndarray) -> np.ndarray:
     """Normalisation of the torque gap [N m], shape (n,): standard deviation, at least 5 % of the largest joint's."""
@@ -186,7 +175,7 @@ def simplified_forms(
     """RMS of what the effects of simplified form do to a torque that an arm predicts [N m], (n,)."""
     power = np.zeros(corrected.arm.n_joints)
     for effect in corrected.effects:
-        if effect.name in FORMS:
+        if effect.effect.simplified:
             others = CorrectedArm(
                 corrected.arm, tuple(e for e in corrected.effects if e is not effect)
             )

@@ -13,24 +13,16 @@ import numpy as np
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.known_load import point_mass_parameters
 from gapscope.arm.motions.motion import Motion
-from gapscope.diagnosis.model.parametrisation import PARAMETRISATIONS
-from gapscope.diagnosis.model.terms import Terms
+from gapscope.diagnosis.model.terms import Terms, parametrisation_of
 from gapscope.diagnosis.thresholds import BACKLASH_START
+from gapscope.effects.catalogue import effect as by_name
+from gapscope.effects.catalogue import explained
 from gapscope.effects.corrected import CorrectedArm, slow_with_rates
 from gapscope.effects.deflection import play_columns
-from gapscope.effects.effect import Transmission
+from gapscope.effects.effect import Path, Transmission
 from gapscope.effects.environment import acts, tilt
 from gapscope.effects.rigid_body import link_change
 from gapscope.ident.signals.conditioning import Segment
-
-RIGID_BODY = (
-    "payload",
-    "link_inertia",
-    "base_tilt",
-    "external_force",
-    "encoder_offset",
-)
-"""Effects that change the torque of the bodies."""
 
 
 @dataclass(frozen=True)
@@ -93,19 +85,17 @@ def columns(
 
     base = recorded(arm, rigid)
     out = np.zeros((len(motion.t), arm.arm.n_joints, terms.size))
-    for name, c in PARAMETRISATIONS.items():
-        moves_links = isinstance(c.effect, Transmission) and arm.arm.encoder == "motor"
-        if (
-            name in RIGID_BODY
-            or name == "torque_saturation"
-            or moves_links
-            or (only and name not in only)
-        ):
+    for effect in explained():
+        # behind encoders on the joints a transmission moves the motors, not the links
+        own = effect.reach == "joint" or (
+            isinstance(effect, Transmission) and arm.arm.encoder == "joint"
+        )
+        if not own or effect.limits or (only and effect.name not in only):
             continue
-        for i, places in enumerate(terms.block(name)):
-            moved = _moved(arm, terms, theta, name, i)
+        step = parametrisation_of(effect).step
+        for i, places in enumerate(terms.block(effect.name)):
+            moved = _moved(arm, terms, theta, effect.name, i)
             if moved is not None:
-                step = _step(name)
                 change = (recorded(moved, rigid) - base) / step
                 out[:, np.arange(len(places)), places] = change
     _rest(out, terms, theta)
@@ -126,11 +116,6 @@ def columns(
     return base, out
 
 
-def _step(name: str) -> float:
-    c = PARAMETRISATIONS[name]
-    return 1e-6 if isinstance(c.effect, Transmission) else c.step
-
-
 def _moved(
     arm: CorrectedArm, terms: Terms, theta: np.ndarray, name: str, coordinate: int
 ) -> CorrectedArm | None:
@@ -139,7 +124,9 @@ def _moved(
     if not chosen:
         return None
     moved = theta.copy()
-    moved[[t.columns[coordinate] for t in chosen]] += _step(name)
+    moved[[t.columns[coordinate] for t in chosen]] += parametrisation_of(
+        by_name(name)
+    ).step
     others = tuple(e for e in arm.effects if e.name != name)
     return replace(arm, effects=(*others, *terms.effects(moved, chosen)))
 
@@ -305,9 +292,8 @@ def _central(function, at: np.ndarray, step: float) -> np.ndarray:  # type: igno
 
 def _delayed(corrected: CorrectedArm, columns: np.ndarray, t: np.ndarray) -> np.ndarray:
     """Columns (N, n, K) of the needed torque, each joint's shifted by its delay and lag, to first order in time."""
-    ahead = corrected.value("actuator_delay", "delay") + corrected.value(
-        "actuator_lag", "time_constant"
-    )
+    times = (values[0] for effect, values in corrected.of_kind(Path) if effect.delays)
+    ahead: np.ndarray = sum(times, np.zeros(corrected.arm.n_joints))
     if not ahead.any():
         return columns
     return columns + ahead[:, None] * np.gradient(columns, t, axis=0)

@@ -30,6 +30,7 @@ from gapscope.diagnosis.model.terms import Term, Terms
 from gapscope.diagnosis.model.torque_sensor import LinkRows, link_rows, two_sides
 from gapscope.diagnosis.thresholds import MOST_PIECES, PIECE_LENGTH, SENSOR_ZERO
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import Drift
 from gapscope.ident.signals.effective_samples import ar1_samples
 
 COMMON = (
@@ -271,7 +272,9 @@ class Linearisation:
             residuals.append(pushed.residual)
             bases.append(pushed.basis)
             for term in (
-                t for t in self.terms.all if t.coordinates.shape and t.joint == j + 1
+                t
+                for t in self.terms.all
+                if t.parametrisation.nonlinear and t.joint == j + 1
             ):
                 known = self.terms.shapes.get(term)
                 if term.effect == "torque_ripple" and known is None:
@@ -358,12 +361,10 @@ class Linearisation:
         if term is not None:
             own = self._own(parts, term, j)
             gap = gap + own
-            if (
-                term.effect != "torque_saturation"
-            ):  # which leaves the predicted torque as it is
+            if not term.definition.limits:  # which leaves the predicted torque as it is
                 scale = 1.0 + self._corrected.value("torque_scale", "scale")[j]
                 known[:, COMMON.index("torque_scale")] += own / scale
-            if term.effect == "friction_drift":
+            if isinstance(term.definition, Drift):
                 names = ("coulomb_friction", "viscous_friction")
                 steady = np.vstack(
                     [
@@ -384,7 +385,7 @@ class Linearisation:
         arm = replace(
             self._corrected,
             effects=tuple(
-                e for e in self._corrected.effects if e.name != "friction_drift"
+                e for e in self._corrected.effects if not isinstance(e.effect, Drift)
             ),
         )
         places, out = [self.terms.of(name)[j].columns[0] for name in names], []

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gapscope.diagnosis.model.terms import Term
+from gapscope.diagnosis.model.terms import Term, parametrisation_of
 from gapscope.diagnosis.thresholds import (
     FORCE_WINDOW_BIN,
     HELD_NEAR_LIMIT,
@@ -26,8 +26,7 @@ from gapscope.diagnosis.thresholds import (
     TORQUE_LIMIT_GRID,
 )
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.effect import Signals
-from gapscope.effects.friction import stribeck
+from gapscope.effects.effect import Drift, Path, Signals, TorqueLaw
 from gapscope.ident.signals.conditioning import Segment
 
 
@@ -124,44 +123,70 @@ def search_shape(
     Raises:
         KeyError: the effect has no shape on a joint.
     """
-    searches = {
-        "stribeck_friction": _stribeck,
-        "friction_drift": _drift,
-        "torque_ripple": _ripple,
-    }
-    if term.effect == "torque_saturation":
-        return _saturation(term.joint - 1, segments, scan, known, needed)
-    return searches[term.effect](term.joint - 1, corrected, segments, scan, known)
-
-
-def _stribeck(
-    j: int, arm: CorrectedArm, segments: list[Segment], scan: Scan, known: float | None
-) -> Shape:
-    speeds = np.geomspace(0.01, 3.0, 16) if known is None else around(known, 5e-3, 10.0)
-    none = np.zeros(1)
-    series = [
-        stribeck(
-            Signals(0.0, none, s.motion.dq[:, j, None], none),
-            np.ones(len(speeds)),
-            speeds,
-        )
-        for s in segments
+    j, effect = term.joint - 1, term.definition
+    if effect.limits:
+        return _saturation(j, segments, scan, known, needed)
+    if isinstance(effect, Path):
+        return _ripple(j, corrected, segments, scan, known)
+    candidates = _candidates(term, segments, known)
+    if isinstance(effect, Drift):
+        return _drift(effect, candidates, j, corrected, segments, scan)
+    assert isinstance(effect, TorqueLaw)
+    columns = [
+        _law_columns(effect, candidates, j, corrected, s, load)
+        for s, load in zip(segments, needed, strict=True)
     ]
-    return scan.best(speeds, scan.thin(series))
+    return scan.best(candidates, scan.thin(columns))
+
+
+def _candidates(term: Term, segments: list[Segment], known: float | None) -> np.ndarray:
+    """Values of a term's nonlinear parameter to try: the effect's grid, or values about one that is known."""
+    grid = term.parametrisation.grid
+    if grid is None:
+        raise KeyError(f"{term.effect} says no grid for its nonlinear parameter")
+    if known is not None:
+        return around(known, *grid.bounds)
+    values = np.geomspace(grid.lowest, grid.highest, grid.points)
+    if not grid.in_durations:
+        return values
+    return max(float(s.motion.t[-1] - s.motion.t[0]) for s in segments) * values
+
+
+def _law_columns(
+    law: TorqueLaw,
+    candidates: np.ndarray,
+    j: int,
+    arm: CorrectedArm,
+    segment: Segment,
+    load: np.ndarray,
+) -> np.ndarray:
+    """Torque of a law of unit amplitude on joint j, for each candidate of (K,) of its nonlinear parameter, (N, K)."""
+    motion = segment.motion
+    values = parametrisation_of(law).values(
+        np.ones((1, len(candidates))), candidates[None]
+    )
+    signals = Signals(
+        motion.t[:, None],
+        arm.true_position(motion.q)[:, j, None],
+        motion.dq[:, j, None],
+        load[:, None],
+    )
+    return law.law(signals, *(values[name] for name in law.names))
 
 
 def _drift(
-    j: int, arm: CorrectedArm, segments: list[Segment], scan: Scan, known: float | None
+    drift: Drift,
+    times: np.ndarray,
+    j: int,
+    arm: CorrectedArm,
+    segments: list[Segment],
+    scan: Scan,
 ) -> Shape:
-    length = max(float(s.motion.t[-1] - s.motion.t[0]) for s in segments)
-    times = (
-        length * np.geomspace(0.05, 20.0, 16)
-        if known is None
-        else around(known, 0.02, 1e4)
-    )
+    """The best time constant of a drift."""
     arm, series = (
         replace(
-            arm, effects=tuple(e for e in arm.effects if e.name != "friction_drift")
+            arm,
+            effects=tuple(e for e in arm.effects if not isinstance(e.effect, Drift)),
         ),
         [],
     )
@@ -171,7 +196,9 @@ def _drift(
             arm.needed_torque(none, motion)
             - _without_friction(arm).needed_torque(none, motion)
         )[:, j, None]
-        series.append(friction * np.exp(-(motion.t - motion.t[0])[:, None] / times))
+        since_start = (motion.t - motion.t[0])[:, None]
+        factor = drift.factor(since_start, np.ones(len(times)), times)
+        series.append(friction * (factor - 1.0))
     return scan.best(times, scan.thin(series))
 
 

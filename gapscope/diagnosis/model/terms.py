@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gapscope.diagnosis.model.parametrisation import PARAMETRISATIONS, Parametrisation
 from gapscope.effects.applied import AppliedEffect
-
-EXPLAINED = tuple(PARAMETRISATIONS)
-"""Effects that a diagnosis can find by the torque gap."""
+from gapscope.effects.catalogue import effect as by_name
+from gapscope.effects.catalogue import explained
+from gapscope.effects.effect import Effect
+from gapscope.effects.parametrisation import Parametrisation
 
 
 @dataclass(frozen=True)
@@ -29,16 +29,21 @@ class Term:
     columns: tuple[int, ...]
 
     @property
-    def coordinates(self) -> Parametrisation:
-        """The coordinates of its effect."""
-        return PARAMETRISATIONS[self.effect]
+    def definition(self) -> Effect:
+        """The catalogue's record of its effect."""
+        return by_name(self.effect)
+
+    @property
+    def parametrisation(self) -> Parametrisation:
+        """How its effect is fitted."""
+        return parametrisation_of(self.definition)
 
     @property
     def finding(self) -> str:
         """What it is named with: all joints of an effect together, each link on its own."""
         return (
             f"{self.effect} {self.joint}"
-            if self.coordinates.effect.scope == "link"
+            if self.definition.scope == "link"
             else self.effect
         )
 
@@ -58,14 +63,14 @@ class Terms:
     def __post_init__(self) -> None:
         """Lay out theta: effect by effect, coordinate by coordinate, joint by joint."""
         terms, start = [], 0
-        for name, c in PARAMETRISATIONS.items():
-            places = 1 if c.effect.scope == "arm" else self.n_joints
+        for effect in explained():
+            linear = parametrisation_of(effect).linear
+            places = 1 if effect.scope == "arm" else self.n_joints
             for k in range(places):
-                columns = tuple(start + i * places + k for i in range(c.linear))
-                terms.append(
-                    Term(name, 0 if c.effect.scope == "arm" else k + 1, columns)
-                )
-            start += places * c.linear
+                columns = tuple(start + i * places + k for i in range(linear))
+                joint = 0 if effect.scope == "arm" else k + 1
+                terms.append(Term(effect.name, joint, columns))
+            start += places * linear
         object.__setattr__(self, "all", tuple(terms))
         object.__setattr__(self, "size", start)
 
@@ -83,7 +88,9 @@ class Terms:
     @property
     def open(self) -> tuple[Term, ...]:
         """The terms that can be chosen."""
-        return tuple(t for t in self.all if not t.coordinates.shape or t in self.shapes)
+        return tuple(
+            t for t in self.all if not t.parametrisation.nonlinear or t in self.shapes
+        )
 
     def effects(
         self, theta: np.ndarray, terms: Iterable[Term] | None = None
@@ -107,53 +114,37 @@ class Terms:
 
     def _applied(self, group: list[Term], theta: np.ndarray) -> AppliedEffect:
         """One finding's terms as an effect, its values moved into their bounds."""
-        c = group[0].coordinates
+        effect, fitted = group[0].definition, group[0].parametrisation
         linear = np.array([theta[list(t.columns)] for t in group]).T
         shape = (
             np.array([self.shapes[t] for t in group]).T
-            if c.shape
+            if fitted.nonlinear
             else np.zeros((0, len(group)))
         )
-        values = dict(c.values(linear, shape))
-        if c.effect.scope != "joint":
+        values = dict(fitted.values(linear, shape))
+        if effect.scope != "joint":
             values = {
                 name: np.squeeze(value, axis=-1) for name, value in values.items()
             }
-        if c.effect.scope == "link":
+        if effect.scope == "link":
             values = {"link": np.array(float(group[0].joint)), **values}
         bounded = {
-            p.name: np.clip(values[p.name], *p.bounds) for p in c.effect.parameters
+            p.name: np.clip(values[p.name], *p.bounds) for p in effect.parameters
         }
         return AppliedEffect(
-            c.effect.name,
-            tuple(t.joint for t in group) if c.effect.scope == "joint" else (),
+            effect.name,
+            tuple(t.joint for t in group) if effect.scope == "joint" else (),
             bounded,
         )
 
     def clipped(self, theta: np.ndarray) -> np.ndarray:
-        """Theta with values of springs, bodies and effects that have a single parameter moved into their bounds."""
+        """Theta with the coordinates of every effect that has bounds moved into them."""
         out = theta.copy()
-        for name, c in PARAMETRISATIONS.items():
-            if c.linear == 1 and not c.shape:
-                block = self.block(name)
-                out[block] = np.clip(out[block], *c.effect.parameters[0].bounds)
-        stiffness, moment = self.block("parallel_spring")
-        farthest = PARAMETRISATIONS["parallel_spring"].effect.parameter("rest").bounds[
-            1
-        ] * np.abs(out[stiffness])
-        out[moment] = np.clip(out[moment], -farthest, farthest)
-        for row, parameter in zip(
-            self.block("link_inertia"), ("mass", "com", "com", "com"), strict=True
-        ):
-            out[row] = np.clip(
-                out[row],
-                *PARAMETRISATIONS["link_inertia"].effect.parameter(parameter).bounds,
-            )
-        mass, com = (p.bounds for p in PARAMETRISATIONS["payload"].effect.parameters)
-        places = self.block("payload")[:, 0]
-        m = np.clip(out[places[0]], *mass)
-        out[places[0]] = m
-        out[places[1:]] = np.clip(out[places[1:]], -abs(m) * com[1], abs(m) * com[1])
+        for effect in explained():
+            clip = parametrisation_of(effect).clip
+            if clip is not None:
+                block = self.block(effect.name)
+                out[block] = clip(out[block])
         return out
 
     def impossible(
@@ -177,4 +168,10 @@ def count_findings(terms: Iterable[Term]) -> int:
 
 def cost(terms: Iterable[Term]) -> int:
     """Number of parameters that terms spend."""
-    return sum(term.coordinates.cost for term in terms)
+    return sum(term.parametrisation.cost for term in terms)
+
+
+def parametrisation_of(effect: Effect) -> Parametrisation:
+    """How an effect is fitted, of those that the torque gap can show."""
+    assert effect.parametrisation is not None
+    return effect.parametrisation

@@ -36,18 +36,6 @@ from gapscope.ident.model.pseudo_inertia import is_consistent
 from gapscope.ident.output.identified_arm import effects as identified_effects
 from gapscope.ident.output.identified_arm import sheet, urdf_text
 
-INHERENT = (
-    "load_friction",
-    "stribeck_friction",
-    "friction_drift",
-    "parallel_spring",
-    "torque_ripple",
-    "joint_elasticity",
-    "backlash",
-    "actuator_delay",
-    "actuator_lag",
-)
-"""Effects that a healthy arm may have beyond the identified model; those found on the reference are no news."""
 SMALLEST_STEP = 1e-6
 """Steps back towards the identified bodies end here [1]."""
 
@@ -167,7 +155,7 @@ def _inherent(
     study = examine(
         _on(identified.case, identified.result, urdf), lambda message: None, plain
     )
-    return tuple(e for e in study.effects if e.name in INHERENT)
+    return tuple(e for e in study.effects if e.effect.inherent)
 
 
 def _moved(

@@ -29,6 +29,7 @@ from gapscope.diagnosis.thresholds import (
 )
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import LinkChange
 from gapscope.ident.signals.conditioning import position_cutoff
 from gapscope.ident.signals.effective_samples import ar1_samples
 
@@ -130,7 +131,7 @@ class ReferenceUncertainty:
                     )
                 does = everything - self._predicted(replace(whole, effects=kept))
                 columns = [does[:, :, None]]
-                if applied.name in ("payload", "link_inertia"):
+                if isinstance(applied.effect, LinkChange):
                     link = (
                         int(applied.parameters["link"]) - 1
                         if "link" in applied.parameters

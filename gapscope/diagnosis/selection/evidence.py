@@ -22,8 +22,12 @@ import numpy as np
 
 from gapscope.diagnosis.model.linearisation import Fold, Linearisation
 from gapscope.diagnosis.model.normal_equations import NormalEquations
-from gapscope.diagnosis.model.parametrisation import PARAMETRISATIONS
-from gapscope.diagnosis.model.terms import Term, cost, count_findings
+from gapscope.diagnosis.model.terms import (
+    Term,
+    cost,
+    count_findings,
+    parametrisation_of,
+)
 from gapscope.diagnosis.thresholds import (
     LEAST_DELAY,
     MODEL_FORM,
@@ -32,6 +36,7 @@ from gapscope.diagnosis.thresholds import (
     SKEW_CHARGE,
     SKEWS,
 )
+from gapscope.effects.catalogue import explained
 
 
 @dataclass(frozen=True)
@@ -329,17 +334,11 @@ def _lowest(linearisation: Linearisation) -> np.ndarray:
     """
     arm, terms = linearisation.arm, linearisation.terms
     lowest = np.full(terms.size, -np.inf)
-    believed = {
-        "coulomb_friction": arm.coulomb,
-        "viscous_friction": arm.viscous,
-        "armature": arm.armature,
-    }
-    for name, c in PARAMETRISATIONS.items():
-        lowest[terms.block(name)[0]] = c.lowest
-    for name, values in believed.items():
-        lowest[terms.block(name)[0]] = -values - 1e-9
-    lowest[terms.block("actuator_delay")[0]] = LEAST_DELAY
-    lowest[terms.block("actuator_lag")[0]] = LEAST_DELAY
+    for effect in explained():
+        fitted, places = parametrisation_of(effect), terms.block(effect.name)[0]
+        lowest[places] = LEAST_DELAY if effect.delays else fitted.lowest
+        if fitted.data_sheet is not None:
+            lowest[places] = -getattr(arm, fitted.data_sheet) - 1e-9
     own = linearisation.body.inertial_parameters()[::10]
     lowest[terms.block("payload")[0]] = -own[linearisation.body.last_link]
     lowest[terms.block("link_inertia")[0]] = -0.95 * own

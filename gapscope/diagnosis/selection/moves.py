@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from gapscope.diagnosis.model.terms import Term, Terms
+from gapscope.effects.catalogue import explained
 
-CONTESTS = (("actuator_delay", "actuator_lag"),)
-"""Effects with the same column where they begin."""
-COMPLIANT = ("joint_elasticity", "backlash")
-"""Effects so far from linear that a model around their values says nothing of their absence."""
+
+def contests() -> list[tuple[str, str]]:
+    """Pairs of effects that are equal to first order, the more common one first."""
+    return [(e.near_equivalent, e.name) for e in explained() if e.near_equivalent]
 
 
 def neighbours(chosen: frozenset[Term], terms: Terms) -> list[frozenset[Term]]:
@@ -15,9 +16,9 @@ def neighbours(chosen: frozenset[Term], terms: Terms) -> list[frozenset[Term]]:
 
     Joints that ring or play stay: a model around their values says nothing of their absence.
     """
-    settled = {t for t in chosen if t.effect not in COMPLIANT}
+    settled = {t for t in chosen if t.definition.locally_linear}
     moves = [chosen - {t} for t in settled]
-    of_joints = {t.effect for t in terms.open if t.coordinates.effect.scope == "joint"}
+    of_joints = {t.effect for t in terms.open if t.definition.scope == "joint"}
     for name in {t.effect for t in settled}:
         mine = frozenset(t for t in chosen if t.effect == name)
         moves.append(chosen - mine)
@@ -53,7 +54,7 @@ def clashes(term: Term, chosen: frozenset[Term], terms: Terms) -> bool:
 def near_equivalent(term: Term) -> str | None:
     """The effect that looks like a term's to first order, with which it is contested."""
     return next(
-        (b if term.effect == a else a for a, b in CONTESTS if term.effect in (a, b)),
+        (b if term.effect == a else a for a, b in contests() if term.effect in (a, b)),
         None,
     )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gapscope.diagnosis.selection.delay_or_lag import lag_over_delay
-from gapscope.diagnosis.selection.moves import COMPLIANT, CONTESTS
+from gapscope.diagnosis.selection.moves import contests
 from gapscope.diagnosis.selection.state import State, nrmse
 from gapscope.diagnosis.thresholds import (
     DECISIVE_EVIDENCE,
@@ -20,7 +20,7 @@ def compare_near_equivalents(state: State) -> None:
 
     The second of a pair is named only where it is decisively better; where neither is, both stay open.
     """
-    for first, second in CONTESTS:
+    for first, second in contests():
         held = {t.effect for t in state.fit.terms} & {first, second}
         if len(held) != 1:
             continue
@@ -74,7 +74,7 @@ def prefer_payload(state: State) -> None:
 def drop_unneeded_compliance(state: State) -> None:
     """Try the model without each joint that bends or plays, around its own values; keep those that a person can see."""
     for term in sorted(
-        (t for t in state.fit.terms if t.effect in COMPLIANT),
+        (t for t in state.fit.terms if not t.definition.locally_linear),
         key=lambda t: (t.effect, t.joint),
     ):
         if term not in state.fit.terms:

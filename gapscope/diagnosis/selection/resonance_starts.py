@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.diagnosis.model.terms import Term
-from gapscope.diagnosis.selection.moves import COMPLIANT
 from gapscope.diagnosis.selection.state import State
 from gapscope.diagnosis.thresholds import (
     COMPLIANCE_RATIO,
@@ -48,7 +47,7 @@ def starts(state: State) -> list[Start]:
     ).sum(axis=0)
     if state.data.arm.encoder != "motor" or left2.max() < COMPLIANCE_RATIO**2:
         return []
-    taken = {t.joint for t in state.fit.terms if t.effect in COMPLIANT}
+    taken = {t.joint for t in state.fit.terms if not t.definition.locally_linear}
     free = [j for j in range(state.data.arm.n_joints) if j + 1 not in taken]
     bodies = _Bodies(state)
     best: dict[Term, Start] = {}

@@ -10,10 +10,9 @@ import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
-from gapscope.diagnosis.model.parametrisation import PARAMETRISATIONS
-from gapscope.diagnosis.model.terms import EXPLAINED, Term
+from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.evidence import Evidence, Fit
-from gapscope.diagnosis.selection.moves import COMPLIANT, clashes, near_equivalent
+from gapscope.diagnosis.selection.moves import clashes, near_equivalent
 from gapscope.diagnosis.selection.near_equivalents import (
     compare_near_equivalents,
     drop_unneeded_compliance,
@@ -30,6 +29,8 @@ from gapscope.diagnosis.thresholds import (
     SEARCH_RATE,
     VISIBLE_EFFECT,
 )
+from gapscope.effects.catalogue import effect as by_name
+from gapscope.effects.catalogue import explained
 from gapscope.ident.signals.conditioning import Segment, thinned
 
 
@@ -142,9 +143,9 @@ def _pair(state: State, progress: Callable[[str], None]) -> bool:
     Not beside a joint that rings or plays, whose form leaves more than a pair that shows alone in neither part.
     """
     before = state.model
-    if any(t.effect in COMPLIANT for t in before.fit.terms):
+    if any(not t.definition.locally_linear for t in before.fit.terms):
         return False
-    found = (_group(state, effect) for effect in EXPLAINED)
+    found = (_group(state, effect.name) for effect in explained())
     groups = sorted((g for g in found if g is not None), key=lambda fit: -fit.score)[
         :PAIRED_GROUPS
     ]
@@ -187,7 +188,7 @@ def _describe(terms: frozenset[Term]) -> str:
 
 def _groups(state: State) -> list[Fit]:
     """For each effect the best group of joints to add it on, if any raises the evidence."""
-    found = (_group(state, effect) for effect in EXPLAINED)
+    found = (_group(state, effect.name) for effect in explained())
     return [
         group for group in found if group is not None and group.score > state.fit.score
     ]
@@ -205,7 +206,7 @@ def _group(state: State, effect: str) -> Fit | None:
         (state.evidence.fit(state.fit.terms | {t}) for t in free),
         key=lambda f: -f.score,
     )
-    if PARAMETRISATIONS[effect].effect.scope != "joint":
+    if by_name(effect).scope != "joint":
         return state.best(singles[0].terms) if singles else None
     for single in singles:
         known = group or state.fit

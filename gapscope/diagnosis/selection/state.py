@@ -15,7 +15,6 @@ from gapscope.diagnosis.model.linearisation import Linearisation
 from gapscope.diagnosis.model.terms import Term, Terms
 from gapscope.diagnosis.selection.evidence import Evidence, Fit, evidences
 from gapscope.diagnosis.selection.moves import (
-    COMPLIANT,
     by_finding,
     by_term,
     neighbours,
@@ -190,7 +189,7 @@ class State:
         """
         for least, parts in ((VISIBLE_EFFECT, by_finding), (VISIBLE_TERM, by_term)):
             while calm := frozenset(
-                t for t in self.fit.terms if t.effect not in COMPLIANT
+                t for t in self.fit.terms if t.definition.locally_linear
             ):
                 loss = {
                     part: self._difference(self.fit.terms - part, self.fit.terms)
@@ -267,5 +266,5 @@ def nrmse(
 def settled(fit: Fit) -> np.ndarray:
     """Values around which to linearise: saturation is there or not, how much of it is in its shape."""
     theta = fit.theta.copy()
-    theta[[t.columns[0] for t in fit.terms if t.effect == "torque_saturation"]] = 1.0
+    theta[[t.columns[0] for t in fit.terms if t.definition.limits]] = 1.0
     return theta

@@ -14,9 +14,10 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.severity import ArmScale, draw
+from gapscope.effects.severity import draw
 
 
 class Separated(NamedTuple):
