@@ -8,7 +8,7 @@ from typing import Any
 
 import typer
 
-from gapscope.arm.errors import GapscopeError, ModelWarning
+from gapscope.arm.errors import EngineWarning, GapscopeError, ModelWarning
 from gapscope.commands.blind import blind
 from gapscope.commands.diagnosing import advise, diagnose, gap, predict, replay
 from gapscope.commands.identifying import excite, identify
@@ -48,7 +48,7 @@ def _show_warning(
     message: Warning | str, category: type[Warning], *place: Any, **more: Any
 ) -> None:
     """What is odd about a model as a note; other warnings as Python shows them."""
-    if issubclass(category, ModelWarning):
+    if issubclass(category, (ModelWarning, EngineWarning)):
         log.print(f"note: {message}", highlight=False, markup=False, soft_wrap=True)
     else:
         _python_warning(message, category, *place, **more)

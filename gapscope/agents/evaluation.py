@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from typing import Any
 
@@ -29,7 +29,7 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.arguments import positive
-from gapscope.envs.engines import check_engine
+from gapscope.envs.engines import check_engine, default_engine
 from gapscope.envs.simulated_arm import SimulatedArm
 
 LAWS = ("feedforward", "computed")
@@ -63,7 +63,7 @@ class EvaluationPlan:
     motions: tuple[str, ...] = MOTIONS
     disturbances: tuple[str, ...] = ("none", "push")
     seeds: tuple[int, ...] = (0, 1, 2)
-    engines: tuple[str, ...] = ("pybullet",)
+    engines: tuple[str, ...] = field(default_factory=lambda: (default_engine(),))
     duration: float = 4.0
     tuning: Tuning = Tuning()  # noqa: RUF009 (it is frozen)
     law: str = "feedforward"

@@ -46,7 +46,7 @@ class InstabilityDemo:
 def run_instability_demo(
     arm: NominalArm,
     bandwidth: float = 5.0,
-    engine: str = "pybullet",
+    engine: str | None = None,
     duration: float = 2.0,
 ) -> list[InstabilityDemo]:
     """Track one motion with each of ``CASES`` at the same gains.

@@ -58,3 +58,7 @@ class InputError(GapscopeError):
 
 class ModelWarning(UserWarning):
     """Something odd in a model, which is used all the same; says how."""
+
+
+class EngineWarning(UserWarning):
+    """Another physics engine than usual simulates; says which and why."""

@@ -17,17 +17,27 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.nearest_name import nearest
 from gapscope.arm.nominal import NominalArm
 
+MODELS = Path(__file__).with_name("robot_models")
+"""Models that come with the package."""
+
 
 @dataclass(frozen=True)
 class KnownRobot:
-    """A robot model that comes with ``pybullet_data``: path inside it, and the joints of the arm (all by default)."""
+    """A robot that may be given by name.
+
+    Attributes:
+        urdf: path of its model, with meshes, inside ``pybullet_data``.
+        joints: the joints of the arm, all by default.
+        plain: file of the same arm without meshes that comes with the package, if there is one.
+    """
 
     urdf: str
     joints: tuple[str, ...] | None = None
+    plain: Path | None = None
 
 
 KNOWN_ROBOTS = {
-    "kuka_iiwa": KnownRobot("kuka_iiwa/model.urdf"),
+    "kuka_iiwa": KnownRobot("kuka_iiwa/model.urdf", plain=MODELS / "kuka_iiwa.urdf"),
     "franka_panda": KnownRobot(
         "franka_panda/panda.urdf", tuple(f"panda_joint{j}" for j in range(1, 8))
     ),
@@ -103,12 +113,14 @@ def _locate(robot: str | Path, folder: Path) -> tuple[Path, tuple[str, ...] | No
             file=path,
         )
     package = find_spec("pybullet_data")
-    if package is None or not package.submodule_search_locations:
-        raise InputError(
-            f"the model of {robot} comes with PyBullet",
-            "pip install pybullet, or give a URDF file",
-        )
-    return Path(package.submodule_search_locations[0]) / known.urdf, known.joints
+    if package is not None and package.submodule_search_locations:
+        return Path(package.submodule_search_locations[0]) / known.urdf, known.joints
+    if known.plain is not None:
+        return known.plain, known.joints
+    raise InputError(
+        f"the model of {robot} comes with PyBullet",
+        "pip install 'gapscope[pybullet]', or give a URDF file",
+    )
 
 
 def _robot_name(urdf: Path) -> str:

@@ -106,7 +106,7 @@ class ArmTracking(gymnasium.Env):
         robot: str | Path | NominalArm = "kuka_iiwa",
         *,
         effects: Effects = None,
-        engine: str = "pybullet",
+        engine: str | None = None,
         sheet: Mapping[str, Any] | None = None,
         action: str = "residual",
         feedforward: str | Feedforward = "nominal",

@@ -55,11 +55,7 @@ POSTURE = np.array([0.0, 0.6, 0.0, -1.2, 0.0, 0.8, 0.0])
 
 
 def iiwa() -> NominalArm:
-    """KUKA LBR iiwa: URDF of pybullet_data, torque limits of the iiwa 14 R820, rotors and friction of its class.
-
-    Raises:
-        InputError: the package pybullet_data is not installed.
-    """
+    """KUKA LBR iiwa: its URDF, torque limits of the iiwa 14 R820, rotors and friction of its class."""
     return load_nominal_arm("kuka_iiwa", sheet=DATA_SHEET)
 
 

@@ -56,7 +56,7 @@ class Plant:
         base: CorrectedArm,
         encoder_step: float,
         encoder_noise: np.ndarray | float,
-        engine: str,
+        engine: str | None,
         effects: tuple[AppliedEffect, ...],
         control: Control,
         timing: Timing,

@@ -38,7 +38,7 @@ def record(
     read_back: bool = False,
     settle: float = 0.5,
     name: str = "recording",
-    engine: str = "pybullet",
+    engine: str | None = None,
     later: tuple[float, tuple[AppliedEffect, ...]] | None = None,
 ) -> Recording:
     """Record a simulated arm; columns t, q, dq (filtered), tau (commanded), q_ref and dq_ref.
@@ -63,7 +63,7 @@ def record(
             place of the one commanded; row i holds what is applied from t[i] on.
         settle: time at the reference's start before t = 0 [s].
         name: name of the recording.
-        engine: ``pybullet``, ``mujoco`` or ``dart``.
+        engine: ``pybullet``, ``mujoco`` or ``dart``; by default PyBullet if it is installed, else MuJoCo.
         later: a time [s], and the effects that take the place of the others from then on, as when a payload is picked
             up; position and velocity of the joints go on, what effects have as a state starts anew.
 

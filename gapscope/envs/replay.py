@@ -63,7 +63,7 @@ def replay(
     recording: Recording,
     controller: Controller | None,
     *,
-    engine: str = "pybullet",
+    engine: str | None = None,
 ) -> Replay:
     """Run the simulated arm under the commands of a recording.
 
@@ -72,7 +72,7 @@ def replay(
         effects: what the simulated arm has beyond it and the known payload of the recording.
         recording: with ``q_ref`` where the replay goes through the controller, with ``tau`` otherwise.
         controller: the controller, where known.
-        engine: ``pybullet``, ``mujoco`` or ``dart``.
+        engine: ``pybullet``, ``mujoco`` or ``dart``; by default PyBullet if it is installed, else MuJoCo.
 
     Raises:
         InputError: the recording has neither a reference for a known controller nor a torque, or lasts less than
@@ -145,7 +145,7 @@ def _simulated(
     effects: tuple[AppliedEffect, ...],
     recording: Recording,
     dt: float,
-    engine: str,
+    engine: str | None,
 ) -> SimulatedArm:
     """The arm with the known body that was mounted, in steps of dt [s]."""
     step = arm.encoder_step or 0.0
@@ -160,7 +160,7 @@ def _tracked(
     recording: Recording,
     rows: slice,
     controller: Controller,
-    engine: str,
+    engine: str | None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions [rad] and commanded torques [N m] of a stretch under its controller, each (N, n)."""
     command = _Commands(arm, recording, rows, controller)
@@ -203,7 +203,7 @@ def _driven(
     effects: tuple[AppliedEffect, ...],
     recording: Recording,
     rows: slice,
-    engine: str,
+    engine: str | None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions [rad] under the recorded torque, from the measured state every ``HORIZON``, and that torque, (N, n)."""
     assert recording.tau is not None

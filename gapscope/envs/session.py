@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,7 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Path as TorquePath
 from gapscope.envs.arguments import positive, whole
-from gapscope.envs.engines import check_engine
+from gapscope.envs.engines import check_engine, default_engine
 from gapscope.envs.mystery_arm import position_controller
 from gapscope.envs.recorder import record
 
@@ -55,7 +55,7 @@ class Plan:
     read_back: bool = False
     noise: float = 0.01
     encoder_noise: float = 0.0
-    engine: str = "pybullet"
+    engine: str = field(default_factory=default_engine)
 
     def __post_init__(self) -> None:
         """Check the numbers and the engine."""

@@ -36,7 +36,7 @@ class SimulatedArm:
         arm: the nominal arm; its armature and friction are simulated too.
         effects: what the simulated arm has beyond them.
         dt: time step [s] in which torque is held; stiff joints divide it further.
-        engine: ``pybullet``, ``mujoco`` or ``dart``.
+        engine: ``pybullet``, ``mujoco`` or ``dart``; by default PyBullet if it is installed, else MuJoCo.
         encoder_step: quantisation of the encoders [rad]; none by default.
         encoder_noise: standard deviation of white noise of the encoders [rad], a number or shape (n,).
         rng: source of the noise.
@@ -61,7 +61,7 @@ class SimulatedArm:
         effects: tuple[AppliedEffect, ...] = (),
         dt: float = 1e-3,
         *,
-        engine: str = "pybullet",
+        engine: str | None = None,
         encoder_step: float = 0.0,
         encoder_noise: np.ndarray | float = 0.0,
         rng: np.random.Generator | None = None,

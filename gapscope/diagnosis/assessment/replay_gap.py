@@ -16,18 +16,18 @@ from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.moves import by_finding
 from gapscope.diagnosis.thresholds import REPLAYED_TICKS, REPLAYED_TICKS_COMPLIANT
 from gapscope.effects.applied import AppliedEffect
-from gapscope.envs.engines import installed
+from gapscope.envs.engines import default_engine, installed
 from gapscope.envs.replay import LONGEST_STEP, replay
 
-ENGINE, SECOND_OPINIONS = "pybullet", ("mujoco",)
-"""The engine that replays, and those that do so as well where they are installed."""
+SECOND_OPINION = "mujoco"
+"""Replays as well if another engine is the default."""
 
 
 class ReplayGap(NamedTuple):
     """RMS of replayed minus recorded position [rad], shape (n,), ``None`` where it was not replayed.
 
     Attributes:
-        before, after: of the nominal arm, and of the arm with the effects found, in PyBullet.
+        before, after: of the nominal arm, and of the arm with the effects found, in the default engine.
         by: what moved the simulated arm: the ``controller``, or where it or the reference is not known the recorded
             ``torque`` over short horizons; ``None`` where nothing was replayed.
         warnings: why something was not replayed.
@@ -69,7 +69,9 @@ def replay_gap(case: Case, predictor: HeldOutPredictor) -> ReplayGap:
     )
     known: dict[tuple[frozenset[Term], str], tuple[np.ndarray | None, str | None]] = {}
 
-    def gap(terms: frozenset[Term], engine: str = ENGINE) -> np.ndarray | None:
+    usual = default_engine()
+
+    def gap(terms: frozenset[Term], engine: str = usual) -> np.ndarray | None:
         if (terms, engine) not in known:
             known[terms, engine] = attempt(
                 case, _effects(predictor, terms), recording, engine
@@ -79,7 +81,7 @@ def replay_gap(case: Case, predictor: HeldOutPredictor) -> ReplayGap:
     parts = (
         {} if rings else {next(iter(part)).finding: part for part in by_finding(every)}
     )
-    others = [engine for engine in SECOND_OPINIONS if installed(engine)]
+    others = [name for name in (SECOND_OPINION,) if name != usual and installed(name)]
     before, after = gap(none), gap(every)
     replayed = before is not None or after is not None
     return ReplayGap(
@@ -89,7 +91,7 @@ def replay_gap(case: Case, predictor: HeldOutPredictor) -> ReplayGap:
         tuple(
             f"{recording.name}: no replay of the {arm} arm: {why}"
             for arm, terms in (("nominal", none), ("corrected", every))
-            if (why := known[terms, ENGINE][1])
+            if (why := known[terms, usual][1])
         ),
         {name: gap(part) for name, part in parts.items()},
         {name: gap(every - part) for name, part in parts.items()},
@@ -101,7 +103,7 @@ def attempt(
     case: Case,
     effects: tuple[AppliedEffect, ...],
     recording: Recording,
-    engine: str = ENGINE,
+    engine: str | None = None,
 ) -> tuple[np.ndarray | None, str | None]:
     """Replay gap [rad], (n,), or ``None`` and why: an effect that cannot be simulated, an arm that runs away."""
     try:
