@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from gapscope.arm.controller import Controller
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.case_file import read_case_file
 from gapscope.arm.io.controller_file import parse_controller
 from gapscope.arm.io.import_section import Import, parse_import
-from gapscope.arm.io.load_recording import load_recording
+from gapscope.arm.io.load_recording import load_recording, recording_of_columns
 from gapscope.arm.io.plausibility import UNSIGNED
 from gapscope.arm.known_load import KnownLoad, parse_payloads
 from gapscope.arm.nominal import NominalArm
@@ -26,6 +28,9 @@ SHORTEST = 1.0
 
 DATA_ROOT = "GAPSCOPE_DATA"
 """Environment variable with the folder that ``${GAPSCOPE_DATA}`` in a path of a case stands for."""
+
+Samples = np.ndarray | Sequence[np.ndarray]
+"""A channel of one recording, shape (N,) or (N, n), or a list of them: one for each recording."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +47,7 @@ class Case:
         warnings: what was noticed about the whole case while reading.
         importing: how its logs are read, where they are not in the columns of the case format.
         payloads: known bodies mounted in some recordings, by the path of their file.
+        file: the case file that it was read from; ``None`` for a case made in memory.
     """
 
     name: str
@@ -53,6 +59,120 @@ class Case:
     warnings: tuple[str, ...] = ()
     importing: Import | None = None
     payloads: Mapping[Path, KnownLoad] = field(default_factory=dict)
+    file: Path | None = None
+
+    @classmethod
+    def from_arrays(
+        cls,
+        robot: str | Path | NominalArm,
+        *,
+        t: Samples,
+        q: Samples,
+        tau: Samples | None = None,
+        dq: Samples | None = None,
+        q_ref: Samples | None = None,
+        dq_ref: Samples | None = None,
+        tau_sensor: Samples | None = None,
+        temperature: Samples | None = None,
+        **description: Any,
+    ) -> Case:
+        """A case from arrays in memory, with the checks that files get.
+
+        One array per channel makes one recording; lists of arrays make several, one for each entry.
+
+        Args:
+            robot: path of a URDF or MJCF file, a name of ``KNOWN_ROBOTS``, or a nominal arm.
+            t: time [s], shape (N,).
+            q: joint positions [rad], shape (N, n).
+            tau: joint torque, commanded or derived from motor current [N m], shape (N, n).
+            dq: velocity [rad/s], shape (N, n).
+            q_ref, dq_ref: reference position [rad] and velocity [rad/s], shape (N, n).
+            tau_sensor: joint torque sensor [N m], shape (N, n).
+            temperature: of the joints [deg C], shape (N, n).
+            **description: ``name``, ``joints``, ``gravity``, ``nominal`` and ``controller`` as in ``case.yaml``.
+
+        Raises:
+            InputError: the robot or an array cannot be used; names recording, row and column.
+
+        >>> import numpy as np
+        >>> t = np.arange(0.0, 2.0, 0.01)
+        >>> q = np.sin(t)[:, None] * np.ones(7)
+        >>> Case.from_arrays("kuka_iiwa", t=t, q=q, tau=0 * q).recordings[0].duration
+        1.99
+        """
+        channels = {
+            "q": q,
+            "tau": tau,
+            "dq": dq,
+            "q_ref": q_ref,
+            "dq_ref": dq_ref,
+            "tau_sensor": tau_sensor,
+            "temperature": temperature,
+        }
+        given = {name: _listed(x) for name, x in channels.items() if x is not None}
+        times = _listed(t)
+        for name, arrays in given.items():
+            if len(arrays) != len(times):
+                raise InputError(
+                    f"has {len(arrays)} recordings, t has {len(times)}",
+                    "give every channel an array for each recording",
+                    where=name,
+                )
+        frames = []
+        for number, time in enumerate(times):
+            columns = {"t": np.asarray(time, dtype=float)}
+            for name, arrays in given.items():
+                columns |= _numbered(name, np.asarray(arrays[number], dtype=float))
+            frames.append(columns)
+        return cls.from_frames(robot, frames, **description)
+
+    @classmethod
+    def from_frames(
+        cls,
+        robot: str | Path | NominalArm,
+        frames: Mapping[str, Any] | Sequence[Any] | Any,
+        *,
+        name: str = "case",
+        joints: Sequence[str] | None = None,
+        gravity: Sequence[float] | None = None,
+        nominal: Mapping[str, Any] | None = None,
+        controller: Mapping[str, Any] | Controller | None = None,
+    ) -> Case:
+        """A case from data frames in memory, with the checks that files get.
+
+        Args:
+            robot: path of a URDF or MJCF file, a name of ``KNOWN_ROBOTS``, or a nominal arm.
+            frames: a data frame, or a list of them: one for each recording, with the columns of the case format
+                (``t``, ``q1..qn``, ``tau1..taun``, ...). A dict of columns will do for a data frame.
+            name: of the case.
+            joints: order of the columns; by default that of the URDF's actuated joints.
+            gravity: [m/s^2] in the base frame.
+            nominal: the data sheet, as in ``case.yaml``.
+            controller: as in ``case.yaml``.
+
+        Raises:
+            InputError: the robot or a frame cannot be used; names recording, row and column.
+        """
+        arm = robot
+        if not isinstance(arm, NominalArm):
+            arm = load_nominal_arm(arm, joints=joints, gravity=gravity, sheet=nominal)
+        if not isinstance(controller, Controller):
+            controller = parse_controller(controller, arm.n_joints, Path(name))
+        several = isinstance(frames, (list, tuple))
+        recordings = []
+        for number, frame in enumerate(frames if several else [frames], start=1):
+            columns = {str(key): np.asarray(frame[key]) for key in frame}
+            recording = recording_of_columns(f"recording_{number}", columns, arm)
+            _check_duration(recording, Path(recording.name))
+            recordings.append(recording)
+        return cls(
+            name=name,
+            folder=Path(),
+            arm=arm,
+            recordings=tuple(recordings),
+            controller=controller,
+            warnings=_warnings(recordings),
+        )
 
     def payload_of(self, file: Path) -> KnownLoad | None:
         """Known body that was mounted while the recording in a file was made, or ``None``."""
@@ -120,6 +240,7 @@ def load_case(
         warnings=_warnings([*recordings, *judged]),
         importing=importing,
         payloads=payloads,
+        file=file,
     )
 
 
@@ -210,14 +331,32 @@ def _read(
     loads = [payloads[file.resolve()] for file in files if file.resolve() in payloads]
     if loads:
         recording = replace(recording, payload=loads[0])
+    _check_duration(recording, files[0])
+    return recording
+
+
+def _check_duration(recording: Recording, file: Path) -> None:
     if recording.duration < SHORTEST:
-        file = files[0]
         raise InputError(
             f"lasts {recording.duration:.3g} s ({len(recording.t)} samples), expected at least {SHORTEST:g} s",
             "record a longer motion; ten seconds in which all joints move are a good start",
             file=file,
         )
-    return recording
+
+
+def _listed(samples: Samples) -> Sequence[np.ndarray]:
+    """Arrays of a channel, one for each recording."""
+    return samples if isinstance(samples, (list, tuple)) else [np.asarray(samples)]
+
+
+def _numbered(name: str, values: np.ndarray) -> dict[str, np.ndarray]:
+    """Columns ``name1..namen`` of an array of shape (N, n)."""
+    if values.ndim != 2:
+        raise InputError(
+            f"has shape {values.shape}, expected (N, n): a row for each sample, a column for each joint",
+            where=name,
+        )
+    return {f"{name}{joint + 1}": column for joint, column in enumerate(values.T)}
 
 
 def _warnings(recordings: list[Recording]) -> tuple[str, ...]:

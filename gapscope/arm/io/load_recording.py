@@ -76,6 +76,46 @@ def load_recording(
             file=importing.source,
             where="field recordings",
         )
+    return _recording(
+        tables,
+        arm,
+        importing,
+        rows=rows,
+        complete=complete,
+        every_row=every_row,
+        any_unit=any_unit,
+    )
+
+
+def recording_of_columns(
+    name: str, columns: Mapping[str, np.ndarray], arm: NominalArm
+) -> Recording:
+    """One recording of ``arm`` from columns in memory, in the units of the case format, checked as a file is.
+
+    Args:
+        name: of the recording, for messages.
+        columns: ``t``, ``q1..qn``, and where known ``tau1..``, ``dq1..``, ... , shape (N,) each.
+        arm: the nominal arm.
+
+    Raises:
+        InputError: a column is missing, no number or implausible; names row and column.
+    """
+    length = len(next(iter(columns.values()), ()))
+    table = Table(Path(name), columns, range(1, length + 1))
+    return _recording({None: table}, arm, Import(), any_unit=True)
+
+
+def _recording(
+    tables: dict[str | None, Table],
+    arm: NominalArm,
+    importing: Import,
+    *,
+    rows: tuple[int, int] | None = None,
+    complete: bool = False,
+    every_row: bool = False,
+    any_unit: bool = False,
+) -> Recording:
+    """One recording from its tables; see ``load_recording``."""
     if rows is not None:
         cut = [importing.main_file] if importing.join != "row" else list(tables)
         tables |= {label: tables[label].part(*rows) for label in cut}
