@@ -1,8 +1,9 @@
 """Readings of a case compared: how well each lets an ordinary arm explain torque that was not used to fit.
 
-The gain of a reading is the sum over joints of log(R without / R with), R = sqrt(gap^2 + ORDINARY_GAP^2) with the unseen gap
-over the torque's deviation, and of log(S without / S with), S = surprise + ORDINARY_SURPRISE with the surprise at the values that
-the arm would have to have. The floors keep small effects from counting: a setup fault is gross.
+The gain of a reading is the sum over joints of log(R without / R with), R = sqrt(gap^2 + ORDINARY_GAP^2) with the
+held-out gap over the torque's deviation, and of log(S without / S with), S = surprise + ORDINARY_SURPRISE with the
+surprise at the values that the arm would have to have. The floors keep small effects from counting: a setup fault is
+gross.
 """
 
 from __future__ import annotations
