@@ -19,6 +19,7 @@ Side = Literal["actuator", "link", "both"]
 Reach = Literal["joint", "arm"]
 Quantity = Literal[
     "own torque",
+    "position",
     "velocity",
     "acceleration",
     "time",

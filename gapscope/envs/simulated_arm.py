@@ -17,7 +17,7 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import LinkChange
 from gapscope.envs.drive.encoders import Encoders
 from gapscope.envs.drive.friction import Friction, total
-from gapscope.envs.drive.loads import Loads
+from gapscope.envs.drive.loads import Loads, check_simulated
 from gapscope.envs.drive.movers import Native, Predicted
 from gapscope.envs.drive.path import TorquePath
 from gapscope.envs.drive.substeps import least_inertia, mass_matrices, substeps
@@ -69,6 +69,7 @@ class SimulatedArm:
     ) -> None:
         with_effects = CorrectedArm(arm, effects)
         with_effects.check()
+        check_simulated(effects)
         nominal = RigidBody(arm)
         check_inertia(nominal)
         for note in odd_inertials(nominal):
@@ -174,7 +175,9 @@ class SimulatedArm:
     def _weight(self, q: np.ndarray, dq: np.ndarray, t: float) -> np.ndarray:
         """Torque [N m] that holds the links up at a constant velocity, shape (n,), kinematic order."""
         held = self.body.bias(q[self._places], dq[self._places])[self._order]
-        return held - self._loads(t, q) if self._loads.present else held
+        if not self._loads.present:
+            return held
+        return held - self._loads(t, q, dq, held)
 
     @property
     def q(self) -> np.ndarray:
@@ -259,7 +262,7 @@ class SimulatedArm:
     def _advance_rigid(self) -> None:
         """One step of rigid joints."""
         torque = (
-            self._u + self._loads(self.time, self._q)
+            self._u + self._loads(self.time, self._q, self._step.dq, self._u)
             if self._loads.present
             else self._u
         )
@@ -272,7 +275,7 @@ class SimulatedArm:
         through = motors.torque(self._q, self._step.dq)
         on_links = np.where(rigid, torque, through)
         if self._loads.present:
-            on_links += self._loads(self.time, self._q)
+            on_links += self._loads(self.time, self._q, self._step.dq, through)
         self._step.advance(on_links, limit * rigid)
         motors.step(torque, through, limit, self._friction.viscous, self._h)
         motors.follow(self._q, self._step.dq)

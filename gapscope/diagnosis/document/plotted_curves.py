@@ -16,6 +16,7 @@ from gapscope.diagnosis.localisation.stacked_rows import Rows, stack
 from gapscope.diagnosis.result import Located, Signature, Spectrum, Trace
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import Quantity, Transmission
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, Segment
 
 POINTS = 1500
@@ -105,7 +106,8 @@ def signatures(
         without = torque_gap(rest, body, segments)
         explained = full.predicted - without.predicted
         for joint in _joints(applied, explained, without):
-            axis, unit, x = _axis(applied.name, rows, without, explained, joint - 1)
+            quantity = applied.effect.plotted_against
+            axis, unit, x = _axis(quantity, rows, without, explained, joint - 1)
             gap, part = without.error[::step, joint - 1], explained[::step, joint - 1]
             out.append(Signature(applied.name, joint, axis, unit, x[::step], gap, part))
     return tuple(out)
@@ -113,7 +115,10 @@ def signatures(
 
 def _joints(applied: AppliedEffect, explained: np.ndarray, gap: TorqueGap) -> list[int]:
     """Joints to show: those of the effect, or the three on which an effect of many joints weighs most."""
-    if applied.joints and applied.name != "encoder_offset":
+    # a joint that bends shows it most on itself, an encoder's offset where gravity pulls most
+    effect = applied.effect
+    own = effect.reach == "joint" or isinstance(effect, Transmission)
+    if applied.joints and own:
         return list(applied.joints[:7])
     weight = np.sqrt((explained**2).mean(axis=0)) / np.maximum(
         gap.measured.std(axis=0), 1e-9
@@ -122,27 +127,24 @@ def _joints(applied: AppliedEffect, explained: np.ndarray, gap: TorqueGap) -> li
 
 
 def _axis(
-    effect: str, rows: Rows, gap: TorqueGap, explained: np.ndarray, j: int
+    quantity: Quantity, rows: Rows, gap: TorqueGap, explained: np.ndarray, j: int
 ) -> tuple[str, str, np.ndarray]:
-    """Name, unit and values of the quantity that drives an effect on joint j (from 0)."""
-    if effect in ("coulomb_friction", "viscous_friction"):
-        return "velocity", "rad/s", rows.dq[:, j]
-    if effect == "load_friction":
-        return (
+    """Name, unit and values of the quantity over which an effect on joint j (from 0) is drawn."""
+    recorded, velocity = gap.measured[:, j], rows.dq[:, j]
+    directed_load = np.abs(recorded) * np.sign(velocity)
+    torque_rate = np.gradient(gap.predicted[:, j], np.median(np.diff(rows.t)))
+    axes: dict[Quantity, tuple[str, str, np.ndarray]] = {
+        "own torque": ("torque that the effect predicts", "N m", explained[:, j]),
+        "position": ("position", "rad", rows.q[:, j]),
+        "velocity": ("velocity", "rad/s", velocity),
+        "acceleration": ("acceleration", "rad/s²", rows.ddq[:, j]),
+        "time": ("time", "s", rows.t),
+        "recorded torque": ("recorded torque", "N m", recorded),
+        "directed load": (
             "load torque in the direction of motion",
             "N m",
-            np.abs(gap.measured[:, j]) * np.sign(rows.dq[:, j]),
-        )
-    if effect == "armature":
-        return "acceleration", "rad/s²", rows.ddq[:, j]
-    if effect == "torque_scale":
-        return "recorded torque", "N m", gap.measured[:, j]
-    if effect == "torque_offset":
-        return "time", "s", rows.t
-    if effect == "actuator_delay":
-        return (
-            "rate of the torque",
-            "N m/s",
-            np.gradient(gap.predicted[:, j], np.median(np.diff(rows.t))),
-        )
-    return "torque that the effect predicts", "N m", explained[:, j]
+            directed_load,
+        ),
+        "torque rate": ("rate of the torque", "N m/s", torque_rate),
+    }
+    return axes[quantity]

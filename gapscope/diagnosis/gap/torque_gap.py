@@ -17,6 +17,8 @@ from gapscope.diagnosis.thresholds import (
     TIMING_SKEW,
 )
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import DryLaw
+from gapscope.effects.friction import COULOMB
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, Segment, low_pass
 
 
@@ -158,12 +160,14 @@ def steady(
 
 
 def dry_friction(corrected: CorrectedArm, segment: Segment) -> np.ndarray:
-    """Size of dry friction c + d + mu |tau| at each trimmed sample [N m], (M, n)."""
-    dry = np.abs(corrected.arm.coulomb + corrected.value("coulomb_friction", "torque"))
-    dry = dry + np.abs(corrected.value("stribeck_friction", "torque"))
-    dry = dry + np.abs(corrected.value("load_friction", "coefficient")) * np.abs(
-        filtered_torque(segment)
-    )
+    """Size of dry friction at each trimmed sample, c + d + mu |tau| and the like at rest [N m], (M, n)."""
+    load = filtered_torque(segment)
+    still = np.zeros_like(load)
+    nominal = corrected.arm.coulomb + corrected.value(COULOMB.name, "torque")
+    dry = np.abs(nominal) + still
+    for law, values in corrected.of_kind(DryLaw):
+        if law is not COULOMB and isinstance(law, DryLaw):
+            dry = dry + np.abs(law.amplitude(still, load, *values))
     return np.asarray(dry * corrected.drift(segment.motion.t[segment.inner]))
 
 

@@ -19,10 +19,21 @@ from gapscope.effects.catalogue import effect as by_name
 from gapscope.effects.catalogue import explained
 from gapscope.effects.corrected import CorrectedArm, slow_with_rates
 from gapscope.effects.deflection import play_columns
-from gapscope.effects.effect import Path, Transmission
+from gapscope.effects.effect import Effect, Path, Transmission
 from gapscope.effects.environment import acts, tilt
 from gapscope.effects.rigid_body import link_change
 from gapscope.ident.signals.conditioning import Segment
+
+DERIVED = (
+    "payload",
+    "link_inertia",
+    "base_tilt",
+    "external_force",
+    "encoder_offset",
+    "joint_elasticity",
+    "backlash",
+)
+"""Effects that reach other joints and whose columns are derived here; those of others are finite differences."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +105,7 @@ def columns(
             continue
         step = parametrisation_of(effect).step
         for i, places in enumerate(terms.block(effect.name)):
-            moved = _moved(arm, terms, theta, effect.name, i)
+            moved = moved_arm(arm, terms, theta, effect.name, i)
             if moved is not None:
                 change = (recorded(moved, rigid) - base) / step
                 out[:, np.arange(len(places)), places] = change
@@ -116,7 +127,7 @@ def columns(
     return base, out
 
 
-def _moved(
+def moved_arm(
     arm: CorrectedArm, terms: Terms, theta: np.ndarray, name: str, coordinate: int
 ) -> CorrectedArm | None:
     """The arm with one coordinate of an effect moved by a step on all joints; ``None`` where none has a shape yet."""
@@ -156,6 +167,9 @@ def bodily_columns(
     _add(out, payload, last @ _payload_tangent(theta[payload]))
     _add(out, places, gravity @ _tilt_tangent(theta[places], arm.arm.gravity))
     out.update(forced_columns(arm, segment, bodies, terms))
+    for effect in explained():
+        if effect.reach == "arm" and effect.name not in DERIVED:
+            out |= _differences(arm, body, motion, terms, theta, effect, rigid)
     if arm.arm.encoder == "motor":
         twist = _transmitted(arm, segment)
         for unit, places in zip(
@@ -179,6 +193,29 @@ def bodily_columns(
                     out[place] = _bent(
                         arm, body, motion, terms, theta, term.effect, place, rigid
                     )
+    return out
+
+
+def _differences(
+    arm: CorrectedArm,
+    body: RigidBody,
+    motion: Motion,
+    terms: Terms,
+    theta: np.ndarray,
+    effect: Effect,
+    rigid: np.ndarray,
+) -> dict[int, np.ndarray]:
+    """Derivatives of the bodies' torque, (N, n), by the coordinates of an effect, as finite differences."""
+    out: dict[int, np.ndarray] = {}
+    step = parametrisation_of(effect).step
+    others = tuple(e for e in arm.effects if e.name != effect.name)
+    for term in terms.of(effect.name):
+        for place in term.columns if term in terms.open else ():
+            moved = theta.copy()
+            moved[place] += step
+            chosen = [t for t in terms.of(effect.name) if moved[list(t.columns)].any()]
+            changed = replace(arm, effects=(*others, *terms.effects(moved, chosen)))
+            out[place] = (changed.rigid_torque(body, motion) - rigid) / step
     return out
 
 

@@ -22,16 +22,18 @@ import numpy as np
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
 from gapscope.diagnosis.gap.torque_gap import dry_friction, simplified_forms, steady
-from gapscope.diagnosis.model.jacobian import Bodies, bodily_columns
-from gapscope.diagnosis.model.terms import Terms
+from gapscope.diagnosis.model.jacobian import Bodies, bodily_columns, moved_arm
+from gapscope.diagnosis.model.terms import Terms, parametrisation_of
 from gapscope.diagnosis.thresholds import (
     EFFECT_FORM,
     FRICTION_FORM,
     SENSOR_LAG,
     SENSOR_SCALE,
 )
+from gapscope.effects.catalogue import explained
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Signals, TorqueLaw
+from gapscope.effects.transmission import SPRING
 from gapscope.ident.signals.conditioning import Segment
 
 
@@ -117,9 +119,17 @@ def link_rows(
     )
     columns[:, :, list(derivatives)] = np.stack(list(derivatives.values()), axis=2)
     joints = np.arange(n)
-    stiffness, rest = terms.block("parallel_spring")
+    stiffness, rest = terms.block(SPRING.name)
     columns[:, joints, stiffness] = arm.true_position(motion.q)
     columns[:, joints, rest] = -1.0
+    for law in explained():
+        if not isinstance(law, TorqueLaw) or law.side != "link" or law is SPRING:
+            continue
+        for i, places in enumerate(terms.block(law.name)):
+            moved = moved_arm(arm, terms, theta, law.name, i)
+            if moved is not None:
+                change = link_torque(moved, laden, motion) - link
+                columns[:, joints, places] = change / parametrisation_of(law).step
     floors = np.concatenate(
         [actuator_floor(corrected, body, segment), link_floor(corrected, body, segment)]
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gapscope.diagnosis.selection.delay_or_lag import lag_over_delay
+from gapscope.diagnosis.selection.delay_or_lag import DELAY, lag_over_delay
 from gapscope.diagnosis.selection.moves import contests
 from gapscope.diagnosis.selection.state import State, nrmse
 from gapscope.diagnosis.thresholds import (
@@ -34,7 +34,8 @@ def compare_near_equivalents(state: State) -> None:
             | {t for t in state.terms.open if t.effect == other and t.joint in joints}
         )
         states[other] = state.model
-        gained = lag_over_delay(state, states[first])
+        # the two can be told apart by their second order in time, which needs no threshold
+        gained = lag_over_delay(state, states[first]) if first == DELAY else None
         if gained is not None:
             winner, loser = (second, first) if gained > 0 else (first, second)
             state.contested[winner, loser] = -abs(gained)
