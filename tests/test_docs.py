@@ -1,0 +1,61 @@
+"""The pages of the documentation name files that exist, and stay readable."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+PATH = re.compile(r"`((?:gapscope|docs|experiments|tests)/[\w./-]+)`")
+LINK = re.compile(r"\]\(([^)#:]+)\)")
+PAGE = re.compile(r"`([\w/]+\.md)`")
+README_LINES = 120
+"""Most lines of the README."""
+LINE_LENGTH = 120
+"""Most characters in a line outside tables and code."""
+
+
+def name(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_named_files_exist(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    missing = [path for path in PATH.findall(text) if not (ROOT / path).exists()]
+    assert missing == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_links_and_page_names_lead_somewhere(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    links = [link for link in LINK.findall(text) if not (page.parent / link).exists()]
+    roots = (page.parent, ROOT, ROOT / "docs")
+    pages = [
+        other
+        for other in PAGE.findall(text)
+        if not any((root / other).exists() for root in roots)
+    ]
+    assert links + pages == []
+
+
+def test_every_page_is_in_the_index() -> None:
+    index = (ROOT / "docs/README.md").read_text(encoding="utf-8")
+    listed = {(ROOT / "docs" / link).resolve() for link in LINK.findall(index)}
+    pages = set((ROOT / "docs").rglob("*.md")) - {ROOT / "docs/README.md"}
+    assert {page.resolve() for page in pages} <= listed
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_lines_of_text_are_of_readable_length(page: Path) -> None:
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    lines = [line for line in text.splitlines() if not line.startswith(("|", "#"))]
+    assert max(map(len, lines)) <= LINE_LENGTH
+
+
+def test_readme_is_short() -> None:
+    lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
+    assert len(lines) <= README_LINES
