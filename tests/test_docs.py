@@ -8,10 +8,14 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+PAGES = sorted(
+    [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")]
+)
 PATH = re.compile(r"`((?:gapscope|docs|experiments|tests)/[\w./-]+)`")
 LINK = re.compile(r"\]\(([^)#:]+)\)")
 PAGE = re.compile(r"`([\w/]+\.md)`")
+NO_FILES = {"gapscope/ArmTracking-v0", "score.md"}
+"""Look like paths: the name of the environment in Gymnasium, and a file that a command writes."""
 README_LINES = 120
 """Most lines of the README."""
 LINE_LENGTH = 120
@@ -25,8 +29,8 @@ def name(page: Path) -> str:
 @pytest.mark.parametrize("page", PAGES, ids=name)
 def test_named_files_exist(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
-    missing = [path for path in PATH.findall(text) if not (ROOT / path).exists()]
-    assert missing == []
+    named = set(PATH.findall(text)) - NO_FILES
+    assert {path for path in named if not (ROOT / path).exists()} == set()
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name)
@@ -36,7 +40,7 @@ def test_links_and_page_names_lead_somewhere(page: Path) -> None:
     roots = (page.parent, ROOT, ROOT / "docs")
     pages = [
         other
-        for other in PAGE.findall(text)
+        for other in set(PAGE.findall(text)) - NO_FILES
         if not any((root / other).exists() for root in roots)
     ]
     assert links + pages == []
@@ -52,7 +56,9 @@ def test_every_page_is_in_the_index() -> None:
 @pytest.mark.parametrize("page", PAGES, ids=name)
 def test_lines_of_text_are_of_readable_length(page: Path) -> None:
     text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
-    lines = [line for line in text.splitlines() if not line.startswith(("|", "#"))]
+    lines = [
+        line for line in text.splitlines() if not line.lstrip().startswith(("|", "#"))
+    ]
     assert max(map(len, lines)) <= LINE_LENGTH
 
 
