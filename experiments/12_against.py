@@ -31,7 +31,7 @@ from gapscope.blind_check.generator.case_setup import CaseSetup, draw_setup
 from gapscope.blind_check.generator.conditions import Conditions
 from gapscope.blind_check.generator.law import Cause
 from gapscope.blind_check.generator.laws import LAWS
-from gapscope.blind_check.generator.plant import Columns, TrueArm
+from gapscope.blind_check.generator.true_arm import Columns, TrueArm
 from gapscope.blind_check.scoring.statistics import wilson
 from gapscope.diagnosis.reference.diagnose_change import diagnose_change
 
@@ -54,10 +54,10 @@ def make_pair(
 ) -> dict[str, Any]:
     """Write ``reference`` and ``case`` into a folder; the label of the load, empty where there is none."""
     rng = np.random.default_rng(seed)
-    off = float(rng.uniform(0.1, 0.3))
+    perturb_inertials = float(rng.uniform(0.1, 0.3))
     conditions = Conditions(
         robot,
-        inertials_off=off,
+        inertials_off=perturb_inertials,
         rate=250,
         loop_rate=500,
         recordings=4,
@@ -69,7 +69,9 @@ def make_pair(
             continue
         none = np.array([], dtype=int)
         law = LAWS["payload"]
-        causes = [Cause(law, none, law.draw(rng, setup.scene, none))] if loaded else []
+        causes = (
+            [Cause(law, none, law.draw(rng, setup.context, none))] if loaded else []
+        )
         healthy, today = setup.plant(()), setup.plant(causes)
         for name in ("coulomb", "viscous"):
             today.values[name] = today.values[name] * (

@@ -16,8 +16,8 @@ from gapscope.blind_check.generator.conditions import (
     STRONG,
     WEAK,
     CaseSpec,
-    deal,
-    deal_conditions,
+    allocate,
+    draw_conditions,
 )
 from gapscope.blind_check.generator.laws import BEYOND, INSIDE, LAWS, SETUP
 
@@ -157,9 +157,9 @@ def allocate_cases(plan: BlindPlan, seed: int) -> list[CaseSpec]:
     deck += [("pair", _mixed(mixable, 2, rng)) for _ in range(plan.pairs)]
     deck += [("triple", _mixed(mixable, 3, rng)) for _ in range(plan.triples)]
     deck += [("healthy", ())] * plan.healthy
-    conditions = deal_conditions(rng, len(deck), plan.plain())
-    strong = deal(rng, len(deck), STRONG, [1.0] * len(STRONG))
-    weak = deal(rng, len(deck), WEAK, [1.0] * len(WEAK))
+    conditions = draw_conditions(rng, len(deck), plan.plain())
+    strong = allocate(rng, len(deck), STRONG, [1.0] * len(STRONG))
+    weak = allocate(rng, len(deck), WEAK, [1.0] * len(WEAK))
     specs = [
         CaseSpec(
             kind,

@@ -9,7 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm
-from gapscope.blind_check.generator.urdf import Inertial, cleaned, set_inertial, text_of
+from gapscope.blind_check.generator.urdf import (
+    Inertial,
+    add_limit,
+    cleaned,
+    set_inertial,
+    text_of,
+)
 
 
 @dataclass(frozen=True)
@@ -133,25 +139,36 @@ def draw_arm(name: str, rng: np.random.Generator) -> Arm:
         rng: source of the data sheet, and of the geometry of a drawn arm.
     """
     if name in ("drawn", "small"):
-        return _drawn(rng, 3 if name == "small" else int(rng.integers(3, 8)))
+        n = 3 if name == "small" else int(rng.integers(3, 8))
+        return _drawn(rng, n)
     if name in DH:
         urdf = text_of(_by_dh(*DH[name]))
     else:
-        path = load_nominal_arm(name).urdf
-        urdf = text_of(
-            cleaned(path.read_text(encoding="utf-8"), KNOWN_ROBOTS[name].joints)
-        )
+        text = load_nominal_arm(name).urdf.read_text(encoding="utf-8")
+        urdf = text_of(cleaned(text, KNOWN_ROBOTS[name].joints))
     return _with_sheet(name, urdf, SHEETS[name], rng)
 
 
 def _with_sheet(name: str, urdf: str, sheet: Sheet, rng: np.random.Generator) -> Arm:
     n = len(sheet.home)
-    armature, coulomb, viscous = (
-        np.array(values) * rng.uniform(0.7, 1.4, n)
-        for values in (sheet.armature, sheet.coulomb, sheet.viscous)
-    )
-    home, half = np.array(sheet.home, dtype=float), np.array(sheet.half, dtype=float)
+    armature = np.array(sheet.armature) * rng.uniform(0.7, 1.4, n)
+    coulomb = np.array(sheet.coulomb) * rng.uniform(0.7, 1.4, n)
+    viscous = np.array(sheet.viscous) * rng.uniform(0.7, 1.4, n)
+    home = np.array(sheet.home, dtype=float)
+    half = np.array(sheet.half, dtype=float)
     return Arm(name, urdf, home, half, armature, coulomb, viscous, sheet.payload)
+
+
+class ChainLink(NamedTuple):
+    """A link of a chain and the joint that moves it.
+
+    Origin [m] and roll-pitch-yaw [rad] of the joint in the frame of the one before, its axis, and the inertial; (3,).
+    """
+
+    xyz: np.ndarray
+    rpy: np.ndarray
+    axis: np.ndarray
+    inertial: Inertial
 
 
 def _by_dh(
@@ -159,91 +176,85 @@ def _by_dh(
 ) -> ET.Element:
     """A serial arm by a standard Denavit-Hartenberg table; each link is a body half way along its way."""
     links = []
+    axis = np.array([0.0, 0.0, 1.0])
     xyz: np.ndarray = np.zeros(3)
     rpy: np.ndarray = np.zeros(3)
-    for offset, length, alpha, mass, radius in zip(
-        d, a, ALPHA, masses, radii, strict=True
-    ):
-        way = np.array([length, 0.0, offset])
-        links.append(
-            (xyz, rpy, np.array([0.0, 0.0, 1.0]), _rod(mass, 0.5 * way, way, radius))
-        )
-        xyz, rpy = way, np.array([alpha, 0.0, 0.0])
+    for k, alpha in enumerate(ALPHA):
+        way = np.array([a[k], 0.0, d[k]])
+        rod = _rod(masses[k], 0.5 * way, way, radii[k])
+        links.append(ChainLink(xyz, rpy, axis, rod))
+        # the transform of the table comes after the joint, so the next link bears it
+        xyz = way
+        rpy = np.array([alpha, 0.0, 0.0])
     return _serial(links)
 
 
+AXES = ("z", "y", "y", "x", "y", "x", "y")
+"""Axes of a drawn arm: shoulder and elbow as most arms have them, then a wrist."""
+LENGTHS = (0.25, 0.35, 0.32, 0.12, 0.12, 0.1, 0.08)
+"""Middle of its links' lengths [m]."""
+MASSES = (5.0, 6.0, 3.5, 2.0, 1.4, 1.0, 0.6)
+"""Middle of its links' masses [kg]."""
+HOME = (0.0, 0.4, 0.5, 0.0, 0.5, 0.0, 0.4)
+"""Middle posture of its motions [rad]."""
+HALF = (1.5, 0.8, 0.9, 1.4, 1.2, 1.5, 1.2)
+"""Half range of its motions [rad]."""
+
+
 def _drawn(rng: np.random.Generator, n: int) -> Arm:
-    """A new arm: shoulder and elbow as most arms have them, then a wrist; rods whose mass falls outwards."""
-    axes = np.array(
-        [[0, 0, 1], [0, 1, 0], [0, 1, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0], [0, 1, 0]],
-        dtype=float,
-    )[:n]
-    lengths = np.array([0.25, 0.35, 0.32, 0.12, 0.12, 0.1, 0.08])[:n] * rng.uniform(
-        0.8, 1.25, n
-    )
-    masses = (
-        np.array([5.0, 6.0, 3.5, 2.0, 1.4, 1.0, 0.6])[:n]
-        * rng.uniform(0.7, 1.5, n)
-        * rng.uniform(0.6, 2.0)
-    )
-    links, xyz = [], np.array([0.0, 0.0, 0.15])
+    """A new arm: rods whose mass falls outwards, with a data sheet after the mass that each joint carries."""
+    lengths = np.array(LENGTHS)[:n] * rng.uniform(0.8, 1.25, n)
+    masses = np.array(MASSES)[:n] * rng.uniform(0.7, 1.5, n) * rng.uniform(0.6, 2.0)
+    links = []
+    xyz = np.array([0.0, 0.0, 0.15])
     for j in range(n):
-        way = lengths[j] * (
-            np.array([0.0, 0.0, 1.0]) if j < 2 else np.array([1.0, 0.0, 0.0])
-        )
+        # the column stands, the rest of the arm reaches forward
+        direction = [0.0, 0.0, 1.0] if j < 2 else [1.0, 0.0, 0.0]
+        way = lengths[j] * np.array(direction)
         com = 0.5 * way + rng.uniform(-0.03, 0.03, 3)
-        links.append(
-            (
-                xyz,
-                np.zeros(3),
-                axes[j],
-                _rod(masses[j], com, way, 0.25 * lengths[j] + 0.02),
-            )
-        )
+        rod = _rod(masses[j], com, way, 0.25 * lengths[j] + 0.02)
+        axis = np.array([float(name == AXES[j]) for name in "xyz"])
+        links.append(ChainLink(xyz, np.zeros(3), axis, rod))
         xyz = way
     outer = np.array([masses[j:].sum() * lengths[j:].sum() for j in range(n)])
-    arm = 0.05 * outer * lengths + 0.01
+    inertia = 0.05 * outer * lengths + 0.01
+    friction = list(0.1 * outer + 0.03)
     sheet = Sheet(
-        list(np.array([0, 0.4, 0.5, 0, 0.5, 0, 0.4])[:n]),
-        list(np.array([1.5, 0.8, 0.9, 1.4, 1.2, 1.5, 1.2])[:n]),
-        list(4.0 * arm),
-        list(0.1 * outer + 0.03),
-        list(0.1 * outer + 0.03),
-        0.35 * float(masses[-3:].sum()),
+        home=list(HOME[:n]),
+        half=list(HALF[:n]),
+        armature=list(4.0 * inertia),
+        coulomb=friction,
+        viscous=friction,
+        payload=0.35 * float(masses[-3:].sum()),
     )
     return _with_sheet("drawn", text_of(_serial(links)), sheet, rng)
 
 
 def _rod(mass: float, com: np.ndarray, way: np.ndarray, radius: float) -> Inertial:
     """A thick rod along ``way``: m (l^2 - way way^T) / 12 plus m r^2 / 2 about every axis."""
-    inertia = mass * (
-        way @ way * np.eye(3) - np.outer(way, way)
-    ) / 12.0 + 0.5 * mass * radius**2 * np.eye(3)
-    return Inertial(mass, np.asarray(com), inertia)
+    thin = mass * (way @ way * np.eye(3) - np.outer(way, way)) / 12.0
+    thick = 0.5 * mass * radius**2 * np.eye(3)
+    return Inertial(mass, np.asarray(com), thin + thick)
 
 
-def _serial(
-    links: list[tuple[np.ndarray, np.ndarray, np.ndarray, Inertial]],
-) -> ET.Element:
-    """URDF of a chain: per link the joint's origin, its roll-pitch-yaw, its axis, and the inertial."""
+def _serial(links: list[ChainLink]) -> ET.Element:
+    """URDF of a chain."""
     root = ET.Element("robot", name="arm")
     ET.SubElement(root, "link", name="base")
-    line = lambda values: " ".join(f"{float(x):.9g}" for x in values)  # noqa: E731
     parent = "base"
-    for k, (xyz, rpy, axis, body) in enumerate(links, 1):
-        set_inertial(ET.SubElement(root, "link", name=f"link_{k}"), body)
+    for k, link in enumerate(links, 1):
+        child = f"link_{k}"
+        set_inertial(ET.SubElement(root, "link", name=child), link.inertial)
         joint = ET.SubElement(root, "joint", name=f"joint_{k}", type="revolute")
         ET.SubElement(joint, "parent", link=parent)
-        ET.SubElement(joint, "child", link=f"link_{k}")
-        ET.SubElement(joint, "origin", xyz=line(xyz), rpy=line(rpy))
-        ET.SubElement(joint, "axis", xyz=line(axis))
-        ET.SubElement(
-            joint,
-            "limit",
-            lower="-6.28318",
-            upper="6.28318",
-            effort="1000",
-            velocity="10",
-        )
-        parent = f"link_{k}"
+        ET.SubElement(joint, "child", link=child)
+        ET.SubElement(joint, "origin", xyz=_text(link.xyz), rpy=_text(link.rpy))
+        ET.SubElement(joint, "axis", xyz=_text(link.axis))
+        add_limit(joint)
+        parent = child
     return root
+
+
+def _text(values: np.ndarray) -> str:
+    """Numbers as an attribute."""
+    return " ".join(f"{float(x):.9g}" for x in values)

@@ -1,4 +1,4 @@
-"""The bench of a case: its arm, controller, motions and healthy twin, on which causes are tried and sized."""
+"""The setup of a case: its arm, controller, motions and healthy twin, on which causes are tried and sized."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from gapscope.blind_check.generator.law import Cause, LawContext
 from gapscope.blind_check.generator.loop import Loop
 from gapscope.blind_check.generator.measure import KNEE, nominal_torque, residual, rms
 from gapscope.blind_check.generator.motions import Motion, draw_motion
-from gapscope.blind_check.generator.plant import Columns, HealthyArm, TrueArm
 from gapscope.blind_check.generator.rigid import (
     inertia_diagonal,
     inverse_dynamics,
@@ -23,7 +22,8 @@ from gapscope.blind_check.generator.rigid import (
     tip_path,
 )
 from gapscope.blind_check.generator.simulate import simulate
-from gapscope.blind_check.generator.urdf import copied, off
+from gapscope.blind_check.generator.true_arm import Columns, HealthyArm, TrueArm
+from gapscope.blind_check.generator.urdf import copied, perturb_inertials
 
 STEP = 5e-4
 """Simulation step [s]."""
@@ -33,7 +33,7 @@ RESTLESS = 0.35
 
 @dataclass(frozen=True)
 class CaseSetup:
-    """What stays the same while causes are tried; the last motion is the unseen one.
+    """What stays the same while causes are tried; the last motion is the held-out one.
 
     Attributes:
         arm, loop, healthy: the arm, its controller, its small imperfections.
@@ -41,8 +41,8 @@ class CaseSetup:
         believed: URDF root with the true inertials of the healthy twin (a little off the nominal ones).
         motions, kinds, ahead, noise: per recording reference, its kind, feedforward [N m], encoder noise [rad].
         thin: rows of the controller per row of the recording.
-        scene: what laws may look at.
-        floor: RMS of the healthy twin's gap on the unseen motion [N m], (n,).
+        context: what laws may use.
+        floor: RMS of the healthy twin's gap on the held-out motion [N m], (n,).
         twin: that gap itself [N m], (M, n).
     """
 
@@ -56,7 +56,7 @@ class CaseSetup:
     ahead: list[np.ndarray]
     noise: list[np.ndarray]
     thin: int
-    scene: LawContext
+    context: LawContext
     floor: np.ndarray
     twin: np.ndarray
 
@@ -68,55 +68,46 @@ class CaseSetup:
         return plant
 
     def run(self, plant: TrueArm, which: int) -> Columns | None:
-        """One recording, thinned to its rate, before any fault of the set-up; ``None`` where it cannot be used."""
+        """One recording, thinned to its rate, before any fault of the set-up; ``None`` if it cannot be used."""
         rows = simulate(
             plant, self.motions[which], self.ahead[which], self.noise[which]
         )
         if rows is None:
             return None
         settled = rows["tau"][int(0.4 * self.loop.rate) :]
-        change = np.abs(np.diff(settled, axis=0)).mean(axis=0) / self.scene.deviation
-        if change.max() > RESTLESS:
+        change = np.abs(np.diff(settled, axis=0)).mean(axis=0)
+        # a chattering command is no healthy loop, even if the arm stays near its reference
+        if (change / self.context.deviation).max() > RESTLESS:
             return None
         return {name: series[:: self.thin] for name, series in rows.items()}
 
     def gap(self, rows: Columns) -> tuple[np.ndarray, np.ndarray]:
-        """Gap of a recording of the unseen motion [N m], (M, n), and the scale it is measured by, (n,)."""
+        """Gap of a recording of the held-out motion [N m], (M, n), and the scale it is measured by, (n,)."""
         predicted = nominal_torque(self.model, sheet_of(self.arm), rows["t"], rows["q"])
         return residual(rows["tau"], predicted, self.loop.rate / self.thin)
 
     def signature(self, causes: Sequence[Cause]) -> np.ndarray | None:
-        """RMS of what causes add to the gap on the unseen motion, over the healthy twin's floor, (n,)."""
+        """RMS of what causes add to the gap on the held-out motion, over the healthy twin's floor, (n,)."""
         rows = self.run(self.plant(causes), -1)
-        return None if rows is None else rms(self.gap(rows)[0] - self.twin) / self.floor
+        if rows is None:
+            return None
+        gap, _ = self.gap(rows)
+        return rms(gap - self.twin) / self.floor
 
 
 def draw_setup(conditions: Conditions, rng: np.random.Generator) -> CaseSetup | None:
-    """A bench for a case; ``None`` where its healthy twin does not run well."""
+    """The setup of a case; ``None`` if its healthy twin does not run well.
+
+    The order of the draws is part of what a seed means.
+    """
     arm = draw_arm(conditions.robot, rng)
     model = model_of(arm.urdf)
     motions, kinds = _motions(arm, conditions, rng)
     postures = arm.home + rng.uniform(-1, 1, (20, arm.n)) * arm.half
     inertia = inertia_diagonal(model, postures).mean(axis=0)
-    rigid = [_sparsely(model, motion) for motion in motions]
-    torques = [
-        rows
-        + arm.armature * motion.ddq
-        + arm.coulomb * np.tanh(motion.dq / KNEE)
-        + arm.viscous * motion.dq
-        for rows, motion in zip(rigid, motions, strict=True)
-    ]
-    loop = _loop(arm, inertia, torques, conditions, rng)
-    encoder_step = 2 * np.pi / 2 ** int(rng.integers(16, 20))
-    healthy = HealthyArm(
-        step=STEP,
-        encoder_step=encoder_step,
-        noise=rng.uniform(0.5e-5, 2.2e-5) * conditions.noise,
-        stribeck=rng.uniform(0.03, 0.15, arm.n),
-        knee=rng.uniform(0.01, 0.06, arm.n),
-        presliding=10 ** rng.uniform(-4.7, -4.0),
-        bend=rng.uniform(0.94, 1.0, arm.n),
-    )
+    torques = [_nominal_torque(arm, model, motion) for motion in motions]
+    loop = _draw_loop(arm, inertia, torques, conditions, rng)
+    healthy = _draw_healthy(arm.n, conditions.noise, rng)
     ahead = [
         _feedforward(loop.feedforward, model, motion, torque)
         for motion, torque in zip(motions, torques, strict=True)
@@ -124,29 +115,49 @@ def draw_setup(conditions: Conditions, rng: np.random.Generator) -> CaseSetup | 
     noise = [healthy.noise * rng.standard_normal(motion.q.shape) for motion in motions]
     believed = arm.root
     if conditions.inertials_off:
-        off(believed, conditions.inertials_off, rng)
-    scene = _scene(arm, model, motions, torques[-1], inertia, conditions, encoder_step)
-    none = np.zeros(arm.n)
+        perturb_inertials(believed, conditions.inertials_off, rng)
     setup = CaseSetup(
-        arm,
-        loop,
-        healthy,
-        model,
-        believed,
-        motions,
-        kinds,
-        ahead,
-        noise,
-        conditions.loop_rate // conditions.rate,
-        scene,
-        none,
-        none,
+        arm=arm,
+        loop=loop,
+        healthy=healthy,
+        model=model,
+        believed=believed,
+        motions=motions,
+        kinds=kinds,
+        ahead=ahead,
+        noise=noise,
+        thin=conditions.loop_rate // conditions.rate,
+        context=_context(
+            arm,
+            model,
+            motions,
+            torques[-1],
+            inertia,
+            conditions,
+            healthy.encoder_step,
+        ),
+        # measured below, on the setup itself
+        floor=np.zeros(arm.n),
+        twin=np.zeros(arm.n),
     )
     rows = setup.run(setup.plant(()), -1)
     if rows is None:
         return None
-    twin = setup.gap(rows)[0]
+    twin, _ = setup.gap(rows)
     return replace(setup, twin=twin, floor=rms(twin))
+
+
+def _draw_healthy(n: int, noise: float, rng: np.random.Generator) -> HealthyArm:
+    """The small imperfections of a healthy arm of n joints; ``noise`` is a factor on that of the encoders [1]."""
+    return HealthyArm(
+        step=STEP,
+        encoder_step=2 * np.pi / 2 ** int(rng.integers(16, 20)),
+        noise=rng.uniform(0.5e-5, 2.2e-5) * noise,
+        stribeck=rng.uniform(0.03, 0.15, n),
+        knee=rng.uniform(0.01, 0.06, n),
+        presliding=10 ** rng.uniform(-4.7, -4.0),
+        bend=rng.uniform(0.94, 1.0, n),
+    )
 
 
 def sheet_of(arm: Arm) -> dict[str, np.ndarray]:
@@ -154,44 +165,46 @@ def sheet_of(arm: Arm) -> dict[str, np.ndarray]:
     return {"armature": arm.armature, "coulomb": arm.coulomb, "viscous": arm.viscous}
 
 
-def _sparsely(model: Any, motion: Motion, *, gravity: bool = False) -> np.ndarray:
+def _nominal_torque(arm: Arm, model: Any, motion: Motion) -> np.ndarray:
+    """Torque that the nominal arm needs for a reference [N m], (N, n)."""
+    rigid = _rigid_torque(model, motion)
+    rotors = arm.armature * motion.ddq
+    dry = arm.coulomb * np.tanh(motion.dq / KNEE)
+    return rigid + rotors + dry + arm.viscous * motion.dq
+
+
+def _rigid_torque(
+    model: Any, motion: Motion, *, gravity_only: bool = False
+) -> np.ndarray:
     """Torque of the rigid bodies along a reference [N m], (N, n): at 200 Hz, between them by cubic splines."""
-    rows = np.unique(
-        np.append(
-            np.arange(0, len(motion.t), max(1, round(0.005 / motion.t[1]))),
-            len(motion.t) - 1,
-        )
-    )
-    q, dq, ddq = (x[rows] for x in (motion.q, motion.dq, motion.ddq))
-    torque = (
-        inverse_dynamics(model, q, 0 * dq, 0 * ddq)
-        if gravity
-        else inverse_dynamics(model, q, dq, ddq)
-    )
+    last = len(motion.t) - 1
+    every = max(1, round(0.005 / motion.t[1]))
+    rows = np.unique(np.append(np.arange(0, last + 1, every), last))
+    q, dq, ddq = motion.q[rows], motion.dq[rows], motion.ddq[rows]
+    if gravity_only:
+        dq, ddq = 0 * dq, 0 * ddq
+    torque = inverse_dynamics(model, q, dq, ddq)
     return CubicSpline(motion.t[rows], torque)(motion.t)
 
 
 def _motions(
     arm: Arm, conditions: Conditions, rng: np.random.Generator
 ) -> tuple[list[Motion], list[str]]:
-    """The recordings' motions: slow, faster, then others; the last, unseen one is no faster than the fastest."""
-    more = list(rng.permutation(["point_to_point", "crawl"]))[
-        : conditions.recordings - 2
-    ]
-    kinds = ["slow", str(rng.choice(["fast", "middle"])), *map(str, more)][
-        : conditions.recordings
-    ]
+    """The recordings' motions: slow, faster, then others; the last, held-out one is no faster than the fastest."""
+    others = [str(kind) for kind in rng.permutation(["point_to_point", "crawl"])]
+    faster = str(rng.choice(["fast", "middle"]))
+    kinds = ["slow", faster, *others][: conditions.recordings]
     kinds.append(kinds[1] if rng.uniform() < 0.6 else "middle")
     lengths = np.round(rng.uniform(*conditions.duration, len(kinds)), 1)
     lengths[-1] = min(lengths[-1], 10.0)
-    pairs = zip(kinds, lengths, strict=True)
-    return [
+    motions = [
         draw_motion(kind, arm, float(length), conditions.loop_rate, rng)
-        for kind, length in pairs
-    ], kinds
+        for kind, length in zip(kinds, lengths, strict=True)
+    ]
+    return motions, kinds
 
 
-def _loop(
+def _draw_loop(
     arm: Arm,
     inertia: np.ndarray,
     torques: list[np.ndarray],
@@ -199,14 +212,13 @@ def _loop(
     rng: np.random.Generator,
 ) -> Loop:
     """A PD controller of 3 to 4.5 Hz bandwidth whose limit lies well above what the motions need."""
-    w, damping = rng.uniform(20, 28), rng.uniform(0.8, 1.0)
+    w = rng.uniform(20, 28)
+    damping = rng.uniform(0.8, 1.0)
     kp = (inertia + arm.armature) * w**2 * rng.uniform(0.85, 1.15, arm.n)
     kd = 2 * damping / w * kp
-    limit = (
-        np.max([np.abs(torque).max(axis=0) for torque in torques], axis=0)
-        * rng.uniform(2.5, 3.5)
-        + kd * 0.5
-    )
+    needed = np.max([np.abs(torque).max(axis=0) for torque in torques], axis=0)
+    # room for the damping of an error of 0.5 rad/s
+    limit = needed * rng.uniform(2.5, 3.5) + kd * 0.5
     return Loop(
         rate=float(conditions.loop_rate),
         kp=kp,
@@ -221,16 +233,15 @@ def _loop(
 def _feedforward(
     kind: str, model: Any, motion: Motion, torque: np.ndarray
 ) -> np.ndarray:
+    """Feedforward of a kind [N m], (N, n); ``torque`` is that of the nominal arm."""
     if kind == "nominal":
         return torque
-    return (
-        _sparsely(model, motion, gravity=True)
-        if kind == "gravity"
-        else np.zeros_like(motion.q)
-    )
+    if kind == "gravity":
+        return _rigid_torque(model, motion, gravity_only=True)
+    return np.zeros_like(motion.q)
 
 
-def _scene(
+def _context(
     arm: Arm,
     model: Any,
     motions: list[Motion],
@@ -239,16 +250,16 @@ def _scene(
     conditions: Conditions,
     encoder_step: float,
 ) -> LawContext:
-    unseen = motions[-1]
+    held_out = motions[-1]
     deviation = torque.std(axis=0)
     return LawContext(
         arm=arm,
         deviation=np.maximum(deviation, 0.05 * deviation.max()),
         peak=np.abs(torque).max(axis=0),
-        speed=rms(unseen.dq),
+        speed=rms(held_out.dq),
         inertia=inertia,
-        swing=np.ptp(unseen.q, axis=0),
-        middle=unseen.q.mean(axis=0),
+        swing=np.ptp(held_out.q, axis=0),
+        middle=held_out.q.mean(axis=0),
         tip=tip_path(model, np.vstack([motion.q[::20] for motion in motions])),
         shortest=float(min(motion.t[-1] for motion in motions)),
         loop_rate=float(conditions.loop_rate),

@@ -57,52 +57,45 @@ class CaseSpec:
     conditions: Conditions
 
 
-def deal(
+def allocate(
     rng: np.random.Generator, count: int, options: Sequence[T], shares: Sequence[float]
 ) -> list[T]:
     """``count`` draws whose numbers follow the shares (largest remainder), shuffled."""
     exact = np.array(shares) / sum(shares) * count
     numbers = np.floor(exact).astype(int)
-    rest = np.argsort(numbers - exact + 1e-6 * rng.random(len(exact)))[
-        : count - numbers.sum()
-    ]
-    numbers[rest] += 1
-    return [
-        options[k] for k in rng.permutation(np.repeat(np.arange(len(options)), numbers))
-    ]
+    # the largest remainders get one more; equal ones in an order that is drawn
+    tie_break = 1e-6 * rng.random(len(exact))
+    by_remainder = np.argsort(numbers - exact + tie_break)
+    numbers[by_remainder[: count - numbers.sum()]] += 1
+    order = rng.permutation(np.repeat(np.arange(len(options)), numbers))
+    return [options[k] for k in order]
 
 
-def deal_conditions(
+def draw_conditions(
     rng: np.random.Generator, count: int, options: dict[str, Any]
 ) -> list[Conditions]:
     """Conditions of ``count`` cases; see ``BlindPlan`` for the options."""
     robots = list(options["robots"])
-    columns = zip(
-        deal(rng, count, robots, [1.0] * len(robots)),
-        deal(
-            rng,
-            count,
-            [True, False],
-            [options["inertials_off"], 1 - options["inertials_off"]],
-        ),
-        deal(rng, count, [3.0, 1.0], [options["noisy"], 1 - options["noisy"]]),
-        deal(rng, count, [True, False], [options["bare"], 1 - options["bare"]]),
-        deal(rng, count, [1000, 500], [0.7, 0.3]),
-        deal(rng, count, [100, 250, 500, 1000], [0.15, 0.35, 0.3, 0.2]),
-        deal(rng, count, [3, 4], [0.6, 0.4]),
-        rng.uniform(0.01, 0.1, count),
-        strict=True,
-    )
+    off, noisy, bare = (options[key] for key in ("inertials_off", "noisy", "bare"))
+    # dealt in this order, so that a seed gives the same set
+    robot = allocate(rng, count, robots, [1.0] * len(robots))
+    is_off = allocate(rng, count, [True, False], [off, 1 - off])
+    noise = allocate(rng, count, [3.0, 1.0], [noisy, 1 - noisy])
+    is_bare = allocate(rng, count, [True, False], [bare, 1 - bare])
+    loop_rate = allocate(rng, count, [1000, 500], [0.7, 0.3])
+    rate = allocate(rng, count, [100, 250, 500, 1000], [0.15, 0.35, 0.3, 0.2])
+    recordings = allocate(rng, count, [3, 4], [0.6, 0.4])
+    width = rng.uniform(0.01, 0.1, count)
     return [
         Conditions(
-            robot,
-            float(width) if off else 0.0,
-            noise,
-            bare,
-            loop_rate,
-            min(rate, loop_rate),
-            recordings,
-            tuple(options["duration"]),
+            robot=robot[k],
+            inertials_off=float(width[k]) if is_off[k] else 0.0,
+            noise=noise[k],
+            bare=is_bare[k],
+            loop_rate=loop_rate[k],
+            rate=min(rate[k], loop_rate[k]),
+            recordings=recordings[k],
+            duration=tuple(options["duration"]),
         )
-        for robot, off, noise, bare, loop_rate, rate, recordings, width in columns
+        for k in range(count)
     ]

@@ -21,7 +21,7 @@ try:
     from numba import njit
 
     COMPILED = True
-except ImportError:  # told when a simulation starts
+except ImportError:  # ``simulate`` raises when it is called
     COMPILED = False
 
     def njit(**options):  # type: ignore[no-untyped-def, no-redef]
@@ -29,35 +29,38 @@ except ImportError:  # told when a simulation starts
         return lambda function: function
 
 
-MOST = 8
-"""Most joints."""
-RING = 1024
-"""Steps that a command is kept."""
+MAX_JOINTS = 8
+"""Largest number of joints."""
+HISTORY = 1024
+"""Steps for which a command is kept, so that it can be delayed."""
 
 FIELDS = (
+    # controller
     "kp",
     "kd",
     "limit",
+    # rotor and friction
     "armature",
     "coulomb",
     "viscous",
-    "bend",
+    "bend",  # exponent of viscous friction
     "load",
     "stribeck",
-    "knee",
-    "fall",
+    "knee",  # Stribeck speed of a healthy joint
+    "fall",  # Stribeck friction: rise at rest, its speed, its exponent
     "fall_speed",
     "fall_power",
-    "bristle",
+    "bristle",  # LuGre: stiffness and damping of the bristles
     "bristle_damping",
-    "drift",
+    "drift",  # a cold joint: rise, time constant, share and reference of the losses
     "drift_time",
     "drift_share",
     "drift_power",
+    # motor
     "scale",
-    "iron",
+    "iron",  # loss of the torque constant at the peak torque
     "peak",
-    "fade",
+    "fade",  # loss of the torque constant by heat: share, time, torque
     "fade_time",
     "fade_load",
     "offset",
@@ -68,18 +71,22 @@ FIELDS = (
     "clamp",
     "clamp_slope",
     "lag",
-    "second",
+    "second",  # above 0: a current loop of second order
     "delay",
+    # encoder
     "encoder",
     "eccentric",
     "step",
-    "stiffness",
+    # transmission
+    "stiffness",  # 0: a rigid joint
     "hardening",
     "damping",
     "play",
+    # parallel spring
     "spring",
     "rest",
     "cubic",
+    # outside the catalogue
     "hysteresis",
     "reach",
     "uneven",
@@ -93,45 +100,61 @@ FIELDS = (
 )
 """Values of a joint, all in SI units on the joint's side; ``TrueArm`` fills them."""
 JOINT = np.dtype(
-    [(name, "f8", (MOST,)) for name in FIELDS] + [("h", "f8"), ("n", "i8")]
+    [(name, "f8", (MAX_JOINTS,)) for name in FIELDS] + [("h", "f8"), ("n", "i8")]
 )
-STATE = np.dtype(
-    [
-        (name, "f8", (MOST,))
-        for name in (
-            "z",
-            "theta",
-            "dtheta",
-            "first",
-            "second",
-            "cold",
-            "heat",
-            "bend",
-            "drive",
-        )
-    ]
+"""Parameters of the joints, the step h [s] and the number of joints n."""
+
+_STATES = (
+    "z",  # deflection of the bristles [rad]
+    "theta",  # position of the rotor, on the joint's side [rad]
+    "dtheta",
+    "first",  # outputs of the current loop [N m]
+    "second",
+    "cold",  # 1: cold, 0: warm
+    "heat",
+    "bend",  # state of the hysteresis [1]
+    "drive",  # torque of the motor [N m]
 )
+STATE = np.dtype([(name, "f8", (MAX_JOINTS,)) for name in _STATES])
+"""State of the joints."""
 
 
 @njit(cache=True)
-def dry(p, s, i, v, q, load):  # type: ignore[no-untyped-def]
-    """LuGre friction [N m] of joint i at speed v [rad/s]; moves the bristle state z."""
-    g = (
-        p.coulomb[i]
-        * (1.0 + p.uneven[i] * np.sin(p.uneven_cycles[i] * q + p.uneven_phase[i]))
-        + p.load[i] * load
-    ) * (1.0 + p.stribeck[i] * np.exp(-((v / p.knee[i]) ** 2)))
+def friction_level(p, i, v, q, load):  # type: ignore[no-untyped-def]
+    """Dry friction g(v) [N m] of joint i while it slides at a constant speed v [rad/s]."""
+    wave = np.sin(p.uneven_cycles[i] * q + p.uneven_phase[i])
+    sliding = p.coulomb[i] * (1.0 + p.uneven[i] * wave) + p.load[i] * load
+    g = sliding * (1.0 + p.stribeck[i] * np.exp(-((v / p.knee[i]) ** 2)))
     if p.fall[i] != 0.0:
         g += p.fall[i] * np.exp(-((abs(v) / p.fall_speed[i]) ** p.fall_power[i]))
-    g = max(g, 1e-6)
-    before, s0, speed = s.z[i], p.bristle[i], abs(v)
+    return max(g, 1e-6)
+
+
+@njit(cache=True)
+def dry_friction(p, s, i, v, q, load):  # type: ignore[no-untyped-def]
+    """LuGre friction [N m] of joint i at speed v [rad/s]; moves the bristle state z."""
+    g = friction_level(p, i, v, q, load)
+    before = s.z[i]
+    s0 = p.bristle[i]
+    speed = abs(v)
     if speed < 1e-9:
         z = before + v * p.h
     else:
+        # exact solution over a step of constant speed: stable however stiff the bristles
         end = g / s0 * (1.0 if v > 0 else -1.0)
         z = end + (before - end) * np.exp(-speed * s0 / g * p.h)
     s.z[i] = z
     return s0 * z + p.bristle_damping[i] * (z - before) / p.h
+
+
+@njit(cache=True)
+def hysteresis(p, s, i, v):  # type: ignore[no-untyped-def]
+    """Bouc-Wen torque [N m] of joint i at speed v [rad/s]; moves its state."""
+    x = s.bend[i]
+    same_way = 1.0 if v * x > 0 else -1.0
+    x += p.h * v / p.reach[i] * (1.0 - (0.6 * same_way + 0.4) * abs(x))
+    s.bend[i] = x
+    return p.hysteresis[i] * x
 
 
 @njit(cache=True)
@@ -141,45 +164,38 @@ def resistance(p, s, i, v, q, load):  # type: ignore[no-untyped-def]
     if p.drift[i] != 0.0:
         warm += p.drift[i] * s.cold[i] * (0.85 + 0.15 * s.cold[i])
     smooth = p.viscous[i] * warm
-    out = warm * dry(p, s, i, v, q, load)
+    out = warm * dry_friction(p, s, i, v, q, load)
     if p.drift[i] != 0.0:
         lost = abs((out + smooth * v) * v) / p.drift_power[i]
-        s.cold[i] -= (
-            p.h
-            * s.cold[i]
-            / p.drift_time[i]
-            * (1.0 + p.drift_share[i] * (min(lost, 4.0) - 1.0))
-        )
+        speedup = 1.0 + p.drift_share[i] * (min(lost, 4.0) - 1.0)
+        s.cold[i] -= p.h * s.cold[i] / p.drift_time[i] * speedup
     out += smooth * v * max(abs(v), 1e-3) ** (p.bend[i] - 1.0)
     if v > 0:
         out += p.one_sided[i] * v * v
     if p.hysteresis[i] != 0.0:
-        x = s.bend[i]
-        x += (
-            p.h
-            * v
-            / p.reach[i]
-            * (1.0 - (0.6 * (1.0 if v * x > 0 else -1.0) + 0.4) * abs(x))
-        )
-        s.bend[i] = x
-        out += p.hysteresis[i] * x
+        out += hysteresis(p, s, i, v)
     return out, smooth
+
+
+@njit(cache=True)
+def current_loop(p, s, i, u):  # type: ignore[no-untyped-def]
+    """Torque command [N m] of motor i after its current loop; moves the loop's state."""
+    if p.lag[i] <= 0.0:
+        return u
+    if p.second[i] > 0.0:  # two equal poles of half the time
+        share = 1.0 - np.exp(-2.0 * p.h / p.lag[i])
+        s.first[i] += share * (u - s.first[i])
+        s.second[i] += share * (s.first[i] - s.second[i])
+        return s.second[i]
+    s.first[i] += (1.0 - np.exp(-p.h / p.lag[i])) * (u - s.first[i])
+    return s.first[i]
 
 
 @njit(cache=True)
 def motor(p, s, i, u, v, q, t):  # type: ignore[no-untyped-def]
     """Torque of motor i [N m] after its electronics, u being the delayed command [N m]."""
     top = p.clamp[i] * (1.0 - p.clamp_slope[i] * abs(v))
-    u = min(max(u, -top), top)
-    if p.lag[i] > 0.0:
-        if p.second[i] > 0.0:  # two equal poles of half the time
-            a = 1.0 - np.exp(-2.0 * p.h / p.lag[i])
-            s.first[i] += a * (u - s.first[i])
-            s.second[i] += a * (s.first[i] - s.second[i])
-            u = s.second[i]
-        else:
-            s.first[i] += (1.0 - np.exp(-p.h / p.lag[i])) * (u - s.first[i])
-            u = s.first[i]
+    u = current_loop(p, s, i, min(max(u, -top), top))
     gain = 1.0 + p.scale[i]
     if p.iron[i] != 0.0:
         gain *= 1.0 - p.iron[i] * (u / p.peak[i]) ** 2
@@ -190,12 +206,24 @@ def motor(p, s, i, u, v, q, t):  # type: ignore[no-untyped-def]
     if p.ripple[i] != 0.0:
         angle = p.cycles[i] * q + p.phase[i]
         cog = p.ripple[i] * (np.sin(angle) + p.harmonic[i] * np.sin(2.0 * angle + 0.7))
-    return (
-        gain * u
-        + p.offset[i]
-        + cog
-        + p.shake[i] * np.sin(2 * np.pi * p.shake_frequency[i] * t + p.shake_phase[i])
-    )
+    hum = np.sin(2 * np.pi * p.shake_frequency[i] * t + p.shake_phase[i])
+    return gain * u + p.offset[i] + cog + p.shake[i] * hum
+
+
+@njit(cache=True)
+def transmitted(p, s, i, q, dq):  # type: ignore[no-untyped-def]
+    """Torque [N m] that the gear of compliant joint i passes on to its link."""
+    twist = s.theta[i] - q[i]
+    free = min(max(twist, -p.play[i]), p.play[i])
+    beyond = twist - free
+    torque = p.stiffness[i] * beyond * (1.0 + p.hardening[i] * beyond * beyond)
+    if p.play[i] == 0.0:
+        return torque + p.damping[i] * (s.dtheta[i] - dq[i])
+    if beyond == 0.0:
+        return torque
+    held = torque + p.damping[i] * (s.dtheta[i] - dq[i])
+    # teeth push but never pull
+    return 0.0 if held * beyond < 0.0 else held
 
 
 @njit(cache=True)
@@ -204,7 +232,7 @@ def advance(par, state, ring, command, count, q, dq, damping, force):  # type: i
 
     Args:
         par, state: one record each of ``JOINT`` and ``STATE``, as arrays of length 1.
-        ring: commands of the last steps [N m], (RING, n).
+        ring: commands of the last steps [N m], (HISTORY, n).
         command: command held now [N m], (n,).
         count: number of the step.
         q, dq: of the links [rad, rad/s], (n,).
@@ -213,12 +241,12 @@ def advance(par, state, ring, command, count, q, dq, damping, force):  # type: i
     p, s = par[0], state[0]
     t = count * p.h
     for i in range(p.n):
-        ring[count % RING, i] = command[i]
-        u = ring[max(count - int(p.delay[i]), 0) % RING, i]
-        soft = p.stiffness[i] > 0.0
-        s.drive[i] = motor(
-            p, s, i, u, s.dtheta[i] if soft else dq[i], s.theta[i] if soft else q[i], t
-        )
+        ring[count % HISTORY, i] = command[i]
+        u = ring[max(count - int(p.delay[i]), 0) % HISTORY, i]
+        compliant = p.stiffness[i] > 0.0
+        speed = s.dtheta[i] if compliant else dq[i]
+        angle = s.theta[i] if compliant else q[i]
+        s.drive[i] = motor(p, s, i, u, speed, angle, t)
     for i in range(p.n):
         push = s.drive[i]
         if p.leak[i] != 0.0:
@@ -227,17 +255,12 @@ def advance(par, state, ring, command, count, q, dq, damping, force):  # type: i
         pull = p.spring[i] * way * (1.0 + p.cubic[i] * way * way)
         if p.stiffness[i] <= 0.0:
             drag, smooth = resistance(p, s, i, dq[i], q[i], abs(push))
+            # MuJoCo damps implicitly, so its damping torque is added back here
             damping[i] = smooth
             force[i] = push - drag + smooth * dq[i] - pull
             continue
         drag, smooth = resistance(p, s, i, s.dtheta[i], s.theta[i], abs(push))
-        twist = s.theta[i] - q[i]
-        free = min(max(twist, -p.play[i]), p.play[i])
-        beyond = twist - free
-        torque = p.stiffness[i] * beyond * (1.0 + p.hardening[i] * beyond * beyond)
-        if p.play[i] == 0.0 or beyond != 0.0:
-            held = torque + p.damping[i] * (s.dtheta[i] - dq[i])
-            torque = 0.0 if p.play[i] > 0.0 and held * beyond < 0.0 else held
+        torque = transmitted(p, s, i, q, dq)
         s.dtheta[i] += p.h * (push - drag - torque) / p.armature[i]
         s.theta[i] += p.h * s.dtheta[i]
         damping[i] = 0.0

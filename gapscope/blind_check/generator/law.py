@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 
 from gapscope.blind_check.generator.arms import Arm
-from gapscope.blind_check.generator.plant import TrueArm
+from gapscope.blind_check.generator.true_arm import TrueArm
 
 LawValues = dict[str, np.ndarray]
 
 
 @dataclass(frozen=True)
 class LawContext:
-    """What a law may look at when it draws, n joints.
+    """What a law may use when it draws, n joints.
 
     Attributes:
         arm: the arm.
-        deviation, peak: standard deviation and largest size of the nominal torque on the unseen motion [N m], (n,).
+        deviation, peak: standard deviation and largest size of the nominal torque on the held-out motion [N m], (n,).
         speed: RMS speed on it [rad/s], (n,).
         inertia: mean diagonal of the mass matrix, link side [kg m^2], (n,).
         swing: range of each joint on it [rad], (n,).
@@ -57,13 +57,13 @@ class Law:
 
     Attributes:
         name: name of the effect that it stands for; outside the catalogue, a name of its own.
-        draw: values at a first guess of the size, from a source, the scene and the joints (from 0).
+        draw: values at a first guess of the size, from a random source, the context and the joints (from 0).
         act: puts the values into the true arm.
-        resize: values with their size times a factor per joint (one for all where they belong to the arm).
+        resize: values with their size times a factor per joint (one for all if they belong to the arm).
         units: unit of each value that the label gives.
         joints: ``some``, ``one``, ``inner`` (one, neither the first nor the last two), ``middle`` (some, neither the
             first nor the last), ``pair`` or ``arm``.
-        largest: largest size of a value that is believable; the smallest, as a negative number, where it shrinks.
+        largest: largest size of a value that is believable; the smallest, as a negative number, if it shrinks.
         own: whether each joint's size shows in that joint's torque, so that joints are sized one by one.
         measure: what the severity is read from: ``torque``, ``step`` (over the data sheet's), or ``none``.
         outside: whether the law is outside the catalogue.
@@ -105,7 +105,8 @@ class Cause:
         """Whether every value is within what its law allows."""
         for name, bound in self.law.largest.items():
             size = np.abs(self.values[name])
-            if (size > bound).any() if bound > 0 else (size < -bound).any():
+            too_far = size > bound if bound > 0 else size < -bound
+            if too_far.any():
                 return False
         return True
 
@@ -134,7 +135,8 @@ def times(*names: str) -> Resize:
     """Size by multiplying the values of these names."""
 
     def resize(values: LawValues, factor: np.ndarray) -> LawValues:
-        return {k: v * _fit(factor, v) if k in names else v for k, v in values.items()}
+        changed = {name: values[name] * _fit(factor, values[name]) for name in names}
+        return {**values, **changed}
 
     return resize
 
@@ -143,7 +145,8 @@ def over(*names: str) -> Resize:
     """Size by dividing the values of these names."""
 
     def resize(values: LawValues, factor: np.ndarray) -> LawValues:
-        return {k: v / _fit(factor, v) if k in names else v for k, v in values.items()}
+        changed = {name: values[name] / _fit(factor, values[name]) for name in names}
+        return {**values, **changed}
 
     return resize
 
@@ -159,5 +162,5 @@ def sign(rng: np.random.Generator, count: int) -> np.ndarray:
 
 
 def _fit(factor: np.ndarray, value: np.ndarray) -> np.ndarray:
-    """One factor per joint where the value has that shape, the largest otherwise."""
+    """One factor per joint if the value has that shape, the largest otherwise."""
     return factor if factor.shape == value.shape else np.asarray(factor.max())

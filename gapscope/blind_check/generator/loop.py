@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gapscope.blind_check.generator.joint import MOST, njit
+from gapscope.blind_check.generator.joint import MAX_JOINTS, njit
 
-FILTER = np.dtype([(name, "f8", (MOST,)) for name in ("x1", "x2", "y1", "y2")])
+FILTER = np.dtype([(name, "f8", (MAX_JOINTS,)) for name in ("x1", "x2", "y1", "y2")])
+"""Memory of the velocity filter: its inputs x and outputs y of the last two ticks."""
 
 
 @dataclass(frozen=True)
@@ -35,16 +36,29 @@ class Loop:
         """b0, a1, a2 of the filter by Tustin's rule: y = b0 (x - x_-2) - a1 y_-1 - a2 y_-2."""
         w, k = 2 * np.pi * self.cutoff, 2.0 * self.rate
         a0 = k * k + 2 * self.damping * w * k + w * w
-        return (
-            np.array(
-                [
-                    k * w * w,
-                    2 * w * w - 2 * k * k,
-                    k * k - 2 * self.damping * w * k + w * w,
-                ]
-            )
-            / a0
-        )
+        b0 = k * w * w
+        a1 = 2 * w * w - 2 * k * k
+        a2 = k * k - 2 * self.damping * w * k + w * w
+        return np.array([b0, a1, a2]) / a0
+
+
+@njit(cache=True)
+def encoder_reading(p, s, i, q, noise):  # type: ignore[no-untyped-def]
+    """What the encoder of joint i reads [rad]: the motor's side of a compliant joint, offset, noisy and rounded."""
+    true = s.theta[i] if p.stiffness[i] > 0.0 else q[i]
+    x = true + p.encoder[i] * (1.0 + p.eccentric[i] * np.sin(true)) + noise[i]
+    return np.round(x / p.step[i]) * p.step[i]
+
+
+@njit(cache=True)
+def filtered_velocity(m, i, filt, x):  # type: ignore[no-untyped-def]
+    """Velocity of joint i [rad/s] from its reading x [rad]; moves the filter's memory."""
+    y = filt[0] * (x - m.x2[i]) - filt[1] * m.y1[i] - filt[2] * m.y2[i]
+    m.x2[i] = m.x1[i]
+    m.x1[i] = x
+    m.y2[i] = m.y1[i]
+    m.y1[i] = y
+    return y
 
 
 @njit(cache=True)
@@ -63,17 +77,11 @@ def command(par, state, memory, filt, q, noise, q_ref, dq_ref, ahead, out, first
     p, s, m = par[0], state[0], memory[0]
     clipped = 0
     for i in range(p.n):
-        true = s.theta[i] if p.stiffness[i] > 0.0 else q[i]
-        x = true + p.encoder[i] * (1.0 + p.eccentric[i] * np.sin(true)) + noise[i]
-        x = np.round(x / p.step[i]) * p.step[i]
+        x = encoder_reading(p, s, i, q, noise)
         if first:
             m.x1[i] = x
             m.x2[i] = x
-        y = filt[0] * (x - m.x2[i]) - filt[1] * m.y1[i] - filt[2] * m.y2[i]
-        m.x2[i] = m.x1[i]
-        m.x1[i] = x
-        m.y2[i] = m.y1[i]
-        m.y1[i] = y
+        y = filtered_velocity(m, i, filt, x)
         u = ahead[i] + p.kp[i] * (q_ref[i] - x) + p.kd[i] * (dq_ref[i] - y)
         if abs(u) > p.limit[i]:
             clipped += 1

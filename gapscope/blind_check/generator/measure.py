@@ -10,8 +10,12 @@ from scipy.signal import butter, sosfiltfilt
 
 from gapscope.blind_check.generator.rigid import inverse_dynamics
 
-TORQUE_BAND, POSITION_BAND, TRIM = 12.0, 30.0, 0.3
-"""Cut-offs of torque and position [Hz], and what is cut off at both ends [s]."""
+TORQUE_BAND = 12.0
+"""Cut-off of the torque [Hz]."""
+POSITION_BAND = 30.0
+"""Cut-off of the position [Hz]."""
+TRIM = 0.3
+"""Time that is left out at both ends [s]."""
 KNEE = 0.005
 """Speed scale of the nominal arm's smoothed sign [rad/s]."""
 
@@ -37,27 +41,33 @@ def nominal_torque(
     rate = (len(t) - 1) / (t[-1] - t[0])
     even = np.arange(len(t)) / rate
     spline = make_interp_spline(even, smooth(q, rate, POSITION_BAND), k=5)
-    position, speed, acceleration = (
-        spline(even),
-        spline.derivative(1)(even),
-        spline.derivative(2)(even),
-    )
-    return inverse_dynamics(model, position, speed, acceleration) + (
-        sheet["armature"] * acceleration
-        + sheet["coulomb"] * np.tanh(speed / KNEE)
-        + sheet["viscous"] * speed
-    )
+    position = spline(even)
+    speed = spline.derivative(1)(even)
+    acceleration = spline.derivative(2)(even)
+    rigid = inverse_dynamics(model, position, speed, acceleration)
+    return rigid + sheet_torque(sheet, speed, acceleration)
+
+
+def sheet_torque(
+    sheet: dict[str, np.ndarray], speed: np.ndarray, acceleration: np.ndarray
+) -> np.ndarray:
+    """Torque of rotors and friction by the data sheet [N m], (N, n)."""
+    rotors = sheet["armature"] * acceleration
+    dry = sheet["coulomb"] * np.tanh(speed / KNEE)
+    return rotors + dry + sheet["viscous"] * speed
 
 
 def residual(
     torque: np.ndarray, predicted: np.ndarray, rate: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What is left of the torque, filtered and trimmed [N m], (M, n), and the scale it is measured by, (n,)."""
+    """Recorded minus predicted torque, filtered and trimmed [N m], (M, n), and the scale it is measured by, (n,)."""
     cut = round(TRIM * rate)
     recorded = smooth(torque, rate, TORQUE_BAND)[cut:-cut]
+    needed = smooth(predicted, rate, TORQUE_BAND)[cut:-cut]
     deviation = recorded.std(axis=0)
-    gap = recorded - smooth(predicted, rate, TORQUE_BAND)[cut:-cut]
-    return gap, np.maximum(deviation, 0.05 * deviation.max())
+    # a joint that hardly moves is measured by a share of the busiest one
+    scale = np.maximum(deviation, 0.05 * deviation.max())
+    return recorded - needed, scale
 
 
 def rms(x: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ from gapscope.arm.errors import GapscopeError
 
 try:
     import mujoco
-except ImportError:  # told when it is needed
+except ImportError:  # ``model_of`` raises when it is called
     mujoco = None
 
 GRAVITY = 9.81
@@ -28,9 +28,8 @@ def model_of(urdf: str) -> Any:
             "the blind check's generator needs MuJoCo", "pip install 'gapscope[blind]'"
         )
     model = mujoco.MjModel.from_xml_string(urdf)
-    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT) | int(
-        mujoco.mjtDisableBit.mjDSBL_CONTACT
-    )
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     model.dof_damping[:] = 0
     model.dof_frictionloss[:] = 0
     model.dof_armature[:] = 0
@@ -46,7 +45,9 @@ def inverse_dynamics(
     data = mujoco.MjData(model)
     out = np.empty_like(q)
     for k in range(len(q)):
-        data.qpos[:], data.qvel[:], data.qacc[:] = q[k], dq[k], ddq[k]
+        data.qpos[:] = q[k]
+        data.qvel[:] = dq[k]
+        data.qacc[:] = ddq[k]
         mujoco.mj_inverse(model, data)
         out[k] = data.qfrc_inverse
     return out
@@ -54,18 +55,21 @@ def inverse_dynamics(
 
 def inertia_diagonal(model: Any, q: np.ndarray) -> np.ndarray:
     """Diagonal of the mass matrix [kg m^2] at each posture q [rad] of shape (N, n); (N, n)."""
-    out, rest = np.empty_like(q), np.zeros_like(q)
-    still = inverse_dynamics(model, q, rest, rest)
+    out = np.empty_like(q)
+    rest = np.zeros_like(q)
+    gravity = inverse_dynamics(model, q, rest, rest)
     for j in range(model.nv):
         unit = np.zeros_like(q)
         unit[:, j] = 1.0
-        out[:, j] = (inverse_dynamics(model, q, rest, unit) - still)[:, j]
+        accelerated = inverse_dynamics(model, q, rest, unit)
+        out[:, j] = accelerated[:, j] - gravity[:, j]
     return out
 
 
 def tip_path(model: Any, q: np.ndarray) -> np.ndarray:
     """Centre of mass of the last link in the world [m], (N, 3), at postures q [rad], (N, n)."""
-    data, tip = mujoco.MjData(model), tip_body(model)
+    data = mujoco.MjData(model)
+    tip = tip_body(model)
     out = np.empty((len(q), 3))
     for k in range(len(q)):
         data.qpos[:] = q[k]

@@ -9,18 +9,18 @@ import numpy as np
 from gapscope.arm.errors import GapscopeError
 from gapscope.blind_check.generator import joint, loop
 from gapscope.blind_check.generator.motions import Motion
-from gapscope.blind_check.generator.plant import Columns, TrueArm
 from gapscope.blind_check.generator.rigid import (
     inverse_dynamics,
     model_of,
     mujoco,
     tip_body,
 )
+from gapscope.blind_check.generator.true_arm import Columns, TrueArm
 from gapscope.blind_check.generator.urdf import text_of
 
-SETTLES = 0.4
+SETTLING = 0.4
 """Time after which a command that is clipped counts [s]."""
-LOST = 0.7
+MAX_ERROR = 0.7
 """Distance from the reference at which a run is given up [rad]."""
 
 
@@ -45,50 +45,18 @@ def simulate(
         raise GapscopeError(
             "the blind check's generator needs numba", "pip install 'gapscope[blind]'"
         )
-    model = model_of(text_of(plant.root))
-    model.opt.timestep = plant.healthy.step
-    model.opt.gravity[:] = plant.gravity
-    data, par, state = (
-        mujoco.MjData(model),
-        plant.record(),
-        np.zeros(1, dtype=joint.STATE),
-    )
-    _start(plant, model, data, state, motion.q[0])
-    n, count, every = (
-        plant.arm.n,
-        len(motion.t),
-        round(1 / plant.loop.rate / plant.healthy.step),
-    )
-    memory, filt = np.zeros(1, dtype=loop.FILTER), plant.loop.coefficients()
-    ring, out = np.zeros((joint.RING, n)), np.zeros((count, 3, n))
-    soft = par["stiffness"][0, :n] > 0
-    model.dof_armature[:] = np.where(soft, 0.0, par["armature"][0, :n])
-    q, dq, damping, force = data.qpos, data.qvel, model.dof_damping, data.qfrc_applied
-    outer = _Outer(plant, model, data)
-    clipped, step = 0, 0
-    for k in range(count):
-        clip = loop.command(
-            par,
-            state,
-            memory,
-            filt,
-            q,
-            noise[k],
-            motion.q[k],
-            motion.dq[k],
-            ahead[k],
-            out[k],
-            k == 0,
+    simulation = _Simulation(plant, motion.q[0])
+    out = np.zeros((len(motion.t), 3, plant.arm.n))
+    for k in range(len(motion.t)):
+        clipped = simulation.command(
+            noise[k], motion.q[k], motion.dq[k], ahead[k], out[k], k == 0
         )
-        clipped += clip if motion.t[k] > SETTLES else 0
-        if clipped or not np.abs(out[k, 0] - motion.q[k]).max() < LOST:
+        if clipped and motion.t[k] > SETTLING:
             return None
-        for _ in range(every):
-            joint.advance(par, state, ring, out[k, 2], step, q, dq, damping, force)
-            if outer.acts:
-                outer(step * plant.healthy.step)
-            mujoco.mj_step(model, data)
-            step += 1
+        # written so that a position that is not a number counts as lost
+        if not np.abs(out[k, 0] - motion.q[k]).max() < MAX_ERROR:
+            return None
+        simulation.advance(out[k, 2])
     return {
         "t": motion.t,
         "q": out[:, 0],
@@ -99,50 +67,122 @@ def simulate(
     }
 
 
+class _Simulation:
+    """Rigid bodies of MuJoCo, the compiled joints and the sampled controller, at rest at the start.
+
+    Args:
+        plant: the true arm.
+        start: position that the encoders read at the start [rad], (n,).
+    """
+
+    def __init__(self, plant: TrueArm, start: np.ndarray) -> None:
+        n = plant.arm.n
+        self._dt = plant.healthy.step
+        self._steps_per_tick = round(1 / plant.loop.rate / self._dt)
+        self._steps_done = 0
+        self._model = model_of(text_of(plant.root))
+        self._model.opt.timestep = self._dt
+        self._model.opt.gravity[:] = plant.gravity
+        self._data = mujoco.MjData(self._model)
+        # views into MuJoCo's memory: what is written there acts in the next step
+        self._q, self._dq = self._data.qpos, self._data.qvel
+        self._damping = self._model.dof_damping
+        self._force = self._data.qfrc_applied
+        self._joints = plant.record()
+        self._state = np.zeros(1, dtype=joint.STATE)
+        _start(plant, self._model, self._data, self._state, start)
+        self._memory = np.zeros(1, dtype=loop.FILTER)
+        self._filter = plant.loop.coefficients()
+        self._history = np.zeros((joint.HISTORY, n))
+        # a compliant joint has its rotor as a mass of its own, a rigid one on the diagonal
+        compliant = self._joints["stiffness"][0, :n] > 0
+        rotors = self._joints["armature"][0, :n]
+        self._model.dof_armature[:] = np.where(compliant, 0.0, rotors)
+        self._outer = _OuterForces(plant, self._model, self._data)
+
+    def command(
+        self,
+        noise: np.ndarray,
+        q_ref: np.ndarray,
+        dq_ref: np.ndarray,
+        ahead: np.ndarray,
+        out: np.ndarray,
+        first: bool,
+    ) -> int:
+        """One tick of the controller; see ``loop.command``."""
+        clipped: int = loop.command(
+            self._joints,
+            self._state,
+            self._memory,
+            self._filter,
+            self._q,
+            noise,
+            q_ref,
+            dq_ref,
+            ahead,
+            out,
+            first,
+        )
+        return clipped
+
+    def advance(self, command: np.ndarray) -> None:
+        """The steps until the next tick, under a command that is held [N m], (n,)."""
+        for _ in range(self._steps_per_tick):
+            joint.advance(
+                self._joints,
+                self._state,
+                self._history,
+                command,
+                self._steps_done,
+                self._q,
+                self._dq,
+                self._damping,
+                self._force,
+            )
+            if self._outer.active:
+                self._outer.apply(self._steps_done * self._dt)
+            mujoco.mj_step(self._model, self._data)
+            self._steps_done += 1
+
+
 def _start(
     plant: TrueArm, model: Any, data: Any, state: np.ndarray, q: np.ndarray
 ) -> None:
-    """Begin at rest where the encoders read the reference, soft joints deflected by gravity, joints cold."""
-    n, v = plant.arm.n, plant.values
-    motor = q - v["encoder"]
-    gravity = inverse_dynamics(model, motor[None], np.zeros((1, n)), np.zeros((1, n)))[
-        0
-    ]
-    give = np.where(
-        v["stiffness"] > 0,
-        gravity / np.maximum(v["stiffness"], 1e-9) + v["play"] * np.sign(gravity),
-        0.0,
-    )
-    data.qpos[:] = motor - give
+    """Begin at rest at the encoders' reading q [rad]: compliant joints deflected by gravity, joints cold."""
+    n, values = plant.arm.n, plant.values
+    motor = q - values["encoder"]
+    still = np.zeros((1, n))
+    gravity = inverse_dynamics(model, motor[None], still, still)[0]
+    stiffness = values["stiffness"]
+    twist = gravity / np.maximum(stiffness, 1e-9) + values["play"] * np.sign(gravity)
+    data.qpos[:] = motor - np.where(stiffness > 0, twist, 0.0)
     state["theta"][0, :n] = motor
     state["cold"] = 1.0
     for name in ("first", "second"):
         state[name][0, :n] = gravity
 
 
-class _Outer:
-    """Forces on the tip and motion of the base, where the plant has them."""
+class _OuterForces:
+    """Force on the tip and motion of the base, if the arm has them."""
 
     def __init__(self, plant: TrueArm, model: Any, data: Any) -> None:
-        self.plant, self.model, self.data, self.tip = (
-            plant,
-            model,
-            data,
-            tip_body(model),
-        )
-        self.acts = plant.push is not None or plant.shaken is not None
+        self.plant = plant
+        self.model = model
+        self.data = data
+        self.tip = tip_body(model)
+        self.active = plant.push is not None or plant.shaken is not None
         self._last: np.ndarray | None = None
 
-    def __call__(self, t: float) -> None:
+    def apply(self, t: float) -> None:
         """Set what acts in the step that begins at t [s]."""
-        if self.plant.shaken is not None:
-            size, frequency, phase = self.plant.shaken
-            self.model.opt.gravity[:] = self.plant.gravity + size * np.sin(
-                2 * np.pi * frequency * t + phase
-            )
-        if self.plant.push is not None:
+        plant = self.plant
+        if plant.shaken is not None:
+            size, frequency, phase = plant.shaken
+            swing = np.sin(2 * np.pi * frequency * t + phase)
+            self.model.opt.gravity[:] = plant.gravity + size * swing
+        if plant.push is not None:
             here = self.data.xipos[self.tip].copy()
             before = here if self._last is None or t == 0.0 else self._last
-            speed = (here - before) / self.plant.healthy.step
+            velocity = (here - before) / plant.healthy.step
             self._last = here
-            self.data.xfrc_applied[self.tip, :3] = self.plant.push(t, here, speed)
+            self.data.xfrc_applied[self.tip, :3] = plant.push(t, here, velocity)

@@ -9,10 +9,10 @@ from gapscope.blind_check.generator.conditions import STRONG
 from gapscope.blind_check.generator.law import Cause, Law
 
 TRIES = 6
-"""Runs of the unseen motion that the sizing of a cause may take."""
+"""Runs of the held-out motion that the sizing of a cause may take."""
 OTHERS = (0.6, 1.0)
 """Size of an effect on its further joints, over that on its first."""
-SEEN = 0.02
+MIN_NRMSE = 0.02
 """Least torque NRMSE that a strong effect adds, on each of its joints where these are sized one by one: an effect that
 adds less than 0.01 to no joint's gap need not be named at all, however low the floor is."""
 NEAR = 0.2
@@ -25,7 +25,7 @@ def draw_cause(
     severity: tuple[float, float] | None,
     rng: np.random.Generator,
 ) -> Cause | None:
-    """A cause whose own gap on the unseen motion lies in a class; ``None`` where no believable size gives that.
+    """A cause whose own gap on the held-out motion lies in a class; ``None`` if no believable size gives that.
 
     Args:
         law: its law.
@@ -36,67 +36,82 @@ def draw_cause(
     joints = draw_joints(law.joints, setup.arm.n, rng)
     if joints is None:
         return None
-    cause = Cause(law, joints, law.draw(rng, setup.scene, joints))
+    cause = Cause(law, joints, law.draw(rng, setup.context, joints))
     if severity is None or law.measure == "none":
         return cause
     low, high = severity
+    # a little inside the class, evenly in the logarithm
     target = float(np.exp(rng.uniform(np.log(low * 1.08), np.log(high / 1.08))))
     targets = target * rng.uniform(*OTHERS, max(len(joints), 1))
     targets[rng.integers(len(targets))] = target
     targets = np.maximum(targets, min(low, 2.0))
     if law.measure == "step":
-        return cause.sized(
-            np.full(len(joints), target)
-            / (cause.values["step"] / setup.scene.encoder_step)
-        )
+        now = cause.values["step"] / setup.context.encoder_step
+        return cause.sized(np.full(len(joints), target) / now)
     return _sized(cause, setup, targets, severity)
 
 
 def _sized(
-    cause: Cause, setup: CaseSetup, targets: np.ndarray, severity: tuple[float, float]
+    cause: Cause,
+    setup: CaseSetup,
+    targets: np.ndarray,
+    severity: tuple[float, float],
 ) -> Cause | None:
     """Scale towards the targets: what an effect adds to the gap is nearly proportional to its size.
 
-    A strong effect is lifted to ``SEEN``, if that takes it beyond its class.
+    A strong effect is lifted to ``MIN_NRMSE``, if that takes it beyond its class.
     """
     own = cause.law.own
-    shrink = 1.0
+    least = np.zeros(setup.arm.n)
+    if severity[0] >= STRONG[0][0]:
+        least = MIN_NRMSE / (setup.floor / setup.context.deviation)
+    shrunk = 1.0
     for _ in range(TRIES):
         if not cause.believable():
             return None
-        found = setup.signature((cause,))
-        if found is None:
-            cause, shrink = cause.sized(np.full(len(targets), 0.6)), 0.6 * shrink
-            if shrink < 0.2:
+        ratios = setup.signature((cause,))
+        if ratios is None:
+            # the loop became unstable: try a smaller effect
+            cause = cause.sized(np.full(len(targets), 0.6))
+            shrunk = 0.6 * shrunk
+            if shrunk < 0.2:
                 return None
             continue
-        seen = (
-            SEEN / (setup.floor / setup.scene.deviation)
-            if severity[0] >= STRONG[0][0]
-            else np.zeros(len(found))
-        )
-        got = found[cause.joints] if own else np.array([found.max()])
-        lift = (
-            seen[cause.joints]
-            if own
-            else np.array([found.max() * (seen / np.maximum(found, 1e-9)).min()])
-        )
-        wanted = np.maximum(targets if own else targets.max(keepdims=True), lift)
-        inside = severity[0] <= found.max() <= max(severity[1], 1.2 * wanted.max())
-        enough = own or (found >= 0.9 * seen).any()
-        if (
-            inside
-            and enough
-            and (np.abs(np.log(got / wanted)) < (NEAR if own else np.inf)).all()
-        ):
+        reached, wanted = _reached_and_wanted(cause, ratios, targets, least)
+        highest = max(severity[1], 1.2 * wanted.max())
+        in_class = severity[0] <= ratios.max() <= highest
+        visible = own or (ratios >= 0.9 * least).any()
+        tolerance = NEAR if own else np.inf
+        near = (np.abs(np.log(reached / wanted)) < tolerance).all()
+        if in_class and visible and near:
             return cause
-        factor = np.clip(wanted / np.maximum(got, 1e-9), 0.1, 6.0)
+        factor = np.clip(wanted / np.maximum(reached, 1e-9), 0.1, 6.0)
         cause = cause.sized(factor if own else np.full(len(targets), factor[0]))
     return None
 
 
+def _reached_and_wanted(
+    cause: Cause, ratios: np.ndarray, targets: np.ndarray, least: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Ratio to the floor that a cause reaches, and the one that it should reach.
+
+    Per joint of the cause; a single pair, of the joint where it is widest, if its joints are not sized one by one.
+
+    Args:
+        cause: the cause.
+        ratios: what it adds to the gap over the floor, (n,).
+        targets: ratios wanted, (1,) or one per joint of the cause.
+        least: ratio of each joint at which the effect becomes visible, (n,).
+    """
+    if cause.law.own:
+        return ratios[cause.joints], np.maximum(targets, least[cause.joints])
+    visible_at = ratios.max() * (least / np.maximum(ratios, 1e-9)).min()
+    wanted = np.maximum(targets.max(keepdims=True), np.array([visible_at]))
+    return np.array([ratios.max()]), wanted
+
+
 def draw_joints(kind: str, n: int, rng: np.random.Generator) -> np.ndarray | None:
-    """Joints, from 0, of one kind of law (see ``Law``) on an arm of n joints; ``None`` where it has none."""
+    """Joints, from 0, of one kind of law (see ``Law``) on an arm of n joints; ``None`` if it has none."""
     first, last = {
         "middle": (1, n - 1),
         "inner": (1, max(n - 2, 2)),
@@ -110,7 +125,9 @@ def draw_joints(kind: str, n: int, rng: np.random.Generator) -> np.ndarray | Non
     if kind == "all":
         return pool
     if kind in ("one", "inner", "pair"):
-        return np.sort(rng.choice(pool, 2 if kind == "pair" else 1, replace=False))
+        count = 2 if kind == "pair" else 1
+        return np.sort(rng.choice(pool, count, replace=False))
+    # mostly one joint, at times several, rarely all
     chance = rng.random()
     if chance < 0.15:
         return pool

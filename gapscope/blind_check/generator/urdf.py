@@ -33,32 +33,39 @@ def cleaned(text: str, joints: Sequence[str] | None) -> ET.Element:
         if element.tag not in ("link", "joint"):
             root.remove(element)
     for link in root.findall("link"):
-        for element in [e for e in link if e.tag != "inertial"]:
-            link.remove(element)
+        _keep_only(link, ("inertial",))
         if link.find("inertial") is not None:
             set_inertial(link, _sound(inertial_of(link)))
     for joint in root.findall("joint"):
-        if joint.get("type") == "fixed" or (
-            joints is not None and joint.get("name") not in joints
-        ):
+        locked = joints is not None and joint.get("name") not in joints
+        if joint.get("type") == "fixed" or locked:
             joint.set("type", "fixed")
         elif joint.get("type") == "continuous":
             joint.set("type", "revolute")
-        for element in [
-            e for e in joint if e.tag not in ("parent", "child", "origin", "axis")
-        ]:
-            joint.remove(element)
+        _keep_only(joint, ("parent", "child", "origin", "axis"))
         if joint.get("type") == "revolute":
-            ET.SubElement(
-                joint,
-                "limit",
-                lower="-6.28318",
-                upper="6.28318",
-                effort="1000",
-                velocity="10",
-            )
+            add_limit(joint)
     root.set("name", "arm")
     return root
+
+
+def _keep_only(parent: ET.Element, tags: Sequence[str]) -> None:
+    """Remove all children with other tags."""
+    for element in list(parent):
+        if element.tag not in tags:
+            parent.remove(element)
+
+
+def add_limit(joint: ET.Element) -> None:
+    """Give a joint limits that no motion of the blind check meets."""
+    ET.SubElement(
+        joint,
+        "limit",
+        lower="-6.28318",
+        upper="6.28318",
+        effort="1000",
+        velocity="10",
+    )
 
 
 def text_of(root: ET.Element) -> str:
@@ -79,7 +86,8 @@ def movable(root: ET.Element) -> list[ET.Element]:
 def moved_links(root: ET.Element) -> list[ET.Element]:
     """The links that the joints move, in the order of the joints."""
     links = {link.get("name"): link for link in root.findall("link")}
-    return [links[joint.find("child").get("link")] for joint in movable(root)]  # type: ignore[union-attr]
+    children = [joint.find("child") for joint in movable(root)]
+    return [links[child.get("link")] for child in children if child is not None]
 
 
 def inertial_of(link: ET.Element) -> Inertial:
@@ -91,14 +99,19 @@ def inertial_of(link: ET.Element) -> Inertial:
     com: np.ndarray = np.zeros(3)
     turn: np.ndarray = np.eye(3)
     if origin is not None:
-        com = np.array([float(x) for x in origin.get("xyz", "0 0 0").split()])
-        turn = Rotation.from_euler(
-            "xyz", [float(x) for x in origin.get("rpy", "0 0 0").split()]
-        ).as_matrix()
+        com = _numbers(origin.get("xyz", "0 0 0"))
+        rpy = _numbers(origin.get("rpy", "0 0 0"))
+        turn = Rotation.from_euler("xyz", rpy).as_matrix()
     names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     xx, xy, xz, yy, yz, zz = (float(inertia.attrib[name]) for name in names)
     own = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return Inertial(float(element.find("mass").get("value")), com, turn @ own @ turn.T)  # type: ignore
+    mass = float(element.find("mass").get("value"))  # type: ignore[union-attr, arg-type]
+    return Inertial(mass, com, turn @ own @ turn.T)
+
+
+def _numbers(text: str) -> np.ndarray:
+    """Numbers of an attribute."""
+    return np.array([float(x) for x in text.split()])
 
 
 def set_inertial(link: ET.Element, inertial: Inertial) -> None:
@@ -107,9 +120,8 @@ def set_inertial(link: ET.Element, inertial: Inertial) -> None:
     if old is not None:
         link.remove(old)
     new = ET.SubElement(link, "inertial")
-    ET.SubElement(
-        new, "origin", rpy="0 0 0", xyz=" ".join(repr(float(x)) for x in inertial.com)
-    )
+    com = " ".join(repr(float(x)) for x in inertial.com)
+    ET.SubElement(new, "origin", rpy="0 0 0", xyz=com)
     ET.SubElement(new, "mass", value=repr(float(inertial.mass)))
     places = {
         "ixx": (0, 0),
@@ -119,11 +131,8 @@ def set_inertial(link: ET.Element, inertial: Inertial) -> None:
         "iyz": (1, 2),
         "izz": (2, 2),
     }
-    ET.SubElement(
-        new,
-        "inertia",
-        {key: repr(float(inertial.inertia[place])) for key, place in places.items()},
-    )
+    moments = {key: repr(float(inertial.inertia[at])) for key, at in places.items()}
+    ET.SubElement(new, "inertia", moments)
 
 
 def added(link: Inertial, load: Inertial) -> Inertial:
@@ -134,7 +143,7 @@ def added(link: Inertial, load: Inertial) -> Inertial:
     return Inertial(mass, com, np.asarray(inertia))
 
 
-def off(root: ET.Element, width: float, rng: np.random.Generator) -> None:
+def perturb_inertials(root: ET.Element, width: float, rng: np.random.Generator) -> None:
     """Put every inertial a little off, by up to ``width`` [1] of its mass and of the centre's distance.
 
     The inertia takes the mass's factor; the centre moves in any direction.
@@ -143,13 +152,8 @@ def off(root: ET.Element, width: float, rng: np.random.Generator) -> None:
         body = inertial_of(link)
         factor = 1.0 + width * rng.uniform(-1.0, 1.0)
         way = rng.standard_normal(3)
-        shift = (
-            width
-            * rng.uniform()
-            * max(float(np.linalg.norm(body.com)), 0.02)
-            * way
-            / np.linalg.norm(way)
-        )
+        distance = max(float(np.linalg.norm(body.com)), 0.02)
+        shift = width * rng.uniform() * distance * way / np.linalg.norm(way)
         set_inertial(
             link, Inertial(body.mass * factor, body.com + shift, body.inertia * factor)
         )
@@ -164,17 +168,16 @@ def shifted(root: ET.Element) -> None:
 
 
 def _steiner(mass: float, way: np.ndarray) -> np.ndarray:
+    """Inertia of a point mass at ``way`` [m] about the origin: m (r^T r E - r r^T) [kg m^2]."""
     return mass * (way @ way * np.eye(3) - np.outer(way, way))
 
 
 def _sound(body: Inertial) -> Inertial:
     """The inertial, with an inertia that a body of this mass can have (positive, triangle inequality)."""
     mass = max(body.mass, 1e-3)
-    values = np.linalg.eigvalsh(body.inertia)
-    if (
-        values[0] > 1e-9
-        and values[2] <= values[0] + values[1]
-        and values[2] < mass * 0.3**2
-    ):
+    least, middle, largest = np.linalg.eigvalsh(body.inertia)
+    triangle = largest <= least + middle
+    compact = largest < mass * 0.3**2
+    if least > 1e-9 and triangle and compact:
         return Inertial(mass, body.com, body.inertia)
     return Inertial(mass, body.com, mass * RADIUS**2 * np.eye(3))

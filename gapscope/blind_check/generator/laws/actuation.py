@@ -12,84 +12,86 @@ from gapscope.blind_check.generator.law import (
     sign,
     times,
 )
-from gapscope.blind_check.generator.plant import TrueArm
+from gapscope.blind_check.generator.true_arm import TrueArm
 
 
-def _scale(
-    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+def _draw_scale(
+    rng: np.random.Generator, context: LawContext, joints: np.ndarray
 ) -> LawValues:
     count = len(joints)
     return {
         "scale": sign(rng, count) * rng.uniform(0.07, 0.2, count),
         "iron": rng.uniform(0.0, 0.03, count),
-        "peak": 1.5 * scene.peak[joints],
+        "peak": 1.5 * context.peak[joints],
     }
 
 
-def _rescale(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+def _apply_scale(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.add("scale", joints, values["scale"])
     plant.put("iron", joints, values["iron"])
     plant.put("peak", joints, values["peak"])
 
 
-def _offset(
-    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+def _draw_offset(
+    rng: np.random.Generator, context: LawContext, joints: np.ndarray
 ) -> LawValues:
     count = len(joints)
     return {
         "torque": sign(rng, count)
         * rng.uniform(0.05, 0.3, count)
-        * scene.deviation[joints]
+        * context.deviation[joints]
     }
 
 
-def _bias(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+def _apply_offset(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.add("offset", joints, values["torque"])
 
 
-def _clamp(
-    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+def _draw_saturation(
+    rng: np.random.Generator, context: LawContext, joints: np.ndarray
 ) -> LawValues:
     share = rng.uniform(0.65, 0.85, len(joints))
     return {
-        "limit": share * scene.peak[joints],
+        "limit": share * context.peak[joints],
         "slope": np.full(len(joints), rng.uniform(0.0, 0.03)),
         "share": share,
     }
 
 
-def _clip(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+def _apply_saturation(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.put("clamp", joints, values["limit"])
     plant.put("clamp_slope", joints, values["slope"])
 
 
-def _lag(rng: np.random.Generator, scene: LawContext, joints: np.ndarray) -> LawValues:
+def _draw_lag(
+    rng: np.random.Generator, context: LawContext, joints: np.ndarray
+) -> LawValues:
     return {
         "time_constant": rng.uniform(0.003, 0.01, len(joints)),
         "second": np.full(len(joints), float(rng.integers(0, 2))),
     }
 
 
-def _slow(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+def _apply_lag(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.put("lag", joints, values["time_constant"])
     plant.put("second", joints, values["second"])
 
 
-def _delay(
-    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+def _draw_delay(
+    rng: np.random.Generator, context: LawContext, joints: np.ndarray
 ) -> LawValues:
     return {"delay": rng.uniform(0.003, 0.009, len(joints))}
 
 
-def _late(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+def _apply_delay(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.add("delay", joints, values["delay"])
 
 
 ACTUATION = (
     Law(
         "torque_scale",
-        _scale,
-        _rescale,
+        _draw_scale,
+        _apply_scale,
         times("scale"),
         {"scale": "1"},
         largest={"scale": 0.45},
@@ -97,16 +99,16 @@ ACTUATION = (
     ),
     Law(
         "torque_offset",
-        _offset,
-        _bias,
+        _draw_offset,
+        _apply_offset,
         times("torque"),
         {"torque": "N m"},
         form="a bias of the current sensor",
     ),
     Law(
         "torque_saturation",
-        _clamp,
-        _clip,
+        _draw_saturation,
+        _apply_saturation,
         over("limit", "share"),
         {"limit": "N m"},
         largest={"share": -0.4},
@@ -114,8 +116,8 @@ ACTUATION = (
     ),
     Law(
         "actuator_lag",
-        _lag,
-        _slow,
+        _draw_lag,
+        _apply_lag,
         times("time_constant"),
         {"time_constant": "s"},
         largest={"time_constant": 0.025},
@@ -123,8 +125,8 @@ ACTUATION = (
     ),
     Law(
         "actuator_delay",
-        _delay,
-        _late,
+        _draw_delay,
+        _apply_delay,
         times("delay"),
         {"delay": "s"},
         largest={"delay": 0.025},

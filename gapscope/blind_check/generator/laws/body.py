@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gapscope.blind_check.generator.law import Law, LawContext, LawValues, sign, times
-from gapscope.blind_check.generator.plant import TrueArm
+from gapscope.blind_check.generator.true_arm import TrueArm
 from gapscope.blind_check.generator.urdf import (
     Inertial,
     added,
@@ -16,78 +16,88 @@ from gapscope.blind_check.generator.urdf import (
 )
 
 
-def _payload(
-    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+def _draw_payload(
+    rng: np.random.Generator, context: LawContext, joints: np.ndarray
 ) -> LawValues:
-    com = np.array(
-        [rng.uniform(-0.04, 0.04), rng.uniform(-0.04, 0.04), rng.uniform(-0.01, 0.1)]
-    )
-    mass = np.array(scene.arm.payload * rng.uniform(0.2, 0.9))
+    x, y, z = (rng.uniform(*r) for r in ((-0.04, 0.04), (-0.04, 0.04), (-0.01, 0.1)))
+    com = np.array([x, y, z])
+    mass = np.array(context.arm.payload * rng.uniform(0.2, 0.9))
     radius = np.array(rng.choice([0.0, 0.03, 0.06]))
-    return {"mass": mass, "com": com, "radius": radius, "top": mass / scene.arm.payload}
+    return {
+        "mass": mass,
+        "com": com,
+        "radius": radius,
+        "top": mass / context.arm.payload,
+    }
 
 
-def _add_payload(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+def _apply_payload(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     link = moved_links(plant.root)[-1]
     mass, radius = float(values["mass"]), float(values["radius"])
-    load = Inertial(mass, values["com"], 0.4 * mass * radius**2 * np.eye(3))
+    ball = 0.4 * mass * radius**2 * np.eye(3)
+    load = Inertial(mass, values["com"], ball)
     set_inertial(link, added(inertial_of(link), load))
 
 
-def _link(rng: np.random.Generator, scene: LawContext, joints: np.ndarray) -> LawValues:
-    link = int(rng.integers(2, max(scene.arm.n, 3)))
-    body = inertial_of(moved_links(scene.arm.root)[link - 1])
+def _draw_link(
+    rng: np.random.Generator, context: LawContext, joints: np.ndarray
+) -> LawValues:
+    link = int(rng.integers(2, max(context.arm.n, 3)))
+    body = inertial_of(moved_links(context.arm.root)[link - 1])
     share = float(sign(rng, 1)[0] * rng.uniform(0.1, 0.3))
-    way = 0.5 * abs(share) * max(float(np.linalg.norm(body.com)), 0.04)
-    turn = rng.standard_normal(3)
+    distance = max(float(np.linalg.norm(body.com)), 0.04)
+    shift = 0.5 * abs(share) * distance
+    direction = rng.standard_normal(3)
     return {
         "link": np.array(link),
         "mass": np.array(share * body.mass),
-        "com": way * turn / np.linalg.norm(turn),
+        "com": shift * direction / np.linalg.norm(direction),
         "share": np.array(share),
     }
 
 
-def _add_link(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+def _apply_link(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     link = moved_links(plant.root)[int(values["link"]) - 1]
     body = inertial_of(link)
     mass = body.mass + float(values["mass"])
-    set_inertial(
-        link, Inertial(mass, body.com + values["com"], body.inertia * mass / body.mass)
-    )
+    com = body.com + values["com"]
+    inertia = body.inertia * mass / body.mass  # the same radii of gyration
+    set_inertial(link, Inertial(mass, com, inertia))
 
 
-def _armature(
-    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+def _draw_armature(
+    rng: np.random.Generator, context: LawContext, joints: np.ndarray
 ) -> LawValues:
     share = rng.uniform(0.2, 0.8, len(joints))
-    return {"inertia": scene.arm.armature[joints] * share, "share": share}
+    return {"inertia": context.arm.armature[joints] * share, "share": share}
 
 
-def _add_armature(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+def _apply_armature(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.add("armature", joints, values["inertia"])
 
 
-def _tilt(rng: np.random.Generator, scene: LawContext, joints: np.ndarray) -> LawValues:
-    angle, way = np.radians(rng.uniform(0.5, 4.0)), rng.uniform(0, 2 * np.pi)
+def _draw_tilt(
+    rng: np.random.Generator, context: LawContext, joints: np.ndarray
+) -> LawValues:
+    angle = np.radians(rng.uniform(0.5, 4.0))
+    direction = rng.uniform(0, 2 * np.pi)
     return {
-        "roll": np.array(angle * np.cos(way)),
-        "pitch": np.array(angle * np.sin(way)),
+        "roll": np.array(angle * np.cos(direction)),
+        "pitch": np.array(angle * np.sin(direction)),
     }
 
 
-def _tilted(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
-    turn = Rotation.from_euler(
-        "xy", [float(values["roll"]), float(values["pitch"])]
-    )  # first x, then y, fixed axes
+def _apply_tilt(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+    angles = [float(values["roll"]), float(values["pitch"])]
+    turn = Rotation.from_euler("xy", angles)  # first x, then y, fixed axes
     plant.gravity = turn.inv().apply(plant.gravity)
 
 
 BODY = (
     Law(
         "payload",
-        _payload,
-        _add_payload,
+        _draw_payload,
+        _apply_payload,
         times("mass", "top"),
         {"mass": "kg", "com": "m"},
         joints="arm",
@@ -97,8 +107,8 @@ BODY = (
     ),
     Law(
         "link_inertia",
-        _link,
-        _add_link,
+        _draw_link,
+        _apply_link,
         times("mass", "com", "share"),
         {"link": "1", "mass": "kg", "com": "m"},
         joints="arm",
@@ -108,8 +118,8 @@ BODY = (
     ),
     Law(
         "armature",
-        _armature,
-        _add_armature,
+        _draw_armature,
+        _apply_armature,
         times("inertia", "share"),
         {"inertia": "kg m^2"},
         largest={"share": 2.0},
@@ -117,8 +127,8 @@ BODY = (
     ),
     Law(
         "base_tilt",
-        _tilt,
-        _tilted,
+        _draw_tilt,
+        _apply_tilt,
         times("roll", "pitch"),
         {"roll": "rad", "pitch": "rad"},
         joints="arm",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gapscope.blind_check.generator.law import Law, LawContext, LawValues, fixed
-from gapscope.blind_check.generator.plant import Columns, TrueArm
+from gapscope.blind_check.generator.true_arm import Columns, TrueArm
 from gapscope.blind_check.generator.urdf import shifted
 
 STAMPS = ("gaps", "repeats", "jitter", "wrong_rate")
@@ -14,13 +14,13 @@ UNITS = ("degrees", "milliseconds", "motor_side")
 """Kinds of wrong units."""
 
 
-def _nothing(
-    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+def _draw_nothing(
+    rng: np.random.Generator, context: LawContext, joints: np.ndarray
 ) -> LawValues:
     return {}
 
 
-def _flip(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+def _apply_sign_flip(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     def spoil(rows: Columns, rng: np.random.Generator) -> Columns:
         torque = rows["tau"].copy()
         torque[:, joints] *= -1.0
@@ -29,7 +29,7 @@ def _flip(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.spoil.append(spoil)
 
 
-def _swap(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+def _apply_swap(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     def spoil(rows: Columns, rng: np.random.Generator) -> Columns:
         torque = rows["tau"].copy()
         torque[:, joints] = torque[:, joints[::-1]]
@@ -38,18 +38,22 @@ def _swap(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.spoil.append(spoil)
 
 
-def _unit(rng: np.random.Generator, scene: LawContext, joints: np.ndarray) -> LawValues:
+def _draw_unit(
+    rng: np.random.Generator, context: LawContext, joints: np.ndarray
+) -> LawValues:
     return {"unit": rng.choice(UNITS), "ratio": np.array(float(rng.integers(50, 161)))}
 
 
-def _rename(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+def _apply_unit(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     unit, ratio = str(values["unit"]), float(values["ratio"])
 
     def spoil(rows: Columns, rng: np.random.Generator) -> Columns:
         if unit == "milliseconds":
             return {**rows, "t": 1e3 * rows["t"]}
         factor = 180.0 / np.pi if unit == "degrees" else ratio
-        out = {k: v if k in ("t", "tau") else v * factor for k, v in rows.items()}
+        out = dict(rows)
+        for name in rows.keys() - {"t", "tau"}:
+            out[name] = rows[name] * factor
         if unit == "motor_side":
             out["tau"] = rows["tau"] / ratio
         return out
@@ -57,12 +61,12 @@ def _rename(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.spoil.append(spoil)
 
 
-def _shift(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+def _apply_shift(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.spoil_urdf = shifted
 
 
-def _stamps(
-    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+def _draw_stamps(
+    rng: np.random.Generator, context: LawContext, joints: np.ndarray
 ) -> LawValues:
     kind = str(rng.choice(STAMPS))
     amount = {
@@ -74,41 +78,55 @@ def _stamps(
     return {"kind": np.array(kind), "amount": np.array(amount)}
 
 
-def _restamp(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+def _apply_stamps(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     kind, amount = str(values["kind"]), float(values["amount"])
+    change = {
+        "wrong_rate": _stretched,
+        "jitter": _jittered,
+        "repeats": _repeated,
+        "gaps": _with_gaps,
+    }[kind]
+    plant.spoil.append(lambda rows, rng: change(rows, amount, rng))
 
-    def spoil(rows: Columns, rng: np.random.Generator) -> Columns:
-        t = rows["t"]
-        count = len(t)
-        if kind == "wrong_rate":
-            return {**rows, "t": t[0] + (t - t[0]) * amount}
-        if kind == "jitter":
-            return {
-                **rows,
-                "t": t
-                + (t[1] - t[0])
-                * np.clip(amount * rng.standard_normal(count), -0.4, 0.4),
-            }
-        if kind == "repeats":
-            keep = np.arange(count)
-            stale = rng.random(count) < amount
-            stale[0] = False
-            keep[stale] -= 1  # the logger saw the old sample once more
-            return {k: v if k == "t" else v[keep] for k, v in rows.items()}
-        lost = np.zeros(count, dtype=bool)
-        for _ in range(4):
-            begin = rng.integers(count // 20, count - count // 20)
-            lost[begin : begin + max(2, int(amount * count / 4))] = True
-        return {k: v[~lost] for k, v in rows.items()}
 
-    plant.spoil.append(spoil)
+def _stretched(rows: Columns, amount: float, rng: np.random.Generator) -> Columns:
+    """The clock runs at another rate."""
+    t = rows["t"]
+    return {**rows, "t": t[0] + (t - t[0]) * amount}
+
+
+def _jittered(rows: Columns, amount: float, rng: np.random.Generator) -> Columns:
+    """Each stamp is off by a normal error in periods, less than half a period."""
+    t = rows["t"]
+    error = np.clip(amount * rng.standard_normal(len(t)), -0.4, 0.4)
+    return {**rows, "t": t + (t[1] - t[0]) * error}
+
+
+def _repeated(rows: Columns, amount: float, rng: np.random.Generator) -> Columns:
+    """In a share of the rows the logger saw the old sample once more."""
+    count = len(rows["t"])
+    stale = rng.random(count) < amount
+    stale[0] = False
+    source = np.arange(count) - stale
+    return {name: x if name == "t" else x[source] for name, x in rows.items()}
+
+
+def _with_gaps(rows: Columns, amount: float, rng: np.random.Generator) -> Columns:
+    """Four stretches are lost."""
+    count = len(rows["t"])
+    length = max(2, int(amount * count / 4))
+    lost = np.zeros(count, dtype=bool)
+    for _ in range(4):
+        begin = rng.integers(count // 20, count - count // 20)
+        lost[begin : begin + length] = True
+    return {name: x[~lost] for name, x in rows.items()}
 
 
 FAULTS = (
     Law(
         "sign_flip",
-        _nothing,
-        _flip,
+        _draw_nothing,
+        _apply_sign_flip,
         fixed,
         {},
         joints="one",
@@ -117,8 +135,8 @@ FAULTS = (
     ),
     Law(
         "joint_swap",
-        _nothing,
-        _swap,
+        _draw_nothing,
+        _apply_swap,
         fixed,
         {},
         joints="pair",
@@ -127,8 +145,8 @@ FAULTS = (
     ),
     Law(
         "unit_mismatch",
-        _unit,
-        _rename,
+        _draw_unit,
+        _apply_unit,
         fixed,
         {"unit": ""},
         joints="all",
@@ -137,8 +155,8 @@ FAULTS = (
     ),
     Law(
         "shifted_inertials",
-        _nothing,
-        _shift,
+        _draw_nothing,
+        _apply_shift,
         fixed,
         {},
         joints="arm",
@@ -147,8 +165,8 @@ FAULTS = (
     ),
     Law(
         "time_stamps",
-        _stamps,
-        _restamp,
+        _draw_stamps,
+        _apply_stamps,
         fixed,
         {"kind": "", "amount": "1"},
         joints="arm",

@@ -5,37 +5,37 @@ from __future__ import annotations
 import numpy as np
 
 from gapscope.blind_check.generator.law import Law, LawContext, LawValues, sign, times
-from gapscope.blind_check.generator.plant import Outer, TrueArm
+from gapscope.blind_check.generator.true_arm import TipForce, TrueArm
 
 
-def _bouc_wen(
-    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+def _draw_hysteresis(
+    rng: np.random.Generator, context: LawContext, joints: np.ndarray
 ) -> LawValues:
     count = len(joints)
     return {
-        "torque": scene.deviation[joints] * rng.uniform(0.05, 0.2, count),
-        "reach": scene.swing[joints] * rng.uniform(0.15, 0.35, count),
+        "torque": context.deviation[joints] * rng.uniform(0.05, 0.2, count),
+        "reach": context.swing[joints] * rng.uniform(0.15, 0.35, count),
     }
 
 
-def _bend(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+def _apply_hysteresis(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.put("hysteresis", joints, values["torque"])
     plant.put("reach", joints, values["reach"])
 
 
-def _uneven(
-    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+def _draw_uneven(
+    rng: np.random.Generator, context: LawContext, joints: np.ndarray
 ) -> LawValues:
     count = len(joints)
+    half_swing = np.maximum(context.swing[joints] / 2, 0.2)
     return {
-        "torque": scene.arm.coulomb[joints] * rng.uniform(0.5, 1.5, count),
-        "cycles": rng.uniform(1.5, 5.0, count)
-        / np.maximum(scene.swing[joints] / 2, 0.2),
+        "torque": context.arm.coulomb[joints] * rng.uniform(0.5, 1.5, count),
+        "cycles": rng.uniform(1.5, 5.0, count) / half_swing,
         "phase": rng.uniform(-np.pi, np.pi, count),
     }
 
 
-def _rough(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+def _apply_uneven(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     """Dry friction c + A (1 + sin(n q + phi)) / 2, with c lowered by A / 2 as far as it goes: no more on average."""
     before = plant.values["coulomb"][joints]
     after = np.maximum(before, values["torque"])
@@ -45,22 +45,21 @@ def _rough(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.put("uneven_phase", joints, values["phase"])
 
 
-def _leak(rng: np.random.Generator, scene: LawContext, joints: np.ndarray) -> LawValues:
-    before = np.roll(scene.deviation, 1)[joints]
-    return {
-        "share": sign(rng, len(joints))
-        * rng.uniform(0.05, 0.2, len(joints))
-        * scene.deviation[joints]
-        / before
-    }
+def _draw_coupling(
+    rng: np.random.Generator, context: LawContext, joints: np.ndarray
+) -> LawValues:
+    count = len(joints)
+    before = np.roll(context.deviation, 1)[joints]
+    share = sign(rng, count) * rng.uniform(0.05, 0.2, count)
+    return {"share": share * context.deviation[joints] / before}
 
 
-def _couple(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+def _apply_coupling(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.put("leak", joints, values["share"])
 
 
-def _shake(
-    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+def _draw_vibration(
+    rng: np.random.Generator, context: LawContext, joints: np.ndarray
 ) -> LawValues:
     way = rng.standard_normal(3)
     return {
@@ -70,7 +69,7 @@ def _shake(
     }
 
 
-def _vibrate(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+def _apply_vibration(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.shaken = (
         values["acceleration"],
         float(values["frequency"]),
@@ -78,16 +77,18 @@ def _vibrate(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     )
 
 
-def _hum(rng: np.random.Generator, scene: LawContext, joints: np.ndarray) -> LawValues:
+def _draw_disturbance(
+    rng: np.random.Generator, context: LawContext, joints: np.ndarray
+) -> LawValues:
     count = len(joints)
     return {
-        "torque": scene.deviation[joints] * rng.uniform(0.05, 0.2, count),
+        "torque": context.deviation[joints] * rng.uniform(0.05, 0.2, count),
         "frequency": np.full(count, rng.uniform(1.5, 9.0)),
         "phase": rng.uniform(-np.pi, np.pi, count),
     }
 
 
-def _disturb(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+def _apply_disturbance(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     for name, value in (
         ("shake", "torque"),
         ("shake_frequency", "frequency"),
@@ -96,16 +97,18 @@ def _disturb(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
         plant.put(name, joints, values[value])
 
 
-def _fade(rng: np.random.Generator, scene: LawContext, joints: np.ndarray) -> LawValues:
+def _draw_fading(
+    rng: np.random.Generator, context: LawContext, joints: np.ndarray
+) -> LawValues:
     count = len(joints)
     return {
         "share": rng.uniform(0.1, 0.25, count),
-        "time": np.full(count, rng.uniform(0.25, 0.5) * scene.shortest),
-        "load": scene.deviation[joints] + 0.3 * scene.peak[joints],
+        "time": np.full(count, rng.uniform(0.25, 0.5) * context.shortest),
+        "load": context.deviation[joints] + 0.3 * context.peak[joints],
     }
 
 
-def _weaken(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+def _apply_fading(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     for name, value in (
         ("fade", "share"),
         ("fade_time", "time"),
@@ -114,10 +117,12 @@ def _weaken(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
         plant.put(name, joints, values[value])
 
 
-def _wall(rng: np.random.Generator, scene: LawContext, joints: np.ndarray) -> LawValues:
+def _draw_contact(
+    rng: np.random.Generator, context: LawContext, joints: np.ndarray
+) -> LawValues:
     way = rng.standard_normal(3)
     way /= np.linalg.norm(way)
-    along = scene.tip @ way
+    along = context.tip @ way
     level = float(np.quantile(along, rng.uniform(0.8, 0.92)))
     depth = max(float(along.max()) - level, 0.01)
     return {
@@ -127,42 +132,38 @@ def _wall(rng: np.random.Generator, scene: LawContext, joints: np.ndarray) -> La
     }
 
 
-def _meet(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
-    normal, level, stiffness = (
-        values["normal"],
-        float(values["level"]),
-        float(values["stiffness"]),
-    )
+def _apply_contact(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+    normal = values["normal"]
+    level, stiffness = float(values["level"]), float(values["stiffness"])
 
     def pressed(t: float, place: np.ndarray, speed: np.ndarray) -> np.ndarray:
         """Hunt and Crossley [hunt1975]: -k x (1 + 0.3 dx) along the normal while the tip is x behind the wall."""
         depth = float(place @ normal) - level
-        return (
-            -normal * max(stiffness * depth * (1.0 + 0.3 * float(speed @ normal)), 0.0)
-            if depth > 0
-            else 0 * normal
-        )
+        if depth <= 0:
+            return 0 * normal
+        pressure = stiffness * depth * (1.0 + 0.3 * float(speed @ normal))
+        return -normal * max(pressure, 0.0)  # a wall never pulls
 
-    outer: Outer = pressed
-    plant.push = outer
+    force: TipForce = pressed
+    plant.push = force
 
 
-def _one_sided(
-    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+def _draw_one_sided(
+    rng: np.random.Generator, context: LawContext, joints: np.ndarray
 ) -> LawValues:
-    drag = (scene.arm.coulomb + scene.arm.viscous)[joints]
+    drag = (context.arm.coulomb + context.arm.viscous)[joints]
     return {"coefficient": drag * rng.uniform(0.5, 2.0, len(joints))}
 
 
-def _drag(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+def _apply_one_sided(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.put("one_sided", joints, values["coefficient"])
 
 
 OUTSIDE = (
     Law(
         "hysteresis",
-        _bouc_wen,
-        _bend,
+        _draw_hysteresis,
+        _apply_hysteresis,
         times("torque"),
         {"torque": "N m", "reach": "rad"},
         outside=True,
@@ -170,8 +171,8 @@ OUTSIDE = (
     ),
     Law(
         "position_dependent_friction",
-        _uneven,
-        _rough,
+        _draw_uneven,
+        _apply_uneven,
         times("torque"),
         {"torque": "N m", "cycles": "1", "phase": "rad"},
         outside=True,
@@ -179,8 +180,8 @@ OUTSIDE = (
     ),
     Law(
         "joint_coupling",
-        _leak,
-        _couple,
+        _draw_coupling,
+        _apply_coupling,
         times("share"),
         {"share": "1"},
         joints="later",
@@ -189,8 +190,8 @@ OUTSIDE = (
     ),
     Law(
         "base_vibration",
-        _shake,
-        _vibrate,
+        _draw_vibration,
+        _apply_vibration,
         times("acceleration"),
         {"acceleration": "m/s^2", "frequency": "Hz", "phase": "rad"},
         joints="arm",
@@ -201,8 +202,8 @@ OUTSIDE = (
     ),
     Law(
         "periodic_disturbance",
-        _hum,
-        _disturb,
+        _draw_disturbance,
+        _apply_disturbance,
         times("torque"),
         {"torque": "N m", "frequency": "Hz", "phase": "rad"},
         joints="one",
@@ -211,8 +212,8 @@ OUTSIDE = (
     ),
     Law(
         "fading_torque_constant",
-        _fade,
-        _weaken,
+        _draw_fading,
+        _apply_fading,
         times("share"),
         {"share": "1", "time": "s", "load": "N m"},
         outside=True,
@@ -221,8 +222,8 @@ OUTSIDE = (
     ),
     Law(
         "contact",
-        _wall,
-        _meet,
+        _draw_contact,
+        _apply_contact,
         times("stiffness"),
         {"stiffness": "N/m", "normal": "1", "level": "m"},
         joints="arm",
@@ -233,8 +234,8 @@ OUTSIDE = (
     ),
     Law(
         "one_sided_friction",
-        _one_sided,
-        _drag,
+        _draw_one_sided,
+        _apply_one_sided,
         times("coefficient"),
         {"coefficient": "N m s^2/rad^2"},
         outside=True,

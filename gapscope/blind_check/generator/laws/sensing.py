@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from gapscope.blind_check.generator.law import Law, LawContext, LawValues, sign, times
-from gapscope.blind_check.generator.plant import Outer, TrueArm
+from gapscope.blind_check.generator.true_arm import TipForce, TrueArm
 
 
-def _offset(
-    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+def _draw_offset(
+    rng: np.random.Generator, context: LawContext, joints: np.ndarray
 ) -> LawValues:
     count = len(joints)
     return {
@@ -18,28 +18,29 @@ def _offset(
     }
 
 
-def _misread(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+def _apply_offset(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.put("encoder", joints, values["offset"])
     plant.put("eccentric", joints, values["eccentric"])
 
 
-def _coarse(
-    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+def _draw_quantization(
+    rng: np.random.Generator, context: LawContext, joints: np.ndarray
 ) -> LawValues:
-    return {"step": np.full(len(joints), scene.encoder_step * rng.uniform(3.0, 20.0))}
+    return {"step": np.full(len(joints), context.encoder_step * rng.uniform(3.0, 20.0))}
 
 
-def _round(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+def _apply_quantization(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     plant.put("step", joints, values["step"])
 
 
-def _force(
-    rng: np.random.Generator, scene: LawContext, joints: np.ndarray
+def _draw_force(
+    rng: np.random.Generator, context: LawContext, joints: np.ndarray
 ) -> LawValues:
     way = rng.standard_normal(3)
-    lasts = rng.uniform(0.15, 0.4) * scene.shortest
-    start = rng.uniform(1.2, scene.shortest - lasts - 1.2)
+    lasts = rng.uniform(0.15, 0.4) * context.shortest
+    start = rng.uniform(1.2, context.shortest - lasts - 1.2)
     return {
+        # 10 N is a first guess; the sizing scales it
         "force": 10.0 * rng.uniform(0.5, 2.0) * way / np.linalg.norm(way),
         "start": np.array(start),
         "end": np.array(start + lasts),
@@ -47,23 +48,24 @@ def _force(
     }
 
 
-def _push(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+def _apply_force(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
     force = values["force"]
     start, end, ramp = (float(values[name]) for name in ("start", "end", "ramp"))
 
     def pushed(t: float, place: np.ndarray, speed: np.ndarray) -> np.ndarray:
         """A force that grows and fades smoothly; start and end are where it is half of its size."""
-        return force * 0.5 * (np.tanh((t - start) / ramp) - np.tanh((t - end) / ramp))
+        begun, over = np.tanh((t - start) / ramp), np.tanh((t - end) / ramp)
+        return force * 0.5 * (begun - over)
 
-    outer: Outer = pushed
-    plant.push = outer
+    push: TipForce = pushed
+    plant.push = push
 
 
 SENSING = (
     Law(
         "encoder_offset",
-        _offset,
-        _misread,
+        _draw_offset,
+        _apply_offset,
         times("offset"),
         {"offset": "rad"},
         joints="middle",
@@ -73,8 +75,8 @@ SENSING = (
     ),
     Law(
         "encoder_quantization",
-        _coarse,
-        _round,
+        _draw_quantization,
+        _apply_quantization,
         times("step"),
         {"step": "rad"},
         largest={"step": 0.02},
@@ -84,8 +86,8 @@ SENSING = (
     ),
     Law(
         "external_force",
-        _force,
-        _push,
+        _draw_force,
+        _apply_force,
         times("force"),
         {"force": "N", "start": "s", "end": "s"},
         joints="arm",

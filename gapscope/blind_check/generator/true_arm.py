@@ -1,4 +1,4 @@
-"""The true arm of a case while it is put together: effects change it, the simulation runs it."""
+"""The true arm of a case while it is put together: causes change it, the simulation runs it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Columns = dict[str, np.ndarray]
 """A recording: t [s] (N,), and q, dq, tau, q_ref, dq_ref of shape (N, n)."""
 Spoil = Callable[[Columns, np.random.Generator], Columns]
 """What a fault of the set-up makes of a recording."""
-Outer = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
+TipForce = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
 """Force on the tip in the world [N], (3,), from time [s] and the tip's position [m] and velocity [m/s]."""
 
 
@@ -66,15 +66,16 @@ class TrueArm:
     root: ET.Element
     values: dict[str, np.ndarray] = field(default_factory=dict)
     gravity: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, -GRAVITY]))
-    push: Outer | None = None
+    push: TipForce | None = None
     shaken: tuple[np.ndarray, float, float] | None = None
     spoil: list[Spoil] = field(default_factory=list)
     spoil_urdf: Callable[[ET.Element], None] | None = None
 
     def __post_init__(self) -> None:
         """Fill in what a healthy arm has."""
-        n, arm, own = self.arm.n, self.arm, self.healthy
-        self.values = {name: np.zeros(n) for name in FIELDS}
+        arm, own = self.arm, self.healthy
+        self.values = {name: np.zeros(arm.n) for name in FIELDS}
+        # divisors of laws that are switched off
         ones = (
             "fall_speed",
             "fall_power",
@@ -95,10 +96,10 @@ class TrueArm:
             "bend": own.bend,
             "stribeck": own.stribeck,
             "knee": own.knee,
-            "step": np.full(n, own.encoder_step),
-            "clamp": np.full(n, 1e9),
-            **{name: np.ones(n) for name in ones},
+            "step": np.full(arm.n, own.encoder_step),
+            "clamp": np.full(arm.n, 1e9),
         }
+        given |= {name: np.ones(arm.n) for name in ones}
         for name, value in given.items():
             self.values[name] = np.array(value, dtype=float)
 
@@ -112,18 +113,19 @@ class TrueArm:
 
     def record(self) -> np.ndarray:
         """The joints as the compiled step wants them: a ``JOINT`` array of length 1."""
-        out, n, h = np.zeros(1, dtype=JOINT), self.arm.n, self.healthy.step
-        v = self.values
-        out["knee"] = out["fall_speed"] = out["drift_time"] = out["drift_power"] = 1.0
+        out = np.zeros(1, dtype=JOINT)
+        n, h, values = self.arm.n, self.healthy.step, self.values
+        for divisor in ("knee", "fall_speed", "drift_time", "drift_power"):
+            out[divisor] = 1.0
         for name in FIELDS:
-            out[name][0, :n] = v[name]
-        stiffest = 0.2 * v["armature"] / h**2  # a bristle that the step can follow
-        s0 = np.minimum(
-            np.maximum(v["coulomb"] + v["fall"], 1e-3) / self.healthy.presliding,
-            stiffest,
-        )
-        out["bristle"][0, :n] = s0
-        out["bristle_damping"][0, :n] = 0.6 * np.sqrt(s0 * v["armature"])
-        out["delay"][0, :n] = np.round(v["delay"] / h)
-        out["h"], out["n"] = h, n
+            out[name][0, :n] = values[name]
+        armature = values["armature"]
+        at_rest = np.maximum(values["coulomb"] + values["fall"], 1e-3)
+        stiffest = 0.2 * armature / h**2  # a bristle that the step can follow
+        bristle = np.minimum(at_rest / self.healthy.presliding, stiffest)
+        out["bristle"][0, :n] = bristle
+        out["bristle_damping"][0, :n] = 0.6 * np.sqrt(bristle * armature)
+        out["delay"][0, :n] = np.round(values["delay"] / h)
+        out["h"] = h
+        out["n"] = n
         return out
