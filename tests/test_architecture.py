@@ -51,7 +51,10 @@ ONLY_IN = {
     "torch": ("ident/residual/", "agents/training/"),
     "stable_baselines3": ("agents/training/",),
     "optuna": ("agents/training/tuning.py",),
-    "sklearn": ("ident/residual/baselines.py",),
+    "sklearn": (
+        "ident/residual/baselines.py",
+        "blind_check/baselines/classifier.py",
+    ),
 }
 """The only places that may import a library."""
 

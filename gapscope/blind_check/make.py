@@ -45,7 +45,7 @@ def make(
         seed: draws the same cases again; ``None``: a secret one, or that of the set that was begun.
         labels: folder of the labels and of the recordings held out; default ``out``-labels.
         jobs: cases at a time.
-        progress: called with a few words after each case.
+        progress: called with a short message after each case.
 
     Returns:
         The commitment and the labels.
@@ -67,7 +67,7 @@ def make(
     todo = [
         k
         for k, name in enumerate(names)
-        if not ((out / name).is_dir() and (parts / f"{name}.json").is_file())
+        if not (out / name).is_dir() or not (parts / f"{name}.json").is_file()
     ]
     done = len(specs) - len(todo)
     work = (
@@ -87,7 +87,7 @@ def make(
 
 
 def _begin(folder: Path, plan: BlindPlan, seed: int | None) -> dict[str, Any]:
-    """Seed, salt and plan of the set, from an earlier run where there was one."""
+    """Seed, salt and plan of the set, from an earlier run if there was one."""
     file = folder / PLAN
     if file.is_file():
         begun = read_json(file, "remove it and the cases made so far")
@@ -127,8 +127,8 @@ def _one(
         aside.rename(out / name)
     except OSError as error:
         raise GapscopeError(
-            f"{error.filename}: cannot be written ({error.strerror})", "mend its rights"
+            f"{error.filename}: cannot be written ({error.strerror})",
+            "check the folder's permissions",
         ) from None
-    return (
-        f"in {made.label['attempts']} draw{'s' if made.label['attempts'] > 1 else ''}"
-    )
+    attempts = made.label["attempts"]
+    return f"in {attempts} draw{'s' if attempts > 1 else ''}"

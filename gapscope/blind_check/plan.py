@@ -1,7 +1,8 @@
-"""What a set of blind cases holds, and the dealing of it into single cases."""
+"""What a set of blind cases holds, and its allocation to single cases."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -68,21 +69,13 @@ class BlindPlan:
         Raises:
             InputError: an effect or a robot is unknown, or a number cannot be.
         """
-        for field, names, known in (
-            ("effects", self.effects, (*INSIDE, *SETUP)),
-            ("robots", self.robots, ROBOTS),
-        ):
-            for name in names:
-                if name not in known:
-                    raise InputError(
-                        f"unknown {name!r}",
-                        f"{nearest(name, known)}use {', '.join(known)}",
-                        where=f"plan, {field}",
-                    )
+        _check_names("effects", self.effects, (*INSIDE, *SETUP))
+        _check_names("robots", self.robots, ROBOTS)
         for field in COUNTS:
-            if not isinstance(getattr(self, field), int) or getattr(self, field) < 0:
+            count = getattr(self, field)
+            if not isinstance(count, int) or count < 0:
                 raise InputError(
-                    f"{getattr(self, field)!r} is not a number of cases",
+                    f"{count!r} is not a number of cases",
                     where=f"plan, {field}",
                 )
         if not 3.0 <= self.duration[0] <= self.duration[1]:
@@ -109,6 +102,17 @@ COUNTS = ("singles", "pairs", "triples", "outside", "healthy", "ladder")
 """Fields of a plan that count cases."""
 
 
+def _check_names(field: str, names: tuple[str, ...], known: Sequence[str]) -> None:
+    """Check that all names are known; raises ``InputError``."""
+    for name in names:
+        if name not in known:
+            raise InputError(
+                f"unknown {name!r}",
+                f"{nearest(name, known)}use {', '.join(known)}",
+                where=f"plan, {field}",
+            )
+
+
 def read_plan(path: Path) -> BlindPlan:
     """A plan from a YAML file whose keys are the fields of ``BlindPlan``.
 
@@ -124,15 +128,12 @@ def read_plan(path: Path) -> BlindPlan:
             file=path,
         ) from None
     known = [field.name for field in fields(BlindPlan)]
-    if not isinstance(content, dict) or (
-        unknown := [key for key in content if key not in known]
-    ):
-        what = (
-            f"unknown key {unknown[0]!r}"
-            if isinstance(content, dict)
-            else "is not a mapping"
-        )
-        raise InputError(what, f"known keys: {', '.join(known)}", file=path)
+    remedy = f"known keys: {', '.join(known)}"
+    if not isinstance(content, dict):
+        raise InputError("is not a mapping", remedy, file=path)
+    for key in content:
+        if key not in known:
+            raise InputError(f"unknown key {key!r}", remedy, file=path)
     values: dict[str, Any] = {
         key: tuple(value) if isinstance(value, list) else value
         for key, value in content.items()
@@ -141,18 +142,19 @@ def read_plan(path: Path) -> BlindPlan:
 
 
 def allocate_cases(plan: BlindPlan, seed: int) -> list[CaseSpec]:
-    """The cases of a plan, in an order that says nothing; the same seed deals the same."""
+    """The cases of a plan, in an order that says nothing; the same seed gives the same."""
     rng = np.random.default_rng([seed, 1])
-    deck: list[tuple[str, tuple[str, ...]]] = []
     effects = plan.effects or (*INSIDE, *SETUP)
     mixable = [name for name in effects if name not in ALONE and name in INSIDE]
-    gradual = [
+    graded = [
         name
         for name in effects
         if LAWS[name].measure != "none" and not LAWS[name].outside
     ]
+    # kind and laws of each case; drawn in this order, so that a seed gives the same set
+    deck: list[tuple[str, tuple[str, ...]]] = []
     deck += [("single", (name,)) for name in _cycled(effects, plan.singles, rng)]
-    deck += [("ladder", (name,)) for name in _cycled(gradual, plan.ladder, rng)]
+    deck += [("ladder", (name,)) for name in _cycled(graded, plan.ladder, rng)]
     deck += [("outside", (name,)) for name in _cycled(BEYOND, plan.outside, rng)]
     deck += [("pair", _mixed(mixable, 2, rng)) for _ in range(plan.pairs)]
     deck += [("triple", _mixed(mixable, 3, rng)) for _ in range(plan.triples)]
@@ -160,15 +162,11 @@ def allocate_cases(plan: BlindPlan, seed: int) -> list[CaseSpec]:
     conditions = draw_conditions(rng, len(deck), plan.plain())
     strong = allocate(rng, len(deck), STRONG, [1.0] * len(STRONG))
     weak = allocate(rng, len(deck), WEAK, [1.0] * len(WEAK))
-    specs = [
-        CaseSpec(
-            kind,
-            laws,
-            None if kind == "healthy" else weak[k] if kind == "ladder" else strong[k],
-            conditions[k],
-        )
-        for k, (kind, laws) in enumerate(deck)
-    ]
+    specs = []
+    for k, (kind, laws) in enumerate(deck):
+        severity = weak[k] if kind == "ladder" else strong[k]
+        wanted = None if kind == "healthy" else severity
+        specs.append(CaseSpec(kind, laws, wanted, conditions[k]))
     return [specs[k] for k in rng.permutation(len(specs))]
 
 
@@ -184,14 +182,11 @@ def _cycled(
 
 def _mixed(names: list[str], count: int, rng: np.random.Generator) -> tuple[str, ...]:
     """Different effects that do not hide each other by their nature."""
+    size = min(count, len(names))
     for _ in range(1000):
-        drawn = [
-            str(name)
-            for name in rng.choice(names, min(count, len(names)), replace=False)
-        ]
-        if len(drawn) == count and all(
-            len(group & set(drawn)) < 2 for group in TOGETHER
-        ):
+        drawn = [str(name) for name in rng.choice(names, size, replace=False)]
+        hidden = any(len(group & set(drawn)) > 1 for group in TOGETHER)
+        if len(drawn) == count and not hidden:
             return tuple(sorted(drawn))
     raise InputError(
         f"no {count} of {', '.join(names)} can be told apart in one case",

@@ -26,7 +26,7 @@ from gapscope.provenance import sha256, source_hash
 FROZEN = "frozen.json"
 """File of the results with what the run is fixed by, and at its end the hash of each diagnosis."""
 DONE = "run.json"
-"""File of a case's results, written last: seconds, and why it failed where it did."""
+"""File of a case's results, written last: seconds, and why it failed if it did."""
 
 
 def run(
@@ -70,14 +70,15 @@ def run(
         )
     _freeze(out, commitment)
     todo = [folder for folder in folders if not _finished(out / folder.name)]
-    done, failed = len(folders) - len(todo), 0
-    for name, problem in Parallel(n_jobs=jobs, return_as="generator_unordered")(
-        delayed(_one)(folder, out / folder.name) for folder in todo
-    ):
-        done, failed = done + 1, failed + bool(problem)
-        progress(
-            f"{done} of {len(folders)} done, {name}{': ' + problem if problem else ''}"
-        )
+    done = len(folders) - len(todo)
+    failed = 0
+    work = (delayed(_one)(folder, out / folder.name) for folder in todo)
+    results = Parallel(n_jobs=jobs, return_as="generator_unordered")(work)
+    for name, problem in results:
+        done += 1
+        failed += bool(problem)
+        why = f": {problem}" if problem else ""
+        progress(f"{done} of {len(folders)} done, {name}{why}")
     _close(out, [folder.name for folder in folders])
     return failed
 
@@ -116,9 +117,8 @@ def _one(case: Path, out: Path) -> tuple[str, str]:
         write_document(result.document, out / "diagnosis.json")
     except GapscopeError as error:
         problem = str(error)
-    except (
-        Exception
-    ) as error:  # one case does not stop the rest; the scorer counts it as failed
+    except Exception as error:
+        # one case does not stop the rest; the scorer counts it as failed
         problem = f"{type(error).__name__}: {error}"
     write_json(
         {"seconds": round(time.perf_counter() - begin, 2), "error": problem}, out / DONE
@@ -129,9 +129,12 @@ def _one(case: Path, out: Path) -> tuple[str, str]:
 def _close(out: Path, names: list[str]) -> None:
     """Add the hash of each diagnosis and, once more, of the source, so that the scorer sees what was touched."""
     content = json.loads((out / FROZEN).read_text(encoding="utf-8"))
-    files = {name: out / name / "diagnosis.json" for name in names}
-    content["diagnoses"] = {
-        name: sha256(file) if file.is_file() else None for name, file in files.items()
-    }
+    content["diagnoses"] = {name: diagnosis_hash(out / name) for name in names}
     content["source_sha256_at_the_end"] = source_hash()
     write_json(content, out / FROZEN)
+
+
+def diagnosis_hash(folder: Path) -> str | None:
+    """SHA-256 of the diagnosis in a folder; ``None`` if there is none."""
+    file = folder / "diagnosis.json"
+    return sha256(file) if file.is_file() else None

@@ -21,13 +21,13 @@ from gapscope.blind_check.baselines.methods import (
     largest_r2,
     ridge,
 )
-from gapscope.blind_check.run import DONE, FROZEN
+from gapscope.blind_check.run import DONE, FROZEN, diagnosis_hash
 from gapscope.blind_check.scoring.classes import CLASSES
 from gapscope.blind_check.scoring.closure import closure
 from gapscope.blind_check.scoring.compare import Compared, compare
 from gapscope.blind_check.scoring.summary import healthy, scores, summary, unknown
 from gapscope.blind_check.seal import UNSEEN, open_labels
-from gapscope.provenance import sha256, source_hash
+from gapscope.provenance import source_hash
 
 METHODS = {"largest R^2": largest_r2, "forward BIC": forward_bic, "ridge": ridge}
 """Baselines that need nothing but the case."""
@@ -71,14 +71,16 @@ def score(
     """
     progress("compares the labels with the commitment")
     content = open_labels(cases, labels)
-    truth, unseen = (
-        content["cases"],
-        (labels if labels.is_dir() else labels.parent) / UNSEEN,
-    )
+    truth = content["cases"]
+    folder = labels if labels.is_dir() else labels.parent
     progress("predicts the recordings held out")
     work = (
         delayed(_compare)(
-            name, label, cases / name, unseen / f"{name}.csv", results / name
+            name,
+            label,
+            cases / name,
+            folder / UNSEEN / f"{name}.csv",
+            results / name,
         )
         for name, label in truth.items()
     )
@@ -99,6 +101,7 @@ def score(
 def _compare(
     name: str, label: dict[str, Any], case: Path, unseen: Path, results: Path
 ) -> Compared:
+    """One case, with the gap that the diagnosis closes on the held-out recording."""
     file = results / "diagnosis.json"
     document = (
         read_json(file, "run gapscope blind run again") if file.is_file() else None
@@ -118,21 +121,15 @@ def _frozen(results: Path, truth: dict[str, Any]) -> dict[str, Any]:
     begun = read_json(results / FROZEN, "run gapscope blind run first")
     hashes = begun.get("diagnoses") or {}
     changed = [
-        name
-        for name in truth
-        if hashes.get(name)
-        != (
-            sha256(file)
-            if (file := results / name / "diagnosis.json").is_file()
-            else None
-        )
+        name for name in truth if hashes.get(name) != diagnosis_hash(results / name)
     ]
+    source = begun["source_sha256"]
     return {
         "complete": bool(hashes),
-        "source_sha256": begun["source_sha256"],
+        "source_sha256": source,
         "source_changed_during_the_run": begun.get("source_sha256_at_the_end")
-        != begun["source_sha256"],
-        "source_is_this": begun["source_sha256"] == source_hash(),
+        != source,
+        "source_is_this": source == source_hash(),
         "changed_after_the_run": changed,
     }
 
@@ -151,18 +148,25 @@ def _baselines(
     if training is not None:
         classifier = _trained(*training, jobs)
         answers["classifier"] = partial(_answer_on, designs, classifier.diagnose)
-    out = {}
-    for method, says in answers.items():
-        chosen = [compare(name, label, says(name)) for name, label in truth.items()]
-        kinds = dict.fromkeys(c.kind for c in chosen)
-        out[method] = {
-            "by_kind": {
-                kind: scores([c for c in chosen if c.kind == kind]) for kind in kinds
-            },
-            "healthy": healthy([c for c in chosen if c.kind == "healthy"]),
-            "unknown": unknown(chosen),
-        }
-    return out
+    figures = {}
+    for method, answer_to in answers.items():
+        compared = [
+            compare(name, label, answer_to(name)) for name, label in truth.items()
+        ]
+        figures[method] = _method_figures(compared)
+    return figures
+
+
+def _method_figures(compared: list[Compared]) -> dict[str, Any]:
+    """Figures of one plain method."""
+    by_kind: dict[str, list[Compared]] = {}
+    for case in compared:
+        by_kind.setdefault(case.kind, []).append(case)
+    return {
+        "by_kind": {kind: scores(chosen) for kind, chosen in by_kind.items()},
+        "healthy": healthy(by_kind.get("healthy", [])),
+        "unknown": unknown(compared),
+    }
 
 
 def _answer_on(
@@ -170,6 +174,7 @@ def _answer_on(
     method: Callable[[Design], dict[str, Any]],
     name: str,
 ) -> dict[str, Any] | None:
+    """Answer of a method that needs the regression of a case."""
     made = designs[name]
     return None if made is None else method(made)
 
@@ -179,7 +184,7 @@ def _designs(cases: Path, names: list[str], jobs: int) -> list[Design | None]:
 
 
 def _design(folder: Path) -> Design | None:
-    """The regression of a case; ``None`` where its recordings cannot be used by a plain method."""
+    """The regression of a case; ``None`` if its recordings cannot be used by a plain method."""
     try:
         return design(folder)
     except (GapscopeError, ValueError, np.linalg.LinAlgError):
@@ -187,17 +192,16 @@ def _design(folder: Path) -> Design | None:
 
 
 def _trained(cases: Path, labels: Path, jobs: int) -> Classifier:
+    """The classifier, trained on the cases with at most one cause; what is outside the catalogue is ``unknown``."""
     truth = open_labels(cases, labels)["cases"]
-    usable = {
-        name: label["effects"][0]["effect"] if label["effects"] else "healthy"
-        for name, label in truth.items()
-        if len(label["effects"]) <= 1
-    }
-    pairs = [
-        (d, c)
-        for d, c in zip(
-            _designs(cases, list(usable), jobs), usable.values(), strict=True
-        )
-        if d is not None
-    ]
-    return train(np.stack([features(d) for d, _ in pairs]), [name for _, name in pairs])
+    class_of = {}
+    for name, label in truth.items():
+        if len(label["effects"]) <= 1:
+            effects = [entry["effect"] for entry in label["effects"]]
+            class_of[name] = effects[0] if effects else "healthy"
+    rows, names = [], []
+    for name, made in zip(class_of, _designs(cases, list(class_of), jobs), strict=True):
+        if made is not None:
+            rows.append(features(made))
+            names.append(class_of[name])
+    return train(np.stack(rows), names)

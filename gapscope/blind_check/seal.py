@@ -75,24 +75,23 @@ def readable_labels(cases: Path, labels: Path | None = None) -> Path | None:
     the folders beside it, every ``labels.json`` with the hash that was committed to.
     """
     cases = cases.resolve()
-    certain = [labels_folder(cases)] + (
-        [labels.resolve()] if labels is not None else []
-    )
+    certain = [labels_folder(cases)]
+    if labels is not None:
+        certain.append(labels.resolve())
     for place in certain:
-        files = (
-            sorted(path for path in place.rglob("*") if path.is_file())
-            if place.is_dir()
-            else [place]
-        )
-        if found := next((file for file in files if _readable(file)), None):
-            return found
+        files = [place]
+        if place.is_dir():
+            files = sorted(path for path in place.rglob("*") if path.is_file())
+        for file in files:
+            if _readable(file):
+                return file
     wanted = read_commitment(cases)["labels_sha256"]
     around = {cases, cases.parent, *_folders(cases), *_folders(cases.parent)}
-    places = (folder / LABELS for folder in sorted(around))
-    return next(
-        (place for place in places if _readable(place) and sha256(place) == wanted),
-        None,
-    )
+    for folder in sorted(around):
+        place = folder / LABELS
+        if _readable(place) and sha256(place) == wanted:
+            return place
+    return None
 
 
 def _folders(folder: Path) -> list[Path]:

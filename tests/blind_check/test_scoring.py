@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gapscope.blind_check.baselines.classifier import train
-from gapscope.blind_check.baselines.columns import Design, Term
+from gapscope.blind_check.baselines.columns import Design, DesignColumn
 from gapscope.blind_check.baselines.methods import (
     answer,
     forward_bic,
@@ -227,7 +227,11 @@ def plain_case(weights: list[float], noise: float = 0.01) -> Design:
     """A regression with three columns that are not correlated."""
     rng = np.random.default_rng(1)
     columns = np.linalg.qr(rng.standard_normal((6000, 3)))[0]
-    terms = (Term("payload", 0), Term("armature", 1), Term("armature", 2))
+    terms = (
+        DesignColumn("payload", 0),
+        DesignColumn("armature", 1),
+        DesignColumn("armature", 2),
+    )
     gap = 60.0 * columns @ np.array(weights) + noise * rng.standard_normal(6000)
     return Design(gap, terms, columns, np.full(2, float(np.sqrt((gap**2).mean()))), 2)
 

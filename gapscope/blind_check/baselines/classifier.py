@@ -2,105 +2,101 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
 
+from gapscope.arm.errors import GapscopeError
 from gapscope.blind_check.baselines.columns import EFFECTS, Design
-from gapscope.blind_check.baselines.methods import answer, left_by
+from gapscope.blind_check.baselines.methods import answer, residual_share
 
 PENALTY = 1e-2
-"""Weight of the squared coefficients."""
+"""Weight of the squared coefficients beside the mean log-likelihood."""
 HIDDEN = 32
 """Hidden units."""
+MOST_ITERATIONS = 500
+"""Iterations of the fit."""
 
 
 def features(design: Design) -> np.ndarray:
-    """What each effect leaves of the gap, on the whole and on its best joint; size and concentration of the gap."""
-    left = [left_by(design, effect) for effect in EFFECTS]
-    nrmse = np.log(np.sort(design.nrmse)[::-1])
-    spread = design.nrmse / design.nrmse.sum()
+    """Residual share of each effect alone, its best joint's correlation; size and concentration of the gap."""
+    residual = [residual_share(design, effect) for effect in EFFECTS]
     along = np.abs(design.columns.T @ design.gap) / np.linalg.norm(design.gap)
-    best = [
-        max((float(along[k]) for k in design.places(effect)), default=0.0)
-        for effect in EFFECTS
-    ]
-    return np.concatenate(
-        [left, best, [nrmse[0], nrmse[1], nrmse[-1], -(spread * np.log(spread)).sum()]]
-    )
+    best = []
+    for effect in EFFECTS:
+        places = design.places(effect)
+        best.append(float(along[places].max()) if places else 0.0)
+    size = np.log(np.sort(design.nrmse)[::-1])
+    spread = design.nrmse / design.nrmse.sum()
+    entropy = -(spread * np.log(spread)).sum()
+    return np.concatenate([residual, best, [size[0], size[1], size[-1], entropy]])
 
 
 @dataclass(frozen=True)
 class Classifier:
-    """Softmax of [tanh([z 1] A) 1] B, z the standardised features.
+    """A trained classifier.
 
     Attributes:
         classes: names of the C classes.
-        middle, width: of the F features, (F,).
-        inner: A, (F + 1, HIDDEN), the last row the constants; outer: B, (HIDDEN + 1, C).
+        network: standardisation and network of scikit-learn.
     """
 
     classes: tuple[str, ...]
-    middle: np.ndarray
-    width: np.ndarray
-    inner: np.ndarray
-    outer: np.ndarray
+    network: Any
 
     def probabilities(self, x: np.ndarray) -> np.ndarray:
         """Of each class, (N, C), from features (N, F)."""
-        hidden = np.tanh(_constant((x - self.middle) / self.width) @ self.inner)
-        return _softmax(_constant(hidden) @ self.outer)
+        return np.asarray(self.network.predict_proba(x))
 
     def diagnose(self, design: Design) -> dict[str, Any]:
         """The likeliest class as a verdict."""
-        p = self.probabilities(features(design)[None])[0]
-        name = self.classes[int(p.argmax())]
-        if name in ("healthy", "unknown"):
-            return answer("no_gap" if name == "healthy" else "unexplained", [])
-        return answer("effects_found", [(name, [])], float(p.max()))
+        probability = self.probabilities(features(design)[None])[0]
+        name = self.classes[int(probability.argmax())]
+        if name == "healthy":
+            return answer("no_gap", [])
+        if name == "unknown":
+            return answer("unexplained", [])
+        return answer("effects_found", [(name, [])], float(probability.max()))
 
 
 def train(x: np.ndarray, names: Sequence[str]) -> Classifier:
-    """Fit to features (N, F) and class names (N,) by penalised likelihood, from fixed random weights."""
-    classes = tuple(sorted(set(names)))
-    truth = np.array([[name == c for c in classes] for name in names], dtype=float)
-    middle, width = x.mean(axis=0), np.maximum(x.std(axis=0), 1e-9)
-    z = _constant((x - middle) / width)
-    shapes = (z.shape[1], HIDDEN), (HIDDEN + 1, len(classes))
-    cut = shapes[0][0] * HIDDEN
+    """Fit to features (N, F) and class names (N,) by penalised likelihood, from fixed random weights.
 
-    def split(flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return flat[:cut].reshape(shapes[0]), flat[cut:].reshape(shapes[1])
-
-    def loss(flat: np.ndarray) -> tuple[float, np.ndarray]:
-        inner, outer = split(flat)
-        hidden = np.tanh(z @ inner)
-        p = _softmax(_constant(hidden) @ outer)
-        value = -np.log(np.maximum((p * truth).sum(axis=1), 1e-300)).mean()
-        value += 0.5 * PENALTY * ((inner[:-1] ** 2).sum() + (outer[:-1] ** 2).sum())
-        off = (p - truth) / len(z)
-        slopes = (
-            z.T @ ((off @ outer[:-1].T) * (1.0 - hidden**2)),
-            _constant(hidden).T @ off,
+    Raises:
+        GapscopeError: scikit-learn is not installed, or there is one class alone.
+    """
+    try:
+        from sklearn.exceptions import ConvergenceWarning
+        from sklearn.neural_network import MLPClassifier
+        from sklearn.pipeline import make_pipeline
+        from sklearn.preprocessing import StandardScaler
+    except ImportError:
+        raise GapscopeError(
+            "the classifier needs scikit-learn",
+            "pip install 'gapscope[learn]', or score without --train",
+        ) from None
+    if len(set(names)) < 2:
+        raise GapscopeError(
+            "a classifier cannot be trained on cases of one class alone",
+            "give training cases with several effects, or score without --train",
         )
-        for slope, weights in zip(slopes, (inner, outer), strict=True):
-            slope[:-1] += PENALTY * weights[:-1]
-        return float(value), np.concatenate([slope.ravel() for slope in slopes])
-
-    start = np.random.default_rng(0).normal(
-        size=cut + shapes[1][0] * shapes[1][1]
-    ) / np.sqrt(shapes[0][0])
-    found = minimize(loss, start, jac=True, method="L-BFGS-B", options={"maxiter": 500})
-    return Classifier(classes, middle, width, *split(found.x))
-
-
-def _constant(x: np.ndarray) -> np.ndarray:
-    return np.hstack([x, np.ones((len(x), 1))])
-
-
-def _softmax(z: np.ndarray) -> np.ndarray:
-    e = np.exp(z - z.max(axis=1, keepdims=True))
-    return e / e.sum(axis=1, keepdims=True)
+    network = make_pipeline(
+        StandardScaler(),
+        MLPClassifier(
+            hidden_layer_sizes=(HIDDEN,),
+            activation="tanh",
+            solver="lbfgs",
+            # scikit-learn divides the penalty by the number of samples
+            alpha=PENALTY * len(x),
+            max_iter=MOST_ITERATIONS,
+            random_state=0,
+        ),
+    )
+    with warnings.catch_warnings():
+        # the penalty, not the end of the search, keeps the network from overfitting
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        network.fit(x, np.asarray(names))
+    return Classifier(tuple(str(name) for name in network.classes_), network)

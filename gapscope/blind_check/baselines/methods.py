@@ -19,87 +19,93 @@ EFFECTIVE = 10
 """Rows that count as one independent observation."""
 NAMED = 0.1
 """Share of the gap's length that an effect needs to be named by ridge regression."""
+MOST_COLUMNS = 25
+"""Columns that forward selection takes at most."""
+JOINT_SHARE = 0.2
+"""A joint is named if its weight is this share of the largest of its effect."""
+EFFECT_SHARE = 0.15
+"""Forward selection names an effect if its weight is this share of the largest."""
 NAMES = (*CATALOGUE, *FAULTS)
+"""What chance draws from."""
 
 
 def chance(n_joints: int, rng: np.random.Generator) -> dict[str, Any]:
     """Any effect on any joint, no gap, or unexplained, each as likely."""
     drawn = int(rng.integers(len(NAMES) + 2))
-    if drawn >= len(NAMES):
-        return answer("no_gap" if drawn == len(NAMES) else "unexplained", [])
+    if drawn == len(NAMES):
+        return answer("no_gap", [])
+    if drawn > len(NAMES):
+        return answer("unexplained", [])
     name = NAMES[drawn]
     scope = CATALOGUE[name].scope if name in CATALOGUE else FAULTS[name].scope
-    return answer(
-        "effects_found",
-        [(name, [int(rng.integers(n_joints)) + 1] if scope == "joint" else [])],
-    )
+    joints = [int(rng.integers(n_joints)) + 1] if scope == "joint" else []
+    return answer("effects_found", [(name, joints)])
 
 
 def largest_r2(design: Design) -> dict[str, Any]:
-    """The one effect whose columns leave the least of the gap."""
+    """The one effect whose columns leave the smallest residual."""
     if design.nrmse.max() < NO_GAP:
         return answer("no_gap", [])
-    left = {effect: left_by(design, effect) for effect in _effects(design)}
-    best = min(left, key=lambda effect: left[effect])
-    if left[best] > 1.0 - EXPLAINED:
+    shares = {effect: residual_share(design, effect) for effect in _effects(design)}
+    best = min(shares, key=lambda effect: shares[effect])
+    if shares[best] > 1.0 - EXPLAINED:
         return answer("unexplained", [])
     places = design.places(best)
     weights = np.abs(_fit(design, places))
-    return answer("effects_found", [(best, _joints(design, places, weights, 0.2))])
+    return answer("effects_found", [(best, _joints(design, places, weights))])
 
 
 def forward_bic(design: Design) -> dict[str, Any]:
     """Columns one by one, the best first, as long as Bayes' information criterion falls."""
-    count = len(design.gap) / EFFECTIVE
     chosen: list[int] = []
     total = float(design.gap @ design.gap)
-    residual, score = design.gap, count * np.log(total / len(design.gap))
-    while len(chosen) < 25:
+    residual = design.gap
+    score = _bic(residual, 0)
+    while len(chosen) < MOST_COLUMNS:
         gain = np.abs(design.columns.T @ residual)
         gain[chosen] = 0.0
         candidate = [*chosen, int(gain.argmax())]
-        left = design.gap - design.columns[:, candidate] @ _fit(design, candidate)
-        new = count * np.log(max(float(left @ left), 1e-300) / len(left)) + len(
-            candidate
-        ) * np.log(count)
-        if new >= score:
+        fitted = design.columns[:, candidate] @ _fit(design, candidate)
+        candidate_residual = design.gap - fitted
+        candidate_score = _bic(candidate_residual, len(candidate))
+        if candidate_score >= score:
             break
-        chosen, residual, score = candidate, left, new
+        chosen, residual, score = candidate, candidate_residual, candidate_score
     if not chosen or design.nrmse.max() < NO_GAP:
         return answer("no_gap", [])
-    verdict = (
-        "effects_found"
-        if residual @ residual < (1.0 - EXPLAINED) * total
-        else "unexplained"
-    )
-    return answer(verdict, _named(design, chosen, np.abs(_fit(design, chosen)), 0.15))
+    explained = residual @ residual < (1.0 - EXPLAINED) * total
+    verdict = "effects_found" if explained else "unexplained"
+    return answer(verdict, _named(design, chosen, np.abs(_fit(design, chosen))))
+
+
+def _bic(residual: np.ndarray, terms: int) -> float:
+    """Bayes' information criterion of a residual (M n,) that is left by so many columns."""
+    count = len(residual) / EFFECTIVE
+    mean_square = max(float(residual @ residual), 1e-300) / len(residual)
+    return float(count * np.log(mean_square) + terms * np.log(count))
 
 
 def ridge(design: Design, penalty: float = 1e-2) -> dict[str, Any]:
     """All columns at once with a quadratic penalty; effects whose part of the gap is long enough are named."""
     if design.nrmse.max() < NO_GAP:
         return answer("no_gap", [])
-    a = design.columns
-    weights = np.linalg.solve(a.T @ a + penalty * np.eye(a.shape[1]), a.T @ design.gap)
-    left = design.gap - a @ weights
+    columns, gap = design.columns, design.gap
+    normal = columns.T @ columns + penalty * np.eye(columns.shape[1])
+    weights = np.linalg.solve(normal, columns.T @ gap)
+    residual = gap - columns @ weights
     found = []
     for effect in _effects(design):
         places = design.places(effect)
-        part = np.linalg.norm(a[:, places] @ weights[places]) / np.linalg.norm(
-            design.gap
-        )
+        explained = columns[:, places] @ weights[places]
+        part = np.linalg.norm(explained) / np.linalg.norm(gap)
         if part > NAMED:
-            found.append(
-                (part, effect, _joints(design, places, np.abs(weights[places]), 0.2))
-            )
-    verdict = (
-        "effects_found"
-        if left @ left < (1.0 - EXPLAINED) * design.gap @ design.gap and found
-        else "unexplained"
-    )
-    return answer(
-        verdict, [(effect, joints) for _, effect, joints in sorted(found, reverse=True)]
-    )
+            joints = _joints(design, places, np.abs(weights[places]))
+            found.append((part, effect, joints))
+    largest_first = [
+        (effect, joints) for _, effect, joints in sorted(found, reverse=True)
+    ]
+    small = residual @ residual < (1.0 - EXPLAINED) * gap @ gap
+    return answer("effects_found" if small and found else "unexplained", largest_first)
 
 
 def answer(
@@ -129,45 +135,39 @@ def _fit(design: Design, places: list[int]) -> np.ndarray:
     return np.linalg.lstsq(design.columns[:, places], design.gap, rcond=1e-8)[0]
 
 
-def left_by(design: Design, effect: str) -> float:
-    """Share of the gap's squares that the columns of one effect leave."""
+def residual_share(design: Design, effect: str) -> float:
+    """Share of the gap's squares that the columns of one effect do not explain."""
     places = design.places(effect)
-    left = design.gap - design.columns[:, places] @ _fit(design, places)
-    return float(left @ left / (design.gap @ design.gap))
+    residual = design.gap - design.columns[:, places] @ _fit(design, places)
+    return float(residual @ residual / (design.gap @ design.gap))
 
 
-def _joints(
-    design: Design, places: list[int], weights: np.ndarray, share: float
-) -> list[int]:
-    """Joints whose weight is at least a share of the largest; none for effects on the arm or a link."""
+def _joints(design: Design, places: list[int], weights: np.ndarray) -> list[int]:
+    """Joints whose weight is at least ``JOINT_SHARE`` of the largest; none for effects on the arm or a link."""
     terms = [design.terms[k] for k in places]
     if terms[0].joint == 0 or terms[0].effect == "link_inertia":
         return []
+    least = JOINT_SHARE * weights.max()
     return [
         term.joint
         for term, weight in zip(terms, weights, strict=True)
-        if weight >= share * weights.max()
+        if weight >= least
     ]
 
 
 def _named(
-    design: Design, chosen: list[int], weights: np.ndarray, share: float
+    design: Design, chosen: list[int], weights: np.ndarray
 ) -> list[tuple[str, list[int]]]:
-    """Effects of chosen columns, longest first, without those that add next to nothing."""
+    """Effects of chosen columns, longest first, without those below ``EFFECT_SHARE`` of the longest."""
+    effects = [design.terms[k].effect for k in chosen]
     length: dict[str, float] = {}
-    for k, weight in zip(chosen, weights, strict=True):
-        length[design.terms[k].effect] = float(
-            np.hypot(length.get(design.terms[k].effect, 0.0), weight)
-        )
-    floor = share * max(length.values())
-    ordered = sorted(
-        (name for name in length if length[name] >= floor),
-        key=lambda name: -length[name],
-    )
+    for effect, weight in zip(effects, weights, strict=True):
+        length[effect] = float(np.hypot(length.get(effect, 0.0), weight))
+    least = EFFECT_SHARE * max(length.values())
+    long_enough = [effect for effect in length if length[effect] >= least]
     out = []
-    for name in ordered:
-        mine = [i for i, k in enumerate(chosen) if design.terms[k].effect == name]
-        out.append(
-            (name, _joints(design, [chosen[i] for i in mine], weights[mine], 0.2))
-        )
+    for effect in sorted(long_enough, key=lambda effect: -length[effect]):
+        own = [i for i, name in enumerate(effects) if name == effect]
+        places = [chosen[i] for i in own]
+        out.append((effect, _joints(design, places, weights[own])))
     return out

@@ -63,16 +63,12 @@ FAST = "fast"
 
 def named(entry: dict[str, Any]) -> Named:
     """An entry of ``effects`` of a label or a diagnosis."""
-    link = (
-        entry.get("parameters", {}).get("link", {}).get("value", 0)
-        if entry["effect"] == "link_inertia"
-        else 0
-    )
-    return Named(
-        entry["effect"],
-        tuple(entry["joints"]),
-        int(link[0] if isinstance(link, list) else link),
-    )
+    link: Any = 0
+    if entry["effect"] == "link_inertia":
+        link = entry.get("parameters", {}).get("link", {}).get("value", 0)
+    if isinstance(link, list):
+        link = link[0]
+    return Named(entry["effect"], tuple(entry["joints"]), int(link))
 
 
 def same(one: Named, other: Named, n_joints: int, motions: Sequence[str]) -> bool:
@@ -99,18 +95,13 @@ def matched(
     truth: Sequence[Named], found: Sequence[Named], n: int, motions: Sequence[str]
 ) -> list[tuple[int, int]]:
     """Pairs (place in truth, place in found) of effects that count as the same, each used once, equal names first."""
-    order = sorted(
-        (
-            (i, j)
-            for i in range(len(truth))
-            for j in range(len(found))
-            if same(truth[i], found[j], n, motions)
-        ),
-        key=lambda ij: (truth[ij[0]].effect != found[ij[1]].effect, ij),
-    )
+    pairs = [(i, j) for i in range(len(truth)) for j in range(len(found))]
+    # equal names first, so that a class never takes an effect away from its own name
+    pairs.sort(key=lambda pair: truth[pair[0]].effect != found[pair[1]].effect)
     out: list[tuple[int, int]] = []
-    for i, j in order:
-        if all(i != a and j != b for a, b in out):
+    for i, j in pairs:
+        used = any(i == a or j == b for a, b in out)
+        if not used and same(truth[i], found[j], n, motions):
             out.append((i, j))
     return out
 

@@ -23,7 +23,7 @@ ABOVE = 2.0
 def closure(
     case: Path, unseen: Path, corrected: Path, floor: np.ndarray
 ) -> dict[str, Any] | None:
-    """Share of the gap above the floor that is closed on unseen data.
+    """Share of the gap above the floor that is closed on held-out data.
 
     (before - after) / (before - floor), each a torque NRMSE; ``mean`` sums above and below the line over the joints
     that count, ``worst`` is the smallest share among them.
@@ -35,7 +35,7 @@ def closure(
         floor: torque NRMSE of the healthy twin, (n,).
 
     Returns:
-        ``None`` where no joint is above its floor or nothing can be predicted.
+        ``None`` if no joint is above its floor or nothing can be predicted.
     """
     try:
         loaded = load_case(case, read_recordings=False)
@@ -58,16 +58,19 @@ def closure(
 
 
 def _nrmse(arm: Any, effects: tuple[AppliedEffect, ...], recording: Any) -> np.ndarray:
-    """Torque NRMSE of an arm on a recording, (n,); where torque saturates, of what reached the joint."""
+    """Torque NRMSE of an arm on a recording, (n,); if torque saturates, of what reached the joint."""
     predicted = predict_torque(CorrectedArm(arm, effects), recording)
     torque = recording.tau
     for effect in effects:
         if effect.name == "torque_saturation":
-            columns, limit = np.array(effect.joints) - 1, effect.parameters["limit"]
+            columns = np.array(effect.joints) - 1
+            limit = effect.parameters["limit"]
             torque = torque.copy()
             torque[:, columns] = np.clip(torque[:, columns], -limit, limit)
             predicted[:, columns] = np.clip(predicted[:, columns], -limit, limit)
-    rate = (len(recording.t) - 1) / (recording.t[-1] - recording.t[0])
+    t = recording.t
+    rate = (len(t) - 1) / (t[-1] - t[0])
     gap, _ = residual(torque, predicted, rate)
+    # the scale is that of the torque as it was recorded, also under saturation
     _, scale = residual(recording.tau, predicted, rate)
     return rms(gap) / scale

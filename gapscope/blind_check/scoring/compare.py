@@ -19,7 +19,7 @@ VECTORS = {
     "link_inertia": ("mass",),
     "payload": ("mass",),
 }
-"""Parameters by whose common length an effect on the arm is judged; joint effects by their first parameter."""
+"""Parameters whose common length is compared for an effect on the arm; of a joint effect it is the first parameter."""
 
 
 @dataclass(frozen=True)
@@ -37,14 +37,14 @@ class ScoredFinding:
 
 @dataclass(frozen=True)
 class Compared:
-    """One case: what is true, what was said.
+    """One case: what is true, what was reported.
 
     Attributes:
         name, kind: the case.
         severity: its severity class as text, ``fault`` or ``healthy``.
         truth, found: what is at work and what was named, largest share first.
         unknown: whether the cause is outside the catalogue.
-        verdict: of the diagnosis; ``failed`` where there is none.
+        verdict: of the diagnosis; ``failed`` if there is none.
         top, exact, exact_strict: first name right; the set right, modulo classes and strictly.
         jaccard: of the two sets, modulo classes.
         joints: per effect named rightly whether all of its joints are right.
@@ -85,14 +85,11 @@ def compare(
     n, motions = len(label["gap"]), label["motions"][:-1]
     unknown = any(entry["effect"] == "unknown" for entry in label["effects"])
     entries = [entry for entry in label["effects"] if entry["effect"] != "unknown"]
-    said = document["effects"] if document else []
-    truth, found = tuple(map(named, entries)), tuple(map(named, said))
-    pairs = matched(truth, found, n, motions)
+    reported = document["effects"] if document else []
     verdict = document["verdict"] if document else "failed"
+    truth, found = tuple(map(named, entries)), tuple(map(named, reported))
+    pairs = matched(truth, found, n, motions)
     all_found = len(pairs) == len(truth) == len(found)
-    right_verdict = verdict == (
-        "unexplained" if unknown else "effects_found" if truth else "no_gap"
-    )
     return Compared(
         name=name,
         kind=label["kind"],
@@ -104,26 +101,49 @@ def compare(
         top=bool(found) and any(same(t, found[0], n, motions) for t in truth),
         exact=all_found and bool(truth),
         exact_strict=bool(truth) and strict(truth, found),
-        jaccard=len(pairs) / max(len(truth) + len(found) - len(pairs), 1)
-        if truth or found
-        else float(right_verdict),
-        joints=tuple(
-            set(truth[i].joints) == set(found[j].joints)
-            for i, j in pairs
-            if truth[i].joints and truth[i].effect == found[j].effect
-        ),
-        errors=tuple(
-            e
-            for i, j in pairs
-            for e in [first_parameter_error(entries[i], said[j])]
-            if e is not None
-        ),
-        findings=tuple(_finding(entry, truth, n, motions) for entry in said),
+        jaccard=_jaccard(truth, found, len(pairs), verdict, unknown),
+        joints=_joints_right(truth, found, pairs),
+        errors=_parameter_errors(entries, reported, pairs),
+        findings=tuple(_finding(entry, truth, n, motions) for entry in reported),
         closure=closed,
         seconds=seconds,
         robot=label["conditions"]["robot"],
         conditions=label["conditions"],
     )
+
+
+def _jaccard(
+    truth: Sequence[Named],
+    found: Sequence[Named],
+    common: int,
+    verdict: str,
+    unknown: bool,
+) -> float:
+    """Common names over all names; of two empty sets 1 if the verdict is right, 0 otherwise."""
+    if truth or found:
+        return common / max(len(truth) + len(found) - common, 1)
+    return float(verdict == ("unexplained" if unknown else "no_gap"))
+
+
+def _joints_right(
+    truth: Sequence[Named], found: Sequence[Named], pairs: Sequence[tuple[int, int]]
+) -> tuple[bool, ...]:
+    """Per joint effect that is named rightly whether all of its joints are right."""
+    right = []
+    for i, j in pairs:
+        if truth[i].joints and truth[i].effect == found[j].effect:
+            right.append(set(truth[i].joints) == set(found[j].joints))
+    return tuple(right)
+
+
+def _parameter_errors(
+    entries: Sequence[dict[str, Any]],
+    reported: Sequence[dict[str, Any]],
+    pairs: Sequence[tuple[int, int]],
+) -> tuple[float, ...]:
+    """Relative errors of the first parameter of effects named rightly, if they can be compared."""
+    errors = [first_parameter_error(entries[i], reported[j]) for i, j in pairs]
+    return tuple(error for error in errors if error is not None)
 
 
 def _severity(label: dict[str, Any]) -> str:
@@ -136,42 +156,45 @@ def _severity(label: dict[str, Any]) -> str:
 
 
 def first_parameter_error(truth: dict[str, Any], found: dict[str, Any]) -> float | None:
-    """|found - true| / |true| of the first parameter, median over joints; ``None`` where it cannot be compared."""
-    if truth["effect"] != found["effect"] or set(truth["joints"]) != set(
-        found["joints"]
-    ):
+    """|found - true| / |true| of the first parameter, median over joints; ``None`` if it cannot be compared."""
+    same_joints = set(truth["joints"]) == set(found["joints"])
+    if truth["effect"] != found["effect"] or not same_joints:
         return None
     names = VECTORS.get(truth["effect"], tuple(truth["parameters"])[:1])
-    if not names or any(
-        name not in found["parameters"] or truth["parameters"][name].get("unit") == ""
+    comparable = all(
+        name in found["parameters"] and truth["parameters"][name].get("unit") != ""
         for name in names
-    ):
-        return None
-    true, given = (
-        np.hstack([np.ravel(e["parameters"][name]["value"]) for name in names])
-        for e in (truth, found)
     )
+    if not names or not comparable:
+        return None
+    true, given = _values(truth, names), _values(found, names)
     if truth["effect"] in VECTORS:
         return float(np.linalg.norm(given - true) / np.linalg.norm(true))
     order = [found["joints"].index(joint) for joint in truth["joints"]]
-    return float(
-        np.median(np.abs(given[order] - true) / np.maximum(np.abs(true), 1e-12))
-    )
+    error = np.abs(given[order] - true) / np.maximum(np.abs(true), 1e-12)
+    return float(np.median(error))
+
+
+def _values(entry: dict[str, Any], names: Sequence[str]) -> np.ndarray:
+    """Values of some parameters of an effect, one after the other."""
+    return np.hstack([np.ravel(entry["parameters"][name]["value"]) for name in names])
 
 
 def _finding(
     entry: dict[str, Any], truth: Sequence[Named], n: int, motions: Sequence[str]
 ) -> ScoredFinding:
-    candidates = [
-        (entry, entry["probability"]),
-        *((rival, rival["probability"]) for rival in entry["alternatives"]),
-    ]
-    names = {e["effect"]: named(e) for e, _ in candidates}
-    chosen = smallest_set([(e["effect"], p) for e, p in candidates], LEVEL)
-    right = [any(same(t, names[name], n, motions) for t in truth) for name in chosen]
+    """A finding with its rivals, beside the truth."""
+    candidates = [entry, *entry["alternatives"]]
+    effects = {candidate["effect"]: named(candidate) for candidate in candidates}
+    probabilities = [(c["effect"], c["probability"]) for c in candidates]
+    right = {
+        name: any(same(true, effect, n, motions) for true in truth)
+        for name, effect in effects.items()
+    }
+    chosen = smallest_set(probabilities, LEVEL)
     return ScoredFinding(
         probability=float(entry["probability"]),
-        right=any(same(t, names[entry["effect"]], n, motions) for t in truth),
-        covered=any(right),
+        right=right[entry["effect"]],
+        covered=any(right[name] for name in chosen),
         size=len(chosen),
     )

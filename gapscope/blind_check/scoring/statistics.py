@@ -57,29 +57,31 @@ def reliability(
     probability: np.ndarray, right: np.ndarray, bins: int = 10
 ) -> list[dict[str, float]]:
     """Per bin of probability that holds findings: its edges, how many, mean probability, share that is right."""
-    which = np.minimum((np.asarray(probability) * bins).astype(int), bins - 1)
-    return [
-        {
-            "from": k / bins,
-            "to": (k + 1) / bins,
-            "count": int((which == k).sum()),
-            "probability": float(probability[which == k].mean()),
-            "right": float(right[which == k].mean()),
-        }
-        for k in range(bins)
-        if (which == k).any()
-    ]
+    bin_of = np.minimum((np.asarray(probability) * bins).astype(int), bins - 1)
+    rows = []
+    for k in range(bins):
+        inside = bin_of == k
+        if inside.any():
+            rows.append(
+                {
+                    "from": k / bins,
+                    "to": (k + 1) / bins,
+                    "count": int(inside.sum()),
+                    "probability": float(probability[inside].mean()),
+                    "right": float(right[inside].mean()),
+                }
+            )
+    return rows
 
 
 def ece(probability: np.ndarray, right: np.ndarray, bins: int = 10) -> float | None:
     """Expected calibration error: mean over findings of |mean p - share right| of the bin; ``None`` without any."""
     if not len(probability):
         return None
-    rows = reliability(probability, right, bins)
-    return float(
-        sum(r["count"] * abs(r["probability"] - r["right"]) for r in rows)
-        / len(probability)
-    )
+    weighted = 0.0
+    for row in reliability(probability, right, bins):
+        weighted += row["count"] * abs(row["probability"] - row["right"])
+    return float(weighted / len(probability))
 
 
 def smallest_set(candidates: Sequence[tuple[str, float]], level: float) -> list[str]:

@@ -14,37 +14,39 @@ from gapscope.blind_check.scoring.statistics import brier, ece, proportion, reli
 
 def summary(cases: Sequence[Compared]) -> dict[str, Any]:
     """All figures, as JSON knows them."""
-    kinds = {
-        kind: [c for c in cases if c.kind == kind]
-        for kind in dict.fromkeys(c.kind for c in cases)
-    }
-    inside = [c for c in cases if c.truth and c.kind != "ladder"]
+    kinds: dict[str, list[Compared]] = {}
+    for case in cases:
+        kinds.setdefault(case.kind, []).append(case)
+
+    def of(*names: str) -> list[Compared]:
+        return [case for case in cases if case.kind in names]
+
+    inside = [case for case in cases if case.truth and case.kind != "ladder"]
+    seconds = [case.seconds for case in cases if case.seconds is not None]
     return {
         "cases": len(cases),
-        "failed": [c.name for c in cases if c.verdict == "failed"],
+        "failed": [case.name for case in cases if case.verdict == "failed"],
         "by_kind": {kind: scores(chosen) for kind, chosen in kinds.items()},
-        "by_severity": _split(
-            [c for c in cases if c.kind in ("single", "ladder")], lambda c: c.severity
-        ),
+        "by_severity": _split(of("single", "ladder"), lambda c: c.severity),
         "by_robot": _split(inside, lambda c: c.robot),
         "by_rate": _split(inside, lambda c: f"{c.conditions['rate']} Hz"),
-        "by_controller": _split(
-            inside, lambda c: "unknown" if c.conditions["bare"] else "known"
-        ),
-        "by_inertials": _split(
-            inside, lambda c: "off" if c.conditions["inertials_off"] else "true"
-        ),
-        "by_effect": _split(
-            [c for c in cases if c.kind == "single"], lambda c: c.truth[0].effect
-        ),
-        "healthy": healthy(kinds.get("healthy", [])),
+        "by_controller": _split(inside, _controller),
+        "by_inertials": _split(inside, _inertials),
+        "by_effect": _split(of("single"), lambda c: c.truth[0].effect),
+        "healthy": healthy(of("healthy")),
         "unknown": unknown(cases),
         "calibration": calibration([c for c in cases if c.kind != "ladder"]),
-        "confusion": confusion(
-            [c for c in cases if c.kind in ("single", "outside", "healthy")]
-        ),
-        "seconds": _quantiles([c.seconds for c in cases if c.seconds is not None]),
+        "confusion": confusion(of("single", "outside", "healthy")),
+        "seconds": _quantiles(seconds),
     }
+
+
+def _controller(case: Compared) -> str:
+    return "unknown" if case.conditions["bare"] else "known"
+
+
+def _inertials(case: Compared) -> str:
+    return "off" if case.conditions["inertials_off"] else "true"
 
 
 def scores(cases: Sequence[Compared]) -> dict[str, Any]:
@@ -80,7 +82,7 @@ def healthy(cases: Sequence[Compared]) -> dict[str, Any]:
 
 
 def unknown(cases: Sequence[Compared]) -> dict[str, Any]:
-    """How often ``unexplained`` is said where it is right, and where it is wrong."""
+    """How often the verdict is ``unexplained``, rightly and wrongly."""
     outside = [c for c in cases if c.unknown]
     inside = [c for c in cases if c.truth and c.kind in ("single", "pair", "triple")]
     return {
@@ -94,10 +96,9 @@ def unknown(cases: Sequence[Compared]) -> dict[str, Any]:
 def calibration(cases: Sequence[Compared]) -> dict[str, Any]:
     """Brier score, ECE and reliability of the probabilities; coverage and size of the sets at ``LEVEL``."""
     findings = [finding for c in cases for finding in c.findings]
-    p, right = (
-        np.array([f.probability for f in findings]),
-        np.array([f.right for f in findings], dtype=float),
-    )
+    p = np.array([f.probability for f in findings])
+    right = np.array([f.right for f in findings], dtype=float)
+    mean_size = float(np.mean([f.size for f in findings])) if findings else None
     return {
         "findings": len(findings),
         "brier": brier(p, right),
@@ -106,45 +107,48 @@ def calibration(cases: Sequence[Compared]) -> dict[str, Any]:
         "sets": {
             "level": LEVEL,
             "coverage": proportion([f.covered for f in findings]).plain(),
-            "mean_size": float(np.mean([f.size for f in findings]))
-            if findings
-            else None,
+            "mean_size": mean_size,
         },
     }
 
 
 def confusion(cases: Sequence[Compared]) -> dict[str, dict[str, int]]:
-    """Truth to answer to number of cases; the answer is the first effect named, or the verdict where none is."""
+    """Truth to answer to number of cases; the answer is the first effect named, or the verdict if none is."""
     table: dict[str, Counter[str]] = {}
     for case in cases:
-        truth = (
-            "unknown"
-            if case.unknown
-            else case.truth[0].effect
-            if case.truth
-            else "healthy"
-        )
-        answer = (
-            case.found[0].effect
-            if case.found and case.verdict != "unexplained"
-            else case.verdict
-        )
-        table.setdefault(truth, Counter())[answer] += 1
+        table.setdefault(_truth(case), Counter())[_answer(case)] += 1
     return {
         truth: dict(answers.most_common()) for truth, answers in sorted(table.items())
     }
 
 
+def _truth(case: Compared) -> str:
+    """Row of a case in the table of confusions."""
+    if case.unknown:
+        return "unknown"
+    return case.truth[0].effect if case.truth else "healthy"
+
+
+def _answer(case: Compared) -> str:
+    """Column of a case in it."""
+    if case.found and case.verdict != "unexplained":
+        return case.found[0].effect
+    return case.verdict
+
+
 def _split(cases: Sequence[Compared], key: Callable[[Compared], str]) -> dict[str, Any]:
-    return {
-        name: scores([c for c in cases if key(c) == name])
-        for name in sorted({key(c) for c in cases}, key=_order)
-    }
+    """Scores of the cases with each value of a key."""
+    groups: dict[str, list[Compared]] = {}
+    for case in cases:
+        groups.setdefault(key(case), []).append(case)
+    return {name: scores(groups[name]) for name in sorted(groups, key=_order)}
 
 
 def _order(name: str) -> tuple[float, str]:
+    """Numbers by size, then names."""
     head = name.replace(" Hz", "").split("-")[0]
-    return (float(head), name) if head.replace(".", "").isdigit() else (1e9, name)
+    is_number = head.replace(".", "").isdigit()
+    return (float(head), name) if is_number else (1e9, name)
 
 
 def _quantiles(values: Sequence[float]) -> dict[str, float] | None:
