@@ -24,7 +24,7 @@ from gapscope.blind_check.run import run
 from gapscope.blind_check.score import score
 from gapscope.blind_check.seal import read_commitment
 from gapscope.effects.catalogue import CATALOGUE
-from gapscope.effects.setup_faults import FAULTS
+from gapscope.effects.setup_faults.fault_catalogue import FAULTS
 from gapscope.reports.blind_check.tables import Table, tables
 from gapscope.reports.blind_check.write import write_score
 

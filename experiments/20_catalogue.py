@@ -9,7 +9,8 @@ import argparse
 
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.effect import Effect, Parameter
-from gapscope.effects.setup_faults import FAULTS, Fault
+from gapscope.effects.setup_faults.fault import Fault
+from gapscope.effects.setup_faults.fault_catalogue import FAULTS
 
 HEAD = (
     "| effect | scope | law | parameter | symbol | unit | bounds | met on real arms | source |\n"

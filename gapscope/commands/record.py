@@ -23,7 +23,8 @@ from gapscope.effects.corrected_file import (
     read_with_faults,
     write_corrected,
 )
-from gapscope.effects.setup_faults import Fault, ShiftedInertials
+from gapscope.effects.setup_faults.fault import Fault
+from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
 from gapscope.envs.session import Plan, hidden_by_reading_back, record_case
 
 ENDINGS = ("csv", "parquet", "npz")

@@ -19,7 +19,8 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.residual.file import read_residual
 from gapscope.effects.residual.model import ResidualNetwork
-from gapscope.effects.setup_faults import FAULTS, Fault
+from gapscope.effects.setup_faults.fault import Fault
+from gapscope.effects.setup_faults.fault_catalogue import FAULTS
 
 _KEYS = {"schema", "case", "effects", "residual"}
 

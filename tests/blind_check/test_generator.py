@@ -20,7 +20,7 @@ from gapscope.blind_check.generator.rigid import inverse_dynamics
 from gapscope.blind_check.generator.sizing import draw_joints
 from gapscope.blind_check.plan import BlindPlan, allocate_cases
 from gapscope.effects.catalogue import CATALOGUE
-from gapscope.effects.setup_faults import FAULTS
+from gapscope.effects.setup_faults.fault_catalogue import FAULTS
 
 ROOT = Path(__file__).parents[2]
 GENERATOR = sorted((ROOT / "gapscope" / "blind_check" / "generator").rglob("*.py"))

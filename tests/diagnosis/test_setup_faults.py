@@ -16,14 +16,14 @@ from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.found_fault import repaired
 from gapscope.diagnosis.setup_faults.shifted_inertials import shifted_arm
 from gapscope.effects.arm_scale import ArmScale
-from gapscope.effects.setup_faults import (
-    Fault,
+from gapscope.effects.setup_faults.channel_faults import (
     JointSwap,
-    ShiftedInertials,
     SignFlip,
-    TimeStamps,
     UnitMismatch,
 )
+from gapscope.effects.setup_faults.fault import Fault
+from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
+from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
 from gapscope.envs.mystery_arm import HIDDEN, iiwa
 from gapscope.envs.randomisation import Randomisation, draw_effects
 from gapscope.envs.session import Plan, record_case

@@ -19,12 +19,9 @@ from gapscope.effects.corrected_file import (
     read_with_faults,
     write_corrected,
 )
-from gapscope.effects.setup_faults import (
-    ShiftedInertials,
-    SignFlip,
-    TimeStamps,
-    UnitMismatch,
-)
+from gapscope.effects.setup_faults.channel_faults import SignFlip, UnitMismatch
+from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
+from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
 
 
 @st.composite

@@ -9,15 +9,15 @@ import pytest
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.recording import Recording
-from gapscope.effects.setup_faults import (
-    FAULTS,
-    Fault,
+from gapscope.effects.setup_faults.channel_faults import (
     JointSwap,
-    ShiftedInertials,
     SignFlip,
-    TimeStamps,
     UnitMismatch,
 )
+from gapscope.effects.setup_faults.fault import Fault
+from gapscope.effects.setup_faults.fault_catalogue import FAULTS
+from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
+from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
 
 
 @pytest.fixture

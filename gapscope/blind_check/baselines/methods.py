@@ -9,7 +9,7 @@ import numpy as np
 
 from gapscope.blind_check.baselines.columns import Design
 from gapscope.effects.catalogue import CATALOGUE
-from gapscope.effects.setup_faults import FAULTS
+from gapscope.effects.setup_faults.fault_catalogue import FAULTS
 
 NO_GAP = 0.03
 """Torque NRMSE of the worst joint below which there is no gap."""

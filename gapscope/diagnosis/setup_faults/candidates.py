@@ -30,7 +30,7 @@ class Candidate:
     """A setup fault with its values, and how to read recordings that have it.
 
     Attributes:
-        name: name of the fault, a key of ``gapscope.effects.setup_faults.FAULTS``.
+        name: name of the fault, a key of ``gapscope.effects.setup_faults.fault_catalogue.FAULTS``.
         joints: from 1; empty for the whole arm.
         variant: which channel, unit or kind; empty where the fault has only one.
         reading: puts it right.

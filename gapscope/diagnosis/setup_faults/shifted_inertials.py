@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from gapscope.arm.nominal import NominalArm
-from gapscope.effects.setup_faults import ShiftedInertials
+from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
 
 
 def shifted_arm(arm: NominalArm, links: int, moved_only: bool = False) -> NominalArm:

@@ -1,0 +1,1 @@
+"""Setup faults, as they are made in recordings."""

@@ -1,0 +1,98 @@
+"""Setup faults: what is wrong with the set-up, not with the arm; tested before any physics, since they look like it.
+
+A fault is found in recordings and made in them: ``apply`` gives the recording that a set-up with this fault would have
+written. ``ShiftedInertials`` is the exception: it spoils the nominal arm's URDF, not the recording.
+
+In files of the form of ``corrected.yaml`` a fault is an entry of ``effects`` with its ``joints``, ``variant`` and
+``parameters``, as ``diagnosis.json`` has it.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from gapscope.arm.errors import InputError
+from gapscope.arm.nearest_name import check_known
+from gapscope.arm.recording import Recording
+from gapscope.effects.effect import Parameter
+
+POSITIONS = ("q", "dq", "q_ref", "dq_ref")
+TORQUES = ("tau", "tau_sensor")
+
+
+@dataclass(frozen=True)
+class Fault(ABC):
+    """One fault with its values.
+
+    Attributes:
+        name: name of the fault.
+        scope: ``joint`` or ``arm``.
+        looks_like: what gives it away in data.
+        reference: where the convention stands that the set-up breaks; a key of ``docs/references.md``.
+        variants: its kinds, which the field ``variant`` names; empty where there is one only.
+        parameters: its parameters, which are fields of the same name.
+    """
+
+    name: ClassVar[str]
+    scope: ClassVar[str]
+    looks_like: ClassVar[str]
+    reference: ClassVar[str]
+    variants: ClassVar[tuple[str, ...]] = ()
+    parameters: ClassVar[tuple[Parameter, ...]] = ()
+
+    def __post_init__(self) -> None:
+        """Check variant and values; raises ``InputError`` where they do not exist or lie out of bounds."""
+        if self.variants:
+            variant = getattr(self, "variant")  # noqa: B009 (a field of the subclass)
+            check_known("variant", variant, self.variants, where=self.name)
+        for parameter in self.parameters:
+            value = getattr(self, parameter.name)
+            low, high = parameter.bounds
+            least, most = parameter.typical
+            if not (np.isfinite(value) and low <= value <= high):
+                raise InputError(
+                    f"value {value} outside {low:g} .. {high:g}",
+                    f"real set-ups have {least:g} .. {most:g}",
+                    where=f"{self.name}.{parameter.name}",
+                )
+
+    @classmethod
+    @abstractmethod
+    def draw(cls, rng: np.random.Generator, n_joints: int) -> Fault:
+        """A fault as real set-ups have it, on an arm with n joints."""
+
+    @abstractmethod
+    def apply(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        """The recording as a set-up with this fault would have written it.
+
+        Raises:
+            InputError: the fault names a joint that the recording does not have.
+        """
+
+
+def columns_of(recording: Recording, joints: tuple[int, ...], name: str) -> np.ndarray:
+    """Columns of joints that count from 1."""
+    if not joints or min(joints) < 1 or max(joints) > recording.n_joints:
+        raise InputError(
+            f"joints {list(joints)} of an arm with {recording.n_joints} joints",
+            f"joints count from 1 to {recording.n_joints} in the case's order",
+            where=name,
+        )
+    return np.array(joints) - 1
+
+
+def scaled(
+    recording: Recording, channels: tuple[str, ...], columns: np.ndarray, factor: float
+) -> Recording:
+    """The recording with some columns of some channels times a factor."""
+    changed: dict[str, Any] = {}
+    for channel in channels:
+        series = getattr(recording, channel)
+        if series is not None:
+            changed[channel] = np.array(series)
+            changed[channel][:, columns] *= factor
+    return replace(recording, **changed)

@@ -1,0 +1,18 @@
+"""The setup faults by name."""
+
+from __future__ import annotations
+
+from gapscope.effects.setup_faults.channel_faults import (
+    JointSwap,
+    SignFlip,
+    UnitMismatch,
+)
+from gapscope.effects.setup_faults.fault import Fault
+from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
+from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
+
+FAULTS: dict[str, type[Fault]] = {
+    fault.name: fault
+    for fault in (SignFlip, JointSwap, UnitMismatch, ShiftedInertials, TimeStamps)
+}
+"""The setup faults by name."""

@@ -1,0 +1,96 @@
+"""Faults of the clock: time stamps that are not those of the samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from gapscope.arm.recording import CHANNELS, Recording
+from gapscope.effects.effect import Parameter
+from gapscope.effects.setup_faults.fault import Fault
+
+
+@dataclass(frozen=True)
+class TimeStamps(Fault):
+    """Time stamps that are not those of the samples.
+
+    Attributes:
+        variant: ``gaps`` (stretches lost), ``repeats`` (samples written twice), ``jitter`` (stamps off at random) or
+            ``wrong_rate`` (stamps made from an assumed rate).
+        amount: share of the samples lost or repeated, jitter over the period, or assumed over true period [1].
+    """
+
+    name = "time_stamps"
+    scope = "arm"
+    looks_like = "steps of time that differ, or torque that fits accelerations of another time scale"
+    reference = "ljung1999"
+    variants = ("gaps", "repeats", "jitter", "wrong_rate")
+    parameters = (Parameter("amount", "a", "1", (1e-4, 100.0), (0.01, 2.0)),)
+    variant: str
+    amount: float
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, n_joints: int) -> TimeStamps:
+        """A few per cent lost or repeated, a tenth to a third of jitter, or a rate of which one is the double."""
+        variant = str(rng.choice(cls.variants))
+        if variant == "wrong_rate":
+            return cls(variant, float(rng.choice([0.5, 0.8, 1.25, 2.0])))
+        low, high = (0.1, 0.3) if variant == "jitter" else (0.01, 0.05)
+        return cls(variant, float(rng.uniform(low, high)))
+
+    def apply(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        """Lose, repeat or shift stamps."""
+        changes = {
+            "wrong_rate": self._at_wrong_rate,
+            "jitter": self._with_jitter,
+            "gaps": self._with_gaps,
+            "repeats": self._with_repeats,
+        }
+        return changes[self.variant](recording, rng)
+
+    def _at_wrong_rate(
+        self, recording: Recording, rng: np.random.Generator
+    ) -> Recording:
+        """Stamps of a rate that was assumed."""
+        t = recording.t
+        return replace(recording, t=t[0] + (t - t[0]) * self.amount)
+
+    def _with_jitter(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        """Stamps off at random."""
+        t = recording.t
+        period = float(np.median(np.diff(t)))
+        # below half a period, so that the samples keep their order
+        shifts = np.clip(self.amount * rng.standard_normal(len(t)), -0.45, 0.45)
+        return replace(recording, t=t + period * shifts)
+
+    def _with_gaps(self, recording: Recording, rng: np.random.Generator) -> Recording:
+        """Three stretches lost."""
+        count = len(recording.t)
+        length = min(max(1, int(self.amount * count / 3)), count // 4)
+        starts = rng.integers(1, count - length, 3)
+        lost = np.concatenate([np.arange(s, s + length) for s in starts])
+        return _rows(recording, np.setdiff1d(np.arange(count), lost))
+
+    def _with_repeats(
+        self, recording: Recording, rng: np.random.Generator
+    ) -> Recording:
+        """Samples written once more, each under the stamp of the next."""
+        count = len(recording.t)
+        repeated = min(max(1, int(self.amount * count)), count // 2)
+        late = rng.choice(np.arange(1, count), size=repeated, replace=False)
+        rows = np.arange(count)
+        rows[late] -= 1
+        return replace(_rows(recording, rows), t=recording.t)
+
+
+def _rows(recording: Recording, rows: np.ndarray) -> Recording:
+    """Some rows of all channels that a recording has."""
+    channels: dict[str, Any] = {
+        name: getattr(recording, name) for name in ("t", *CHANNELS)
+    }
+    chosen = {
+        name: series[rows] for name, series in channels.items() if series is not None
+    }
+    return replace(recording, **chosen)
