@@ -9,9 +9,9 @@ is left out.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
@@ -30,12 +30,15 @@ from gapscope.effects.effect import (
     TorqueLaw,
     Transmission,
 )
-from gapscope.effects.environment import tilt
+from gapscope.effects.environment import BASE_TILT, tilt
+from gapscope.effects.friction import LOAD
 from gapscope.effects.residual.model import ResidualNetwork
-from gapscope.effects.series import MotionSeries
+from gapscope.effects.rigid_body import ARMATURE
+from gapscope.effects.series import MotionSeries, slow_with_rates
+from gapscope.effects.transmission import BACKLASH, ELASTICITY
 
-SLOW = 12.0
-"""Deflections of a transmission are followed up to this frequency [Hz]; their acceleration has no meaning above it."""
+K = TypeVar("K", bound=Effect)
+"""A kind of effects."""
 
 
 @dataclass(frozen=True)
@@ -66,10 +69,11 @@ class CorrectedArm:
             if isinstance(applied.effect, LinkChange | External):
                 continue
             here = {(applied.name, joint) for joint in applied.joints or (0,)}
-            if twice := sorted(here & places):
-                joint = twice[0][1]
+            twice = sorted(joint for _, joint in here & places)
+            if twice:
+                place = f"joint {twice[0]}" if twice[0] else "the arm"
                 raise InputError(
-                    f"occurs twice on {f'joint {joint}' if joint else 'the arm'}",
+                    f"occurs twice on {place}",
                     "give it once, with the value that counts",
                     where=applied.name,
                 )
@@ -78,19 +82,19 @@ class CorrectedArm:
     def value(self, name: str, parameter: str) -> np.ndarray:
         """Values of a joint effect's parameter over all joints, zeros where it does not act; shape (n,)."""
         n = self.arm.n_joints
-        return sum(
-            (e.per_joint(parameter, n) for e in self.effects if e.name == name),
-            np.zeros(n),
-        )
+        named = (e.per_joint(parameter, n) for e in self.effects if e.name == name)
+        return sum(named, np.zeros(n))
 
-    def of_kind(self, kind: type[Effect]) -> list[tuple[Effect, list[np.ndarray]]]:
+    def of_kind(self, kind: type[K]) -> list[tuple[K, list[np.ndarray]]]:
         """Effects of a kind on joints, each with its parameters over all joints, in their order, shape (n,)."""
         n = self.arm.n_joints
-        chosen = [e for e in self.effects if isinstance(e.effect, kind) and e.joints]
-        return [
-            (e.effect, [e.per_joint(name, n) for name in e.effect.names])
-            for e in chosen
-        ]
+        found = []
+        for applied in self.effects:
+            effect = applied.effect
+            if isinstance(effect, kind) and applied.joints:
+                values = [applied.per_joint(name, n) for name in effect.names]
+                found.append((effect, values))
+        return found
 
     def inertial_increments(self, body: RigidBody) -> np.ndarray:
         """Inertial parameters that payload and link errors add to the nominal links, shape (n, 10), joint order.
@@ -98,28 +102,24 @@ class CorrectedArm:
         A link's errors are those of the link itself, without a known body that it carries.
         """
         n = self.arm.n_joints
-        own, out = body.unladen.inertial_parameters().reshape(n, 10), np.zeros((n, 10))
+        own = body.unladen.inertial_parameters().reshape(n, 10)
+        out = np.zeros((n, 10))
         for applied in self.effects:
-            if isinstance(applied.effect, LinkChange):
-                applied.check(n)
-                link = (
-                    int(applied.parameters["link"]) - 1
-                    if "link" in applied.parameters
-                    else body.last_link
-                )
-                out[link] += applied.effect.change(
-                    own[link], *applied.parameters.values()
-                )
+            if not isinstance(applied.effect, LinkChange):
+                continue
+            applied.check(n)
+            values = applied.parameters
+            link = int(values["link"]) - 1 if "link" in values else body.last_link
+            out[link] += applied.effect.change(own[link], *values.values())
         return out
 
     def base_rotation(self) -> np.ndarray:
         """R from the base to the world frame, shape (3, 3)."""
-        found = [e for e in self.effects if e.name == "base_tilt"]
-        return (
-            tilt(*(float(found[0].parameters[name]) for name in ("roll", "pitch")))
-            if found
-            else np.eye(3)
-        )
+        for applied in self.effects:
+            if applied.name == BASE_TILT.name:
+                roll, pitch = (applied.parameters[x] for x in ("roll", "pitch"))
+                return tilt(float(roll), float(pitch))
+        return np.eye(3)
 
     def body(self, nominal: RigidBody) -> RigidBody:
         """Rigid bodies with payload, link errors and tilt, for a simulator."""
@@ -130,30 +130,29 @@ class CorrectedArm:
     def true_position(self, q: np.ndarray) -> np.ndarray:
         """Position [rad] of what the encoders sit on from the recorded one, shape (N, n): sensing effects undone."""
         for effect, values in self.of_kind(Sensing):
-            assert isinstance(effect, Sensing)
             q = effect.true(q, *values)
         return q
 
     def rigid_torque(self, body: RigidBody, motion: Motion) -> np.ndarray:
         """Torque of the bodies, against a force from outside too [N m], (N, n), without rotors and friction."""
         motion = replace(motion, q=self.true_position(motion.q))
-        if any(e.name == "base_tilt" for e in self.effects):
-            body = body.changed(
-                np.zeros((self.arm.n_joints, 10)),
-                self.base_rotation().T @ self.arm.gravity,
-            )
+        if any(e.name == BASE_TILT.name for e in self.effects):
+            unchanged = np.zeros((self.arm.n_joints, 10))
+            gravity = self.base_rotation().T @ self.arm.gravity
+            body = body.changed(unchanged, gravity)
         increments = self.inertial_increments(body)
         torque = self._body_torque(body, increments, motion)
         if self.arm.encoder == "joint":
+            # the links move as the encoders say, whatever lies between them and the motors
             return torque
-        stiffness, damping = (
-            self.value("joint_elasticity", name) for name in ("stiffness", "damping")
-        )
-        width = self.value("backlash", "width")
+        stiffness = self.value(ELASTICITY.name, "stiffness")
+        damping = self.value(ELASTICITY.name, "damping")
+        width = self.value(BACKLASH.name, "width")
         if width.any():
             torque = behind_play(
                 body.changed(increments), motion, torque, width, stiffness, damping
             )
+        # with free play its solver follows the spring too
         elastic = np.where(width > 0, 0.0, stiffness)
         if elastic.any():
             torque = behind_elasticity(
@@ -165,49 +164,44 @@ class CorrectedArm:
         self, body: RigidBody, increments: np.ndarray, motion: Motion
     ) -> np.ndarray:
         """Inverse dynamics of the links' motion [N m], (N, n), less what a force from outside does."""
-        torque = body.inverse_dynamics(motion.q, motion.dq, motion.ddq)
-        if (
-            increments[body.last_link].any()
-            and not np.delete(increments, body.last_link, axis=0).any()
-        ):
-            torque = (
-                torque
-                + body.last_link_regressor(motion.q, motion.dq, motion.ddq)
-                @ increments[body.last_link]
-            )
+        state = motion.q, motion.dq, motion.ddq
+        torque = body.inverse_dynamics(*state)
+        last = body.last_link
+        if increments[last].any() and not np.delete(increments, last, axis=0).any():
+            # the regressor of one link costs a fraction of that of all
+            torque = torque + body.last_link_regressor(*state) @ increments[last]
         elif increments.any():
-            torque = (
-                torque
-                + body.regressor(motion.q, motion.dq, motion.ddq) @ increments.ravel()
-            )
+            torque = torque + body.regressor(*state) @ increments.ravel()
         for applied in self.effects:
             if isinstance(applied.effect, External):
                 force, start, end = applied.parameters.values()
                 active = applied.effect.active(motion.t, start, end) > 0
-                torque[active] -= body.force_torque(
-                    motion.q[active], self.base_rotation().T @ force
-                )
+                in_base = self.base_rotation().T @ force
+                torque[active] -= body.force_torque(motion.q[active], in_base)
         return torque
 
     def _deflection(self, torque: np.ndarray, motion: Motion) -> np.ndarray:
         """Theta - q [rad], (N, n), under the torque through the transmission [N m]."""
+        series = MotionSeries(motion)
         out = np.zeros_like(torque)
         for effect, values in self.of_kind(Transmission):
-            assert isinstance(effect, Transmission)
-            out += MotionSeries(motion).lagged(
-                effect.deflection(torque, *values), effect.lag(*values)
-            )
+            static = effect.deflection(torque, *values)
+            out += series.lagged(static, effect.lag(*values))
         return out
 
-    @staticmethod
-    def _moved(motion: Motion, deflection: np.ndarray, sign: float) -> Motion:
-        """The motion plus ``sign`` times the slow part of a deflection [rad], (N, n), with its derivatives."""
-        rates = slow_with_rates(deflection, motion)
-        q, dq, ddq = (
-            x + sign * rate
-            for x, rate in zip((motion.q, motion.dq, motion.ddq), rates, strict=True)
+    def _motor_motion(self, rigid: np.ndarray, motion: Motion) -> Motion:
+        """Motion of the motors, joint side, from the recorded one and the torque of the bodies [N m], (N, n)."""
+        motor = replace(motion, q=self.true_position(motion.q))
+        if self.arm.encoder == "motor" or not self.of_kind(Transmission):
+            return motor
+        deflection = self._deflection(rigid, motion)
+        ahead, ahead_rate, ahead_acceleration = slow_with_rates(deflection, motion)
+        return Motion(
+            motion.t,
+            motor.q + ahead,
+            motor.dq + ahead_rate,
+            motor.ddq + ahead_acceleration,
         )
-        return Motion(motion.t, q, dq, ddq)
 
     def needed_torque(self, rigid: np.ndarray, motion: Motion) -> np.ndarray:
         """Torque that must reach the joints [N m], (N, n): rigid bodies, rotors, springs and friction.
@@ -215,57 +209,39 @@ class CorrectedArm:
         Rotors and friction turn with the motors, springs with the joints; nominal and found values add up.
         """
         arm = self.arm
-        true = (
-            self.true_position(motion.q)
-            if self.of_kind(TorqueLaw) or self.of_kind(Transmission)
-            else motion.q
+        motor = self._motor_motion(rigid, motion)
+        position, t = self.true_position(motion.q), motion.t[:, None]
+        friction = []
+        torque = (
+            rigid + (arm.armature + self.value(ARMATURE.name, "inertia")) * motor.ddq
         )
-        motor = replace(motion, q=true)
-        if arm.encoder == "joint" and self.of_kind(Transmission):
-            motor = self._moved(motor, self._deflection(rigid, motion), 1.0)
-        laws = [
-            (law, values)
-            for law, values in self.of_kind(TorqueLaw)
-            if isinstance(law, TorqueLaw)
-        ]
-        torque = rigid + (arm.armature + self.value("armature", "inertia")) * motor.ddq
-        for law, values in laws:
-            if law.family != "friction":
-                torque = torque + law.law(
-                    Signals(motion.t[:, None], true, motor.dq, torque), *values
-                )
+        for law, values in self.of_kind(TorqueLaw):
+            if law.family == "friction":
+                friction.append((law, values))
+                continue
+            torque = torque + law.law(Signals(t, position, motor.dq, torque), *values)
         factor = self.drift(motion.t)
-        torque = torque + factor * (
-            arm.coulomb * smooth_sign(motor.dq) + arm.viscous * motor.dq
-        )
-        friction = [(law, values) for law, values in laws if law.family == "friction"]
-        for law, values in sorted(
-            friction, key=lambda item: item[0].name == "load_friction"
-        ):
-            # load friction last: it acts on the whole motor torque
-            torque = torque + factor * law.law(
-                Signals(motion.t[:, None], true, motor.dq, torque), *values
-            )
+        plain = arm.coulomb * smooth_sign(motor.dq) + arm.viscous * motor.dq
+        torque = torque + factor * plain
+        # load friction last: it acts on the whole motor torque
+        for law, values in sorted(friction, key=lambda item: item[0].name == LOAD.name):
+            signals = Signals(t, position, motor.dq, torque)
+            torque = torque + factor * law.law(signals, *values)
         return torque
 
     def drift(self, t: np.ndarray) -> np.ndarray | float:
         """Factor of all friction at times t [s] of shape (N,); 1 or shape (N, n)."""
         factor: np.ndarray | float = 1.0
         for effect, values in self.of_kind(Drift):
-            assert isinstance(effect, Drift)
             factor = factor * effect.factor(t[:, None], *values)
         return factor
 
     def recorded_torque(self, needed: np.ndarray, motion: Motion) -> np.ndarray:
         """Torque that would be recorded [N m], (N, n): the way to the joint undone, nearest to the joint first."""
-        path = [
-            (effect, values)
-            for effect, values in self.of_kind(Path)
-            if isinstance(effect, Path)
-        ]
-        series = MotionSeries(
-            replace(motion, q=self.true_position(motion.q)) if path else motion
-        )
+        path = self.of_kind(Path)
+        if not path:
+            return needed
+        series = MotionSeries(replace(motion, q=self.true_position(motion.q)))
         for effect, values in sorted(path, key=lambda item: -item[0].place):
             needed = effect.inverse(needed, series, *values)
         return needed
@@ -282,32 +258,14 @@ class CorrectedArm:
         """What is left of a recorded torque [N m], (N, n), after saturation."""
         for effect, values in self.of_kind(Path):
             if effect.limits:
-                assert isinstance(effect, Path)
                 recorded = effect.applied(recorded, None, *values)
         return recorded
 
     def predict(self, body: RigidBody, motion: Motion) -> np.ndarray:
         """Torque that would be recorded on this motion [N m], shape (N, n)."""
-        torque = self.recorded_torque(
-            self.needed_torque(self.rigid_torque(body, motion), motion), motion
-        )
-        return (
-            torque
-            if self.residual is None
-            else torque + self.residual.torque(motion, torque)
-        )
-
-
-def slow_with_rates(
-    deflection: np.ndarray, motion: Motion
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The part of a deflection [rad], (N, n), below ``SLOW``, with its first and second derivative by time."""
-    sos = butter(4, min(SLOW, 0.4 * motion.rate), output="sos", fs=motion.rate)
-    slow = sosfiltfilt(
-        sos,
-        deflection,
-        axis=0,
-        padlen=min(len(motion.t) - 1, int(3 * motion.rate / SLOW)),
-    )
-    rate = np.gradient(slow, motion.t, axis=0)
-    return slow, rate, np.gradient(rate, motion.t, axis=0)
+        rigid = self.rigid_torque(body, motion)
+        needed = self.needed_torque(rigid, motion)
+        torque = self.recorded_torque(needed, motion)
+        if self.residual is None:
+            return torque
+        return torque + self.residual.torque(motion, torque)

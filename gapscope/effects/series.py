@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
-from scipy.signal import lfilter
+from scipy.signal import butter, lfilter, sosfiltfilt
 
 from gapscope.arm.motions.motion import Motion
+
+SLOW = 12.0
+"""Deflections of a transmission are followed up to this frequency [Hz]; their acceleration has no meaning above it."""
 
 
 class MotionSeries:
@@ -22,10 +25,12 @@ class MotionSeries:
 
     def shifted(self, series: np.ndarray, time: np.ndarray) -> np.ndarray:
         """The series at t + T, T per joint [s], shape (n,); constant beyond the ends."""
-        t, out = self._t, np.array(series)
+        t = self._t
+        out = np.array(series)
         for joint in np.flatnonzero(time):
             spline = make_interp_spline(t, series[:, joint], k=3)
-            out[:, joint] = spline(np.clip(t + time[joint], t[0], t[-1]))
+            moved = np.clip(t + time[joint], t[0], t[-1])
+            out[:, joint] = spline(moved)
         return out
 
     def rate(self, series: np.ndarray) -> np.ndarray:
@@ -34,13 +39,29 @@ class MotionSeries:
 
     def lagged(self, series: np.ndarray, time_constant: np.ndarray) -> np.ndarray:
         """The series behind 1 / (1 + T s), T per joint [s], exact for a piecewise linear one; at rest before it."""
-        dt, out = float(self._t[1] - self._t[0]), np.array(series)
+        dt = float(self._t[1] - self._t[0])
+        out = np.array(series)
         for joint in np.flatnonzero(time_constant):
-            time, u = float(time_constant[joint]), series[:, joint]
+            u = series[:, joint]
+            time = float(time_constant[joint])
             keep = np.exp(-dt / time)
+            # y[i] = keep y[i-1] + newer u[i] + older u[i-1], exact for u linear within a step
             mean = (1.0 - keep) * time / dt
-            newer, older = 1.0 - mean, mean - keep
-            out[:, joint] = lfilter(
-                [newer, older], [1.0, -keep], u, zi=[u[0] * (1.0 - newer)]
-            )[0]
+            newer = 1.0 - mean
+            older = mean - keep
+            at_rest = [u[0] * (1.0 - newer)]
+            lagged, _ = lfilter([newer, older], [1.0, -keep], u, zi=at_rest)
+            out[:, joint] = lagged
         return out
+
+
+def slow_with_rates(
+    deflection: np.ndarray, motion: Motion
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The part of a deflection [rad], (N, n), below ``SLOW``, with its first and second derivative by time."""
+    cutoff = min(SLOW, 0.4 * motion.rate)
+    sos = butter(4, cutoff, output="sos", fs=motion.rate)
+    padding = min(len(motion.t) - 1, int(3 * motion.rate / SLOW))
+    slow = sosfiltfilt(sos, deflection, axis=0, padlen=padding)
+    rate = np.gradient(slow, motion.t, axis=0)
+    return slow, rate, np.gradient(rate, motion.t, axis=0)

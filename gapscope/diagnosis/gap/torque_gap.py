@@ -166,7 +166,7 @@ def dry_friction(corrected: CorrectedArm, segment: Segment) -> np.ndarray:
     nominal = corrected.arm.coulomb + corrected.value(COULOMB.name, "torque")
     dry = np.abs(nominal) + still
     for law, values in corrected.of_kind(DryLaw):
-        if law is not COULOMB and isinstance(law, DryLaw):
+        if law is not COULOMB:
             dry = dry + np.abs(law.amplitude(still, load, *values))
     return np.asarray(dry * corrected.drift(segment.motion.t[segment.inner]))
 

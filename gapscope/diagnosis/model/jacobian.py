@@ -17,11 +17,12 @@ from gapscope.diagnosis.model.terms import Terms, parametrisation_of
 from gapscope.diagnosis.thresholds import BACKLASH_START
 from gapscope.effects.catalogue import effect as by_name
 from gapscope.effects.catalogue import explained
-from gapscope.effects.corrected import CorrectedArm, slow_with_rates
+from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.deflection import play_columns
 from gapscope.effects.effect import Effect, Path, Transmission
 from gapscope.effects.environment import acts, tilt
 from gapscope.effects.rigid_body import link_change
+from gapscope.effects.series import slow_with_rates
 from gapscope.ident.signals.conditioning import Segment
 
 DERIVED = (

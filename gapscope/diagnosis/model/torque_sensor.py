@@ -61,7 +61,7 @@ def link_torque(corrected: CorrectedArm, body: RigidBody, motion: Motion) -> np.
     torque = corrected.rigid_torque(body, motion)
     true = corrected.true_position(motion.q)
     for law, values in corrected.of_kind(TorqueLaw):
-        if isinstance(law, TorqueLaw) and law.side == "link":
+        if law.side == "link":
             torque = torque + law.law(
                 Signals(motion.t[:, None], true, motion.dq, torque), *values
             )

@@ -62,7 +62,7 @@ class Loads:
         self._laws = [
             (law.law, [value[order] for value in values])
             for law, values in arm.of_kind(TorqueLaw)
-            if isinstance(law, TorqueLaw) and law.name not in SHIPPED
+            if law.name not in SHIPPED
         ]
         self.present = self._springs or bool(self._forces) or bool(self._laws)
 
