@@ -233,7 +233,7 @@ class CorrectedArm:
         """Factor of all friction at times t [s] of shape (N,); 1 or shape (N, n)."""
         factor: np.ndarray | float = 1.0
         for effect, values in self.of_kind(Drift):
-            factor = factor * effect.factor(t[:, None], *values)
+            factor = factor * (1.0 + effect.change(t[:, None], *values))
         return factor
 
     def recorded_torque(self, needed: np.ndarray, motion: Motion) -> np.ndarray:

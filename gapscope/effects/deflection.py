@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.linalg import solve_banded
@@ -46,36 +48,51 @@ def behind_elasticity(
     """
     elastic = np.flatnonzero(stiffness > 0)
     matrices = body.sensitivities(motion.q, motion.dq, motion.ddq)
-    own = np.ix_(np.arange(len(torque)), elastic, elastic)
-    by_position, by_velocity, mass = (matrix[own] for matrix in matrices)
-    lightest = np.diagonal(mass, axis1=1, axis2=2).min(axis=0)
-    frequency = np.sqrt(
-        stiffness[elastic] / np.maximum(lightest, 1e-9)
-    )  # bodies that cannot be follow at once
-    stiff = frequency > 2 * np.pi * FASTEST
+    block = np.ix_(np.arange(len(torque)), elastic, elastic)
+    by_position, by_velocity, mass = (matrix[block] for matrix in matrices)
+    frequency = _resonances(mass, stiffness[elastic])
+    # what swings faster than can be followed bends at once: it has neither mass nor damper
+    followed = frequency <= 2 * np.pi * FASTEST
     h = 1.0 / motion.rate
-    parts = int(np.ceil(max(frequency[~stiff], default=0.0) * h / STEP)) or 1
+    fastest = max(frequency[followed], default=0.0)
+    parts = int(np.ceil(fastest * h / STEP)) or 1
     k = by_position + np.diag(stiffness[elastic])
     d = by_velocity + np.diag(damping[elastic])
-    calming = np.clip(1.0 - np.arange(len(d)) * h / CALM, 0.0, 1.0)[:, None, None]
-    d = d + 2 * calming * frequency * mass * np.eye(len(elastic))
-    keep = np.outer(~stiff, ~stiff)
+    d = d + _critical_damping(frequency, mass, h)
+    keep = np.outer(followed, followed)
     m, d, k, driving = (
-        _finer(x, parts) for x in (mass * keep, d * keep, k, torque[:, elastic])
+        _finer(series, parts)
+        for series in (mass * keep, d * keep, k, torque[:, elastic])
     )
-    series = [np.zeros_like(torque) for _ in range(3)]
-    for out, x in zip(series, _followed(m, d, k, driving, h / parts), strict=True):
-        out[:, elastic] = x[::parts]
-    return torque - _of_bodies(matrices, (series[0], series[1], series[2]))
+    deltas = []
+    for delta in _followed(m, d, k, driving, h / parts):
+        all_joints = np.zeros_like(torque)
+        all_joints[:, elastic] = delta[::parts]
+        deltas.append(all_joints)
+    return torque - _of_bodies(matrices, tuple(deltas))
+
+
+def _resonances(mass: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
+    """Highest resonance of each link on its spring over the motion [rad/s], shape (e,); mass (N, e, e)."""
+    lightest = np.diagonal(mass, axis1=1, axis2=2).min(axis=0)
+    # bodies of no or negative mass, on the way of a search, follow at once
+    return np.sqrt(stiffness / np.maximum(lightest, 1e-9))
+
+
+def _critical_damping(frequency: np.ndarray, mass: np.ndarray, h: float) -> np.ndarray:
+    """Damping that fades over the first ``CALM`` seconds of steps of h [s], shape (N, e, e) [N m s/rad]."""
+    fading = np.clip(1.0 - np.arange(len(mass)) * h / CALM, 0.0, 1.0)[:, None, None]
+    return 2 * fading * frequency * mass * np.eye(len(frequency))
 
 
 def _finer(series: np.ndarray, parts: int) -> np.ndarray:
     """A series (N, ...) with every step cut into parts, by a cubic spline."""
     if parts == 1:
         return series
-    t = np.arange(len(series))
-    fine = np.arange((len(series) - 1) * parts + 1) / parts
-    return make_interp_spline(t, series, k=3)(fine)
+    count = len(series)
+    spline = make_interp_spline(np.arange(count), series, k=3)
+    fine = np.arange((count - 1) * parts + 1) / parts
+    return spline(fine)
 
 
 def _followed(
@@ -85,7 +102,9 @@ def _followed(
     delta = _recursion(m / h**2, d / (2 * h), k, torque)
     rate = np.gradient(delta, h, axis=0)
     acceleration = np.gradient(rate, h, axis=0)
-    acceleration[1:-1] = (delta[2:] - 2 * delta[1:-1] + delta[:-2]) / h**2
+    # the differences of the recursion itself, except at the ends
+    after, before = delta[2:], delta[:-2]
+    acceleration[1:-1] = (after - 2 * delta[1:-1] + before) / h**2
     return delta, rate, acceleration
 
 
@@ -108,9 +127,8 @@ def behind_play(
         width: whole free play per joint [rad], shape (n,); 0 where there is none.
     """
     matrices = body.sensitivities(motion.q, motion.dq, motion.ddq)
-    return torque - _of_bodies(
-        matrices, _deflections(matrices, motion, torque, width, stiffness, damping)
-    )
+    deltas = _deflections(matrices, motion, torque, width, stiffness, damping)
+    return torque - _of_bodies(matrices, deltas)
 
 
 def play_columns(
@@ -124,16 +142,13 @@ def play_columns(
         body, motion, torque: as for ``behind_elasticity``.
         width: free play [rad].
     """
-    matrices, none = (
-        body.sensitivities(motion.q, motion.dq, motion.ddq),
-        np.zeros(torque.shape[1]),
-    )
+    matrices = body.sensitivities(motion.q, motion.dq, motion.ddq)
+    none = np.zeros(torque.shape[1])
+    # a joint whose torque keeps its sign stays on one flank of its gear
     reverses = (torque.min(axis=0) < 0) & (torque.max(axis=0) > 0)
-    series = _deflections(matrices, motion, torque, width * reverses, none, none)
-    return (
-        -sum(matrix * x[:, None, :] for matrix, x in zip(matrices, series, strict=True))
-        / width
-    )
+    deltas = _deflections(matrices, motion, torque, width * reverses, none, none)
+    pairs = zip(matrices, deltas, strict=True)
+    return -sum(matrix * delta[:, None, :] for matrix, delta in pairs) / width
 
 
 def _deflections(
@@ -146,52 +161,55 @@ def _deflections(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Delta of joints with free play and its first two derivatives by time, (N, n) each."""
     by_position, by_velocity, mass = matrices
-    h, delta = 1.0 / motion.rate, np.zeros_like(torque)
+    h = 1.0 / motion.rate
+    delta = np.zeros_like(torque)
     for j in np.flatnonzero(width):
         m = mass[:, j, j]
-        k = stiffness[j] or float(m.mean()) * (2 * np.pi * CONTACT) ** 2
-        d = (
-            damping[j]
-            if stiffness[j]
-            else 2 * CONTACT_DAMPING * float(np.sqrt(k * m.mean()))
-        )
-        delta[:, j] = _play(
-            torque[:, j],
-            m,
-            by_velocity[:, j, j],
-            by_position[:, j, j],
-            0.5 * width[j],
-            k,
-            d,
-            h,
-        )
+        k, d = stiffness[j], damping[j]
+        if not k:
+            k = float(m.mean()) * (2 * np.pi * CONTACT) ** 2
+            d = 2 * CONTACT_DAMPING * float(np.sqrt(k * m.mean()))
+        own = _OwnJoint(m, by_velocity[:, j, j], by_position[:, j, j], k, d)
+        delta[:, j] = _play(torque[:, j], own, 0.5 * width[j], h)
     rate = np.gradient(delta, h, axis=0)
     return delta, rate, np.gradient(rate, h, axis=0)
 
 
-def _play(
-    torque: np.ndarray,
-    m: np.ndarray,
-    c: np.ndarray,
-    g: np.ndarray,
-    half: float,
-    k: float,
-    d: float,
-    h: float,
-) -> np.ndarray:
-    """Delta (N,) of one joint with free play of half the width ``half`` [rad]."""
+class _OwnJoint(NamedTuple):
+    """Coefficients of one joint's own equation, M delta'' + C delta' + G delta plus spring and damper, (N,) or numbers.
+
+    Attributes:
+        m, c, g: of the bodies [kg m^2], [N m s/rad], [N m/rad].
+        k, d: of the contact [N m/rad], [N m s/rad].
+    """
+
+    m: np.ndarray
+    c: np.ndarray
+    g: np.ndarray
+    k: float
+    d: float
+
+
+def _play(torque: np.ndarray, own: _OwnJoint, half: float, h: float) -> np.ndarray:
+    """Delta (N,) of one joint with free play of half the width ``half`` [rad], by implicit steps of h [s]."""
     out = np.empty(len(torque))
-    side = 1.0 if torque[0] > 0 else -1.0
-    now, before = (side * half + float(torque[0]) / k,) * 2
-    inertia, drag = (m / h**2).tolist(), (c / h).tolist()
-    inside = (m / h**2 + c / h + g).tolist()
-    push, contact = torque.tolist(), k + d / h
-    for i, a in enumerate(inside):
-        b = push[i] + inertia[i] * (2 * now - before) + drag[i] * now
-        new = b / a
+    k, damper = own.k, own.d / h
+    flank = half if torque[0] > 0 else -half
+    start = flank + float(torque[0]) / k
+    now, before = start, start
+    # numbers of Python are faster than arrays of one element
+    inertia = (own.m / h**2).tolist()
+    drag = (own.c / h).tolist()
+    inside = (own.m / h**2 + own.c / h + own.g).tolist()
+    push = torque.tolist()
+    contact = k + damper
+    for i, floating in enumerate(inside):
+        right = push[i] + inertia[i] * (2 * now - before) + drag[i] * now
+        new = right / floating
         if new > half or new < -half:
-            side = half if new > 0 else -half
-            new = (b + k * side + d / h * now) / (a + contact)
+            # beyond the play: the same step, with the contact on the flank that it meets
+            flank = half if new > 0 else -half
+            new = (right + k * flank + damper * now) / (floating + contact)
         before, now = now, new
         out[i] = new
     return out
@@ -219,24 +237,26 @@ def _recursion(
     moving = np.diagonal(m, axis1=1, axis2=2)[0] > 0
     below, above = 3 * e - 1, e - 1
     band = np.zeros((below + above + 1, count * e))
-    right = np.empty((count, e))
-    start = np.linalg.solve(k[0], torque[0])
-    newest, middle, oldest = m + d, k - 2 * m, m - d
 
     def put(blocks: np.ndarray, rows: np.ndarray, shift: int) -> None:
         """Blocks (R, e, e) of equation rows (R,), for the unknowns ``shift`` samples earlier."""
         for a in range(e):
             for b in range(e):
-                i, j = rows * e + a, (rows - shift) * e + b
+                i = rows * e + a
+                j = (rows - shift) * e + b
                 band[above + i - j, j] += blocks[:, a, b]
 
     # equation of sample r gives x[r] from x[r-1] and x[r-2]; static joints take theirs from the same sample
     rows = np.arange(2, count)
-    put(np.where(moving[:, None], newest[rows - 1], k[rows]), rows, 0)
-    put(np.where(moving[:, None], middle[rows - 1], 0.0), rows, 1)
-    put(np.where(moving[:, None], oldest[rows - 1], 0.0), rows, 2)
-    right[2:] = np.where(moving, torque[1:-1], torque[2:])
+    earlier = rows - 1
+    moves = moving[:, None]
+    put(np.where(moves, (m + d)[earlier], k[rows]), rows, 0)
+    put(np.where(moves, (k - 2 * m)[earlier], 0.0), rows, 1)
+    put(np.where(moves, (m - d)[earlier], 0.0), rows, 2)
     first = np.arange(2)
     put(np.broadcast_to(np.eye(e), (2, e, e)), first, 0)
-    right[:2] = start
-    return solve_banded((below, above), band, right.ravel()).reshape(count, e)
+    right = np.empty((count, e))
+    right[2:] = np.where(moving, torque[1:-1], torque[2:])
+    right[:2] = np.linalg.solve(k[0], torque[0])
+    x = solve_banded((below, above), band, right.ravel())
+    return x.reshape(count, e)

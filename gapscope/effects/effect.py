@@ -172,9 +172,9 @@ class DryLaw(TorqueLaw):
 
 @dataclass(frozen=True)
 class Drift(Effect):
-    """A slow change of all friction of a joint: ``factor(t, *values)`` multiplies it [1]; t from the start [s]."""
+    """A slow change of all friction of a joint by a share of itself, ``change(t, *values)`` [1]; t from the start [s]."""
 
-    factor: Law = field(kw_only=True)
+    change: Law = field(kw_only=True)
     side: Side = field(default="actuator", kw_only=True)
     reach: Reach = field(default="joint", kw_only=True)
 

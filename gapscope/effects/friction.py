@@ -64,13 +64,13 @@ def load_dependent(signals: Signals, coefficient: np.ndarray) -> np.ndarray:
     return signals.load * directed / (1.0 - directed)
 
 
-def drift_factor(
+def drift_change(
     t: np.ndarray | float, amplitude: np.ndarray, time_constant: np.ndarray
 ) -> np.ndarray:
-    """1 + a exp(-t / T) [1]; t and T in s. Where T is 0 the effect is off."""
-    return 1.0 + np.where(time_constant > 0, amplitude, 0.0) * np.exp(
-        -np.asarray(t) / np.where(time_constant > 0, time_constant, 1.0)
-    )
+    """A exp(-t / T) [1], a share of the friction; t and T in s. If T is 0 the effect is off."""
+    present = time_constant > 0
+    decay = np.exp(-np.asarray(t) / np.where(present, time_constant, 1.0))
+    return np.where(present, amplitude, 0.0) * decay
 
 
 def draw_coulomb(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
@@ -205,7 +205,7 @@ DRIFT = Drift(
         ("coulomb_friction", "the same motion cold and warm"),
         ("payload", "the same motion cold and warm"),
     ),
-    factor=drift_factor,
+    change=drift_change,
     parametrisation=amplitude_and_searched(
         "amplitude",
         "time_constant",

@@ -65,7 +65,7 @@ GOLDEN = [
         -1.666667,
     ),
     # 1 + 0.6 / e
-    ("drift", friction.drift_factor(30.0, np.array([0.6]), np.array([30.0])), 1.220728),
+    ("drift", friction.drift_change(30.0, np.array([0.6]), np.array([30.0])), 0.220728),
     (
         "spring",
         transmission.spring(_signals(position=0.7), np.array([20.0]), np.array([0.2])),

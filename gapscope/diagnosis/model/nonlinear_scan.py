@@ -197,8 +197,8 @@ def _drift(
             - _without_friction(arm).needed_torque(none, motion)
         )[:, j, None]
         since_start = (motion.t - motion.t[0])[:, None]
-        factor = drift.factor(since_start, np.ones(len(times)), times)
-        series.append(friction * (factor - 1.0))
+        change = drift.change(since_start, np.ones(len(times)), times)
+        series.append(friction * change)
     return scan.best(times, scan.thin(series))
 
 

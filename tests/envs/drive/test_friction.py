@@ -54,7 +54,7 @@ def test_formulas_are_those_of_the_catalogue(data_sheet_arm: NominalArm) -> None
             if isinstance(law, DryLaw)
         )
         factor = next(
-            law.factor(t, *values)
+            1.0 + law.change(t, *values)
             for law, values in arm.of_kind(Drift)
             if isinstance(law, Drift)
         )
