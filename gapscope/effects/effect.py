@@ -172,7 +172,7 @@ class DryLaw(TorqueLaw):
 
 @dataclass(frozen=True)
 class Drift(Effect):
-    """A slow change of all friction of a joint by a share of itself, ``change(t, *values)`` [1]; t from the start [s]."""
+    """A slow change of all friction of a joint by a share of it, ``change(t, *values)`` [1]; t from the start [s]."""
 
     change: Law = field(kw_only=True)
     side: Side = field(default="actuator", kw_only=True)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from gapscope.arm.errors import GapscopeError, InputError
-from gapscope.effects.friction import drift_factor
+from gapscope.effects.friction import drift_change
 from gapscope.ident.model.linear_problem import Problem
 
 LONGEST = 20.0
@@ -67,7 +67,7 @@ def fit_warming(
 
     def solved(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         varied = W.copy()
-        varied[:, :, places] *= drift_factor(t, x[0], np.exp(x[1]))[:, None, None]
+        varied[:, :, places] *= 1.0 + drift_change(t, x[0], np.exp(x[1]))[:, None, None]
         flat = varied.reshape(len(tau), -1)
         scale = np.linalg.norm(flat, axis=0)
         beta = np.linalg.lstsq(flat / scale, tau, rcond=None)[0] / scale
