@@ -37,7 +37,7 @@ MOTION_INDEPENDENT_RATE = 3.0  # Independent samples per second of an arm's moti
 FAULT_GAIN = 0.8  # Gain from which on a fault is named [1]... (hand)
 FAULT_LOSS = 0.1  # ...of which no more than this may be a loss in held-out gap [1]... (hand)
 FAULT_JOINT_GAIN = 0.35  # ...with this gain on some joint [1]... (hand)
-FAULT_VALUES_GAIN = 0.5  # ...or this one in surprise at the values [1]... (hand)
+FAULT_VALUES_GAIN = 0.5  # ...or this one by a smaller penalty on the values [1]... (hand)
 FAULT_FOLD_GAIN = 0.2  # ...with this gain on half of the folds, two at least [1]... (hand)
 FAULT_FOLD_LOSS = 0.15  # ...and on no fold a loss beyond this [1]. (hand)
 FAULT_FAR_FACTOR = 0.5  # Factor on these gains for a unit if the joints travel farther than they can [1]. (hand)
@@ -71,7 +71,7 @@ REFINE_LAST_STEP = 0.003  # Step at which refining a fault's value ends [1]. (bu
 GEAR_RATIO_NUISANCE_FACTOR = 0.1
 # Held-out gap, over the torque's deviation, that an arm with ordinary effects may leave [1]. (hand)
 ORDINARY_GAP = 0.05
-ORDINARY_SURPRISE = 3.0  # Surprise at the values of an arm with ordinary effects [nats]. (hand)
+ORDINARY_PENALTY = 3.0  # Penalty of the prior on the values of an arm with ordinary effects [nats]. (hand)
 WORST_GAP = 1e3  # Gaps beyond this many deviations are all alike [1]. (hand)
 
 # --- setup_faults: priors of an ordinary arm (standard deviations, relative unless a unit is given)
@@ -80,18 +80,28 @@ ORDINARY_LOAD = 0.6  # Mass of a load, in masses of the arm [1]. (hand)
 ORDINARY_LEVER = 0.3  # Lever of a load, in lengths of the arm [1]. (hand)
 ORDINARY_TORQUE_SCALE = 0.3  # Error of a torque's scale [1]... (hand)
 LOWEST_TORQUE_SCALE = -0.6  # ...and its lower bound [1]. (hand)
+ORDINARY_FRICTION = 0.7  # Torque of friction, dry or viscous, over the deviation of the joint's torque [1]. (hand)
+ORDINARY_SPRING = 0.5  # Torque of a spring, likewise [1]. (hand)
+ORDINARY_OFFSET = 0.5  # Offset of the torque, likewise [1]. (hand)
 FAULT_SIGN_WIDTH = 0.02  # Velocity scale of the smoothed sign in dry friction [rad/s]. (physical)
 ORDINARY_GAP_DEVIATION = 0.1  # Gap that counts as one standard deviation, over the torque's [1]. (hand)
 # Least deviation of a torque, over the largest joint's [1]: motors of small joints. (physical)
 LEAST_TORQUE_DEVIATION = 1e-4
 
 # --- setup_faults: time stamps and quantisation
+# Probability of what the recording itself or the nominal arm shows without any fit [1]. (hand)
+OBVIOUS_FAULT_PROBABILITY = 0.99
 NAMED_REPEATS = 0.03  # Share of repeated rows beyond which they are named [1]. (hand)
 NAMED_JITTER = 0.05  # Unevenness beyond which it is named, standard deviation over the period [1]. (hand)
 NAMED_LOST = 0.01  # Share of samples missing beyond which gaps are named [1]. (hand)
 NAMED_RATE_ERROR = 0.03  # Relative error of the rate beyond which it is named [1]. (hand)
 RATE_BAND = 5.0  # Recorded velocities are compared with those of the positions below this frequency [Hz]. (hand)
 RATE_AGREEMENT = 0.98  # Correlation of a joint's two velocities from which on they are compared [1]. (hand)
+RATE_DISAGREEMENT = 0.05  # Range of the joints' rates, over their median, beyond which none is named [1]. (hand)
+STAMP_AMOUNT_STD = 0.02  # Standard deviation of an amount, over the amount, at least [1]. (hand)
+# Stamps are wrong if the motion over an even clock is rougher by less than this factor than over the stamps [1].
+# (hand)
+EVEN_CLOCK_RATIO = 0.5
 LOST_SAMPLE_STEP = 2.5  # A step longer than this many periods has lost samples in it [1]. (hand)
 CLOCK_WANDER_SAMPLES = 25  # Samples over which the slow wander of a clock is taken out. (hand)
 LOG_DIGITS = 6  # Significant digits that a log keeps at least; distances below what they resolve are rounding. (hand)
@@ -100,6 +110,7 @@ STEP_OVER_DATA_SHEET = 1.5  # A step is named if it exceeds the data sheet's by 
 # 20 bit there; at 14 bit the second derivative over 10 ms already jumps by 4 rad/s^2. (physical)
 STEP_WITHOUT_DATA_SHEET = 2 * np.pi / 2**14
 LATTICE_COHERENCE = 0.9  # Least length of the mean of exp(2 pi i q / s) [1]: 1 on a lattice, 0 without one. (hand)
+LATTICE_AGREEMENT = 0.1  # Relative deviation from their median up to which steps of recordings agree [1]. (hand)
 LATTICE_LEVELS = 6  # Least number of distinct positions. (hand)
 LATTICE_SAMPLES = 6000  # Positions of a joint that are looked at, from each recording. (budget)
 

@@ -33,7 +33,7 @@ from gapscope.diagnosis.selection.state import State
 from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.fault_samples import sample
-from gapscope.diagnosis.setup_faults.nuisance import equations
+from gapscope.diagnosis.setup_faults.nuisance import fold_equations
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.identification import IdentificationSettings, identify
@@ -236,12 +236,12 @@ class TestSegment:
         """The nominal column is the prediction of the arm with the load, where there was one."""
         arm, body = synthetic.arm(), synthetic.body()
         told = sample([[segment(0)], [segment(1)]])
-        eq = equations(arm, body, told, ChannelMapping.plain(3))
-        none = equations(
+        eq = fold_equations(arm, body, told, ChannelMapping.identity(3))
+        none = fold_equations(
             arm,
             body,
             replace(told, load=np.zeros_like(told.load)),
-            ChannelMapping.plain(3),
+            ChannelMapping.identity(3),
         )
         np.testing.assert_array_equal(eq.gram[0], none.gram[0])
         rows = told.folds[1]

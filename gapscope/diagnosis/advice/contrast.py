@@ -17,13 +17,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gapscope.arm.dynamics.inertial_scale import inertial_scale
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.advice.hypothesis import Hypothesis
 from gapscope.diagnosis.advice.recorded_data import Present
 from gapscope.diagnosis.gap.torque_gap import torque_scale
-from gapscope.diagnosis.model.fit_data import nuisance_units
 from gapscope.diagnosis.thresholds import (
     ADVICE_INERTIALS,
     ADVICE_SAMPLE_STEP,
@@ -101,7 +101,7 @@ class Contrast:
     ) -> None:
         self._hypotheses, self._body, self._floor = hypotheses, body, present.floor
         self._dry = np.abs(arm.coulomb)
-        self._units = nuisance_units(present.body)
+        self._units = inertial_scale(present.body)
         self.pairs = list(itertools.permutations(range(len(hypotheses)), 2))
         seconds = sum(float(s.motion.t[-1] - s.motion.t[0]) for s in present.segments)
         parts = [

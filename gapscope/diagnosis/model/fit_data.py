@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from gapscope.arm.dynamics.inertial_scale import inertial_scale
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.gap.torque_gap import filtered_torque, torque_scale
@@ -41,7 +42,7 @@ class Data:
         self.torque_deviation = torque_scale(
             np.vstack([filtered_torque(s) for s in self.segments])
         )
-        self.units = arm.inertial_error_factor * nuisance_units(body)
+        self.units = arm.inertial_error_factor * inertial_scale(body)
         self.nuisance, self.bodies = [], []
         for s in self.segments:
             regressor = body.regressor(s.motion.q, s.motion.dq, s.motion.ddq)
@@ -98,17 +99,3 @@ class Data:
         """Time of a segment's rows since the start of its recording [s], (M,)."""
         inner = segment.inner
         return segment.motion.t[inner.start : inner.stop : self.step(segment)]
-
-
-def nuisance_units(body: RigidBody) -> np.ndarray:
-    """Size of a nominal arm's inertial parameters, (10 n,): what a relative error of one would change them by.
-
-    Mass m; first moments m max(|c|, 5 cm); inertia about the joint frame, its trace / 2.
-    """
-    units = []
-    for m, hx, hy, hz, xx, _, yy, _, _, zz in body.inertial_parameters().reshape(
-        -1, 10
-    ):
-        moment = max(float(np.hypot(np.hypot(hx, hy), hz)), 0.05 * m)
-        units.append([m, *[moment] * 3, *[0.5 * (xx + yy + zz)] * 6])
-    return np.array(units).ravel()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,13 +12,14 @@ class ChannelMapping:
     """What the joints' true motion and torque are, in terms of what was recorded; n joints, arrays of shape (n,).
 
     q_j = motion_factor_j recorded q_motion_source_j, likewise its derivatives and references; torque likewise; true
-    time step = time_factor times the recorded one; the nominal inertials belong ``shift`` links further, in file order.
+    time step = time_factor times the recorded one; the nominal inertials belong ``link_shift`` links further, in file
+    order.
 
     Attributes:
         motion_source, torque_source: column, from 0, that holds a joint's motion and its torque.
         motion_factor, torque_factor: what they have to be multiplied with [1].
         time_factor: true over recorded period [1].
-        shift: links by which the inertials of the URDF have to move...
+        link_shift: links by which the inertials of the URDF have to move...
         moved_only: ...among those that a joint moves, or among all.
     """
 
@@ -27,13 +28,14 @@ class ChannelMapping:
     torque_source: tuple[int, ...]
     torque_factor: tuple[float, ...]
     time_factor: float = 1.0
-    shift: int = 0
+    link_shift: int = 0
     moved_only: bool = False
 
     @classmethod
-    def plain(cls, n: int) -> ChannelMapping:
+    def identity(cls, n: int) -> ChannelMapping:
         """Everything as it is recorded, for n joints."""
-        return cls(tuple(range(n)), (1.0,) * n, tuple(range(n)), (1.0,) * n)
+        columns, ones = tuple(range(n)), (1.0,) * n
+        return cls(columns, ones, columns, ones)
 
     @property
     def motion_key(self) -> tuple[object, ...]:
@@ -42,25 +44,19 @@ class ChannelMapping:
             self.motion_source,
             self.motion_factor,
             self.time_factor,
-            self.shift,
+            self.link_shift,
             self.moved_only,
         )
 
     def then(self, other: ChannelMapping) -> ChannelMapping:
-        """Another reading of what this one has made."""
+        """The mapping that applies this one first and ``other`` to its result."""
         return ChannelMapping(
             tuple(self.motion_source[s] for s in other.motion_source),
-            tuple(
-                f * self.motion_factor[s]
-                for s, f in zip(other.motion_source, other.motion_factor, strict=True)
-            ),
+            _composed(other.motion_source, other.motion_factor, self.motion_factor),
             tuple(self.torque_source[s] for s in other.torque_source),
-            tuple(
-                f * self.torque_factor[s]
-                for s, f in zip(other.torque_source, other.torque_factor, strict=True)
-            ),
+            _composed(other.torque_source, other.torque_factor, self.torque_factor),
             self.time_factor * other.time_factor,
-            self.shift + other.shift,
+            self.link_shift + other.link_shift,
             self.moved_only or other.moved_only,
         )
 
@@ -68,12 +64,14 @@ class ChannelMapping:
         self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """True q [rad], dq [rad/s], ddq [rad/s^2] of recorded ones, (N, n) each."""
-        source, factor = list(self.motion_source), np.array(self.motion_factor)
-        f = self.time_factor
+        source = list(self.motion_source)
+        factor = np.array(self.motion_factor)
+        speed_factor = factor / self.time_factor
+        acceleration_factor = factor / self.time_factor**2
         return (
             q[:, source] * factor,
-            dq[:, source] * (factor / f),
-            ddq[:, source] * (factor / f**2),
+            dq[:, source] * speed_factor,
+            ddq[:, source] * acceleration_factor,
         )
 
     def torque(self, tau: np.ndarray) -> np.ndarray:
@@ -81,53 +79,46 @@ class ChannelMapping:
         return tau[:, list(self.torque_source)] * np.array(self.torque_factor)
 
 
+def _composed(
+    source: tuple[int, ...], outer: tuple[float, ...], inner: tuple[float, ...]
+) -> tuple[float, ...]:
+    """Factors of one mapping times those of the columns on which it acts."""
+    return tuple(factor * inner[s] for s, factor in zip(source, outer, strict=True))
+
+
 def flipped(n: int, joint: int, channel: str) -> ChannelMapping:
     """Joint ``joint``, from 0, with the sign of its ``torque``, its ``position`` or both (``joint``) turned."""
-    factor = tuple(-1.0 if j == joint else 1.0 for j in range(n))
-    ones = (1.0,) * n
-    motion, torque = (
-        ones if channel == "torque" else factor,
-        ones if channel == "position" else factor,
-    )
-    return ChannelMapping(tuple(range(n)), motion, tuple(range(n)), torque)
+    signs = tuple(-1.0 if j == joint else 1.0 for j in range(n))
+    mapping = ChannelMapping.identity(n)
+    if channel != "torque":
+        mapping = replace(mapping, motion_factor=signs)
+    if channel != "position":
+        mapping = replace(mapping, torque_factor=signs)
+    return mapping
 
 
 def swapped(n: int, pair: tuple[int, int], channel: str) -> ChannelMapping:
     """Two joints, from 0, with their ``torque`` or all their columns (``joint``) exchanged."""
+    first, second = pair
     columns = list(range(n))
-    columns[pair[0]], columns[pair[1]] = pair[1], pair[0]
-    source = tuple(columns)
-    return ChannelMapping(
-        tuple(range(n)) if channel == "torque" else source,
-        (1.0,) * n,
-        source,
-        (1.0,) * n,
-    )
+    columns[first], columns[second] = second, first
+    mapping = replace(ChannelMapping.identity(n), torque_source=tuple(columns))
+    if channel == "torque":
+        return mapping
+    return replace(mapping, motion_source=tuple(columns))
 
 
-def scaled(
-    n: int, joints: tuple[int, ...], motion: float, torque: float = 1.0
-) -> ChannelMapping:
-    """Joints, from 0, with motion and torque in another unit: what they have to be multiplied with."""
-    inside = [j in joints for j in range(n)]
-    columns = tuple(range(n))
-    return ChannelMapping(
-        columns,
-        tuple(motion if i else 1.0 for i in inside),
-        columns,
-        tuple(torque if i else 1.0 for i in inside),
-    )
+def scaled(n: int, joints: tuple[int, ...], factor: float) -> ChannelMapping:
+    """Joints, from 0, with positions in another unit: what they have to be multiplied with [1]."""
+    factors = tuple(factor if j in joints else 1.0 for j in range(n))
+    return replace(ChannelMapping.identity(n), motion_factor=factors)
 
 
 def timed(n: int, factor: float) -> ChannelMapping:
     """Another time scale: true over recorded period."""
-    columns = tuple(range(n))
-    return ChannelMapping(columns, (1.0,) * n, columns, (1.0,) * n, time_factor=factor)
+    return replace(ChannelMapping.identity(n), time_factor=factor)
 
 
 def shifted(n: int, links: int, moved_only: bool = False) -> ChannelMapping:
     """The URDF's inertials moved by ``links`` links."""
-    columns = tuple(range(n))
-    return ChannelMapping(
-        columns, (1.0,) * n, columns, (1.0,) * n, shift=links, moved_only=moved_only
-    )
+    return replace(ChannelMapping.identity(n), link_shift=links, moved_only=moved_only)

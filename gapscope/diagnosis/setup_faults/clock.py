@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
-from gapscope.diagnosis.thresholds import CLOCK_WANDER_SAMPLES, LOST_SAMPLE_STEP
+from gapscope.diagnosis.thresholds import (
+    CLOCK_WANDER_SAMPLES,
+    EVEN_CLOCK_RATIO,
+    LOST_SAMPLE_STEP,
+)
 
 
 def sample_count(t: np.ndarray) -> np.ndarray:
     """Number of each sample on an even clock, from 0, (N,); steps beyond ``LOST_SAMPLE_STEP`` periods skip numbers.
 
-    Shorter steps are taken as one period, or rounded to two where that leaves less unevenness: a jittered step may be
+    Shorter steps are taken as one period, or rounded to two if that leaves less unevenness: a jittered step may be
     nearly two periods long, a dropped row leaves a step of two.
     """
-    steps = np.diff(t) / np.median(np.diff(t))
-    rounded = np.maximum(np.round(steps), 1.0)
-    counts = [
-        np.r_[0.0, np.cumsum(np.where(steps > LOST_SAMPLE_STEP, rounded, one))]
-        for one in (1.0, rounded)
-    ]
+    periods = np.diff(t) / np.median(np.diff(t))
+    rounded = np.maximum(np.round(periods), 1.0)
+    single = np.where(periods > LOST_SAMPLE_STEP, rounded, 1.0)
+    counts = [np.concatenate([[0.0], np.cumsum(steps)]) for steps in (single, rounded)]
     return min(counts, key=lambda count: float(np.std(_wander_free(t, count))))
 
 
@@ -40,19 +42,18 @@ def stamps_are_wrong(t: np.ndarray, q: np.ndarray) -> bool:
     Each sample is compared with the line through its neighbours. Samples taken at even times and stamped unevenly
     leave the line by speed times the error of the stamp; samples really taken unevenly do so over an even clock.
     """
-    over_stamps, over_count = (_off_line(x, q) for x in (t, sample_count(t)))
-    return bool(over_count < 0.5 * over_stamps)
+    over_stamps = _off_line(t, q)
+    over_even_clock = _off_line(sample_count(t), q)
+    return bool(over_even_clock < EVEN_CLOCK_RATIO * over_stamps)
 
 
 def _wander_free(t: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """Stamps less the line through them and less their moving mean, in periods, (N,)."""
     slope, start = np.polyfit(count, t, 1)
     error = (t - start - slope * count) / slope
-    width = min(CLOCK_WANDER_SAMPLES, len(error))
-    kernel = np.ones(width)
-    mean = np.convolve(error, kernel, "same") / np.convolve(
-        np.ones(len(error)), kernel, "same"
-    )
-    return error - mean
+    kernel = np.ones(min(CLOCK_WANDER_SAMPLES, len(error)))
+    inside = np.convolve(np.ones(len(error)), kernel, "same")
+    return error - np.convolve(error, kernel, "same") / inside
 
 
 def _off_line(x: np.ndarray, q: np.ndarray) -> float:

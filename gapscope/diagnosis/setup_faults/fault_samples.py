@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,7 +19,7 @@ from gapscope.ident.signals.effective_samples import motion_samples
 
 
 @dataclass(frozen=True)
-class Samples:
+class FaultSamples:
     """Samples of a case, M in all, of n joints, in K folds.
 
     Attributes:
@@ -25,7 +27,7 @@ class Samples:
         tau: recorded torque after the 12 Hz filter [N m], (M, n).
         edges: row at which each fold begins, and the end, (K + 1,).
         weight: independent samples per row [1].
-        load: inertial parameters of the known body on the last link, (M, 10); zeros where there was none.
+        load: inertial parameters of the known body on the last link, (M, 10); zeros if there was none.
     """
 
     q: np.ndarray
@@ -43,23 +45,22 @@ class Samples:
             slice(a, b) for a, b in zip(self.edges[:-1], self.edges[1:], strict=True)
         ]
 
-    def thinned(self, step: int) -> Samples:
+    def thinned(self, step: int) -> FaultSamples:
         """Every ``step``-th sample of each fold."""
         rows = [np.arange(f.start, f.stop)[step // 2 :: step] for f in self.folds]
-        edges = np.concatenate([[0], np.cumsum([len(r) for r in rows])])
         kept = np.concatenate(rows)
-        weight = min(1.0, self.weight * step)
-        motion = self.q[kept], self.dq[kept], self.ddq[kept]
-        return Samples(
-            *motion,
+        return FaultSamples(
+            self.q[kept],
+            self.dq[kept],
+            self.ddq[kept],
             self.tau[kept],
-            tuple(int(e) for e in edges),
-            weight,
+            _edges([len(r) for r in rows]),
+            min(1.0, self.weight * step),
             self.load[kept],
         )
 
 
-def sample(recordings: Sequence[list[Segment]]) -> Samples:
+def sample(recordings: Sequence[list[Segment]]) -> FaultSamples:
     """Samples of the segments of each recording; a single recording is cut into blocks."""
     folds = [list(segments) for segments in recordings]
     if len(folds) == 1:
@@ -68,24 +69,28 @@ def sample(recordings: Sequence[list[Segment]]) -> Samples:
             for segment in folds[0]
             for block in blocks(segment, SINGLE_RECORDING_FOLDS)
         ]
+    segments = [segment for fold in folds for segment in fold]
+    sample_counts = [len(s.motion.t[s.inner]) for s in segments]
     seconds = sum(
-        len(s.motion.t[s.inner]) / s.motion.rate for fold in folds for s in fold
+        count / s.motion.rate for count, s in zip(sample_counts, segments, strict=True)
     )
-    total = sum(len(s.motion.t[s.inner]) for fold in folds for s in fold)
-    step = max(1, -(-total // FAULT_SAMPLES))
+    step = max(1, math.ceil(sum(sample_counts) / FAULT_SAMPLES))
     rows = [np.concatenate([_thin(s, step) for s in fold], axis=1) for fold in folds]
     q, dq, ddq, tau = np.concatenate(rows, axis=1)
-    edges = np.concatenate([[0], np.cumsum([r.shape[1] for r in rows])])
-    load = np.concatenate([_load(s, step) for fold in folds for s in fold])
-    return Samples(
+    return FaultSamples(
         q,
         dq,
         ddq,
         tau,
-        tuple(int(e) for e in edges),
+        _edges([r.shape[1] for r in rows]),
         min(1.0, motion_samples(seconds, MOTION_INDEPENDENT_RATE) / len(q)),
-        load,
+        np.concatenate([_load(s, step) for s in segments]),
     )
+
+
+def _edges(lengths: list[int]) -> tuple[int, ...]:
+    """First row of each fold of these lengths, and the end."""
+    return (0, *itertools.accumulate(lengths))
 
 
 def _thin(segment: Segment, step: int) -> np.ndarray:
@@ -93,16 +98,13 @@ def _thin(segment: Segment, step: int) -> np.ndarray:
     assert segment.torque is not None
     motion = segment.motion
     tau = low_pass(segment.torque, motion.rate, TORQUE_CUTOFF)
-    return np.stack([motion.q, motion.dq, motion.ddq, tau])[:, segment.inner][
-        :, step // 2 :: step
-    ]
+    trimmed = np.stack([motion.q, motion.dq, motion.ddq, tau])[:, segment.inner]
+    return trimmed[:, step // 2 :: step]
 
 
 def _load(segment: Segment, step: int) -> np.ndarray:
     """Inertial parameters of the known body on the last link for the rows of ``_thin``, shape (M, 10)."""
     rows = len(segment.motion.t[segment.inner][step // 2 :: step])
-    return (
-        np.zeros((rows, 10))
-        if segment.payload is None
-        else np.tile(segment.payload.parameters, (rows, 1))
-    )
+    if segment.payload is None:
+        return np.zeros((rows, 10))
+    return np.tile(segment.payload.parameters, (rows, 1))

@@ -21,13 +21,13 @@ TORQUE = ("tau", "tau_sensor")
 
 
 @dataclass(frozen=True)
-class Quantity:
+class FaultParameter:
     """A parameter with its uncertainty.
 
     Attributes:
-        unit: SI unit, 1 where there is none.
+        unit: SI unit, 1 if there is none.
         value: one number per joint of the fault, or one for the arm.
-        std: standard deviation of each, or ``None`` where the value is a choice among few.
+        std: standard deviation of each, or ``None`` if the value is a choice among few.
     """
 
     unit: str
@@ -41,70 +41,70 @@ class FoundFault:
 
     Attributes:
         name: name of the fault, or ``encoder_quantization``.
-        joints: from 1; empty where it concerns the whole arm.
+        joints: from 1; empty if it concerns the whole arm.
         variant: which channel (``torque``, ``position``, ``joint``), unit (``degrees``, ``milliseconds``,
-            ``motor_side``) or kind (``gaps``, ``repeats``, ``jitter``, ``wrong_rate``); empty where there is one only.
+            ``motor_side``) or kind (``gaps``, ``repeats``, ``jitter``, ``wrong_rate``); empty if there is one only.
         parameters: by the names of ``gapscope.effects.setup_faults``.
         probability: that it is this fault.
         recordings: names of the recordings that have it; empty: all.
-        reading: how its recordings have to be read; ``None`` where nothing is to be put right by it.
+        mapping: how its recordings have to be read; ``None`` if it asks for no other mapping.
         gap_with_only_this, gap_without_this: torque NRMSE, (n,), with this fault alone put right, and with all others
-            but this; ``None`` where it cannot be computed.
+            but this; ``None`` if it cannot be computed.
         gap_before, gap_after: torque NRMSE, (n,), of the case as it is, and with all faults put right.
     """
 
     name: str
     joints: tuple[int, ...]
     variant: str
-    parameters: Mapping[str, Quantity]
+    parameters: Mapping[str, FaultParameter]
     probability: float
     recordings: tuple[str, ...] = ()
-    reading: ChannelMapping | None = None
+    mapping: ChannelMapping | None = None
     gap_with_only_this: np.ndarray | None = field(default=None, repr=False)
     gap_without_this: np.ndarray | None = field(default=None, repr=False)
     gap_before: np.ndarray | None = field(default=None, repr=False)
     gap_after: np.ndarray | None = field(default=None, repr=False)
 
     def repair(self, recording: Recording) -> Recording:
-        """The recording as a right set-up would have written it, with a note; unchanged where it does not have it."""
+        """The recording as a right set-up would have written it, with a note; unchanged if it does not have it."""
         if self.recordings and recording.name not in self.recordings:
             return recording
-        out = _read(recording, self.reading) if self.reading is not None else recording
+        out = recording
+        if self.mapping is not None:
+            out = _mapped(out, self.mapping)
         if self.variant == "jitter":
             out = replace(out, t=even_stamps(out.t))
         if self.variant == "repeats":
             out = _without_repeats(out)
-        return (
-            out
-            if out is recording
-            else replace(out, notes=(*out.notes, f"put right: {self}"))
-        )
+        if out is recording:
+            return recording
+        return replace(out, notes=(*out.notes, f"put right: {self}"))
 
     def repair_arm(self, arm: NominalArm) -> NominalArm:
         """The nominal arm with its inertials where they belong; unchanged for other faults."""
-        return (
-            shifted_arm(arm, self.reading.shift, self.reading.moved_only)
-            if self.reading is not None
-            else arm
-        )
+        if self.mapping is None:
+            return arm
+        return shifted_arm(arm, self.mapping.link_shift, self.mapping.moved_only)
 
     def document(self) -> dict[str, Any]:
         """The parameters as ``diagnosis.json`` holds them, and the variant."""
         parameters = {}
-        for name, q in self.parameters.items():
-            alone = not self.joints
-            value: Any = q.value[0] if alone else list(q.value)
-            std: Any = None if q.std is None else q.std[0] if alone else list(q.std)
-            parameters[name] = {"unit": q.unit, "value": value, "std": std}
-        return {
-            "parameters": parameters,
-            **({"variant": self.variant} if self.variant else {}),
-        }
+        for name, parameter in self.parameters.items():
+            value: Any = list(parameter.value)
+            std: Any = None if parameter.std is None else list(parameter.std)
+            if not self.joints:  # one value for the arm
+                value, std = value[0], std[0] if std else None
+            parameters[name] = {"unit": parameter.unit, "value": value, "std": std}
+        content: dict[str, Any] = {"parameters": parameters}
+        if self.variant:
+            content["variant"] = self.variant
+        return content
 
     def __str__(self) -> str:
         """In words."""
+        variant = f" ({self.variant})" if self.variant else ""
         joints = f", joint {', '.join(map(str, self.joints))}" if self.joints else ""
-        return f"{self.name}{f' ({self.variant})' if self.variant else ''}{joints}"
+        return f"{self.name}{variant}{joints}"
 
 
 def repaired(case: Case, faults: tuple[FoundFault, ...]) -> Case:
@@ -117,32 +117,26 @@ def repaired(case: Case, faults: tuple[FoundFault, ...]) -> Case:
     return replace(case, arm=arm, recordings=recordings, judged=judged)
 
 
-def _read(recording: Recording, reading: ChannelMapping) -> Recording:
+def _mapped(recording: Recording, mapping: ChannelMapping) -> Recording:
     """Columns, units and stamps of a recording put right; recorded velocities do not depend on the stamps."""
+    motion, torque = list(mapping.motion_source), list(mapping.torque_source)
     changed: dict[str, Any] = {}
-    motion, torque = list(reading.motion_source), list(reading.torque_source)
-    for channel in CHANNELS:
-        series = getattr(recording, channel)
-        if series is None:
-            continue
+    for channel, series in present_channels(recording).items():
         if channel in MOTION:
-            changed[channel] = series[:, motion] * np.array(reading.motion_factor)
+            changed[channel] = series[:, motion] * np.array(mapping.motion_factor)
         elif channel in TORQUE:
-            changed[channel] = series[:, torque] * np.array(reading.torque_factor)
+            changed[channel] = series[:, torque] * np.array(mapping.torque_factor)
         else:
             changed[channel] = series[:, motion]
-    if reading.time_factor != 1.0:
-        changed["t"] = (
-            recording.t[0] + (recording.t - recording.t[0]) * reading.time_factor
-        )
+    if mapping.time_factor != 1.0:
+        start = recording.t[0]
+        changed["t"] = start + (recording.t - start) * mapping.time_factor
     return replace(recording, **changed)
 
 
 def _without_repeats(recording: Recording) -> Recording:
     """The recording without rows that repeat the measurement before them."""
-    present = {
-        name: x for name in CHANNELS if (x := getattr(recording, name)) is not None
-    }
+    present = present_channels(recording)
     repeated, notes = repeated_rows(recording.t, present)
     if not repeated.any():
         return recording
@@ -150,3 +144,9 @@ def _without_repeats(recording: Recording) -> Recording:
     return replace(
         recording, t=recording.t[~repeated], notes=recording.notes + notes, **kept
     )
+
+
+def present_channels(recording: Recording) -> dict[str, np.ndarray]:
+    """The channels that a recording has, by name, (N, n) each."""
+    channels = {name: getattr(recording, name) for name in CHANNELS}
+    return {name: series for name, series in channels.items() if series is not None}

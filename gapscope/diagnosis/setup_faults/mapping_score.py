@@ -1,9 +1,9 @@
-"""Readings of a case compared: how well each lets an ordinary arm explain torque that was not used to fit.
+"""Mappings of a case compared: how well each lets an ordinary arm explain torque that was not used to fit.
 
-The gain of a reading is the sum over joints of log(R without / R with), R = sqrt(gap^2 + ORDINARY_GAP^2) with the
-held-out gap over the torque's deviation, and of log(S without / S with), S = surprise + ORDINARY_SURPRISE with the
-surprise at the values that the arm would have to have. The floors keep small effects from counting: a setup fault is
-gross.
+The gain of a mapping is the sum over joints of log(R without / R with), R = sqrt(gap^2 + ORDINARY_GAP^2) with the
+held-out gap over the torque's deviation, and of log(P without / P with), P = penalty + ORDINARY_PENALTY with the
+prior's penalty on the values that the arm would have to have. The floors keep small effects from counting: a setup
+fault is gross.
 """
 
 from __future__ import annotations
@@ -16,45 +16,57 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
-from gapscope.diagnosis.setup_faults.fault_samples import Samples
-from gapscope.diagnosis.setup_faults.nuisance import Equations, equations, unseen
+from gapscope.diagnosis.setup_faults.fault_samples import FaultSamples
+from gapscope.diagnosis.setup_faults.nuisance import FoldEquations, fold_equations
+from gapscope.diagnosis.setup_faults.nuisance_fit import held_out_gap
 from gapscope.diagnosis.setup_faults.shifted_inertials import shifted_arm
-from gapscope.diagnosis.thresholds import ORDINARY_GAP, ORDINARY_SURPRISE, WORST_GAP
+from gapscope.diagnosis.thresholds import (
+    ORDINARY_GAP,
+    ORDINARY_PENALTY,
+    WORST_GAP,
+)
+
+KEPT_EQUATIONS = 8
+"""Motions beyond the present one of which equations are kept."""
 
 
 @dataclass(frozen=True)
-class Score:
-    """How a reading did.
+class MappingScore:
+    """How a mapping did.
 
     Attributes:
         residual: sqrt(gap^2 + ORDINARY_GAP^2) of each fold and joint, (K, n).
-        surprise: at the values fitted to all folds, plus ``ORDINARY_SURPRISE``.
+        penalty: of the prior on the values fitted to all folds, plus ``ORDINARY_PENALTY``.
     """
 
     residual: np.ndarray
-    surprise: float
+    penalty: float
 
-    def joints(self, before: Score) -> np.ndarray:
-        """Gain of each joint over another reading, (n,)."""
-        rms = [np.sqrt((s.residual**2).mean(axis=0)) for s in (before, self)]
-        return np.log(rms[0] / rms[1])
+    @property
+    def joint_rms(self) -> np.ndarray:
+        """Root mean square of the residual over the folds, (n,)."""
+        return np.sqrt((self.residual**2).mean(axis=0))
 
-    def folds(self, before: Score) -> np.ndarray:
+    def joint_gain(self, before: MappingScore) -> np.ndarray:
+        """Gain of each joint over another mapping, (n,)."""
+        return np.log(before.joint_rms / self.joint_rms)
+
+    def fold_gain(self, before: MappingScore) -> np.ndarray:
         """Gain of each fold, summed over joints, (K,)."""
         return np.log(before.residual / self.residual).sum(axis=1)
 
-    def values(self, before: Score) -> float:
-        """Gain in surprise."""
-        return float(np.log(before.surprise / self.surprise))
+    def penalty_gain(self, before: MappingScore) -> float:
+        """Gain by a smaller penalty."""
+        return float(np.log(before.penalty / self.penalty))
 
-    def gain(self, before: Score) -> float:
+    def gain(self, before: MappingScore) -> float:
         """Gain in all."""
-        return float(self.joints(before).sum()) + self.values(before)
+        return float(self.joint_gain(before).sum()) + self.penalty_gain(before)
 
 
 @dataclass
 class MappingScorer:
-    """Readings of one case on its samples; equations of the last few motions are kept.
+    """Scores mappings of one case on its samples; equations of the last few motions are kept.
 
     Attributes:
         arm, body: the nominal arm and its dynamics.
@@ -63,45 +75,53 @@ class MappingScorer:
 
     arm: NominalArm
     body: RigidBody
-    samples: Samples
-    _kept: dict[tuple[object, ...], Equations] = field(default_factory=dict)
+    samples: FaultSamples
+    _equations: dict[tuple[object, ...], FoldEquations] = field(default_factory=dict)
     _bodies: dict[tuple[int, bool], RigidBody | None] = field(default_factory=dict)
 
-    def score(self, reading: ChannelMapping, spread: float = 1.0) -> Score:
-        """Score of a reading; the worst possible for an arm that cannot be.
+    def score(self, mapping: ChannelMapping, spread: float = 1.0) -> MappingScore:
+        """Score of a mapping; the worst possible for an arm that cannot be.
 
         Args:
-            reading: how to read the recordings.
+            mapping: how to read the recordings.
             spread: factor on what the arm may ordinarily have beyond its data sheet.
         """
-        key = reading.motion_key
-        if key not in self._kept:
-            body = self._body(reading.shift, reading.moved_only)
-            if body is None:
-                return Score(
-                    np.full((len(self.samples.folds), self.arm.n_joints), WORST_GAP),
-                    WORST_GAP,
-                )
-            if len(self._kept) > 8:
-                self._kept.pop(next(iter(self._kept)))
-            self._kept[key] = equations(self.arm, body, self.samples, reading)
-        gap, surprise = unseen(self._kept[key], reading, spread)
-        bounded = np.minimum(
+        eq = self._equations_of(mapping)
+        if eq is None:
+            folds = len(self.samples.folds)
+            return MappingScore(
+                np.full((folds, self.arm.n_joints), WORST_GAP), WORST_GAP
+            )
+        gap, penalty = held_out_gap(eq, mapping, spread)
+        bounded_gap = np.minimum(
             np.nan_to_num(gap, nan=WORST_GAP, posinf=WORST_GAP), WORST_GAP
         )
-        return Score(
-            np.hypot(bounded, ORDINARY_GAP),
-            ORDINARY_SURPRISE
-            + float(np.nan_to_num(surprise, nan=WORST_GAP, posinf=WORST_GAP)),
+        finite_penalty = float(np.nan_to_num(penalty, nan=WORST_GAP, posinf=WORST_GAP))
+        return MappingScore(
+            np.hypot(bounded_gap, ORDINARY_GAP), ORDINARY_PENALTY + finite_penalty
         )
 
-    def _body(self, shift: int, moved_only: bool) -> RigidBody | None:
-        if (shift, moved_only) not in self._bodies:
+    def _equations_of(self, mapping: ChannelMapping) -> FoldEquations | None:
+        """Equations under a mapping; ``None`` if its inertials leave no arm."""
+        key = mapping.motion_key
+        if key not in self._equations:
+            body = self._shifted_body(mapping.link_shift, mapping.moved_only)
+            if body is None:
+                return None
+            if len(self._equations) > KEPT_EQUATIONS:
+                oldest = next(iter(self._equations))
+                del self._equations[oldest]
+            self._equations[key] = fold_equations(self.arm, body, self.samples, mapping)
+        return self._equations[key]
+
+    def _shifted_body(self, shift: int, moved_only: bool) -> RigidBody | None:
+        """Dynamics with the inertials moved; ``None`` if a joint is then without a body."""
+        key = (shift, moved_only)
+        if key not in self._bodies:
             try:
                 changed = shifted_arm(self.arm, shift, moved_only)
-                self._bodies[shift, moved_only] = (
-                    self.body if changed is self.arm else RigidBody(changed)
-                )
+                unchanged = changed is self.arm
+                self._bodies[key] = self.body if unchanged else RigidBody(changed)
             except InputError:
-                self._bodies[shift, moved_only] = None
-        return self._bodies[shift, moved_only]
+                self._bodies[key] = None
+        return self._bodies[key]

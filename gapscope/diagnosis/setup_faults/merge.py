@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 
-from gapscope.diagnosis.setup_faults.found_fault import FoundFault, Quantity
+from gapscope.diagnosis.setup_faults.found_fault import FaultParameter, FoundFault
 
 
 def merged(faults: Iterable[FoundFault]) -> tuple[FoundFault, ...]:
@@ -21,28 +21,30 @@ def merged(faults: Iterable[FoundFault]) -> tuple[FoundFault, ...]:
 
 
 def _joined(first: FoundFault, second: FoundFault) -> FoundFault:
-    if (
-        set(first.joints) & set(second.joints)
-        or first.reading is None
-        or second.reading is None
-    ):
+    overlap = set(first.joints) & set(second.joints)
+    if overlap or first.mapping is None or second.mapping is None:
         return first
     joints = first.joints + second.joints
     order = sorted(range(len(joints)), key=lambda i: joints[i])
-    parameters = {
-        name: Quantity(
-            q.unit,
-            tuple((q.value + second.parameters[name].value)[i] for i in order),
-            None
-            if q.std is None
-            else tuple((q.std + (second.parameters[name].std or ()))[i] for i in order),
-        )
-        for name, q in first.parameters.items()
-    }
     return replace(
         first,
         joints=tuple(joints[i] for i in order),
-        parameters=parameters,
+        parameters={
+            name: _concatenated(parameter, second.parameters[name], order)
+            for name, parameter in first.parameters.items()
+        },
         probability=min(first.probability, second.probability),
-        reading=first.reading.then(second.reading),
+        mapping=first.mapping.then(second.mapping),
     )
+
+
+def _concatenated(
+    first: FaultParameter, second: FaultParameter, order: list[int]
+) -> FaultParameter:
+    """Values of the first joints and of the second, sorted."""
+    values = first.value + second.value
+    std = None
+    if first.std is not None:
+        stds = first.std + (second.std or ())
+        std = tuple(stds[i] for i in order)
+    return FaultParameter(first.unit, tuple(values[i] for i in order), std)

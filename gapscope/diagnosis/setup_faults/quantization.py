@@ -13,36 +13,37 @@ import numpy as np
 
 from gapscope.arm.case import Case
 from gapscope.arm.recording import Recording
-from gapscope.diagnosis.setup_faults.found_fault import FoundFault, Quantity
+from gapscope.diagnosis.setup_faults.found_fault import FaultParameter, FoundFault
 from gapscope.diagnosis.thresholds import (
+    LATTICE_AGREEMENT,
     LATTICE_COHERENCE,
     LATTICE_LEVELS,
     LATTICE_SAMPLES,
     LOG_DIGITS,
+    OBVIOUS_FAULT_PROBABILITY,
     STEP_OVER_DATA_SHEET,
     STEP_WITHOUT_DATA_SHEET,
 )
 
 
 def find_quantization(case: Case) -> tuple[FoundFault, ...]:
-    """``encoder_quantization`` on the joints whose step exceeds the data sheet's, as one finding; or nothing."""
+    """``encoder_quantization`` on the joints whose step exceeds the data sheet's, as one finding; or none."""
     sheet = case.arm.encoder_step
     least = STEP_WITHOUT_DATA_SHEET if sheet is None else STEP_OVER_DATA_SHEET * sheet
+    recordings = (*case.recordings, *case.judged)
     found = {}
     for joint in range(case.arm.n_joints):
-        step = encoder_step((*case.recordings, *case.judged), joint)
+        step = encoder_step(recordings, joint)
         if step is not None and step[0] > least:
             found[joint + 1] = step
     if not found:
         return ()
-    values, stds = (tuple(float(s[k]) for s in found.values()) for k in (0, 1))
+    steps, stds = zip(*found.values(), strict=True)
+    parameters = {"step": FaultParameter("rad", steps, stds)}
+    joints = tuple(found)
     return (
         FoundFault(
-            "encoder_quantization",
-            tuple(found),
-            "",
-            {"step": Quantity("rad", values, stds)},
-            0.99,
+            "encoder_quantization", joints, "", parameters, OBVIOUS_FAULT_PROBABILITY
         ),
     )
 
@@ -50,40 +51,33 @@ def find_quantization(case: Case) -> tuple[FoundFault, ...]:
 def encoder_step(
     recordings: Iterable[Recording], joint: int
 ) -> tuple[float, float] | None:
-    """Quantisation step of a joint, from 0, and its standard deviation [rad]; ``None`` where q lies on no lattice.
+    """Quantisation step of a joint, from 0, and its standard deviation [rad]; ``None`` if q lies on no lattice.
 
     Recordings have to agree; those in which the joint hardly moves do not count.
     """
-    steps = [
-        s
-        for r in recordings
-        if (s := lattice(r.q[:LATTICE_SAMPLES, joint])) is not None
-    ]
+    found = [lattice(r.q[:LATTICE_SAMPLES, joint]) for r in recordings]
+    steps = [step for step in found if step is not None]
     if not steps:
         return None
     values, stds = np.array(steps).T
-    step = float(np.median(values))
-    if np.abs(values / step - 1).max() > 0.1:
-        agreeing = np.abs(values / step - 1) < 0.1
-        if agreeing.mean() <= 0.5:
-            return None
-        values, stds = values[agreeing], stds[agreeing]
-    weights = 1.0 / stds**2
-    return float((weights * values).sum() / weights.sum()), float(weights.sum() ** -0.5)
+    agree = np.abs(values / float(np.median(values)) - 1) <= LATTICE_AGREEMENT
+    if agree.mean() <= 0.5:
+        return None
+    weights = 1.0 / stds[agree] ** 2
+    mean = (weights * values[agree]).sum() / weights.sum()
+    return float(mean), float(weights.sum() ** -0.5)
 
 
 def lattice(q: np.ndarray) -> tuple[float, float] | None:
     """Step of the lattice on which positions q [rad], (N,), lie, and its standard deviation; ``None`` for none."""
-    resolution = 10.0 ** (
-        np.floor(np.log10(max(float(np.abs(q).max()), 1e-9))) - LOG_DIGITS
-    )
-    values = np.unique(q)
-    distances = np.diff(values)
+    largest = max(float(np.abs(q).max()), 1e-9)
+    resolution = 10.0 ** (np.floor(np.log10(largest)) - LOG_DIGITS)
+    distances = np.diff(np.unique(q))
     distances = np.sort(distances[distances > 3 * resolution])
     if len(distances) < LATTICE_LEVELS:
         return None
-    for candidate in _first_steps(distances, resolution):
-        step = _sharpened(q, candidate)
+    for guess in _first_steps(distances, resolution):
+        step = _sharpened(q, guess)
         if step is not None:
             return step
     return None
@@ -91,29 +85,29 @@ def lattice(q: np.ndarray) -> tuple[float, float] | None:
 
 def _first_steps(distances: np.ndarray, resolution: float) -> list[float]:
     """Guesses of the step from sorted distances of neighbouring values: the mean of the smallest that are alike."""
+    quantile, median = float(np.quantile(distances, 0.02)), float(np.median(distances))
     guesses: list[float] = []
-    for smallest in (
-        distances[0],
-        float(np.quantile(distances, 0.02)),
-        float(np.median(distances)),
-    ):
-        alike = distances[
-            np.abs(distances - smallest) < max(0.1 * smallest, 2 * resolution)
-        ]
+    for smallest in (distances[0], quantile, median):
+        width = max(0.1 * smallest, 2 * resolution)
+        alike = distances[np.abs(distances - smallest) < width]
         if not len(alike):
             continue
         guess = float(alike.mean())
-        if not any(abs(guess / g - 1) < 0.02 for g in guesses):
+        is_new = all(abs(guess / other - 1) >= 0.02 for other in guesses)
+        if is_new:
             guesses.append(guess)
     return guesses
 
 
 def _sharpened(q: np.ndarray, step: float) -> tuple[float, float] | None:
-    """The step refined over wider and wider stretches of positions, with its standard deviation."""
+    """The step refined over wider and wider stretches of positions, with its standard deviation.
+
+    ``None`` if the positions do not lie on the refined lattice.
+    """
     centre = float(np.median(q))
     offset = q - q[np.argmin(np.abs(q - centre))]
     travel = float(np.abs(offset).max())
-    reach = 8 * step
+    reach = 8 * step  # near the centre even a rough step counts the levels rightly
     while True:
         near = offset[np.abs(offset) <= reach]
         count = np.round(near / step)
@@ -125,11 +119,19 @@ def _sharpened(q: np.ndarray, step: float) -> tuple[float, float] | None:
         if reach >= travel:
             break
         reach *= 2
+    return _line_through_levels(offset, step)
+
+
+def _line_through_levels(offset: np.ndarray, step: float) -> tuple[float, float] | None:
+    """Slope of positions against the numbers of their levels, and its standard deviation; ``None`` off the lattice."""
     phase = np.exp(2j * np.pi * offset / step)
-    levels = len(np.unique(np.round(offset / step)))
-    if np.abs(phase.mean()) < LATTICE_COHERENCE or levels < LATTICE_LEVELS:
-        return None
     count = np.round(offset / step)
+    if (
+        np.abs(phase.mean()) < LATTICE_COHERENCE
+        or len(np.unique(count)) < LATTICE_LEVELS
+    ):
+        return None
     slope, start = np.polyfit(count, offset, 1)
-    off = offset - start - slope * count
-    return float(slope), float(max(off.std() / (count.std() * np.sqrt(len(q))), 1e-12))
+    residual = offset - start - slope * count
+    std = residual.std() / (count.std() * np.sqrt(len(offset)))
+    return float(slope), float(max(std, 1e-12))

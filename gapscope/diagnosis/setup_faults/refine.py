@@ -6,7 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gapscope.diagnosis.setup_faults.candidates import Candidate, motor_side, wrong_rate
+from gapscope.diagnosis.setup_faults.candidates import (
+    FaultCandidate,
+    motor_side,
+    wrong_rate,
+)
 from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
 from gapscope.diagnosis.setup_faults.mapping_score import MappingScorer
 from gapscope.diagnosis.thresholds import (
@@ -17,44 +21,52 @@ from gapscope.diagnosis.thresholds import (
 
 CURVED = 0.02
 """Step over which the curvature is taken."""
+SHRINK = 2.5
+"""Factor by which the step shrinks when no value moves."""
 
-
-Build = Callable[[np.ndarray], Candidate]
+Build = Callable[[np.ndarray], FaultCandidate]
 """A candidate from the logarithms of its values."""
 
 
 def refined(
-    bench: MappingScorer, before: ChannelMapping, candidate: Candidate
-) -> tuple[Candidate, tuple[float, ...]]:
-    """The candidate with its best values, and their standard deviations; itself where it has no continuous ones."""
-    n = bench.arm.n_joints
+    scorer: MappingScorer, before: ChannelMapping, candidate: FaultCandidate
+) -> tuple[FaultCandidate, tuple[float, ...]]:
+    """The candidate with its best values, and their standard deviations; itself if it has no continuous ones."""
     if candidate.variant == "motor_side":
-        return _ratios(bench, before, candidate)
+        return _refined_ratios(scorer, before, candidate)
     if candidate.variant == "wrong_rate":
-        climb = _Climb(bench, before, lambda x: wrong_rate(n, float(np.exp(x[0]))))
-        return climb.candidate(climb.least(np.log(candidate.values["amount"])))
+        return _refined_rate(scorer, before, candidate)
     return candidate, ()
 
 
-def _ratios(
-    bench: MappingScorer, before: ChannelMapping, candidate: Candidate
-) -> tuple[Candidate, tuple[float, ...]]:
+def _refined_rate(
+    scorer: MappingScorer, before: ChannelMapping, candidate: FaultCandidate
+) -> tuple[FaultCandidate, tuple[float, ...]]:
+    n = scorer.arm.n_joints
+
+    def build(x: np.ndarray) -> FaultCandidate:
+        return wrong_rate(n, float(np.exp(x[0])))
+
+    search = _PatternSearch(scorer, before, build)
+    return search.candidate(search.minimum(np.log(candidate.values["amount"])))
+
+
+def _refined_ratios(
+    scorer: MappingScorer, before: ChannelMapping, candidate: FaultCandidate
+) -> tuple[FaultCandidate, tuple[float, ...]]:
     """Gear ratios of joints on their motor's side: one for all of them, unless their own explain decisively more."""
-    n, joints = bench.arm.n_joints, tuple(j - 1 for j in candidate.joints)
+    n = scorer.arm.n_joints
+    joints = tuple(j - 1 for j in candidate.joints)
 
-    def build(x: np.ndarray) -> Candidate:
-        return motor_side(
-            n,
-            joints,
-            tuple(float(np.exp(value)) for value in np.broadcast_to(x, len(joints))),
-        )
+    def build(x: np.ndarray) -> FaultCandidate:
+        ratios = np.exp(np.broadcast_to(x, len(joints)))
+        return motor_side(n, joints, tuple(ratios.tolist()))
 
-    wide, narrow = (
-        _Climb(bench, before, build),
-        _Climb(bench, before, build, GEAR_RATIO_NUISANCE_FACTOR),
-    )
-    own = narrow.least(wide.least(np.log(candidate.values["ratio"])))
-    common = narrow.least(np.array([np.median(own)]))
+    wide = _PatternSearch(scorer, before, build)
+    narrow = _PatternSearch(scorer, before, build, GEAR_RATIO_NUISANCE_FACTOR)
+    own = narrow.minimum(wide.minimum(np.log(candidate.values["ratio"])))
+    common = narrow.minimum(np.array([np.median(own)]))
+    # Bayesian information criterion: half the logarithm of the samples for each value more
     charge = 0.5 * (len(joints) - 1) * np.log(narrow.independent)
     if narrow.cost(common) > narrow.cost(own) + charge:
         return narrow.candidate(own)
@@ -62,56 +74,57 @@ def _ratios(
     return found, std * len(joints)
 
 
-class _Climb:
+class _PatternSearch:
     """The search for the most probable values of a candidate, by the logarithms of its values.
 
     Args:
-        bench: where it is judged.
-        before: the reading on top of which it comes.
+        scorer: of mappings of the case.
+        before: the mapping on top of which the candidate comes.
         build: the candidate with values.
         spread: factor on what the arm may ordinarily have beyond its data sheet.
     """
 
     def __init__(
         self,
-        bench: MappingScorer,
+        scorer: MappingScorer,
         before: ChannelMapping,
         build: Build,
         spread: float = 1.0,
     ) -> None:
-        self.bench, self.before, self.build, self.spread = bench, before, build, spread
-        self.independent = bench.samples.weight * len(bench.samples.q)
+        self.scorer, self.before, self.build = scorer, before, build
+        self.spread = spread
+        self.independent = scorer.samples.weight * len(scorer.samples.q)
 
     def cost(self, x: np.ndarray) -> float:
         """Negative logarithm of the probability, up to a constant [nats]."""
-        score = self.bench.score(self.before.then(self.build(x).reading), self.spread)
-        return (
-            self.independent
-            * float(np.log(np.sqrt((score.residual**2).mean(axis=0))).sum())
-            + score.surprise
-        )
+        mapping = self.before.then(self.build(x).mapping)
+        score = self.scorer.score(mapping, self.spread)
+        return self.independent * float(np.log(score.joint_rms).sum()) + score.penalty
 
-    def least(self, x: np.ndarray) -> np.ndarray:
-        """Where the cost is least, by a coordinate-wise pattern search."""
-        step, least = REFINE_FIRST_STEP, self.cost(x)
+    def minimum(self, x: np.ndarray) -> np.ndarray:
+        """Values of least cost, by a coordinate-wise pattern search from x."""
+        step = REFINE_FIRST_STEP
+        least = self.cost(x)
         while step > REFINE_LAST_STEP:
             moved = False
             for k in range(len(x)):
-                for sign in (1.0, -1.0):
-                    trial = x + sign * step * (np.arange(len(x)) == k)
-                    value = self.cost(trial)
-                    if value < least - 1e-9:
-                        x, least, moved = trial, value, True
+                for signed_step in (step, -step):
+                    trial = x.copy()
+                    trial[k] += signed_step
+                    cost = self.cost(trial)
+                    if cost < least - 1e-9:
+                        x, least, moved = trial, cost, True
                         break
             if not moved:
-                step /= 2.5
+                step /= SHRINK
         return x
 
-    def candidate(self, x: np.ndarray) -> tuple[Candidate, tuple[float, ...]]:
+    def candidate(self, x: np.ndarray) -> tuple[FaultCandidate, tuple[float, ...]]:
         """The candidate with these values, and their standard deviations from the curvature of the cost."""
-        out, least = np.empty(len(x)), self.cost(x)
+        log_std = np.empty(len(x))
+        least = self.cost(x)
         for k in range(len(x)):
             h = CURVED * (np.arange(len(x)) == k)
             curvature = (self.cost(x + h) - 2 * least + self.cost(x - h)) / CURVED**2
-            out[k] = 1.0 / np.sqrt(max(curvature, 1.0))
-        return self.build(x), tuple(float(s) for s in np.exp(x) * out)
+            log_std[k] = 1.0 / np.sqrt(max(curvature, 1.0))
+        return self.build(x), tuple(float(s) for s in np.exp(x) * log_std)

@@ -1,0 +1,186 @@
+"""Setup faults by the torque: candidates are screened on few samples, refined, and the best is accepted if decisive."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gapscope.arm.case import Case
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import GapscopeError
+from gapscope.diagnosis.setup_faults.candidates import (
+    FaultCandidate,
+    arm_candidates,
+    joints_beyond_range,
+    motion_candidates,
+    torque_candidates,
+    unit_candidates,
+)
+from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
+from gapscope.diagnosis.setup_faults.fault_samples import sample
+from gapscope.diagnosis.setup_faults.found_fault import FaultParameter, FoundFault
+from gapscope.diagnosis.setup_faults.mapping_score import MappingScore, MappingScorer
+from gapscope.diagnosis.setup_faults.refine import refined
+from gapscope.diagnosis.setup_faults.time_stamps import rate_error
+from gapscope.diagnosis.thresholds import (
+    FAULT_COARSE_STEP,
+    FAULT_FAR_FACTOR,
+    FAULT_FINALISTS,
+    FAULT_FOLD_GAIN,
+    FAULT_FOLD_LOSS,
+    FAULT_GAIN,
+    FAULT_JOINT_GAIN,
+    FAULT_LOSS,
+    FAULT_PRIOR_ODDS,
+    FAULT_SHARPNESS,
+    FAULT_SINGLE_RECORDING_FACTOR,
+    FAULT_VALUE_CHARGE,
+    FAULT_VALUES_GAIN,
+)
+from gapscope.ident.signals.conditioning import (
+    TORQUE_CUTOFF,
+    condition,
+    position_cutoff,
+)
+
+
+@dataclass(frozen=True)
+class _Finalist:
+    """A refined candidate, compared on all samples with the mapping without it."""
+
+    candidate: FaultCandidate
+    std: tuple[float, ...]
+    score: MappingScore
+    gain: float
+
+
+def faults_by_torque(case: Case) -> list[FoundFault]:
+    """Faults that the torque shows, best first, of a case whose stamps are in order."""
+    recordings = tuple(r for r in case.recordings if r.tau is not None)
+    if not recordings:
+        return []
+    try:
+        cutoff = min(position_cutoff(recordings), TORQUE_CUTOFF)
+        segments = [condition(r, cutoff) for r in recordings]
+    except GapscopeError:
+        return []
+    rate_is_known = all(rate_error(r) is not None for r in recordings)
+    strictness = FAULT_SINGLE_RECORDING_FACTOR if len(segments) == 1 else 1.0
+    samples, body = sample(segments), RigidBody(case.arm)
+    coarse = MappingScorer(case.arm, body, samples.thinned(FAULT_COARSE_STEP))
+    fine = MappingScorer(case.arm, body, samples)
+
+    mapping, found = ChannelMapping.identity(case.arm.n_joints), []
+    for _ in range(case.arm.n_joints):
+        candidates = _candidates(fine, mapping, rate_is_known)
+        screened = _screened(coarse, mapping, candidates)
+        finalists = _finalists(coarse, fine, mapping, screened)
+        best = max(finalists, key=lambda finalist: finalist.gain, default=None)
+        if best is None or not _is_accepted(best, fine, mapping, strictness):
+            break
+        probability = _probability(best, finalists)
+        found.append(found_fault(best.candidate, best.std, probability))
+        mapping = mapping.then(best.candidate.mapping)
+    return found
+
+
+def _candidates(
+    scorer: MappingScorer, mapping: ChannelMapping, rate_is_known: bool
+) -> list[FaultCandidate]:
+    """Faults that may come on top of a mapping."""
+    n = scorer.arm.n_joints
+    candidates = [
+        *torque_candidates(n),
+        *motion_candidates(n),
+        *arm_candidates(n),
+        *unit_candidates(scorer.arm, scorer.samples, mapping),
+    ]
+    # Recorded velocities, or a time scale that was put right already, settle the rate.
+    if rate_is_known or mapping.time_factor != 1.0:
+        candidates = [c for c in candidates if c.name != "time_stamps"]
+    return candidates
+
+
+def _screened(
+    coarse: MappingScorer, mapping: ChannelMapping, candidates: list[FaultCandidate]
+) -> list[FaultCandidate]:
+    """The best few candidates that gain anything, one of each fault, variant and set of joints."""
+    before = coarse.score(mapping)
+    gains = [coarse.score(mapping.then(c.mapping)).gain(before) for c in candidates]
+    kept: dict[tuple[str, str, tuple[int, ...]], FaultCandidate] = {}
+    for index in np.argsort(gains)[::-1][:FAULT_FINALISTS]:
+        candidate = candidates[index]
+        if gains[index] > 0:
+            # Several start values of one fault lead to the same refined one: the best is enough.
+            kind = (candidate.name, candidate.variant, candidate.joints)
+            kept.setdefault(kind, candidate)
+    return list(kept.values())
+
+
+def _finalists(
+    coarse: MappingScorer,
+    fine: MappingScorer,
+    mapping: ChannelMapping,
+    candidates: list[FaultCandidate],
+) -> list[_Finalist]:
+    before = fine.score(mapping)
+    finalists = []
+    for start in candidates:
+        candidate, std = refined(coarse, mapping, start)
+        score = fine.score(mapping.then(candidate.mapping))
+        fitted = bool(start.values and start.variant)
+        gain = score.gain(before) - (FAULT_VALUE_CHARGE if fitted else 0.0)
+        finalists.append(_Finalist(candidate, std, score, gain))
+    return finalists
+
+
+def _is_accepted(
+    best: _Finalist, fine: MappingScorer, mapping: ChannelMapping, strictness: float
+) -> bool:
+    """Whether a finalist is decisive; less is needed of a unit with which its joints could not have moved so far."""
+    beyond = joints_beyond_range(fine.arm, fine.samples, mapping)
+    named = {j - 1 for j in best.candidate.joints}
+    if best.candidate.name == "unit_mismatch" and named <= set(beyond):
+        strictness *= FAULT_FAR_FACTOR
+    return decisive(fine.score(mapping), best.score, strictness)
+
+
+def decisive(before: MappingScore, after: MappingScore, share: float = 1.0) -> bool:
+    """Whether a fault put right gains, on all folds, at least a share of what only a fault does."""
+    joints, values = after.joint_gain(before), after.penalty_gain(before)
+    folds = after.fold_gain(before) + max(values, 0.0)
+    needed = max(min(2, len(folds)), len(folds) / 2)
+    gained = joints.sum() + values > share * FAULT_GAIN and joints.sum() > -FAULT_LOSS
+    is_large = (
+        joints.max() > share * FAULT_JOINT_GAIN or values > share * FAULT_VALUES_GAIN
+    )
+    on_enough_folds = (folds > share * FAULT_FOLD_GAIN).sum() >= needed
+    lost_on_none = folds.min() > -FAULT_FOLD_LOSS
+    return bool(gained and is_large and on_enough_folds and lost_on_none)
+
+
+def _probability(best: _Finalist, finalists: Sequence[_Finalist]) -> float:
+    """Probability of the best finalist against the others and against no fault."""
+    others = sum(np.exp(FAULT_SHARPNESS * (f.gain - best.gain)) for f in finalists)
+    no_fault = np.exp(-FAULT_SHARPNESS * best.gain) / FAULT_PRIOR_ODDS
+    return float(1.0 / (others + no_fault))
+
+
+def found_fault(
+    candidate: FaultCandidate, std: tuple[float, ...], probability: float
+) -> FoundFault:
+    """A candidate that was accepted, with the standard deviations of its values."""
+    parameters = {
+        name: FaultParameter("1", values, std or None)
+        for name, values in candidate.values.items()
+    }
+    return FoundFault(
+        candidate.name,
+        candidate.joints,
+        candidate.variant,
+        parameters,
+        probability,
+        mapping=candidate.mapping,
+    )
