@@ -20,7 +20,7 @@ from gapscope.arm.case import Case, load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.nominal import smooth_sign
-from gapscope.commands.diagnose import diagnose_path
+from gapscope.commands.diagnose_path import diagnose_path
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import Segment, condition, low_pass
@@ -109,7 +109,7 @@ def main() -> None:
     for path in sorted(CASES.glob("*.yaml")):
         try:
             case = load_case(path)
-            found = diagnose_path(path, out / case.name)
+            found, _ = diagnose_path(path, out / case.name)
         except GapscopeError as error:
             print(f"{path.stem}: {error}\n")
             continue

@@ -25,8 +25,8 @@ from gapscope.blind_check.score import score
 from gapscope.blind_check.seal import read_commitment
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.setup_faults.fault_catalogue import FAULTS
+from gapscope.reports.blind_check.page import write_score
 from gapscope.reports.blind_check.tables import Table, tables
-from gapscope.reports.blind_check.write import write_score
 
 SMALL = BlindPlan(singles=24, pairs=6, triples=3, outside=6, healthy=8, ladder=6)
 """The set that is made by default."""

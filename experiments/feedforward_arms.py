@@ -13,7 +13,7 @@ from gapscope.arm.io.write_case import write_case
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.blind_check.generator.arms import SHEETS
-from gapscope.commands.diagnose import diagnose_path
+from gapscope.commands.diagnose_path import diagnose_path
 from gapscope.commands.identify import identify_path
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.corrected import CorrectedArm

@@ -9,21 +9,22 @@ from typing import Any
 import typer
 
 from gapscope.arm.errors import EngineWarning, GapscopeError, ModelWarning
+from gapscope.commands.advise import advise
 from gapscope.commands.blind import blind
-from gapscope.commands.diagnosing import advise, diagnose, gap, predict, replay
-from gapscope.commands.identifying import excite, identify
-from gapscope.commands.simulating import demo, export, record
-from gapscope.commands.tracking import evaluate, train
-from gapscope.terminal import log
+from gapscope.commands.demo import demo
+from gapscope.commands.diagnose import diagnose
+from gapscope.commands.evaluate import evaluate
+from gapscope.commands.excite import excite
+from gapscope.commands.export import export
+from gapscope.commands.gap import gap
+from gapscope.commands.identify import identify
+from gapscope.commands.predict import predict
+from gapscope.commands.record import record
+from gapscope.commands.replay import replay
+from gapscope.commands.train import train
+from gapscope.terminal import note
 
-app = typer.Typer(
-    help="Finds out why a simulated robot arm and a real one disagree.",
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode=None,  # markup would swallow the units, [m]
-    pretty_exceptions_enable=False,
-)
-for command in (
+COMMANDS = (
     diagnose,
     predict,
     replay,
@@ -36,20 +37,31 @@ for command in (
     train,
     export,
     demo,
-):
-    app.command()(command)
-app.add_typer(blind, name="blind")
+)
+"""Commands in the order in which ``--help`` lists them."""
 INTERRUPTED = 130
 """Exit code after Ctrl-C."""
+
+app = typer.Typer(
+    help="Finds out why a simulated robot arm and a real one disagree.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,  # markup would swallow the units, [m]
+    pretty_exceptions_enable=False,
+)
+for command in COMMANDS:
+    app.command()(command)
+app.add_typer(blind, name="blind")
+
 _python_warning = warnings.showwarning
 
 
 def _show_warning(
     message: Warning | str, category: type[Warning], *place: Any, **more: Any
 ) -> None:
-    """What is odd about a model as a note; other warnings as Python shows them."""
+    """Show warnings about a model or engine as notes, and other warnings as Python does."""
     if issubclass(category, (ModelWarning, EngineWarning)):
-        log.print(f"note: {message}", highlight=False, markup=False, soft_wrap=True)
+        note(f"note: {message}")
     else:
         _python_warning(message, category, *place, **more)
 
@@ -60,17 +72,12 @@ def main(arguments: list[str] | None = None) -> Any:
     try:
         app(args=arguments)
     except GapscopeError as error:
-        log.print(
-            f"gapscope: {error}",
-            style="red",
-            highlight=False,
-            markup=False,
-            soft_wrap=True,
-        )
+        note(f"gapscope: {error}", style="red")
         sys.exit(error.exit_code)
     except SystemExit as end:
-        if end.code == INTERRUPTED:  # typer ends the process so, without a word
-            log.print(
-                "gapscope: interrupted; what was written is whole, run the command again for the rest"
+        if end.code == INTERRUPTED:  # typer itself prints nothing
+            note(
+                "gapscope: interrupted; every file that was written is complete. "
+                "Run the command again for the rest"
             )
         raise

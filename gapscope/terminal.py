@@ -1,4 +1,4 @@
-"""What the commands say on the terminal: results on standard output, progress and notes on standard error."""
+"""Output on the terminal: results on standard output, progress and notes on standard error."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Progress:
             self._status.stop()
 
     def __call__(self, message: str) -> None:
-        """Say what is done now."""
+        """Show what is done now."""
         text = f"{self.label}: {message}"
         if self._status:
             self._status.update(text)
@@ -39,7 +39,17 @@ class Progress:
             log.print(text, highlight=False)
 
 
+def say(*lines: str) -> None:
+    """Print lines of a result as they are: no markup, no colours of numbers, no line breaks."""
+    for line in lines:
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+
+def note(message: str, style: str | None = None) -> None:
+    """Print a line on standard error as it is."""
+    log.print(message, style=style, highlight=False, markup=False, soft_wrap=True)
+
+
 def wrote(*paths: Path) -> None:
-    """Say what was written."""
-    for path in paths:
-        console.print(f"wrote {path}", highlight=False, soft_wrap=True)
+    """Print which files were written."""
+    say(*(f"wrote {path}" for path in paths))

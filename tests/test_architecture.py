@@ -19,6 +19,7 @@ LAYERS: tuple[set[str], ...] = (
     {"provenance", "workers"},
     {"agents", "blind_check"},
     {"reports"},
+    {"outputs"},
     {"terminal", "commands"},
     {"cli", "__main__"},
 )

@@ -1,51 +1,134 @@
-"""The next recording of a case: files in, files out."""
+"""The command ``gapscope advise``: the next recording of a case."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from gapscope.arm.case import Case, load_case
+import typer
+
 from gapscope.arm.errors import GapscopeError, InputError
-from gapscope.arm.io.json_file import read_json
-from gapscope.arm.known_load import KnownLoad
-from gapscope.commands.diagnose import make_folder
-from gapscope.diagnosis.advice.next_recording import Advice, Request, advise
-from gapscope.diagnosis.diagnose import diagnose
-from gapscope.diagnosis.document.diagnosis_json import validate
-from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.corrected_file import read_corrected
-from gapscope.ident.excitation.trajectory_files import write_csv, write_joint_trajectory
-from gapscope.reports.trajectory.page import write_picture
+from gapscope.commands.options import (
+    Acceleration,
+    CasePath,
+    Clearance,
+    Collisions,
+    Margin,
+    Rate,
+    SearchSeed,
+    Singular,
+    Surface,
+    Torque,
+    Trajectory,
+    Velocity,
+)
+from gapscope.terminal import Progress, console, log, say, wrote
 
-Findings = tuple[Mapping[str, Any], tuple[AppliedEffect, ...]]
+if TYPE_CHECKING:
+    from gapscope.arm.case import Case
+    from gapscope.arm.known_load import KnownLoad
+    from gapscope.effects.applied import AppliedEffect
+
+    Findings = tuple[Mapping[str, Any], tuple[AppliedEffect, ...]]
+
+DiagnosisFolder = Annotated[
+    Path | None,
+    typer.Option(
+        help="folder that diagnose wrote for this case; default: diagnose it now",
+        metavar="DIR",
+    ),
+]
+Payload = Annotated[
+    float | None,
+    typer.Option(
+        help="mass of a known body that could be mounted; used if it separates better [kg]"
+    ),
+]
+PayloadCom = Annotated[
+    str,
+    typer.Option(
+        help="its centre in the frame of the joint that moves the last link, x,y,z [m]"
+    ),
+]
+Fastest = Annotated[
+    float, typer.Option(help="highest frequency that the controller follows [Hz]")
+]
+Evaluations = Annotated[
+    int,
+    typer.Option(min=1, help="objective evaluations, over all speeds and loads"),
+]
 
 
-def check_out(out: Path) -> None:
-    """Check the ending before any work is done; raises ``InputError``."""
-    if out.suffix != ".csv":
-        raise InputError(
-            f"the ending {out.suffix!r} is not .csv", "end it in .csv", file=out
-        )
+def advise(
+    case: CasePath,
+    out: Trajectory,
+    diagnosis: DiagnosisFolder = None,
+    payload: Payload = None,
+    payload_com: PayloadCom = "0,0,0",
+    fastest: Fastest = 5.0,
+    rate: Rate = 250.0,
+    evaluations: Evaluations = 1000,
+    velocity: Velocity = 1.5,
+    acceleration: Acceleration = 5.0,
+    torque: Torque = 0.8,
+    margin: Margin = 0.1,
+    singular: Singular = 0.02,
+    clearance: Clearance = 0.01,
+    surface: Surface = 0.0,
+    collisions: Collisions = True,
+    seed: SearchSeed = None,
+) -> None:
+    """Design the recording that separates what is still confounded."""
+    from gapscope.commands.search_progress import SearchProgress
+    from gapscope.diagnosis.advice.advice_wording import lines
+    from gapscope.diagnosis.advice.next_recording import Request
+    from gapscope.diagnosis.advice.next_recording import advise as advise_case
+    from gapscope.ident.excitation.excitation_plan import LimitPlan
+    from gapscope.outputs.folder import make_folder
+    from gapscope.outputs.trajectory import check_csv, write_trajectory
+    from gapscope.reports.trajectory.terminal_summary import margin_lines, margin_table
+
+    check_csv(out)
+    limits = LimitPlan(
+        velocity, acceleration, torque, margin, singular, clearance, surface, collisions
+    )
+    load = read_payload(payload, payload_com)
+    request = Request(limits, load, fastest, rate, evaluations, seed)
+    label = case.name or str(case)
+    with Progress(label) as progress:
+        loaded, (document, effects) = read_findings(case, diagnosis, progress)
+    paths: list[Path] = []
+    with SearchProgress(label, "separation", log) as search:
+        advice = advise_case(loaded, document, effects, request, search)
+        if advice.excitation is not None and advice.plan is not None:
+            make_folder(out.resolve().parent)
+            paths = write_trajectory(advice.excitation, loaded.arm, advice.plan, out)
+    if advice.excitation is not None:
+        console.print(margin_table(advice.excitation))
+        say(*margin_lines(advice.excitation))
+    say(*lines(advice, document))
+    wrote(*paths)
 
 
-def findings(
-    case_path: Path,
-    folder: Path | None,
-    progress: Callable[[str], None] = lambda message: None,
+def read_findings(
+    case_path: Path, folder: Path | None, progress: Callable[[str], None]
 ) -> tuple[Case, Findings]:
     """A case with its diagnosis and the effects found: from the folder of a diagnosis, or diagnosed now.
 
     Raises:
         InputError: the case, or the folder, cannot be used.
     """
+    from gapscope.arm.case import load_case
+    from gapscope.diagnosis.diagnose import diagnose
+    from gapscope.effects.corrected_file import read_corrected
+
     progress("reads the case")
     case = load_case(case_path, any_unit=True)
     if folder is None:
         result = diagnose(case, progress)
         return case, (result.document, result.effects)
-    document = _document(folder / "diagnosis.json")
+    document = _read_document(folder / "diagnosis.json")
     joints = len(document["gap"]["before"]["torque_nrmse"])
     if joints != case.arm.n_joints:
         raise InputError(
@@ -56,12 +139,29 @@ def findings(
     return case, (document, read_corrected(folder / "corrected.yaml"))
 
 
-def payload_of(mass: float | None, centre: str) -> KnownLoad | None:
-    """The payload of the options ``--payload`` and ``--payload-com``, or ``None`` where no mass is given.
+def _read_document(path: Path) -> Mapping[str, Any]:
+    from gapscope.arm.io.json_file import read_json
+    from gapscope.diagnosis.document.diagnosis_json import validate
+
+    remedy = "give the folder that gapscope diagnose wrote"
+    content = read_json(path, remedy)
+    if not isinstance(content, dict):
+        raise InputError("is no diagnosis", remedy, file=path)
+    try:
+        validate(content)
+    except GapscopeError as error:
+        raise InputError(error.message, remedy, file=path) from None
+    return content
+
+
+def read_payload(mass: float | None, centre: str) -> KnownLoad | None:
+    """The payload of the options ``--payload`` and ``--payload-com``, or ``None`` if no mass is given.
 
     Raises:
         InputError: the centre is not three numbers, or the mass is not above zero.
     """
+    from gapscope.arm.known_load import KnownLoad
+
     if mass is None:
         return None
     try:
@@ -77,39 +177,3 @@ def payload_of(mass: float | None, centre: str) -> KnownLoad | None:
             "a payload of 0 kg is none", "give its mass in kg", where="payload"
         )
     return KnownLoad(mass, (x, y, z))
-
-
-def write_advice(
-    case: Case,
-    found: Findings,
-    request: Request,
-    out: Path,
-    progress: Callable[[float, float], None],
-) -> tuple[Advice, list[Path]]:
-    """Design the next recording and write it, as ``gapscope excite`` does; no files where none is needed.
-
-    Raises:
-        InputError: the limits allow no trajectory.
-        GapscopeError: a file cannot be written.
-    """
-    advice = advise(case, *found, request, progress)
-    if advice.excitation is None or advice.plan is None:
-        return advice, []
-    make_folder(out.resolve().parent)
-    paths = [out, out.with_suffix(".yaml"), out.with_suffix(".html")]
-    write_csv(advice.excitation.motion, paths[0])
-    write_joint_trajectory(advice.excitation.motion, case.arm.joints, paths[1])
-    write_picture(advice.excitation, case.arm, advice.plan, paths[2])
-    return advice, paths
-
-
-def _document(path: Path) -> Mapping[str, Any]:
-    remedy = "give the folder that gapscope diagnose wrote"
-    content = read_json(path, remedy)
-    if not isinstance(content, dict):
-        raise InputError("is no diagnosis", remedy, file=path)
-    try:
-        validate(content)
-    except GapscopeError as error:
-        raise InputError(error.message, remedy, file=path) from None
-    return content

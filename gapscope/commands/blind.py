@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gapscope.terminal import console, log
+from gapscope.commands.options import split_names
+from gapscope.terminal import console, note, say, wrote
+
+if TYPE_CHECKING:
+    from gapscope.blind_check.plan import BlindPlan
 
 blind = typer.Typer(
     help="The sealed check of the diagnosis.",
@@ -17,124 +21,128 @@ blind = typer.Typer(
 )
 
 Cases = Annotated[Path, typer.Argument(help="folder of the cases", metavar="DIR")]
-Count = Annotated[Optional[int], typer.Option(min=0, help="number of such cases")]  # noqa: UP045
-
-
-def _say(message: str) -> None:
-    log.print(message, highlight=False, markup=False)
+Count = Annotated[int | None, typer.Option(min=0, help="number of such cases")]
+Jobs = Annotated[int, typer.Option(min=1, help="cases at a time")]
+NewCases = Annotated[Path, typer.Option(help="folder for the cases", metavar="DIR")]
+Seed = Annotated[
+    int | None, typer.Option(min=0, help="draw the same again; default: a secret one")
+]
+LabelsFolder = Annotated[
+    Path | None,
+    typer.Option(
+        help="folder for labels and held-out recordings, outside DIR; default: DIR-labels",
+        metavar="DIR",
+    ),
+]
+PlanFile = Annotated[
+    Path | None, typer.Option(help="what to make; the options below overrule it")
+]
+Effects = Annotated[str, typer.Option(help="only these effects, with commas between")]
+Robots = Annotated[str, typer.Option(help="only these arms, with commas between")]
+Show = Annotated[
+    bool, typer.Option("--show", help="print the truth: for work on the generator")
+]
+NewResults = Annotated[Path, typer.Option(help="folder for the results", metavar="DIR")]
+SealedLabels = Annotated[
+    Path | None,
+    typer.Option(
+        help="file with the labels, to make sure that it cannot be read",
+        metavar="FILE",
+    ),
+]
+Results = Annotated[Path, typer.Option(help="folder of the results", metavar="DIR")]
+Labels = Annotated[
+    Path, typer.Option(help="the labels, or their folder", metavar="FILE")
+]
+ScoreFolder = Annotated[Path, typer.Option(help="folder for the score", metavar="DIR")]
+Baselines = Annotated[bool, typer.Option(help="run the plain methods as well")]
+TrainingCases = Annotated[
+    Path | None,
+    typer.Option(
+        help="other cases, their labels in DIR-labels, to train a classifier on",
+        metavar="DIR",
+    ),
+]
 
 
 @blind.command()
 def make(
-    out: Annotated[Path, typer.Option(help="folder for the cases", metavar="DIR")],
-    seed: Annotated[
-        int | None,
-        typer.Option(min=0, help="draw the same again; default: a secret one"),
-    ] = None,
-    labels: Annotated[
-        Optional[Path],  # noqa: UP045
-        typer.Option(
-            help="folder for labels and held-out recordings, outside DIR; default: DIR-labels",
-            metavar="DIR",
-        ),
-    ] = None,
-    plan: Annotated[
-        Path | None, typer.Option(help="what to make; the options below overrule it")
-    ] = None,
+    out: NewCases,
+    seed: Seed = None,
+    labels: LabelsFolder = None,
+    plan: PlanFile = None,
     singles: Count = None,
     pairs: Count = None,
     triples: Count = None,
     outside: Count = None,
     healthy: Count = None,
     ladder: Count = None,
-    effects: Annotated[
-        str, typer.Option(help="only these effects, with commas between")
-    ] = "",
-    robots: Annotated[
-        str, typer.Option(help="only these arms, with commas between")
-    ] = "",
-    jobs: Annotated[int, typer.Option(min=1, help="cases at a time")] = 1,
-    show: Annotated[
-        bool, typer.Option("--show", help="print the truth: for work on the generator")
-    ] = False,
+    effects: Effects = "",
+    robots: Robots = "",
+    jobs: Jobs = 1,
+    show: Show = False,
 ) -> None:
     """Make cases whose effect is withheld, and publish the hash of their labels."""
     from gapscope.blind_check.make import make as make_cases
-    from gapscope.blind_check.plan import COUNTS, BlindPlan, read_plan
+    from gapscope.blind_check.plan import COUNTS
     from gapscope.reports.blind_check.truth import truth_lines
 
-    given = dict(
-        zip(COUNTS, (singles, pairs, triples, outside, healthy, ladder), strict=True)
-    )
-    changes: dict[str, object] = {
-        key: value for key, value in given.items() if value is not None
-    }
-    changes |= {
-        key: tuple(name.strip() for name in text.split(","))
-        for key, text in (("effects", effects), ("robots", robots))
-        if text
-    }
-    chosen = replace(read_plan(plan) if plan else BlindPlan(), **changes)  # type: ignore[arg-type]
+    counts = (singles, pairs, triples, outside, healthy, ladder)
+    changes: dict[str, Any] = dict(zip(COUNTS, counts, strict=True))
+    changes["effects"] = split_names(effects) or None
+    changes["robots"] = split_names(robots) or None
     commitment, truth = make_cases(
-        out, chosen, seed=seed, labels=labels, jobs=jobs, progress=_say
+        out,
+        _changed_plan(plan, changes),
+        seed=seed,
+        labels=labels,
+        jobs=jobs,
+        progress=note,
     )
     if show:
-        for line in truth_lines(truth):
-            console.print(line, highlight=False, markup=False, soft_wrap=True)
-    console.print(f"wrote {commitment}\nwrote {truth}", highlight=False, soft_wrap=True)
+        say(*truth_lines(truth))
+    wrote(commitment, truth)
+
+
+def _changed_plan(path: Path | None, changes: dict[str, Any]) -> BlindPlan:
+    """The plan of a file, or the default one, with the options that were given."""
+    from gapscope.blind_check.plan import BlindPlan, read_plan
+
+    plan = read_plan(path) if path else BlindPlan()
+    given = {name: value for name, value in changes.items() if value is not None}
+    return replace(plan, **given)
 
 
 @blind.command()
 def run(
-    cases: Cases,
-    out: Annotated[Path, typer.Option(help="folder for the results", metavar="DIR")],
-    labels: Annotated[
-        Optional[Path],  # noqa: UP045
-        typer.Option(
-            help="where the labels lie, to make sure that they cannot be read",
-            metavar="FILE",
-        ),
-    ] = None,
-    jobs: Annotated[int, typer.Option(min=1, help="cases at a time")] = 1,
+    cases: Cases, out: NewResults, labels: SealedLabels = None, jobs: Jobs = 1
 ) -> None:
-    """Diagnose every case with what is frozen now; refuses to start where the labels can be read."""
+    """Diagnose every case with what is frozen now; refuses to start if the labels can be read."""
     from gapscope.blind_check.run import FROZEN
     from gapscope.blind_check.run import run as run_cases
 
-    failed = run_cases(cases, out, labels=labels, jobs=jobs, progress=_say)
-    console.print(f"wrote {out / FROZEN}", highlight=False, soft_wrap=True)
+    failed = run_cases(cases, out, labels=labels, jobs=jobs, progress=note)
+    wrote(out / FROZEN)
     if failed:
-        _say(
-            f"{failed} of the cases failed; run the command again to try these once more"
-        )
+        note(f"{failed} of the cases failed; run the command again to retry them")
         raise typer.Exit(1)
 
 
 @blind.command()
 def score(
     cases: Cases,
-    results: Annotated[Path, typer.Option(help="folder of the results", metavar="DIR")],
-    labels: Annotated[
-        Path, typer.Option(help="the labels, or their folder", metavar="FILE")
-    ],
-    out: Annotated[Path, typer.Option(help="folder for the score", metavar="DIR")],
-    baselines: Annotated[
-        bool, typer.Option(help="run the plain methods as well")
-    ] = True,
-    train: Annotated[
-        Optional[Path],  # noqa: UP045
-        typer.Option(
-            help="other cases, their labels in DIR-labels, to train a classifier on",
-            metavar="DIR",
-        ),
-    ] = None,
-    jobs: Annotated[int, typer.Option(min=1, help="cases at a time")] = 1,
+    results: Results,
+    labels: Labels,
+    out: ScoreFolder,
+    baselines: Baselines = True,
+    train: TrainingCases = None,
+    jobs: Jobs = 1,
 ) -> None:
     """Open the labels, compare them with their published hash, and score the verdicts."""
     from gapscope.blind_check.score import score as score_cases
     from gapscope.blind_check.seal import labels_folder
+    from gapscope.reports.blind_check.page import write_score
     from gapscope.reports.blind_check.tables import BRIEFLY, tables
-    from gapscope.reports.blind_check.write import write_score
 
     training = (train, labels_folder(train)) if train else None
     scored = score_cases(
@@ -144,10 +152,9 @@ def score(
         baselines=baselines,
         training=training,
         jobs=jobs,
-        progress=_say,
+        progress=note,
     )
     for table in tables(scored.figures):
         if table.title in BRIEFLY:
             console.print(table.rich())
-    for path in write_score(scored, out):
-        console.print(f"wrote {path}", highlight=False, soft_wrap=True)
+    wrote(*write_score(scored, out))

@@ -1,34 +1,52 @@
-"""The demonstration: a mystery arm is recorded and diagnosed, then the truth is opened beside the verdict."""
+"""The command ``gapscope demo``: a mystery arm, recorded and diagnosed, then the truth beside the verdict."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
 from time import monotonic
+from typing import Annotated
 
-import numpy as np
-from rich.console import Console
-from rich.table import Table
+import typer
 
-from gapscope.arm.io.write_case import write_case
-from gapscope.commands.diagnose import diagnose_path, make_folder
-from gapscope.diagnosis.display import display_unit, significant
-from gapscope.diagnosis.document.wording import effect_name
-from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.corrected_file import write_corrected
-from gapscope.envs.mystery_arm import mystery_arm
-from gapscope.reports.diagnosis.terminal_summary import print_summary
+from gapscope.terminal import Progress, console, wrote
 
 CAVEAT = (
     "This is a recovery check: recorded and explained with the same definitions of the effects. "
     "It shows that the chain works, not how accurate it is on a real arm."
 )
 
+Out = Annotated[
+    Path, typer.Option(help="folder for the case and the results", metavar="DIR")
+]
+Seed = Annotated[int | None, typer.Option(help="draw the same mystery arm again")]
+
+
+def demo(out: Out = Path("gapscope-demo"), seed: Seed = None) -> None:
+    """Record a mystery arm, diagnose it, and open the truth."""
+    with Progress("mystery arm") as progress:
+        paths = play(out, seed, progress)
+    wrote(*paths)
+
 
 def play(
-    out: Path, seed: int | None, progress: Callable[[str], None], console: Console
-) -> list[Path]:
-    """Record, diagnose from the files alone, and compare; returns what was written."""
+    out: Path, seed: int | None, progress: Callable[[str], None]
+) -> tuple[Path, ...]:
+    """Record, diagnose from the files alone, and compare.
+
+    Returns:
+        The case file, the report and the truth.
+    """
+    import numpy as np
+
+    from gapscope.arm.io.write_case import write_case
+    from gapscope.commands.diagnose_path import diagnose_path
+    from gapscope.effects.corrected_file import write_corrected
+    from gapscope.envs.mystery_arm import mystery_arm
+    from gapscope.outputs.folder import make_folder
+    from gapscope.reports.diagnosis.terminal_summary import print_summary
+    from gapscope.reports.truth_table import truth_table
+
     make_folder(out)
     start = monotonic()
     seed = int(np.random.default_rng().integers(2**31)) if seed is None else seed
@@ -36,52 +54,10 @@ def play(
     case, truth = mystery_arm(np.random.default_rng(seed))
     write_case(case, out / "case", overwrite=True)
     progress("diagnoses the recordings; the truth stays closed")
-    result = diagnose_path(out / "case", out / "diagnosis", progress)
+    result, (report, *_) = diagnose_path(out / "case", out / "diagnosis", progress)
     write_corrected(case.name, truth, out / "truth.yaml")
     print_summary(result.document, console)
-    console.print(_comparison(truth, result.effects))
+    console.print(truth_table(truth, result.effects))
     console.print(CAVEAT, style="italic")
     console.print(f"seed {seed}, {monotonic() - start:.0f} s", highlight=False)
-    return [
-        out / "case" / "case.yaml",
-        out / "diagnosis" / "report.html",
-        out / "truth.yaml",
-    ]
-
-
-def _comparison(
-    truth: tuple[AppliedEffect, ...], found: tuple[AppliedEffect, ...]
-) -> Table:
-    """Truth and verdict side by side, one row per parameter and joint."""
-    table = Table(title="the truth, opened", title_justify="left")
-    for heading in ("effect", "joint", "parameter"):
-        table.add_column(heading)
-    for heading in ("hidden", "found"):
-        table.add_column(heading, justify="right")
-    hidden, said = _values(truth), _values(found)
-    for key in [*hidden, *(k for k in said if k not in hidden)]:
-        name, joint, parameter, unit = key
-        values = [v.get(key, None) for v in (hidden, said)]
-        factor, label = display_unit(unit, max(abs(v) for v in values if v is not None))
-        texts = [
-            "–" if v is None else f"{significant(v * factor)} {label}" for v in values
-        ]
-        table.add_row(effect_name(name), joint, parameter, *texts)
-    return table
-
-
-def _values(
-    effects: tuple[AppliedEffect, ...],
-) -> dict[tuple[str, str, str, str], float]:
-    out = {}
-    for applied in effects:
-        for parameter in applied.effect.parameters:
-            values = np.atleast_1d(applied.parameters[parameter.name])
-            labels = [str(j) for j in applied.joints] or ["arm"]
-            for i, value in enumerate(values):
-                axis = f" {'xyz'[i]}" if parameter.size == 3 else ""
-                label = labels[i] if applied.joints else labels[0]
-                out[(applied.name, label, parameter.name + axis, parameter.unit)] = (
-                    float(value)
-                )
-    return out
+    return out / "case" / "case.yaml", report, out / "truth.yaml"

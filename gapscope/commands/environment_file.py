@@ -12,6 +12,7 @@ from gapscope.arm.io.case_file import read_yaml
 from gapscope.arm.nearest_name import check_known, nearest
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
+from gapscope.commands.inputs import is_case
 from gapscope.envs.registration import NAME
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ LISTS = ("engine", "motions", "disturbances")
 NUMBERS = ("duration", "bandwidth", "damping")
 KNOWN = (*TEXTS, *LISTS, *NUMBERS, "seeds", "sheet", *ALIASES)
 """Keys that a file may have."""
-APART = (
+UNUSED = (
     "action",
     "action_share",
     "action_reach",
@@ -39,7 +40,7 @@ APART = (
     "debug",
     "render_mode",
 )
-"""Arguments of the environment that have no say in an evaluation."""
+"""Arguments of the environment that an evaluation ignores."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ class EnvironmentFile:
         path: the file, or ``None`` for the registered name.
         values: by option of ``gapscope evaluate``: texts, numbers, and lists with commas between their names.
         sheet: data sheet of the nominal arm, as ``nominal:`` in a case, or ``None``.
-        unused: keys that have no say in an evaluation.
+        unused: keys that an evaluation ignores.
     """
 
     path: Path | None
@@ -59,7 +60,7 @@ class EnvironmentFile:
     unused: tuple[str, ...]
 
     def arm(self) -> NominalArm | None:
-        """The nominal arm, with the data sheet of the file; ``None`` where the file names none.
+        """The nominal arm, with the data sheet of the file; ``None`` if the file names none.
 
         Raises:
             InputError: it cannot be used.
@@ -71,7 +72,7 @@ class EnvironmentFile:
             return None
         robot = self.values.get("robot", "kuka_iiwa")
         place = folder / robot
-        if place.is_dir() or place.suffix in (".yaml", ".yml"):
+        if is_case(place):
             if self.sheet is not None:
                 raise InputError(
                     "a case has its own data sheet",
@@ -104,19 +105,48 @@ def read_environment(source: str) -> EnvironmentFile:
         check_known("environment", source, (NAME,), where="--env")
     content = _content(path)
     for key in content:
-        if key == "randomisation":
-            raise InputError(
-                "an evaluation draws no effects",
-                "write those to be tried as effects: FILE",
-                file=path,
-                where=str(key),
-            )
-        if key not in (*KNOWN, *APART):
-            raise InputError(
-                f"unknown key {key!r}",
-                f"{nearest(str(key), KNOWN)}known are {', '.join(KNOWN)}",
-                file=path,
-            )
+        _check_key(key, path)
+    values = _values(content, path)
+    sheet = content.get("sheet")
+    _check_sheet(sheet, path)
+    if "case" in values and ("robot" in values or "sheet" in content):
+        raise InputError(
+            "a case has its own robot and data sheet",
+            "leave robot: and sheet: out",
+            file=path,
+        )
+    unused = tuple(key for key in content if key in UNUSED)
+    return EnvironmentFile(path, values, sheet, unused)
+
+
+def _check_key(key: object, path: Path) -> None:
+    if key == "randomisation":
+        raise InputError(
+            "an evaluation draws no effects",
+            "write those to be tried as effects: FILE",
+            file=path,
+            where=str(key),
+        )
+    if key not in (*KNOWN, *UNUSED):
+        raise InputError(
+            f"unknown key {key!r}",
+            f"{nearest(str(key), KNOWN)}known are {', '.join(KNOWN)}",
+            file=path,
+        )
+
+
+def _check_sheet(sheet: object, path: Path) -> None:
+    if sheet is not None and not isinstance(sheet, dict):
+        raise InputError(
+            "expected a data sheet",
+            "write it as nominal: of a case",
+            file=path,
+            where="sheet",
+        )
+
+
+def _values(content: dict[str, Any], path: Path) -> dict[str, Any]:
+    """Values by option of the command, checked."""
     values: dict[str, Any] = {}
     for key, value in content.items():
         name = ALIASES.get(key, key)
@@ -127,38 +157,22 @@ def read_environment(source: str) -> EnvironmentFile:
                 file=path,
                 where=key,
             )
-        if key not in APART and key != "sheet":
+        if key not in UNUSED and key != "sheet":
             values[name] = _checked(name, value, path, key)
-    if "case" in values and ("robot" in values or "sheet" in content):
-        raise InputError(
-            "a case has its own robot and data sheet",
-            "leave robot: and sheet: out",
-            file=path,
-        )
-    sheet = content.get("sheet")
-    if sheet is not None and not isinstance(sheet, dict):
-        raise InputError(
-            "expected a data sheet",
-            "write it as nominal: of a case",
-            file=path,
-            where="sheet",
-        )
-    return EnvironmentFile(
-        path, values, sheet, tuple(key for key in content if key in APART)
-    )
+    return values
 
 
-def chosen(
+def merge_options(
     source: str | None, context: Context
 ) -> tuple[NominalArm | str, dict[str, Any], tuple[str, ...]]:
-    """Options of a command with what an environment says, where the user gave no option.
+    """Options of a command with what an environment says, if the user gave no option.
 
     Args:
         source: file or name of the environment, or ``None``.
         context: of the command, whose options are called as those of ``gapscope evaluate``.
 
     Returns:
-        The nominal arm, or its name; the options by name; and keys of the file that have no say.
+        The nominal arm, or its name; the options by name; and keys of the file that are ignored.
 
     Raises:
         InputError: see ``read_environment``.
@@ -197,28 +211,29 @@ def _content(path: Path) -> dict[str, Any]:
 
 def _checked(name: str, value: Any, path: Path, key: str) -> Any:
     """A value as the command's option takes it."""
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if name in TEXTS and isinstance(value, str):
-        return value
-    if name in NUMBERS and number:
-        return float(value)
-    if name == "seeds" and isinstance(value, int) and number and value >= 1:
-        return value
-    if name in LISTS and isinstance(value, str):
-        return value
-    if (
-        name in LISTS
-        and isinstance(value, list)
-        and value
-        and all(isinstance(item, str) for item in value)
-    ):
-        return ",".join(value)
-    kinds = {
-        "seeds": "a whole number from 1 on",
-        **dict.fromkeys(TEXTS, "a name or path"),
-    }
-    kinds |= {
-        **dict.fromkeys(LISTS, "a name or a list of names"),
-        **dict.fromkeys(NUMBERS, "a number"),
-    }
-    raise InputError(f"expected {kinds[name]}, got {value!r}", file=path, where=key)
+    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if name in TEXTS:
+        expected = "a name or path"
+        if isinstance(value, str):
+            return value
+    elif name in NUMBERS:
+        expected = "a number"
+        if is_number:
+            return float(value)
+    elif name == "seeds":
+        expected = "a whole number from 1 on"
+        if is_number and isinstance(value, int) and value >= 1:
+            return value
+    else:
+        expected = "a name or a list of names"
+        if isinstance(value, str):
+            return value
+        if _is_list_of_names(value):
+            return ",".join(value)
+    raise InputError(f"expected {expected}, got {value!r}", file=path, where=key)
+
+
+def _is_list_of_names(value: Any) -> bool:
+    if not isinstance(value, list) or not value:
+        return False
+    return all(isinstance(item, str) for item in value)

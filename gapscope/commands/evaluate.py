@@ -1,36 +1,118 @@
-"""Models evaluated by tracking: files in, files out."""
+"""The command ``gapscope evaluate``: models, by how well an arm is tracked with them."""
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from gapscope.agents.evaluation import (
-    Evaluation,
-    EvaluationPlan,
-    TrackingBench,
-    evaluate,
-)
-from gapscope.agents.model_files import read_models
-from gapscope.agents.summary import SummaryLine, relation, summarise
-from gapscope.arm.case import load_case
-from gapscope.arm.errors import GapscopeError
-from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.arm.io.json_file import write_json
-from gapscope.arm.nominal import NominalArm
-from gapscope.arm.robots import load_nominal_arm
-from gapscope.commands.diagnose import make_folder
-from gapscope.commands.evaluation_cells import Cells
-from gapscope.effects.corrected_file import error_context, read_corrected
-from gapscope.envs.arguments import described
-from gapscope.reports.evaluation.page import write_page
+import typer
 
-DOCUMENT, PAGE, TABLE = "evaluation.json", "evaluation.html", "evaluation.csv"
+from gapscope.commands.options import Results, RobotOption, split_names
+from gapscope.terminal import Progress, console, note, say, wrote
+
+if TYPE_CHECKING:
+    from gapscope.agents.evaluation import EvaluationPlan
+    from gapscope.agents.summary import SummaryLine
+    from gapscope.arm.nominal import NominalArm
+
+Models = Annotated[
+    list[str],
+    typer.Argument(
+        help="pd, gravity, nominal, a corrected.yaml, or an identification.json; each may be called NAME=...",
+        metavar="MODEL...",
+    ),
+]
+HiddenEffects = Annotated[
+    Path | None,
+    typer.Option(
+        help="what the arm that is tracked has beyond the nominal one, as corrected.yaml",
+        metavar="FILE",
+    ),
+]
+Engines = Annotated[
+    str, typer.Option(help="pybullet, mujoco or dart; several with commas")
+]
+Motions = Annotated[str, typer.Option(help="motions, with commas between them")]
+Disturbances = Annotated[
+    str, typer.Option(help="none, push or noise; several with commas")
+]
+Seeds = Annotated[int, typer.Option(min=1, help="how many of each motion")]
+Duration = Annotated[float, typer.Option(help="of each motion [s]")]
+Bandwidth = Annotated[float, typer.Option(help="of the control loop [Hz]")]
+Damping = Annotated[float, typer.Option(help="its damping ratio")]
+Law = Annotated[
+    str,
+    typer.Option(
+        help="feedforward (the model beside PD), or computed (the model inside the loop)"
+    ),
+]
+Environment = Annotated[
+    str | None,
+    typer.Option(
+        help="YAML file with robot, effects, engine, motions, bandwidth, ...; or gapscope/ArmTracking-v0. Options "
+        "that are given win",
+        metavar="FILE",
+    ),
+]
+Again = Annotated[
+    bool,
+    typer.Option("--again", help="begin anew, also if an earlier run was interrupted"),
+]
 
 
-def evaluate_files(
+def evaluate(
+    ctx: typer.Context,
+    models: Models,
+    out: Results,
+    robot: RobotOption = "kuka_iiwa",
+    effects: HiddenEffects = None,
+    engine: Engines = "pybullet",
+    motions: Motions = "fourier,pick,place,weld_seam",
+    disturbances: Disturbances = "none,push",
+    seeds: Seeds = 3,
+    duration: Duration = 4.0,
+    bandwidth: Bandwidth = 4.0,
+    damping: Damping = 0.7,
+    law: Law = "feedforward",
+    env: Environment = None,
+    again: Again = False,
+) -> None:
+    """Evaluate models by how well an arm is tracked with them."""
+    from gapscope.commands.environment_file import merge_options
+    from gapscope.reports.evaluation.table import tables
+
+    arm, options, unused = merge_options(env, ctx)
+    if unused:
+        note(f"note: {env}: ignored in an evaluation: {', '.join(unused)}")
+    plan = _plan(options)
+    with Progress(arm if isinstance(arm, str) else arm.name) as progress:
+        content, lines, paths = evaluate_path(
+            models, arm, options["effects"], plan, out, progress, again=again
+        )
+    console.print(tables(lines, content))
+    correlation = content["rank_correlation_of_torque_and_joint_error"]
+    if correlation is not None:
+        say(f"rank correlation of torque error and joint error: {correlation:.2f}")
+    wrote(*paths)
+
+
+def _plan(options: dict[str, Any]) -> EvaluationPlan:
+    from gapscope.agents.evaluation import EvaluationPlan
+    from gapscope.agents.gains import Tuning
+
+    return EvaluationPlan(
+        motions=split_names(options["motions"]),
+        disturbances=split_names(options["disturbances"]),
+        seeds=tuple(range(options["seeds"])),
+        engines=split_names(options["engine"]),
+        duration=options["duration"],
+        tuning=Tuning(options["bandwidth"], options["damping"]),
+        law=options["law"],
+    )
+
+
+def evaluate_path(
     models: list[str],
     robot: str | NominalArm,
     effects: Path | None,
@@ -40,9 +122,9 @@ def evaluate_files(
     *,
     again: bool = False,
 ) -> tuple[dict[str, Any], list[SummaryLine], list[Path]]:
-    """Evaluate models and write the page, the episodes as CSV and, as the last, ``evaluation.json``.
+    """Evaluate models and write the results; see ``gapscope.outputs.evaluation``.
 
-    What is finished is kept in a folder in ``out`` until then, so that the same call goes on after an interruption.
+    Finished cells are kept in a folder in ``out`` until then, so that the same call goes on after an interruption.
 
     Args:
         models: see ``gapscope.agents.model_files.read_models``.
@@ -60,68 +142,34 @@ def evaluate_files(
         InputError: an argument or a file is at fault.
         GapscopeError: a file cannot be written.
     """
-    arm = robot if isinstance(robot, NominalArm) else chosen_arm(robot)
+    from gapscope.agents.evaluation import TrackingBench
+    from gapscope.agents.evaluation import evaluate as evaluate_models
+    from gapscope.agents.model_files import read_models
+    from gapscope.agents.summary import summarise
+    from gapscope.commands.evaluation_cells import Cells
+    from gapscope.commands.inputs import read_arm
+    from gapscope.effects.corrected_file import error_context, read_corrected
+    from gapscope.outputs.evaluation import (
+        DOCUMENT,
+        evaluation_document,
+        write_evaluation,
+    )
+    from gapscope.outputs.folder import begin_results
+
+    arm = read_arm(robot) if isinstance(robot, str) else robot
     hidden = () if effects is None else read_corrected(effects)
     tried = read_models(models, arm)
     with error_context(effects, hidden):
         bench = TrackingBench(arm, hidden, plan)
-    make_folder(out)
-    try:
-        (out / DOCUMENT).unlink(missing_ok=True)
-    except OSError as error:
-        raise GapscopeError(
-            f"{out / DOCUMENT}: cannot be replaced ({error.strerror})", "remove it"
-        ) from None
+    begin_results(out, DOCUMENT)
     with error_context(effects, hidden):
         cells = Cells(out, bench, again)
-        evaluation = evaluate(tried, bench, progress, cells)
+        evaluation = evaluate_models(tried, bench, progress, cells)
     if cells.reused:
         progress(f"{cells.reused} parts were taken from a run that was interrupted")
     lines = summarise(evaluation)
-    content = document(bench, evaluation, lines)
+    content = evaluation_document(bench, evaluation, lines)
     progress("writes the page")
-    write_page(content, lines, out / PAGE)
-    rows = [episode.row() for episode in evaluation.episodes]
-    with (
-        atomic_write(out / TABLE) as aside,
-        aside.open("w", newline="", encoding="utf-8") as file,
-    ):
-        writer = csv.DictWriter(file, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
-    write_json(content, out / DOCUMENT)
+    paths = write_evaluation(content, lines, out)
     cells.clear()
-    return content, lines, [out / name for name in (PAGE, DOCUMENT, TABLE)]
-
-
-def document(
-    bench: TrackingBench, evaluation: Evaluation, lines: list[SummaryLine]
-) -> dict[str, Any]:
-    """An evaluation as plain data; numbers that are not finite are ``None``."""
-    plan = bench.plan
-    return {
-        "schema": 1,
-        "arm": {"robot": bench.arm.name, "joints": list(bench.arm.joints)},
-        "effects": [described(applied) for applied in bench.effects],
-        "plan": {
-            "motions": list(plan.motions),
-            "disturbances": list(plan.disturbances),
-            "seeds": list(plan.seeds),
-            "engines": list(plan.engines),
-            "duration": plan.duration,
-            "law": plan.law,
-            "bandwidth": plan.tuning.bandwidth,
-            "damping": plan.tuning.damping,
-        },
-        "models": [line.plain() for line in lines],
-        "rank_correlation_of_torque_and_joint_error": relation(lines),
-        "episodes": [episode.row() for episode in evaluation.episodes],
-    }
-
-
-def chosen_arm(robot: str) -> NominalArm:
-    """The nominal arm of a name, a URDF, or a case."""
-    path = Path(robot)
-    if path.suffix in (".yaml", ".yml") or path.is_dir():
-        return load_case(path, read_recordings=False).arm
-    return load_nominal_arm(robot)
+    return content, lines, paths

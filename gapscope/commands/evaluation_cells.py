@@ -37,7 +37,8 @@ class Cells:
     """
 
     def __init__(self, out: Path, bench: TrackingBench, again: bool = False) -> None:
-        self._folder, self.reused = out / FOLDER, 0
+        self._folder = out / FOLDER
+        self.reused = 0
         plan = replace(bench.plan, seeds=(0,), engines=bench.plan.engines[:1])
         self._common = [
             _source(),
@@ -92,21 +93,19 @@ class Cells:
         self, key: tuple[str, ...], model: TorqueModel | None, work: Callable[[], Any]
     ) -> Any:
         """What a cell holds. Numbers that are infinite are written as Python reads them."""
-        parts = [
-            *self._common,
-            *key,
-            type(model).__name__,
-            *([_of(model)] if isinstance(model, ArmModel) else []),
-        ]
+        parts = [*self._common, *key, type(model).__name__]
+        if isinstance(model, ArmModel):
+            parts.append(_of(model))
         digest = fingerprint(parts)
         file = self._folder / f"{digest}.json"
         try:
             kept = json.loads(file.read_text(encoding="utf-8"))
             if isinstance(kept, dict) and kept.get(KEY) == digest:
+                value = kept["value"]
                 self.reused += 1
-                return kept["value"]
+                return value
         except (OSError, ValueError, KeyError):
-            pass
+            pass  # not kept, or cut short: made again
         value = work()
         text = to_json({KEY: digest, "cell": key, "value": value}, allow_nan=True)
         with atomic_write(file) as aside:

@@ -1,36 +1,82 @@
-"""The corrected arm for other simulators: files in, a file out."""
+"""The command ``gapscope export``: the corrected arm for other simulators."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
-from gapscope.arm.case import load_case
+import typer
+
 from gapscope.arm.errors import InputError
-from gapscope.arm.nearest_name import check_known
-from gapscope.arm.nominal import NominalArm
-from gapscope.arm.robots import load_nominal_arm
-from gapscope.effects.corrected_file import error_context, read_corrected_arm
-from gapscope.envs.export.formats import export
-from gapscope.envs.export.left_out import FORMATS
+from gapscope.terminal import Progress, say, wrote
+
+Corrected = Annotated[
+    Path, typer.Argument(help="corrected.yaml of a diagnosis", metavar="CORRECTED")
+]
+Out = Annotated[Path, typer.Option(help="file to write", metavar="FILE")]
+ExportFormat = Annotated[str, typer.Option("--format", help="urdf, mjcf or sdf")]
+NominalCase = Annotated[
+    Path | None,
+    typer.Option(
+        help="the case that was diagnosed: its nominal arm and data sheet",
+        metavar="CASE",
+    ),
+]
+Robot = Annotated[
+    str | None,
+    typer.Option(help="in its place: kuka_iiwa, ..., or a URDF", metavar="ROBOT"),
+]
+RelativeMeshes = Annotated[
+    bool,
+    typer.Option(
+        "--relative-meshes",
+        help="name meshes from the folder of FILE, not absolutely",
+    ),
+]
+Notes = tuple[tuple[str, ...], tuple[str, ...]]
+"""What a format leaves out, and what is odd."""
 
 
-def export_file(
+def export(
+    corrected: Corrected,
+    out: Out,
+    file_format: ExportFormat,
+    case: NominalCase = None,
+    robot: Robot = None,
+    relative_meshes: RelativeMeshes = False,
+) -> None:
+    """Write the corrected arm for other simulators.
+
+    What the format cannot hold is listed in the file and on the terminal.
+    """
+    with Progress(corrected.name) as progress:
+        progress(f"writes {file_format}")
+        left_out, odd = export_path(
+            corrected, case, robot, file_format, out, relative_meshes
+        )
+    for title, lines in ((f"left out of {out.name}:", left_out), ("odd:", odd)):
+        if lines:
+            say(title, *(f"  {line}" for line in lines))
+    wrote(out)
+
+
+def export_path(
     corrected: Path,
     case: Path | None,
     robot: str | None,
-    form: str,
+    file_format: str,
     out: Path,
-    relative: bool,
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    relative_meshes: bool,
+) -> Notes:
     """Write the arm of a ``corrected.yaml`` as URDF, MJCF or SDF.
 
     Args:
         corrected: the file with the effects.
         case: the case whose nominal arm they add to, or ``None``.
-        robot: a name, URDF or case in its place, or ``None``; one of both has to be given.
-        form: the format.
+        robot: a name, URDF or case in its place, or ``None``; exactly one of both has to be given.
+        file_format: ``urdf``, ``mjcf`` or ``sdf``.
         out: the file to write.
-        relative: name meshes from the folder of ``out``.
+        relative_meshes: name meshes from the folder of ``out``.
 
     Returns:
         What is left out, and what is odd; see ``gapscope.envs.export.formats.export``.
@@ -39,30 +85,24 @@ def export_file(
         InputError: an argument or a file is at fault.
         GapscopeError: the file cannot be written.
     """
-    check_known("format", form, FORMATS, where="--format")
+    from gapscope.arm.nearest_name import check_known
+    from gapscope.commands.inputs import read_arm
+    from gapscope.effects.corrected_file import error_context, read_corrected_arm
+    from gapscope.envs.export.formats import export as export_arm
+    from gapscope.envs.export.left_out import FORMATS
+
+    check_known("format", file_format, FORMATS, where="--format")
     if (case is None) == (robot is None):
         raise InputError(
             "expected one of --case and --robot",
             "give the case that was diagnosed, with its data sheet; or a robot without one",
             where="--case",
         )
-    arm = nominal_arm(str(case) if case is not None else str(robot))
+    arm = read_arm(str(robot if case is None else case))
     if out.exists() and out.resolve() in (corrected.resolve(), arm.urdf.resolve()):
         raise InputError(
             "would be overwritten", "choose another file with --out", file=out
         )
     found = read_corrected_arm(arm, corrected)
     with error_context(corrected, found.effects):
-        return export(found, form, out, relative=relative)
-
-
-def nominal_arm(robot: str) -> NominalArm:
-    """The nominal arm of a name or URDF, or of a case.
-
-    Raises:
-        InputError: it cannot be used.
-    """
-    path = Path(robot)
-    if path.suffix in (".yaml", ".yml") or path.is_dir():
-        return load_case(path, read_recordings=False).arm
-    return load_nominal_arm(robot)
+        return export_arm(found, file_format, out, relative=relative_meshes)

@@ -21,6 +21,7 @@ Results = Annotated[Path, typer.Option(help="folder for the results", metavar="D
 RobotArgument = Annotated[str, typer.Argument(help=_ROBOT, metavar="ROBOT")]
 RobotOption = Annotated[str, typer.Option(help=_ROBOT, metavar="ROBOT")]
 Engine = Annotated[str, typer.Option(help="pybullet, mujoco or dart")]
+FileFormat = Annotated[str, typer.Option("--format", help="csv, parquet or npz")]
 
 # a trajectory within limits
 Trajectory = Annotated[Path, typer.Option(help=_TRAJECTORY, metavar="FILE")]
@@ -47,3 +48,9 @@ Collisions = Annotated[
 SearchSeed = Annotated[
     int | None, typer.Option(min=0, help="find the same trajectory again")
 ]
+
+
+def split_names(text: str) -> tuple[str, ...]:
+    """Names of an option that are separated by commas."""
+    parts = (part.strip() for part in text.split(","))
+    return tuple(name for name in parts if name)

@@ -1,157 +1,98 @@
-"""A case from a simulated arm: files in, files out, with the truth beside it or sealed."""
+"""The command ``gapscope record``: a case from a simulated arm with effects."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
 
-import numpy as np
+import typer
 
-from gapscope.arm.case import Case, load_case
-from gapscope.arm.controller import Controller
-from gapscope.arm.errors import InputError
-from gapscope.arm.io.controller_file import read_controller
-from gapscope.arm.io.write_case import write_case
-from gapscope.arm.nearest_name import check_known, nearest
-from gapscope.arm.nominal import NominalArm
-from gapscope.arm.robots import load_nominal_arm
-from gapscope.commands.diagnose import make_folder
-from gapscope.diagnosis.setup_faults.shifted_inertials import shifted_arm
-from gapscope.effects.corrected_file import (
-    error_context,
-    read_with_faults,
-    write_corrected,
-)
-from gapscope.effects.setup_faults.fault import Fault
-from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
-from gapscope.envs.session import Plan, hidden_by_reading_back, record_case
+from gapscope.commands.options import Engine, RobotArgument
+from gapscope.terminal import Progress, note, wrote
 
-ENDINGS = ("csv", "parquet", "npz")
-"""Formats of the recordings."""
-CONTROLLERS = ("pd",)
-"""Controllers that the simulated arm may be under."""
-TRUTH = "truth.yaml"
-"""File with the effects of a recorded case."""
+Effects = Annotated[
+    Path, typer.Option(help="effects, in the form of corrected.yaml", metavar="FILE")
+]
+Out = Annotated[Path, typer.Option(help="folder of the case to make", metavar="CASE")]
+Motion = Annotated[
+    str,
+    typer.Option(
+        help="fourier, point_to_point, weld_seam, pick, place, random, or a CSV that excite wrote"
+    ),
+]
+Recordings = Annotated[int, typer.Option(help="how many, from slow to fast")]
+Duration = Annotated[float, typer.Option(help="of each [s]")]
+SampleRate = Annotated[float, typer.Option(help="samples per second [Hz]")]
+Controller = Annotated[
+    str,
+    typer.Option(
+        help="pd (as the case ROBOT has it, else with nominal feedforward), or a YAML file in the form of the "
+        "controller: section of a case",
+        metavar="KIND|FILE",
+    ),
+]
+ReadBack = Annotated[
+    bool,
+    typer.Option(
+        "--read-back",
+        help="record the torque that reached the joints, read back from the drives, in place of "
+        "the torque commanded",
+    ),
+]
+Noise = Annotated[
+    float,
+    typer.Option(help="noise of the torque, as a share of its standard deviation"),
+]
+EncoderNoise = Annotated[float, typer.Option(help="noise of the encoders [rad]")]
+TableFormat = Annotated[str, typer.Option("--format", help="csv, parquet or npz")]
+Seed = Annotated[
+    int | None, typer.Option(min=0, help="draw the same motions and noise again")
+]
+Sealed = Annotated[
+    Path | None,
+    typer.Option(help="folder for the truth, outside the case", metavar="DIR"),
+]
 
 
-def record_files(
-    robot: str,
-    effects: Path,
-    out: Path,
-    plan: Plan,
-    *,
-    controller: str = "pd",
-    seed: int | None = None,
-    ending: str = "csv",
-    sealed: Path | None = None,
-    progress: Callable[[str], None] = lambda message: None,
-) -> tuple[list[Path], str | None]:
+def record(
+    robot: RobotArgument,
+    effects: Effects,
+    out: Out,
+    trajectory: Motion = "fourier",
+    recordings: Recordings = 4,
+    duration: Duration = 10.0,
+    rate: SampleRate = 250.0,
+    controller: Controller = "pd",
+    read_back: ReadBack = False,
+    noise: Noise = 0.01,
+    encoder_noise: EncoderNoise = 0.0,
+    file_format: TableFormat = "csv",
+    engine: Engine = "pybullet",
+    seed: Seed = None,
+    sealed: Sealed = None,
+) -> None:
     """Record a simulated arm with effects as a case.
 
-    Args:
-        robot: a name or URDF; or a case, whose nominal arm and controller are taken.
-        effects: file of the form of ``corrected.yaml``, with setup faults as ``diagnosis.json`` has them.
-        out: folder of the case; must not hold one already.
-        plan: how to record.
-        controller: one of ``CONTROLLERS``, or a YAML file in the form of the ``controller:`` section of a case.
-        seed: of motions and noise; by default another one each time. It is not written anywhere.
-        ending: one of ``ENDINGS``.
-        sealed: folder for the truth, outside the case; by default the truth lies in the case's folder.
-        progress: called with a few words at each step.
-
-    Returns:
-        The case file and the truth's file, and what the user should know about the torque recorded, or ``None``.
-
-    Raises:
-        InputError: an argument or file is at fault, or the case exists already.
-        GapscopeError: the arm became unstable, or something cannot be written.
+    The truth is kept in truth.yaml, in the case or sealed elsewhere.
     """
-    check_known("format", ending, list(ENDINGS), where="format")
-    truth, faults = read_with_faults(effects)
-    _check_places(effects, out, sealed)
-    arm, known = _arm(robot)
-    known = _chosen_controller(controller, arm, known)
-    if sealed is not None:
-        make_folder(sealed)
-    rng = np.random.default_rng(seed)
-    with error_context(effects, truth):
-        case = record_case(
-            out.resolve().name,
-            arm,
-            truth,
+    from gapscope.commands.recorded_case import record_files
+    from gapscope.envs.session import Plan
+
+    plan = Plan(
+        trajectory, recordings, duration, rate, read_back, noise, encoder_noise, engine
+    )
+    with Progress(out.name or str(out)) as progress:
+        paths, remark = record_files(
+            robot,
+            effects,
+            out,
             plan,
-            rng,
-            controller=known,
+            controller=controller,
+            seed=seed,
+            ending=file_format,
+            sealed=sealed,
             progress=progress,
         )
-        case = _with_faults(case, faults, rng)
-    progress("writes the case")
-    file = write_case(case, out, ending=ending)
-    place = (sealed or out) / TRUTH
-    write_corrected(case.name, truth, place, faults=faults)
-    hidden = hidden_by_reading_back(truth) if plan.read_back else ()
-    note = (
-        f"{', '.join(hidden)}: torque that is read back behind the drive hardly shows this; without --read-back the "
-        "torque commanded is recorded"
-    )
-    return [file, place], note if hidden else None
-
-
-def _with_faults(
-    case: Case, faults: tuple[Fault, ...], rng: np.random.Generator
-) -> Case:
-    """The case as a set-up with these faults would have written it."""
-    arm, recordings = case.arm, case.recordings
-    for fault in faults:
-        recordings = tuple(fault.apply(recording, rng) for recording in recordings)
-        if isinstance(fault, ShiftedInertials):
-            arm = shifted_arm(arm, fault.by, fault.moved_only)
-    return replace(case, arm=arm, recordings=recordings)
-
-
-def _check_places(effects: Path, out: Path, sealed: Path | None) -> None:
-    """Check, before any work, that the case can be made there and that a sealed truth stays out of it."""
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise InputError("exists already", "choose a new folder with --out", file=out)
-    if sealed is None:
-        return
-    inside, folder = out.resolve(), sealed.resolve()
-    if folder == inside or inside in folder.parents:
-        raise InputError(
-            "lies in the case's folder, so the truth would not be sealed",
-            "choose another",
-            file=sealed,
-        )
-    if (sealed / TRUTH).exists() and (sealed / TRUTH).resolve() != effects.resolve():
-        raise InputError(
-            "exists already and would be lost",
-            "choose another folder",
-            file=sealed / TRUTH,
-        )
-
-
-def _chosen_controller(
-    controller: str, arm: NominalArm, known: Controller | None
-) -> Controller | None:
-    """The controller of a file, or the one known of a case; ``None`` for one that fits the arm."""
-    path = Path(controller)
-    if path.suffix in (".yaml", ".yml") or path.is_file():
-        return read_controller(path, arm.n_joints)
-    if controller not in CONTROLLERS:
-        raise InputError(
-            f"unknown controller {controller!r}",
-            f"{nearest(controller, CONTROLLERS)}give {', '.join(CONTROLLERS)}, or the path of a YAML file in the form "
-            "of the controller: section of a case",
-            where="controller",
-        )
-    return known
-
-
-def _arm(robot: str) -> tuple[NominalArm, Controller | None]:
-    """The nominal arm of a name or URDF; of a case, with its controller."""
-    path = Path(robot)
-    if path.suffix in (".yaml", ".yml") or path.is_dir():
-        case = load_case(path, read_recordings=False)
-        return case.arm, case.controller
-    return load_nominal_arm(robot), None
+    if remark:
+        note(f"note: {remark}")
+    wrote(*paths)

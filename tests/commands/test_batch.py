@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 
 from gapscope.arm.errors import GapscopeError
-from gapscope.commands.diagnose_batch import _going_on, kept
+from gapscope.commands.diagnosis_batch import _resume_hint, finished
 from gapscope.provenance import made_from
 from gapscope.workers import in_order
 
@@ -88,7 +88,7 @@ def test_what_is_whole_and_unchanged_is_kept(
     assert "kept" not in done.out and texts(out)["sick"] == first["sick"]
 
     monkeypatch.setattr("gapscope.provenance.program", lambda: "another")
-    assert kept(sick, out / "sick") is None
+    assert finished(sick, out / "sick") is None
 
 
 @pytest.mark.parametrize("damage", ["half", "no report", "not of this program"])
@@ -97,7 +97,7 @@ def test_what_is_not_whole_is_done_again(
 ) -> None:
     out = tmp_path / "out"
     assert gapscope("diagnose", sick, "--out", out).code == 0
-    assert kept(sick, out) is not None
+    assert finished(sick, out) is not None
     file = out / "diagnosis.json"
     text = file.read_text(encoding="utf-8")
     if damage == "half":
@@ -109,7 +109,7 @@ def test_what_is_not_whole_is_done_again(
             json.dumps({k: v for k, v in json.loads(text).items() if k != "made_from"}),
             encoding="utf-8",
         )
-    assert kept(sick, out) is None
+    assert finished(sick, out) is None
 
 
 def test_moving_a_case_does_not_matter_changing_a_file_does(
@@ -129,7 +129,7 @@ def test_a_fault_of_the_program_in_one_case_does_not_stop_the_others(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from gapscope.commands import diagnose as run
+    from gapscope.commands import diagnose_path as run
 
     whole = run.diagnose
 
@@ -251,7 +251,7 @@ def _inverse() -> Callable[[int], float]:
 
 
 def test_a_process_ended_from_outside_is_told_with_what_to_do() -> None:
-    with pytest.raises(GapscopeError, match="for want of memory"), _going_on():
+    with pytest.raises(GapscopeError, match="for want of memory"), _resume_hint():
         list(in_order(_inverse(), [(2,), (0,), (4,)], jobs=2, backend="local"))
 
 

@@ -130,7 +130,7 @@ class TestDiagnose:
         def interrupted(*_: object) -> None:
             raise stop
 
-        monkeypatch.setattr("gapscope.commands.diagnose.write_document", interrupted)
+        monkeypatch.setattr("gapscope.outputs.diagnosis.write_document", interrupted)
         with pytest.raises(BaseException) as ended:
             main(["diagnose", str(sick), "--out", str(out)])
         assert not (out / "diagnosis.json").exists()

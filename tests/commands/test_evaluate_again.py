@@ -62,7 +62,7 @@ class TestEnvironmentFile:
             "duration": 1.5,
             "bandwidth": 3.0,
         }
-        assert "action have no say here" in done.err
+        assert "ignored in an evaluation: action" in done.err
 
     def test_gives_the_same_as_options(
         self, gapscope: Command, env: Path, sick: Path, corrected: Path

@@ -165,7 +165,9 @@ class TestResults:
         out = " ".join(
             gapscope("identify", healthy, "--out", tmp_path / "out").out.split()
         )
-        assert "fitted recording_0.csv, recording_1.csv; judged recording_2.csv" in out
+        assert (
+            "fitted recording_0.csv, recording_1.csv; held out recording_2.csv" in out
+        )
         document = json.loads(
             (tmp_path / "out" / "identification.json").read_text(encoding="utf-8")
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from math import isfinite
 from pathlib import Path
@@ -16,7 +16,7 @@ from gapscope.reports.trajectory.page import COLOURS, FONT, GROUND, INK, LINE, S
 
 
 def write_page(
-    content: dict[str, Any], lines: Sequence[SummaryLine], path: Path
+    content: Mapping[str, Any], lines: Sequence[SummaryLine], path: Path
 ) -> None:
     """Write tracking errors by model, the relation to the torque error, stable bandwidths, and the table.
 
@@ -60,7 +60,7 @@ def write_page(
         aside.write_text(page, encoding="utf-8")
 
 
-def _figure(content: dict[str, Any], lines: Sequence[SummaryLine]) -> str:
+def _figure(content: Mapping[str, Any], lines: Sequence[SummaryLine]) -> str:
     """Four panels, with plotly's code, as HTML."""
     from plotly.graph_objects import Box, Scatter
     from plotly.subplots import make_subplots

@@ -23,7 +23,7 @@ FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", "Liberat
 INK, SOFT, LINE, GROUND = "#1f2328", "#5b6470", "#e6e9ed", "#f6f7f9"
 
 
-def write_picture(
+def write_page(
     found: Excitation, arm: NominalArm, plan: ExcitationPlan, path: Path
 ) -> None:
     """Write position, velocity, acceleration and torque of all joints over time, and the margins to the limits.

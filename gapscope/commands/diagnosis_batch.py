@@ -3,29 +3,29 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from joblib.externals.loky.process_executor import TerminatedWorkerError
-from rich.console import Console
 
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.json_file import write_json
-from gapscope.commands.diagnose import diagnose_one_of_many, make_folder
-from gapscope.commands.gap import units_text
+from gapscope.commands.diagnose_path import diagnose_path
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.fleet.confusion import Column, Unit, column
 from gapscope.diagnosis.fleet.fleet_json import grouped, units_document
+from gapscope.outputs.diagnosis import CORRECTED, DOCUMENT, REPORT
+from gapscope.outputs.folder import make_folder
 from gapscope.provenance import KEY, made_from
+from gapscope.reports.diagnosis.fleet_tables import fleet_tables
 from gapscope.reports.diagnosis.summary import SummaryRow, render_summary
+from gapscope.terminal import console, say
 from gapscope.workers import RAY, check_backend, in_order
 
 SUMMARY, UNITS = "summary.html", "units.json"
-BESIDE = ("corrected.yaml", "report.html")
-"""Files that are written before ``diagnosis.json``."""
 
 
 class InterruptedRunError(GapscopeError):
@@ -53,20 +53,20 @@ class Batch:
     again: bool = False
 
 
-def kept(case: Path, folder: Path) -> dict[str, Any] | None:
-    """The diagnosis in a folder, if it is whole and made from this case as it is now, by this program."""
+def finished(case: Path, folder: Path) -> dict[str, Any] | None:
+    """The diagnosis in a folder, if it is complete and made from this case as it is now, by this program."""
     try:
-        content = json.loads((folder / "diagnosis.json").read_text(encoding="utf-8"))
+        content = json.loads((folder / DOCUMENT).read_text(encoding="utf-8"))
         validate(content)
-        whole = all((folder / name).is_file() for name in BESIDE)
-        return content if whole and content.get(KEY) == made_from(case) else None
+        others = (folder / CORRECTED, folder / REPORT)
+        complete = all(path.is_file() for path in others)
+        unchanged = content.get(KEY) == made_from(case)
     except (OSError, ValueError, GapscopeError):
         return None
+    return content if complete and unchanged else None
 
 
-def diagnose_all(
-    batch: Batch, progress: Callable[[str], None], console: Console
-) -> int:
+def diagnose_all(batch: Batch, progress: Callable[[str], None]) -> int:
     """Diagnose cases and write ``units.json`` and ``summary.html``; a case that fails does not stop the others.
 
     A case whose ``diagnosis.json`` is whole and made from the same files by the same program is kept.
@@ -85,23 +85,18 @@ def diagnose_all(
     folders = _folders(batch.cases)
     rows: list[SummaryRow] = []
     codes = [0]
-    with _going_on():
+    with _resume_hint():
         for row, code, note in _diagnosed(batch, folders):
             rows.append(row)
             codes.append(code)
             progress(
                 f"{len(rows)} of {len(folders)} done, {row.label}: {row.verdict.lower()}{note}"
             )
-            console.print(
-                f"{row.label}: {row.failure or _line(row)}{note}",
-                highlight=False,
-                markup=False,
-                soft_wrap=True,
-            )
+            say(f"{row.label}: {row.failure or _line(row)}{note}")
         content = _compared(batch, rows, progress)
     if content["groups"]:
         write_json(content, batch.out / UNITS)
-        console.print(units_text(content))
+        console.print(fleet_tables(content))
     render_summary(rows, batch.out / SUMMARY, content)
     return max(codes)
 
@@ -110,73 +105,85 @@ def _diagnosed(
     batch: Batch, folders: Sequence[str]
 ) -> Iterator[tuple[SummaryRow, int, str]]:
     """Row of the summary, exit code and a note of each case, in their order."""
-    pairs = list(zip(batch.cases, folders, strict=True))
-    known = (
-        {}
-        if batch.again
-        else {folder: kept(case, batch.out / folder) for case, folder in pairs}
-    )
-    place = (
-        Path.resolve if batch.backend == RAY else Path
-    )  # other machines have another current folder
-    todo = [
+    cases = dict(zip(folders, batch.cases, strict=True))
+    kept = {} if batch.again else _kept(batch, cases)
+    # with Ray, other machines have another current folder
+    place = Path.resolve if batch.backend == RAY else Path
+    calls = [
         (str(place(case)), place(batch.out), folder)
-        for case, folder in pairs
-        if known.get(folder) is None
+        for folder, case in cases.items()
+        if folder not in kept
     ]
-    made = in_order(diagnose_one_of_many, todo, batch.jobs, batch.backend)
-    for _, folder in pairs:
-        document = known.get(folder)
-        if document is not None:
-            yield (
-                SummaryRow(str(document["case"]), folder, document),
-                0,
-                " (kept from an earlier run)",
-            )
+    results = in_order(diagnose_one_of_many, calls, batch.jobs, batch.backend)
+    for folder in folders:
+        if folder in kept:
+            document = kept[folder]
+            row = SummaryRow(str(document["case"]), folder, document)
+            yield row, 0, " (kept from an earlier run)"
             continue
-        result = next(made)
+        result = next(results)
         if isinstance(result, Exception):
-            result = (
-                SummaryRow(
-                    folder, folder, failure=f"{type(result).__name__}: {result}"
-                ),
-                1,
-            )
-        yield *result, ""
+            yield _failed(folder, result), 1, ""
+        else:
+            yield *result, ""
+
+
+def _kept(batch: Batch, cases: Mapping[str, Path]) -> dict[str, dict[str, Any]]:
+    """Diagnoses of an earlier run that need not be made again, by folder."""
+    found = {
+        folder: finished(case, batch.out / folder) for folder, case in cases.items()
+    }
+    return {
+        folder: document for folder, document in found.items() if document is not None
+    }
+
+
+def diagnose_one_of_many(path: str, out: Path, folder: str) -> tuple[SummaryRow, int]:
+    """Diagnose the case at a path as one of several: its row of the summary, and its exit code."""
+    try:
+        result, _ = diagnose_path(Path(path), out / folder)
+    except GapscopeError as error:
+        return SummaryRow(folder, folder, failure=str(error)), error.exit_code
+    except Exception as error:
+        # a fault of the program in one case does not stop the others either
+        return _failed(folder, error), 1
+    document = result.document
+    return SummaryRow(str(document["case"]), folder, document), 0
+
+
+def _failed(folder: str, error: Exception) -> SummaryRow:
+    return SummaryRow(folder, folder, failure=f"{type(error).__name__}: {error}")
 
 
 def _compared(
     batch: Batch, rows: Sequence[SummaryRow], progress: Callable[[str], None]
 ) -> dict[str, Any]:
     """Content of ``units.json``; units go by the folders of their results, which occur once."""
-    cases = {
-        folder: case.resolve()
-        for case, folder in zip(batch.cases, _folders(batch.cases), strict=True)
-    }
+    cases = dict(zip(_folders(batch.cases), batch.cases, strict=True))
     documents = {row.folder: row.document for row in rows if row.document is not None}
     units = [
-        Unit(name, cases[name], (batch.out / name / "corrected.yaml").resolve())
+        Unit(name, cases[name].resolve(), (batch.out / name / CORRECTED).resolve())
         for name in documents
     ]
     groups, alone = grouped(documents, units)
     if groups:
         progress("compares the units")
-    work = [(unit, group.units) for group in groups for unit in group.units]
-    found: dict[str, Column] = {}
-    for (unit, _), made in zip(
-        work, in_order(column, work, batch.jobs, batch.backend), strict=True
-    ):
-        found[unit.name] = (
-            Column(unit.name, {}, str(made)) if isinstance(made, Exception) else made
-        )
-    return units_document(
-        [(g, [found[unit.name] for unit in g.units]) for g in groups], alone
-    )
+    calls = [(unit, group.units) for group in groups for unit in group.units]
+    results = in_order(column, calls, batch.jobs, batch.backend)
+    columns: dict[str, Column] = {}
+    for (unit, _), result in zip(calls, results, strict=True):
+        if isinstance(result, Exception):
+            result = Column(unit.name, {}, str(result))
+        columns[unit.name] = result
+    with_columns = [
+        (group, [columns[unit.name] for unit in group.units]) for group in groups
+    ]
+    return units_document(with_columns, alone)
 
 
 @contextmanager
-def _going_on() -> Iterator[None]:
-    """Say how to go on where the run stops before its end."""
+def _resume_hint() -> Iterator[None]:
+    """Say how to resume if the run stops before its end."""
     try:
         yield
     except KeyboardInterrupt:

@@ -1,0 +1,74 @@
+"""What several commands read: an arm, a model of it, a recording."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from gapscope.arm.case import Case, load_case
+from gapscope.arm.controller import Controller
+from gapscope.arm.io.load_recording import load_recording
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.corrected_file import read_corrected_arm
+
+
+def is_case(path: Path) -> bool:
+    """Whether a path names a case: a folder, or a YAML file."""
+    return path.is_dir() or path.suffix in (".yaml", ".yml")
+
+
+def case_file(path: Path) -> Path:
+    """The case file of a case that is given as folder or file."""
+    return path / "case.yaml" if path.is_dir() else path
+
+
+def read_arm(robot: str) -> NominalArm:
+    """The nominal arm of a name, a URDF or a case.
+
+    Raises:
+        InputError: it cannot be used.
+    """
+    return read_arm_and_controller(robot)[0]
+
+
+def read_arm_and_controller(robot: str) -> tuple[NominalArm, Controller | None]:
+    """The nominal arm of a name, a URDF or a case, with the controller that a case has.
+
+    Raises:
+        InputError: it cannot be used.
+    """
+    path = Path(robot)
+    if not is_case(path):
+        return load_nominal_arm(robot), None
+    case = load_case(path, read_recordings=False)
+    return case.arm, case.controller
+
+
+def read_model(arm: NominalArm, model: Path | None) -> CorrectedArm:
+    """The nominal arm, or the corrected one of a ``corrected.yaml``, with its residual network.
+
+    Raises:
+        InputError: the file cannot be used, or names a joint that the arm does not have.
+    """
+    return CorrectedArm(arm) if model is None else read_corrected_arm(arm, model)
+
+
+def read_recording(
+    case_path: Path, file: Path, *, every_row: bool = False
+) -> tuple[Case, Recording]:
+    """A case, and a recording in its form, with the payload that the case names for it.
+
+    Args:
+        case_path: the case.
+        file: the recording, relative to the current folder.
+        every_row: keep every row; the recording then may hold no more than t and q.
+
+    Raises:
+        InputError: the case or the recording cannot be used.
+    """
+    case = load_case(case_path, read_recordings=False)
+    recording = load_recording(file, case.arm, case.importing, every_row=every_row)
+    return case, replace(recording, payload=case.payload_of(file))

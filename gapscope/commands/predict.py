@@ -1,0 +1,37 @@
+"""The command ``gapscope predict``: the torque that a model predicts for a motion."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gapscope.commands.options import CasePath, Model
+from gapscope.terminal import Progress, wrote
+
+Recording = Annotated[
+    Path,
+    typer.Option(
+        help="recording with t, q1..; other columns are not used", metavar="FILE"
+    ),
+]
+Out = Annotated[Path, typer.Option(help="CSV to write: t, tau1..", metavar="FILE.csv")]
+
+
+def predict(
+    case: CasePath, recording: Recording, out: Out, model: Model = None
+) -> None:
+    """Predict the torque that a model says would be recorded."""
+    from gapscope.arm.io.write_case import write_columns
+    from gapscope.commands.inputs import read_model, read_recording
+    from gapscope.diagnosis.gap.predict import predict_torque
+
+    with Progress(recording.name) as progress:
+        progress("reads")
+        loaded, motion = read_recording(case, recording, every_row=True)
+        progress("predicts")
+        torque = predict_torque(read_model(loaded.arm, model), motion)
+        columns = {f"tau{j}": tau for j, tau in enumerate(torque.T, 1)}
+        write_columns({"t": motion.t, **columns}, out)
+    wrote(out)

@@ -1,0 +1,148 @@
+"""A case from a simulated arm: the effects of a file, recorded, with the truth beside the case or sealed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from gapscope.arm.case import Case
+from gapscope.arm.controller import Controller
+from gapscope.arm.errors import InputError
+from gapscope.arm.io.controller_file import read_controller
+from gapscope.arm.io.write_case import write_case
+from gapscope.arm.nearest_name import check_known, nearest
+from gapscope.arm.nominal import NominalArm
+from gapscope.commands.inputs import read_arm_and_controller
+from gapscope.diagnosis.setup_faults.shifted_inertials import shifted_arm
+from gapscope.effects.corrected_file import (
+    error_context,
+    read_with_faults,
+    write_corrected,
+)
+from gapscope.effects.setup_faults.fault import Fault
+from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
+from gapscope.envs.session import Plan, hidden_by_reading_back, record_case
+from gapscope.outputs.folder import make_folder
+
+ENDINGS = ("csv", "parquet", "npz")
+"""Formats of the recordings."""
+CONTROLLERS = ("pd",)
+"""Controllers that the simulated arm may be under."""
+TRUTH = "truth.yaml"
+"""File with the effects of a recorded case."""
+
+
+def record_files(
+    robot: str,
+    effects: Path,
+    out: Path,
+    plan: Plan,
+    *,
+    controller: str = "pd",
+    seed: int | None = None,
+    ending: str = "csv",
+    sealed: Path | None = None,
+    progress: Callable[[str], None] = lambda message: None,
+) -> tuple[list[Path], str | None]:
+    """Record a simulated arm with effects as a case.
+
+    Args:
+        robot: a name or URDF; or a case, whose nominal arm and controller are taken.
+        effects: file of the form of ``corrected.yaml``, with setup faults as ``diagnosis.json`` has them.
+        out: folder of the case; must not hold one already.
+        plan: how to record.
+        controller: one of ``CONTROLLERS``, or a YAML file in the form of the ``controller:`` section of a case.
+        seed: of motions and noise; by default another one each time. It is not written anywhere.
+        ending: one of ``ENDINGS``.
+        sealed: folder for the truth, outside the case; by default the truth lies in the case's folder.
+        progress: called with a few words at each step.
+
+    Returns:
+        The case file and the truth's file, and what the user should know about the torque recorded, or ``None``.
+
+    Raises:
+        InputError: an argument or file is at fault, or the case exists already.
+        GapscopeError: the arm became unstable, or something cannot be written.
+    """
+    check_known("format", ending, list(ENDINGS), where="format")
+    truth, faults = read_with_faults(effects)
+    _check_places(effects, out, sealed)
+    arm, known = read_arm_and_controller(robot)
+    known = _chosen_controller(controller, arm, known)
+    if sealed is not None:
+        make_folder(sealed)
+    rng = np.random.default_rng(seed)
+    with error_context(effects, truth):
+        case = record_case(
+            out.resolve().name,
+            arm,
+            truth,
+            plan,
+            rng,
+            controller=known,
+            progress=progress,
+        )
+        case = _with_faults(case, faults, rng)
+    progress("writes the case")
+    file = write_case(case, out, ending=ending)
+    place = (sealed or out) / TRUTH
+    write_corrected(case.name, truth, place, faults=faults)
+    hidden = hidden_by_reading_back(truth) if plan.read_back else ()
+    note = (
+        f"{', '.join(hidden)}: torque that is read back behind the drive hardly shows this; without --read-back the "
+        "torque commanded is recorded"
+    )
+    return [file, place], note if hidden else None
+
+
+def _with_faults(
+    case: Case, faults: tuple[Fault, ...], rng: np.random.Generator
+) -> Case:
+    """The case as a set-up with these faults would have written it."""
+    arm, recordings = case.arm, case.recordings
+    for fault in faults:
+        recordings = tuple(fault.apply(recording, rng) for recording in recordings)
+        if isinstance(fault, ShiftedInertials):
+            arm = shifted_arm(arm, fault.by, fault.moved_only)
+    return replace(case, arm=arm, recordings=recordings)
+
+
+def _check_places(effects: Path, out: Path, sealed: Path | None) -> None:
+    """Check, before any work, that the case can be made there and that a sealed truth stays out of it."""
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError("exists already", "choose a new folder with --out", file=out)
+    if sealed is None:
+        return
+    inside, folder = out.resolve(), sealed.resolve()
+    if folder == inside or inside in folder.parents:
+        raise InputError(
+            "lies in the case's folder, so the truth would not be sealed",
+            "choose another",
+            file=sealed,
+        )
+    if (sealed / TRUTH).exists() and (sealed / TRUTH).resolve() != effects.resolve():
+        raise InputError(
+            "exists already and would be lost",
+            "choose another folder",
+            file=sealed / TRUTH,
+        )
+
+
+def _chosen_controller(
+    controller: str, arm: NominalArm, known: Controller | None
+) -> Controller | None:
+    """The controller of a file, or the one known of a case; ``None`` for one that fits the arm."""
+    path = Path(controller)
+    if path.suffix in (".yaml", ".yml") or path.is_file():
+        return read_controller(path, arm.n_joints)
+    if controller not in CONTROLLERS:
+        raise InputError(
+            f"unknown controller {controller!r}",
+            f"{nearest(controller, CONTROLLERS)}give {', '.join(CONTROLLERS)}, or the path of a YAML file in the form "
+            "of the controller: section of a case",
+            where="controller",
+        )
+    return known

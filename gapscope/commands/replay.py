@@ -1,0 +1,72 @@
+"""The command ``gapscope replay``: the simulated arm under the commands of a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from gapscope.commands.options import CasePath, Engine, Model
+from gapscope.terminal import Progress, say, wrote
+
+if TYPE_CHECKING:
+    from gapscope.envs.replay import Replay
+
+Recording = Annotated[
+    Path,
+    typer.Option(help="recording with q_ref1.., or tau1.. without", metavar="FILE"),
+]
+Out = Annotated[
+    Path, typer.Option(help="CSV to write: t, q1.., tau1..", metavar="FILE.csv")
+]
+
+
+def replay(
+    case: CasePath,
+    recording: Recording,
+    out: Out,
+    model: Model = None,
+    engine: Engine = "pybullet",
+) -> None:
+    """Move the simulated arm under the same commands as a recording."""
+    from gapscope.arm.io.write_case import write_columns
+    from gapscope.reports.gap_tables import replay_line
+
+    with Progress(recording.name) as progress:
+        replayed = replay_path(case, recording, model, engine, progress)
+        positions = {f"q{j}": q for j, q in enumerate(replayed.q.T, 1)}
+        torques = {f"tau{j}": tau for j, tau in enumerate(replayed.tau.T, 1)}
+        write_columns({"t": replayed.t, **positions, **torques}, out)
+    say(replay_line(replayed))
+    wrote(out)
+
+
+def replay_path(
+    case_path: Path,
+    file: Path,
+    model: Path | None,
+    engine: str,
+    progress: Callable[[str], None],
+) -> Replay:
+    """Replay a recording of a case on its nominal arm, or on the corrected one.
+
+    Raises:
+        InputError: a file cannot be used, or an effect acts on a joint that the arm does not have.
+    """
+    from gapscope.commands.inputs import read_recording
+    from gapscope.effects.corrected import CorrectedArm
+    from gapscope.effects.corrected_file import error_context, read_corrected
+    from gapscope.envs.replay import replay as replay_recording
+
+    progress("reads")
+    case, recording = read_recording(case_path, file)
+    # the effects alone: a simulator cannot run the residual network
+    effects = () if model is None else read_corrected(model)
+    with error_context(model, effects):
+        CorrectedArm(case.arm, effects).check()
+        progress(f"replays {recording.duration:.3g} s in {engine}")
+        return replay_recording(
+            case.arm, effects, recording, case.controller, engine=engine
+        )
