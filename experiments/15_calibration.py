@@ -24,8 +24,13 @@ from gapscope.arm.io.json_file import to_json, write_json
 from gapscope.blind_check.scoring.compare import compare
 from gapscope.blind_check.scoring.statistics import brier, ece
 from gapscope.blind_check.seal import open_labels
-from gapscope.diagnosis.assessment.alternatives import Rival
-from gapscope.diagnosis.assessment.calibration import FILE, Support, probability, shared
+from gapscope.diagnosis.assessment.alternatives import Alternative
+from gapscope.diagnosis.assessment.calibration import (
+    FILE,
+    Support,
+    probability,
+    with_probabilities,
+)
 from gapscope.effects.catalogue import CATALOGUE
 
 PRIOR, PRIOR_EFFECT = 0.3, 4.0
@@ -40,7 +45,7 @@ class Finding(NamedTuple):
     case: str
     effect: str
     support: Support
-    rivals: tuple[Rival, ...]
+    alternatives: tuple[Alternative, ...]
     right: bool
     missed: frozenset[str]
 
@@ -58,8 +63,8 @@ def findings(cases: Path, results: Path, labels: Path) -> list[Finding]:
         judged = compare(name, label, document).findings
         for entry, finding in zip(document["effects"], judged, strict=True):
             if "support" in entry:
-                rivals = tuple(
-                    Rival(r["effect"], (), 0.0, r["evidence"])
+                alternatives = tuple(
+                    Alternative(r["effect"], (), 0.0, r["evidence"])
                     for r in entry["alternatives"]
                 )
                 support = Support(**entry["support"])
@@ -68,7 +73,7 @@ def findings(cases: Path, results: Path, labels: Path) -> list[Finding]:
                         f"{cases}/{name}",
                         entry["effect"],
                         support,
-                        rivals,
+                        alternatives,
                         finding.right,
                         missed,
                     )
@@ -82,11 +87,11 @@ def fit(known: Sequence[Finding]) -> dict[str, Any]:
     right = np.array([f.right for f in known], dtype=float)
     names = sorted(CATALOGUE)
     which = np.array([[f.effect == name for name in names] for f in known], dtype=float)
-    known_rivals = np.array([f.support.evidence for f in known])
+    known_alternatives = np.array([f.support.evidence for f in known])
     count = x.shape[1]
 
     def loss(v: np.ndarray) -> float:
-        p = known_rivals / (
+        p = known_alternatives / (
             1.0 + np.exp(-(v[0] + x @ v[1 : 1 + count] + which @ v[1 + count :]))
         )
         likelihood = -np.log(np.where(right > 0, p, 1.0 - p) + 1e-12).sum()
@@ -108,18 +113,18 @@ def fit(known: Sequence[Finding]) -> dict[str, Any]:
     }
 
 
-def fit_rivals(known: Sequence[Finding]) -> dict[str, float]:
-    """Temper of the rivals' evidence and weight of what is not listed, most likely on the findings that are wrong."""
+def fit_alternatives(known: Sequence[Finding]) -> dict[str, float]:
+    """Temper of the evidence of alternatives and weight of unlisted causes, most likely on findings that are wrong."""
     wrong = [f for f in known if not f.right]
 
     def likelihood(temper: float, unlisted: float) -> float:
         total = 0.0
         for f in wrong:
-            ranked = shared(
-                f.rivals, 0.0, f.support, {"temper": temper, "unlisted": unlisted}
+            ranked = with_probabilities(
+                f.alternatives, 0.0, f.support, {"temper": temper, "unlisted": unlisted}
             )
             true = f.missed or {"none"}
-            listed = [rival.probability for rival in ranked if rival.effect in true]
+            listed = [other.probability for other in ranked if other.effect in true]
             total += np.log(
                 max(
                     sum(listed) if listed else 1.0 - sum(r.probability for r in ranked),
@@ -147,10 +152,10 @@ def fit_level(known: Sequence[Finding], values: dict[str, Any]) -> float:
             continue
         p = probability(f.effect, f.support, values)
         total = p
-        for rival in shared(f.rivals, p, f.support, values):
-            if rival.effect in f.missed or (rival.effect == "none" and not f.missed):
+        for other in with_probabilities(f.alternatives, p, f.support, values):
+            if other.effect in f.missed or (other.effect == "none" and not f.missed):
                 break
-            total += rival.probability
+            total += other.probability
         reached.append(total)
     quantile = float(
         np.quantile(reached, min(1.0, LEVEL * (1 + 1 / len(reached))), method="higher")
@@ -205,7 +210,7 @@ def main() -> None:
         "findings": len(known),
         **fit(known),
     }
-    values |= fit_rivals(known)
+    values |= fit_alternatives(known)
     values["level"] = fit_level(known, values)
     print(to_json(values))
     if not arguments.dry:

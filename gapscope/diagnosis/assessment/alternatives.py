@@ -1,7 +1,8 @@
-"""What else could explain the gap: rivals of each effect found, with probabilities."""
+"""What else could explain the gap: alternatives to each effect found, with probabilities."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,13 +12,16 @@ from gapscope.diagnosis.selection.search import Selection
 from gapscope.diagnosis.thresholds import TEMPER
 from gapscope.effects.catalogue import CATALOGUE, explained
 
+NONE = "none"
+"""Name of the alternative that nothing takes the effect's place."""
+
 
 @dataclass(frozen=True)
-class Rival:
+class Alternative:
     """An effect in the place of another.
 
     Attributes:
-        effect: its name; ``none`` for leaving the place empty.
+        effect: its name; ``none`` if nothing takes the place.
         joints: its joints.
         probability: probability that it, and not the effect named, is the cause.
         evidence: its evidence less that of the effect named [nats].
@@ -29,56 +33,87 @@ class Rival:
     evidence: float
 
 
-def rivals(search: Selection, finding: str) -> tuple[float, list[Rival]]:
-    """Probability of an effect found by evidence alone, and its rivals in falling order of probability."""
-    evidence, found = search.evidence, search.fit
-    mine = frozenset(t for t in found.terms if t.finding == finding)
-    joints = {t.joint for t in mine} - {0}
-    options: dict[str, frozenset[Term]] = {"none": frozenset()}
-    for name in (e.name for e in explained()):
-        same = [
-            t for t in evidence.terms.open if t.effect == name and t not in found.terms
-        ]
-        scope = CATALOGUE[name].scope
-        if scope == "link" or any(t.effect == name for t in found.terms):
-            continue
-        options[name] = frozenset(
-            t for t in same if t.joint in joints or scope == "arm" or not joints
-        )
-    scores = {}
-    for name, terms in options.items():
-        if name == "none" or terms:
-            known = search.contested.get((finding, name))
-            scores[name] = (
-                evidence.fit((found.terms - mine) | terms).score - found.score
-                if known is None
-                else known
-            )
-    for (named, name), score in search.contested.items():
-        if named == finding and name not in scores:
-            options[name], scores[name] = frozenset(), score
-    weights = {
-        name: float(np.exp(np.clip(TEMPER * score, -700, 0)))
-        for name, score in scores.items()
-    }
+def alternatives(selection: Selection, finding: str) -> tuple[float, list[Alternative]]:
+    """Probability of an effect found by evidence alone, and its alternatives in falling order of probability."""
+    mine = frozenset(t for t in selection.fit.terms if t.finding == finding)
+    options = _options(selection, mine)
+    evidence = _relative_evidence(selection, finding, mine, options)
+    weights = _odds(evidence)
     total = 1.0 + sum(weights.values())
-    ranked = sorted(scores, key=lambda name: scores[name], reverse=True)
+    ranked = sorted(evidence, key=lambda name: evidence[name], reverse=True)
     return 1.0 / total, [
-        Rival(
-            name,
-            tuple(sorted(t.joint for t in options[name] if t.joint)),
-            weights[name] / total,
-            scores[name],
+        Alternative(
+            effect=name,
+            joints=_joints(options.get(name, frozenset())),
+            probability=weights[name] / total,
+            evidence=evidence[name],
         )
         for name in ranked
     ]
 
 
-def separated_by(effect: str, rival: str) -> str:
+def _options(selection: Selection, mine: frozenset[Term]) -> dict[str, frozenset[Term]]:
+    """Terms by which each effect of the catalogue could take the place of an effect's terms; empty sets left out."""
+    found = selection.fit.terms
+    joints = {t.joint for t in mine} - {0}
+    named = {t.effect for t in found}
+    options: dict[str, frozenset[Term]] = {NONE: frozenset()}
+    for effect in explained():
+        # The joints do not say which link; and an effect that is named already explains its part.
+        if effect.scope == "link" or effect.name in named:
+            continue
+        terms = frozenset(
+            t
+            for t in selection.evidence.terms.open
+            if t.effect == effect.name
+            and (t.joint in joints or effect.scope == "arm" or not joints)
+        )
+        if terms:
+            options[effect.name] = terms
+    return options
+
+
+def _relative_evidence(
+    selection: Selection,
+    finding: str,
+    mine: frozenset[Term],
+    options: Mapping[str, frozenset[Term]],
+) -> dict[str, float]:
+    """Evidence with each alternative in the place of the terms, less that with the terms [nats]."""
+    fit = selection.fit
+    # The search has compared near-equivalents each around its own values: more exact than the linearisation here.
+    compared = {
+        other: evidence
+        for (named, other), evidence in selection.contested.items()
+        if named == finding
+    }
+    out = {}
+    for name, terms in options.items():
+        if name in compared:
+            out[name] = compared[name]
+        else:
+            replaced = selection.evidence.fit((fit.terms - mine) | terms)
+            out[name] = replaced.score - fit.score
+    return out | compared
+
+
+def _odds(evidence: Mapping[str, float]) -> dict[str, float]:
+    """Odds of each alternative against the effect named, at most 1: exp(tau evidence)."""
+    return {
+        name: float(np.exp(np.clip(TEMPER * nats, -700.0, 0.0)))
+        for name, nats in evidence.items()
+    }
+
+
+def _joints(terms: frozenset[Term]) -> tuple[int, ...]:
+    return tuple(sorted(t.joint for t in terms if t.joint))
+
+
+def separated_by(effect: str, alternative: str) -> str:
     """The recording that separates two effects, in words."""
-    if rival == "none":
+    if alternative == NONE:
         return "a longer recording with more of the motion on which the effect acts"
-    for one, other in ((effect, rival), (rival, effect)):
+    for one, other in ((effect, alternative), (alternative, effect)):
         for name, recording in CATALOGUE[one].confused_with:
             if name == other:
                 return recording

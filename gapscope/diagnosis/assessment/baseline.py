@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,7 +34,7 @@ class Baseline:
     """What a diagnosis against a reference takes as given, n joints.
 
     Attributes:
-        effects: of the arm on the reference already; no news in the case.
+        effects: of the arm on the reference already; they are not reported in the case.
         rest: RMS that the identified arm leaves on stretches of the reference it was not fitted to [N m], (n,).
         scale: normalisation of the torque gap on the reference [N m], (n,).
         skew: by which the recorded torque is ahead of the motion [s].
@@ -47,25 +48,21 @@ class Baseline:
     open: frozenset[tuple[str, int]] = frozenset()
 
     def kept(self, selection: Selection) -> Selection:
-        """A search less what the reference leaves open; a load where it explains as much as a changed link."""
+        """A selection less what the reference leaves open, with a payload in place of changed links if as good."""
         terms = frozenset(
             t
             for t in selection.fit.terms
-            if not {(t.effect, t.joint), (t.effect, 0)} & self.open
+            if (t.effect, t.joint) not in self.open and (t.effect, 0) not in self.open
         )
-        fit = (
-            selection.fit
-            if terms == selection.fit.terms
-            else selection.evidence.fit(terms)
-        )
-        selection = replace(selection, fit=fit)
+        if terms != selection.fit.terms:
+            selection = replace(selection, fit=selection.evidence.fit(terms))
         links = frozenset(t for t in terms if t.effect == "link_inertia")
         if not links:
             return selection
-        load = _searched(
-            selection, terms - links | frozenset(selection.evidence.terms.of("payload"))
-        )
-        return load if load.fit.score > fit.score - LINK_OVER_PAYLOAD else selection
+        payload = frozenset(selection.evidence.terms.of("payload"))
+        with_payload = _relinearised(selection, (terms - links) | payload)
+        least = selection.fit.score - LINK_OVER_PAYLOAD
+        return with_payload if with_payload.fit.score > least else selection
 
     def adjusted(self, case: Case) -> Case:
         """The case with the skew, and what the baseline's effects do, taken out of the recorded torque.
@@ -79,38 +76,19 @@ class Baseline:
             case = back_in_time(case, self.skew)
         if not self.effects:
             return case
-        body, cutoff = (
-            RigidBody(case.arm),
-            position_cutoff((*case.recordings, *case.judged)),
-        )
-        with_effects = CorrectedArm(case.arm, self.effects)
+        body = RigidBody(case.arm)
+        cutoff = position_cutoff((*case.recordings, *case.judged))
+        corrected = CorrectedArm(case.arm, self.effects)
 
         def changed(recording: Recording) -> Recording:
-            if recording.tau is None:
-                return recording
-            tau = recording.tau.copy()
-            for segment in condition(recording, cutoff):
-                motion, laden = segment.motion, segment.bodies(body)
-                does = with_effects.predict(laden, motion) - CorrectedArm(
-                    case.arm
-                ).predict(laden, motion)
-                rows = (recording.t >= motion.t[0]) & (recording.t <= motion.t[-1])
-                tau[rows] -= np.stack(
-                    [np.interp(recording.t[rows], motion.t, x) for x in does.T], axis=1
-                )
-            return replace(recording, tau=tau)
+            return _without_effects(recording, corrected, body, cutoff)
 
-        return replace(
-            case,
-            recordings=tuple(map(changed, case.recordings)),
-            judged=tuple(map(changed, case.judged)),
-        )
+        return _each_recording(case, changed)
 
     def floor(self, gap: TorqueGap) -> np.ndarray:
         """RMS that the identified arm may leave on recordings of another day [N m], (n,)."""
-        return self.rest * np.clip(
-            torque_scale(gap.measured) / self.scale, 1.0, REFERENCE_GAP_GROWTH
-        )
+        growth = torque_scale(gap.measured) / self.scale
+        return self.rest * np.clip(growth, 1.0, REFERENCE_GAP_GROWTH)
 
 
 def back_in_time(case: Case, skew: float) -> Case:
@@ -123,6 +101,32 @@ def back_in_time(case: Case, skew: float) -> Case:
         spline = make_interp_spline(t, recording.tau[first], k=3)
         return replace(recording, tau=spline(np.clip(recording.t - skew, t[0], t[-1])))
 
+    return _each_recording(case, changed)
+
+
+def _without_sensors(case: Case) -> Case:
+    return _each_recording(case, lambda r: replace(r, tau_sensor=None))
+
+
+def _without_effects(
+    recording: Recording, corrected: CorrectedArm, body: RigidBody, cutoff: float
+) -> Recording:
+    """A recording with what the effects of an arm do taken out of its torque."""
+    if recording.tau is None:
+        return recording
+    nominal = CorrectedArm(corrected.arm)
+    tau = recording.tau.copy()
+    for segment in condition(recording, cutoff):
+        motion, laden = segment.motion, segment.bodies(body)
+        added = corrected.predict(laden, motion) - nominal.predict(laden, motion)
+        inside = (recording.t >= motion.t[0]) & (recording.t <= motion.t[-1])
+        t = recording.t[inside]
+        tau[inside] -= np.stack([np.interp(t, motion.t, x) for x in added.T], axis=1)
+    return replace(recording, tau=tau)
+
+
+def _each_recording(case: Case, changed: Callable[[Recording], Recording]) -> Case:
+    """The case with each of its recordings changed."""
     return replace(
         case,
         recordings=tuple(map(changed, case.recordings)),
@@ -130,26 +134,11 @@ def back_in_time(case: Case, skew: float) -> Case:
     )
 
 
-def _without_sensors(case: Case) -> Case:
-    recordings, judged = (
-        tuple(replace(r, tau_sensor=None) for r in part)
-        for part in (case.recordings, case.judged)
-    )
-    return replace(case, recordings=recordings, judged=judged)
-
-
-def _searched(selection: Selection, terms: frozenset[Term]) -> Selection:
-    """The search with other terms, linearised around their values."""
-    linear = selection.evidence.linear
-    shapes = {
-        t: selection.evidence.terms.shapes[t]
-        for t in terms
-        if t in selection.evidence.terms.shapes
-    }
-    theta, scored_mse = (
-        np.zeros(selection.evidence.terms.size),
-        selection.fit.scored_mse,
-    )
+def _relinearised(selection: Selection, terms: frozenset[Term]) -> Selection:
+    """The selection with other terms, linearised around their values."""
+    linear, known = selection.evidence.linear, selection.evidence.terms
+    shapes = {t: known.shapes[t] for t in terms if t in known.shapes}
+    theta, scored_mse = np.zeros(known.size), selection.fit.scored_mse
     for _ in range(BASELINE_LINEARISATIONS):
         linear = Linearisation(linear.data, theta, Terms(linear.arm.n_joints, shapes))
         evidence = evidences(linear, scored_mse, terms)[0]

@@ -1,12 +1,12 @@
-"""Probability that an effect is named rightly, calibrated on blind cases that were made for nothing else.
+"""Probability that an effect is named rightly, calibrated on blind cases that serve no other purpose.
 
-Evidence compares effects with each other, and says nothing of how often the best of them is wrong: the true cause may
-be in no catalogue, another effect may stand for a part of it. How often that happens is learnt,
+Evidence compares effects with each other. It does not say how often the best of them is wrong: the true cause may be
+missing from the catalogue, or another effect may take over a part of it. How often that happens is learnt,
 
     p = p_evidence / (1 + exp(-(b + w . x)))
 
-with p_evidence the probability against the rivals known, from the support x of each finding; ``calibration.json`` holds
-b and w, and the script that fitted them is named in it.
+with p_evidence the probability against the known alternatives and x the features of a finding's support.
+``calibration.json`` holds b and w and names the script that fitted them.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from gapscope.diagnosis.assessment.alternatives import Rival
+from gapscope.diagnosis.assessment.alternatives import Alternative
 from gapscope.diagnosis.thresholds import (
     LEAST_PROBABILITY,
     LISTED_PROBABILITY,
@@ -34,13 +34,13 @@ FILE = Path(__file__).with_name("calibration.json")
 
 @dataclass(frozen=True)
 class Support:
-    """What speaks for a finding.
+    """What supports a finding.
 
     Attributes:
-        margin: log odds against all rivals together, by evidence alone.
+        margin: log odds against all alternatives together, by evidence alone.
         closed: torque NRMSE that it closes on the joint where it closes most.
-        left: share of the gap above the floor that is left on its joints, where most is left.
-        times_floor: what is left on them over the floor.
+        left: share of the gap above the floor that remains on its joints, the largest of them.
+        times_floor: what remains there over the floor, the largest of them.
         effects: number of effects named.
         nominal: relative error of the nominal inertials.
     """
@@ -54,24 +54,23 @@ class Support:
 
     @property
     def evidence(self) -> float:
-        """Probability against all rivals together, by evidence alone."""
+        """Probability against all alternatives together, by evidence alone."""
         return float(1.0 / (1.0 + np.exp(-np.clip(self.margin, -50.0, 50.0))))
 
     def features(self) -> np.ndarray:
         """The numbers that the probability depends on, each about 0 to 3."""
+        margin = np.log1p(np.clip(self.margin, 0.0, 200.0)) / 2
+        closed = np.clip(np.log(max(self.closed, 1e-4) / 0.01), -1.0, 3.0)
+        left = np.clip(self.left, 0.0, 1.0)
+        times_floor = np.clip(np.log(max(self.times_floor, 1e-3)), 0.0, 2.0)
+        other_effects = min(self.effects - 1, 4)
+        poor_inertials = float(self.nominal > 0.02)
         return np.array(
-            [
-                np.log1p(np.clip(self.margin, 0.0, 200.0)) / 2,
-                np.clip(np.log(max(self.closed, 1e-4) / 0.01), -1.0, 3.0),
-                np.clip(self.left, 0.0, 1.0),
-                np.clip(np.log(max(self.times_floor, 1e-3)), 0.0, 2.0),
-                min(self.effects - 1, 4),
-                float(self.nominal > 0.02),
-            ]
+            [margin, closed, left, times_floor, other_effects, poor_inertials]
         )
 
     def plain(self) -> dict[str, float]:
-        """As JSON knows it."""
+        """As plain numbers for JSON."""
         return {name: float(value) for name, value in asdict(self).items()}
 
 
@@ -84,61 +83,59 @@ def fitted() -> Mapping[str, Any]:
 def probability(
     effect: str, support: Support, values: Mapping[str, Any] | None = None
 ) -> float:
-    """Probability that an effect with this support is a true cause, on the joints or not."""
+    """Probability that an effect with this support is a true cause, on these joints or others."""
     values = fitted() if values is None else values
-    z = (
-        values["intercept"]
-        + float(np.dot(values["weights"], support.features()))
-        + values["effects"].get(effect, 0.0)
-    )
-    return float(
-        np.clip(
-            support.evidence / (1.0 + np.exp(-z)), LEAST_PROBABILITY, MOST_PROBABILITY
-        )
-    )
+    learnt = float(np.dot(values["weights"], support.features()))
+    logit = values["intercept"] + learnt + values["effects"].get(effect, 0.0)
+    calibrated = support.evidence / (1.0 + np.exp(-logit))
+    return float(np.clip(calibrated, LEAST_PROBABILITY, MOST_PROBABILITY))
 
 
-def shared(
-    rivals: Sequence[Rival],
-    sure: float,
+def with_probabilities(
+    alternatives: Sequence[Alternative],
+    probability: float,
     support: Support,
     values: Mapping[str, Any] | None = None,
-) -> list[Rival]:
-    """Rivals with the probability that an effect named leaves, in falling order, less what no rival listed gets.
+) -> list[Alternative]:
+    """Alternatives with their share of the probability that an effect named leaves, in falling order.
 
-    What evidence leaves goes to them by evidence; what is learnt to be wrong beyond that, by evidence that counts less.
+    The effect named may be wrong for two reasons, and its probability is a product of both. What evidence leaves is
+    shared by evidence. What calibration takes beyond that is shared by evidence that counts less, and a cause that is
+    not listed takes a part of it, so that the sum over all alternatives stays below what is left.
 
     Args:
-        rivals: with their evidence relative to the effect named.
-        sure: probability of the effect named.
+        alternatives: with their evidence relative to the effect named.
+        probability: of the effect named.
         support: of the effect named.
-        values: the fitted ones where ``None``.
+        values: the fitted ones if ``None``.
     """
     values = fitted() if values is None else values
-    known = min(sure / support.evidence, 1.0)
-    relative = np.minimum([rival.evidence for rival in rivals], 0.0)
-    close, far = (np.exp(temper * relative) for temper in (TEMPER, values["temper"]))
-    by_evidence = close / (1.0 + close.sum())
-    by_default = far / (far.sum() + values["unlisted"])
-    chances = known * by_evidence + (1.0 - known) * by_default
+    cause_is_known = min(probability / support.evidence, 1.0)
+    relative = np.minimum([other.evidence for other in alternatives], 0.0)
+    odds = np.exp(TEMPER * relative)
+    by_evidence = odds / (1.0 + odds.sum())
+    milder_odds = np.exp(values["temper"] * relative)
+    by_default = milder_odds / (milder_odds.sum() + values["unlisted"])
+    chances = cause_is_known * by_evidence + (1.0 - cause_is_known) * by_default
     out = [
-        replace(rival, probability=float(p))
-        for rival, p in zip(rivals, chances, strict=True)
+        replace(other, probability=float(chance))
+        for other, chance in zip(alternatives, chances, strict=True)
     ]
-    return sorted(out, key=lambda rival: -rival.probability)
+    return sorted(out, key=lambda other: -other.probability)
 
 
 def conformal_set(
-    effect: str, probability: float, rivals: Sequence[Rival]
+    effect: str, probability: float, alternatives: Sequence[Alternative]
 ) -> list[str]:
     """Names that hold the true one in nine cases of ten: in falling order until they reach the conformal level.
 
-    Where those that count do not reach it, ``unknown`` stands for the rest.
+    If those listed do not reach it, ``unknown`` takes the rest.
     """
+    level = fitted()["level"]
     names, total = [effect], probability
-    for rival in rivals:
-        if total >= fitted()["level"] or rival.probability < LISTED_PROBABILITY:
+    for other in alternatives:
+        if total >= level or other.probability < LISTED_PROBABILITY:
             break
-        names.append(rival.effect)
-        total += rival.probability
-    return names if total >= fitted()["level"] else [*names, "unknown"]
+        names.append(other.effect)
+        total += other.probability
+    return names if total >= level else [*names, "unknown"]

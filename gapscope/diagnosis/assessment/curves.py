@@ -13,7 +13,7 @@ KNOTS = 16
 MOVING = 0.02
 """A joint moves in a direction when it is faster than about this [rad/s]."""
 SMOOTH = 0.02
-"""Weight of a curve's bends, over the number of samples per knot."""
+"""Weight of a curve's second differences, over the number of samples per knot."""
 
 
 @dataclass(frozen=True)
@@ -46,18 +46,22 @@ class Variable:
         if self.name == "direction":
             return np.array([-1.0, 0.0, 1.0])
         low, high = float(self.values.min()), float(self.values.max())
+        if low == high:
+            return np.array([low - 1.0, low + 1.0])
         quantiles = np.quantile(self.values, np.linspace(0.0, 1.0, KNOTS))
-        knots = 0.5 * (quantiles + np.linspace(low, high, KNOTS))
-        return knots if high > low else np.array([low - 1.0, low + 1.0])
+        # Even in samples alone, knots would be rare at the ends; even in range alone, some would hold no sample.
+        return np.asarray(0.5 * (quantiles + np.linspace(low, high, KNOTS)))
 
     def hats(self) -> np.ndarray:
         """Hat functions over the knots: a curve through values at the knots is linear in them; (M, K)."""
+        knots = self.knots
+        unit_heights = np.eye(len(knots))
         return np.column_stack(
-            [np.interp(self.values, self.knots, row) for row in np.eye(len(self.knots))]
+            [np.interp(self.values, knots, heights) for heights in unit_heights]
         )
 
     def smooth(self) -> list[np.ndarray]:
-        """What a flexible model of many variables sees of this one; each (M,)."""
+        """Smooth functions of the variable for a model of many variables; each (M,)."""
         if self.name == "position":
             return [np.sin(self.values), np.cos(self.values)]
         return [] if self.name == "speed" else [self.values]
@@ -84,11 +88,10 @@ def variables(rows: Rows, kept: np.ndarray, j: int, load: np.ndarray) -> list[Va
 def curve_of(variable: Variable, gap: np.ndarray) -> Curve:
     """The smooth curve nearest to a gap [N m], (M,): least squares on hats with second differences held small."""
     hats, knots = variable.hats(), variable.knots
-    bends = np.diff(np.eye(len(knots)), 2, axis=0)
+    identity = np.eye(len(knots))
+    bends = np.diff(identity, 2, axis=0)
     weight = SMOOTH * len(gap) / len(knots)
-    gram = (
-        hats.T @ hats + weight * bends.T @ bends + 1e-9 * len(gap) * np.eye(len(knots))
-    )
-    return Curve(
-        variable.name, variable.unit, knots, np.linalg.solve(gram, hats.T @ gap)
-    )
+    # The last term decides at knots without samples.
+    gram = hats.T @ hats + weight * bends.T @ bends + 1e-9 * len(gap) * identity
+    heights = np.linalg.solve(gram, hats.T @ gap)
+    return Curve(variable.name, variable.unit, knots, heights)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from math import factorial
 
@@ -18,110 +18,97 @@ from gapscope.diagnosis.selection.search import Selection
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import Segment
 
+SHARE_DRAWS = 200
+"""Draws of folds behind the interval of a share."""
 
+GapOf = Callable[[CorrectedArm, list[Segment]], TorqueGap]
+"""A gap of an arm on segments."""
+
+
+@dataclass(frozen=True)
 class HeldOutPredictor:
-    """Predicts unseen data with sets of terms.
+    """Predicts held-out data with sets of terms.
 
-    Args:
+    Attributes:
         arm, body: the nominal arm and its dynamics.
-        found: result of the search.
+        selection: result of the search.
         folds: segments per fold; each half of one is predicted with values fitted to its other half and to the
             other folds.
-        judged: segments set aside for judging; where there are any, they alone are predicted, with all folds fitted.
+        set_aside: segments of recordings that are never fitted; if there are any, they alone are predicted, with
+            values fitted to all folds.
     """
 
-    def __init__(
-        self,
-        arm: NominalArm,
-        body: RigidBody,
-        selection: Selection,
-        folds: list[list[Segment]],
-        judged: list[Segment],
-    ) -> None:
-        self.arm, self.body, self.selection, self.folds, self.judged = (
-            arm,
-            body,
-            selection,
-            folds,
-            judged,
-        )
+    arm: NominalArm
+    body: RigidBody
+    selection: Selection
+    folds: list[list[Segment]]
+    set_aside: list[Segment]
+
+    def of(self, selection: Selection) -> HeldOutPredictor:
+        """The same with another result of the search."""
+        return replace(self, selection=selection)
 
     @property
     def segments(self) -> list[Segment]:
         """The segments that are predicted."""
-        return self.judged or [segment for fold in self.folds for segment in fold]
+        return self.set_aside or [segment for fold in self.folds for segment in fold]
 
     def gap(self, terms: frozenset[Term]) -> TorqueGap:
-        """Gap on unseen data of the nominal arm plus some of the terms, fitted anew."""
+        """Torque gap on held-out data of the nominal arm plus some of the terms, fitted anew."""
         return self.measured(
             terms, lambda arm, segments: torque_gap(arm, self.body, segments)
         )
 
-    def measured(
-        self,
-        terms: frozenset[Term],
-        gap: Callable[[CorrectedArm, list[Segment]], TorqueGap],
-    ) -> TorqueGap:
-        """Any gap on unseen data, from a function of an arm and segments."""
+    def measured(self, terms: frozenset[Term], gap_of: GapOf) -> TorqueGap:
+        """Any gap on held-out data of the nominal arm plus some of the terms, fitted anew."""
         evidence = self.selection.evidence
-        if self.judged:
-            return gap(self._corrected(evidence.fit(terms).theta, terms), self.judged)
-        gaps = [
-            _joined(*(gap(self._corrected(theta, terms), fold) for theta in halves))
-            for halves, fold in zip(evidence.left_out(terms), self.folds, strict=True)
-        ]
-        lengths = np.cumsum(
-            [0, *(b - a for g in gaps for a, b in itertools.pairwise(g.edges))]
-        )
-        return TorqueGap(
-            np.vstack([g.measured for g in gaps]),
-            np.vstack([g.predicted for g in gaps]),
-            tuple(int(x) for x in lengths),
-        )
+        if self.set_aside:
+            corrected = self._corrected(evidence.fit(terms).theta, terms)
+            return gap_of(corrected, self.set_aside)
+        gaps = []
+        for values, fold in zip(evidence.left_out(terms), self.folds, strict=True):
+            without_first, without_second = (
+                gap_of(self._corrected(theta, terms), fold) for theta in values
+            )
+            gaps.append(join_halves(without_first, without_second))
+        return _concatenated(gaps)
 
     def _corrected(self, theta: np.ndarray, terms: frozenset[Term]) -> CorrectedArm:
         known = self.selection.evidence.terms
         return CorrectedArm(self.arm, known.effects(known.clipped(theta), terms))
 
-    def shares(self, draws: int = 200) -> dict[str, Share]:
+    def shares(self, draws: int = SHARE_DRAWS) -> dict[str, Share]:
         """Share of each effect in the gap closed, by Shapley's value over all orders of adding them.
 
-        The worth of a set is the sum over joints of the unseen torque NRMSE that it closes; shares add up to the
+        The worth of a set is the sum over joints of the held-out torque NRMSE that it closes; shares add up to the
         closed part of the gap above the floor, at most 1. Intervals are from folds drawn with replacement.
         """
         evidence, chosen = self.selection.evidence, self.selection.fit.terms
         names = sorted({t.finding for t in chosen})
-        subsets = [
-            s for size in range(len(names) + 1) for s in combinations(names, size)
-        ]
-        held_out_mse = {
-            subset: evidence.held_out_mse(
-                frozenset(t for t in chosen if t.finding in subset), corrected=False
-            )
-            for subset in subsets
-        }
-        folds = len(evidence.rows)
-        counts = np.random.default_rng(0).multinomial(
-            folds, np.full(folds, 1 / folds), size=draws
-        )
-        weights = np.vstack([np.ones(folds), counts])[:, :, None] * evidence.rows
+        weights = _fold_weights(evidence.rows, draws)
 
-        def closed(square: np.ndarray) -> np.ndarray:
-            """Sum over joints of the NRMSE under each draw of folds, the first draw all of them once."""
-            mean = (square * weights).sum(axis=1) / np.maximum(
-                weights.sum(axis=1), 1e-12
-            )
+        def total_nrmse(square: np.ndarray) -> np.ndarray:
+            """NRMSE summed over joints, under each draw, (draws + 1,), of mean squares per fold and joint, (F, n)."""
+            rows = np.maximum(weights.sum(axis=1), 1e-12)
+            mean = (square * weights).sum(axis=1) / rows
             return np.asarray((np.sqrt(mean) / self.selection.scale).sum(axis=1))
 
-        worth = {subset: -closed(square) for subset, square in held_out_mse.items()}
-        above = -worth[()] - closed(evidence.floor2)
-        above = np.maximum(np.maximum(above, worth[tuple(names)] - worth[()]), 1e-12)
-        return {name: Share.of(_shapley(name, names, worth) / above) for name in names}
+        worth = {}
+        for subset in _subsets(names):
+            terms = frozenset(t for t in chosen if t.finding in subset)
+            worth[subset] = -total_nrmse(evidence.held_out_mse(terms, corrected=False))
+        closed = worth[tuple(names)] - worth[()]
+        above_floor = -worth[()] - total_nrmse(evidence.floor2)
+        # Effects may close more than lies above an estimated floor: then they share what they close.
+        whole = np.maximum(np.maximum(above_floor, closed), 1e-12)
+        return {
+            name: Share.of(shapley_value(name, names, worth) / whole) for name in names
+        }
 
 
 @dataclass(frozen=True)
 class Share:
-    """An effect's share of the gap above the floor, and where nine of ten draws of the folds put it."""
+    """An effect's share of the gap above the floor, and the interval that holds nine of ten draws of the folds."""
 
     value: float
     low: float
@@ -135,24 +122,51 @@ class Share:
         return cls(float(inside[0]), float(low), float(high))
 
 
-def _shapley(
+def shapley_value(
     name: str, names: list[str], worth: dict[tuple[str, ...], np.ndarray]
 ) -> np.ndarray:
-    """Shapley's value of one of the names, given the worth of every subset in sorted order."""
+    """Shapley's value of one of the names, given the worth of every subset in sorted order.
+
+    phi_i = sum over S without i of |S|! (n - |S| - 1)! / n! (v(S + i) - v(S))
+    """
     others = [n for n in names if n != name]
+    orders = factorial(len(names))
     total = np.zeros_like(worth[()])
-    for k in range(len(others) + 1):
-        weight = factorial(k) * factorial(len(names) - k - 1) / factorial(len(names))
-        for subset in combinations(others, k):
-            total += weight * (worth[tuple(sorted((*subset, name)))] - worth[subset])
+    for subset in _subsets(others):
+        before, after = factorial(len(subset)), factorial(len(others) - len(subset))
+        joined = tuple(sorted((*subset, name)))
+        total += before * after / orders * (worth[joined] - worth[subset])
     return total
 
 
-def _joined(first: TorqueGap, second: TorqueGap) -> TorqueGap:
+def join_halves(first: TorqueGap, second: TorqueGap) -> TorqueGap:
     """The first half of one gap and the second half of another on the same samples."""
     middle = len(first.measured) // 2
-    measured, predicted = (
-        np.vstack([getattr(first, name)[:middle], getattr(second, name)[middle:]])
-        for name in ("measured", "predicted")
-    )
+    measured = np.vstack([first.measured[:middle], second.measured[middle:]])
+    predicted = np.vstack([first.predicted[:middle], second.predicted[middle:]])
     return TorqueGap(measured, predicted, first.edges)
+
+
+def _concatenated(gaps: list[TorqueGap]) -> TorqueGap:
+    """Gaps of several folds as one."""
+    lengths = [b - a for gap in gaps for a, b in itertools.pairwise(gap.edges)]
+    return TorqueGap(
+        np.vstack([gap.measured for gap in gaps]),
+        np.vstack([gap.predicted for gap in gaps]),
+        tuple(int(edge) for edge in np.cumsum([0, *lengths])),
+    )
+
+
+def _subsets(names: list[str]) -> list[tuple[str, ...]]:
+    """All subsets of names, in their order, the empty one first."""
+    sizes = range(len(names) + 1)
+    return [subset for size in sizes for subset in combinations(names, size)]
+
+
+def _fold_weights(rows: np.ndarray, draws: int) -> np.ndarray:
+    """Rows of each fold, (F, n), as often as each draw holds it; the first draw holds each once: (draws + 1, F, n)."""
+    folds = len(rows)
+    rng = np.random.default_rng(0)
+    counts = rng.multinomial(folds, np.full(folds, 1 / folds), size=draws)
+    once = np.ones(folds)
+    return np.asarray(np.vstack([once, counts])[:, :, None] * rows)

@@ -1,12 +1,12 @@
 """Commands as instruments: what the noise of the encoders does to the values found.
 
-Columns X of a noisy motion are noisy, and least squares takes their noise for variation that the torque does not
-follow: values shrink. Columns Z of the commanded motion have no such noise, and as the arm follows its commands they
-vary with X. Then
+Columns X of a noisy motion are noisy. Least squares takes this noise for variation that the torque does not follow, so
+that values shrink. Columns Z of the commanded motion have no such noise, and they vary with X, as the arm follows its
+commands. Then
 
     theta = (Z^T W X)^-1 Z^T W y
 
-is free of that pull, however loud the encoders are, as long as the arm tracks. Source: soderstrom2002.
+is free of that bias, however noisy the encoders are, as long as the arm tracks. Source: soderstrom2002.
 """
 
 from __future__ import annotations
@@ -30,54 +30,58 @@ def instrumented(
 
     Args:
         case: the nominal arm and its controller.
-        found: result of the search.
+        selection: result of the search.
         folds: the commanded motions in the places of the measured ones, segment by segment; see ``commanded``.
 
     Returns:
-        The effects, or ``None`` where an equation has no solution.
+        The effects, or ``None`` if an equation has no solution.
     """
-    linear, evidence = selection.evidence.linear, selection.evidence
-    commanded = Data(
-        case.arm,
-        linear.body,
-        [[thinned(s, SEARCH_RATE) for s in f] for f in folds],
-        linear.data.cutoff,
-    )
-    columns = np.array(
-        sorted(c for t in selection.fit.terms for c in t.columns), dtype=int
-    )
-    size = len(columns) + len(linear.data.units)
-    left, right = np.zeros((size, size)), np.zeros(size)
-    weight = evidence.torque.independent / np.maximum(evidence.torque.count, 1e-9)
-    weight = (weight / (selection.fit.held_out_mse + evidence.floor2)).mean(axis=0)
-    for k in range(len(commanded.segments)):
-        x, y, trust = linear.rows(linear.data, k, columns)
-        z, _, _ = linear.rows(commanded, k, columns)
-        w = weight * trust**2
-        left += np.einsum("mjx,mj,mjy->xy", z, w, x)
-        right += np.einsum("mjx,mj,mj->x", z, w, y)
-    nuisances = np.arange(size) >= len(columns)
-    left += np.diag(np.where(nuisances, 1.0 / evidence.sigma**2, 0.0))
+    evidence, terms = selection.evidence, selection.fit.terms
+    columns = np.array(sorted(c for t in terms for c in t.columns), dtype=int)
+    left, right = _equations(case, selection, folds, columns)
+    # Errors of the nominal inertials follow the columns of the terms; their prior keeps them small.
+    prior = np.zeros(len(right))
+    prior[len(columns) :] = 1.0 / evidence.sigma**2
+    left += np.diag(prior)
     scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(left)), 1e-12))
     try:
-        solved = scale * np.linalg.solve(left * np.outer(scale, scale), scale * right)
+        scaled = np.linalg.solve(left * np.outer(scale, scale), scale * right)
     except np.linalg.LinAlgError:
         return None
     theta = selection.fit.theta.copy()
-    theta[columns] = solved[: len(columns)]
-    return evidence.terms.effects(evidence.terms.clipped(theta), selection.fit.terms)
+    theta[columns] = (scale * scaled)[: len(columns)]
+    return evidence.terms.effects(evidence.terms.clipped(theta), terms)
+
+
+def _equations(
+    case: Case, selection: Selection, folds: list[list[Segment]], columns: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Z^T W X and Z^T W y over the terms in ``columns`` and errors of the nominal inertials, (C, C) and (C,)."""
+    linear, evidence = selection.evidence.linear, selection.evidence
+    thinned_folds = [[thinned(s, SEARCH_RATE) for s in fold] for fold in folds]
+    commanded_data = Data(case.arm, linear.body, thinned_folds, linear.data.cutoff)
+    independent = evidence.torque.independent / np.maximum(evidence.torque.count, 1e-9)
+    variance = selection.fit.held_out_mse + evidence.floor2
+    weight = (independent / variance).mean(axis=0)
+    size = len(columns) + len(linear.data.units)
+    left, right = np.zeros((size, size)), np.zeros(size)
+    for k in range(len(commanded_data.segments)):
+        x, y, trust = linear.rows(linear.data, k, columns)
+        z, _, _ = linear.rows(commanded_data, k, columns)
+        w = weight * trust**2
+        left += np.einsum("mjx,mj,mjy->xy", z, w, x)
+        right += np.einsum("mjx,mj,mj->x", z, w, y)
+    return left, right
 
 
 def commanded(case: Case) -> Case | None:
-    """The case with the commanded motion in the place of the measured one; ``None`` where it is not known."""
+    """The case with the commanded motion in the place of the measured one; ``None`` if it is not known."""
     recordings = [r for r in case.recordings if r.tau is not None]
-    if case.controller is None or any(r.q_ref is None for r in recordings):
+    if case.controller is None:
         return None
-    return replace(
-        case,
-        recordings=tuple(
-            replace(r, q=r.q_ref, dq=r.dq_ref)
-            for r in recordings
-            if r.q_ref is not None
-        ),
+    as_commanded = tuple(
+        replace(r, q=r.q_ref, dq=r.dq_ref) for r in recordings if r.q_ref is not None
     )
+    if len(as_commanded) < len(recordings):
+        return None
+    return replace(case, recordings=as_commanded)

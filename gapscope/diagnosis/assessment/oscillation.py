@@ -1,4 +1,4 @@
-"""A line in frequency: an oscillation that does not follow the motion, predicted from one half of a recording."""
+"""An oscillation at one frequency that does not follow the motion, predicted on held-out halves of recordings."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def predict_oscillation(
 ) -> np.ndarray:
     """Prediction of a gap [N m], (M,), as a sin(2 pi f t) + b cos(2 pi f t), a and b per recording, f common.
 
-    Each fold is predicted with f from all others, and a and b from the rest of its own recording; 0 where a recording
+    Each fold is predicted with f from all others, and a and b from the rest of its own recording; 0 if a recording
     has no rest.
 
     Args:
@@ -25,35 +25,39 @@ def predict_oscillation(
         segment: recording of each row, (M,).
         fold: what is left out together, (M,).
     """
-    spans = {s: float(np.ptp(t[segment == s])) for s in np.unique(segment)}
+    longest = max(float(np.ptp(t[segment == s])) for s in np.unique(segment))
     out = np.zeros(len(gap))
-    if max(spans.values()) <= 0:
+    if longest <= 0:
         return out
-    frequency = np.arange(
-        LEAST_OSCILLATION,
-        MOST_OSCILLATION,
-        1.0 / (OSCILLATION_GRID * max(spans.values())),
-    )
-    # Fourier sums of every fold: powers of any set of folds follow
+    step = 1.0 / (OSCILLATION_GRID * longest)
+    frequency = np.arange(LEAST_OSCILLATION, MOST_OSCILLATION, step)
+    # The power spectrum of any set of folds follows from the Fourier sums of each.
     sums = {
         f: _fourier(frequency, t[fold == f], gap[fold == f]) for f in np.unique(fold)
     }
-    of = {f: segment[fold == f][0] for f in sums}
-    for f in sums:
-        power = np.zeros(len(frequency))
-        for s in spans:
-            rest = [sums[g] for g in sums if of[g] == s and g != f]
-            rows = ((segment == s) & (fold != f)).sum()
-            power += np.abs(np.sum(rest, axis=0)) ** 2 / max(rows, 1) if rest else 0.0
-        best = frequency[int(np.argmax(power))]
-        own = fold == f
-        rest = (segment == of[f]) & ~own
+    for left_out in sums:
+        own = fold == left_out
+        rest = (segment == segment[own][0]) & ~own
         if rest.any():
-            a = _waves(best, t[rest])
-            out[own] = (
-                _waves(best, t[own]) @ np.linalg.lstsq(a, gap[rest], rcond=None)[0]
-            )
+            power = _power_without(left_out, sums, segment, fold)
+            strongest = frequency[int(np.argmax(power))]
+            waves = _waves(strongest, t[rest])
+            amplitude = np.linalg.lstsq(waves, gap[rest], rcond=None)[0]
+            out[own] = _waves(strongest, t[own]) @ amplitude
     return out
+
+
+def _power_without(
+    left_out: int, sums: dict[int, np.ndarray], segment: np.ndarray, fold: np.ndarray
+) -> np.ndarray:
+    """Power per frequency over all folds but one, (K,); phases count within a recording, not between recordings."""
+    power = np.zeros(len(sums[left_out]))
+    for s in np.unique(segment):
+        kept = (segment == s) & (fold != left_out)
+        parts = [sums[f] for f in np.unique(fold[kept])]
+        if parts:
+            power += np.abs(np.sum(parts, axis=0)) ** 2 / kept.sum()
+    return power
 
 
 def amplitudes(
@@ -63,10 +67,9 @@ def amplitudes(
     power = np.zeros(len(frequency))
     for s in np.unique(segment):
         rows = segment == s
-        power += (
-            rows.sum()
-            * np.abs(2.0 / rows.sum() * _fourier(frequency, t[rows], gap[rows])) ** 2
-        )
+        count = rows.sum()
+        amplitude = np.abs(2.0 / count * _fourier(frequency, t[rows], gap[rows]))
+        power += count * amplitude**2
     return np.sqrt(power / len(gap))
 
 

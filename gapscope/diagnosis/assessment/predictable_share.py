@@ -1,8 +1,8 @@
-"""What a flexible model still predicts of the gap that the effects leave, on data that it has not seen.
+"""Share of the residual that a flexible model predicts on held-out data.
 
 Noise cannot be predicted; what can be, is a cause that the catalogue lacks. The model is a ridge regression on random
 Fourier features, a kernel method whose fit to any set of folds follows from sums of normal equations, so that leaving
-folds out costs next to nothing and nothing beyond numpy is needed; beside it an oscillation that follows no motion.
+folds out costs little; beside it an oscillation at one frequency that does not follow the motion.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from gapscope.diagnosis.assessment.curves import Curve, Variable, curve_of, variables
 from gapscope.diagnosis.assessment.oscillation import amplitudes, predict_oscillation
-from gapscope.diagnosis.assessment.ridge_folds import Folds, predict_unseen
+from gapscope.diagnosis.assessment.ridge_folds import Folds, predict_held_out
 from gapscope.diagnosis.gap.torque_gap import TorqueGap
 from gapscope.diagnosis.localisation.stacked_rows import Rows
 from gapscope.diagnosis.thresholds import (
@@ -38,8 +38,8 @@ class Predictable:
 
     Attributes:
         joint: from 1.
-        share: of the squared gap above the floor, predicted on unseen data from everything together [1]; 0 where the
-            gap is not above the floor.
+        share: of the squared gap above the floor, predicted on held-out data from all variables together [1]; 0 if
+            the gap is not above the floor.
         by: the same from one variable alone, by its name; ``frequency`` is an oscillation that follows no motion.
         whiteness_p: how often white noise, filtered as the gap is, would look less white (Ljung and Box) [1].
         curve: the gap as a function of the variable that predicts most; over ``frequency`` its amplitude.
@@ -71,117 +71,162 @@ class Predictable:
 def predictable(
     after: TorqueGap, rows: Rows, floor: np.ndarray, joints: list[int]
 ) -> list[Predictable]:
-    """What a flexible model predicts of a gap, for each joint asked for.
+    """Share of a gap that a flexible model predicts, for each joint asked for.
 
     Each half of a recording is predicted with the model fitted to its other half and to all other recordings.
 
     Args:
-        after: gap of the corrected arm on unseen data, M samples of n joints.
+        after: gap of the corrected arm on held-out data, M samples of n joints.
         rows: motion of the same samples.
         floor: RMS that a healthy arm leaves [N m], (n,).
         joints: from 1.
     """
     if not joints:
         return []
-    kept, folds = _thinned(rows)
-    posture = _posture(rows.q[kept])
-    p_value = _whiteness(after, rows)
+    thinned = _thinned(rows)
+    posture = _posture_features(rows.q[thinned.kept])
+    p_values = _whiteness(after, rows)
     return [
-        _of_joint(joint, after, rows, floor, kept, folds, posture, p_value)
+        _of_joint(
+            _residual(joint, after, rows, floor, thinned),
+            posture,
+            float(p_values[joint - 1]),
+        )
         for joint in joints
     ]
 
 
-def _of_joint(
-    joint: int,
-    after: TorqueGap,
-    rows: Rows,
-    floor: np.ndarray,
-    kept: np.ndarray,
-    folds: Folds,
-    posture: np.ndarray,
-    p_value: np.ndarray,
-) -> Predictable:
-    """What can be predicted of one joint; ``posture`` are features of the arm's, (K, F), ``kept`` the rows, (K,)."""
-    j, t, segment = joint - 1, rows.t[kept], rows.segment[kept]
+@dataclass(frozen=True)
+class _Thinned:
+    """Rows that are kept, (K,), their recording, and the halves of recordings that are left out together."""
+
+    kept: np.ndarray
+    segment: np.ndarray
+    folds: Folds
+
+
+@dataclass(frozen=True)
+class _Residual:
+    """The gap of one joint on the rows kept.
+
+    Attributes:
+        joint: from 1.
+        gap: [N m], (K,).
+        above_floor: mean square of the gap above the floor [N^2 m^2]; 0 if it does not clearly exceed it.
+        variables: of the joint, by which the gap may be predicted.
+        t: time since the start of the recording [s], (K,).
+        rows: the rows kept.
+    """
+
+    joint: int
+    gap: np.ndarray
+    above_floor: float
+    variables: list[Variable]
+    t: np.ndarray
+    rows: _Thinned
+
+    def share(self, predicted: np.ndarray) -> float:
+        """Share of the squared gap above the floor that a prediction, (K,), takes away [1]."""
+        remaining = np.mean((self.gap - predicted) ** 2)
+        taken = float(np.mean(self.gap**2) - remaining)
+        return float(np.clip(taken / self.above_floor, 0.0, 1.0))
+
+
+def _residual(
+    joint: int, after: TorqueGap, rows: Rows, floor: np.ndarray, thinned: _Thinned
+) -> _Residual:
+    j, kept = joint - 1, thinned.kept
     gap = after.error[kept, j]
     power = float(np.mean(gap**2))
-    above = (
-        power - float(floor[j]) ** 2
-        if power > (PREDICTABLE_LEAST_RATIO * floor[j]) ** 2
-        else 0.0
-    )
-    seen = variables(rows, kept, j, after.predicted[kept, j])
-    if above == 0.0:
-        nothing = {**{v.name: 0.0 for v in seen}, OSCILLATION: 0.0}
+    # A share of a residual that hardly exceeds the floor would be a share of almost nothing.
+    clear = power > (PREDICTABLE_LEAST_RATIO * floor[j]) ** 2
+    above_floor = power - float(floor[j]) ** 2 if clear else 0.0
+    known = variables(rows, kept, j, after.predicted[kept, j])
+    return _Residual(joint, gap, above_floor, known, rows.t[kept], thinned)
+
+
+def _of_joint(residual: _Residual, posture: np.ndarray, p_value: float) -> Predictable:
+    """The predictable share of one joint; ``posture`` are features of the arm's posture, (K, F)."""
+    gap, folds = residual.gap, residual.rows.folds
+    names = [*(v.name for v in residual.variables), OSCILLATION]
+    if residual.above_floor == 0.0:
+        curve = curve_of(residual.variables[0], gap)
         return Predictable(
-            joint, 0.0, nothing, float(p_value[j]), curve_of(seen[0], gap)
+            residual.joint, 0.0, dict.fromkeys(names, 0.0), p_value, curve
         )
     by = {
-        v.name: _share(gap, predict_unseen(v.hats(), gap, folds), above) for v in seen
+        v.name: residual.share(predict_held_out(v.hats(), gap, folds))
+        for v in residual.variables
     }
-    line = predict_oscillation(t, gap, segment, folds.fold)
-    by[OSCILLATION] = _share(gap, line, above)
-    line = line if by[OSCILLATION] > 0.0 else np.zeros_like(gap)
-    features = np.column_stack([_features(seen, np.random.default_rng(joint)), posture])
-    share = _share(gap, line + predict_unseen(features, gap - line, folds), above)
-    told = max(by, key=lambda name: by[name])
-    if told == OSCILLATION:
+    wave = predict_oscillation(residual.t, gap, residual.rows.segment, folds.fold)
+    by[OSCILLATION] = residual.share(wave)
+    if by[OSCILLATION] == 0.0:
+        wave = np.zeros_like(gap)
+    own = _signal_features(residual.variables, np.random.default_rng(residual.joint))
+    features = np.column_stack([own, posture])
+    together = wave + predict_held_out(features, gap - wave, folds)
+    best = max(by, key=lambda name: by[name])
+    # One variable alone may predict more than all together, as a model of many features has more to learn.
+    share = max(residual.share(together), by[best])
+    return Predictable(residual.joint, share, by, p_value, _curve(residual, best))
+
+
+def _curve(residual: _Residual, name: str) -> Curve:
+    """The gap as a function of a variable, or its amplitude over frequency."""
+    if name == OSCILLATION:
         frequency = np.arange(LEAST_OSCILLATION, MOST_OSCILLATION, 0.05)
-        curve = Curve(
-            OSCILLATION, "Hz", frequency, amplitudes(t, gap, segment, frequency)
+        amplitude = amplitudes(
+            residual.t, residual.gap, residual.rows.segment, frequency
         )
-    else:
-        curve = curve_of(next(v for v in seen if v.name == told), gap)
-    # one variable alone may do better than all together, which have more to learn
-    return Predictable(joint, max(share, by[told]), by, float(p_value[j]), curve)
+        return Curve(OSCILLATION, "Hz", frequency, amplitude)
+    variable = next(v for v in residual.variables if v.name == name)
+    return curve_of(variable, residual.gap)
 
 
-def _thinned(rows: Rows) -> tuple[np.ndarray, Folds]:
-    """Rows that are kept, (K,), and the halves of recordings that they lie in."""
+def _thinned(rows: Rows) -> _Thinned:
+    """Rows at about the rate of what a filtered gap holds, in halves of recordings."""
     kept, folds, fitted = [], [], []
     for segment, rate in enumerate(rows.rates):
-        own = np.flatnonzero(rows.segment == segment)[
-            :: max(1, int(rate / (ROWS_PER_CUTOFF * TORQUE_CUTOFF)))
-        ]
-        half = np.arange(len(own)) >= len(own) / 2
+        step = max(1, int(rate / (ROWS_PER_CUTOFF * TORQUE_CUTOFF)))
+        own = np.flatnonzero(rows.segment == segment)[::step]
+        second_half = np.arange(len(own)) >= len(own) / 2
         t = rows.t[own]
+        border = t[int(np.argmax(second_half))]
         kept.append(own)
-        folds.append(2 * segment + half)
-        fitted.append(np.abs(t - t[int(np.argmax(half))]) > FOLD_GUARD)
-    return np.concatenate(kept), Folds(np.concatenate(folds), np.concatenate(fitted))
+        folds.append(2 * segment + second_half)
+        # Rows beside the border are nearly those on its other side: fitting them would leak what is held out.
+        fitted.append(np.abs(t - border) > FOLD_GUARD)
+    places = np.concatenate(kept)
+    halves = Folds(np.concatenate(folds), np.concatenate(fitted))
+    return _Thinned(places, rows.segment[places], halves)
 
 
-def _features(seen: list[Variable], rng: np.random.Generator) -> np.ndarray:
+def _signal_features(known: list[Variable], rng: np.random.Generator) -> np.ndarray:
     """A 1, a joint's signals, and random Fourier features of them; (K, 1 + signals + features)."""
-    x = np.column_stack([c for v in seen for c in v.smooth()])
-    x = (x - x.mean(axis=0)) / np.maximum(x.std(axis=0), 1e-9)
-    return np.column_stack([np.ones(len(x)), x, _waves(x, FOURIER_FEATURES, rng)])
+    signals = np.column_stack([column for v in known for column in v.smooth()])
+    deviation = np.maximum(signals.std(axis=0), 1e-9)
+    normalised = (signals - signals.mean(axis=0)) / deviation
+    waves = _fourier_features(normalised, FOURIER_FEATURES, rng)
+    return np.column_stack([np.ones(len(signals)), normalised, waves])
 
 
-def _posture(q: np.ndarray) -> np.ndarray:
-    """Random Fourier features of the arm's posture, (K, FEATURES), of positions [rad], (K, n)."""
-    x = np.hstack([np.sin(q), np.cos(q)])
-    return _waves(
-        (x - x.mean(axis=0)) / np.maximum(x.std(axis=0), 0.05),
-        FOURIER_FEATURES // 2,
-        np.random.default_rng(0),
-    )
+def _posture_features(q: np.ndarray) -> np.ndarray:
+    """Random Fourier features of the arm's posture, (K, FOURIER_FEATURES), of positions [rad], (K, n)."""
+    angles = np.hstack([np.sin(q), np.cos(q)])
+    # A joint that hardly moves tells nothing: its deviation counts as 0.05 at least.
+    normalised = (angles - angles.mean(axis=0)) / np.maximum(angles.std(axis=0), 0.05)
+    rng = np.random.default_rng(0)
+    return _fourier_features(normalised, FOURIER_FEATURES // 2, rng)
 
 
-def _waves(x: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+def _fourier_features(
+    x: np.ndarray, count: int, rng: np.random.Generator
+) -> np.ndarray:
     """Random Fourier features, sqrt 2 cos(x W + b) with W normal over a length and b uniform. Source: rahimi2007."""
     lengths = np.repeat(KERNEL_LENGTHS, count) * np.sqrt(2.0 * x.shape[1])
-    angle = x @ (rng.standard_normal((x.shape[1], len(lengths))) / lengths)
-    return np.asarray(
-        np.sqrt(2.0) * np.cos(angle + rng.uniform(0.0, 2.0 * np.pi, len(lengths)))
-    )
-
-
-def _share(gap: np.ndarray, predicted: np.ndarray, above: float) -> float:
-    """Share of the squared gap above the floor that a prediction takes away [1]."""
-    taken = float(np.mean(gap**2) - np.mean((gap - predicted) ** 2))
-    return float(np.clip(taken / above, 0.0, 1.0)) if above > 0.0 else 0.0
+    weights = rng.standard_normal((x.shape[1], len(lengths))) / lengths
+    phases = rng.uniform(0.0, 2.0 * np.pi, len(lengths))
+    return np.asarray(np.sqrt(2.0) * np.cos(x @ weights + phases))
 
 
 def _whiteness(after: TorqueGap, rows: Rows) -> np.ndarray:
@@ -189,6 +234,5 @@ def _whiteness(after: TorqueGap, rows: Rows) -> np.ndarray:
     rate = float(np.median(rows.rates))
     cutoff = min(TORQUE_CUTOFF, 0.95 * rate / 2)
     step = max(1, round(rate / cutoff))
-    return whiteness(
-        after.error[::step], rows.segment[::step], band_correlation(rate, cutoff, step)
-    ).p_value
+    expected = band_correlation(rate, cutoff, step)
+    return whiteness(after.error[::step], rows.segment[::step], expected).p_value

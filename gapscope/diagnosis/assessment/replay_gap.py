@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields, replace
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -16,23 +17,23 @@ from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.moves import by_finding
 from gapscope.diagnosis.thresholds import REPLAYED_TICKS, REPLAYED_TICKS_COMPLIANT
 from gapscope.effects.applied import AppliedEffect
-from gapscope.envs.engines import default_engine, installed
+from gapscope.envs.engines import installed
 from gapscope.envs.replay import LONGEST_STEP, replay
 
-SECOND_OPINION = "mujoco"
-"""Replays as well if another engine is the default."""
+ENGINE, SECOND_OPINIONS = "pybullet", ("mujoco",)
+"""The engine that replays, and those that do so as well if they are installed."""
 
 
 class ReplayGap(NamedTuple):
-    """RMS of replayed minus recorded position [rad], shape (n,), ``None`` where it was not replayed.
+    """RMS of replayed minus recorded position [rad], shape (n,), ``None`` if it was not replayed.
 
     Attributes:
-        before, after: of the nominal arm, and of the arm with the effects found, in the default engine.
-        by: what moved the simulated arm: the ``controller``, or where it or the reference is not known the recorded
-            ``torque`` over short horizons; ``None`` where nothing was replayed.
+        before, after: of the nominal arm, and of the arm with the effects found, in PyBullet.
+        by: what moved the simulated arm: the ``controller``, or, if it or the reference is not known, the recorded
+            ``torque`` over short horizons; ``None`` if nothing was replayed.
         warnings: why something was not replayed.
-        only, without: of the arm with each effect alone, and with all others, by the effect's name in a finding; of
-            arms with joints that ring or play, which are slow to simulate, only the first two.
+        only, without: of the arm with each effect alone, and with all others, by the effect's name in a finding; empty
+            for arms with compliant joints, which are slow to simulate.
         elsewhere: before and after in the other engines that are installed.
     """
 
@@ -48,88 +49,95 @@ class ReplayGap(NamedTuple):
 def replay_gap(case: Case, predictor: HeldOutPredictor) -> ReplayGap:
     """Replay gap before and after, on one recording with values that were not fitted to it.
 
-    That is the first recording set aside for judging, else the last one, or the last block of a single one, with
-    values fitted to the others.
+    That is the first recording that is set aside, else the last one, or the last block of a single one, with values
+    fitted to the others.
 
     Args:
-        case: the nominal arm, its recordings with torque, and its controller where known.
-        judge: what was found, and its folds.
+        case: the nominal arm, its recordings with torque, and its controller if known.
+        predictor: what was found, and its folds.
     """
-    recording = _unseen(case, predictor)
-    through_controller = case.controller is not None and recording.q_ref is not None
-    ticks = (
-        case.controller.rate
-        if case.controller and through_controller
-        else max(recording.rate, 1.0 / LONGEST_STEP)
-    )
-    none, every = frozenset[Term](), predictor.selection.fit.terms
-    rings = any(not t.definition.locally_linear for t in every)
-    recording = _head(
-        recording, (REPLAYED_TICKS_COMPLIANT if rings else REPLAYED_TICKS) / ticks
-    )
-    known: dict[tuple[frozenset[Term], str], tuple[np.ndarray | None, str | None]] = {}
+    nothing, everything = frozenset[Term](), predictor.selection.fit.terms
+    compliant = any(not t.definition.locally_linear for t in everything)
+    recording, by = _recording(case, predictor, compliant)
 
-    usual = default_engine()
+    @cache
+    def attempted(terms: frozenset[Term], engine: str = ENGINE) -> Attempt:
+        return attempt(case, _effects(predictor, terms), recording, engine)
 
-    def gap(terms: frozenset[Term], engine: str = usual) -> np.ndarray | None:
-        if (terms, engine) not in known:
-            known[terms, engine] = attempt(
-                case, _effects(predictor, terms), recording, engine
-            )
-        return known[terms, engine][0]
-
-    parts = (
-        {} if rings else {next(iter(part)).finding: part for part in by_finding(every)}
-    )
-    others = [name for name in (SECOND_OPINION,) if name != usual and installed(name)]
-    before, after = gap(none), gap(every)
+    warnings = []
+    for arm, terms in (("nominal", nothing), ("corrected", everything)):
+        why = attempted(terms).why
+        if why:
+            warnings.append(f"{recording.name}: no replay of the {arm} arm: {why}")
+    # With one effect found, the sets of only and without are those of after and before: the cache replays each once.
+    parts = [] if compliant else by_finding(everything)
+    named = {next(iter(part)).finding: part for part in parts}
+    before, after = attempted(nothing).rmse, attempted(everything).rmse
     replayed = before is not None or after is not None
     return ReplayGap(
-        before,
-        after,
-        ("controller" if through_controller else "torque") if replayed else None,
-        tuple(
-            f"{recording.name}: no replay of the {arm} arm: {why}"
-            for arm, terms in (("nominal", none), ("corrected", every))
-            if (why := known[terms, usual][1])
-        ),
-        {name: gap(part) for name, part in parts.items()},
-        {name: gap(every - part) for name, part in parts.items()},
-        {engine: (gap(none, engine), gap(every, engine)) for engine in others},
+        before=before,
+        after=after,
+        by=by if replayed else None,
+        warnings=tuple(warnings),
+        only={name: attempted(part).rmse for name, part in named.items()},
+        without={
+            name: attempted(everything - part).rmse for name, part in named.items()
+        },
+        elsewhere={
+            engine: (
+                attempted(nothing, engine).rmse,
+                attempted(everything, engine).rmse,
+            )
+            for engine in SECOND_OPINIONS
+            if installed(engine)
+        },
     )
+
+
+class Attempt(NamedTuple):
+    """A replay gap [rad], (n,), or ``None`` and why there is none."""
+
+    rmse: np.ndarray | None
+    why: str | None
 
 
 def attempt(
     case: Case,
     effects: tuple[AppliedEffect, ...],
     recording: Recording,
-    engine: str | None = None,
-) -> tuple[np.ndarray | None, str | None]:
-    """Replay gap [rad], (n,), or ``None`` and why: an effect that cannot be simulated, an arm that runs away."""
+    engine: str = ENGINE,
+) -> Attempt:
+    """Replay, which fails with an effect that cannot be simulated or an arm that runs away."""
     try:
-        return replay(
-            case.arm, effects, recording, case.controller, engine=engine
-        ).rmse, None
-    except (
-        GapscopeError,
-        ArithmeticError,
-        ValueError,
-    ) as error:  # LinAlgError is a ValueError
-        return None, str(error)
+        replayed = replay(case.arm, effects, recording, case.controller, engine=engine)
+    # LinAlgError is a ValueError.
+    except (GapscopeError, ArithmeticError, ValueError) as error:
+        return Attempt(None, str(error))
+    return Attempt(replayed.rmse, None)
 
 
-def _unseen(case: Case, predictor: HeldOutPredictor) -> Recording:
-    """The recording that is replayed."""
-    if predictor.judged:
+def _recording(
+    case: Case, predictor: HeldOutPredictor, compliant: bool
+) -> tuple[Recording, str]:
+    """The recording that is replayed, shortened to what computing time allows, and what moves the arm."""
+    recording = _held_out(case, predictor)
+    if case.controller is not None and recording.q_ref is not None:
+        by, rate = "controller", case.controller.rate
+    else:
+        by, rate = "torque", max(recording.rate, 1.0 / LONGEST_STEP)
+    ticks = REPLAYED_TICKS_COMPLIANT if compliant else REPLAYED_TICKS
+    end = recording.t[0] + ticks / rate
+    return _rows(recording, recording.t <= end), by
+
+
+def _held_out(case: Case, predictor: HeldOutPredictor) -> Recording:
+    """A recording, or the last part of a single one, to which values were not fitted."""
+    if predictor.set_aside:
         return next(r for r in case.judged if r.tau is not None)
-    recording, fold = (
-        [r for r in case.recordings if r.tau is not None][-1],
-        predictor.folds[-1],
-    )
-    return _rows(
-        recording,
-        (recording.t >= fold[0].motion.t[0]) & (recording.t <= fold[-1].motion.t[-1]),
-    )
+    recording = [r for r in case.recordings if r.tau is not None][-1]
+    last_fold = predictor.folds[-1]
+    start, end = last_fold[0].motion.t[0], last_fold[-1].motion.t[-1]
+    return _rows(recording, (recording.t >= start) & (recording.t <= end))
 
 
 def _effects(
@@ -137,15 +145,9 @@ def _effects(
 ) -> tuple[AppliedEffect, ...]:
     """Some of the effects found, with values that were not fitted to the recording that is replayed."""
     evidence = predictor.selection.evidence
-    theta = (
-        evidence.fit(terms).theta if predictor.judged else evidence.without_last(terms)
-    )
+    all_fitted = predictor.set_aside
+    theta = evidence.fit(terms).theta if all_fitted else evidence.without_last(terms)
     return evidence.terms.effects(evidence.terms.clipped(theta), terms)
-
-
-def _head(recording: Recording, duration: float) -> Recording:
-    """The first seconds of a recording."""
-    return _rows(recording, recording.t <= recording.t[0] + duration)
 
 
 def _rows(recording: Recording, kept: np.ndarray) -> Recording:

@@ -1,4 +1,4 @@
-"""Ridge regression judged on folds that were left out, from sums of normal equations."""
+"""Ridge regression with prediction of held-out folds, from sums of normal equations."""
 
 from __future__ import annotations
 
@@ -22,34 +22,43 @@ class Folds:
     fitted: np.ndarray
 
 
-def predict_unseen(x: np.ndarray, y: np.ndarray, folds: Folds) -> np.ndarray:
+def predict_held_out(x: np.ndarray, y: np.ndarray, folds: Folds) -> np.ndarray:
     """Prediction of y, (M,), each fold with a ridge regression on columns x, (M, p), of the other folds.
 
-    The strength for a fold is the one that predicts the other folds best, those being left out in turn. Where even the
-    best does worse than nothing there, the prediction is 0: it knows nothing.
+    The strength for a fold is the one that predicts the other folds best, those being left out in turn. If even the
+    best is worse than predicting 0 there, the prediction is 0.
     """
-    places = [folds.fold == f for f in np.unique(folds.fold)]
-    grams, rights = [], []
-    for place in places:
-        rows = place & folds.fitted
-        grams.append(x[rows].T @ x[rows])
-        rights.append(x[rows].T @ y[rows])
-    gram, right = np.sum(grams, axis=0), np.sum(rights, axis=0)
-    ridge = np.trace(gram) / len(gram) * np.eye(len(gram))
-    said = np.zeros((len(RIDGE_STRENGTHS), len(y)))
-    for place, own, own_right in zip(places, grams, rights, strict=True):
-        value, vector = np.linalg.eigh(gram - own)
-        turned = vector.T @ (right - own_right)
-        for k, strength in enumerate(RIDGE_STRENGTHS):
-            said[k, place] = x[place] @ (
-                vector @ (turned / np.maximum(value + strength * ridge[0, 0], 1e-300))
-            )
-    errors = np.array([[((y - s)[p] ** 2).sum() for p in places] for s in said])
-    nothing = np.array([(y[p] ** 2).sum() for p in places])
+    rows_of_fold = [folds.fold == fold for fold in np.unique(folds.fold)]
+    by_strength = _predictions(x, y, folds.fitted, rows_of_fold)
+    squares = (y - by_strength) ** 2
+    errors = np.column_stack([squares[:, rows].sum(axis=1) for rows in rows_of_fold])
+    powers = np.array([(y[rows] ** 2).sum() for rows in rows_of_fold])
     out = np.zeros(len(y))
-    for f, place in enumerate(places):
-        others = errors.sum(axis=1) - errors[:, f]
-        best = int(np.argmin(others))
-        if others[best] < nothing.sum() - nothing[f]:
-            out[place] = said[best, place]
+    for k, rows in enumerate(rows_of_fold):
+        on_others = errors.sum(axis=1) - errors[:, k]
+        best = int(np.argmin(on_others))
+        if on_others[best] < powers.sum() - powers[k]:
+            out[rows] = by_strength[best, rows]
+    return out
+
+
+def _predictions(
+    x: np.ndarray, y: np.ndarray, fitted: np.ndarray, rows_of_fold: list[np.ndarray]
+) -> np.ndarray:
+    """Prediction of each fold from the others under each strength of the ridge, (strengths, M)."""
+    grams, rights = [], []
+    for rows in rows_of_fold:
+        own = rows & fitted
+        grams.append(x[own].T @ x[own])
+        rights.append(x[own].T @ y[own])
+    gram, right = np.sum(grams, axis=0), np.sum(rights, axis=0)
+    mean_square = np.trace(gram) / len(gram)
+    out = np.zeros((len(RIDGE_STRENGTHS), len(y)))
+    for rows, own_gram, own_right in zip(rows_of_fold, grams, rights, strict=True):
+        # One decomposition serves all strengths: a ridge adds to every eigenvalue.
+        value, vector = np.linalg.eigh(gram - own_gram)
+        rotated = vector.T @ (right - own_right)
+        for k, strength in enumerate(RIDGE_STRENGTHS):
+            ridged = np.maximum(value + strength * mean_square, 1e-300)
+            out[k, rows] = x[rows] @ (vector @ (rotated / ridged))
     return out

@@ -16,7 +16,6 @@ from gapscope.diagnosis.gap.torque_gap import (
     noise_floor,
     torque_scale,
 )
-from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.model.torque_sensor import (
     actuator_floor,
     link_floor,
@@ -48,22 +47,34 @@ class SideGap:
     after: np.ndarray
     floor: np.ndarray
 
-    def above(self, values: np.ndarray) -> np.ndarray:
-        """Joints on which ``values`` stand clearly above the floor, (n,)."""
-        return values > np.maximum(
+    @property
+    def carries(self) -> np.ndarray:
+        """Joints on which the nominal arm's gap is clearly above the floor, (n,)."""
+        least = np.maximum(
             ABOVE_FLOOR_RATIO * self.floor, self.floor + ABOVE_FLOOR_NRMSE
         )
+        return np.asarray(self.before > least)
+
+    def entry(self) -> dict[str, Any]:
+        """The entry in ``diagnosis.json``."""
+        before, after, floor = (
+            x.tolist() for x in (self.before, self.after, self.floor)
+        )
+        return {
+            "before": {"torque_nrmse": before, "floor": floor},
+            "after": {"torque_nrmse": after},
+        }
 
 
 @dataclass(frozen=True)
-class Sides:
+class SensorSides:
     """The gap on both sides of the sensors, and what the sensors themselves seem to have wrong.
 
     Attributes:
         actuator: of recorded torque less sensor, against rotor, friction and all on the way to the gear.
         link: of the sensor, against the bodies and what acts on them.
         zero, scale, lag: errors of the sensors [N m], [1], [s], (n,); taken out of both gaps.
-        recordings: those with sensors, on which the gaps were told.
+        recordings: those with sensors, on which the gaps were measured.
     """
 
     actuator: SideGap
@@ -73,130 +84,111 @@ class Sides:
     lag: np.ndarray
     recordings: tuple[str, ...]
 
+    @property
+    def carried_by(self) -> list[str]:
+        """Side that carries the gap of each joint: ``actuator``, ``link``, ``both`` or ``neither``."""
+        names = {
+            (True, True): "both",
+            (True, False): "actuator",
+            (False, True): "link",
+            (False, False): "neither",
+        }
+        carries = zip(self.actuator.carries, self.link.carries, strict=True)
+        return [names[bool(actuator), bool(link)] for actuator, link in carries]
 
-def find_sides(predictor: HeldOutPredictor, nominal: np.ndarray) -> Sides | None:
-    """The gap on both sides on unseen data; ``None`` where what is fitted or what is judged has no sensors.
+
+def find_sides(
+    predictor: HeldOutPredictor, inertial_error: np.ndarray
+) -> SensorSides | None:
+    """The gap on both sides on held-out data; ``None`` if what is fitted or what is held out has no sensors.
 
     The sensors' own errors are fitted to all that may be fitted.
 
     Args:
-        judge: predicts unseen data with what was found.
-        nominal: RMS of what errors of the nominal inertials explain, which show on the link side [N m], (n,).
+        predictor: predicts held-out data with what was found.
+        inertial_error: RMS of what errors of the nominal inertials explain, which show on the link side [N m], (n,).
     """
     terms, evidence = predictor.selection.fit.terms, predictor.selection.evidence
     errors = evidence.sensor_errors(terms)
-    told = [s for s in predictor.segments if s.torque_sensor is not None]
-    if errors is None or not told:
+    with_sensor = [s for s in predictor.segments if s.torque_sensor is not None]
+    if errors is None or not with_sensor:
         return None
-    zero = SENSOR_ZERO * evidence.linear.data.torque_deviation
-    arm = CorrectedArm(
-        predictor.arm, evidence.terms.effects(predictor.selection.fit.theta, terms)
-    )
+    body = predictor.body
+    fitted_effects = evidence.terms.effects(predictor.selection.fit.theta, terms)
+    fitted_arm = CorrectedArm(predictor.arm, fitted_effects)
+    zero_unit = SENSOR_ZERO * evidence.linear.data.torque_deviation
 
-    def gap(other: CorrectedArm, segments: list[Segment]) -> TorqueGap:
-        return _gap(
-            other,
-            predictor.body,
-            segments,
-            lambda s: _reading_errors(arm, predictor.body, s, zero, errors),
-        )
+    def reading_errors(segment: Segment) -> np.ndarray:
+        """What zero, scale and lag of the sensors add to their readings [N m], (N, n)."""
+        torque = link_torque(fitted_arm, segment.bodies(body), segment.motion)
+        return sensor_errors(torque, segment.motion.t, zero_unit) @ errors
 
-    scale = torque_scale(np.vstack([filtered_torque(s) for s in told]))
-    before, after = (
-        predictor.measured(stage, gap).rmse.reshape(2, -1) / scale
-        for stage in (frozenset[Term](), terms)
-    )
-    own, links = _floors(arm, predictor.body, told)
-    floors = own / scale, np.hypot(links, nominal) / scale
-    actuator, link = (
-        SideGap(*side) for side in zip(before, after, floors, strict=True)
-    )
-    wrong = errors.reshape(3, -1)
-    names = tuple(dict.fromkeys(s.recording for s in told))
-    return Sides(
-        actuator,
-        link,
-        zero * wrong[0],
-        SENSOR_SCALE * wrong[1],
-        SENSOR_LAG * wrong[2],
-        names,
+    def side_gaps(arm: CorrectedArm, segments: list[Segment]) -> TorqueGap:
+        return _side_gaps(arm, body, segments, reading_errors)
+
+    scale = torque_scale(np.vstack([filtered_torque(s) for s in with_sensor]))
+    before = predictor.measured(frozenset(), side_gaps).rmse.reshape(2, -1) / scale
+    after = predictor.measured(terms, side_gaps).rmse.reshape(2, -1) / scale
+    actuator_floors, link_floors = _floors(fitted_arm, body, with_sensor)
+    link_floors = np.hypot(link_floors, inertial_error)
+    zero, gain, lag = errors.reshape(3, -1)
+    return SensorSides(
+        actuator=SideGap(before[0], after[0], actuator_floors / scale),
+        link=SideGap(before[1], after[1], link_floors / scale),
+        zero=zero_unit * zero,
+        scale=SENSOR_SCALE * gain,
+        lag=SENSOR_LAG * lag,
+        recordings=tuple(dict.fromkeys(s.recording for s in with_sensor)),
     )
 
 
-def _reading_errors(
-    arm: CorrectedArm,
-    body: RigidBody,
-    segment: Segment,
-    zero: np.ndarray,
-    errors: np.ndarray,
-) -> np.ndarray:
-    """What zero, scale and lag of the sensors add to their readings [N m], (N, n)."""
-    return (
-        sensor_errors(
-            link_torque(arm, segment.bodies(body), segment.motion),
-            segment.motion.t,
-            zero,
-        )
-        @ errors
-    )
-
-
-def _gap(
+def _side_gaps(
     arm: CorrectedArm,
     body: RigidBody,
     segments: list[Segment],
-    errors: Callable[[Segment], np.ndarray],
+    reading_errors: Callable[[Segment], np.ndarray],
 ) -> TorqueGap:
     """Gap of the segments with sensors, actuator side of each joint, then link side, (M, 2 n)."""
-    none = np.zeros((0, 2 * arm.arm.n_joints))
-    measured, predicted, edges = none, none, [0]
+    empty: np.ndarray = np.zeros((0, 2 * arm.arm.n_joints))
+    measured, predicted, edges = [empty], [empty], [0]
     for s in segments:
         if s.torque is None or s.torque_sensor is None:
             continue
         laden = s.bodies(body)
-        sensor, link = s.torque_sensor - errors(s), link_torque(arm, laden, s.motion)
-        told = np.hstack([arm.delivered(s.torque) - sensor, sensor])
-        own = np.hstack([arm.unlimited.predict(laden, s.motion) - link, link])
-        told, own = (
-            low_pass(x, s.motion.rate, TORQUE_CUTOFF)[s.inner] for x in (told, own)
-        )
-        measured, predicted = np.vstack([measured, told]), np.vstack([predicted, own])
-        edges.append(len(measured))
-    return TorqueGap(measured, predicted, tuple(edges))
+        sensor = s.torque_sensor - reading_errors(s)
+        link = link_torque(arm, laden, s.motion)
+        needed = arm.unlimited.predict(laden, s.motion)
+        recorded = np.hstack([arm.delivered(s.torque) - sensor, sensor])
+        expected = np.hstack([needed - link, link])
+        measured.append(low_pass(recorded, s.motion.rate, TORQUE_CUTOFF)[s.inner])
+        predicted.append(low_pass(expected, s.motion.rate, TORQUE_CUTOFF)[s.inner])
+        edges.append(edges[-1] + len(measured[-1]))
+    return TorqueGap(np.vstack(measured), np.vstack(predicted), tuple(edges))
 
 
 def _floors(
     arm: CorrectedArm, body: RigidBody, segments: list[Segment]
 ) -> tuple[np.ndarray, np.ndarray]:
     """RMS that a healthy arm and its sensors leave, actuator side and link side [N m], (n,) each."""
-    actuator = [
-        np.square(actuator_floor(arm, body, s))
-        + (noise_floor(arm, body, s).sticking ** 2).mean(axis=0)
-        for s in segments
-    ]
-    link = [np.square(link_floor(arm, body, s)) for s in segments]
+    actuator, link = [], []
+    for segment in segments:
+        sticking2 = (noise_floor(arm, body, segment).sticking ** 2).mean(axis=0)
+        actuator.append(np.square(actuator_floor(arm, body, segment)) + sticking2)
+        link.append(np.square(link_floor(arm, body, segment)))
     return np.sqrt(np.mean(actuator, axis=0)), np.sqrt(np.mean(link, axis=0))
 
 
-def described(sides: Sides, found: list[dict[str, Any]]) -> dict[str, Any]:
+def sides_entry(sides: SensorSides, found: list[dict[str, Any]]) -> dict[str, Any]:
     """``sides`` of ``diagnosis.json``.
 
     Args:
         sides: the gaps.
         found: findings of the document.
     """
-    n = len(sides.zero)
-    before = {
-        name: getattr(sides, name).above(getattr(sides, name).before)
-        for name in ("actuator", "link")
-    }
-    carried = [
-        " and ".join(name for name, joints in before.items() if joints[j]) or "neither"
-        for j in range(n)
-    ]
     return {
-        **{name: _side(getattr(sides, name)) for name in ("actuator", "link")},
-        "carried_by": ["both" if c == "actuator and link" else c for c in carried],
+        "actuator": sides.actuator.entry(),
+        "link": sides.link.entry(),
+        "carried_by": sides.carried_by,
         "sensor": {
             "zero": {"unit": "N m", "value": sides.zero.tolist()},
             "scale": {"unit": "1", "value": sides.scale.tolist()},
@@ -205,18 +197,11 @@ def described(sides: Sides, found: list[dict[str, Any]]) -> dict[str, Any]:
         "recordings": list(sides.recordings),
         "effects": [
             {
-                "effect": f["effect"],
-                "joints": f["joints"],
-                "side": CATALOGUE[f["effect"]].side,
+                "effect": finding["effect"],
+                "joints": finding["joints"],
+                "side": CATALOGUE[finding["effect"]].side,
             }
-            for f in found
-            if f["effect"] in CATALOGUE
+            for finding in found
+            if finding["effect"] in CATALOGUE
         ],
-    }
-
-
-def _side(gap: SideGap) -> dict[str, Any]:
-    return {
-        "before": {"torque_nrmse": gap.before.tolist(), "floor": gap.floor.tolist()},
-        "after": {"torque_nrmse": gap.after.tolist()},
     }

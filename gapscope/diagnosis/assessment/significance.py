@@ -1,18 +1,19 @@
-"""Significance by split samples, with the rate of false discoveries held.
+"""Significance by split samples, with the false discovery rate controlled.
 
-Pieces of the recordings are dealt alternately to two halves, A and B. For an effect among those found,
+Pieces of the recordings are assigned alternately to two halves, A and B. For an effect among those found,
 
     log e = l_B|A(all effects, fitted to A) - max l_B|A(all but this one)
 
-with l_B|A the Gaussian log likelihood of the weighed gap of B, by effective samples, once A has told what it can of the
-nominal arm's errors: half of L(A) - L(A and B), L the least sum of squares over them. Whatever A made of the effect,
-E[e] <= 1 where there is none, so that 1 / e bounds the probability of such a value [wasserman2020]; so does the mean of
-e over both directions. Of m effects tried, those are confirmed of which the k-th largest e is at least m / (k rate):
-then at most that share of them is expected to be there by chance, however they depend on each other [wang2022].
+with l_B|A the Gaussian log likelihood of the weighted gap of B, by effective samples, given what A says of the nominal
+arm's errors: half of L(A) - L(A and B), L the least sum of squares over them. Whatever values A gives to the effect,
+E[e] <= 1 if the effect is absent, so that 1 / e bounds the probability of such a value [wasserman2020]; the same holds
+for the mean of e over both directions. Of m effects tried, those are confirmed of which the k-th largest e is at least
+m / (k rate): then at most that share of them is expected to be there by chance, whatever their dependence [wang2022].
 
-What errors of the nominal arm could do as well is hard to confirm so: once A has told them, they predict B no worse.
-Evidence prefers one change on one body there, for its size. On short or odd recordings the values that A gives to all
-the other effects fail on B, and nothing is confirmed. An effect that is not confirmed stays, and is told so.
+An effect that errors of the nominal arm could imitate is hard to confirm: once A has estimated these errors, they
+predict B no worse. The evidence still prefers it, because one change of one body costs less than errors of all bodies.
+On short or odd recordings the values that A gives to all other effects fail on B, and nothing is confirmed. An effect
+that is not confirmed stays in the diagnosis, marked as such.
 """
 
 from __future__ import annotations
@@ -29,62 +30,80 @@ from gapscope.effects.catalogue import explained
 
 
 def log_e_values(selection: Selection) -> dict[str, float]:
-    """log e of each effect found [nats]; not of joints that ring or play, of which a linear model without is none."""
+    """log e of each effect found [nats]; compliant joints have none, as no linear model is without them."""
     evidence, terms = selection.evidence, selection.fit.terms
-    pieces = evidence.halves()
+    first, second = evidence.halves()
 
     def least(total: np.ndarray) -> np.ndarray:
         return NormalEquations(total, evidence.terms.size, evidence.spread).least
 
-    both = least(pieces[0] + pieces[1])
-    halves = [(one, both - one) for one in map(least, pieces)]
-    calm = frozenset(t for t in terms if t.definition.locally_linear)
-    return {
-        next(iter(part)).finding: _mean(
-            [_log_e(terms, part, fitted, tested) for fitted, tested in halves]
-        )
-        for part in by_finding(calm)
-    }
+    least_first, least_second, least_both = map(least, (first, second, first + second))
+    # Pairs of the half that is fitted, and what the other half adds to it.
+    directions = [
+        (least_first, least_both - least_first),
+        (least_second, least_both - least_second),
+    ]
+    rigid = frozenset(t for t in terms if t.definition.locally_linear)
+    out = {}
+    for tested_terms in by_finding(rigid):
+        logs = [
+            log_e_value(terms, tested_terms, fitted, tested)
+            for fitted, tested in directions
+        ]
+        out[next(iter(tested_terms)).finding] = _log_mean(logs)
+    return out
 
 
 def false_discovery_rates(
     log_e: Mapping[str, float], tried: int | None = None
 ) -> dict[str, float]:
-    """The least rate of false discoveries at which each effect would be confirmed, at most 1.
+    """The least false discovery rate at which each effect would be confirmed, at most 1 (e-BH).
+
+    With e-values in falling order, e_(1) >= e_(2) ..., the first k are confirmed at the rate m / (k e_(k)), and with
+    them every larger one. Source: wang2022.
 
     Args:
         log_e: of each effect found [nats].
-        tried: number of effects that were tried; ``None`` for all that a torque gap can show.
+        tried: m, number of effects that were tried; ``None`` for all that a torque gap can show.
     """
     tried = len(explained()) if tried is None else tried
     ranked = sorted(log_e, key=lambda name: log_e[name], reverse=True)
-    rates = [
-        min(1.0, tried / (k + 1) * float(np.exp(-max(log_e[name], -50.0))))
-        for k, name in enumerate(ranked)
-    ]
+    rates = []
+    for k, name in enumerate(ranked, 1):
+        inverse = float(np.exp(-max(log_e[name], -50.0)))
+        rates.append(min(1.0, tried / k * inverse))
     return {name: min(rates[k:]) for k, name in enumerate(ranked)}
 
 
-def _mean(logs: list[float]) -> float:
-    """Logarithm of the mean of values with these logarithms."""
-    return float(np.logaddexp.reduce(logs) - np.log(len(logs)))
-
-
-def _log_e(
+def log_e_value(
     terms: frozenset[Term],
     part: frozenset[Term],
     fitted: np.ndarray,
     tested: np.ndarray,
 ) -> float:
-    """log e of some of the terms, with L of the half to fit, and that of both less it; each (P + 1, P + 1)."""
+    """log e of some of the terms [nats].
 
-    def columns(chosen: frozenset[Term]) -> np.ndarray:
-        return np.array(sorted(c for t in chosen for c in t.columns), dtype=int)
+    Args:
+        terms: all terms.
+        part: those that are tested.
+        fitted: L of the half that is fitted, (P + 1, P + 1); half of [theta; -1]^T L [theta; -1] is the loss.
+        tested: L of both halves less that of the fitted one, (P + 1, P + 1).
+    """
 
     def loss(theta: np.ndarray) -> float:
         z = np.append(theta, -1.0)
         return 0.5 * float(z @ tested @ z)
 
-    return loss(solve(tested, columns(terms - part))) - loss(
-        solve(fitted, columns(terms))
-    )
+    # Without the part, all others may fit the tested half itself: the most favourable case against the part.
+    without_part = solve(tested, _columns(terms - part))
+    with_all = solve(fitted, _columns(terms))
+    return loss(without_part) - loss(with_all)
+
+
+def _columns(terms: frozenset[Term]) -> np.ndarray:
+    return np.array(sorted(c for t in terms for c in t.columns), dtype=int)
+
+
+def _log_mean(logs: list[float]) -> float:
+    """Logarithm of the mean of values with these logarithms."""
+    return float(np.logaddexp.reduce(logs) - np.log(len(logs)))

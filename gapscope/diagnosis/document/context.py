@@ -2,97 +2,117 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from gapscope.arm.recording import Recording
+from gapscope.diagnosis.assessment.rejection import Rejection
 from gapscope.diagnosis.document.wording import effect_name
 from gapscope.diagnosis.gap.commanded_torque import WARNING
 from gapscope.diagnosis.model.terms import Term
+from gapscope.diagnosis.selection.evidence import Fit
+from gapscope.diagnosis.selection.search import Selection
+from gapscope.diagnosis.study import Study
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
-
-if TYPE_CHECKING:
-    from gapscope.diagnosis.diagnose import Study
 
 
 def context(study: Study) -> dict[str, Any]:
-    """The arm, the recordings, how they were conditioned, what was noticed, and what lost."""
+    """The arm, the recordings, how they were conditioned, what was noticed, and what was considered."""
     case = study.case
     notes = [
-        f"{r.name}: {note}"
-        for r in (*case.recordings, *case.judged)
-        for note in r.notes
+        f"{recording.name}: {note}"
+        for recording in (*case.recordings, *case.judged)
+        for note in recording.notes
     ]
-    roles = [(r, "fit") for r in case.recordings] + [(r, "judge") for r in case.judged]
-    if study.predictor.judged:
-        judged_on = "recordings set aside for judging"
-    elif len(case.recordings) > 1:
-        judged_on = "each half of a recording, with the values fitted to all else"
-    else:
-        judged_on = "halves of blocks of the one recording, each with the values fitted to all else"
     inferred = WARNING in case.warnings
-    if inferred:
-        judged_on += "; the torque there is the one that the known controller must have commanded"
     return {
         "arm": {"robot": case.arm.name, "joints": list(case.arm.joints)},
         "recordings": [
-            {"name": r.name, "duration": r.duration, "rate": r.rate, "role": role}
-            | ({} if r.payload is None else {"payload": r.payload.entry()})
-            for r, role in roles
+            *(_recording_entry(r, "fit") for r in case.recordings),
+            *(_recording_entry(r, "judge") for r in case.judged),
         ],
         "conditioning": {
             "rate": study.predictor.segments[0].motion.rate,
-            "position_cutoff": study.cutoff,
+            "position_cutoff": study.position_cutoff,
             "torque_cutoff": TORQUE_CUTOFF,
             "how": "zero-phase Butterworth, order 4, on both sides; positions cut at twice the frequency where their "
             "spectrum meets its noise; floor from the gap's power density above the band, timing and form of friction",
             "nominal_inertials_std": study.selection.evidence.sigma,
             "sampling_skew": study.selection.evidence.skew,
         },
-        "judged_on": judged_on,
+        "judged_on": _judged_on(study, inferred),
         "torque_from": "controller" if inferred else "recorded",
-        "warnings": [*case.warnings, *notes, *study.replay.warnings],
-        "considered": _considered(study),
+        "warnings": [*case.warnings, *notes, *study.replay_gap.warnings],
+        "considered": [
+            *(_rejection_entry(rejection) for rejection in study.rejections),
+            *_runners_up(study.selection),
+        ],
     }
 
 
-def _considered(study: Study) -> list[dict[str, Any]]:
-    """What was found and taken back, then the best rivals at each step of the search; and why they lost."""
-    scale = study.selection.scale
-    evidence = study.selection.evidence
-    out: list[dict[str, Any]] = [
-        {
-            "effect": next(iter(refusal.terms)).effect,
-            "joints": _joints(refusal.terms),
-            "log_evidence": None,
-            "gap_closed": -refusal.cost,
-            "reason": refusal.reason,
-        }
-        for refusal in study.rejections
-    ]
-    for winner, loser in study.selection.considered:
-        terms = loser.terms - winner.terms
-        if not terms:
+def _recording_entry(recording: Recording, role: str) -> dict[str, Any]:
+    entry = {
+        "name": recording.name,
+        "duration": recording.duration,
+        "rate": recording.rate,
+        "role": role,
+    }
+    if recording.payload is not None:
+        entry["payload"] = recording.payload.entry()
+    return entry
+
+
+def _judged_on(study: Study, inferred: bool) -> str:
+    """On which data the gaps are measured, in words; ``inferred``: the torque is not recorded but computed."""
+    if study.predictor.set_aside:
+        text = "recordings set aside for judging"
+    elif len(study.case.recordings) > 1:
+        text = "each half of a recording, with the values fitted to all else"
+    else:
+        text = "halves of blocks of the one recording, each with the values fitted to all else"
+    if inferred:
+        text += "; the torque there is the one that the known controller must have commanded"
+    return text
+
+
+def _rejection_entry(rejection: Rejection) -> dict[str, Any]:
+    return {
+        "effect": next(iter(rejection.terms)).effect,
+        "joints": _joints(rejection.terms),
+        "log_evidence": None,
+        "gap_closed": -rejection.cost,
+        "reason": rejection.reason,
+    }
+
+
+def _runners_up(selection: Selection) -> list[dict[str, Any]]:
+    """The best effects that lost a step of the search, and to which effect."""
+    out: list[dict[str, Any]] = []
+    for winner, loser in selection.considered:
+        only_loser, only_winner = loser.terms - winner.terms, winner.terms - loser.terms
+        if not only_loser:
             continue
-        name = next(iter(terms)).effect
-        gap = [
-            np.sqrt(
-                (f.held_out_mse * evidence.rows).sum(axis=0) / evidence.rows.sum(axis=0)
-            )
-            / scale
-            for f in (winner, loser)
-        ]
-        lost = {t.effect for t in winner.terms - loser.terms}
+        names = sorted({term.effect for term in only_winner})
+        winners = ", ".join(effect_name(name) for name in names)
+        closed_more = _nrmse(selection, loser) - _nrmse(selection, winner)
         out.append(
             {
-                "effect": name,
-                "joints": _joints(terms),
+                "effect": next(iter(only_loser)).effect,
+                "joints": _joints(only_loser),
                 "log_evidence": float(loser.score - winner.score),
-                "gap_closed": float((gap[1] - gap[0]).sum()),
-                "reason": f"{', '.join(effect_name(e) for e in sorted(lost))} predicts the unseen recordings better",
+                "gap_closed": float(closed_more.sum()),
+                "reason": f"{winners} predicts the unseen recordings better",
             }
         )
     return out
+
+
+def _nrmse(selection: Selection, fit: Fit) -> np.ndarray:
+    """Held-out torque NRMSE with the terms of a fit over all folds, (n,)."""
+    rows = selection.evidence.rows
+    mean_square = (fit.held_out_mse * rows).sum(axis=0) / rows.sum(axis=0)
+    return np.asarray(np.sqrt(mean_square) / selection.scale)
 
 
 def _joints(terms: frozenset[Term]) -> list[int]:

@@ -10,15 +10,14 @@ from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.search import Selection
 from gapscope.diagnosis.thresholds import SKEWS
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.effect import Parameter
 
 
 def finding_of(applied: AppliedEffect) -> str:
-    """What the terms of an effect are named with."""
-    return (
-        f"{applied.name} {int(applied.parameters['link'])}"
-        if "link" in applied.parameters
-        else applied.name
-    )
+    """Name of an effect's finding: all joints of an effect together, each link on its own."""
+    if "link" in applied.parameters:
+        return f"{applied.name} {int(applied.parameters['link'])}"
+    return applied.name
 
 
 def parameters(
@@ -27,60 +26,66 @@ def parameters(
     draws: np.ndarray,
     instrumented: AppliedEffect | None = None,
 ) -> dict[str, Any]:
-    """Values with standard deviations: of linear coordinates from a block bootstrap, of shapes from their scan.
+    """Values with standard deviations, by the names of the parameters.
 
-    A delay or lag is uncertain by the sampling skew as well. Of linear coordinates the values by the commands as
-    instruments are added where they are known.
+    Args:
+        selection: result of the search.
+        applied: the effect with its values.
+        draws: values of all terms on bootstrapped data, (draws, P).
+        instrumented: the effect with values by the commands as instruments, if these are known; they are added for
+            parameters that act linearly.
     """
-    mine = [
-        t
-        for t in selection.evidence.terms.all
-        if t in selection.fit.terms and t.finding == finding_of(applied)
-    ]
-    fitted = mine[0].parametrisation
-    shapes = [selection.evidence.linear.shape(t) for t in mine]
-    values = [np.array(s.values) for s in shapes]
-    samples = [dict(fitted.values(*_coordinates(draw, mine, values))) for draw in draws]
-    skew = SKEWS[1] if applied.effect.delays else 0.0
+    known, finding = selection.evidence.terms, finding_of(applied)
+    terms = [t for t in known.all if t in selection.fit.terms and t.finding == finding]
+    nonlinear = terms[0].parametrisation.nonlinear
+    samples = _samples(selection, terms, draws)
     out: dict[str, Any] = {}
     for parameter in applied.effect.parameters:
-        value = applied.parameters[parameter.name]
-        if parameter.name in fitted.nonlinear:
-            std = np.array(
-                [s.std[fitted.nonlinear.index(parameter.name)] for s in shapes]
-            )
-        elif parameter.name == "link":
+        name, value = parameter.name, applied.parameters[parameter.name]
+        if name in nonlinear:
+            std = _scan_std(selection, terms, nonlinear.index(name))
+        elif name == "link":
             std = np.zeros(1)
         else:
-            std = _spread(
-                np.clip(
-                    [sample[parameter.name] for sample in samples], *parameter.bounds
-                )
-            )
+            std = _bootstrap_std(parameter, samples)
+        # A skew of sampling acts as a delay: delays and lags are not known better than it.
+        skew = SKEWS[1] if applied.effect.delays else 0.0
         std = np.hypot(std, skew).reshape(value.shape)
-        out[parameter.name] = {
+        entry = {
             "unit": parameter.unit,
             "value": value.tolist(),
             "std": std.tolist(),
         }
-        if instrumented is not None and parameter.name not in (
-            *fitted.nonlinear,
-            "link",
-        ):
-            out[parameter.name]["by_commands"] = instrumented.parameters[
-                parameter.name
-            ].tolist()
+        if instrumented is not None and name not in (*nonlinear, "link"):
+            entry["by_commands"] = instrumented.parameters[name].tolist()
+        out[name] = entry
     return out
 
 
-def _coordinates(
-    draw: np.ndarray, terms: list[Term], shapes: list[np.ndarray]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Linear coordinates (linear, m) and shapes (s, m) of the terms of one finding."""
-    return np.array([draw[list(t.columns)] for t in terms]).T, np.array(shapes).T
+def _scan_std(selection: Selection, terms: list[Term], place: int) -> np.ndarray:
+    """Standard deviation of a parameter that acts nonlinearly, from its scan, (m,) for m terms."""
+    scanned = [selection.evidence.linear.shape(term) for term in terms]
+    return np.array([shape.std[place] for shape in scanned])
 
 
-def _spread(samples: np.ndarray) -> np.ndarray:
-    """Half the distance between the 16th and the 84th percentile over the draws: a quotient has wild ones."""
-    low, high = np.percentile(samples, [15.87, 84.13], axis=0)
-    return 0.5 * (high - low)
+def _samples(
+    selection: Selection, terms: list[Term], draws: np.ndarray
+) -> list[dict[str, np.ndarray]]:
+    """Parameters of an effect on each draw of the linear coordinates, others at their values."""
+    scanned = [selection.evidence.linear.shape(term).values for term in terms]
+    nonlinear = np.array(scanned).T
+    columns = np.array([term.columns for term in terms], dtype=int).T
+    to_values = terms[0].parametrisation.values
+    return [dict(to_values(draw[columns], nonlinear)) for draw in draws]
+
+
+def _bootstrap_std(
+    parameter: Parameter, samples: list[dict[str, np.ndarray]]
+) -> np.ndarray:
+    """Half the distance between the 16th and the 84th percentile of a parameter over the draws.
+
+    Percentiles, because a parameter that is a quotient of coordinates has draws without bound.
+    """
+    drawn = np.clip([sample[parameter.name] for sample in samples], *parameter.bounds)
+    low, high = np.percentile(drawn, [15.87, 84.13], axis=0)
+    return np.asarray(0.5 * (high - low))

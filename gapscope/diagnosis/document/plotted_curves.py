@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from typing import Any
 
@@ -16,10 +17,10 @@ from gapscope.diagnosis.localisation.stacked_rows import Rows, stack
 from gapscope.diagnosis.result import Located, Signature, Spectrum, Trace
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.effect import Quantity, Transmission
-from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, Segment
+from gapscope.effects.effect import Effect, Transmission
+from gapscope.ident.signals.conditioning import Segment
 
-POINTS = 1500
+MOST_POINTS = 1500
 """Most points of a curve."""
 
 
@@ -33,21 +34,22 @@ def located(
 
     Args:
         document: of the diagnosis.
-        gaps: ``before`` and ``after`` the effects found; after is shown where it stays above the floor.
+        gaps: ``before`` and ``after`` the effects found; after is shown if it stays above the floor.
         floor: RMS that a healthy arm leaves [N m], (n,).
         segments: the rows of the gaps.
     """
-    stages = ["before"] if document["effects"] else []
-    stages += ["after"] if document["unexplained"]["above_floor"] else []
-    rows, load, out = stack(segments), gaps["before"].predicted, []
+    stages = []
+    if document["effects"]:
+        stages.append("before")
+    if document["unexplained"]["above_floor"]:
+        stages.append("after")
+    rows, load = stack(segments), gaps["before"].predicted
+    out = []
     for stage in stages:
         worst = worst_joint(document, stage)
-        places = (
-            []
-            if worst is None
-            else locate(gaps[stage].error, rows, load, floor, [worst])
-        )
-        out += [Located(stage, place) for place in places]
+        if worst is not None:
+            places = locate(gaps[stage].error, rows, load, floor, [worst])
+            out += [Located(stage, place) for place in places]
     return tuple(out)
 
 
@@ -58,18 +60,16 @@ def traces(
     nominal = CorrectedArm(corrected.arm)
     out = []
     for segment in segments:
-        before, after = (
-            torque_gap(arm, body, [segment]) for arm in (nominal, corrected)
-        )
-        step = max(1, len(before.measured) // POINTS)
-        t = segment.motion.t[segment.inner]
+        before = torque_gap(nominal, body, [segment])
+        after = torque_gap(corrected, body, [segment])
+        step = max(1, len(before.measured) // MOST_POINTS)
         out.append(
             Trace(
-                segment.recording,
-                t[::step],
-                before.measured[::step],
-                before.predicted[::step],
-                after.predicted[::step],
+                recording=segment.recording,
+                t=segment.motion.t[segment.inner][::step],
+                measured=before.measured[::step],
+                nominal=before.predicted[::step],
+                corrected=after.predicted[::step],
             )
         )
     return tuple(out)
@@ -77,18 +77,27 @@ def traces(
 
 def spectrum(before: TorqueGap, after: TorqueGap, rates: tuple[float, ...]) -> Spectrum:
     """Amplitude spectrum of the gap up to 12 Hz, mean power over the segments, sampled at ``rates`` [Hz]."""
-    frequency = np.arange(0.0, TORQUE_CUTOFF + 0.01, 0.25)
-    powers = [np.zeros((len(frequency), before.error.shape[1])) for _ in range(2)]
-    for power, error in zip(powers, (before.error, after.error), strict=True):
-        for a, b, rate in zip(before.edges, before.edges[1:], rates, strict=False):
-            grid, density = welch(
-                error[a:b], rate, nperseg=min(b - a, int(4 * rate)), axis=0
-            )
-            share = (b - a) / before.edges[-1]
-            power += share * np.column_stack(
-                [np.interp(frequency, grid, column) for column in density.T]
-            )
-    return Spectrum(frequency, np.sqrt(powers[0]), np.sqrt(powers[1]))
+    frequency = np.arange(0.0, 12.01, 0.25)
+    return Spectrum(
+        frequency,
+        np.sqrt(_power_density(before, rates, frequency)),
+        np.sqrt(_power_density(after, rates, frequency)),
+    )
+
+
+def _power_density(
+    gap: TorqueGap, rates: tuple[float, ...], frequency: np.ndarray
+) -> np.ndarray:
+    """Power density of a gap [(N m)^2/Hz], (F, n), segments weighted by their length."""
+    power = np.zeros((len(frequency), gap.error.shape[1]))
+    spans = itertools.pairwise(gap.edges)
+    for (start, end), rate in zip(spans, rates, strict=True):
+        length = end - start
+        window = min(length, int(4 * rate))
+        grid, density = welch(gap.error[start:end], rate, nperseg=window, axis=0)
+        at_frequency = [np.interp(frequency, grid, column) for column in density.T]
+        power += length / gap.edges[-1] * np.column_stack(at_frequency)
+    return power
 
 
 def signatures(
@@ -97,54 +106,62 @@ def signatures(
     """For each effect, on up to seven joints, the gap without it against the quantity that drives it."""
     full = torque_gap(corrected, body, segments)
     rows = stack(segments)
-    step = max(1, len(rows.t) // POINTS)
+    step = max(1, len(rows.t) // MOST_POINTS)
     out = []
     for applied in corrected.effects:
-        rest = CorrectedArm(
-            corrected.arm, tuple(e for e in corrected.effects if e is not applied)
-        )
-        without = torque_gap(rest, body, segments)
+        others = tuple(e for e in corrected.effects if e is not applied)
+        without = torque_gap(CorrectedArm(corrected.arm, others), body, segments)
         explained = full.predicted - without.predicted
         for joint in _joints(applied, explained, without):
-            quantity = applied.effect.plotted_against
-            axis, unit, x = _axis(quantity, rows, without, explained, joint - 1)
-            gap, part = without.error[::step, joint - 1], explained[::step, joint - 1]
-            out.append(Signature(applied.name, joint, axis, unit, x[::step], gap, part))
+            j = joint - 1
+            axis, unit, x = _axis(applied.effect, rows, without, explained, j)
+            out.append(
+                Signature(
+                    effect=applied.name,
+                    joint=joint,
+                    axis=axis,
+                    unit=unit,
+                    x=x[::step],
+                    gap=without.error[::step, j],
+                    explained=explained[::step, j],
+                )
+            )
     return tuple(out)
 
 
 def _joints(applied: AppliedEffect, explained: np.ndarray, gap: TorqueGap) -> list[int]:
-    """Joints to show: those of the effect, or the three on which an effect of many joints weighs most."""
-    # a joint that bends shows it most on itself, an encoder's offset where gravity pulls most
+    """Joints to show: those of the effect, or the three on which an effect of many joints has most torque."""
+    # A compliant joint shows it most on itself, an encoder offset on the joint with most gravity.
     effect = applied.effect
-    own = effect.reach == "joint" or isinstance(effect, Transmission)
-    if applied.joints and own:
+    on_itself = effect.reach == "joint" or isinstance(effect, Transmission)
+    if applied.joints and on_itself:
         return list(applied.joints[:7])
-    weight = np.sqrt((explained**2).mean(axis=0)) / np.maximum(
-        gap.measured.std(axis=0), 1e-9
-    )
-    return sorted(int(j) + 1 for j in np.argsort(-weight)[:3])
+    rms = np.sqrt((explained**2).mean(axis=0))
+    relative = rms / np.maximum(gap.measured.std(axis=0), 1e-9)
+    return sorted(int(j) + 1 for j in np.argsort(-relative)[:3])
 
 
 def _axis(
-    quantity: Quantity, rows: Rows, gap: TorqueGap, explained: np.ndarray, j: int
+    effect: Effect, rows: Rows, gap: TorqueGap, explained: np.ndarray, j: int
 ) -> tuple[str, str, np.ndarray]:
-    """Name, unit and values of the quantity over which an effect on joint j (from 0) is drawn."""
-    recorded, velocity = gap.measured[:, j], rows.dq[:, j]
-    directed_load = np.abs(recorded) * np.sign(velocity)
-    torque_rate = np.gradient(gap.predicted[:, j], np.median(np.diff(rows.t)))
-    axes: dict[Quantity, tuple[str, str, np.ndarray]] = {
-        "own torque": ("torque that the effect predicts", "N m", explained[:, j]),
-        "position": ("position", "rad", rows.q[:, j]),
-        "velocity": ("velocity", "rad/s", velocity),
-        "acceleration": ("acceleration", "rad/s²", rows.ddq[:, j]),
-        "time": ("time", "s", rows.t),
-        "recorded torque": ("recorded torque", "N m", recorded),
-        "directed load": (
-            "load torque in the direction of motion",
-            "N m",
-            directed_load,
-        ),
-        "torque rate": ("rate of the torque", "N m/s", torque_rate),
-    }
-    return axes[quantity]
+    """Name, unit and values of the quantity that drives an effect on joint j (from 0)."""
+    match effect.plotted_against:
+        case "position":
+            return "position", "rad", rows.q[:, j]
+        case "velocity":
+            return "velocity", "rad/s", rows.dq[:, j]
+        case "acceleration":
+            return "acceleration", "rad/s²", rows.ddq[:, j]
+        case "time":
+            return "time", "s", rows.t
+        case "recorded torque":
+            return "recorded torque", "N m", gap.measured[:, j]
+        case "directed load":
+            load = np.abs(gap.measured[:, j]) * np.sign(rows.dq[:, j])
+            return "load torque in the direction of motion", "N m", load
+        case "torque rate":
+            period = np.median(np.diff(rows.t))
+            rate = np.gradient(gap.predicted[:, j], period)
+            return "rate of the torque", "N m/s", rate
+        case "own torque":
+            return "torque that the effect predicts", "N m", explained[:, j]

@@ -1,0 +1,135 @@
+"""The content of ``diagnosis.json``, put together from a study of a case."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gapscope.diagnosis.assessment.predictable_share import Predictable, predictable
+from gapscope.diagnosis.assessment.sensor_sides import sides_entry
+from gapscope.diagnosis.document.context import context
+from gapscope.diagnosis.document.entries import known_numbers, numbers, region_entry
+from gapscope.diagnosis.document.fault_findings import GapStages, with_faults
+from gapscope.diagnosis.document.findings import effect_findings
+from gapscope.diagnosis.document.suggested_recording import suggested_recording
+from gapscope.diagnosis.document.verdict import verdict
+from gapscope.diagnosis.gap.torque_gap import torque_scale
+from gapscope.diagnosis.localisation.regimes import located
+from gapscope.diagnosis.localisation.stacked_rows import Rows, stack
+from gapscope.diagnosis.study import Study
+from gapscope.diagnosis.thresholds import (
+    PREDICTABLE_SHARE,
+    SIGNIFICANT_RESIDUAL_RATIO,
+)
+
+
+def diagnosis_content(study: Study) -> dict[str, Any]:
+    """``diagnosis.json`` of a study, without NaN, as plain Python values."""
+    gap = _gap_stages(study)
+    rows = stack(study.predictor.segments)
+    effects = with_faults(effect_findings(study, rows), study.faults, gap)
+    open_joints = [int(j) + 1 for j in np.flatnonzero(study.excess_residual.above)]
+    predictions = predictable(study.gap_after, rows, study.floor, open_joints)
+    content: dict[str, Any] = {
+        "schema": 1,
+        "case": study.case.name,
+        "verdict": verdict(
+            found=bool(effects),
+            explained=_explained(study, gap),
+            significant=_significant(study, predictions),
+            rejected=bool(study.rejections),
+        ),
+        "gap": _gap_entry(study, gap),
+        "effects": effects,
+        "unexplained": _unexplained_entry(study, rows, open_joints, predictions),
+        "next_recording": suggested_recording(effects, open_joints),
+        "where": _where_before(study, rows, gap),
+    }
+    if study.sensor_sides is not None:
+        content["sides"] = sides_entry(study.sensor_sides, effects)
+    return content | context(study)
+
+
+def _gap_stages(study: Study) -> GapStages:
+    repaired = study.gap_before.nrmse
+    recorded = [f.gap_before for f in study.faults if f.gap_before is not None]
+    return GapStages(
+        recorded=recorded[0] if recorded else repaired,
+        repaired=repaired,
+        corrected=study.gap_after.nrmse,
+        floor=study.floor / torque_scale(study.gap_before.measured),
+    )
+
+
+def _explained(study: Study, gap: GapStages) -> bool:
+    """Whether what is left is no more than may be left of the gap, with the set-up repaired or as it was given."""
+    residual = study.excess_residual
+    if not residual.open:
+        return True
+    # A repaired fault explains all that it took away: the residual is small beside the gap of the case as given.
+    widened = any(fault.gap_before is not None for fault in study.faults)
+    return widened and not residual.exceeds_explained_share_of(gap.recorded)
+
+
+def _significant(study: Study, predictions: list[Predictable]) -> bool:
+    """Whether the residual of some joint is far above the floor, or can be predicted."""
+    ratio = study.excess_residual.ratio
+    return any(
+        p.share >= PREDICTABLE_SHARE or ratio[p.joint - 1] >= SIGNIFICANT_RESIDUAL_RATIO
+        for p in predictions
+    )
+
+
+def _gap_entry(study: Study, gap: GapStages) -> dict[str, Any]:
+    replay = study.replay_gap
+    elsewhere_before, elsewhere_after = {}, {}
+    for engine, (before, after) in replay.elsewhere.items():
+        elsewhere_before[engine] = known_numbers(before)
+        elsewhere_after[engine] = known_numbers(after)
+    return {
+        "replayed": replay.by,
+        "before": {
+            "torque_nrmse": numbers(gap.recorded),
+            "replay_rmse": known_numbers(replay.before),
+            "replay_elsewhere": elsewhere_before,
+            "floor": numbers(gap.floor),
+        },
+        "after": {
+            "torque_nrmse": numbers(gap.corrected),
+            "replay_rmse": known_numbers(replay.after),
+            "replay_elsewhere": elsewhere_after,
+        },
+    }
+
+
+def _unexplained_entry(
+    study: Study, rows: Rows, open_joints: list[int], predictions: list[Predictable]
+) -> dict[str, Any]:
+    residual = study.excess_residual
+    before2 = max((study.gap_before.nrmse**2).sum(), 1e-12)
+    share = (residual.after**2).sum() / before2
+    return {
+        "share": float(np.clip(share, 0, 1)),
+        "above_floor": bool(residual.above.any()),
+        "joints": open_joints,
+        "times_floor": numbers(residual.ratio),
+        "where": _where(study, study.gap_after.error, rows, open_joints),
+        "predictable": [p.document() for p in predictions],
+    }
+
+
+def _where_before(study: Study, rows: Rows, gap: GapStages) -> list[dict[str, Any]]:
+    """Where the gap of the nominal arm lies, on joints where it is above the floor, the widest first."""
+    nrmse = gap.repaired
+    joints = [int(j) + 1 for j in np.argsort(-nrmse) if nrmse[j] > gap.floor[j]]
+    return _where(study, study.gap_before.error, rows, joints)
+
+
+def _where(
+    study: Study, error: np.ndarray, rows: Rows, joints: list[int]
+) -> list[dict[str, Any]]:
+    """Regions in which a gap [N m], (M, n), is concentrated."""
+    load = study.gap_before.predicted
+    places = located(error, rows, load, study.floor, joints)
+    return [region_entry(region) for region in places]

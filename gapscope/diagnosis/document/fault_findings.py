@@ -1,0 +1,81 @@
+"""Faults of the set-up among the findings, with the shares of faults and effects in one whole."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gapscope.diagnosis.document.entries import numbers
+from gapscope.diagnosis.setup_faults.found_fault import FoundFault
+
+
+@dataclass(frozen=True)
+class GapStages:
+    """Torque NRMSE at the stages of a diagnosis, (n,) each.
+
+    Attributes:
+        recorded: of the case as it was given.
+        repaired: with the faults of the set-up repaired.
+        corrected: with the effects as well.
+        floor: of a healthy arm.
+    """
+
+    recorded: np.ndarray
+    repaired: np.ndarray
+    corrected: np.ndarray
+    floor: np.ndarray
+
+    @property
+    def whole(self) -> float:
+        """The whole gap: what is above the floor, or what is closed if that is more."""
+        return max(self._closable(self.recorded), 1e-9)
+
+    @property
+    def physical_share(self) -> float:
+        """Share of the whole gap that remains for effects once the set-up is repaired [1]."""
+        return min(self._closable(self.repaired) / self.whole, 1.0)
+
+    def _closable(self, before: np.ndarray) -> float:
+        above_floor = float((before - self.floor).clip(0).sum())
+        closed = float((before - self.corrected).sum())
+        return max(above_floor, closed)
+
+
+def with_faults(
+    effects: list[dict[str, Any]], faults: tuple[FoundFault, ...], gap: GapStages
+) -> list[dict[str, Any]]:
+    """Findings on effects and faults together, those with the largest share first.
+
+    A fault's share is what repairing it takes from the whole gap; the effects share the rest.
+    """
+    rescaled = [_with_share_times(gap.physical_share, effect) for effect in effects]
+    findings = rescaled + [_fault_finding(fault, gap) for fault in faults]
+    return sorted(findings, key=lambda finding: finding["share"], reverse=True)
+
+
+def _with_share_times(factor: float, effect: dict[str, Any]) -> dict[str, Any]:
+    interval = [bound * factor for bound in effect["share_interval"]]
+    return {**effect, "share": effect["share"] * factor, "share_interval": interval}
+
+
+def _fault_finding(fault: FoundFault, gap: GapStages) -> dict[str, Any]:
+    only, without = fault.gap_with_only_this, fault.gap_without_this
+    # A fault that cannot be simulated alone, such as quantisation, has no gaps of its own.
+    if only is None:
+        only = gap.recorded
+    if without is None:
+        without = gap.recorded
+    share = (gap.recorded - only).sum() / gap.whole
+    return {
+        "effect": fault.name,
+        "joints": list(fault.joints),
+        "probability": fault.probability,
+        **fault.document(),
+        "share": float(np.clip(share, 0.0, 1.0)),
+        "gap_with_only_this": {"torque_nrmse": numbers(only)},
+        "gap_without_this": {"torque_nrmse": numbers(without)},
+        "where": [],
+        "alternatives": [],
+    }

@@ -1,0 +1,263 @@
+"""A case examined: what was searched, found, rejected and measured, from which the findings are written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from gapscope.arm.case import Case
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import GapscopeError
+from gapscope.diagnosis.assessment.baseline import Baseline
+from gapscope.diagnosis.assessment.excess_residual import (
+    ExcessResidual,
+    elementwise_max,
+    excess_residual,
+    excess_residual_set_aside,
+)
+from gapscope.diagnosis.assessment.held_out_prediction import HeldOutPredictor
+from gapscope.diagnosis.assessment.instrumental_values import commanded, instrumented
+from gapscope.diagnosis.assessment.rejection import Rejection, reject
+from gapscope.diagnosis.assessment.replay_gap import ReplayGap, replay_gap
+from gapscope.diagnosis.assessment.sensor_sides import SensorSides, find_sides
+from gapscope.diagnosis.gap.commanded_torque import (
+    with_commanded_torque,
+    with_likelier_rule,
+)
+from gapscope.diagnosis.gap.torque_gap import (
+    TorqueGap,
+    noise_floor,
+    torque_gap,
+    torque_scale,
+)
+from gapscope.diagnosis.selection.search import Selection, search
+from gapscope.diagnosis.setup_faults.detection import find_setup_faults
+from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
+from gapscope.diagnosis.setup_faults.quantization import find_quantization
+from gapscope.diagnosis.thresholds import SINGLE_RECORDING_FOLDS
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.ident.signals.conditioning import (
+    TORQUE_CUTOFF,
+    Segment,
+    blocks,
+    condition,
+    position_cutoff,
+)
+
+Progress = Callable[[str], None]
+"""Called with a few words at each step."""
+
+
+@dataclass(frozen=True)
+class Study:
+    """Everything from which the findings on one case are written; n joints.
+
+    Attributes:
+        case: the case, with the set-up faults repaired and a torque in its recordings.
+        body: dynamics of its nominal arm.
+        position_cutoff: cut-off of the positions [Hz].
+        selection: result of the search, less what was rejected.
+        rejections: effects that the search found and held-out data does not bear out.
+        effects: the effects found, with values fitted to all recordings that may be fitted.
+        predictor: predicts held-out data.
+        gap_before, gap_after: gap on held-out data of the nominal arm, and with the effects.
+        floor: RMS that a healthy arm of this kind would leave [N m], (n,).
+        excess_residual: what exceeds the floor, before and after.
+        replay_gap: replay gap, before and after.
+        faults: set-up faults, which are repaired in ``case``, and what shows in the recordings themselves.
+        sensor_sides: the gap on either side of the joint torque sensors; ``None`` without sensors.
+        instrumented_effects: the effects with values by the commands as instruments; empty if these are not known.
+    """
+
+    case: Case
+    body: RigidBody
+    position_cutoff: float
+    selection: Selection
+    rejections: list[Rejection]
+    effects: tuple[AppliedEffect, ...]
+    predictor: HeldOutPredictor
+    gap_before: TorqueGap
+    gap_after: TorqueGap
+    floor: np.ndarray
+    excess_residual: ExcessResidual
+    replay_gap: ReplayGap
+    faults: tuple[FoundFault, ...]
+    sensor_sides: SensorSides | None
+    instrumented_effects: tuple[AppliedEffect, ...]
+
+
+def examine(case: Case, progress: Progress, baseline: Baseline | None = None) -> Study:
+    """Search a case for effects and measure what they close.
+
+    Args:
+        case: the nominal arm and its recordings.
+        progress: called with a few words at each step.
+        baseline: what the arm was when a reference was recorded, if the case is compared with one.
+
+    Raises:
+        GapscopeError: no recording carries a torque that can be trusted, nor is there a known controller with its
+            reference that tells it.
+        InputError: a recording has no stretch without gaps that is long enough.
+    """
+    case = with_commanded_torque(case)
+    _check_torque(case)
+    study = _examine(case, progress, baseline)
+    # A torque computed by the controller's rule may be explained better by another rule: then once more by that one.
+    likelier_case = with_likelier_rule(case, study.effects)
+    if likelier_case is None:
+        return study
+    return _examine(likelier_case, progress, baseline)
+
+
+def _examine(case: Case, progress: Progress, baseline: Baseline | None) -> Study:
+    """The study of a case that carries a torque."""
+    case, faults = _repair(case, progress, baseline)
+    progress("conditions the signals")
+    cutoff = position_cutoff(case.recordings)
+    predictor, rejections = _select(case, cutoff, progress, baseline)
+    selection, terms = predictor.selection, predictor.selection.fit.terms
+    effects = selection.evidence.terms.effects(selection.fit.theta, terms)
+
+    gap_before = predictor.gap(frozenset())
+    gap_after = predictor.gap(terms)
+    corrected = CorrectedArm(case.arm, effects)
+    fitted_gap = torque_gap(corrected, predictor.body, predictor.segments)
+    noise_mse = _noise_mse(predictor, corrected, fitted_gap)
+    inertial_mse = _inertial_error_mse(selection, fitted_gap)
+    floor = np.sqrt(noise_mse + inertial_mse)
+    least_floor = baseline.floor(gap_after) if baseline else np.zeros_like(floor)
+    floor = np.maximum(floor, least_floor)
+
+    residual = excess_residual(selection, gap_after.rmse, least_floor)
+    if predictor.set_aside:
+        on_set_aside = excess_residual_set_aside(
+            selection, gap_before, gap_after, floor
+        )
+        residual = elementwise_max(residual, on_set_aside)
+
+    replay = ReplayGap()
+    # Against a reference, the effects act on the arm identified there: they close nothing of the nominal arm's replay.
+    if baseline is None:
+        progress("replays a recording in the simulator")
+        replay = replay_gap(case, predictor)
+    return Study(
+        case=case,
+        body=predictor.body,
+        position_cutoff=cutoff,
+        selection=selection,
+        rejections=rejections,
+        effects=effects,
+        predictor=predictor,
+        gap_before=gap_before,
+        gap_after=gap_after,
+        floor=floor,
+        excess_residual=residual,
+        replay_gap=replay,
+        faults=faults,
+        sensor_sides=find_sides(predictor, np.sqrt(inertial_mse)),
+        instrumented_effects=_instrumented_effects(case, selection, cutoff),
+    )
+
+
+def _repair(
+    case: Case, progress: Progress, baseline: Baseline | None
+) -> tuple[Case, tuple[FoundFault, ...]]:
+    """The case with its set-up faults repaired and the baseline taken out, and all faults found."""
+    progress("tests the set-up")
+    setup_faults = find_setup_faults(case)
+    case = repaired(case, setup_faults)
+    if baseline is not None:
+        case = baseline.adjusted(case)
+    # A wrong unit scales the step of an encoder: quantisation is measured after the repair.
+    faults = (*setup_faults, *find_quantization(case))
+    for fault in faults:
+        progress(f"finds {fault}")
+    return case, faults
+
+
+def _select(
+    case: Case, cutoff: float, progress: Progress, baseline: Baseline | None
+) -> tuple[HeldOutPredictor, list[Rejection]]:
+    """Search for effects and reject those that held-out data does not bear out."""
+    body = RigidBody(case.arm)
+    set_aside = [
+        segment
+        for recording in case.judged
+        if recording.tau is not None
+        for segment in condition(recording, cutoff)
+    ]
+    folds = _folds(case, cutoff)
+    progress("searches for effects")
+    found = search(case.arm, body, folds, min(TORQUE_CUTOFF, cutoff), progress)
+    progress("predicts held-out data")
+    predictor = HeldOutPredictor(case.arm, body, found, folds, set_aside)
+    selection, rejections = reject(predictor)
+    if baseline is not None:
+        selection = baseline.kept(selection)
+    return predictor.of(selection), rejections
+
+
+def _folds(case: Case, cutoff: float) -> list[list[Segment]]:
+    """Segments of each recording with a torque; of a single one the segments of its blocks."""
+    recordings = [r for r in case.recordings if r.tau is not None]
+    folds = [condition(recording, cutoff) for recording in recordings]
+    if len(folds) > 1:
+        return folds
+    return [
+        [block]
+        for segment in folds[0]
+        for block in blocks(segment, SINGLE_RECORDING_FOLDS)
+    ]
+
+
+def _noise_mse(
+    predictor: HeldOutPredictor, corrected: CorrectedArm, gap: TorqueGap
+) -> np.ndarray:
+    """Mean square that noise, timing and form leave on a healthy arm, over all segments [N^2 m^2], (n,)."""
+    segments, lengths = predictor.segments, np.diff(gap.edges)
+    floors = [noise_floor(corrected, predictor.body, s).floor for s in segments]
+    return np.average(np.square(floors), axis=0, weights=lengths)
+
+
+def _inertial_error_mse(selection: Selection, gap: TorqueGap) -> np.ndarray:
+    """Mean square that likely errors of the nominal inertials explain [N^2 m^2], (n,).
+
+    The gap is measured twice: by the evidence, on the decimated rows of the search, and by ``torque_gap`` at the full
+    rate. Inertial errors are known to the former only, hence the rescaling to the deviation of the latter's torque;
+    the other place is ``excess_residual``, which takes the smaller of both.
+    """
+    evidence, terms = selection.evidence, selection.fit.terms
+    with_errors = evidence.held_out_mse(terms, corrected=False)
+    without_errors = evidence.held_out_mse(terms, corrected=True)
+    rows = evidence.rows
+    explained = (with_errors * rows).sum(axis=0) - (without_errors * rows).sum(axis=0)
+    explained = np.clip(explained, 0.0, None) / rows.sum(axis=0)
+    full_rate_over_search = torque_scale(gap.measured) / selection.scale
+    return np.asarray(explained * full_rate_over_search**2)
+
+
+def _instrumented_effects(
+    case: Case, selection: Selection, cutoff: float
+) -> tuple[AppliedEffect, ...]:
+    """The effects found with values by the commands as instruments; empty if the commands are not known."""
+    commanded_case = commanded(case)
+    if commanded_case is None or not selection.fit.terms:
+        return ()
+    return instrumented(case, selection, _folds(commanded_case, cutoff)) or ()
+
+
+def _check_torque(case: Case) -> None:
+    """Raise if no recording of the case carries a torque."""
+    if any(recording.tau is not None for recording in case.recordings):
+        return
+    notes = [note for recording in case.recordings for note in recording.notes]
+    reasons = dict.fromkeys((*case.warnings, *notes))
+    why = "; ".join(reasons) or "none has a torque column"
+    raise GapscopeError(
+        f"{case.name}: no recording carries a torque that can be trusted ({why})",
+        "give torque with its sign in column tau1.., or map it in the case's import: section; positions are enough "
+        "where controller: is known and the recordings have its reference in columns q_ref1..",
+    )
