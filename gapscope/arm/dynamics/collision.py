@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 import xml.etree.ElementTree as ET
 from copy import copy
-from itertools import combinations
+from itertools import combinations, compress
 
 import coal
 import numpy as np
@@ -54,18 +54,19 @@ class CollisionModel:
             self._shapes.addGeometryObject(
                 pin.GeometryObject("surface", 0, 0, pin.SE3.Identity(), ground)
             )
+        all_pairs = combinations(range(self._shapes.ngeoms), 2)
         self._set_pairs(
-            [
-                pair
-                for pair in combinations(range(self._shapes.ngeoms), 2)
-                if self._counts(*pair, bodies)
-            ]
+            [pair for pair in all_pairs if self._can_approach(*pair, bodies)]
         )
-        candidates, distances = np.array(self.pairs), self._sampled()
-        touching = (distances[0] <= 0) | ((distances[1:] <= 0).mean(axis=0) >= OFTEN)
-        self.left_out = tuple((str(a), str(b)) for a, b in candidates[touching])
-        self._least = distances[:, ~touching].min(axis=0, initial=np.inf)
-        self._keep(~touching)
+        candidates = self.pairs
+        distances = self._sampled()
+        overlapping = distances <= 0
+        # hulls that overlap at zero or nearly always do so by construction
+        by_construction = overlapping[0] | (overlapping[1:].mean(axis=0) >= OFTEN)
+        self.left_out = tuple(compress(candidates, by_construction))
+        kept = ~by_construction
+        self._least = distances[:, kept].min(axis=0, initial=np.inf)
+        self._keep(kept)
 
     def nearby(self, clearance: float) -> CollisionModel:
         """The same without pairs that stay ``FAR`` beyond a clearance [m] in random postures: faster, but a guess."""
@@ -88,55 +89,55 @@ class CollisionModel:
         least, nearest = np.full(len(q), np.inf), np.zeros(len(q), dtype=int)
         if not self.pairs:
             return least, nearest
-        results = self._geometry.distanceResults
         for i in range(len(q)):
-            nearest[i] = pin.computeDistances(
-                self._model, self._data, self._shapes, self._geometry, q[i]
-            )
-            least[i] = results[int(nearest[i])].min_distance
+            nearest[i] = self._compute(q[i])
+            least[i] = self._geometry.distanceResults[int(nearest[i])].min_distance
         return least, nearest
 
-    def _counts(self, first: int, second: int, bodies: int) -> bool:
-        """Whether two bodies can come near each other, by the joints that carry them."""
-        a, b = (self._shapes.geometryObjects[i].parentJoint for i in (first, second))
-        if second >= bodies:
-            return bool(a > 0)
-        return bool(
-            a != b and self._model.parents[a] != b and self._model.parents[b] != a
+    def _compute(self, q: np.ndarray) -> int:
+        """Compute the distances of all pairs at one posture, in kinematic order; the place of the nearest pair."""
+        return int(
+            pin.computeDistances(
+                self._model, self._data, self._shapes, self._geometry, q
+            )
         )
+
+    def _can_approach(self, first: int, second: int, bodies: int) -> bool:
+        """Whether two bodies can come near each other, by the joints that carry them."""
+        shapes, parents = self._shapes.geometryObjects, self._model.parents
+        a, b = int(shapes[first].parentJoint), int(shapes[second].parentJoint)
+        if second >= bodies:  # the surface: only bodies that move can reach it
+            return a > 0
+        neighbours = parents[a] == b or parents[b] == a
+        return a != b and not neighbours
 
     def _keep(self, chosen: np.ndarray) -> None:
         """Leave only some of the present pairs, bool per pair."""
         pairs = [(pair.first, pair.second) for pair in self._shapes.collisionPairs]
-        self._set_pairs(
-            [pair for pair, keep in zip(pairs, chosen, strict=True) if keep]
-        )
+        self._set_pairs(list(compress(pairs, chosen)))
 
     def _set_pairs(self, pairs: list[tuple[int, int]]) -> None:
         self._shapes.removeAllCollisionPairs()
         for pair in pairs:
             self._shapes.addCollisionPair(pin.CollisionPair(*pair))
-        self._data, self._geometry = self._model.createData(), self._shapes.createData()
+        self._data = self._model.createData()
+        self._geometry = self._shapes.createData()
         names = [item.name for item in self._shapes.geometryObjects]
         self.pairs = tuple((names[a], names[b]) for a, b in pairs)
 
     def _sampled(self) -> np.ndarray:
         """Distance of the present pairs [m] in the zero posture and in random ones, one row each."""
-        low, high = (
-            np.clip(x, -np.pi, np.pi)
-            for x in (self._model.lowerPositionLimit, self._model.upperPositionLimit)
-        )
+        low = np.clip(self._model.lowerPositionLimit, -np.pi, np.pi)
+        high = np.clip(self._model.upperPositionLimit, -np.pi, np.pi)
+        zero = np.clip(np.zeros(self._model.nq), low, high)
         random = np.random.default_rng(0).uniform(
             low, np.maximum(low, high), (POSTURES, self._model.nq)
         )
         out = np.empty((POSTURES + 1, len(self.pairs)))
-        for row, q in zip(
-            out, [np.clip(np.zeros(self._model.nq), low, high), *random], strict=True
-        ):
-            pin.computeDistances(
-                self._model, self._data, self._shapes, self._geometry, q
-            )
-            row[:] = [result.min_distance for result in self._geometry.distanceResults]
+        for row, q in enumerate([zero, *random]):
+            self._compute(q)
+            results = self._geometry.distanceResults
+            out[row] = [result.min_distance for result in results]
         return out
 
 

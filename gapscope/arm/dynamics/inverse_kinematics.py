@@ -41,18 +41,20 @@ def inverse_kinematics(
     Raises:
         GapscopeError: the target was not reached.
     """
-    q, rows = np.array(start, dtype=float), 6 if turns else 3
+    q = np.array(start, dtype=float)
+    rows = 6 if turns else 3
     weight = np.repeat([1.0, TURN], 3)[:rows]
     for _ in range(iterations):
         error = _error(kinematics.tool(q), target)[:rows] * weight
         if np.abs(error).max() < TOLERANCE:
             return q
         jacobian = kinematics.tool_jacobian(q)[:rows] * weight[:, None]
-        regularised = jacobian @ jacobian.T + (
-            damping * error @ error + 1e-12
-        ) * np.eye(rows)
+        # vanishes with the error, so that the last steps are those of Newton
+        lambda_ = damping * error @ error + 1e-12
+        regularised = jacobian @ jacobian.T + lambda_ * np.eye(rows)
         step = jacobian.T @ np.linalg.solve(regularised, error)
-        q += step * min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-12))
+        longest = max(float(np.abs(step).max()), 1e-12)
+        q += step * min(1.0, LONGEST_STEP / longest)
     raise GapscopeError(
         f"the tool cannot reach {np.round(target.position, 3).tolist()} m: {np.linalg.norm(error):.2g} m away",
         "choose a target nearer to the base, or start from another posture",

@@ -27,14 +27,12 @@ class Kinematics:
         self._model = body.model
         self._data = body.model.createData()
         columns = np.array([body.model.joints[int(link)].idx_v for link in body.links])
-        self._to_model, self._to_arm = np.argsort(columns), columns
+        self._to_model = np.argsort(columns)
+        self._to_arm = columns
         last = body.model.njoints - 1
-        carried = [
-            index
-            for index, frame in enumerate(body.model.frames)
-            if frame.parentJoint == last and frame.type == pin.FrameType.BODY
-        ]
-        self._tool = carried[-1]
+        for index, frame in enumerate(body.model.frames):
+            if frame.parentJoint == last and frame.type == pin.FrameType.BODY:
+                self._tool = index
         self.n_joints = body.n_joints
 
     def tool(self, q: np.ndarray) -> Pose:
@@ -54,15 +52,13 @@ class Kinematics:
     def skeleton(self, q: np.ndarray) -> np.ndarray:
         """Base, origins of the joints from the base on, and tip [m], shape (n + 2, 3).
 
-        The tip is the tool, or the centre of mass of the last link where the tool lies on the last joint.
+        The tip is the tool, or the centre of mass of the last link if the tool lies on the last joint.
         """
         pin.framesForwardKinematics(self._model, self._data, q[self._to_model])
-        joints = [
-            self._data.oMi[index].translation for index in range(1, self._model.njoints)
-        ]
+        placements = list(self._data.oMi)[1:]
+        joints = [placement.translation for placement in placements]
         tip = self._data.oMf[self._tool].translation
         if np.abs(tip - joints[-1]).max() < 1e-3:
-            tip = self._data.oMi[len(joints)].act(
-                self._model.inertias[len(joints)].lever
-            )
+            centre_of_mass = self._model.inertias[len(joints)].lever
+            tip = placements[-1].act(centre_of_mass)
         return np.array([np.zeros(3), *joints, tip])

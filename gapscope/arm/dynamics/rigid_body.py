@@ -9,8 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from gapscope.arm.dynamics.array_cache import ArrayCache
-from gapscope.arm.dynamics.robot_file import build
-from gapscope.arm.errors import InputError
+from gapscope.arm.dynamics.robot_file import arm_model
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
 
@@ -35,84 +34,63 @@ class RigidBody:
 
     def __init__(self, arm: NominalArm) -> None:
         self.file, self.joints = arm.urdf, arm.joints
-        full = build(arm.urdf)
-        names = list(full.names)[1:]
-        missing = [name for name in arm.joints if name not in names]
-        if missing:
-            raise InputError(
-                f"has no movable joint {', '.join(missing)}; it has {', '.join(names)}",
-                "name the joints of the recording's columns in joints:, or give the URDF of the recorded arm",
-                file=arm.urdf,
-            )
-        locked = [full.getJointId(name) for name in names if name not in arm.joints]
-        self.model = (
-            pin.buildReducedModel(full, locked, np.zeros(full.nq)) if locked else full
-        )
-        self.model.gravity = pin.Motion(np.array(arm.gravity), np.zeros(3))
-        self.model.armature = np.zeros(self.model.nv)
-        if self.model.nq != self.model.nv or self.model.nv != arm.n_joints:
-            raise InputError(
-                "has joints with more than one degree of freedom", file=arm.urdf
-            )
+        self.n_joints = arm.n_joints
+        self.model = arm_model(arm.urdf, arm.joints, arm.gravity)
         self._data = self.model.createData()
         self.links = np.array([self.model.getJointId(name) for name in arm.joints])
+        # the arm's joints may be in another order than the tree's
         columns = np.array([self.model.joints[int(link)].idx_v for link in self.links])
         self._to_model = np.argsort(columns)
         self._to_arm = columns
-        self.n_joints = arm.n_joints
         self.last_link = int(self._to_model[-1])
-        self._recent = ArrayCache()
+        self._cache = ArrayCache()
         self._unladen: RigidBody | None = None
         self._laden: dict[KnownLoad, RigidBody] = {}
+
+    def _ordered(self, *series: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Series of the arm's joints (..., n) in the order of the model, as pinocchio wants them."""
+        return tuple(np.ascontiguousarray(x[..., self._to_model]) for x in series)
 
     def inverse_dynamics(
         self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
     ) -> np.ndarray:
         """tau = M(q) ddq + C(q, dq) dq + g(q), shape (N, n)."""
-        return self._remembered("inverse dynamics", self._inverse_dynamics, q, dq, ddq)[
-            0
-        ].copy()
+        (torque,) = self._cached("inverse dynamics", self._inverse_dynamics, q, dq, ddq)
+        return torque.copy()
 
     def _inverse_dynamics(
         self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
     ) -> tuple[np.ndarray]:
-        q, dq, ddq = (np.ascontiguousarray(x[:, self._to_model]) for x in (q, dq, ddq))
-        model, data, rnea = self.model, self._data, pin.rnea
+        q, dq, ddq = self._ordered(q, dq, ddq)
         out = np.empty_like(q)
         for i in range(len(q)):
-            out[i] = rnea(model, data, q[i], dq[i], ddq[i])
+            out[i] = pin.rnea(self.model, self._data, q[i], dq[i], ddq[i])
         return (out[:, self._to_arm],)
 
-    def _remembered(
+    def _cached(
         self,
         name: str,
         compute: Callable[..., tuple[np.ndarray, ...]],
         *motion: np.ndarray,
     ) -> tuple[np.ndarray, ...]:
-        """Result of a function of a motion and of the bodies, computed or remembered."""
-        return self._recent.get(
-            name,
-            (*motion, self.inertial_parameters(), self.gravity),
-            lambda: compute(*motion),
-        )
+        """Result of a function of a motion and of the bodies, computed or taken from the cache."""
+        arguments = (*motion, self.inertial_parameters(), self.gravity)
+        return self._cache.get(name, arguments, lambda: compute(*motion))
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """M(q) of one sample q [rad] of shape (n,); kg m^2, shape (n, n)."""
-        mass = pin.crba(self.model, self._data, np.ascontiguousarray(q[self._to_model]))
+        mass = pin.crba(self.model, self._data, *self._ordered(q))
         return mass[self._to_arm][:, self._to_arm]
 
     def bias(self, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
         """h = C(q, dq) dq + g(q) [N m] of one sample; q, dq and h of shape (n,)."""
-        q, dq = (
-            np.ascontiguousarray(q[self._to_model]),
-            np.ascontiguousarray(dq[self._to_model]),
-        )
-        return pin.nonLinearEffects(self.model, self._data, q, dq)[self._to_arm]
+        bias = pin.nonLinearEffects(self.model, self._data, *self._ordered(q, dq))
+        return bias[self._to_arm]
 
     def torque(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         """tau = M(q) ddq + C(q, dq) dq + g(q) [N m] of one sample, at once; q, dq, ddq and tau of shape (n,)."""
-        q, dq, ddq = (np.ascontiguousarray(x[self._to_model]) for x in (q, dq, ddq))
-        return pin.rnea(self.model, self._data, q, dq, ddq)[self._to_arm]
+        torque = pin.rnea(self.model, self._data, *self._ordered(q, dq, ddq))
+        return torque[self._to_arm]
 
     def changed(
         self, increments: np.ndarray, gravity: np.ndarray | None = None
@@ -128,12 +106,11 @@ class RigidBody:
         other._laden = {}
         other.model = self.model.copy()
         other._data = other.model.createData()
-        for link, increment in zip(self.links, increments, strict=True):
+        for link, increment in zip(self.links.tolist(), increments, strict=True):
             if np.any(increment):
-                total = self.model.inertias[int(link)].toDynamicParameters() + increment
-                other.model.inertias[int(link)] = pin.Inertia.FromDynamicParameters(
-                    total
-                )
+                total = self.model.inertias[link].toDynamicParameters() + increment
+                inertia = pin.Inertia.FromDynamicParameters(total)
+                other.model.inertias[link] = inertia
         if gravity is not None:
             other.model.gravity = pin.Motion(np.array(gravity), np.zeros(3))
         return other
@@ -152,7 +129,7 @@ class RigidBody:
 
     @property
     def unladen(self) -> RigidBody:
-        """The arm without its known load: what errors of its links, and the place of a force, are told by."""
+        """The arm without its known load: errors of its links and the place of a force refer to it."""
         return self._unladen or self
 
     @property
@@ -178,15 +155,15 @@ class RigidBody:
         Args:
             q: joint positions [rad], shape (N, n).
         """
-        q = np.ascontiguousarray(np.atleast_2d(q)[:, self._to_model])
+        (q,) = self._ordered(np.atleast_2d(q))
         model, data = self.model, self._data
         last = int(self.links[self.last_link])
         lever = self.unladen.model.inertias[last].lever
         out = np.empty((*q.shape, 3))
         for i in range(len(q)):
-            jacobian = pin.computeJointJacobians(model, data, q[i])
+            linear, angular = np.vsplit(pin.computeJointJacobians(model, data, q[i]), 2)
             place = data.oMi[last].act(lever)
-            out[i] = (jacobian[:3] + np.cross(jacobian[3:], place, axis=0)).T
+            out[i] = (linear + np.cross(angular, place, axis=0)).T
         return out[:, self._to_arm]
 
     def force_torque(self, q: np.ndarray, force: np.ndarray) -> np.ndarray:
@@ -197,16 +174,13 @@ class RigidBody:
             force: in the base frame [N], shape (3,) or (N, 3).
         """
         jacobian = self.force_regressor(q)
-        return np.einsum(
-            "nij,nj->ni", jacobian, np.broadcast_to(force, (len(jacobian), 3))
-        )
+        forces = np.broadcast_to(force, (len(jacobian), 3))
+        return np.einsum("nij,nj->ni", jacobian, forces)
 
     def position_limits(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper position limits of the URDF [rad or m], each of shape (n,); infinite where it sets none."""
-        lower, upper = (
-            self.model.lowerPositionLimit[self._to_arm],
-            self.model.upperPositionLimit[self._to_arm],
-        )
+        lower = self.model.lowerPositionLimit[self._to_arm]
+        upper = self.model.upperPositionLimit[self._to_arm]
         none = (lower >= upper) | (lower <= -UNLIMITED) | (upper >= UNLIMITED)
         return np.where(none, -np.inf, lower), np.where(none, np.inf, upper)
 
@@ -222,7 +196,7 @@ class RigidBody:
         self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """d tau_i / d q_j [N m/rad], d tau_i / d dq_j [N m s/rad] and M_ij [kg m^2], each of shape (N, n, n)."""
-        by_position, by_velocity, mass = self._remembered(
+        by_position, by_velocity, mass = self._cached(
             "sensitivities", self._sensitivities, q, dq, ddq
         )
         return by_position, by_velocity, mass
@@ -230,28 +204,34 @@ class RigidBody:
     def _sensitivities(
         self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        q, dq, ddq = (np.ascontiguousarray(x[:, self._to_model]) for x in (q, dq, ddq))
-        model, data, n = self.model, self._data, self.n_joints
+        q, dq, ddq = self._ordered(q, dq, ddq)
+        data, n = self._data, self.n_joints
         by_position, by_velocity, mass = np.empty((3, len(q), n, n))
         for i in range(len(q)):
-            pin.computeRNEADerivatives(model, data, q[i], dq[i], ddq[i])
-            by_position[i], by_velocity[i], mass[i] = data.dtau_dq, data.dtau_dv, data.M
-        upper = np.triu(mass)
-        mass = upper + np.triu(mass, 1).transpose(0, 2, 1)
-        by_position, by_velocity, mass = (
-            x[:, self._to_arm][:, :, self._to_arm]
-            for x in (by_position, by_velocity, mass)
+            pin.computeRNEADerivatives(self.model, data, q[i], dq[i], ddq[i])
+            by_position[i] = data.dtau_dq
+            by_velocity[i] = data.dtau_dv
+            mass[i] = data.M
+        # pinocchio fills the upper triangle alone
+        mass = np.triu(mass) + np.triu(mass, 1).transpose(0, 2, 1)
+        return (
+            self._in_arm_order(by_position),
+            self._in_arm_order(by_velocity),
+            self._in_arm_order(mass),
         )
-        return by_position, by_velocity, mass
+
+    def _in_arm_order(self, matrices: np.ndarray) -> np.ndarray:
+        """Rows and columns of matrices (N, n, n) in the order of the arm's joints."""
+        return matrices[:, self._to_arm][:, :, self._to_arm]
 
     def gravity_regressor(self, q: np.ndarray) -> np.ndarray:
         """G(q) [kg m], shape (N, n, 3), with g(q) = G(q) g for gravity g in the base frame [m/s^2]."""
         still = np.zeros_like(q)
-        none = np.zeros((self.n_joints, 10))
-        columns = [
-            self.changed(none, gravity).inverse_dynamics(q, still, still)
-            for gravity in np.eye(3)
-        ]
+        no_change = np.zeros((self.n_joints, 10))
+        columns = []
+        for gravity in np.eye(3):
+            turned = self.changed(no_change, gravity)
+            columns.append(turned.inverse_dynamics(q, still, still))
         return np.stack(columns, axis=2)
 
     def regressor(
@@ -268,16 +248,15 @@ class RigidBody:
             out: array that Y is written into, shape (N, n, 10 n), such as the leading columns of a wider one.
         """
         n = self.n_joints
-        q, dq, ddq = (np.ascontiguousarray(x[:, self._to_model]) for x in (q, dq, ddq))
-        model, data, fill = self.model, self._data, pin.computeJointTorqueRegressor
-        out = np.empty((len(q), n, 10 * n)) if out is None else out
-        if np.array_equal(self._to_arm, np.arange(n)):
-            for row, *sample in zip(out, q, dq, ddq, strict=True):
-                row[...] = fill(model, data, *sample)
-            return out
+        q, dq, ddq = self._ordered(q, dq, ddq)
+        if out is None:
+            out = np.empty((len(q), n, 10 * n))
+        fill = pin.computeJointTorqueRegressor
+        same_order = np.array_equal(self._to_arm, np.arange(n))
         columns = (10 * self._to_arm[:, None] + np.arange(10)).ravel()
         for row, *sample in zip(out, q, dq, ddq, strict=True):
-            row[...] = fill(model, data, *sample)[self._to_arm][:, columns]
+            matrix = fill(self.model, self._data, *sample)
+            row[...] = matrix if same_order else matrix[self._to_arm][:, columns]
         return out
 
     def last_link_regressor(
@@ -289,16 +268,12 @@ class RigidBody:
         def columns(*motion: np.ndarray) -> tuple[np.ndarray]:
             return (self.regressor(*motion)[:, :, last : last + 10].copy(),)
 
-        return self._remembered("last link", columns, q, dq, ddq)[0]
+        return self._cached("last link", columns, q, dq, ddq)[0]
 
     def inertial_parameters(self) -> np.ndarray:
         """Inertial parameters pi of the links in joint order, shape (10 n,); units kg, kg m, kg m^2."""
-        return np.concatenate(
-            [
-                self.model.inertias[int(link)].toDynamicParameters()
-                for link in self.links
-            ]
-        )
+        inertias = [self.model.inertias[link] for link in self.links.tolist()]
+        return np.concatenate([inertia.toDynamicParameters() for inertia in inertias])
 
 
 def _finite(limits: np.ndarray) -> np.ndarray:

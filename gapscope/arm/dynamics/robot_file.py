@@ -11,11 +11,11 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pinocchio as pin
 
+from gapscope.arm.dynamics import mjcf
 from gapscope.arm.dynamics.inertials import check_inertials
 from gapscope.arm.dynamics.mjcf import (
     check_mjcf,
     check_references,
-    gravity,
     left_out,
     name_bodies,
     torque_limits,
@@ -50,6 +50,34 @@ def build(path: Path) -> pin.Model:
     return model
 
 
+def arm_model(
+    path: Path, joints: Sequence[str], gravity: Sequence[float] | np.ndarray
+) -> pin.Model:
+    """Model of some joints of a file: the others are locked at zero, without armature, under a gravity [m/s^2].
+
+    Raises:
+        InputError: the file lacks one of the joints, or has one with more than one degree of freedom.
+    """
+    full = build(path)
+    names = list(full.names)[1:]
+    missing = [name for name in joints if name not in names]
+    if missing:
+        raise InputError(
+            f"has no movable joint {', '.join(missing)}; it has {', '.join(names)}",
+            "name the joints of the recording's columns in joints:, or give the URDF of the recorded arm",
+            file=path,
+        )
+    locked = [full.getJointId(name) for name in names if name not in joints]
+    model = full
+    if locked:
+        model = pin.buildReducedModel(full, locked, np.zeros(full.nq))
+    model.gravity = pin.Motion(np.array(gravity), np.zeros(3))
+    model.armature = np.zeros(model.nv)
+    if model.nq != model.nv or model.nv != len(joints):
+        raise InputError("has joints with more than one degree of freedom", file=path)
+    return model
+
+
 def actuated_joints(path: Path) -> list[str]:
     """Names of the movable joints of a URDF or MJCF file in kinematic order."""
     return list(build(path).names)[1:]
@@ -78,7 +106,7 @@ def mjcf_entries(path: Path, joints: Sequence[str]) -> dict[str, np.ndarray]:
         "viscous": model.damping,
     }
     entries = {name: np.array(value)[columns] for name, value in values.items()}
-    down = gravity(root, path)
+    down = mjcf.gravity(root, path)
     return entries if down is None else {**entries, "gravity": down}
 
 

@@ -36,7 +36,8 @@ class Plant:
 
     Attributes:
         inertial: parameters of the links, shape (n, 10), in the order of
-        ``gapscope.arm.dynamics.rigid_body.INERTIAL_PARAMETERS``. armature: I [kg m^2], shape (n,).
+            ``gapscope.arm.dynamics.rigid_body.INERTIAL_PARAMETERS``.
+        armature: I [kg m^2], shape (n,).
         viscous: b [N m s/rad], shape (n,).
         coulomb: c [N m], shape (n,).
         offset: o, what reaches the joint beyond the commanded torque [N m], shape (n,).
@@ -52,7 +53,9 @@ class Plant:
     def of(cls, vector: np.ndarray) -> Plant:
         """From one vector of 14 n numbers: the links', then armature, viscous, coulomb, offset, joint by joint."""
         n = len(vector) // 14
-        return cls(vector[: 10 * n].reshape(n, 10), *vector[10 * n :].reshape(4, n))
+        links = vector[: 10 * n].reshape(n, 10)
+        drives = vector[10 * n :].reshape(4, n)
+        return cls(links, *drives)
 
 
 @dataclass(frozen=True)
@@ -106,41 +109,44 @@ class Stepper:
     def __init__(
         self, body: RigidBody, plant: Plant, dt: float, states: int = 1
     ) -> None:
-        own = body.inertial_parameters().reshape(-1, 10)
-        self.order, self.dt, self._links = body.order, dt, plant.inertial.copy()
-        moved = body.changed(plant.inertial - own)
-        self._forward = [
-            ForwardDynamics(moved, plant.armature[self.order]) for _ in range(states)
-        ]
+        self.order = body.order
+        self.dt = dt
+        self._links = plant.inertial.copy()
+        nominal = body.inertial_parameters().reshape(-1, 10)
+        moved = body.changed(plant.inertial - nominal)
+        rotors = plant.armature[self.order]
+        self._forward = [ForwardDynamics(moved, rotors) for _ in range(states)]
         self.set_drives(plant)
 
     def set_plant(self, plant: Plant) -> None:
         """Take another plant."""
         for place, link in enumerate(self.order):
-            if (plant.inertial[link] != self._links[link]).any():
-                for forward in self._forward:
-                    forward.set_link(place, plant.inertial[link])
-                self._links[link] = plant.inertial[link]
+            parameters = plant.inertial[link]
+            if np.array_equal(parameters, self._links[link]):
+                continue
+            for forward in self._forward:
+                forward.set_link(place, parameters)
+            self._links[link] = parameters
         self.set_drives(plant)
 
     def set_drives(self, plant: Plant) -> None:
         """Take rotors, friction and offset of a plant, not its links."""
-        law = (plant.armature, plant.viscous, plant.coulomb, plant.offset)
-        self._armature, self._viscous, self._coulomb, self._offset = (
-            x[self.order] for x in law
-        )
+        self._armature = plant.armature[self.order]
+        self._viscous = plant.viscous[self.order]
+        self._coulomb = plant.coulomb[self.order]
+        self._offset = plant.offset[self.order]
 
     def friction(self, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """B v + c tanh(v / v0) [N m], and the slope b + s [N m s/rad]; shape (R, n) each."""
+        """Friction b v + c tanh(v / v0) [N m], and the slope b + s [N m s/rad]; shape (R, n) each."""
         x = dq / FRICTION_SMOOTHING
-        bent = np.tanh(x)
-        slope = self._coulomb / FRICTION_SMOOTHING * taper(x)
-        return self._viscous * dq + self._coulomb * bent, self._viscous + slope
+        friction = self._viscous * dq + self._coulomb * np.tanh(x)
+        dry_slope = self._coulomb / FRICTION_SMOOTHING * taper(x)
+        return friction, self._viscous + dry_slope
 
     def acceleration(
         self, q: np.ndarray, dq: np.ndarray, torque: np.ndarray
     ) -> np.ndarray:
-        """A of the step [rad/s^2]; q is the position half a step on."""
+        """Acceleration a of the step [rad/s^2]; q is the position half a step on."""
         friction, slope = self.friction(dq)
         rotors = self._armature + self.dt * slope
         free = torque + self._offset - friction
@@ -218,63 +224,59 @@ def roll_outs(
     Raises:
         GapscopeError: the arm ran away.
     """
-    count = steps_per_tick(controller)
-    stepper = Stepper(body, plant, 1.0 / (controller.rate * count), len(commands))
+    steps = steps_per_tick(controller)
+    stepper = Stepper(body, plant, 1.0 / (controller.rate * steps), len(commands))
     order, places = body.order, body.places
-    bound = np.inf if limit is None else limit
-    q_ref, dq_ref, feedforward = (
-        together([getattr(c, name) for c in commands]) for name in ("q", "dq", "torque")
-    )
-    first, speed = (
-        (q_ref[0], dq_ref[0])
-        if starts is None
-        else (np.array(x) for x in zip(*starts, strict=True))
-    )
-    q, dq = first[:, order], speed[:, order]
+    q_ref = together([c.q for c in commands])
+    dq_ref = together([c.dq for c in commands])
+    feedforward = together([c.torque for c in commands])
+    start, start_speed = q_ref[0], dq_ref[0]
+    if starts is not None:
+        start = np.array([position for position, _ in starts])
+        start_speed = np.array([speed for _, speed in starts])
     velocity = VelocityFilter(
         controller.rate,
         controller.velocity_cutoff,
         controller.velocity_damping,
-        first,
-        speed,
+        start,
+        start_speed,
         rule,
     )
-    out = [np.empty_like(q_ref) for _ in range(4)]
+    bound = np.inf if limit is None else limit
+    q, dq = start[:, order], start_speed[:, order]
+    positions, filtered, torques, speeds = (np.empty_like(q_ref) for _ in range(4))
     for i in range(len(q_ref)):
-        now = q[:, places]
-        seen = velocity(now)
-        torque = (
-            feedforward[i]
-            + controller.kp * (q_ref[i] - now)
-            + controller.kd * (dq_ref[i] - seen)
-        )
-        torque = np.minimum(np.maximum(torque, -bound), bound)
-        for series, value in zip(out, (now, seen, torque, dq[:, places]), strict=True):
-            series[i] = value
+        positions[i] = encoder = q[:, places]
+        speeds[i] = dq[:, places]
+        filtered[i] = estimate = velocity(encoder)
+        stiff = controller.kp * (q_ref[i] - encoder)
+        damping = controller.kd * (dq_ref[i] - estimate)
+        torque = feedforward[i] + stiff + damping
+        torques[i] = torque = np.minimum(np.maximum(torque, -bound), bound)
         held = torque[:, order]
-        for _ in range(count):
+        for _ in range(steps):
             q, dq = stepper(q, dq, held)
+        # written so that a speed that is not a number counts as too fast
         if not np.abs(dq).max() < UNSTABLE_SPEED:
-            raise _ran_away(
-                dq[:, places],
-                i / controller.rate + np.array([c.t[0] for c in commands]),
-            )
-    return tuple(
-        RollOut(c.t, *(series[: len(c.t), k] for series in out))
-        for k, c in enumerate(commands)
-    )
+            t = i / controller.rate + np.array([c.t[0] for c in commands])
+            raise _ran_away(dq[:, places], t)
+    out = []
+    for k, c in enumerate(commands):
+        rows = slice(len(c.t)), k
+        out.append(
+            RollOut(c.t, positions[rows], filtered[rows], torques[rows], speeds[rows])
+        )
+    return tuple(out)
 
 
 def together(series: Sequence[np.ndarray]) -> np.ndarray:
     """R series of shape (K_r, ...) side by side, (K, R, ...); the last row of a shorter one is repeated."""
     longest = max(map(len, series))
-    return np.stack(
-        [
-            np.concatenate([x, np.repeat(x[-1:], longest - len(x), axis=0)])
-            for x in series
-        ],
-        axis=1,
-    )
+    padded = []
+    for rows in series:
+        held = np.repeat(rows[-1:], longest - len(rows), axis=0)
+        padded.append(np.concatenate([rows, held]))
+    return np.stack(padded, axis=1)
 
 
 def _ran_away(dq: np.ndarray, t: np.ndarray) -> GapscopeError:

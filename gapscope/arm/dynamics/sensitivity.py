@@ -60,38 +60,50 @@ def sensitivity(
         limit: of the torque [N m], shape (n,), or ``None``.
         rule: of the velocity filter.
     """
-    every, count = ticks_per_step(controller), steps_per_tick(controller)
+    every = ticks_per_step(controller)
+    steps = steps_per_tick(controller)
     rate = controller.rate / every
-    step = _TangentStep(body, plant, directions, 1.0 / (rate * count), len(rolled))
+    step = _TangentStep(body, plant, directions, 1.0 / (rate * steps), len(rolled))
     order, places = body.order, body.places
-    q, speed, tau = (
-        together([getattr(r, name)[::every] for r in rolled])
-        for name in ("q", "speed", "tau")
-    )
-    free = np.ones_like(tau) if limit is None else (np.abs(tau) < limit).astype(float)
-    still = np.zeros((*q.shape[1:], directions.shape[1]))
+    q = together([r.q[::every] for r in rolled])
+    speed = together([r.speed[::every] for r in rolled])
+    tau = together([r.tau[::every] for r in rolled])
+    # a torque at its limit depends on nothing
+    unlimited = np.ones_like(tau)
+    if limit is not None:
+        unlimited = (np.abs(tau) < limit).astype(float)
+    # the starts do not depend on the parameters
+    at_rest = np.zeros((*q.shape[1:], directions.shape[1]))
     velocity = VelocityFilter(
         rate,
         controller.velocity_cutoff,
         controller.velocity_damping,
-        still,
-        still,
+        at_rest,
+        at_rest,
         rule,
     )
-    kp, kd = controller.kp[:, None], controller.kd[:, None]
-    position, torque = (np.empty((*q.shape, directions.shape[1])) for _ in range(2))
-    q_along, dq_along = still, still
+    kp = controller.kp[:, None]
+    kd = controller.kd[:, None]
+    position_along = np.empty((*q.shape, directions.shape[1]))
+    torque_along = np.empty_like(position_along)
+    q_along, dq_along = at_rest, at_rest
     for i in range(len(q)):
-        now = q_along[:, places]
-        u_along = -free[i][..., None] * (kp * now + kd * velocity(now))
-        position[i], torque[i] = now, u_along
-        at, dq, held = (x[i][:, order] for x in (q, speed, tau))
-        along = u_along[:, order]
-        for _ in range(count):
-            at, dq, q_along, dq_along = step(at, dq, held, q_along, dq_along, along)
+        encoder_along = q_along[:, places]
+        feedback = kp * encoder_along + kd * velocity(encoder_along)
+        command_along = -unlimited[i][..., None] * feedback
+        position_along[i] = encoder_along
+        torque_along[i] = command_along
+        # linearised about the roll-out's own state, so that errors do not add up
+        q_now, dq_now = q[i][:, order], speed[i][:, order]
+        held, held_along = tau[i][:, order], command_along[:, order]
+        for _ in range(steps):
+            q_now, dq_now, q_along, dq_along = step(
+                q_now, dq_now, held, q_along, dq_along, held_along
+            )
     lengths = [len(r.t[::every]) for r in rolled]
     return tuple(
-        (position[:length, k], torque[:length, k]) for k, length in enumerate(lengths)
+        (position_along[:length, k], torque_along[:length, k])
+        for k, length in enumerate(lengths)
     )
 
 
@@ -107,20 +119,25 @@ class _TangentStep:
         states: int,
     ) -> None:
         n, b = len(plant.armature), directions.shape[1]
-        self._dt = dt
-        own = body.inertial_parameters().reshape(-1, 10)
-        self._stepper = Stepper(body, plant, dt, states)
-        self._model = body.changed(plant.inertial - own).model
-        self._data = self._model.createData()
         order = body.order
-        self._links = directions[: 10 * n].reshape(n, 10, b)[order].reshape(10 * n, b)
-        laws = directions[10 * n :].reshape(4, n, b)[:, order]
-        self._armature, self._viscous, self._coulomb, self._offset = laws
-        self._coulomb_value, self._viscous_value = (
-            plant.coulomb[order],
-            plant.viscous[order],
-        )
-        self._rotors, self._diagonal = plant.armature[order], np.arange(n)
+        self._dt = dt
+        self._stepper = Stepper(body, plant, dt, states)
+        nominal = body.inertial_parameters().reshape(-1, 10)
+        self._model = body.changed(plant.inertial - nominal).model
+        self._data = self._model.createData()
+        links = directions[: 10 * n].reshape(n, 10, b)
+        drives = directions[10 * n :].reshape(4, n, b)
+        self._links_along = links[order].reshape(10 * n, b)
+        (
+            self._armature_along,
+            self._viscous_along,
+            self._coulomb_along,
+            self._offset_along,
+        ) = drives[:, order]
+        self._coulomb = plant.coulomb[order]
+        self._viscous = plant.viscous[order]
+        self._armature = plant.armature[order]
+        self._diagonal = np.arange(n)
         self._matrices = np.empty((4, states, n, max(n, b)))
 
     def __call__(
@@ -134,59 +151,64 @@ class _TangentStep:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """States after the step, and their derivatives."""
         h, half = self._dt, 0.5 * self._dt
-        middle, middle_along = q + half * dq, q_along + half * dq_along
-        a = self._stepper.acceleration(middle, dq, torque)
-        after = dq + h * a
-        slope, unit, change = self._friction(dq, a)
-        in_q, in_dq, mass, links = self._rigid(middle, dq, a)
-        mass[:, self._diagonal, self._diagonal] += self._rotors + h * slope
-        right = torque_along - in_q @ middle_along - in_dq @ dq_along - links
-        right -= change[..., None] * dq_along
-        right -= a[..., None] * self._armature + after[..., None] * self._viscous
-        right -= unit[..., None] * self._coulomb - self._offset
-        after_along = dq_along + h * np.linalg.solve(mass, right)
-        return (
-            middle + half * after,
-            after,
-            middle_along + half * after_along,
-            after_along,
-        )
+        q_middle = q + half * dq
+        q_middle_along = q_along + half * dq_along
+        ddq = self._stepper.acceleration(q_middle, dq, torque)
+        dq_after = dq + h * ddq
+        slope, unit_friction, friction_by_dq = self._friction(dq, ddq)
+        by_q, by_dq, mass, links = self._rigid(q_middle, dq, ddq)
+        mass[:, self._diagonal, self._diagonal] += self._armature + h * slope
+
+        # right-hand side of M d(ddq) = d u - ID_q dq - ID_dq d(dq) - f_dq d(dq) - Y d(pi)
+        right = torque_along - by_q @ q_middle_along - by_dq @ dq_along - links
+        right -= friction_by_dq[..., None] * dq_along
+        rotors = ddq[..., None] * self._armature_along
+        right -= rotors + dq_after[..., None] * self._viscous_along
+        right -= unit_friction[..., None] * self._coulomb_along - self._offset_along
+
+        dq_after_along = dq_along + h * np.linalg.solve(mass, right)
+        q_after = q_middle + half * dq_after
+        q_after_along = q_middle_along + half * dq_after_along
+        return q_after, dq_after, q_after_along, dq_after_along
 
     def _rigid(
-        self, q: np.ndarray, dq: np.ndarray, a: np.ndarray
+        self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Derivatives of ID in q and dq, mass matrix, all of shape (R, n, n), and Y along the links', (R, n, b)."""
-        n, b = len(self._diagonal), self._links.shape[1]
-        in_q, in_dq, mass = self._matrices[:3, :, :, :n]
+        n, b = len(self._diagonal), self._links_along.shape[1]
+        by_q, by_dq, mass = self._matrices[:3, :, :, :n]
         links = self._matrices[3, :, :, :b]
         model, data = self._model, self._data
         for row in range(len(q)):
-            pin.computeRNEADerivatives(model, data, q[row], dq[row], a[row])
-            in_q[row], in_dq[row], mass[row] = data.dtau_dq, data.dtau_dv, data.M
-            links[row] = (
-                pin.computeJointTorqueRegressor(model, data, q[row], dq[row], a[row])
-                @ self._links
-            )
+            state = q[row], dq[row], ddq[row]
+            pin.computeRNEADerivatives(model, data, *state)
+            by_q[row] = data.dtau_dq
+            by_dq[row] = data.dtau_dv
+            mass[row] = data.M
+            regressor = pin.computeJointTorqueRegressor(model, data, *state)
+            links[row] = regressor @ self._links_along
+        # pinocchio fills the upper triangle alone
         above = np.triu(mass, 1)
-        return in_q, in_dq, np.triu(mass) + above.transpose(0, 2, 1), links
+        symmetric = np.triu(mass) + above.transpose(0, 2, 1)
+        return by_q, by_dq, symmetric, links
 
     def _friction(
-        self, dq: np.ndarray, a: np.ndarray
+        self, dq: np.ndarray, ddq: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Slope b + s, friction of c = 1, and the derivative of friction in v, each of shape (R, n)."""
         scale, h = FRICTION_SMOOTHING, self._dt
         x = dq / scale
-        bent = np.tanh(x)
-        fade, safe = taper(x), np.where(np.abs(x) > 1e-4, x, 1.0)
-        curve = ((1 - bent**2) / safe - bent / safe**2) * np.exp(
-            -(x**2) / 16
-        ) - fade * x / 8
-        curve = np.where(np.abs(x) > 1e-4, curve, 0.0)
-        change = self._viscous_value + self._coulomb_value / scale * (
-            1 - bent**2 + curve * h * a / scale
-        )
-        return (
-            self._viscous_value + self._coulomb_value / scale * fade,
-            bent + fade / scale * h * a,
-            change,
-        )
+        sign = np.tanh(x)
+        sign_slope = 1 - sign**2
+        fade = taper(x)
+        # d(taper) / dx, whose quotient has no limit that a computer finds at x = 0
+        moving = np.abs(x) > 1e-4
+        safe = np.where(moving, x, 1.0)
+        quotient = sign_slope / safe - sign / safe**2
+        curve = quotient * np.exp(-(x**2) / 16) - fade * x / 8
+        curve = np.where(moving, curve, 0.0)
+        per_speed = self._coulomb / scale
+        slope = self._viscous + per_speed * fade
+        unit = sign + fade / scale * h * ddq
+        by_dq = self._viscous + per_speed * (sign_slope + curve * h * ddq / scale)
+        return slope, unit, by_dq
