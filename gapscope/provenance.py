@@ -92,7 +92,7 @@ def sha256(path: Path) -> str:
 
 
 def fingerprint(value: Any) -> str:
-    """Hash of plain data, arrays and records, with the contents of files in place of their paths.
+    """Hash of plain data, arrays and records, with the contents of files instead of their paths.
 
     Raises:
         GapscopeError: a file cannot be read.

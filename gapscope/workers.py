@@ -48,7 +48,7 @@ def in_order(
             that this machine belongs to, else processes of this machine.
 
     Returns:
-        The result of each call; with Ray the exception where a call could not be run to its end.
+        The result of each call; with Ray the exception if a call could not be run to its end.
     """
     if backend == RAY:
         return _by_ray(function, arguments, jobs)

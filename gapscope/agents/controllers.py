@@ -29,18 +29,18 @@ class TrackingController(Protocol):
         Args:
             q_ref, dq_ref, ddq_ref: reference now [rad], [rad/s], [rad/s^2], each (n,).
             q, dq: position of the encoders [rad], velocity estimated from them [rad/s], each (n,).
-            planned: a row of what ``plan`` gave; the model's torque at this sample where ``None``.
+            planned: a row of what ``plan`` gave; the model's torque at this sample if ``None``.
         """
 
     def plan(self, motion: Motion) -> np.ndarray | None:
-        """Feedforward of a reference known beforehand [N m], shape (N, n), or ``None`` where it takes none."""
+        """Feedforward of a reference known beforehand [N m], shape (N, n), or ``None`` if it takes none."""
 
 
 class Feedforward:
     """tau = model(q_ref, dq_ref, ddq_ref) + kp (q_ref - q) + kd (dq_ref - dq), clipped at +-limit.
 
     Without a model it is PD alone, with ``gapscope.agents.torque_model.Gravity`` PD with gravity, with
-    ``gapscope.agents.torque_model.ArmModel`` PD with inverse dynamics. The model stands outside the loop: it changes
+    ``gapscope.agents.torque_model.ArmModel`` PD with inverse dynamics. The model is outside the loop: it changes
     how well a reference is followed, hardly what gains are stable.
 
     Args:
@@ -81,7 +81,7 @@ class Feedforward:
 class ComputedTorque:
     """tau = model(q, dq_ref, ddq_ref + w^2 (q_ref - q) + 2 zeta w (dq_ref - dq)), clipped at +-limit.
 
-    The model stands inside the loop: its inertia scales the gains, so that a wrong one shifts the bandwidth. Coriolis
+    The model is inside the loop: its inertia scales the gains, so that a wrong one shifts the bandwidth. Coriolis
     torque and friction are taken at the reference's velocity; at the measured one dry friction would chatter. No delay
     is compensated, since the state of the arm is not known beforehand.
 

@@ -1,4 +1,4 @@
-"""Disturbances under which tracking is judged."""
+"""Disturbances under which tracking is evaluated."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def check_disturbance(name: str, effects: tuple[AppliedEffect, ...]) -> None:
     """Check that there is such a disturbance, and that it can be put on an arm with these effects.
 
     Raises:
-        InputError: it is unknown, or a push on an arm that has a force from outside already.
+        InputError: it is unknown, or a push on an arm that has an external force already.
     """
     check_known("disturbance", name, NAMES, where="disturbances")
     if name == "push" and any(e.name == "external_force" for e in effects):

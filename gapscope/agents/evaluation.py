@@ -110,7 +110,7 @@ class TrackingBench:
     """An arm with hidden effects, on which models are tried.
 
     Args:
-        arm: the nominal arm, whose inertia the gains are worked out with.
+        arm: the nominal arm, whose inertia the gains are computed with.
         effects: what the arm that is tracked has beyond it.
         plan: how to evaluate.
 
@@ -165,7 +165,7 @@ class TrackingBench:
         return ComputedTorque(tuning, limit, model)
 
     def course(self, motion: str, seed: int) -> tuple[SampledReference, np.ndarray]:
-        """A held-out motion, and the torque that has to be commanded for it [N m], (N, n)."""
+        """A held-out motion, and the torque that must be commanded for it [N m], (N, n)."""
         key = (motion, seed)
         if key not in self._courses:
             rng = np.random.default_rng(
@@ -279,7 +279,7 @@ def evaluate(
     progress: Callable[[str], None] = lambda message: None,
     keeper: Keeper | None = None,
 ) -> Evaluation:
-    """Try models by name; ``None`` stands for no feedforward at all.
+    """Try models by name; ``None`` means no feedforward at all.
 
     Args:
         models: models by name.

@@ -1,4 +1,4 @@
-"""Keeping what is finished of an evaluation, so that one that was interrupted goes on where it was."""
+"""Finished parts of an evaluation, kept so that an interrupted one can be resumed."""
 
 from __future__ import annotations
 

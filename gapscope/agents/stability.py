@@ -55,8 +55,8 @@ def settles(
 def largest_factor(stable: Callable[[float], bool]) -> float:
     """Largest factor f for which ``stable(f)`` holds, by doubling or halving from 1 and then bisection of log f.
 
-    It is taken for granted that what is stable at f is stable below; within ``LOWEST`` (0 is returned where not even
-    that is stable) and ``HIGHEST``, which is returned where everything is.
+    A loop that is stable at f is assumed stable below; within ``LOWEST`` (0 is returned if not even
+    that is stable) and ``HIGHEST``, which is returned if all are stable.
     """
     low, high = (1.0, 2.0) if stable(1.0) else (0.5, 1.0)
     if low == 1.0:

@@ -15,7 +15,7 @@ DRAWS = 2000
 
 
 class Mean(NamedTuple):
-    """An interquartile mean with its interval, in the unit of the values; infinite where too many runs diverged."""
+    """An interquartile mean with its interval, in the unit of the values; infinite if too many runs diverged."""
 
     value: float
     low: float
@@ -44,7 +44,7 @@ def mean_of(
     """Interquartile mean with the percentile interval of a stratified bootstrap.
 
     Runs are drawn with replacement within each stratum, so that every motion keeps its weight (agarwal2021). With
-    one run per stratum there is nothing to draw: the interval is the value.
+    one run per stratum the interval is the value.
 
     Args:
         values: of the runs.
@@ -70,7 +70,7 @@ def mean_of(
 
 
 def rank_correlation(x: Sequence[float], y: Sequence[float]) -> float | None:
-    """Spearman's rank correlation [1], or ``None`` where there are fewer than three values or all are equal."""
+    """Spearman's rank correlation [1], or ``None`` if there are fewer than three values or all are equal."""
     if len(x) < 3:
         return None
     a, b = (

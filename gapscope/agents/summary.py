@@ -30,7 +30,7 @@ class SummaryLine:
         count, diverged: episodes, and how many of them diverged.
         means: by measure, see ``gapscope.agents.tracking_metrics.Measures``.
         torque_error: NRMSE of the feedforward [1].
-        margin: largest stable bandwidth [Hz], or ``None`` where it was not sought.
+        margin: largest stable bandwidth [Hz], or ``None`` if it was not sought.
     """
 
     model: str
@@ -43,7 +43,7 @@ class SummaryLine:
     margin: float | None
 
     def plain(self) -> dict[str, Any]:
-        """As JSON knows it."""
+        """As JSON data."""
         low, high = binomtest(self.diverged, self.count).proportion_ci(method="wilson")
         return {
             "model": self.model,

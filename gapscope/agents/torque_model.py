@@ -60,13 +60,13 @@ class ArmModel:
     ``series`` is ``CorrectedArm.predict``: delay T and lag L are undone by N(t + T) and N + L dN/dt, an elastic joint
     to first order in its twist. One sample has neither a future nor a past: evaluate it ``ahead`` of time; elasticity
     and backlash are left out, friction that drifts is that of the start, and the network takes the past to be like the
-    present. A force from outside is left out of both, since it belongs to the recording in which it acted.
+    present. An external force is left out of both, since it belongs to the recording in which it acted.
 
     Args:
         corrected: the arm with its effects.
 
     Attributes:
-        ahead: how far ahead of time a single sample has to be evaluated, delay plus lag per joint [s], shape (n,).
+        ahead: how far ahead of time a single sample must be evaluated, delay plus lag per joint [s], shape (n,).
 
     Raises:
         InputError: an effect on a joint that does not exist, or a network of another arm.

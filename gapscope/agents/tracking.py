@@ -17,7 +17,7 @@ from gapscope.envs.velocity_estimate import VELOCITY_CUTOFF, VELOCITY_DAMPING
 SETTLE = 0.5
 """The start of the reference is held for this long before t = 0 [s]."""
 BEYOND = 0.25
-"""Feedforward is worked out this far beyond the end, for delays to look ahead [s]."""
+"""Feedforward is computed this far beyond the end, for delays to look ahead [s]."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class SampledReference:
         """Sample a reference that starts at rest.
 
         Args:
-            reference: the motion; it has to go on beyond its end.
+            reference: the motion; it must go on beyond its end.
             duration: of what is tracked, from t = 0 [s].
             dt: period of the controller [s].
             settle: time before t = 0 [s].
@@ -74,7 +74,7 @@ class SampledReference:
 
 @dataclass(frozen=True)
 class TrackingRun:
-    """What an arm did on a course, K ticks from t = 0 on, K less than the course's where it diverged.
+    """What an arm did on a course, K ticks from t = 0 on, K less than the course's if it diverged.
 
     Attributes:
         t: time [s], shape (K,).
@@ -102,14 +102,14 @@ def track(
     """Let a simulated arm follow a course; the controller runs at every step of the simulation.
 
     The velocity that the controller has is dq_ref - D(q_ref - q), with D a second-order low-pass differentiator: as the
-    reference is known, only the error has to be differentiated, and the differentiator's lag is not taken for an error.
+    reference is known, only the error must be differentiated, and the differentiator's lag is not treated as an error.
 
     Args:
         simulated: the arm; its time step is that of the course.
         controller: it is given ``course.torque``.
         course: the reference.
         kick: velocity of the joints at the start [rad/s], a number or shape (n,).
-        cutoff: of the differentiator [Hz]; a backward difference where ``None``.
+        cutoff: of the differentiator [Hz]; a backward difference if ``None``.
     """
     motion, n = course.motion, course.motion.q.shape[1]
     start = np.zeros(n) + kick

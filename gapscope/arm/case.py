@@ -41,11 +41,11 @@ class Case:
         name: name of the case.
         folder: folder of ``case.yaml``.
         arm: the nominal arm.
-        recordings: what may be fitted.
-        judged: what may only be judged on; empty where the case does not set any aside.
-        controller: the controller, where known.
+        recordings: recordings that may be fitted.
+        judged: held-out recordings; empty if the case has none.
+        controller: the controller, if known.
         warnings: what was noticed about the whole case while reading.
-        importing: how its logs are read, where they are not in the columns of the case format.
+        importing: how its logs are read, if they are not in the columns of the case format.
         payloads: known bodies mounted in some recordings, by the path of their file.
         file: the case file that it was read from; ``None`` for a case made in memory.
     """

@@ -34,7 +34,7 @@ def check_known(kind: str, name: object, known: Iterable[str], where: str = "") 
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """A question after the nearest of the known names, or nothing where none is near; case does not matter.
+    """A question after the nearest of the known names, or nothing if none is near; case does not matter.
 
     Near is what is written alike, else what has the name as a part, or is a part of it.
     """

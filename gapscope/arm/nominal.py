@@ -48,7 +48,7 @@ class NominalArm:
     inertial_error_factor: float = 1.0
 
     def __post_init__(self) -> None:
-        """Fill in zeros where the data sheet is silent and freeze the arrays."""
+        """Fill in zeros if the data sheet is silent and freeze the arrays."""
         n = len(self.joints)
         for name in ("armature", "coulomb", "viscous"):
             if getattr(self, name) is None:

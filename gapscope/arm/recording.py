@@ -21,7 +21,7 @@ class Recording:
         name: file name or label of the recording.
         t: time [s], shape (N,), strictly increasing within a segment; gaps are allowed.
         q: joint positions as the encoders gave them [rad], shape (N, n).
-        tau: torque commanded or derived from motor current, joint side [N m], (N, n); ``None`` where no torque
+        tau: torque commanded or derived from motor current, joint side [N m], (N, n); ``None`` if no torque
             can be trusted.
         dq: recorded velocity [rad/s], (N, n), or ``None``.
         q_ref, dq_ref: reference position [rad] and velocity [rad/s], (N, n), or ``None``.

@@ -67,8 +67,8 @@ def load_nominal_arm(
         gravity: [m/s^2] in the base frame, shape (3,); default that of an MJCF file, else
             (0, 0, -9.81).
         sheet: the data sheet, the ``nominal:`` section of a case: armature [kg m^2], coulomb [N m], viscous
-            [N m s/rad], torque_limit [N m], encoder, encoder_step [rad]. Where coulomb or viscous is absent, the
-            URDF's ``<dynamics friction= damping=>`` stands in, and zero where that is absent too; of an MJCF file the
+            [N m s/rad], torque_limit [N m], encoder, encoder_step [rad]. If coulomb or viscous is absent, the
+            URDF's ``<dynamics friction= damping=>`` stands in, and zero if that is absent too; of an MJCF file the
             joints' ``armature``, ``frictionloss`` and ``damping``.
         source: the case file, for messages.
 
@@ -101,7 +101,7 @@ def load_nominal_arm(
 
 
 def _locate(robot: str | Path, folder: Path) -> tuple[Path, tuple[str, ...] | None]:
-    """Path of the URDF, and the arm's joints where the project knows them."""
+    """Path of the URDF, and the arm's joints if the project knows them."""
     path = folder / robot
     if path.is_file():
         return path, None
@@ -129,7 +129,7 @@ def _robot_name(urdf: Path) -> str:
 
 
 def _dynamics(urdf: Path, joints: Sequence[str], attribute: str) -> np.ndarray:
-    """One attribute of ``<dynamics>`` per joint, zero where the URDF does not give it, shape (n,)."""
+    """One attribute of ``<dynamics>`` per joint, zero if the URDF does not give it, shape (n,)."""
     values = dict.fromkeys(joints, 0.0)
     for joint in ET.parse(urdf).getroot().iter("joint"):
         dynamics = joint.find("dynamics")

@@ -82,7 +82,7 @@ class VelocityFilter:
         position: position at the start [rad], shape (n,).
         velocity: velocity until the start [rad/s], shape (n,).
         rule: one of ``RULES``.
-        first: what the first call gives for ``position`` [rad/s], shape (n,), where it is known that the filter had
+        first: what the first call gives for ``position`` [rad/s], shape (n,), if it is known that the filter had
             not settled; the velocity until then by default.
     """
 

@@ -91,7 +91,7 @@ class BlindPlan:
         return sum(getattr(self, field) for field in COUNTS)
 
     def plain(self) -> dict[str, Any]:
-        """The plan as JSON and YAML know it."""
+        """The plan as JSON or YAML data."""
         return {
             key: list(value) if isinstance(value, tuple) else value
             for key, value in asdict(self).items()

@@ -10,7 +10,7 @@ from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.provenance import sha256
 
 COMMITMENT = "commitment.json"
-"""File beside the cases that fixes the labels without telling them."""
+"""File beside the cases that fixes the labels without revealing them."""
 LABELS = "labels.json"
 """File with the truth."""
 UNSEEN = "unseen"

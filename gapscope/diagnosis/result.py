@@ -81,7 +81,7 @@ class Diagnosis:
         traces: measured, nominal and corrected torque, one per recording.
         signatures: the shapes that gave the effects away.
         spectrum: where in frequency the gap lies.
-        located: where the gap of the worst joint lies, before and, where it stays above the floor, after.
+        located: where the gap of the worst joint lies, before and, if it stays above the floor, after.
     """
 
     document: Mapping[str, Any]

@@ -20,9 +20,9 @@ SHARES = {"residual": 0.2, "scale": 0.0, "torque": 1.0}
 FEEDFORWARD_SPAN = 0.5
 """With ``scale``, share by which an action of 1 raises the feedforward [1]."""
 GENEROUS = 2.0
-"""Rated torque over what motions need at the working posture, where the torque limit allows it [1]."""
+"""Rated torque over what motions need at the working posture, if the torque limit allows it [1]."""
 BRISK = 50.0
-"""Acceleration that the rated torque gives a joint's own inertia, where the torque limit allows it [rad/s^2]."""
+"""Acceleration that the rated torque gives a joint's own inertia, if the torque limit allows it [rad/s^2]."""
 DAMPING = 0.7
 """Damping ratio of the PD loop [1]."""
 
@@ -42,7 +42,7 @@ class Control(NamedTuple):
         scale: torque of an action of 1 [N m], shape (n,).
         rated: rated torque, see ``rated_torque`` [N m], shape (n,).
         limit: at which the commanded torque is clipped [N m], shape (n,).
-        gains: of the PD loop with feedforward, or ``None`` where the action is the whole torque.
+        gains: of the PD loop with feedforward, or ``None`` if the action is the whole torque.
     """
 
     kind: str
@@ -79,11 +79,11 @@ def torque_limit(arm: NominalArm, body: RigidBody) -> np.ndarray:
 
 
 def rated_torque(arm: NominalArm, body: RigidBody, space: Workspace) -> np.ndarray:
-    """Torque that an action of 1 stands for before its share [N m], shape (n,).
+    """Torque of an action of 1 before its share [N m], shape (n,).
 
     The torque limit, but no more than the joint bears: ``GENEROUS`` times what motions need, |g| + sum_j |M_ij| a_j +
     I_i a_i + c + b v at the working posture with the largest acceleration a and velocity v of motions, or what gives
-    its own inertia M_ii + I_i ``BRISK``. Limits of a URDF are often placeholders, at which a wrist runs away at once.
+    its own inertia M_ii + I_i ``BRISK``. Limits of a URDF are often placeholders, at which a wrist diverges at once.
     """
     posture, limits = space.posture, space.limits
     mass = body.mass_matrix(posture) + np.diag(arm.armature)
@@ -132,10 +132,10 @@ def control(
         body: its rigid-body model.
         space: where it moves.
         kind: one of ``KINDS``.
-        share: torque of an action of 1 over the rated torque; that of ``SHARES`` where ``None``.
+        share: torque of an action of 1 over the rated torque; that of ``SHARES`` if ``None``.
         bandwidth: of the PD loop [Hz].
         reach: with ``residual``, tracking error at which kp alone commands as much as an action of 1 [rad]; then
-            ``share`` has to be ``None``.
+            ``share`` must be ``None``.
 
     Raises:
         InputError: unknown kind, or a reach beside a share or without ``residual``.

@@ -1,4 +1,4 @@
-"""The course of one episode: reference and feedforward at every step, worked out before it starts."""
+"""The course of one episode: reference and feedforward at every step, computed before it starts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Divergence: a simulated arm that runs away, noticed at once and explained."""
+"""Divergence: a simulated arm that diverges, noticed at once and explained."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Divergence:
         joint: the fastest joint, counted from 1.
         time: until which all was well, since the start of the episode [s].
         speed: of that joint [rad/s].
-        causes: what lets it run away, the most likely first, each with what to change.
+        causes: what lets it diverge, the most likely first, each with what to change.
     """
 
     joint: int
@@ -105,7 +105,7 @@ def explain(
 def unstable_loop(
     mass: np.ndarray, arm: NominalArm, gains: Gains, dt: float
 ) -> list[str]:
-    """What to change where the PD loop is unstable; nothing where it is stable. M [kg m^2] is without armature."""
+    """What to change if the PD loop is unstable; nothing if it is stable. M [kg m^2] is without armature."""
     mass = mass + np.diag(arm.armature)
     longest = longest_step(mass, arm, gains, dt)
     if longest is None:
@@ -127,7 +127,7 @@ def unstable_loop(
 def longest_step(
     mass: np.ndarray, arm: NominalArm, gains: Gains, dt: float
 ) -> float | None:
-    """Longest stable step of the sampled PD loop [s]: ``None`` where ``dt`` is stable, 0 where none is; see ``stable``.
+    """Longest stable step of the sampled PD loop [s]: ``None`` if ``dt`` is stable, 0 if none is; see ``stable``.
 
     Args:
         mass: M with armature [kg m^2], shape (n, n).
@@ -168,7 +168,7 @@ def stable(mass: np.ndarray, arm: NominalArm, gains: Gains, dt: float) -> bool:
 
 
 def _largest(works: Callable[[float], bool], fails: float) -> float:
-    """The largest number that works, below one that fails, by bisection; 0 where ``SMALLEST`` of that fails too."""
+    """The largest number that works, below one that fails, by bisection; 0 if ``SMALLEST`` of that fails too."""
     low, high = SMALLEST * fails, fails
     if not works(low):
         return 0.0

@@ -74,7 +74,7 @@ class ArmTracking(gymnasium.Env):
             ``gapscope.envs.actions.scaled``; ``torque``: the commanded torque itself.
         feedforward: ``none``, ``gravity`` or ``nominal``, or a model with ``series(motion)``; with ``torque`` it is
             observed only.
-        simulated: the arm that is simulated in place of the nominal arm with ``effects``: identified or corrected, with
+        simulated: the arm that is simulated instead of the nominal arm with ``effects``: identified or corrected, with
             its own inertia [kg m^2], friction [N m] and residual network [N m]. Gains, torque scale and encoders stay
             those of ``robot``.
         encoder_noise: standard deviation of the encoders' white noise before they round [rad], a number or shape (n,);
@@ -87,12 +87,12 @@ class ArmTracking(gymnasium.Env):
         look_ahead: how far ahead the reference is observed [s].
         action_share: torque of an action of 1 over the rated torque [1], see ``gapscope.envs.actions.rated_torque``;
             by default 0.2 for ``residual``, 1 for ``torque``.
-        action_reach: in place of the share, with ``residual``: tracking error at which kp alone commands as much as an
+        action_reach: instead of the share, with ``residual``: tracking error at which kp alone commands as much as an
             action of 1 [rad].
         bandwidth: of the PD loop [Hz].
         reward: its tolerance and weights.
         randomisation: effects to draw at each reset, beyond ``effects``.
-        debug: put what no controller would know into ``info``: true motion, torque, and the effects.
+        debug: put the truth, hidden from controllers, into ``info``: true motion, torque, and the effects.
         render_mode: ``rgb_array``, ``human`` or ``None``.
 
     Raises:
@@ -201,7 +201,7 @@ class ArmTracking(gymnasium.Env):
 
     @property
     def torque_scale(self) -> np.ndarray:
-        """Torque that an action of 1 stands for [N m], shape (n,); 0 with ``scale``."""
+        """Torque of an action of 1 [N m], shape (n,); 0 with ``scale``."""
         return self._control.scale
 
     @property
@@ -363,7 +363,7 @@ class ArmTracking(gymnasium.Env):
         }
 
     def _truth(self) -> dict[str, Any]:
-        """What no controller would know."""
+        """The truth, hidden from controllers."""
         simulated = self._plant.simulated
         return {
             "q_true": simulated.q.copy(),

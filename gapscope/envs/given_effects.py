@@ -24,7 +24,7 @@ Effects = (
 )
 """Effects as records, as entries or a file of the form of ``corrected.yaml``, or none."""
 GIVE = "give AppliedEffect records or entries as in a corrected.yaml, or the path of such a file"
-"""What to do where something is no effect."""
+"""What to do if something is no effect."""
 
 
 def chosen_effects(effects: Effects, arm: NominalArm) -> tuple[AppliedEffect, ...]:

@@ -1,4 +1,4 @@
-"""The mystery arm of ``gapscope demo``: a simulated KUKA iiwa whose effects nobody is told."""
+"""The mystery arm of ``gapscope demo``: a simulated KUKA iiwa with hidden effects."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ DATA_SHEET = {
 DURATION = 10.0
 """Length of a recording [s]."""
 FREQUENCIES = (0.1, 0.15, 0.2, 0.3)
-"""Base frequencies of the recordings' motions [Hz]: slow and fast ones tell friction laws and delays apart."""
+"""Base frequencies of the recordings' motions [Hz]: slow and fast ones separate friction laws and delays."""
 VISIBLE = 0.03
 """Least torque of an effect on each of its joints, as RMS over the nominal torque's standard deviation."""
 NOISE = 0.001

@@ -18,8 +18,8 @@ SPACING = 5
 class NetworkTorque:
     """What a residual network says of an arm that moves near its reference, n joints.
 
-    The network adds to the torque that has to be commanded, so its torque is taken off what is commanded before it
-    reaches the arm: r(t) = R(reference)(t) + R(measured) - R(reference). The first is worked out every ``SPACING``
+    The network adds to the torque that must be commanded, so its torque is taken off what is commanded before it
+    reaches the arm: r(t) = R(reference)(t) + R(measured) - R(reference). The first is computed every ``SPACING``
     steps with lines between, the difference at every action and held. The measured motion is that of the encoders at
     the actions before, with the acceleration of the reference and the load that the arm without network would need.
 

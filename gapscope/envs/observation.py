@@ -1,4 +1,4 @@
-"""The observation: what a controller of the arm would know."""
+"""The observation: the quantities that a controller of the arm has."""
 
 from __future__ import annotations
 

@@ -18,14 +18,14 @@ from gapscope.envs.simulated_arm import SimulatedArm
 from gapscope.envs.velocity_estimate import VELOCITY_DAMPING, cutoff
 
 SENSOR_PERIOD = 10e-3
-"""The encoders are read at least this often [s], and at every step where a PD loop runs."""
+"""The encoders are read at least this often [s], and at every step if a PD loop runs."""
 
 
 class Plant:
     """A simulated arm with effects under its controller, n joints.
 
-    Where a PD loop runs, the tracking error is differentiated and not the position: dq = dq_ref - D(q_ref - q), so that
-    the differentiator's lag is not taken for an error. Otherwise dq = D(q).
+    If a PD loop runs, the tracking error is differentiated and not the position: dq = dq_ref - D(q_ref - q), so that
+    the differentiator's lag is not treated as an error. Otherwise dq = D(q).
 
     Args:
         base: the arm that is simulated: nominal or identified, with its residual network if it has one; its effects are

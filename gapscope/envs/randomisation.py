@@ -43,7 +43,7 @@ INCIDENTAL = {
 }
 """Parameters that say where or when, not how severe."""
 GIVE = "give an gapscope.envs.randomisation.Randomisation"
-"""What to do where something else was given."""
+"""What to do if something else was given."""
 LEAST, MOST = 1e-3, 10.0
 """Bounds of severities [1]."""
 
@@ -57,9 +57,9 @@ class Randomisation:
 
     Attributes:
         names: effects of the catalogue to draw from, one or several.
-        joints: joints that joint effects may act on, counted from 1; all where ``None``. Effects on the arm or a link
+        joints: joints that joint effects may act on, counted from 1; all if ``None``. Effects on the arm or a link
             (payload, base tilt, external force, link inertia) have no joints and are drawn all the same: leave them
-            out of ``names`` where they are not wanted.
+            out of ``names`` if they are not wanted.
         count: fewest and most effects in an episode.
         joint_count: fewest and most joints of one effect.
         severity: lowest and highest severity [1]; a limit or a stiffness is divided by it.
@@ -150,7 +150,7 @@ def draw_effects(
 ) -> tuple[AppliedEffect, ...]:
     """Effects with values, each of the catalogue at most once, and none of those given.
 
-    A joint that becomes elastic or gets play needs a rotor: where neither the data sheet nor the effects have one, an
+    A joint that becomes elastic or gets play needs a rotor: if neither the data sheet nor the effects have one, an
     ``armature`` comes with it.
 
     Args:

@@ -56,11 +56,11 @@ def record(
         duration: of the recording [s].
         rng: source of the noise.
         rate: of the recording [Hz].
-        encoder_step: quantisation of the encoders [rad]; that of the data sheet where ``None``, none where 0.
+        encoder_step: quantisation of the encoders [rad]; that of the data sheet if ``None``, none if 0.
         encoder_noise: standard deviation of white noise on the encoders [rad], a number or shape (n,).
         torque_noise: standard deviation of white noise on the recorded torque [N m], a number or shape (n,).
-        read_back: record the torque that reached the joints, as position control reads it back from its drives, in
-            place of the one commanded; row i holds what is applied from t[i] on.
+        read_back: record the torque that reached the joints, as position control reads it back from its drives, instead
+            of the one commanded; row i holds what is applied from t[i] on.
         settle: time at the reference's start before t = 0 [s].
         name: name of the recording.
         engine: ``pybullet``, ``mujoco`` or ``dart``; by default PyBullet if it is installed, else MuJoCo.

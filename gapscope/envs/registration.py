@@ -8,7 +8,7 @@ NAME = "gapscope/ArmTracking-v0"
 
 
 def register_environment() -> None:
-    """Make ``NAME`` known to Gymnasium, where that is installed; nothing of the environment is imported."""
+    """Make ``NAME`` known to Gymnasium, if that is installed; nothing of the environment is imported."""
     if find_spec("gymnasium") is None:
         return
     from gymnasium.envs.registration import register, registry

@@ -1,6 +1,6 @@
 """Replay: the simulated arm, nominal or corrected, under the same commands as a recording.
 
-Where the controller is known, its commands are the references, and the torque is what it makes of the simulated
+If the controller is known, its commands are the references, and the torque is what it makes of the simulated
 encoders. Otherwise the command is the recorded torque, held to for short horizons only: without a controller a small
 error of the torque grows into any error of the position.
 """
@@ -35,7 +35,7 @@ CUTOFF = 20.0
 GAP_STEPS = 4.0
 """A step of time longer than this many median steps is a gap; the replay starts anew behind it."""
 UNSTABLE_SPEED = 50.0
-"""A joint faster than this [rad/s] has run away."""
+"""A joint faster than this [rad/s] has diverged."""
 
 
 @dataclass(frozen=True)
@@ -70,8 +70,8 @@ def replay(
     Args:
         arm: the nominal arm, which is also what the controller's feedforward believes.
         effects: what the simulated arm has beyond it and the known payload of the recording.
-        recording: with ``q_ref`` where the replay goes through the controller, with ``tau`` otherwise.
-        controller: the controller, where known.
+        recording: with ``q_ref`` if the replay goes through the controller, with ``tau`` otherwise.
+        controller: the controller, if known.
         engine: ``pybullet``, ``mujoco`` or ``dart``; by default PyBullet if it is installed, else MuJoCo.
 
     Raises:
@@ -235,7 +235,7 @@ def _driven(
 
 
 def _check(simulated: SimulatedArm, time: float, remedy: str) -> None:
-    """Stop an arm that runs away."""
+    """Stop an arm that diverges."""
     speed = np.abs(simulated.dq)
     if not speed.max() < UNSTABLE_SPEED:
         raise GapscopeError(

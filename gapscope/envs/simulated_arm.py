@@ -281,7 +281,7 @@ class SimulatedArm:
         motors.follow(self._q, self._step.dq)
 
     def _drift(self) -> None:
-        """Bring the drift of friction up to date where that is due."""
+        """Bring the drift of friction up to date if that is due."""
         if self._friction.drifts(self._count):
             self._friction.drift(self.time)
             self._step.set_viscous(self._friction.viscous * self._rigid)

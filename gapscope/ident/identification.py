@@ -42,10 +42,10 @@ class IdentificationSettings:
     """How to identify.
 
     Attributes:
-        cutoff: of both sides [Hz]; chosen from the spectra of the positions where ``None``.
+        cutoff: of both sides [Hz]; chosen from the spectra of the positions if ``None``.
         estimator: one of ``gapscope.ident.estimators.by_name.METHODS``.
-        judge: names of recordings to judge on; where empty those that the case sets aside, else the last one.
-        any_torque: go on where the torque seems to be in another unit.
+        judge: names of the held-out recordings; if empty those of the case, else the last one.
+        any_torque: continue if the torque seems to be in another unit.
         trim: leave out both ends of a segment, where the filter settles.
         plain: only what URDF, data sheet and the catalogue's effects can say: no coupled motors, no friction that
             keeps its direction at rest.
@@ -71,9 +71,9 @@ class Identification:
         base: base parameters of the samples.
         estimate: of the base parameters.
         uncertainty: of the base parameters, as belongs to the estimator.
-        examined: what the recordings tell about the parameters.
+        examined: what the recordings determine of the parameters.
         changes: changes of load or friction during recordings.
-        predicted: intervals of the torque on the judged recordings; ``None`` where model error cannot be told.
+        predicted: intervals of the torque on the judged recordings; ``None`` if model error cannot be told.
         physical: consistent parameters.
         recovered: what can be said about each parameter.
         zeros: encoder zeros.
@@ -213,7 +213,7 @@ def _fit(
     settings: IdentificationSettings,
     progress: Callable[[str], None],
 ) -> tuple[FitEvidence, Estimate, Uncertainty, Examination]:
-    """Friction law, base parameters with intervals, consistent parameters, zeros, and what the recordings tell."""
+    """Friction law, base parameters with intervals, consistent parameters, zeros, and what the recordings determine."""
     columns, n = samples.columns, samples.columns.arm.n_joints
     plain = samples.matrix(FrictionLaw())
     rank = base_parameters(

@@ -57,7 +57,7 @@ def written_checkpoint(
 
 
 def read_checkpoint(folder: Path) -> tuple[Path, dict[str, Any]] | None:
-    """Folder and state of the newest checkpoint, or ``None`` where there is none.
+    """Folder and state of the newest checkpoint, or ``None`` if there is none.
 
     Raises:
         InputError: a file of it is missing, was cut short or changed.

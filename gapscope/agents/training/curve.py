@@ -30,7 +30,7 @@ class Point:
     hidden: AgentScore | None
 
     def plain(self) -> dict[str, Any]:
-        """As JSON knows it."""
+        """As JSON data."""
         hidden = None if self.hidden is None else self.hidden.plain()
         return {
             "steps": self.steps,

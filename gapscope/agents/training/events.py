@@ -1,4 +1,4 @@
-"""TensorBoard events of a training, where tensorboard is installed."""
+"""TensorBoard events of a training, if tensorboard is installed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gapscope.agents.training.curve import Point
 
 
 def write_events(folder: Path, point: Point, losses: Mapping[str, Any]) -> None:
-    """Write the scores of a point, and the learner's own figures; nothing where tensorboard is not installed."""
+    """Write the scores of a point, and the learner's own figures; nothing if tensorboard is not installed."""
     if find_spec("tensorboard") is None:
         return
     from torch.utils.tensorboard import SummaryWriter

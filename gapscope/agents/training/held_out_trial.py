@@ -1,4 +1,4 @@
-"""An agent tried on motions held out: what it earns, and how well the arm is tracked."""
+"""An agent evaluated on held-out motions: its reward, and how well the arm is tracked."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class AgentScore:
     """How an agent does on some motions, means over them.
 
     Attributes:
-        reward: per action; what is not done because an episode ended early earns nothing [1].
+        reward: per action; actions missing because an episode ended early count as 0 [1].
         joint_error: RMS over actions and joints of reference minus encoders [rad]; infinite if an episode ended early.
         torque_rate: RMS over steps and joints of the change of the torque commanded [N m/s]; likewise.
         ended: episodes that ended early: the arm diverged, or came to its stop.
@@ -39,7 +39,7 @@ class AgentScore:
     episodes: int
 
     def plain(self) -> dict[str, Any]:
-        """As JSON knows it; what is not finite is ``None``."""
+        """As JSON data; what is not finite is ``None``."""
         return dict(plain(asdict(self), null_if_not_finite=True))
 
 

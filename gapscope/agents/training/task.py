@@ -25,10 +25,10 @@ class Task:
     Agents are trained and chosen in the simulator alone; the hidden effects act on no arm but ``hidden``'s.
 
     Attributes:
-        arm: the nominal arm; gains and torque scale are worked out with it, whatever the model.
+        arm: the nominal arm; gains and torque scale are computed with it, whatever the model.
         name: of the model: ``pd``, ``gravity``, ``nominal`` or its file.
         believed: the arm with effects that the model takes the arm for; of ``pd`` and ``gravity`` the nominal one.
-        hidden: what the arm that is tried has beyond the nominal arm, or ``None`` where there is no such arm.
+        hidden: what the arm that is tried has beyond the nominal arm, or ``None`` if there is no such arm.
     """
 
     arm: NominalArm
@@ -43,7 +43,7 @@ class Task:
         arm: NominalArm,
         hidden: tuple[AppliedEffect, ...] | None = None,
     ) -> Task:
-        """The task of a model by its name or file; a force from outside, which belongs to a recording, is left out.
+        """The task of a model by its name or file; an external force, which belongs to a recording, is left out.
 
         Raises:
             InputError: no such model, or one of an arm with other joints.

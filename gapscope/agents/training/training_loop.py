@@ -1,4 +1,4 @@
-"""Training in rounds: each is seeded anew, so that one that is gone on with ends as one that was never interrupted."""
+"""Training in rounds: each is seeded anew, so that resumed training is bit-identical."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Trained:
 
 
 class Training:
-    """A training that writes its checkpoints into a folder, and goes on from the newest one that is there.
+    """A training that writes its checkpoints into a folder, and continues from the newest one that is there.
 
     The agent that is kept is the one that earned most in the simulator made from the model; the arm with hidden effects
     is watched, and chooses nothing.

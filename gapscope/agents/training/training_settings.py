@@ -193,15 +193,15 @@ class TrainingSettings:
         return unit * -(-self.round_steps // unit)
 
     def randomised(self) -> TrainingSettings:
-        """The same with domain randomisation: over the effects that a diagnosis can find where none are named."""
+        """The same with domain randomisation: over the effects that a diagnosis can find if none are named."""
         return self if self.randomise else replace(self, randomise=HIDDEN)
 
     def same(self) -> dict[str, Any]:
-        """What makes two trainings the same, as JSON knows it: all but ``parallel``."""
+        """What makes two trainings the same, as JSON data: all but ``parallel``."""
         return {**self.plain(), "parallel": False}
 
     def plain(self) -> dict[str, Any]:
-        """As YAML and JSON know it."""
+        """As YAML or JSON data."""
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         return {
             k: list(v)
@@ -218,7 +218,7 @@ def read_settings(agent: str | Path, **changed: Any) -> TrainingSettings:
 
     Args:
         agent: one of ``ALGORITHMS``, or the path of a YAML file with the fields of ``TrainingSettings``.
-        changed: fields to put in place of the file's; those that are ``None`` are not.
+        changed: fields to put instead of the file's; those that are ``None`` are not.
 
     Raises:
         InputError: no such file or algorithm, an unknown key, or a value of the wrong kind; names file and field.

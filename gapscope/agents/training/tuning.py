@@ -1,4 +1,4 @@
-"""Hyperparameters by Optuna: short trainings, judged in the simulator alone."""
+"""Hyperparameters by Optuna: short trainings, evaluated in the simulator alone."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.atomic_write import atomic_write
 
 STUDY = "study.log"
-"""Journal of the trials; a search that was interrupted goes on from it."""
+"""Journal of the trials; a search that was interrupted continues from it."""
 
 
 def check_installed() -> None:

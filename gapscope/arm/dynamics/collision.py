@@ -33,7 +33,7 @@ class CollisionModel:
     Args:
         arm: the nominal arm.
         body: its rigid-body model.
-        height: of the surface in the base frame [m]; ``None`` where there is none.
+        height: of the surface in the base frame [m]; ``None`` if there is none.
 
     Attributes:
         pairs: names of the bodies compared, two each.
@@ -82,7 +82,7 @@ class CollisionModel:
             q: joint positions in the arm's order [rad], shape (N, n).
 
         Returns:
-            Distance [m], negative where bodies overlap, shape (N,), infinite where there are no pairs; and the place
+            Distance [m], negative if bodies overlap, shape (N,), infinite if there are no pairs; and the place
             in ``pairs``, shape (N,).
         """
         q = np.ascontiguousarray(q[:, self._order])

@@ -1,4 +1,4 @@
-"""The inertials of a URDF or MJCF file: what no body can have is refused, what is merely odd is used and told."""
+"""The inertials of a URDF or MJCF file: non-physical ones are refused, implausible ones are used with a warning."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ GIVE = "give mass [kg] and inertia [kg m^2], or leave <inertial> out of a link t
 
 
 class _Words(NamedTuple):
-    """What a format calls mass and moments of inertia, and how they are put right."""
+    """What a format calls mass and moments of inertia, and how they are corrected."""
 
     mass: str
     inertia: str

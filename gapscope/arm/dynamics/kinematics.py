@@ -1,4 +1,4 @@
-"""Kinematics of an arm by pinocchio: where its joints and its tool are, and how the tool moves."""
+"""Kinematics of an arm by pinocchio: if its joints and its tool are, and how the tool moves."""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ def read_shapes(body: RigidBody) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
 
 
 def find_mesh(name: str, urdf: Path) -> Path | None:
-    """File of a mesh that a URDF names, or ``None`` where it is not found.
+    """File of a mesh that a URDF names, or ``None`` if it is not found.
 
     A path after ``package://`` starts from the folder of the URDF or one of the three above it, with the package's
     name or without.

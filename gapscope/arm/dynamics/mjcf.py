@@ -1,4 +1,4 @@
-"""What an MJCF file says beside bodies and joints, which pinocchio reads: gravity, torque limits, and what is left out.
+"""Content of an MJCF file beside bodies and joints, which pinocchio reads: gravity, torque limits, and what is ignored.
 
 Without MuJoCo; attributes that a default class gives count as an element's own.
 """
@@ -93,7 +93,7 @@ def numbers(text: str, count: int | None, path: Path, where: str) -> np.ndarray:
 
 
 def gravity(root: ET.Element, path: Path) -> np.ndarray | None:
-    """Gravity of ``<option>`` in the world's frame [m/s^2], shape (3,); ``None`` where the file does not say.
+    """Gravity of ``<option>`` in the world's frame [m/s^2], shape (3,); ``None`` if the file does not say.
 
     Raises:
         InputError: it is not three numbers.
@@ -139,7 +139,7 @@ def torque_limits(root: ET.Element, path: Path) -> dict[str, float]:
 
 
 def _range(values: Attributes, of: str, path: Path, place: str) -> float:
-    """What a range allows to either side; infinite where there is none."""
+    """What a range allows to either side; infinite if there is none."""
     text = values.get(f"{of}range")
     if text is None or values.get(f"{of}limited", "auto") == "false":
         return np.inf

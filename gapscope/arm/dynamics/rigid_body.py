@@ -100,7 +100,7 @@ class RigidBody:
         Args:
             increments: added to the links' parameters, shape (n, 10) in joint order, columns in the order of
                 ``INERTIAL_PARAMETERS``; kg, kg m, kg m^2.
-            gravity: in the base frame [m/s^2], shape (3,); unchanged where ``None``.
+            gravity: in the base frame [m/s^2], shape (3,); unchanged if ``None``.
         """
         other = copy(self)
         other._laden = {}
@@ -116,7 +116,7 @@ class RigidBody:
         return other
 
     def carrying(self, load: KnownLoad | None) -> RigidBody:
-        """This arm with a known body on its last link, the same object for the same load; itself where ``None``."""
+        """This arm with a known body on its last link, the same object for the same load; itself if ``None``."""
         if load is None:
             return self
         if load not in self._laden:
@@ -178,18 +178,18 @@ class RigidBody:
         return np.einsum("nij,nj->ni", jacobian, forces)
 
     def position_limits(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper position limits of the URDF [rad or m], each of shape (n,); infinite where it sets none."""
+        """Lower and upper position limits of the URDF [rad or m], each of shape (n,); infinite if it sets none."""
         lower = self.model.lowerPositionLimit[self._to_arm]
         upper = self.model.upperPositionLimit[self._to_arm]
         none = (lower >= upper) | (lower <= -UNLIMITED) | (upper >= UNLIMITED)
         return np.where(none, -np.inf, lower), np.where(none, np.inf, upper)
 
     def velocity_limits(self) -> np.ndarray:
-        """Velocity limits of the file [rad/s], shape (n,); 0 where there are none."""
+        """Velocity limits of the file [rad/s], shape (n,); 0 if there are none."""
         return _finite(self.model.velocityLimit[self._to_arm])
 
     def effort_limits(self) -> np.ndarray:
-        """Torque limits of the file [N m], shape (n,); 0 where there are none."""
+        """Torque limits of the file [N m], shape (n,); 0 if there are none."""
         return _finite(self.model.effortLimit[self._to_arm])
 
     def sensitivities(

@@ -87,7 +87,7 @@ def mjcf_entries(path: Path, joints: Sequence[str]) -> dict[str, np.ndarray]:
     """What an MJCF file says of an arm beyond its bodies, as fields of ``NominalArm``; nothing for a URDF.
 
     armature [kg m^2], coulomb [N m] (its ``frictionloss``) and viscous [N m s/rad] (its ``damping``), each (n,), and
-    gravity [m/s^2], (3,), where it is given. What is left out is told by a ``ModelWarning``.
+    gravity [m/s^2], (3,), where it is given. A ``ModelWarning`` names what is left out.
 
     Raises:
         InputError: positions of one of the joints do not count from the pose that the file draws.

@@ -7,7 +7,7 @@ solves for the acceleration there, and drifts on:
     v+ = v + h a,   q+ = q' + h v+ / 2,   s = c / v0 tanh(x) / x exp(-(x / 4)^2) with x = v / v0.
 
 Friction is taken at the velocity after the step: c tanh(v / v0) + s h a, whose slope s ends sliding without chatter,
-however long the step, and vanishes where a joint moves.
+however long the step, and vanishes if a joint moves.
 """
 
 from __future__ import annotations

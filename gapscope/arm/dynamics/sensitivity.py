@@ -6,7 +6,7 @@ acceleration a,
     d a = -(M + I + h (b + s))^-1 (d ID/d q' dq' + d ID/d v dv + (f' + s' h a) dv + Y dpi - du),
 
 Y the columns of links, rotors and friction at (q', v, a). The controller's law and filter, linear both, pass dq and dv
-on to du. Where ticks are closer than ``gapscope.arm.dynamics.rollout.LONGEST_STEP``, every so many make one step of
+on to du. If ticks are closer than ``gapscope.arm.dynamics.rollout.LONGEST_STEP``, every so many make one step of
 that length: a derivative needs no finer one.
 """
 

@@ -1,4 +1,4 @@
-"""The text of a case file: YAML checked against ``case.schema.json``, faults told in plain sentences."""
+"""The text of a case file: YAML checked against ``case.schema.json``, faults reported in plain sentences."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def read_yaml(path: Path, remedy: str) -> Any:
 
     Args:
         path: the file.
-        remedy: what to do where there is no such file.
+        remedy: what to do if there is no such file.
 
     Raises:
         InputError: there is no such file, or it is not YAML; the error names the line.

@@ -30,7 +30,7 @@ def read_time(table: Table, importing: Import, *, any_unit: bool = False) -> np.
 def read_channel(
     table: Table, channel: Channel, arm: NominalArm, *, required: bool
 ) -> np.ndarray | None:
-    """A channel in SI units, shape (N, n), or ``None`` where the table holds nothing of it.
+    """A channel in SI units, shape (N, n), or ``None`` if the table holds nothing of it.
 
     Raises:
         InputError: it is required or in part present and a column is missing, a cell is no finite number, or the

@@ -42,7 +42,7 @@ class Channel:
             from 0 and ``{joint}`` for its name; or one name per joint; a pattern without any of these names one
             column whose cells hold lists.
         factor: from the column's unit to the recording's, times the scale; a number or one per joint, (n,).
-        file: label of the file that holds it, where several lie side by side.
+        file: label of the file that holds it, if several lie side by side.
         named: whether the import section names it, so that a case's recordings have to hold it.
     """
 
@@ -73,9 +73,9 @@ class TimeColumn:
     """Where a log holds the time.
 
     Attributes:
-        column: name of the column, or ``None`` where there is none and ``rate`` alone gives the time.
+        column: name of the column, or ``None`` if there is none and ``rate`` alone gives the time.
         factor: from the column's unit to s.
-        rate: samples per second [Hz], where the column counts samples or there is none.
+        rate: samples per second [Hz], if the column counts samples or there is none.
     """
 
     column: str | None = "t"
@@ -92,7 +92,7 @@ class Import:
 
     The transmission is the matrix R of q_motor = R q_joint, shape (n, n) [1]. So q_joint = R^-1 q_motor, likewise
     for velocities and references, and, as power is the same on both sides, tau_joint = R^T tau_motor. Its entry
-    R[m, j] tells how far motor m turns for one turn of joint j: gear ratios on the diagonal, couplings beside it.
+    R[m, j] is the number of turns of motor m for one turn of joint j: gear ratios on the diagonal, couplings beside it.
 
     Attributes:
         time: where the time stands.
@@ -101,7 +101,7 @@ class Import:
         topic: topic of the joint states (ROS 2 bags).
         signs: +1 or -1 per joint, (n,), or ``None``.
         offsets: added to the positions [rad], (n,), or ``None``.
-        transmission: R, or ``None`` where the log is on the joint's side.
+        transmission: R, or ``None`` if the log is on the joint's side.
         join: how rows of files side by side meet: ``row`` by row, or by time onto the file that holds q:
             ``interpolate`` or ``hold`` (the last value before).
         fit, judge: row ranges of each file, both ends included, counted from 0 below the header; ``fit`` empty: all.

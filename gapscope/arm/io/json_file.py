@@ -35,7 +35,7 @@ def read_json(path: Path, remedy: str) -> Any:
 
 
 def plain(value: Any, *, null_if_not_finite: bool = False) -> Any:
-    """The same value with dict, list, int and float in place of mappings, tuples and numpy types.
+    """The same value with dict, list, int and float instead of mappings, tuples and numpy types.
 
     Args:
         value: data of any depth.

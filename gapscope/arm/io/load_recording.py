@@ -44,7 +44,7 @@ def load_recording(
 ) -> Recording:
     """One recording of ``arm``.
 
-    Where ``importing`` describes several files side by side and one file is given, that is taken for the one that
+    If ``importing`` describes several files side by side and one file is given, that is treated as the one that
     holds q, and the channels of the others stay unknown. A file in the columns of the case format (t, q1..qn) is
     read as such even if ``importing`` names other columns, unless it has those too.
 
@@ -53,7 +53,7 @@ def load_recording(
         arm: the nominal arm; says how many joints there are and in which order.
         importing: the case's import section.
         rows: first and last row to read, from 0, both included; by default all.
-        complete: whether the torque, and every channel that ``importing`` names, has to be there; otherwise only
+        complete: whether the torque, and every channel that ``importing`` names, must be there; otherwise only
             time and positions have to.
         every_row: keep repeated rows, so that there is one sample for each row of the file.
         any_unit: accept rates and positions that look like another unit, for a diagnosis of the set-up.
@@ -94,7 +94,7 @@ def recording_of_columns(
 
     Args:
         name: of the recording, for messages.
-        columns: ``t``, ``q1..qn``, and where known ``tau1..``, ``dq1..``, ... , shape (N,) each.
+        columns: ``t``, ``q1..qn``, and if known ``tau1..``, ``dq1..``, ... , shape (N,) each.
         arm: the nominal arm.
 
     Raises:
@@ -176,7 +176,7 @@ def _channels(
     importing: Import,
     complete: bool,
 ) -> tuple[np.ndarray, dict[str, np.ndarray], tuple[str, ...]]:
-    """Time [s], (N,), and channels in SI units on the joint side, (N, n) each, where all files have them; notes."""
+    """Time [s], (N,), and channels in SI units on the joint side, (N, n) each, if all files have them; notes."""
     values: dict[str, np.ndarray] = {}
     inside = np.ones(len(main), dtype=bool)
     for name, channel in importing.channels.items():

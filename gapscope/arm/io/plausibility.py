@@ -1,4 +1,4 @@
-"""What tells a recording that cannot be right from one that is merely unusual."""
+"""Checks that separate a recording that cannot be right from one that is merely unusual."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def check_time(
 def check_positions(
     recording: Recording, arm: NominalArm, table: Table, *, any_unit: bool = False
 ) -> tuple[str, ...]:
-    """Positions have to be radians, unless ``any_unit``; a note for each joint that leaves the range of the URDF.
+    """Positions must be radians, unless ``any_unit``; a note for each joint that leaves the range of the URDF.
 
     Raises:
         InputError: a joint with limits moves far outside them and beyond 7 rad.
@@ -108,7 +108,7 @@ def repeated_rows(
 ) -> tuple[np.ndarray, tuple[str, ...]]:
     """Rows that repeat the time stamp or the whole measurement before them; mask of shape (N,), and notes.
 
-    A logger faster than the robot's bus stores a measurement twice. It is taken for that where every measured
+    A logger faster than the robot's bus stores a measurement twice. It is treated as that if every measured
     channel, a noisy one (velocity or torque) among them, repeats for one to three rows and the position moves on
     after them; an arm that stands still repeats itself for longer and keeps its rows.
     """
@@ -176,7 +176,7 @@ def _is_unsigned(q: np.ndarray, tau: np.ndarray) -> bool:
 
 
 def gap_notes(t: np.ndarray) -> tuple[str, ...]:
-    """A note where samples are missing: steps of t [s] longer than 2.5 usual ones."""
+    """A note if samples are missing: steps of t [s] longer than 2.5 usual ones."""
     step = np.diff(t)
     usual = np.median(step)
     wide = step > 2.5 * usual

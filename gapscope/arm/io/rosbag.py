@@ -27,13 +27,13 @@ def read_bag(
 ) -> Table:
     """Joint states of a bag as a table with the columns ``t``, ``q1..``, ``dq1..`` and ``tau1..``.
 
-    Time is the header's stamp counted from the first one, or the time of logging where the stamps are not set.
+    Time is the header's stamp counted from the first one, or the time of logging if the stamps are not set.
 
     Args:
         path: rosbag2 folder, ``.db3`` or ``.mcap`` file.
         arm: the arm whose joints are wanted.
-        topic: topic to read; may be omitted where only one holds joint states.
-        joints: names of the joints in the bag, in the arm's order; by default the arm's own names, or, where the
+        topic: topic to read; may be omitted if only one holds joint states.
+        joints: names of the joints in the bag, in the arm's order; by default the arm's own names, or, if the
             bag knows none of those, the bag's order.
 
     Raises:
@@ -140,7 +140,7 @@ def _connections(
 def _joint_names(
     path: Path, message: Any, arm: NominalArm, joints: Sequence[str] | None
 ) -> tuple[list[str], tuple[str, ...]]:
-    """The bag's names of the arm's joints, in the arm's order, and a note where they had to be assumed."""
+    """The bag's names of the arm's joints, in the arm's order, and a note if they had to be assumed."""
     if joints is not None:
         return list(joints), ()
     if set(message.name) & set(arm.joints):
@@ -160,7 +160,7 @@ def _joint_names(
 def _columns(
     channel: str, field: str, messages: list[tuple[int, Any]], names: list[str]
 ) -> dict[str, np.ndarray]:
-    """Columns ``channel1..`` of one field of the messages; none where the driver leaves the field empty."""
+    """Columns ``channel1..`` of one field of the messages; none if the driver leaves the field empty."""
     if any(
         len(getattr(message, field)) != len(message.name) for _, message in messages
     ):

@@ -22,7 +22,7 @@ class Table:
         columns: cells per column name, N each: texts (CSV), numbers or lists.
         places: line of each row in a text file (the header is line 1), or number of the row, from 1, in others; (N,).
         place_kind: what ``places`` counts: ``line`` or ``row``.
-        first_row: number of the first row, from 0, where the table is a part of a file.
+        first_row: number of the first row, from 0, if the table is a part of a file.
         notes: what was noticed while reading.
     """
 

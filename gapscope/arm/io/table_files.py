@@ -15,7 +15,7 @@ _DELIMITERS = (",", ";", "\t")
 
 
 def read_csv(path: Path) -> Table:
-    """Table of a CSV file; the header tells the delimiter: comma, semicolon or tab.
+    """Table of a CSV file; the header decides the delimiter: comma, semicolon or tab.
 
     Raises:
         InputError: the file is empty, has no header or nothing below it, a column twice, a row of another length,

@@ -238,7 +238,7 @@ def _descent(
 def _moves(
     now: np.ndarray, to: np.ndarray, limits: Limits, slower: float = 1.0
 ) -> tuple[Timed, ...]:
-    """A motion from point to point and a rest; none where the arm is there already."""
+    """A motion from point to point and a rest; none if the arm is there already."""
     if np.array_equal(now, to):
         return ()
     fastest = PointToPoint.within(now, to, limits)

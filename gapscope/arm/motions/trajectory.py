@@ -100,7 +100,7 @@ class Fourier:
             rng: source of the coefficients, each normal with variance 1 / k^2.
             limits: position, velocity and acceleration limits.
             duration: [s], at least twice ``ramp``.
-            centre: q0 [rad], shape (n,); the middle of the position limits where ``None``.
+            centre: q0 [rad], shape (n,); the middle of the position limits if ``None``.
             order: number of harmonics.
             frequency: base frequency f [Hz].
             ramp: length of the window's flanks [s].

@@ -42,7 +42,7 @@ class MadeCase:
         plant: the true arm.
         causes: what is at work.
         rows: the recordings, the last of them the held-out one.
-        label: the truth, as JSON knows it.
+        label: the truth, as JSON data.
     """
 
     setup: CaseSetup
@@ -147,7 +147,7 @@ def _shown(
 ) -> bool:
     """Whether what a strong cause does to the held-out motion can be seen in some other recording too.
 
-    It has to be ``VISIBLE`` times the floor and ``MIN_VISIBLE_NRMSE`` of torque NRMSE on the joint where it is widest.
+    It must be ``VISIBLE`` times the floor and ``MIN_VISIBLE_NRMSE`` of torque NRMSE on the joint where it is widest.
     """
     single = len(causes) == 1 and causes[0].law.measure == "torque"
     if not single or spec.severity is None or spec.severity[0] < VISIBLE:

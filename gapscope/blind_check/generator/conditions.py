@@ -1,4 +1,4 @@
-"""Under what conditions a case is recorded, and how they are dealt over a set of cases."""
+"""Conditions under which a case is recorded, and their allocation over a set of cases."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ def simulate(
         noise: of the encoders [rad], (N, n).
 
     Returns:
-        t, q, dq, tau, q_ref, dq_ref; ``None`` where the loop is unstable or the controller's limit was reached.
+        t, q, dq, tau, q_ref, dq_ref; ``None`` if the loop is unstable or the controller's limit was reached.
 
     Raises:
         GapscopeError: MuJoCo or numba is not installed.

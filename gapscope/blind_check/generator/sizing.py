@@ -13,7 +13,7 @@ TRIES = 6
 OTHERS = (0.6, 1.0)
 """Size of an effect on its further joints, over that on its first."""
 MIN_NRMSE = 0.02
-"""Least torque NRMSE that a strong effect adds, on each of its joints where these are sized one by one: an effect that
+"""Least torque NRMSE that a strong effect adds, on each of its joints if these are sized one by one: an effect that
 adds less than 0.01 to no joint's gap need not be named at all, however low the floor is."""
 NEAR = 0.2
 """How far, in logarithm, each joint may stay from its own target."""

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 RADIUS = 0.08
-"""Radius of gyration given to a link whose inertia no body can have [m]."""
+"""Radius of gyration given to a link with a non-physical inertia [m]."""
 
 
 class Inertial(NamedTuple):

@@ -1,4 +1,4 @@
-"""Effects that recordings cannot tell apart, declared before any run; scores are given strictly and modulo these."""
+"""Effects that recordings cannot separate, declared before any run; scores are given strictly and modulo these."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ def compare(
     seconds: float | None = None,
     closed: dict[str, Any] | None = None,
 ) -> Compared:
-    """Set a diagnosis beside its label; ``None`` stands for a diagnosis that failed."""
+    """Set a diagnosis beside its label; ``None`` means a diagnosis that failed."""
     n, motions = len(label["gap"]), label["motions"][:-1]
     unknown = any(entry["effect"] == "unknown" for entry in label["effects"])
     entries = [entry for entry in label["effects"] if entry["effect"] != "unknown"]

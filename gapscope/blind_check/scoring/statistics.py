@@ -24,7 +24,7 @@ class Proportion(NamedTuple):
         return self.hits / self.total if self.total else None
 
     def plain(self) -> dict[str, Any]:
-        """As JSON knows it, with Wilson's interval."""
+        """As JSON data, with Wilson's interval."""
         low, high = wilson(self.hits, self.total)
         return {
             "hits": self.hits,

@@ -13,7 +13,7 @@ from gapscope.blind_check.scoring.statistics import brier, ece, proportion, reli
 
 
 def summary(cases: Sequence[Compared]) -> dict[str, Any]:
-    """All figures, as JSON knows them."""
+    """All figures, as JSON data."""
     kinds: dict[str, list[Compared]] = {}
     for case in cases:
         kinds.setdefault(case.kind, []).append(case)
@@ -71,7 +71,7 @@ def scores(cases: Sequence[Compared]) -> dict[str, Any]:
 
 
 def healthy(cases: Sequence[Compared]) -> dict[str, Any]:
-    """False alarms: a healthy arm that is said to have an effect, or a gap that nothing explains."""
+    """False alarms: a healthy arm with the verdict of an effect or of an unexplained gap."""
     return {
         "count": len(cases),
         "false_alarms": proportion(

@@ -176,7 +176,7 @@ class Contrast:
         thin: int,
         new: bool = False,
     ) -> Weighed:
-        """Predictions and slopes over the floor; where a joint may stick they count less."""
+        """Predictions and slopes over the floor; if a joint may stick they count less."""
         inner = range(len(motion.t))[rows][::thin]
         inertial = (
             body.regressor(motion.q[inner], motion.dq[inner], motion.ddq[inner])

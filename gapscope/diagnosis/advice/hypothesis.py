@@ -72,6 +72,6 @@ class Hypothesis:
         return np.concatenate([np.zeros(0, dtype=bool), *parts])
 
     def elsewhere(self) -> Hypothesis:
-        """The hypothesis on another recording: a force from outside does not come again."""
+        """The hypothesis on another recording: an external force does not come again."""
         lasting = tuple(e for e in self.effects if not isinstance(e.effect, External))
         return Hypothesis(self.words, self.arm, lasting)

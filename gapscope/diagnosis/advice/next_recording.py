@@ -47,7 +47,7 @@ class Request:
         payload: known payload that could be mounted, or ``None``.
         fastest: highest frequency of a motion that the controller follows [Hz].
         rate: samples per second to write [Hz].
-        evaluations: candidates to judge, over all options.
+        evaluations: objective evaluations, over all options.
         seed: of the search; by default another one each time.
     """
 
@@ -65,12 +65,12 @@ class Advice:
 
     Attributes:
         questions: what is open.
-        hypotheses: what was found, then one per question with the rival in place; empty where nothing is open.
+        hypotheses: what was found, then one per question with the rival in place; empty if nothing is open.
         pairs: contrast of each two of them; empty likewise.
-        tried: options with the least contrast that a short search reached, ``None`` where it kept no limits.
-        option: the one chosen, or ``None`` where nothing is open.
+        tried: options with the least contrast that a short search reached, ``None`` if it kept no limits.
+        option: the one chosen, or ``None`` if nothing is open.
         plan: of the search.
-        excitation: the motion found; ``None`` where no recording is needed.
+        excitation: the motion found; ``None`` if no recording is needed.
     """
 
     questions: tuple[Question, ...]
@@ -178,7 +178,7 @@ def _screen(
     rng: np.random.Generator,
     progress: Callable[[float, float], None],
 ) -> list[tuple[Option, float | None]]:
-    """The least contrast that a short random search reaches with each option, ``None`` where none keeps the limits.
+    """The least contrast that a short random search reaches with each option, ``None`` if none keeps the limits.
 
     Raises:
         InputError: the limits allow none of the options.
@@ -209,9 +209,9 @@ def _screen(
 
 
 def _chosen(tried: list[tuple[Option, float | None]]) -> Option:
-    """The option with the largest contrast; a payload has to be worth its trouble.
+    """The option with the largest contrast; a payload must be worth its trouble.
 
-    Where no short search met the limits, the full one starts at the moderate speed, or the first offered.
+    If no short search met the limits, the full one starts at the moderate speed, or the first offered.
     """
     worth = {
         option: (reached or 0.0) / (1.0 if option.payload is None else PAYLOAD_WORTH)

@@ -19,7 +19,7 @@ class Question:
         effect: name of the effect found.
         joints: its joints from 1; empty for the arm or a link.
         link: the joint that moves its link, or 0.
-        rival: name of the other effect; ``none`` where there may be nothing in its place.
+        rival: name of the other effect; ``none`` if there may be nothing in its place.
         rival_joints: its joints.
         probability: of the rival [1].
         found, other: both in words.

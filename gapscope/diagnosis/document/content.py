@@ -63,7 +63,7 @@ def _gap_stages(study: Study) -> GapStages:
 
 
 def _explained(study: Study, gap: GapStages) -> bool:
-    """Whether what is left is no more than may be left of the gap, with the set-up repaired or as it was given."""
+    """Whether the residual is no more than may be left of the gap, with the set-up repaired or as it was given."""
     residual = study.excess_residual
     if not residual.open:
         return True

@@ -1,4 +1,4 @@
-"""What a reader of ``diagnosis.json`` wants to know beside the findings."""
+"""Context of the findings in ``diagnosis.json``: arm, recordings, conditioning, warnings."""
 
 from __future__ import annotations
 

@@ -14,8 +14,8 @@ def verdict(
 
     Args:
         found: an effect or a fault of the set-up is named.
-        explained: what is left is no more than named effects may leave of a gap.
-        significant: what is left is more than noise that is louder than estimated.
+        explained: the residual is no more than named effects may leave of a gap.
+        significant: the residual is more than noise that is louder than estimated.
         rejected: an effect was found and rejected on held-out data.
     """
     if found:

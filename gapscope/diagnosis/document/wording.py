@@ -95,13 +95,13 @@ def acts_on(entry: Mapping[str, Any]) -> str:
 
 
 def joint_names(document: Document) -> list[str]:
-    """Names of the joints; empty strings where the document has none."""
+    """Names of the joints; empty strings if the document has none."""
     n = len(document["gap"]["before"]["torque_nrmse"])
     return list(document["arm"]["joints"]) if "arm" in document else [""] * n
 
 
 def short_names(names: Sequence[str]) -> list[str]:
-    """Names without what they share at both ends; empty strings where only the joint's number is left."""
+    """Names without what they share at both ends; empty strings if only the joint's number is left."""
     start = _shared(names)
     end = _shared([name[start:][::-1] for name in names])
     short = [name[start : len(name) - end].strip("_- ") for name in names]
@@ -124,7 +124,7 @@ def _shared(names: Sequence[str]) -> int:
 
 
 def gap_rows(document: Document) -> list[tuple[Any, Any, Any]]:
-    """Torque NRMSE [1] per joint: before, after, floor; ``None`` where not known."""
+    """Torque NRMSE [1] per joint: before, after, floor; ``None`` if not known."""
     before, after = document["gap"]["before"], document["gap"]["after"]
     return list(
         zip(before["torque_nrmse"], after["torque_nrmse"], before["floor"], strict=True)
@@ -134,8 +134,8 @@ def gap_rows(document: Document) -> list[tuple[Any, Any, Any]]:
 def gap_closed(document: Document) -> float | None:
     """Share of the gap above the floor that the effects close, sum(before - after) / sum(before - floor) [1].
 
-    Sums run over the joints whose three values are known. ``None`` where no gap stood above the floor, or
-    where the verdict is that there is none.
+    Sums run over the joints whose three values are known. ``None`` if no gap stood above the floor, or
+    if the verdict is that there is none.
     """
     if document["verdict"] == "no_gap":
         return None
@@ -145,7 +145,7 @@ def gap_closed(document: Document) -> float | None:
 
 
 def worst_joint(document: Document, stage: str) -> int | None:
-    """Joint whose torque gap stands highest above the floor, ``before`` or ``after``; ``None`` where none does."""
+    """Joint whose torque gap stands highest above the floor, ``before`` or ``after``; ``None`` if none does."""
     pairs = zip(
         document["gap"][stage]["torque_nrmse"],
         document["gap"]["before"]["floor"],
@@ -220,7 +220,7 @@ def unexplained_sentence(document: Document) -> str:
 
 
 def parameter_texts(effect: Mapping[str, Any]) -> list[ParameterText]:
-    """Parameters of one entry of ``effects``, in readable units, signed where they add to the nominal arm."""
+    """Parameters of one entry of ``effects``, in readable units, signed if they add to the nominal arm."""
     definition = CATALOGUE.get(effect["effect"])
     known = {p.name: p for p in definition.parameters} if definition else {}
     texts = []

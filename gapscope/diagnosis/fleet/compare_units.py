@@ -34,8 +34,8 @@ class Value:
         component: ``x``, ``y`` or ``z`` of a vector, else empty.
         unit: its SI unit.
         values: by unit of the arm.
-        stds: their standard deviations, ``None`` where not known.
-        pooled: all units taken together; ``None`` where there is one.
+        stds: their standard deviations, ``None`` if not known.
+        pooled: all units taken together; ``None`` if there is one.
     """
 
     name: str
@@ -58,8 +58,8 @@ class Shared:
             ``some_units``: on two or more, not on all; ``one_unit``.
         units: on which it was found.
         shares: of each unit's gap [1].
-        agree: whether the values agree; ``None`` where there is one unit.
-        instead: units without it where an effect was found of which it is an alternative, and that effect.
+        agree: whether the values agree; ``None`` if there is one unit.
+        instead: units without it if an effect was found of which it is an alternative, and that effect.
         values: its numbers.
     """
 
@@ -117,7 +117,7 @@ def compare(documents: Mapping[str, Document]) -> tuple[Shared, ...]:
 
 
 def _places(entry: Document) -> list[tuple[int, int]]:
-    """Pairs of joint and link on which an entry acts, 0 where it does not act on one."""
+    """Pairs of joint and link on which an entry acts, 0 if it does not act on one."""
     link = (
         int(entry["parameters"]["link"]["value"])
         if "link" in entry["parameters"]

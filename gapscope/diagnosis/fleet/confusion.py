@@ -131,7 +131,7 @@ def _arms(
 
 
 def _segments(case: Case) -> list[Segment]:
-    """What was recorded in a case, conditioned; raises ``GapscopeError`` where no recording carries a torque."""
+    """What was recorded in a case, conditioned; raises ``GapscopeError`` if no recording carries a torque."""
     recordings = tuple(r for r in (*case.recordings, *case.judged) if r.tau is not None)
     if not recordings:
         raise GapscopeError(
@@ -146,6 +146,6 @@ def _segments(case: Case) -> list[Segment]:
 def _nrmse(
     segments: list[Segment], arm: NominalArm, effects: tuple[AppliedEffect, ...]
 ) -> np.ndarray | None:
-    """Torque NRMSE of an arm over all segments, (n,) [1]; ``None`` where it is not finite."""
+    """Torque NRMSE of an arm over all segments, (n,) [1]; ``None`` if it is not finite."""
     found = torque_gap(CorrectedArm(arm, effects), RigidBody(arm), segments).nrmse
     return found if np.isfinite(found).all() else None

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from gapscope.diagnosis.thresholds import EFFECT_FORM
 
 ROUNDING = 1e-9
-"""Relative standard deviation below which a value is taken for exact up to rounding [1]."""
+"""Relative standard deviation below which a value is treated as exact up to rounding [1]."""
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class Pooled:
     """Values x_i with standard deviations s_i of k units, taken together.
 
     Fixed effect: weights w_i = 1 / s_i^2, mean m = sum w x / sum w. Cochran's Q = sum w_i (x_i - m)^2 is chi-squared
-    with k - 1 degrees of freedom where all units have one value [cochran1954]; I^2 = max(0, 1 - (k - 1) / Q) is the
+    with k - 1 degrees of freedom if all units have one value [cochran1954]; I^2 = max(0, 1 - (k - 1) / Q) is the
     share of the scatter that the s_i do not account for [higgins2002]. Random effects: each unit has its own value,
     drawn around the common one with variance tau^2, here by moments [dersimonian1986].
 
@@ -28,7 +28,7 @@ class Pooled:
         std: its standard deviation.
         between: tau, by which the units differ beyond their s_i.
         q: Cochran's Q [1].
-        p: probability of a Q at least as large where all units have one value [1].
+        p: probability of a Q at least as large if all units have one value [1].
         i_squared: I^2 [1].
     """
 
@@ -47,7 +47,7 @@ def pooled(
 
     Args:
         values: one per unit, (k,).
-        stds: their standard deviations, in the same unit; ``None`` or 0 where not known.
+        stds: their standard deviations, in the same unit; ``None`` or 0 if not known.
         form: share of the mean magnitude that is added to each deviation in squares: the catalogue's laws are simple,
             real ones differ in form, and two units that were moved differently then differ by that much.
     """
@@ -59,7 +59,7 @@ def pooled(
     )
     unit = (
         s.min()
-    )  # weights relative to the largest: no overflow where deviations are tiny
+    )  # weights relative to the largest: no overflow if deviations are tiny
     w = (unit / s) ** 2
     mean = x[0] + (w * (x - x[0])).sum() / w.sum()
     q = float((w * ((x - mean) / unit) ** 2).sum())

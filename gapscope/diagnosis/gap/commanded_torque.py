@@ -36,9 +36,9 @@ UNSURE = (
 
 
 def with_commanded_torque(case: Case) -> Case:
-    """The case with the torque that its controller commanded, and a warning; as it is where that is not called for.
+    """The case with the torque that its controller commanded, and a warning; as it is if that is not called for.
 
-    That is where no recording has a torque, the controller is known, and a recording has its reference.
+    That is the case if no recording has a torque, the controller is known, and a recording has its reference.
     """
     every = (*case.recordings, *case.judged)
     referred = any(recording.q_ref is not None for recording in case.recordings)
@@ -53,13 +53,13 @@ def with_commanded_torque(case: Case) -> Case:
 
 
 def with_likelier_rule(case: Case, effects: tuple[AppliedEffect, ...]) -> Case | None:
-    """The case with its torque worked out by another rule of the velocity filter; ``None`` where none is likelier.
+    """The case with its torque computed by another rule of the velocity filter; ``None`` if none is likelier.
 
-    The rules differ by half a tick each, which looks like kd / (2 rate) of armature on every joint. Where that is what
+    The rules differ by half a tick each, which looks like kd / (2 rate) of armature on every joint. If that is what
     was found, another rule is the simpler explanation.
 
     Args:
-        case: a case whose torque was worked out.
+        case: a case whose torque was computed.
         effects: found in it.
     """
     found = [e for e in effects if e.name == "armature"]
@@ -124,7 +124,7 @@ def commanded_torque(
     Args:
         arm: the nominal arm, which the feedforward believes.
         controller: in the arm's joint order.
-        recording: with ``q_ref``; its ``dq``, where recorded, is the velocity that the controller has.
+        recording: with ``q_ref``; its ``dq``, if recorded, is the velocity that the controller has.
         rule: of its velocity filter, one of ``gapscope.arm.velocity_filter.RULES``.
     """
     assert recording.q_ref is not None

@@ -15,7 +15,7 @@ from gapscope.ident.signals.conditioning import condition, pieces, position_cuto
 def predict_torque(corrected: CorrectedArm, recording: Recording) -> np.ndarray:
     """Torque [N m], shape (N, n), finite at every sample; of the recording t, q and its known payload are used.
 
-    Where a stretch between gaps is too short to differentiate, the arm is taken to stand still.
+    If a stretch between gaps is too short to differentiate, the arm is taken to stand still.
     """
     body = RigidBody(corrected.arm).carrying(recording.payload)
     t, first, back = np.unique(recording.t, return_index=True, return_inverse=True)

@@ -99,7 +99,7 @@ def _plainest(coherence: np.ndarray, transfer: np.ndarray) -> int:
 
 
 def _phase(phase: float) -> str:
-    """A phase [rad] in words; positive where the gap is ahead."""
+    """A phase [rad] in words; positive if the gap is ahead."""
     if abs(phase) < np.pi / 6:
         return "in step"
     if abs(phase) > 5 * np.pi / 6:

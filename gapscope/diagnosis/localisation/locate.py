@@ -27,7 +27,7 @@ class Profile:
         symbol, unit: of the quantity.
         x: middle of the bins, (B,).
         rms: RMS of the gap in each [N m], (B,).
-        above, below: the rule's bounds on the quantity; ``None`` where open.
+        above, below: the rule's bounds on the quantity; ``None`` if open.
         words: the whole rule.
     """
 
@@ -48,7 +48,7 @@ class Place:
         joint: from 1.
         floor: RMS that a healthy arm leaves [N m].
         regions: what is said of it.
-        profile: of the rule's first quantity with a scale; ``None`` where there is no rule.
+        profile: of the rule's first quantity with a scale; ``None`` if there is no rule.
         levels: level over time, one per recording.
         spectra: of the gap and of the joint's own signals.
     """

@@ -28,7 +28,7 @@ from gapscope.diagnosis.thresholds import (
 def rule(
     error: np.ndarray, rows: Rows, load: np.ndarray, floor: float, joint: int
 ) -> Region | None:
-    """The rule of one joint, or ``None`` where none holds on unseen rows.
+    """The rule of one joint, or ``None`` if none holds on held-out rows.
 
     Args:
         error: gap of the joint [N m], (M,).
@@ -75,14 +75,14 @@ def _inside(cuts: tuple[Cut, ...], x: np.ndarray) -> np.ndarray:
 
 
 def _worth(cuts: tuple[Cut, ...], x: np.ndarray, y: np.ndarray) -> float:
-    """Share times log enrichment of a rule: large where little of the time holds much of the gap."""
+    """Share times log enrichment of a rule: large if little of the time holds much of the gap."""
     inside = _inside(cuts, x)
     share, coverage = float(y[inside].sum() / y.sum()), float(inside.mean())
     return share * float(np.log(max(share, 1e-9) / max(coverage, 1e-3)))
 
 
 def _worthwhile(cuts: tuple[Cut, ...], x: np.ndarray, y: np.ndarray) -> tuple[Cut, ...]:
-    """The fewest of the conditions that do nearly as well as any others on unseen rows."""
+    """The fewest of the conditions that do nearly as well as any others on held-out rows."""
     subsets = [s for k in range(len(cuts) + 1) for s in itertools.combinations(cuts, k)]
     best: tuple[Cut, ...] = ()
     for subset in subsets:
@@ -96,7 +96,7 @@ def _worthwhile(cuts: tuple[Cut, ...], x: np.ndarray, y: np.ndarray) -> tuple[Cu
 def _holds(
     cuts: tuple[Cut, ...], known: list[Quantity], x: np.ndarray, y: np.ndarray
 ) -> bool:
-    """Whether a rule holds on unseen rows."""
+    """Whether a rule holds on held-out rows."""
     inside = _inside(cuts, x)
     if not inside.any() or inside.all():
         return False
@@ -128,7 +128,7 @@ def _by_chance(inside: np.ndarray, y: np.ndarray) -> float:
 
 
 def _conditions(cuts: tuple[Cut, ...], known: list[Quantity]) -> list[dict[str, Any]]:
-    """Conditions as numbers, those on one quantity together; ``above`` and ``below`` are ``None`` where open."""
+    """Conditions as numbers, those on one quantity together; ``above`` and ``below`` are ``None`` if open."""
     out: dict[int, dict[str, Any]] = {}
     for cut in cuts:
         quantity = known[cut.index]

@@ -18,8 +18,8 @@ class Rows:
         q, dq, ddq: motion [rad], [rad/s], [rad/s^2], (M, n).
         segment: index of the segment of each row, (M,).
         rates: sampling rate of each segment [Hz].
-        names: recording that each segment is a part of; empty where that is not known.
-        starts: time at which each segment begins in its recording [s]; empty where all begin at 0.
+        names: recording that each segment is a part of; empty if that is not known.
+        starts: time at which each segment begins in its recording [s]; empty if all begin at 0.
     """
 
     t: np.ndarray

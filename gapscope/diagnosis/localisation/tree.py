@@ -27,7 +27,7 @@ class Cut:
 
 
 def hottest_leaf(x: np.ndarray, y: np.ndarray, depth: int) -> tuple[Cut, ...]:
-    """The cuts that lead to the leaf with the largest mean of y; empty where no cut is worth anything.
+    """The cuts that lead to the leaf with the largest mean of y; empty if no cut is worth anything.
 
     At each node the cut with the largest fall of the sum of squares n1 n2 / n (mean1 - mean2)^2 is made, and the hotter
     side is followed: a tree of which one branch is grown.

@@ -24,7 +24,7 @@ class Change:
         today: the identification with x as it was on the day of the case, within the leeway.
         case: the case, its nominal arm that of today.
         baseline: effects that the arm had on the reference already, and what it leaves.
-        leeway: terms that were taken for what the reference leaves open, with what they close beyond it [NRMSE].
+        leeway: terms that were treated as what the reference leaves open, with what they close beyond it [NRMSE].
         shift: what the leeway does to the torque of the case, over the joint's torque scale, (n,).
         diagnosis: of the case against all this.
     """

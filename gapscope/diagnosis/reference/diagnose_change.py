@@ -84,7 +84,7 @@ def _settled(
     urdf: Path,
     progress: Callable[[str], None],
 ) -> tuple[_State, Study, ReferenceUncertainty]:
-    """Diagnose, use the leeway, diagnose what is left, until nothing moves; what is left open twice is not named."""
+    """Diagnose, move the arm within the reference uncertainty, and diagnose the rest, until nothing changes."""
     for turn in range(REFERENCE_ROUNDS + 1):
         study = examine(
             _on(case, state.today, urdf), progress, state.baseline(identified)

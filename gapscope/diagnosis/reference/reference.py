@@ -1,4 +1,4 @@
-"""The reference: the same arm, known healthy and without load, and what its recordings tell about it."""
+"""The reference: the same arm, known to be healthy and without load, identified on its recordings."""
 
 from __future__ import annotations
 
@@ -196,7 +196,7 @@ def _solved(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def _skew(rows: Rows, x: np.ndarray) -> float:
-    """By how much torque is ahead of the motion [s]: least squares of what is left on the torque's rate and W."""
+    """By how much torque is ahead of the motion [s]: least squares of the residual on the torque's rate and W."""
     left, n = rows.torque - rows.matrix @ x, rows.torque.shape[1]
     noise = np.maximum(left.std(axis=0), 1e-9)
     flat = (rows.matrix / noise[:, None]).reshape(-1, rows.matrix.shape[2])

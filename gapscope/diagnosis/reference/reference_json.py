@@ -1,4 +1,4 @@
-"""The part of ``diagnosis.json`` that tells what the case was compared with, and what that makes of the values."""
+"""The part of ``diagnosis.json`` that states what the case was compared with, and its effect on the values."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ SCALED = (
     "masses are measured with the torque of the reference: were its torque constants wrong by a factor on all joints, "
     "the identified masses and the load found would be wrong by the same factor"
 )
-"""Said wherever a load is found."""
+"""Warning given with each load found."""
 
 
 def comparison_entry(
     change: Change, covariances: Sequence[tuple[Term, np.ndarray]]
 ) -> dict[str, Any]:
-    """The document of the diagnosis with the key ``against``, wider deviations, and what has to be said with it.
+    """The document of the diagnosis with the key ``against``, wider deviations, and what must be said with it.
 
     Args:
         change: what changed.
@@ -86,7 +86,7 @@ def _plain(effect: Any) -> dict[str, Any]:
 def _widened(
     effect: dict[str, Any], covariances: Sequence[tuple[Term, np.ndarray]]
 ) -> dict[str, Any]:
-    """A finding whose deviations count what the reference leaves open, where its parameters allow."""
+    """A finding whose deviations count what the reference leaves open, if its parameters allow."""
     mine = {t.joint: c for t, c in covariances if t.effect == effect["effect"]}
     parameters = dict(effect["parameters"])
     if effect["effect"] == "payload" and mine:

@@ -4,9 +4,9 @@ The gap y of the case against the identified arm, on rows as the torque gap sees
 
     y_j = W_j nu + W_j u + d_j T + C_j a + noise
 
-with nu the error of the identified parameters, whose precision the reference has told; u the change of friction from
+with nu the error of the identified parameters, whose precision the reference gives; u the change of friction from
 one day to another, within a box of +-15 % of what was identified; T a skew of sampling; and C what the effects found
-do to the torque, of free size. An effect is news only where the gap without it stays wider, whatever nu, u and T.
+do to the torque, of free size. An effect is a change only if the gap without it stays wider, whatever nu, u and T.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ FLAT = 1e-6
 
 @dataclass(frozen=True)
 class Term:
-    """What one effect does to one joint, or to all where it acts on a link or the arm.
+    """What one effect does to one joint, or to all if it acts on a link or the arm.
 
     Attributes:
         effect: name of the effect.
-        joint: from 1; 0 where it acts on all.
+        joint: from 1; 0 if it acts on all.
         columns: of free size, (M, n, k).
     """
 
@@ -141,12 +141,12 @@ class ReferenceUncertainty:
                 yield Term(applied.name, joint, np.concatenate(columns, axis=2))
 
     def _gap_variance(self, whole: CorrectedArm) -> np.ndarray:
-        """Mean square of what is left with all effects, no less than what is left on the reference [N^2 m^2], (n,)."""
+        """Mean square of the residual with all effects, no less than the residual on the reference [N^2 m^2], (n,)."""
         left = self.rows.torque - self._predicted(whole)
         return np.asarray(np.maximum((left**2).mean(axis=0), self.reference.rest**2))
 
     def fit(self, terms: tuple[Term, ...]) -> Fit:
-        """Fit leeway and terms together; twice, the second time with the weights of what is left."""
+        """Fit leeway and terms together; twice, the second time with the weights of the residual."""
         x = self._design([t.columns for t in terms])
         gram = np.einsum("mja,mjb->jab", x, x, optimize=True)
         right = np.einsum("mja,mj->ja", x, self.gap)

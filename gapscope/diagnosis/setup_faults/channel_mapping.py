@@ -1,4 +1,4 @@
-"""How recordings may have to be read: which column is whose, with which sign, unit and time scale."""
+"""How recordings may must be read: which column is whose, with which sign, unit and time scale."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class ChannelMapping:
 
     Attributes:
         motion_source, torque_source: column, from 0, that holds a joint's motion and its torque.
-        motion_factor, torque_factor: what they have to be multiplied with [1].
+        motion_factor, torque_factor: what they must be multiplied with [1].
         time_factor: true over recorded period [1].
         link_shift: links by which the inertials of the URDF have to move...
         moved_only: ...among those that a joint moves, or among all.
@@ -109,7 +109,7 @@ def swapped(n: int, pair: tuple[int, int], channel: str) -> ChannelMapping:
 
 
 def scaled(n: int, joints: tuple[int, ...], factor: float) -> ChannelMapping:
-    """Joints, from 0, with positions in another unit: what they have to be multiplied with [1]."""
+    """Joints, from 0, with positions in another unit: what they must be multiplied with [1]."""
     factors = tuple(factor if j in joints else 1.0 for j in range(n))
     return replace(ChannelMapping.identity(n), motion_factor=factors)
 

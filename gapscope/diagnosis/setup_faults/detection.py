@@ -2,7 +2,7 @@
 
 Time stamps are read from the recordings themselves. For everything else the torque decides: a fault is named if an
 ordinary arm, with unknown load, inertials, friction, torque scales and springs, explains held-out torque decisively
-better once the recordings are read as the fault would have it. Faults are put right one after the other, best first.
+better once the recordings are read as the fault would have it. Faults are corrected one after the other, best first.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from gapscope.ident.signals.conditioning import condition, position_cutoff
 
 
 def find_setup_faults(case: Case) -> tuple[FoundFault, ...]:
-    """Setup faults of a case, in the order in which they have to be put right.
+    """Setup faults of a case, in the order in which they must be corrected.
 
     Args:
         case: the case as it was read.
@@ -56,7 +56,7 @@ def find_setup_faults(case: Case) -> tuple[FoundFault, ...]:
 def _shifted_inertials(case: Case) -> list[FoundFault]:
     """Inertials on the wrong links, if moving them makes the nominal arm right without any fitted value.
 
-    A load and wrong inertials can stand in for the shift, so that held-out torque may not show it; but they leave a
+    A load and wrong inertials can replace the shift, so that held-out torque may not show it; but they leave a
     gap.
     """
     before = _nrmse(case)
@@ -76,7 +76,7 @@ def _shifted_inertials(case: Case) -> list[FoundFault]:
 
 
 def _lowers_gap(fault: FoundFault, alone: bool) -> bool:
-    """Whether a fault that the torque shows, put right, lowers the nominal arm's own gap; others do by definition.
+    """Whether a fault that the torque shows, corrected, lowers the nominal arm's own gap; others do by definition.
 
     Args:
         fault: the fault.

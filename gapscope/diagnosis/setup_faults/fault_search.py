@@ -97,7 +97,7 @@ def _candidates(
         *arm_candidates(n),
         *unit_candidates(scorer.arm, scorer.samples, mapping),
     ]
-    # Recorded velocities, or a time scale that was put right already, settle the rate.
+    # Recorded velocities, or a time scale that was corrected already, settle the rate.
     if rate_is_known or mapping.time_factor != 1.0:
         candidates = [c for c in candidates if c.name != "time_stamps"]
     return candidates
@@ -148,7 +148,7 @@ def _is_accepted(
 
 
 def decisive(before: MappingScore, after: MappingScore, share: float = 1.0) -> bool:
-    """Whether a fault put right gains, on all folds, at least a share of what only a fault does."""
+    """Whether a fault corrected gains, on all folds, at least a share of what only a fault does."""
     joints, values = after.joint_gain(before), after.penalty_gain(before)
     folds = after.fold_gain(before) + max(values, 0.0)
     needed = max(min(2, len(folds)), len(folds) / 2)

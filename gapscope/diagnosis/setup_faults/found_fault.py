@@ -47,10 +47,10 @@ class FoundFault:
         parameters: by the names of ``gapscope.effects.setup_faults``.
         probability: that it is this fault.
         recordings: names of the recordings that have it; empty: all.
-        mapping: how its recordings have to be read; ``None`` if it asks for no other mapping.
-        gap_with_only_this, gap_without_this: torque NRMSE, (n,), with this fault alone put right, and with all others
+        mapping: how its recordings must be read; ``None`` if it asks for no other mapping.
+        gap_with_only_this, gap_without_this: torque NRMSE, (n,), with this fault alone corrected, and with all others
             but this; ``None`` if it cannot be computed.
-        gap_before, gap_after: torque NRMSE, (n,), of the case as it is, and with all faults put right.
+        gap_before, gap_after: torque NRMSE, (n,), of the case as it is, and with all faults corrected.
     """
 
     name: str
@@ -108,7 +108,7 @@ class FoundFault:
 
 
 def repaired(case: Case, faults: tuple[FoundFault, ...]) -> Case:
-    """The case with all faults put right, in the order in which they were found."""
+    """The case with all faults corrected, in the order in which they were found."""
     arm, recordings, judged = case.arm, case.recordings, case.judged
     for fault in faults:
         arm = fault.repair_arm(arm)
@@ -118,7 +118,7 @@ def repaired(case: Case, faults: tuple[FoundFault, ...]) -> Case:
 
 
 def _mapped(recording: Recording, mapping: ChannelMapping) -> Recording:
-    """Columns, units and stamps of a recording put right; recorded velocities do not depend on the stamps."""
+    """Columns, units and stamps of a recording corrected; recorded velocities do not depend on the stamps."""
     motion, torque = list(mapping.motion_source), list(mapping.torque_source)
     changed: dict[str, Any] = {}
     for channel, series in present_channels(recording).items():

@@ -23,7 +23,7 @@ MOST_ROUNDS = 5
 def held_out_gap(
     eq: FoldEquations, mapping: ChannelMapping, spread: float = 1.0
 ) -> tuple[np.ndarray, float]:
-    """How well an ordinary arm explains the torque under a mapping, and how extraordinary it has to be for that.
+    """How well an ordinary arm explains the torque under a mapping, and how extraordinary it must be for that.
 
     Args:
         eq: normal equations under the motion of the mapping.

@@ -45,7 +45,7 @@ def find_stamps(recordings: Iterable[Recording]) -> tuple[FoundFault, ...]:
     for search in searches:
         fault = search(recordings)
         if fault is not None:
-            # the next search sees recordings on which this fault is put right
+            # the next search sees recordings on which this fault is corrected
             recordings = tuple(fault.repair(r) for r in recordings)
             found.append(fault)
     return tuple(found)

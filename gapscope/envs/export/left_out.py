@@ -32,7 +32,7 @@ HINTS = {
     "external_force": "it belongs to the recording in which it acted",
     "stribeck_friction": "friction of the file at rest is lower by it",
 }
-"""What else to know where an effect is left out."""
+"""Remarks on effects that are left out."""
 
 
 def left_out(arm: PlainArm, form: str) -> tuple[str, ...]:
@@ -67,7 +67,7 @@ def left_out(arm: PlainArm, form: str) -> tuple[str, ...]:
 
 
 def remarks(arm: PlainArm) -> tuple[str, ...]:
-    """What is odd about the bodies, a sentence each, with the file's name in place of its path."""
+    """What is odd about the bodies, a sentence each, with the file's name instead of its path."""
     return tuple(
         note.replace(str(arm.body.file), arm.body.file.name)
         for note in odd_inertials(arm.body)

@@ -74,12 +74,12 @@ def as_mjcf(
 
 
 def mesh_path_of(shape: Shape, out: Path, relative: bool) -> str:
-    """How the file names a shape's mesh; an empty string where it has none."""
+    """How the file names a shape's mesh; an empty string if it has none."""
     return "" if shape.mesh is None else mesh_path(shape.mesh, out, relative)
 
 
 def _bounds(compiler: ET.Element, arm: PlainArm) -> list[str]:
-    """Let MuJoCo mend bodies that it would refuse; says so."""
+    """Let MuJoCo correct bodies that it would refuse, with a note."""
     notes = []
     if any(link.mass < LEAST or link.moments.max() < LEAST for link in arm.links):
         compiler.set("boundmass", repr(LEAST))

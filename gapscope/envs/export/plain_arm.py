@@ -32,7 +32,7 @@ class Drive:
         scale: share by which more torque arrives than is commanded [1].
         offset: torque that arrives beside it [N m].
         lag: time constant between the two [s].
-        effort: limit of the commanded torque [N m], or ``None`` where none is known.
+        effort: limit of the commanded torque [N m], or ``None`` if none is known.
         velocity: limit of the joint's velocity [rad/s], or ``None``.
     """
 
@@ -58,7 +58,8 @@ class PlainArm:
         body: the bodies of the corrected arm.
         links: the moving bodies, parents before children.
         drives: by name of the joint.
-        mount: R from the base to a world whose gravity points along -z, shape (3, 3): how the base stands, with tilt.
+        mount: R from the base to a world whose gravity points along -z, shape (3, 3): the orientation of the base, with
+            tilt.
         gravity: strength of gravity [m/s^2].
         frames: links of the URDF by name, empty of an MJCF file.
         shapes: shapes of the URDF.
@@ -179,5 +180,5 @@ def _drives(corrected: CorrectedArm, body: RigidBody) -> dict[str, Drive]:
 
 
 def _none(rotation: np.ndarray) -> bool:
-    """Whether a rotation turns nothing."""
+    """Whether a rotation is the identity."""
     return bool(np.abs(rotation - np.eye(3)).max() < 1e-12)

@@ -54,7 +54,7 @@ class ArmView:
         return self._axes
 
     def begin(self, scene: Scene) -> None:
-        """Work out the way of the tool, and a scale at which the whole motion fits."""
+        """Compute the way of the tool, and a scale at which the whole motion fits."""
         rows = np.unique(
             np.linspace(0, len(scene.q_ref) - 1, PATH_POINTS).round().astype(int)
         )

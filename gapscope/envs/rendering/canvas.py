@@ -29,7 +29,7 @@ JOINT_COLOURS: tuple[Colour, ...] = (
     (86, 180, 233),
     (90, 90, 90),
 )
-"""Colours of joints 1, 2, ..., told apart by colour-blind eyes too; the ninth is the first again."""
+"""Colours of joints 1, 2, ..., distinguished by colour-blind eyes too; the ninth is the first again."""
 
 
 class Canvas:
@@ -61,7 +61,7 @@ class Canvas:
         colour: Colour,
         outline: Colour | None = None,
     ) -> None:
-        """A filled circle, with a line of one pixel around it where ``outline`` is given."""
+        """A filled circle, with a line of one pixel around it if ``outline`` is given."""
         x, y = np.asarray(centre) * FINE
         r = radius * FINE
         self._draw.ellipse(

@@ -1,4 +1,4 @@
-"""Where a person looks at pictures: a window, or the terminal where there is no display."""
+"""Where a person looks at pictures: a window, or the terminal if there is no display."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ class Viewer(Protocol):
     """Shows pictures."""
 
     def show(self, picture: np.ndarray, caption: str) -> None:
-        """Show a picture, uint8, shape (height, width, 3), with a line of text where pictures are coarse."""
+        """Show a picture, uint8, shape (height, width, 3), with a line of text if pictures are coarse."""
 
     def close(self) -> None:
         """Stop showing."""
 
 
 def open_viewer(title: str, period: float) -> Viewer:
-    """A window where there is a display and Tk, else the terminal; a picture every ``period`` seconds at most."""
+    """A window if there is a display and Tk, else the terminal; a picture every ``period`` seconds at most."""
     if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
         return TerminalViewer()
     try:
@@ -77,7 +77,7 @@ class WindowViewer:
 
 
 class TerminalViewer:
-    """Coloured half blocks in a terminal, and the caption alone where the output is no terminal."""
+    """Coloured half blocks in a terminal, and the caption alone if the output is no terminal."""
 
     def __init__(self, console: Console | None = None) -> None:
         self._console, self._due = console or Console(), 0.0

@@ -55,7 +55,7 @@ class NominalSimilarity:
     Attributes:
         gain: g of tau_j = g rigid_j + I ddq_j + b dq_j + c sgn dq_j + o [1], shape (n,).
         weight: share of the torque's variance that only the rigid bodies explain [1], shape (n,).
-        loss: power that friction takes over the power of torque times speed [1], shape (n,); negative where it gives.
+        loss: power that friction takes over the power of torque times speed [1], shape (n,); negative if it gives.
         explained: share of the variance of tau_j explained with the columns of joint i [1], shape (n, n), rows i.
         ratio: RMS of the recorded torque over that of the nominal arm [1], shape (n,).
     """

@@ -34,7 +34,7 @@ def check_bare(recording: Recording) -> None:
 def check_recordings(
     recordings: Sequence[Recording], judged: Sequence[Recording], case: str
 ) -> None:
-    """Check that there is torque to fit and to judge on, and that something moves.
+    """Check that there is torque to fit and to hold out, and that something moves.
 
     Raises:
         InputError: no recording has a torque that can be trusted, or all joints rest.

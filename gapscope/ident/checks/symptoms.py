@@ -22,7 +22,7 @@ FLAT = 3
 def time_offset(evidence: FitEvidence) -> tuple[np.ndarray, np.ndarray]:
     """How far the recorded torque lags behind the motion, and its standard deviation [s], each (n,).
 
-    tau(t - T) = tau - T d tau / dt: the derivative of the fitted torque of each joint is a further column. Where a
+    tau(t - T) = tau - T d tau / dt: the derivative of the fitted torque of each joint is a further column. If a
     joint hardly moves its friction jumps, or is held back as at rest, which looks like an offset: these samples do not
     count.
     """
@@ -98,7 +98,7 @@ def _spectral(
 def clipped(recordings: Sequence[Recording], limit: np.ndarray | None) -> np.ndarray:
     """Share of the samples at which a joint's torque is at its limit [1], shape (n,).
 
-    At 99 % of the limit [N m] where the data sheet has one; and in any case where the torque stays exactly at its
+    At 99 % of the limit [N m] if the data sheet has one; and in any case if the torque stays exactly at its
     largest or smallest value for several samples.
     """
     tau = [np.asarray(r.tau) for r in recordings if r.tau is not None]
@@ -143,7 +143,7 @@ def exchanged(explained: np.ndarray) -> tuple[float, tuple[int, ...]]:
 
 
 def near_rest(evidence: FitEvidence) -> float:
-    """Share by which a Stribeck term lowers the error on unseen stretches [1]."""
+    """Share by which a Stribeck term lowers the error on held-out stretches [1]."""
     plain: list[float] = []
     with_it: list[float] = []
     for law, error in evidence.choice.tried:

@@ -9,11 +9,11 @@ import numpy as np
 from gapscope.ident.checks.fit_evidence import NominalSimilarity
 
 CLEAR = 0.05
-"""A joint counts where only the rigid bodies explain this share of its torque's variance [1]."""
+"""A joint counts if only the rigid bodies explain this share of its torque's variance [1]."""
 ALIKE = 1.25
 """Gains within this factor of their median are alike [1]."""
 MOSTLY = 0.75
-"""Share of the joints that count whose gains have to be alike [1]."""
+"""Share of the joints that count whose gains must be alike [1]."""
 GAIN = 1.3
 """Gains beyond this, or below its inverse, are not those of torque in N m [1]."""
 UNITS = {
@@ -33,7 +33,7 @@ class TorqueGain:
     """Gain of the nominal rigid bodies' torque in the recorded one, friction left free.
 
     Attributes:
-        gain: median over the joints that count [1]; 1 where fewer than two do.
+        gain: median over the joints that count [1]; 1 if fewer than two do.
         alike: whether those joints agree.
         joints: those joints, from 1.
     """
@@ -44,7 +44,7 @@ class TorqueGain:
 
     @property
     def size(self) -> float:
-        """The gain or its inverse, whichever is larger, of joints that agree [1]; 1 where they do not."""
+        """The gain or its inverse, whichever is larger, of joints that agree [1]; 1 if they do not."""
         return max(self.gain, 1 / self.gain) if self.alike else 1.0
 
     @property

@@ -28,7 +28,7 @@ class Entry:
         key: name of the row.
         symptom: what one sees.
         cause: what is behind it.
-        check: how the data tell.
+        check: how the data show it.
         remedy: what to do.
     """
 
@@ -74,7 +74,7 @@ def _row(
     *,
     below: bool = False,
 ) -> Row:
-    """A row that is found where a value per joint exceeds the threshold, or stays below it."""
+    """A row that is found if a value per joint exceeds the threshold, or stays below it."""
     values = np.atleast_1d(np.asarray(value, dtype=float))
     found = values < threshold if below else values > threshold
     worst = float(values.min() if below else values.max())

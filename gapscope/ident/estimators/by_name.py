@@ -45,7 +45,7 @@ class Method:
 
 
 def method(name: str) -> Method:
-    """The method of a name; raises ``InputError`` where there is none."""
+    """The method of a name; raises ``InputError`` if there is none."""
     if name not in METHODS:
         raise InputError(
             f"unknown estimator {name!r}",

@@ -48,7 +48,7 @@ class ConsistentSdp:
     floor: float = 1e-4
 
     def estimate(self, problem: Problem) -> Estimate:
-        """Estimate standard parameters; raises ``GapscopeError`` where the solver fails."""
+        """Estimate standard parameters; raises ``GapscopeError`` if the solver fails."""
         if self.pull not in PULLS or (self.pull == "entropic" and self.prior is None):
             raise InputError(
                 f"a pull is {' or '.join(PULLS)}, and the latter needs a prior",

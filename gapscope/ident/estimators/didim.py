@@ -44,7 +44,7 @@ class DirectInverse:
 
         Raises:
             InputError: too few samples, or a problem that is not the experiment's.
-            GapscopeError: the simulated arm runs away.
+            GapscopeError: the simulated arm diverges.
         """
         now = started(problem, self.experiment)
         converged = False

@@ -19,7 +19,7 @@ class Estimate:
         names: of the parameters, shape (b,).
         value: shape (b,).
         covariance: as the estimator itself states it, shape (b, b).
-        residual: RMS of what is left per joint [N m], shape (n,).
+        residual: RMS residual per joint [N m], shape (n,).
         warnings: what makes the result doubtful, each a sentence with a remedy.
     """
 
@@ -39,4 +39,4 @@ class Estimator(Protocol):
     """An estimator of the parameters of a linear problem."""
 
     def estimate(self, problem: Problem) -> Estimate:
-        """Estimate the parameters; raises ``InputError`` where the samples cannot determine them."""
+        """Estimate the parameters; raises ``InputError`` if the samples cannot determine them."""

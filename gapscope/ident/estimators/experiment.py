@@ -1,4 +1,4 @@
-"""What an estimator that simulates needs beside the linear problem: the arm, its controller and what it was told."""
+"""Input of an estimator that simulates, beside the linear problem: the arm, its controller and its references."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Experiment:
         recordings: with q_ref and tau, without gaps.
         build: from recordings to the problem; it made the problem from the measured ones, and is given simulated ones,
             so that filtering and differentiation change both alike.
-        prior: parameters pi near which the simulated arm stays where the data do not decide, shape (p,); those of the
+        prior: parameters pi near which the simulated arm stays if the data do not decide, shape (p,); those of the
             nominal arm by default.
         settle: how long a reference that starts at rest was held before the recording [s].
         warnings: what was noticed about controller and recordings.

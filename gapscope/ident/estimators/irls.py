@@ -35,7 +35,7 @@ class HuberLeastSquares:
     tolerance: float = 1e-8
 
     def estimate(self, problem: Problem) -> Estimate:
-        """Estimate; raises ``InputError`` where the samples do not determine the parameters."""
+        """Estimate; raises ``InputError`` if the samples do not determine the parameters."""
         beta = OrdinaryLeastSquares().estimate(problem).value
         largest = float(np.abs(problem.torque).max())
         change = np.inf

@@ -45,11 +45,11 @@ class Factor:
         return max(self.rows - len(self.rotated), 1)
 
     def solve(self) -> np.ndarray:
-        """The least-squares beta, shape (b,); R has to be regular."""
+        """The least-squares beta, shape (b,); R must be regular."""
         return solve_triangular(self.triangle, self.rotated)
 
     def inverse_gram(self) -> np.ndarray:
-        """(W^T W)^-1, shape (b, b); R has to be regular."""
+        """(W^T W)^-1, shape (b, b); R must be regular."""
         inverse = solve_triangular(self.triangle, np.eye(len(self.triangle)))
         return inverse @ inverse.T
 
@@ -63,7 +63,7 @@ def whitened(problem: Problem, spread: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def joint_noise(problem: Problem, beta: np.ndarray) -> np.ndarray:
-    """Standard deviation of what is left per joint [N m], shape (n,): parameters counted, and nowhere zero."""
+    """Standard deviation of the residual per joint [N m], shape (n,): parameters counted, and nowhere zero."""
     residual = problem.residual(beta)
     free = max(1.0 - len(beta) / residual.size, 1.0 / residual.size)
     noise = np.sqrt((residual**2).mean(axis=0) / free)

@@ -32,7 +32,7 @@ class LogCholesky:
     of the linearisation, P (J^T J + gamma U^-2)^-1 P^T with P = d pi / d theta.
 
     Attributes:
-        prior: pi_0, shape (p,), consistent; a body of 1 kg for every link where ``None``.
+        prior: pi_0, shape (p,), consistent; a body of 1 kg for every link if ``None``.
         weight: gamma; by default 1 with a prior and 0.01 without.
         rounds: most evaluations.
 
@@ -44,7 +44,7 @@ class LogCholesky:
     rounds: int = 500
 
     def estimate(self, problem: Problem) -> Estimate:
-        """Estimate standard parameters; raises ``InputError`` where columns, prior or samples cannot be used."""
+        """Estimate standard parameters; raises ``InputError`` if columns, prior or samples cannot be used."""
         columns = StandardColumns.of(problem.names)
         reference = ReferenceParameters.of(columns, self.prior, problem.names)
         factor, warnings = standard_factor(problem, self.prior)
@@ -116,7 +116,7 @@ class _Search:
         return out
 
     def residual(self, y: np.ndarray) -> np.ndarray:
-        """What is left of the equations and of the pull, shape (2 p,)."""
+        """The residual of the equations and of the pull, shape (2 p,)."""
         data = self._factor.triangle @ self.parameters(y) - self._factor.rotated
         return np.concatenate([data, self._pull * (y - self._centre) / self._units])
 

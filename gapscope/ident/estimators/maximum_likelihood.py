@@ -35,7 +35,7 @@ class MaximumLikelihood:
     tolerance: float = 1e-4
 
     def estimate(self, problem: Problem) -> Estimate:
-        """Estimate; raises ``InputError`` where the samples do not determine the parameters."""
+        """Estimate; raises ``InputError`` if the samples do not determine the parameters."""
         beta = OrdinaryLeastSquares().estimate(problem).value
         if len(problem.torque) <= problem.n_joints:
             raise InputError(

@@ -20,7 +20,7 @@ class OrdinaryLeastSquares:
     """
 
     def estimate(self, problem: Problem) -> Estimate:
-        """Estimate; raises ``InputError`` where the samples do not determine the parameters."""
+        """Estimate; raises ``InputError`` if the samples do not determine the parameters."""
         check_samples(problem)
         factor = Factor.of(*problem.stacked())
         return finished(

@@ -25,7 +25,7 @@ class OutputError:
     """Minimises the sum of ((q - q_s) / s_q)^2 + ((tau - tau_s) / s_tau)^2 over beta, by trust region.
 
     q_s and tau_s are those of the closed loop simulated with beta; their derivatives come from sensitivity equations.
-    s_q and s_tau are the joints' RMS errors, worked out anew in every round. Both sides pass the same low-pass.
+    s_q and s_tau are the joints' RMS errors, computed anew in every round. Both sides pass the same low-pass.
 
     Attributes:
         experiment: how to simulate.
@@ -48,7 +48,7 @@ class OutputError:
 
         Raises:
             InputError: too few samples, or a problem that is not the experiment's.
-            GapscopeError: the simulated arm runs away at the start.
+            GapscopeError: the simulated arm diverges at the start.
         """
         checked(problem, self.experiment)
         outputs = _Outputs(self)
@@ -120,7 +120,7 @@ class _Outputs:
         )
 
     def at(self, beta: np.ndarray) -> np.ndarray:
-        """Simulated, shape (M, 2 n); infinite where the arm runs away, so that the step is taken back."""
+        """Simulated, shape (M, 2 n); infinite if the arm diverges, so that the step is taken back."""
         if not np.array_equal(beta, self._at):
             try:
                 self._value = self.of(self._experiment.simulate(beta))

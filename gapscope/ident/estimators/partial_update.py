@@ -56,7 +56,7 @@ class PartialUpdate:
     influence: float = 2.0
 
     def estimate(self, problem: Problem) -> Estimate:
-        """Estimate; raises ``InputError`` where samples are not finite, the arm rests, or the prior does not fit."""
+        """Estimate; raises ``InputError`` if samples are not finite, the arm rests, or the prior does not fit."""
         check_samples(problem, full_rank=False)
         prior = np.asarray(self.prior, dtype=float)
         spread = (
@@ -118,7 +118,7 @@ class PartialUpdate:
 
 
 def _free(problem: Problem, prior: np.ndarray, spread: np.ndarray) -> np.ndarray:
-    """The least-squares estimate, nearest to the prior where there are many, shape (b,)."""
+    """The least-squares estimate, nearest to the prior if there are many, shape (b,)."""
     matrix, torque = problem.stacked()
     factor = Factor.of(matrix * spread, torque - matrix @ prior)
     return (

@@ -28,7 +28,7 @@ class Ridge:
     Attributes:
         choice: ``gcv`` (least |residual|^2 / (M - effective parameters)^2), ``l_curve`` (the sharpest corner of log
             |residual| against log |D (beta - beta_0)|), or lambda itself.
-        prior: beta_0, shape (b,); zero where ``None``.
+        prior: beta_0, shape (b,); zero if ``None``.
 
     Source: hansen1992, golub1979.
     """
@@ -37,7 +37,7 @@ class Ridge:
     prior: np.ndarray | None = None
 
     def estimate(self, problem: Problem) -> Estimate:
-        """Estimate; raises ``InputError`` where the samples are not finite or the arm rests."""
+        """Estimate; raises ``InputError`` if the samples are not finite or the arm rests."""
         check_samples(problem, full_rank=False)
         prior = (
             np.zeros(problem.matrix.shape[2])

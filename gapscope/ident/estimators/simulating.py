@@ -15,7 +15,7 @@ from gapscope.ident.signals.effective_samples import group_slices
 from gapscope.ident.uncertainty.intervals import block_length
 
 HALVINGS = 6
-"""How often a step that lets the simulated arm run away, or fits worse, is halved."""
+"""How often a step that lets the simulated arm diverge, or fits worse, is halved."""
 WORSE = 1.05
 """A step is halved when the error grows by more than this factor [1]."""
 NOT_SETTLED = (
@@ -50,7 +50,7 @@ def started(problem: Problem, experiment: Experiment) -> Simulated:
 
     Raises:
         InputError: too few samples, or a problem that is not the experiment's.
-        GapscopeError: the simulated arm runs away.
+        GapscopeError: the simulated arm diverges.
     """
     checked(problem, experiment)
     try:
@@ -62,7 +62,7 @@ def started(problem: Problem, experiment: Experiment) -> Simulated:
 
 
 def simulated(problem: Problem, experiment: Experiment, beta: np.ndarray) -> Simulated:
-    """Simulate with parameters beta; raises ``GapscopeError`` where the arm runs away."""
+    """Simulate with parameters beta; raises ``GapscopeError`` if the arm diverges."""
     own = experiment.problem(beta)
     if own.torque.shape != problem.torque.shape:
         raise InputError(
@@ -81,10 +81,10 @@ def improved(
     goal: np.ndarray,
     iteration: int,
 ) -> Simulated:
-    """A step towards ``goal``, halved while the arm runs away or the torque fits clearly worse.
+    """A step towards ``goal``, halved while the arm diverges or the torque fits clearly worse.
 
     Raises:
-        GapscopeError: the arm still runs away after the last halving.
+        GapscopeError: the arm still diverges after the last halving.
     """
     failure: GapscopeError | None = None
     step = goal - now.beta

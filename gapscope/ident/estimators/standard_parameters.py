@@ -18,7 +18,7 @@ from gapscope.ident.model.solvable import check_samples, unit_warnings
 NOT_NEGATIVE = re.compile(r"[Ibc]\d+")
 """Names of rotor inertia, viscous and Coulomb friction, which take energy or store it and cannot be negative."""
 REFERENCE_MASS = 1.0
-"""Mass of the body that stands in for a link where there is no prior [kg]."""
+"""Mass of the body that replaces a link if there is no prior [kg]."""
 REFERENCE_RADIUS = 0.1
 """Its radius of gyration about each plane [m]."""
 LEAST_NOISE = 1e-4
@@ -41,7 +41,7 @@ class StandardColumns:
 
     @classmethod
     def of(cls, names: Sequence[str]) -> StandardColumns:
-        """Found by name; raises ``InputError`` where no link has all ten parameters in their order."""
+        """Found by name; raises ``InputError`` if no link has all ten parameters in their order."""
         names = tuple(names)
         starts = [
             i
@@ -92,7 +92,7 @@ class ReferenceParameters:
     def of(
         cls, columns: StandardColumns, prior: np.ndarray | None, names: Sequence[str]
     ) -> ReferenceParameters:
-        """Of a prior, shape (p,), or of a like body for every link where there is none."""
+        """Of a prior, shape (p,), or of a like body for every link if there is none."""
         count = len(columns.links)
         if prior is None:
             second, mass = (

@@ -18,12 +18,12 @@ class TotalLeastSquares:
     """Minimises |[dW D^-1, dtau / s]|_F^2 with (W + dW) beta = tau + dtau, by the least right singular vector.
 
     D and s are the standard deviations of the errors in the columns and in the torque. Columns without error are
-    eliminated first (mixed least squares and total least squares). The answer is consistent where rows have
+    eliminated first (mixed least squares and total least squares). The answer is consistent if rows have
     independent errors of these relative sizes; with the default, equal relative error of every column, it is only as
     good as that assumption.
 
     Attributes:
-        column_noise: standard deviation of the errors of each column, shape (b,), 0 where it is exact; by default in
+        column_noise: standard deviation of the errors of each column, shape (b,), 0 if it is exact; by default in
             proportion to the column's RMS.
         torque_noise: standard deviation of the torque's error in the same scale [N m]; by default in proportion to
             the torque's RMS.
@@ -35,7 +35,7 @@ class TotalLeastSquares:
     torque_noise: float | None = None
 
     def estimate(self, problem: Problem) -> Estimate:
-        """Estimate; raises ``InputError`` where the samples do not determine the parameters."""
+        """Estimate; raises ``InputError`` if the samples do not determine the parameters."""
         check_samples(problem)
         matrix, torque = problem.stacked()
         columns, scale = self._scales(matrix, torque)

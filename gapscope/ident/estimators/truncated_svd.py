@@ -19,7 +19,7 @@ class TruncatedSvd:
     Attributes:
         condition: directions with s_1 / s_i above this are dropped; ``None`` chooses k by generalised
             cross-validation, least |residual|^2 / (M - k)^2.
-        prior: beta_0, shape (b,); zero where ``None``.
+        prior: beta_0, shape (b,); zero if ``None``.
 
     Source: hansen1987.
     """
@@ -28,7 +28,7 @@ class TruncatedSvd:
     prior: np.ndarray | None = None
 
     def estimate(self, problem: Problem) -> Estimate:
-        """Estimate; raises ``InputError`` where the samples are not finite or the arm rests."""
+        """Estimate; raises ``InputError`` if the samples are not finite or the arm rests."""
         check_samples(problem, full_rank=False)
         b = problem.matrix.shape[2]
         prior = (

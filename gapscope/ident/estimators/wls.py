@@ -32,7 +32,7 @@ class WeightedLeastSquares:
     rounds: int = 2
 
     def estimate(self, problem: Problem) -> Estimate:
-        """Estimate; raises ``InputError`` where the samples do not determine the parameters."""
+        """Estimate; raises ``InputError`` if the samples do not determine the parameters."""
         beta: np.ndarray = OrdinaryLeastSquares().estimate(problem).value
         for _ in range(self.rounds):
             factor = Factor.of(*whitened(problem, joint_noise(problem, beta)))

@@ -1,1 +1,1 @@
-"""Exciting trajectories: which motion within limits tells the parameters best."""
+"""Exciting trajectories: the motion within limits that identifies the parameters best."""

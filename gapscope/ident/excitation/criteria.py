@@ -104,5 +104,5 @@ the singular values, half the log determinant over b; ``e``: minus the log of th
 
 
 def criterion(name: str) -> Criterion:
-    """A criterion by its name; raises ``InputError`` where there is none."""
+    """A criterion by its name; raises ``InputError`` if there is none."""
     return CRITERIA[check_known("criterion", name, CRITERIA, where="criterion")]

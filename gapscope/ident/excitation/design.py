@@ -36,7 +36,7 @@ TRIES = 20
 JUDGED = 2000
 """Most samples on which condition number and separation are stated."""
 SEPARATING_RATE = 50.0
-"""Samples per second of a candidate that is judged by predictions over time [Hz]."""
+"""Samples per second of a candidate that is scored by predictions over time [Hz]."""
 POSTURES = 300
 """Random postures on which it is checked that limits allow any at all."""
 
@@ -53,7 +53,7 @@ class Excitation:
         condition: condition number of the base regressor, columns scaled to unit norm [1].
         inertial_condition: the same for the inertial columns alone.
         names: of the base columns, shape (b,).
-        separated: how far the effects of the plan are apart, or ``None`` where it names fewer than two.
+        separated: how far the effects of the plan are apart, or ``None`` if it names fewer than two.
         evaluations: spent; a candidate with its gradient counts as ``search.GRADIENT_COST``.
         feasible: those that kept all limits.
         seconds: time of the search [s].
@@ -91,14 +91,14 @@ def design(
         limits: what to keep.
         rng: source of candidates; with a budget of evaluations alone the same seed gives the same trajectory.
         progress: called with the share of the budget spent [1] and the best value so far, or infinity.
-        separator: tells apart what criterion ``separation`` is about; by default effects of typical size.
-        body: the arm's rigid bodies where they are not the nominal ones, as with a known payload.
+        separator: separates what criterion ``separation`` is about; by default effects of typical size.
+        body: the arm's rigid bodies if they are not the nominal ones, as with a known payload.
 
     Raises:
         InputError: the limits allow no trajectory, none was found within the budget, or the best one tells nothing.
 
     Warns:
-        ModelWarning: the condition number exceeds 1000; not where effects are to be separated.
+        ModelWarning: the condition number exceeds 1000; not if effects are to be separated.
     """
     prepared = prepare(arm, plan, limits, progress, separator, body)
     begun = time.monotonic()

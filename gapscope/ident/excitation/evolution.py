@@ -13,7 +13,7 @@ from gapscope.ident.excitation.trajectory_search import TrajectorySearch
 
 @dataclass(frozen=True)
 class Evolution:
-    """CMA-ES [hansen2016] by the package ``cma``, from the best of random candidates; started anew where it stalls.
+    """CMA-ES [hansen2016] by the package ``cma``, from the best of random candidates; started anew if it stalls.
 
     Attributes:
         spread: initial standard deviation, in that of random draws [1].

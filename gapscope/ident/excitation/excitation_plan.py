@@ -31,7 +31,7 @@ from gapscope.ident.excitation.trajectory_search import Budget
 from gapscope.ident.model.regressor import JOINT_COLUMNS
 
 SHORTEST = 10.0
-"""Duration where none is asked for, or one period where that is longer [s]."""
+"""Duration if none is asked for, or one period if that is longer [s]."""
 RAMP = 1.0
 """Length of the flanks in which a motion rises from rest and falls back [s]."""
 
@@ -52,10 +52,10 @@ class ExcitationPlan:
         kind: ``fourier``, ``quintic`` or ``multisine``.
         order: number of harmonics; half the number of way points of a quintic.
         frequency: of the first harmonic [Hz].
-        duration: [s]; 10 s or one period, whichever is longer, where ``None``.
+        duration: [s]; 10 s or one period, whichever is longer, if ``None``.
         rate: samples per second that are written [Hz].
         criterion: ``condition``, ``d`` or ``e``; or ``separation`` of effects.
-        effects: names of effects to tell apart, for ``separation``; with another criterion they are only reported on.
+        effects: names of effects to separate, for ``separation``; with another criterion they are only reported on.
         columns: effects with columns of the regressor, beside the inertial ones.
         optimiser: one of ``OPTIMISERS``; by default ``gradient``, and ``cma`` for ``separation``.
         budget: when the search ends.
@@ -156,7 +156,7 @@ class LimitPlan:
         margin: distance kept from the position limits [rad].
         singular: least singular value of the tool's Jacobian; 0 for any.
         clearance: least distance between bodies, and to the surface [m].
-        surface: height of the surface on which the base stands in the base frame [m], ``None`` where there is none.
+        surface: height of the surface on which the base stands in the base frame [m], ``None`` if there is none.
         collisions: whether collisions are checked at all.
     """
 
@@ -196,7 +196,7 @@ class LimitPlan:
         return Allowed(motion, torque, self.singular, self.clearance)
 
     def collision(self, arm: NominalArm, body: RigidBody) -> CollisionModel | None:
-        """The collision shapes of an arm, or ``None`` where collisions are not checked.
+        """The collision shapes of an arm, or ``None`` if collisions are not checked.
 
         Raises:
             InputError: there are none, or every body lies below the surface in nearly every posture.

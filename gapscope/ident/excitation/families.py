@@ -81,7 +81,7 @@ class FourierFamily:
 
     @property
     def highest_frequency(self) -> float:
-        """That of the last harmonic, or of the window where its flanks are steeper [Hz]."""
+        """That of the last harmonic, or of the window if its flanks are steeper [Hz]."""
         return max(self.order * self.frequency, 0.5 / self.ramp)
 
     def basis(self, t: np.ndarray) -> Basis:

@@ -21,7 +21,7 @@ class _SpentError(Exception):
 
 @dataclass(frozen=True)
 class GradientRefinement:
-    """L-BFGS from the best of random candidates; from new ones where it can go no further.
+    """L-BFGS from the best of random candidates; from new ones if it can go no further.
 
     A criterion has edges where eigenvalues or broken limits swap places. There the descent stalls, and is begun anew
     without its memory of curvature as long as that helps.

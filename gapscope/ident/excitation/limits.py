@@ -23,7 +23,7 @@ REMEDIES = {
     "distance": "lower --clearance",
     SURFACE: "lower --surface, the height under the arm",
 }
-"""What to change where candidates break a limit."""
+"""What to change if candidates break a limit."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Allowed:
         motion: of position [rad], velocity [rad/s] and acceleration [rad/s^2].
         torque: largest nominal torque [N m], shape (n,).
         singular: least singular value of the tool's Jacobian, as ``gapscope.arm.dynamics.singularity`` has it; 0
-        where it may be any. clearance: least distance between bodies, and to the surface [m].
+        if it may be any. clearance: least distance between bodies, and to the surface [m].
     """
 
     motion: Limits
@@ -60,7 +60,7 @@ class Margin:
         name: ``position``, ``velocity``, ``acceleration``, ``torque``, ``singular value`` or ``distance``.
         unit: of limit and margin.
         limit: the limit; for ``position`` half the range about its middle; shape (n,) or ().
-        margin: least distance from the limit over all samples, negative where it is broken; shape (n,) or ().
+        margin: least distance from the limit over all samples, negative if it is broken; shape (n,) or ().
         at: time at which the margin is least [s].
     """
 
@@ -83,7 +83,7 @@ class Checker:
         arm: the nominal arm.
         body: its rigid bodies.
         allowed: the limits.
-        collision: its collision shapes; ``None`` where collisions are not checked.
+        collision: its collision shapes; ``None`` if collisions are not checked.
 
     Attributes:
         allowed, collision: as given.
@@ -104,7 +104,7 @@ class Checker:
         return smallest_singular_value(self._kinematics, q)
 
     def distance(self, q: np.ndarray) -> np.ndarray:
-        """Least distance between bodies at q [rad], (N, n), infinite where it is not checked [m]; shape (N,)."""
+        """Least distance between bodies at q [rad], (N, n), infinite if it is not checked [m]; shape (N,)."""
         return (
             np.full(len(q), np.inf)
             if self.collision is None
@@ -186,7 +186,7 @@ class Checker:
             )
 
     def remedy(self, name: str, postures: np.ndarray) -> str:
-        """What to change where candidates break one limit, named as in ``Margin``.
+        """What to change if candidates break one limit, named as in ``Margin``.
 
         Args:
             name: of the limit.

@@ -1,4 +1,4 @@
-"""How well a trajectory tells effects apart, from each other and from the base parameters."""
+"""How well a trajectory separates effects, from each other and from the base parameters."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Separated(NamedTuple):
 
     Attributes:
         least: smallest singular value of all signatures, each of norm 1 before the base parameters are taken out: 0
-            where some mixture of them shows nothing of its own, 1 where all are perpendicular to each other and to
+            if some mixture of them shows nothing of its own, 1 if all are perpendicular to each other and to
             the base parameters.
         angle: least angle between the subspaces of two effects, after the base parameters are taken out [rad], for
             each pair of names.
@@ -88,7 +88,7 @@ class Signatures:
     def separate(self, motion: Motion, matrix: np.ndarray) -> Separated:
         """How far the effects are apart on a motion of N samples with base regressor W, shape (N, n, b).
 
-        With Z the signatures, each divided by its norm, and P what is left of a vector when the columns of W are
+        With Z the signatures, each divided by its norm, and P the residual of a vector when the columns of W are
         taken out by least squares: the smallest singular value of P Z, and the angles between the P Z of two effects.
         """
         signatures = self.of(motion)
@@ -111,7 +111,7 @@ class Signatures:
 
 
 def _least_angle(first: np.ndarray, second: np.ndarray) -> float:
-    """Least principal angle between two column spaces [rad]; 0 where one of them holds nothing."""
+    """Least principal angle between two column spaces [rad]; 0 if one of them holds nothing."""
     first, second = (x[:, np.linalg.norm(x, axis=0) > 1e-9] for x in (first, second))
     if not first.size or not second.size:
         return 0.0

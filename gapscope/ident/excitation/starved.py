@@ -1,4 +1,4 @@
-"""Which limit starves a trajectory: keeps its motion too small to tell an arm's parameters apart."""
+"""Which limit restricts a trajectory most: its motion is too small to separate an arm's parameters."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ USELESS = 1e8
 WIDER = 10.0
 """Factor by which a limit is widened to see what it costs [1]."""
 WORTH = 2.0
-"""Factor in the condition number that a wider limit has to be worth to be named [1]."""
+"""Factor in the condition number that a wider limit must be worth to be named [1]."""
 OPTIONS = {
     "acceleration": "raise --acceleration",
     "velocity": "raise --velocity",
@@ -38,7 +38,7 @@ class Starved(NamedTuple):
 def starving_limit(
     search: TrajectorySearch, x: np.ndarray, condition: float
 ) -> Starved | None:
-    """The limit of the motion that costs a candidate most of its condition number; ``None`` where none costs much.
+    """The limit of the motion that costs a candidate most of its condition number; ``None`` if none costs much.
 
     With wider limits the same numbers x are a larger motion, so each limit can be widened alone.
 
@@ -55,7 +55,7 @@ def starving_limit(
 
 
 def check_condition(search: TrajectorySearch, x: np.ndarray, condition: float) -> None:
-    """Warn where the condition number of a candidate exceeds ``CONDITION_LIMIT``, and say what would lower it.
+    """Warn if the condition number of a candidate exceeds ``CONDITION_LIMIT``, and say what would lower it.
 
     Raises:
         InputError: it exceeds ``USELESS``.

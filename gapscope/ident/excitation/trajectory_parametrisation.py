@@ -79,7 +79,7 @@ class Parametrisation:
     ) -> np.ndarray:
         """Gradient by x, shape (d,), from those by q, dq and ddq at the samples of a basis, each (N, n).
 
-        Where several samples use the same limit equally, it is the gradient for one of them.
+        If several samples use the same limit equally, it is the gradient for one of them.
         """
         n, found = self._n, self._decode(x)
         by_c = sum(

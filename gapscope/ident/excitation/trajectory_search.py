@@ -34,7 +34,7 @@ class Budget:
     """When a search ends: at the first of these.
 
     Attributes:
-        evaluations: candidates judged, one with its gradient counted as ``GRADIENT_COST``; ``None`` for any.
+        evaluations: objective evaluations; a gradient counts as ``GRADIENT_COST``; ``None`` for any.
         seconds: time [s]; ``None`` for any, and then a search with the same seed gives the same result.
 
     Raises:
@@ -102,7 +102,7 @@ class TrajectorySearch:
     Attributes:
         found: candidates that keep all limits, each better than those before it.
         evaluations: spent.
-        judged: number of candidates judged.
+        judged: number of objective evaluations.
         feasible: number of candidates that kept all limits.
     """
 
@@ -204,7 +204,7 @@ class TrajectorySearch:
         )
 
     def _note(self, x: np.ndarray, value: float, breaches: list[float]) -> float:
-        """The score; a candidate that keeps all limits is counted, and kept where it is the best so far."""
+        """The score; a candidate that keeps all limits is counted, and kept if it is the best so far."""
         found = np.array(breaches)
         self.judged += 1
         self._broken += found > TOLERATED

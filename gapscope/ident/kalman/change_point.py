@@ -18,9 +18,9 @@ ROUNDS = 3
 REMOVED = 2
 """Changes that are fitted before what errors of the model do is judged."""
 SHARE = 0.05
-"""A change lowers the squares that are left, made white, by at least this share [1]."""
+"""A change lowers the whitened squared residual by at least this share [1]."""
 STANDS_OUT = 3.0
-"""A change stands out from what errors of the model feign when it is likelier by this factor in 2 log L."""
+"""A change exceeds the errors of the model if it is likelier by this factor in 2 log L."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Change:
 def payload_hypothesis(base: BaseParameters, link: int) -> Hypothesis:
     """A payload picked up or put down: mass [kg] and first moment [kg m] of a link, in the frame of its joint.
 
-    Its inertia about that frame, m c^2, is left out: it is small against rotor and link where the load is near.
+    Its inertia about that frame, m c^2, is left out: it is small against rotor and link if the load is near.
 
     Args:
         base: the base parameters of the problem.
@@ -98,7 +98,7 @@ def find_change(
     false_alarms: float = 1e-3,
     margin: float = 0.4,
 ) -> Change | None:
-    """The likeliest change, or ``None`` where none is certain.
+    """The likeliest change, or ``None`` if none is certain.
 
     For every moment T the model tau = W (beta + 1(t > T) D delta) + noise is fitted to the whole record, beta free, by
     cumulative sums: with A, s the sums of W^T W and W^T tau, A', s' those after T,
@@ -111,13 +111,14 @@ def find_change(
 
     Errors of the model make 2 log L large at every moment, not at one: the likeliest two changes are fitted, and by how
     far the median of 2 log L for a further one exceeds that of chi-squared, or its peak the threshold, that is raised.
-    And 2 log L has to be at least ``SHARE`` of the number of equations: less is not told from errors of the model.
+    And 2 log L must be at least ``SHARE`` of the number of equations: less cannot be separated from errors of the
+    model.
 
     Args:
         problem: one stretch, or several in the order of time.
         t: times of its samples [s], shape (N,).
         hypotheses: what may change.
-        false_alarms: alpha, probability of any change where there is none [1].
+        false_alarms: alpha, probability of any change if there is none [1].
         margin: time from both ends in which no change is looked for [s].
 
     Raises:

@@ -25,7 +25,7 @@ from gapscope.ident.uncertainty.validation import MOVING
 MOST = 500
 """Samples of a recording among which a change is looked for; 10 s at a cut-off of 12 Hz."""
 PLAIN = 5.0
-"""A change is told when its 2 log L is this many times the threshold of a likely one [1]: models lack effects. On 75
+"""A change is reported if its 2 log L is this many times the threshold of a likely one [1]: models lack effects. On 75
 arms of the blind generator, with effects that it lacks, errors feigned changes of up to 4.2; pick-ups of a kilogram and
 more were beyond 20."""
 

@@ -16,7 +16,7 @@ class Track:
         t: time [s], shape (N,).
         value: shape (N, b).
         covariance: shape (N, b, b).
-        innovation: measured minus predicted over its standard deviation, white with unit variance where the model
+        innovation: measured minus predicted over its standard deviation, white with unit variance if the model
             holds [1], shape (N, n).
         whitened: the regressor over the same standard deviation, so that a change delta of the parameters adds
             ``whitened @ delta`` to the innovations, shape (N, n, b).
@@ -42,7 +42,7 @@ class Track:
         return self.value[:, place], self.deviation[:, place]
 
     def smoothed(self) -> Track:
-        """The track with what later samples say, by the Rauch-Tung-Striebel recursion; memory has to be unlimited.
+        """The track with what later samples say, by the Rauch-Tung-Striebel recursion; memory must be unlimited.
 
         With G = P (P + Q)^-1: x_s = x + G (x_s' - x), P_s = P + G (P_s' - P - Q) G^T, ' the next sample. Only the
         parameters that wander (Q > 0) lag; for the others G passes the last estimate on.

@@ -49,7 +49,7 @@ class BaseParameters:
 
     @property
     def gap(self) -> float:
-        """Smallest kept over largest dropped pivot; infinite where none was dropped or pivots are not known."""
+        """Smallest kept over largest dropped pivot; infinite if none was dropped or pivots are not known."""
         return gap_at(self.pivots, self.count)
 
     @property
@@ -105,11 +105,11 @@ def base_parameters(
     - ``link``: from the base to the tip, within a link mass, first moment, inertia; then effects. What a link carries
       is folded into the link that carries it, so that factors are levers and their squares (``mx2 + 0.5 m3``), as in
       the classical regrouping rules of serial arms, and rotor inertia into the inertia of the link.
-    - ``kind``: all masses first, then all first moments, inertias, effects, each from the base to the tip. Where a
+    - ``kind``: all masses first, then all first moments, inertias, effects, each from the base to the tip. If a
       mass can stand for something, it does; factors are then inverse levers too, and the kept columns worse
       conditioned.
 
-    Where that leaves another number than b, because data excite the arm poorly, the choice of the pivoting stands.
+    If that leaves another number than b, because data excite the arm poorly, the choice of the pivoting stands.
 
     Args:
         Y: stacked regressor, shape (M, p) or (N, n, p); or its triangular factor, shape (p, p).

@@ -81,15 +81,15 @@ def essential_parameters(
     Each step drops the parameter with the largest relative deviation sigma_k / |beta_k|, which is also the one whose
     loss raises the sum of squares least, by beta_k^2 / [(R^T R)^-1]_kk, and fits again. It ends when the next one
     is known to ``deviation`` and explains ``contribution`` of the torque, or when the residual would
-    have grown by more than ``growth`` in all (or beyond ``contribution`` of the torque, where there is hardly any).
+    have grown by more than ``growth`` in all (or beyond ``contribution`` of the torque, if there is hardly any).
 
     Args:
-        factor: of the base columns and the torque, full rank; weighted, where joints differ in noise.
+        factor: of the base columns and the torque, full rank; weighted, if joints differ in noise.
         names: of the base parameters, shape (b,).
         deviation: relative standard deviation above which a parameter is dropped.
         contribution: share of the RMS torque below which a parameter is dropped.
         growth: share by which the residual may grow.
-        inflation: how many rows are worth one, since what is left is alike from sample to sample [1].
+        inflation: how many rows are worth one, since the residual is alike from sample to sample [1].
 
     Raises:
         InputError: no more rows than parameters, or base columns that depend on each other in these samples.

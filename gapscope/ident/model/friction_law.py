@@ -30,7 +30,7 @@ class FrictionLaw:
 
     @property
     def shapes(self) -> tuple[str, ...]:
-        """Symbols of the columns per drive: c, and d where there is a Stribeck term."""
+        """Symbols of the columns per drive: c, and d if there is a Stribeck term."""
         return ("c",) if self.stribeck_speed is None else ("c", "d")
 
     def columns(self, position: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:

@@ -17,7 +17,7 @@ from gapscope.ident.signals.samples import PER_CUTOFF, Band
 WIDTH = 0.15
 """Standard deviation that zeros are believed to have before the data speak [rad]."""
 KNOWN = 0.1
-"""An offset is determined where the data shrink its deviation to less than this share of ``WIDTH`` [1]."""
+"""An offset is determined if the data shrink its deviation to less than this share of ``WIDTH`` [1]."""
 LEAST = np.deg2rad(1.0)
 """Smaller offsets are no reason to ask [rad]."""
 CERTAIN = 8.0
@@ -51,7 +51,7 @@ class JointZeros:
 
     @property
     def asked(self) -> np.ndarray:
-        """Joints, from 0, whose zero has to be asked about.
+        """Joints, from 0, whose zero must be asked about.
 
         The offset is large and certain, and with the offsets the fit is much better, or more bodies become possible.
         """
@@ -65,7 +65,7 @@ class JointZeros:
         return np.flatnonzero(large & (better or possible))
 
     def questions(self) -> tuple[str, ...]:
-        """A question about each zero that has to be asked about."""
+        """A question about each zero that must be asked about."""
         return tuple(
             f"is the zero of joint {j + 1} right? The torque fits physical bodies with a zero that is off by "
             f"{np.rad2deg(self.offset[j]):+.2f} ± {np.rad2deg(self.deviation[j]):.2f} degrees; if so, say in the case "
@@ -85,9 +85,9 @@ def estimate_zeros(
     """Estimate offsets and parameters by Gauss-Newton on tau = W(q - offset) x.
 
     Minimises sum |(tau - W(q - delta) x) / noise|^2 / rows + sum_k w_k (x_k - x0_k)^2 + |delta|^2 / (rows WIDTH^2);
-    the columns of delta are -d tau / d q at the current x. The pull to the nominal arm decides where the links' own
+    the columns of delta are -d tau / d q at the current x. The pull to the nominal arm decides if the links' own
     parameters could take up an offset: of the first joint about the vertical it leaves the offset open, of the last
-    joint it says how far the nominal link would have to be turned.
+    joint it says how far the nominal link would need to be turned.
 
     Args:
         columns: the model.

@@ -18,13 +18,13 @@ from gapscope.ident.signals.samples import Samples
 FOLDS = 5
 """Least number of stretches of time, each predicted from all others."""
 WORTH = 0.02
-"""A friction law with more parameters has to lower the error on unseen stretches by this share."""
+"""A friction law with more parameters must lower the error on held-out stretches by this share."""
 EXCEEDED = 3.0
-"""Every moving drive has to be faster at times than a Stribeck speed by this factor."""
+"""Every moving drive must be faster at times than a Stribeck speed by this factor."""
 PULLS = (1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0)
 """Strengths of the pull to the nominal arm that are tried [1]."""
 STRONGEST = 1e4
-"""Where the strongest of them predicts best, tenfold ones are tried up to this [1]."""
+"""If the strongest of them predicts best, tenfold ones are tried up to this [1]."""
 LOOSE = 1e-8
 """Pull on parameters of which the nominal arm says nothing, in units of their columns [1]."""
 
@@ -37,7 +37,7 @@ class Choice:
         law: form of the dry friction.
         pull: weight of ((x - x0) / scale)^2 beside the mean square of the weighted residual [1].
         noise: RMS residual per joint [N m], shape (n,), the weights' inverse.
-        tried: law and pull in words, with the error on unseen stretches [1]: RMS of residual over ``noise``.
+        tried: law and pull in words, with the error on held-out stretches [1]: RMS of residual over ``noise``.
     """
 
     law: FrictionLaw
@@ -79,7 +79,7 @@ def choose(
 def _errors_by_pull(
     samples: Samples, law: FrictionLaw, noise: np.ndarray
 ) -> dict[float, float]:
-    """Error on unseen stretches by strength of the pull, beyond ``PULLS`` as long as a stronger one is better."""
+    """Error on held-out stretches by strength of the pull, beyond ``PULLS`` as long as a stronger one is better."""
     errors = {value: unseen_error(samples, law, value, noise) for value in PULLS}
     while min(errors, key=lambda value: errors[value]) == max(errors) < STRONGEST:
         errors[10 * max(errors)] = unseen_error(samples, law, 10 * max(errors), noise)

@@ -27,7 +27,7 @@ class ModelColumns:
     Args:
         arm: the nominal arm.
         importing: how its logs are read; its transmission says which motors are coupled.
-        body: rigid bodies of the arm; built where ``None``.
+        body: rigid bodies of the arm; built if ``None``.
     """
 
     def __init__(

@@ -20,7 +20,7 @@ class OrthonormalBase:
     Attributes:
         names: names of pi, shape (p,).
         basis: V1, shape (p, b), orthonormal columns.
-        singular_values: of the unit columns of Y, shape (p,), falling; empty where not known.
+        singular_values: of the unit columns of Y, shape (p,), falling; empty if not known.
 
     Source: gautier1991.
     """

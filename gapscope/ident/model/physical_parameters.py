@@ -104,7 +104,7 @@ def consistent(
     penalty: np.ndarray,
     links: int,
 ) -> Physical:
-    """Consistent x that explains beta best, and lies nearest to the nominal one where beta leaves it open.
+    """Consistent x that explains beta best, and lies nearest to the nominal one if beta leaves it open.
 
     Minimises (C x - beta)^T H (C x - beta) + sum_k w_k (x_k - x0_k)^2 subject to J(pi_l) >= floor for every link l, and
     to rotor inertia, viscous and Coulomb friction >= 0. With H = W^T W / sigma^2 this is the constrained weighted
@@ -152,7 +152,7 @@ def _solve(
     penalty: np.ndarray,
     links: int,
 ) -> np.ndarray:
-    """The unconstrained solution where it is possible, else the best possible one, shape (p,)."""
+    """The unconstrained solution if it is possible, else the best possible one, shape (p,)."""
     normal = base.combination.T @ information @ base.combination + np.diag(penalty)
     unit = 1.0 / np.sqrt(np.diag(normal))
     root = np.linalg.cholesky(

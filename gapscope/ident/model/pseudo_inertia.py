@@ -85,7 +85,7 @@ def triangle_inequality(parameters: np.ndarray) -> np.ndarray:
 def divergence(parameters: np.ndarray, reference: np.ndarray) -> np.ndarray:
     """Entropic divergence tr(J J0^-1) - log det(J J0^-1) - 4 [1], shapes (..., 10) to (...).
 
-    Zero where they agree and infinite at the edge of what is physical. Source: lee2020.
+    Zero if they agree and infinite at the edge of what is physical. Source: lee2020.
     """
     product = pseudo_inertia(np.asarray(parameters)) @ np.linalg.inv(
         pseudo_inertia(np.asarray(reference))

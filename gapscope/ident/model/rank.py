@@ -15,7 +15,7 @@ DEPENDENT = 2e-5
 """Largest value of a spectrum, relative to a unit column, that can count as nil. Angles of a URDF rounded to four
 decimals make directions of up to 5e-6, which no recording resolves."""
 CLEAR_GAP = 1e3
-"""Ratio of two neighbours in a spectrum from which the rank is beyond doubt."""
+"""Ratio of two neighbours in a spectrum from which the rank is unambiguous."""
 FLOOR = 1e-16
 """Values of a spectrum below this are rounding."""
 
@@ -64,8 +64,8 @@ def unit_triangle(Y: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.n
 def rank_by_gap(spectrum: np.ndarray, tolerance: float = DEPENDENT) -> int:
     """Number of values that are not nil, of a falling spectrum that starts near 1.
 
-    It ends at the first drop by ``CLEAR_GAP`` to a value below ``tolerance``, or, where there is none so clear, at the
-    widest drop to a value below it. All count where no value is so small.
+    It ends at the first drop by ``CLEAR_GAP`` to a value below ``tolerance``, or, if there is none so clear, at the
+    widest drop to a value below it. All count if no value is so small.
     """
     small = np.flatnonzero(spectrum <= tolerance)
     if not len(small):
@@ -77,7 +77,7 @@ def rank_by_gap(spectrum: np.ndarray, tolerance: float = DEPENDENT) -> int:
 
 
 def gap_at(spectrum: np.ndarray, rank: int) -> float:
-    """Ratio of the last value that counts to the first that does not; infinite where all count."""
+    """Ratio of the last value that counts to the first that does not; infinite if all count."""
     return (
         float("inf")
         if len(spectrum) <= rank

@@ -25,7 +25,7 @@ class Recovery:
         reason: why, in words.
         nominal: what the nominal arm says.
         value: the value in the consistent set; of a parameter that is not recovered a choice near the nominal one.
-        deviation: standard deviation, or ``None`` where the data do not determine the parameter alone.
+        deviation: standard deviation, or ``None`` if the data do not determine the parameter alone.
     """
 
     name: str
@@ -46,8 +46,8 @@ def recoveries(
 ) -> tuple[Recovery, ...]:
     """What can be said about each parameter of pi.
 
-    A parameter is recovered where its unit vector lies in the row space of C, beta = C pi: then pi_j = e_j^T C^+ beta.
-    It is not identifiable where its column of C is zero: no torque depends on it.
+    A parameter is recovered if its unit vector lies in the row space of C, beta = C pi: then pi_j = e_j^T C^+ beta.
+    It is not identifiable if its column of C is zero: no torque depends on it.
 
     Args:
         base: C.

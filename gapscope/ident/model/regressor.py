@@ -27,7 +27,7 @@ class Regressor:
 
     Args:
         arm: the nominal arm.
-        body: its rigid-body dynamics; built where ``None``.
+        body: its rigid-body dynamics; built if ``None``.
         effects: names of effects with a column per joint, among ``JOINT_COLUMNS``.
 
     Attributes:

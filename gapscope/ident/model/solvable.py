@@ -20,7 +20,7 @@ def check_samples(problem: Problem, *, full_rank: bool = True) -> None:
 
     Args:
         problem: to be solved.
-        full_rank: whether every parameter has to be determined by the samples alone.
+        full_rank: whether every parameter must be determined by the samples alone.
 
     Raises:
         InputError: a value is not finite; too few samples; a trajectory that rests; columns that depend on each other.

@@ -69,7 +69,7 @@ class TriangularFactor:
 
         Args:
             W: shape (M, p) or (N, n, p).
-            tau: [N m], shape (M,) or (N, n); zeros where ``None``.
+            tau: [N m], shape (M,) or (N, n); zeros if ``None``.
 
         Raises:
             InputError: values that are not finite, or shapes that do not match.
@@ -101,7 +101,7 @@ class TriangularFactor:
 
         Args:
             other: the other factor, such as one of another recording, joint or process.
-            columns: which columns of this factor are the other's, where it has fewer; shape (other.columns,).
+            columns: which columns of this factor are the other's, if it has fewer; shape (other.columns,).
         """
         places = np.arange(self._columns) if columns is None else np.asarray(columns)
         self._check(
@@ -131,7 +131,7 @@ class TriangularFactor:
         return out
 
     def solve(self) -> np.ndarray:
-        """Beta that minimises the norm of tau - W beta, shape (p,); the shortest where several do."""
+        """Beta that minimises the norm of tau - W beta, shape (p,); the shortest if several do."""
         if self._full_rank:
             return solve_triangular(self.triangle, self.projected)
         return np.linalg.lstsq(self.triangle, self.projected, rcond=_SINGULAR)[0]
@@ -222,7 +222,7 @@ def factored(
     Args:
         regressor: of the arm.
         motion: N samples.
-        torque: [N m], shape (N, n); zeros where ``None``, as base parameters do not need it.
+        torque: [N m], shape (N, n); zeros if ``None``, as base parameters do not need it.
     """
     factors, count = JointFactors(regressor.support), len(motion.t)
     room = np.empty((min(ROWS, count), *regressor.support.shape))

@@ -1,4 +1,4 @@
-"""What recordings tell about the parameters, as plain data for ``identification.json``."""
+"""What recordings determine of the parameters, as plain data for ``identification.json``."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The identified arm as files that other tools read: a URDF of consistent bodies, a data sheet, effects.
 
 Any ten parameters per link need a URDF, which ``link_inertia`` of the catalogue (mass and centre of mass alone) cannot
-stand in for; rotor inertia, Coulomb and viscous friction go into the data sheet; offsets and a Stribeck term are
+replace; rotor inertia, Coulomb and viscous friction go into the data sheet; offsets and a Stribeck term are
 effects of the catalogue. Friction of coupled motors and friction that keeps its direction at rest have no place there.
 """
 

@@ -61,7 +61,7 @@ class Deployed(torch.nn.Module):
 def torchscript(
     residual: ResidualNetwork, path: Path | str | None = None
 ) -> torch.jit.ScriptModule:
-    """The network as TorchScript, in double precision; written to ``path`` where one is given.
+    """The network as TorchScript, in double precision; written to ``path`` if one is given.
 
     Raises:
         GapscopeError: the file cannot be written.

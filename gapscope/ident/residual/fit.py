@@ -1,4 +1,4 @@
-"""From trajectories to a residual network that leaves physics to the effects and knows where it knows nothing."""
+"""From trajectories to a residual network that leaves physics to the effects and is silent outside its data."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Report:
 
     Attributes:
         closed: share of the squared residual that the members close on rows that they had held out [1], (n,).
-        gain: factor on each joint's output, from the same rows; 0 where the network is no use [1], (n,).
+        gain: factor on each joint's output, from the same rows; 0 if the network is no use [1], (n,).
         in_target: share of the residual's squares that lay in the span of the physics and was taken out [1].
         in_output: the same of the network's output, before and after the projection of the heads [1].
         moves: by how many standard deviations each parameter of the effects would move if it were refitted with the
@@ -66,8 +66,8 @@ class ResidualRows:
         parameters: columns of the effects' parameters, (M, n, k).
         group: for a split by trajectory, (M,).
         trajectory: of each row, (M,).
-        distance: of each row's input from those of all other groups [1], (M, n); infinite where it is in no group.
-        scale: RMS of what is left [N m], (n,).
+        distance: of each row's input from those of all other groups [1], (M, n); infinite if it is in no group.
+        scale: RMS residual [N m], (n,).
     """
 
     inputs: Inputs
@@ -196,7 +196,7 @@ def usefulness(
     """Share of the squares that members close on rows that they held out, and the best factor for them; each (n,).
 
     Only rows near others count: far ones say nothing of where the network will be trusted. The factor is
-    <y, f> / <f, f>, between 0 and 1, and 0 where less than ``LEAST_GAIN`` would be closed with it.
+    <y, f> / <f, f>, between 0 and 1, and 0 if less than ``LEAST_GAIN`` would be closed with it.
     """
     mean = network.outputs(rows.windows)[0]
     weight = held[:, None].astype(float)

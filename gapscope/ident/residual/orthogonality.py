@@ -40,7 +40,7 @@ def project_heads(
     """Weights of linear heads, changed as little as can be, whose output is orthogonal to the columns.
 
     With f = Phi w the output over all rows, minimises |Phi dw|^2 + eps |dw|^2 subject to Q^T Phi (w + dw) = 0: one
-    constraint per direction of the physics, against (hidden + 1) weights per joint. Where there are fewer weights than
+    constraint per direction of the physics, against (hidden + 1) weights per joint. If there are fewer weights than
     constraints, the constraints hold as nearly as possible (least squares).
 
     Args:
@@ -86,7 +86,7 @@ def parameter_moves(
     Args:
         columns: T of the parameters, in weighted torque, (M, n, k).
         torque: f in weighted torque, (M, n).
-        left: what is left of the data without f, in weighted torque, (M, n).
+        left: the residual of the data without f, in weighted torque, (M, n).
         group: trajectory of each row, (M,).
     """
     if columns.shape[2] == 0:

@@ -44,7 +44,7 @@ class ResidualSettings:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Check what has to be one of a few."""
+        """Check what must be one of a few."""
         if self.form not in FORMS:
             raise InputError(
                 f"{self.form!r} is no form of network",

@@ -1,4 +1,4 @@
-"""What a residual network is trained on: trajectories with what is left of their torque, and their rows."""
+"""What a residual network is trained on: trajectories with their residual torque, and their rows."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def chosen_rows(segment: Segment) -> np.ndarray:
 
 
 def groups(trajectories: Sequence[Trajectory], members: int) -> np.ndarray:
-    """Group of each row of all trajectories, for a split by trajectory, (M,); -1 where a row belongs to none.
+    """Group of each row of all trajectories, for a split by trajectory, (M,); -1 if a row belongs to none.
 
     With three trajectories or more each is a group; fewer are cut into blocks of time, at least one per member.
 

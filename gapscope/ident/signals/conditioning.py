@@ -38,7 +38,7 @@ class Segment:
     Attributes:
         recording: name of the recording.
         motion: recorded positions after the zero-phase low-pass, with their derivatives.
-        torque: recorded torque on the same grid [N m], (N, n); ``None`` where the recording has none.
+        torque: recorded torque on the same grid [N m], (N, n); ``None`` if the recording has none.
         torque_sensor: joint torque sensor on the same grid [N m], (N, n), or ``None``.
         payload: known body that was mounted on the last link, or ``None``.
     """
@@ -50,11 +50,11 @@ class Segment:
     payload: KnownLoad | None = None
 
     def bodies(self, nominal: RigidBody) -> RigidBody:
-        """Bodies of the nominal arm with the known body that was mounted, the same object where there was none."""
+        """Bodies of the nominal arm with the known body that was mounted, the same object if there was none."""
         return nominal.carrying(self.payload)
 
     def known_torque(self, nominal: RigidBody) -> np.ndarray:
-        """Torque that the known body needs on this motion [N m], (N, n); zero where there was none."""
+        """Torque that the known body needs on this motion [N m], (N, n); zero if there was none."""
         m = self.motion
         if self.payload is None:
             return np.zeros_like(m.q)
@@ -108,7 +108,7 @@ def position_cutoff(recordings: tuple[Recording, ...]) -> float:
 def uniform(
     t: np.ndarray, series: np.ndarray, rate: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Series on a uniform grid of the given rate [Hz]; the samples themselves where t is uniform to 1 %."""
+    """Series on a uniform grid of the given rate [Hz]; the samples themselves if t is uniform to 1 %."""
     steps = np.diff(t)
     if np.abs(steps * rate - 1).max(initial=0.0) < 0.01:
         return t, series

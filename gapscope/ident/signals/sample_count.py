@@ -37,7 +37,7 @@ class SampleCount:
         return self.independent / self.parameters
 
     def warnings(self) -> tuple[str, ...]:
-        """A warning where there are fewer than ``ADVISED`` per parameter, or nothing."""
+        """A warning if there are fewer than ``ADVISED`` per parameter, or nothing."""
         if self.per_parameter >= ADVISED:
             return ()
         needed = self.seconds * ADVISED / max(self.per_parameter, 1e-3)

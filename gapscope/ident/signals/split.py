@@ -1,4 +1,4 @@
-"""Which recordings are fitted, and which are set aside to judge on."""
+"""Which recordings are fitted, and which are held out."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ HELD_OUT = 1 / 3
 def split(
     case: Case, chosen: Sequence[str] = ()
 ) -> tuple[list[Recording], list[Recording]]:
-    """Recordings to fit, and to judge: those chosen by name, else the case's, else the last one or the last third.
+    """Recordings to fit, and to hold out: those chosen by name, else the case's, else the last one or the last third.
 
     Raises:
         InputError: a name is not that of a recording, or nothing is left to fit.

@@ -1,4 +1,4 @@
-"""What recordings tell about the parameters, and how far the model may be off: the findings beside the estimate."""
+"""What recordings determine of the parameters, and how far the model may be off: the findings beside the estimate."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ HELD_OUT = 4
 
 @dataclass(frozen=True)
 class Examination:
-    """What recordings tell about the parameters.
+    """What recordings determine of the parameters.
 
     Attributes:
         shown: rank, condition and spectrum of the samples, against the base parameters of the arm's structure.
-        essential: base parameters that explain the fitted torque; ``None`` where samples do not suffice.
-        groups: segments identified one by one; ``None`` where one does not determine the parameters.
-        interval: of predicted torque; ``None`` where the others do not determine the parameters when one is held out.
+        essential: base parameters that explain the fitted torque; ``None`` if samples do not suffice.
+        groups: segments identified one by one; ``None`` if one does not determine the parameters.
+        interval: of predicted torque; ``None`` if the others do not determine the parameters when one is held out.
         counted: how many independent samples there are.
         reasons: why something is ``None``, each a sentence.
     """

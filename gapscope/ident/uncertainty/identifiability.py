@@ -1,4 +1,4 @@
-"""What a motion can tell about the parameters of an arm: rank, condition, spectrum, standing of each parameter."""
+"""What a motion determines of the parameters of an arm: rank, condition, spectrum, status of each parameter."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _WEAK = 0.3
 
 @dataclass(frozen=True)
 class Identifiability:
-    """What samples can tell about p parameters pi of an arm, whose structure leaves b base parameters.
+    """What samples determine of p parameters pi of an arm, whose structure leaves b base parameters.
 
     Attributes:
         base: base parameters of the arm.
@@ -88,11 +88,12 @@ _TITLES = (
 def identifiability(
     samples: np.ndarray | TriangularFactor, base: BaseParameters
 ) -> Identifiability:
-    """What samples tell about the parameters of an arm.
+    """What samples determine of the parameters of an arm.
 
     Args:
         samples: regressor of all p parameters, shape (M, p) or (N, n, p), or its factor for long recordings.
-        base: base parameters of the arm (``structural_base``), so that what the arm cannot show is told apart from what
+        base: base parameters of the arm (``structural_base``), so that what the arm cannot show is distinguished from
+            what
             the motion does not show.
 
     Raises:

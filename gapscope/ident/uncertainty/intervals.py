@@ -94,8 +94,8 @@ def sandwich(
     Args:
         problem: that was solved.
         beta: the estimate, shape (b,).
-        weight: S, the inverse noise covariance that the estimator weighted with, shape (n, n); 1 where ``None``.
-        length: L [samples]; chosen by ``block_length`` where ``None``.
+        weight: S, the inverse noise covariance that the estimator weighted with, shape (n, n); 1 if ``None``.
+        length: L [samples]; chosen by ``block_length`` if ``None``.
 
     The variances have about 1.5 N / L degrees of freedom. Source: newey1987.
     """

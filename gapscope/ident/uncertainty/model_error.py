@@ -1,4 +1,4 @@
-"""Model error told from noise: what is left of the torque at the frequencies of the motion, against those above."""
+"""Model error separated from noise: the residual torque at the frequencies of the motion, against those above."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def model_error(
     Args:
         problem: whose groups and interval count.
         residual: [N m], shape (N, n), better of groups that were not fitted.
-        cutoff: of the low-pass that the torque passed [Hz]; Nyquist's frequency where that is lower.
+        cutoff: of the low-pass that the torque passed [Hz]; Nyquist's frequency if that is lower.
 
     Source: pintelon2012.
     """

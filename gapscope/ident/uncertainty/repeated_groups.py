@@ -1,4 +1,4 @@
-"""Repeated groups: identify each stretch by itself; how much the answers differ tells noise from model error."""
+"""Repeated groups: identify each stretch by itself; the scatter of the estimates separates noise from model error."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class GroupComparison:
         values: shape (G, b).
         stated: mean variance that the groups state, shape (b,).
         between: variance of the values between groups, shape (b,).
-        ratio: between over stated variance, all parameters together [1]; 1 where the stated errors hold.
+        ratio: between over stated variance, all parameters together [1]; 1 if the stated errors hold.
         p_value: how often noise alone gives a ratio this far from 1.
         verdict: ``noise``, ``model error that differs between groups`` or ``model error common to all groups``.
     """
@@ -64,8 +64,8 @@ def compare_groups(
     The statistic is sum_g (beta_g - mean)^T C_g^-1 (beta_g - mean), chi-squared with (G - 1) b degrees of freedom for
     noise, C_g the group's own covariance s^2 (W^T W)^-1 per joint, inflated by what the low-pass makes noise remember,
     and the mean weighted by C_g^-1. Over groups of different motion a missing effect biases each differently: the
-    ratio of statistic and degrees exceeds 1. Over repetitions of one motion it biases all alike, and what is left of
-    the torque, taken for noise, makes the groups state more than they differ: the ratio falls below 1.
+    ratio of statistic and degrees exceeds 1. Over repetitions of one motion it biases all alike, and the residual
+    torque, taken for noise, makes the groups state more than they differ: the ratio falls below 1.
 
     Args:
         problem: groups as ``problem.group``; a single one is cut into four.

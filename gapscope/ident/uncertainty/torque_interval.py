@@ -45,7 +45,7 @@ class TorqueInterval:
         Args:
             matrix: W of the other trajectory, shape (N, n, b).
             level: share of samples that the interval is to hold [1].
-            recorded: of the torque as it would be recorded, noise included, in place of the torque itself.
+            recorded: of the torque as it would be recorded, noise included, instead of the torque itself.
         """
         own = ((matrix @ self.parameters.covariance) * matrix).sum(axis=2)
         systematic = self.error.systematic**2
@@ -110,7 +110,7 @@ def torque_interval(
         estimator: of the model.
         uncertainty: of its parameters.
         cutoff: of the low-pass that the torque passed [Hz].
-        estimate: of the whole problem; estimated where ``None``.
+        estimate: of the whole problem; estimated if ``None``.
 
     Raises:
         InputError: the other groups do not determine the parameters.

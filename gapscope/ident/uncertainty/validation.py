@@ -1,4 +1,4 @@
-"""Validation: how well the identified model predicts recordings, per joint, and whether what is left is noise."""
+"""Validation: how well the identified model predicts recordings, per joint, and whether the residual is noise."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Errors:
 
     Attributes:
         rmse: [N m], shape (n,).
-        relative: RMS residual over RMS torque [1], shape (n,); NaN where there is no sample.
+        relative: RMS residual over RMS torque [1], shape (n,); NaN if there is no sample.
         largest: [N m], shape (n,).
         overall: RMS residual over RMS torque of all joints together [1].
         share: of the samples that count, per joint [1], shape (n,).

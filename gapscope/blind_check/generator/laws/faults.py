@@ -1,4 +1,4 @@
-"""Faults of the set-up: the recording, or the URDF that the user believes, is not what it is taken for."""
+"""Faults of the set-up: the recording, or the nominal URDF, differs from its description."""
 
 from __future__ import annotations
 
