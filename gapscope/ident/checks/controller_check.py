@@ -106,16 +106,19 @@ def _joint(
 ) -> str:
     """A warning about one joint, or an empty string."""
     assert recording.tau is not None
-    size = float(np.sqrt(np.mean(feedback**2)))
+    size = _rms(feedback)
     if size < SEEN * spread:
         return ""
-    terms = np.stack([stiff, damped], axis=1)
-    miss = float(np.sqrt(np.mean((feedback - terms.sum(axis=1)) ** 2)))
-    if miss < max(AGREES * size, NOISE * float(recording.tau[:, joint].std())):
+    error = _rms(feedback - (stiff + damped))
+    noise = NOISE * float(recording.tau[:, joint].std())
+    if error < max(AGREES * size, noise):
         return ""
+    terms = np.stack([stiff, damped], axis=1)
     scale = np.linalg.lstsq(terms, feedback, rcond=None)[0]
-    left = float(np.sqrt(np.mean((feedback - terms @ scale) ** 2)))
-    if np.abs(scale - 1).max() > OFF and left < (1 - EXPLAINED) * miss:
+    rescaled_error = _rms(feedback - terms @ scale)
+    # other gains that explain the torque: a wrong gain or unit; otherwise another controller
+    other_gains = np.abs(scale - 1).max() > OFF
+    if other_gains and rescaled_error < (1 - EXPLAINED) * error:
         raise InputError(
             f"the torque of joint {joint + 1} fits kp times {scale[0]:.3g} and kd times {scale[1]:.3g}",
             "correct the gains, or their unit, in controller:; a simulated closed loop needs those of the recording",
@@ -123,6 +126,10 @@ def _joint(
             where="controller.kp, controller.kd",
         )
     return (
-        f"{recording.name}: {miss / size:.0%} of the feedback torque of joint {joint + 1} is not what the controller "
+        f"{recording.name}: {error / size:.0%} of the feedback torque of joint {joint + 1} is not what the controller "
         "commands; check feedforward, delay, and whether the recorded torque is the command"
     )
+
+
+def _rms(series: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(series**2)))

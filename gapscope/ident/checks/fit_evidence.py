@@ -1,4 +1,4 @@
-"""What the troubleshooting table looks at: the data, the nominal arm, and the fit."""
+"""Input of the troubleshooting table: the data, the nominal arm, and the fit."""
 
 from __future__ import annotations
 
@@ -14,6 +14,9 @@ from gapscope.ident.model.joint_zero import JointZeros
 from gapscope.ident.model.law_choice import Choice
 from gapscope.ident.model.physical_parameters import Physical
 from gapscope.ident.signals.samples import Samples
+
+_RIGID, _ROTOR, _VISCOUS, _DRY = range(4)
+"""Places of a joint's parts of the torque, see ``_torque_parts``."""
 
 
 @dataclass(frozen=True)
@@ -68,51 +71,67 @@ class NominalSimilarity:
 
 
 def nominal_similarity(samples: Samples) -> NominalSimilarity:
-    """Compare recorded torque with the nominal arm's, joint by joint."""
-    columns, torque, n = samples.columns, samples.torque, samples.torque.shape[1]
-    smooth = samples.smooth
-    rigid = smooth[:, :, : columns.links] @ columns.body.inertial_parameters()
-    own = [
-        np.einsum(
-            "mjj->mj", smooth[:, :, columns.links + k * n : columns.links + (k + 1) * n]
-        )
-        for k in range(2)
-    ]
-    dry = samples.filtered_each(lambda motion: smooth_sign(motion.dq))
-    parts = np.stack([rigid, *own, dry, np.ones_like(torque)], axis=2)
-    gain, weight, loss = (np.zeros(n) for _ in range(3))
-    explained = np.zeros((n, n))
+    """Compare recorded torque with the nominal arm's, joint by joint.
+
+    For each joint i, its rigid-body torque, rotor inertia, viscous and Coulomb friction and a constant are fitted to
+    the torque of every joint j by least squares.
+    """
+    torque = samples.torque
+    n = torque.shape[1]
+    parts = _torque_parts(samples)
     variance = torque.var(axis=0) + 1e-300
+    gain, weight, loss = np.zeros(n), np.zeros(n), np.zeros(n)
+    explained = np.zeros((n, n))
     for i in range(n):
-        unit = np.linalg.norm(parts[:, i], axis=0)
-        scaled = parts[:, i] / np.where(unit > 0, unit, 1.0)
+        columns = parts[:, i]
+        norm = np.linalg.norm(columns, axis=0)
+        unit = np.where(norm > 0, norm, 1.0)
+        scaled = columns / unit
         solution = np.linalg.lstsq(scaled, torque, rcond=1e-8)[0]
         explained[i] = 1 - (torque - scaled @ solution).var(axis=0) / variance
-        value = solution[:, i] / np.where(unit > 0, unit, 1.0)
-        rest = (
-            scaled[:, 1:] @ np.linalg.lstsq(scaled[:, 1:], scaled[:, 0], rcond=1e-8)[0]
-        )
-        gain[i] = value[0]
-        weight[i] = (
-            value[0] ** 2
-            * unit[0] ** 2
-            * ((scaled[:, 0] - rest) ** 2).mean()
-            / variance[i]
-        )
-        friction = parts[:, i, 2] * value[2] + parts[:, i, 3] * value[3]
+        value = solution[:, i] / unit
+        gain[i] = value[_RIGID]
+        rigid_alone = norm[_RIGID] ** 2 * _unexplained(scaled)
+        weight[i] = gain[i] ** 2 * rigid_alone / variance[i]
+        friction = columns[:, _VISCOUS] * value[_VISCOUS]
+        friction = friction + columns[:, _DRY] * value[_DRY]
         speed = samples.velocity[:, i]
-        loss[i] = (friction * speed).mean() / max(
-            float(np.abs(torque[:, i] * speed).mean()), 1e-300
-        )
+        power = float(np.abs(torque[:, i] * speed).mean())
+        loss[i] = (friction * speed).mean() / max(power, 1e-300)
+    ratio = _torque_ratio(samples, parts)
+    return NominalSimilarity(gain, weight, loss, explained, ratio)
+
+
+def _torque_parts(samples: Samples) -> np.ndarray:
+    """Rigid-body torque, rotor acceleration, velocity, direction and 1 of each joint, shape (M, n, 5)."""
+    columns, smooth = samples.columns, samples.smooth
+    n = samples.torque.shape[1]
+    links = columns.links
+    rigid = smooth[:, :, :links] @ columns.body.inertial_parameters()
+    # the joints' own columns are diagonal blocks behind those of the links: rotor inertia, then viscous friction
+    rotor = np.einsum("mjj->mj", smooth[:, :, links : links + n])
+    viscous = np.einsum("mjj->mj", smooth[:, :, links + n : links + 2 * n])
+    dry = samples.filtered_each(lambda motion: smooth_sign(motion.dq))
+    return np.stack([rigid, rotor, viscous, dry, np.ones_like(rigid)], axis=2)
+
+
+def _unexplained(scaled: np.ndarray) -> float:
+    """Mean square of the first column less its projection on the others."""
+    first, others = scaled[:, 0], scaled[:, 1:]
+    projection = others @ np.linalg.lstsq(others, first, rcond=1e-8)[0]
+    return float(((first - projection) ** 2).mean())
+
+
+def _torque_ratio(samples: Samples, parts: np.ndarray) -> np.ndarray:
+    """RMS of recorded over nominal torque, (n,); NaN for joints that the nominal arm hardly loads."""
+    arm = samples.columns.arm
     nominal = (
-        rigid
-        + (dry * columns.arm.coulomb)
-        + own[1] * columns.arm.viscous
-        + own[0] * columns.arm.armature
+        parts[:, :, _RIGID]
+        + parts[:, :, _DRY] * arm.coulomb
+        + parts[:, :, _VISCOUS] * arm.viscous
+        + parts[:, :, _ROTOR] * arm.armature
     )
     size = np.sqrt((nominal**2).mean(axis=0))
-    ratio = np.sqrt((torque**2).mean(axis=0)) / np.maximum(size, 1e-9)
+    recorded = np.sqrt((samples.torque**2).mean(axis=0))
     loaded = size > 0.05 * size.max()
-    return NominalSimilarity(
-        gain, weight, loss, explained, np.where(loaded, ratio, np.nan)
-    )
+    return np.where(loaded, recorded / np.maximum(size, 1e-9), np.nan)

@@ -23,36 +23,40 @@ def time_offset(evidence: FitEvidence) -> tuple[np.ndarray, np.ndarray]:
     """How far the recorded torque lags behind the motion, and its standard deviation [s], each (n,).
 
     tau(t - T) = tau - T d tau / dt: the derivative of the fitted torque of each joint is a further column. If a
-    joint hardly moves its friction jumps, or is held back as at rest, which looks like an offset: these samples do not
-    count.
+    joint hardly moves, its friction jumps or takes any value as at rest, which resembles an offset: these samples do
+    not count.
     """
-    samples, base = evidence.samples, evidence.base
-    speed = np.abs(samples.velocity)
-    weight = (speed > SLOW * np.quantile(speed, 0.95, axis=0)) / evidence.choice.noise
-    fitted = evidence.fitted
-    rate = np.zeros_like(fitted)
-    for g in np.unique(samples.group):
-        rows = samples.group == g
-        rate[rows] = np.gradient(fitted[rows], samples.interval, axis=0)
+    samples, base, fitted = evidence.samples, evidence.base, evidence.fitted
     n = fitted.shape[1]
-    late = -rate[:, :, None] * np.eye(n)
-    full = (
-        np.concatenate([evidence.matrix[:, :, base.kept], late], axis=2)
-        * weight[:, :, None]
-    )
-    flat, left = full.reshape(-1, full.shape[2]), ((samples.torque - fitted) * weight)
-    size = np.linalg.norm(flat, axis=0)
-    size = np.where(size > 0, size, 1.0)
-    triangle = np.asarray(
-        np.linalg.qr(np.column_stack([flat / size, left.ravel()]), mode="r")
-    )
+    speed = np.abs(samples.velocity)
+    moving = speed > SLOW * np.quantile(speed, 0.95, axis=0)
+    weight = moving / evidence.choice.noise
+    residual = (samples.torque - fitted) * weight
+    late = -_rate(fitted, samples.group, samples.interval)[:, :, None] * np.eye(n)
+    model = evidence.matrix[:, :, base.kept]
+    columns = np.concatenate([model, late], axis=2) * weight[:, :, None]
+    flat = columns.reshape(-1, columns.shape[2])
+    unit = np.linalg.norm(flat, axis=0)
+    unit = np.where(unit > 0, unit, 1.0)
+    equations = np.column_stack([flat / unit, residual.ravel()])
+    triangle = np.asarray(np.linalg.qr(equations, mode="r"))
     inverse: np.ndarray = np.linalg.pinv(triangle[:-1, :-1], rcond=1e-9)
-    solution, spread = inverse @ triangle[:-1, -1], np.sqrt((inverse**2).sum(axis=1))
-    used = np.maximum((weight > 0).mean(axis=0), 1e-9)
-    scale = np.sqrt(
-        (left**2).mean(axis=0) / used * variance_inflation(left, samples.group)
-    )
-    return solution[-n:] / size[-n:], spread[-n:] / size[-n:] * scale
+    solution = inverse @ triangle[:-1, -1]
+    spread = np.sqrt((inverse**2).sum(axis=1))
+    # samples at rest have no weight: they do not count in the mean of the squares either
+    counted = np.maximum(moving.mean(axis=0), 1e-9)
+    variance = (residual**2).mean(axis=0) / counted
+    scale = np.sqrt(variance * variance_inflation(residual, samples.group))
+    return solution[-n:] / unit[-n:], spread[-n:] / unit[-n:] * scale
+
+
+def _rate(series: np.ndarray, group: np.ndarray, interval: float) -> np.ndarray:
+    """Time derivative of a series within each group, of the shape of the series."""
+    rate = np.zeros_like(series)
+    for g in np.unique(group):
+        rows = group == g
+        rate[rows] = np.gradient(series[rows], interval, axis=0)
+    return rate
 
 
 def acceleration_noise(recordings: Sequence[Recording], cutoff: float) -> np.ndarray:
@@ -72,91 +76,111 @@ def speed_lost(recordings: Sequence[Recording], cutoff: float) -> np.ndarray:
 def _spectral(
     recordings: Sequence[Recording], cutoff: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    noise, inside, outside, whole = (np.zeros(recordings[0].n_joints) for _ in range(4))
-    for r in recordings:
-        _, q = uniform(r.t, r.q, r.rate)
-        slope = np.linspace(0, 1, len(q))[:, None] * (q[-1] - q[0])
-        f, density = welch(
-            q - slope,
-            r.rate,
-            nperseg=min(len(q), int(4 * r.rate)),
-            axis=0,
-            detrend="linear",
-        )
-        floor = np.median(density[f > r.rate / 4], axis=0)
-        square, low = (2 * np.pi * f[:, None]) ** 2 * (f[1] - f[0]), f <= cutoff
-        above = np.where(density > 10 * floor, density - floor, 0.0)
-        noise += (square**2 * floor)[low].sum(axis=0)
-        inside += (square**2 * density)[low].sum(axis=0)
-        outside += (square * above)[~low].sum(axis=0)
-        whole += (square * density)[low].sum(axis=0)
-    return np.sqrt(noise / np.maximum(inside, 1e-300)), outside / np.maximum(
-        whole + outside, 1e-300
+    """Noise of ddq over ddq, and share of the power of dq beyond the cut-off; each (n,)."""
+    n = recordings[0].n_joints
+    noise, acceleration, lost, speed = (np.zeros(n) for _ in range(4))
+    for recording in recordings:
+        frequency, density = _position_spectrum(recording)
+        floor = np.median(density[frequency > recording.rate / 4], axis=0)
+        # d/dt multiplies the density by (2 pi f)^2; the bin width turns it into power
+        derivative = (2 * np.pi * frequency[:, None]) ** 2
+        velocity_power = derivative * (frequency[1] - frequency[0])
+        acceleration_power = velocity_power**2
+        inside = frequency <= cutoff
+        above_floor = np.where(density > 10 * floor, density - floor, 0.0)
+        noise += (acceleration_power * floor)[inside].sum(axis=0)
+        acceleration += (acceleration_power * density)[inside].sum(axis=0)
+        lost += (velocity_power * above_floor)[~inside].sum(axis=0)
+        speed += (velocity_power * density)[inside].sum(axis=0)
+    noise_share = np.sqrt(noise / np.maximum(acceleration, 1e-300))
+    return noise_share, lost / np.maximum(speed + lost, 1e-300)
+
+
+def _position_spectrum(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies [Hz] and power density of q [rad^2/Hz], shape (F, n)."""
+    _, q = uniform(recording.t, recording.q, recording.rate)
+    # a motion that does not end where it began would leak over the whole spectrum
+    drift = np.linspace(0, 1, len(q))[:, None] * (q[-1] - q[0])
+    frequency, density = welch(
+        q - drift,
+        recording.rate,
+        nperseg=min(len(q), int(4 * recording.rate)),
+        axis=0,
+        detrend="linear",
     )
+    return frequency, density
 
 
 def clipped(recordings: Sequence[Recording], limit: np.ndarray | None) -> np.ndarray:
     """Share of the samples at which a joint's torque is at its limit [1], shape (n,).
 
-    At 99 % of the limit [N m] if the data sheet has one; and in any case if the torque stays exactly at its
-    largest or smallest value for several samples.
+    At 99 % of the limit [N m] if the data sheet has one; and in any case if the torque stays exactly at its largest
+    or smallest value for several samples.
     """
-    tau = [np.asarray(r.tau) for r in recordings if r.tau is not None]
-    total = sum(len(x) for x in tau)
-    out = np.zeros(tau[0].shape[1])
-    for j in range(len(out)):
-        high, low = max(x[:, j].max() for x in tau), min(x[:, j].min() for x in tau)
-        for x in tau:
-            at = np.isclose(x[:, j], high, rtol=1e-6) | np.isclose(
-                x[:, j], low, rtol=1e-6
+    torques = [np.asarray(r.tau) for r in recordings if r.tau is not None]
+    total = sum(len(tau) for tau in torques)
+    n = torques[0].shape[1]
+    share = np.zeros(n)
+    for j in range(n):
+        series = [tau[:, j] for tau in torques]
+        highest = max(x.max() for x in series)
+        lowest = min(x.min() for x in series)
+        for x in series:
+            extreme = np.isclose(x, highest, rtol=1e-6) | np.isclose(
+                x, lowest, rtol=1e-6
             )
-            held = _in_runs(at)
+            at_limit = _in_runs(extreme)
             if limit is not None:
-                held |= np.abs(x[:, j]) >= 0.99 * limit[j]
-            out[j] += held.sum() / total
-    return out
+                at_limit |= np.abs(x) >= 0.99 * limit[j]
+            share[j] += at_limit.sum() / total
+    return share
 
 
 def _in_runs(at: np.ndarray) -> np.ndarray:
     """Samples that are part of at least ``FLAT`` in a row."""
-    edges = np.flatnonzero(np.diff(np.r_[False, at, False].astype(int)))
-    out = np.zeros(len(at), dtype=bool)
-    for a, b in zip(edges[::2], edges[1::2], strict=True):
-        out[a:b] = b - a >= FLAT
-    return out
+    padded = np.concatenate([[0], at.astype(int), [0]])
+    edges = np.flatnonzero(np.diff(padded))
+    starts, stops = edges[::2], edges[1::2]
+    long_enough = np.zeros(len(at), dtype=bool)
+    for start, stop in zip(starts, stops, strict=True):
+        long_enough[start:stop] = stop - start >= FLAT
+    return long_enough
 
 
 def exchanged(explained: np.ndarray) -> tuple[float, tuple[int, ...]]:
-    """What is won when torques are given to other joints' motions, per joint that changes, and those joints from 1.
+    """Gain if torques are assigned to other joints' motions, per joint that changes, and those joints from 1.
 
     Args:
         explained: share of the variance of the torque of joint j explained by the motion of joint i, rows i.
     """
-    rows, columns = linear_sum_assignment(-explained)
-    moved = np.flatnonzero(rows != columns)
+    motions, torques = linear_sum_assignment(-explained)
+    moved = np.flatnonzero(motions != torques)
     if not len(moved):
         return 0.0, ()
-    won = float(
-        (explained[rows, columns] - np.diag(explained)[columns])[moved].sum()
-    ) / len(moved)
-    return won, tuple(int(j) + 1 for j in moved)
+    own = np.diag(explained)[torques]
+    gain = (explained[motions, torques] - own)[moved]
+    return float(gain.sum()) / len(moved), tuple(int(j) + 1 for j in moved)
 
 
 def near_rest(evidence: FitEvidence) -> float:
     """Share by which a Stribeck term lowers the error on held-out stretches [1]."""
-    plain: list[float] = []
-    with_it: list[float] = []
+    without: list[float] = []
+    with_stribeck: list[float] = []
     for law, error in evidence.choice.tried:
-        if "direction kept" not in law:
-            (with_it if "Stribeck" in law else plain).append(error)
-    return 1 - min(with_it) / plain[0] if with_it else 0.0
+        if "direction kept" in law:
+            continue
+        if "Stribeck" in law:
+            with_stribeck.append(error)
+        else:
+            without.append(error)
+    if not with_stribeck:
+        return 0.0
+    return 1 - min(with_stribeck) / without[0]
 
 
 def condition(evidence: FitEvidence) -> float:
     """Condition number of the base columns, scaled to unit norm [1]."""
     columns = evidence.matrix[:, :, evidence.base.kept].reshape(-1, evidence.base.count)
-    return float(
-        np.linalg.cond(
-            np.linalg.qr(columns / np.linalg.norm(columns, axis=0), mode="r")
-        )
-    )
+    unit = columns / np.linalg.norm(columns, axis=0)
+    # the triangle has the singular values of the columns and is much smaller
+    return float(np.linalg.cond(np.linalg.qr(unit, mode="r")))

@@ -73,7 +73,7 @@ def torque_gain(found: NominalSimilarity) -> TorqueGain:
         return TorqueGain(1.0, False, ())
     gains = found.gain[clear]
     median = float(np.median(gains))
-    alike = np.maximum(gains / median, median / gains) < ALIKE
-    return TorqueGain(
-        median, bool(alike.mean() >= MOSTLY), tuple(int(j) + 1 for j in clear[alike])
-    )
+    factor = np.maximum(gains / median, median / gains)
+    alike = factor < ALIKE
+    joints = tuple(int(j) + 1 for j in clear[alike])
+    return TorqueGain(median, bool(alike.mean() >= MOSTLY), joints)

@@ -74,12 +74,18 @@ def _row(
     *,
     below: bool = False,
 ) -> Row:
-    """A row that is found if a value per joint exceeds the threshold, or stays below it."""
+    """A row that is found if a value per joint exceeds the threshold, or falls below it if ``below``."""
+    per_joint = np.ndim(value) > 0
     values = np.atleast_1d(np.asarray(value, dtype=float))
-    found = values < threshold if below else values > threshold
-    worst = float(values.min() if below else values.max())
-    joints = tuple(int(j) + 1 for j in np.flatnonzero(found)) if np.ndim(value) else ()
-    return Row(entry, worst, threshold, unit, FOUND if found.any() else CLEAR, joints)
+    if below:
+        found, worst = values < threshold, values.min()
+    else:
+        found, worst = values > threshold, values.max()
+    joints: tuple[int, ...] = ()
+    if per_joint:
+        joints = tuple(int(j) + 1 for j in np.flatnonzero(found))
+    status = FOUND if found.any() else CLEAR
+    return Row(entry, float(worst), threshold, unit, status, joints)
 
 
 def _unit(evidence: FitEvidence, alike: NominalSimilarity) -> Row:

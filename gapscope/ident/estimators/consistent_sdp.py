@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.ident.estimators.estimate import Estimate
-from gapscope.ident.estimators.linear_estimator import Factor, finished
+from gapscope.ident.estimators.linear_estimator import Factor, finished, scaled_inverse
 from gapscope.ident.estimators.standard_parameters import (
     ReferenceParameters,
     StandardColumns,
@@ -57,11 +58,9 @@ class ConsistentSdp:
         columns = StandardColumns.of(problem.names)
         reference = ReferenceParameters.of(columns, self.prior, problem.names)
         factor, warnings = standard_factor(problem, self.prior)
-        weight = (
-            (1e-4 if self.prior is None else 1.0)
-            if self.weight is None
-            else self.weight
-        )
+        weight = self.weight
+        if weight is None:
+            weight = 1e-4 if self.prior is None else 1.0
         value = self._solve(factor, columns, reference, weight)
         wrong = ~is_consistent(value[columns.links])
         if wrong.any():
@@ -71,11 +70,7 @@ class ConsistentSdp:
             )
         hessian = self._hessian(value, columns, reference)
         precision = factor.triangle.T @ factor.triangle + weight * hessian
-        scale = 1 / np.sqrt(np.diag(precision))
-        covariance = np.linalg.pinv(
-            precision * np.outer(scale, scale), hermitian=True
-        ) * np.outer(scale, scale)
-        return finished(problem, value, covariance, warnings)
+        return finished(problem, value, scaled_inverse(precision), warnings)
 
     def _solve(
         self,
@@ -84,66 +79,68 @@ class ConsistentSdp:
         reference: ReferenceParameters,
         weight: float,
     ) -> np.ndarray:
+        """Solution of the semidefinite programme, in units in which every parameter is near 1."""
         import cvxpy as cp
 
         units = np.empty(len(factor.rotated))
-        units[columns.links], units[columns.others] = (
-            reference.link_units,
-            reference.other_units,
-        )
+        units[columns.links] = reference.link_units
+        units[columns.others] = reference.other_units
         x = cp.Variable(len(units))
-        target = (
-            np.zeros_like(units)
-            if self.prior is None
-            else np.asarray(self.prior, dtype=float) / units
-        )
-        loss = cp.sum_squares((factor.triangle * units) @ x - factor.rotated) / 2
-        drawn = np.ones(len(units), dtype=bool)
-        pull = 0.0
-        constraints = (
-            [x[columns.others[columns.bounded]] >= 0] if columns.bounded.any() else []
-        )
-        for places, mass, radius, body in zip(
-            columns.links,
-            reference.mass,
-            reference.radius,
-            reference.links,
-            strict=True,
-        ):
-            side = np.array([radius, radius, radius, 1.0]) * np.sqrt(mass)
-            unit_basis = BASIS * units[places][:, None, None] / np.outer(side, side)
-            matrix = cp.reshape(
-                unit_basis.reshape(10, 16).T @ x[places], (4, 4), order="C"
-            )
+        not_negative = columns.others[columns.bounded]
+        constraints = [x[not_negative] >= 0] if len(not_negative) else []
+        matrices = []
+        for link in range(len(columns.links)):
+            basis = _unit_basis(columns, reference, units, link)
+            product = basis.reshape(10, 16).T @ x[columns.links[link]]
+            matrix = cp.reshape(product, (4, 4), order="C")
             constraints.append(matrix - self.floor * np.eye(4) >> 0)
-            if self.pull == "entropic":
-                inverse = np.linalg.inv(pseudo_inertia(body) / np.outer(side, side))
-                pull = pull + cp.trace(inverse @ matrix) - cp.log_det(matrix)
-                drawn[places] = False
-        pull = (
-            pull + cp.sum_squares(x[np.flatnonzero(drawn)] - target[drawn]) / 2
-            if drawn.any()
-            else pull
-        )
-        problem = cp.Problem(
-            cp.Minimize((loss + weight * pull) / factor.freedom), constraints
-        )
+            matrices.append(matrix)
+        pull = self._pull(x, matrices, columns, reference, units)
+        predicted = (factor.triangle * units) @ x
+        loss = cp.sum_squares(predicted - factor.rotated) / 2
+        objective = cp.Minimize((loss + weight * pull) / factor.freedom)
+        programme = cp.Problem(objective, constraints)
         try:
-            problem.solve(solver=cp.CLARABEL)
+            programme.solve(solver=cp.CLARABEL)
         except cp.SolverError as error:
             raise GapscopeError(
                 f"the semidefinite programme failed ({error})", "raise weight or floor"
             ) from None
         if x.value is None:
             raise GapscopeError(
-                f"the semidefinite programme is {problem.status}",
+                f"the semidefinite programme is {programme.status}",
                 "raise weight, or lower floor",
             )
-        value = x.value * units
-        value[columns.others[columns.bounded]] = value[
-            columns.others[columns.bounded]
-        ].clip(0.0)
+        value: np.ndarray = x.value * units
+        # the solver keeps bounds to its tolerance only
+        value[not_negative] = value[not_negative].clip(0.0)
         return value
+
+    def _pull(
+        self,
+        x: Any,
+        matrices: list[Any],
+        columns: StandardColumns,
+        reference: ReferenceParameters,
+        units: np.ndarray,
+    ) -> Any:
+        """The pull's penalty as an expression of the programme's variable."""
+        import cvxpy as cp
+
+        target = np.zeros_like(units)
+        if self.prior is not None:
+            target = np.asarray(self.prior, dtype=float) / units
+        if self.pull != "entropic":
+            return cp.sum_squares(x - target) / 2
+        pull = 0.0
+        for link, matrix in enumerate(matrices):
+            outer = _side_products(reference, link)
+            inverse = np.linalg.inv(pseudo_inertia(reference.links[link]) / outer)
+            pull = pull + cp.trace(inverse @ matrix) - cp.log_det(matrix)
+        if len(columns.others):
+            others = np.sort(columns.others)
+            pull = pull + cp.sum_squares(x[others] - target[others]) / 2
+        return pull
 
     def _hessian(
         self,
@@ -151,14 +148,33 @@ class ConsistentSdp:
         columns: StandardColumns,
         reference: ReferenceParameters,
     ) -> np.ndarray:
+        """Second derivative of the pull at the estimate, shape (p, p)."""
         hessian = np.zeros((len(value), len(value)))
         hessian[columns.others, columns.others] = reference.other_units**-2.0
         for places, unit in zip(columns.links, reference.link_units, strict=True):
-            if self.pull == "entropic":
-                turned = np.linalg.inv(pseudo_inertia(value[places])) @ BASIS
-                hessian[np.ix_(places, places)] = np.einsum(
-                    "kab,lba->kl", turned, turned
-                )
-            else:
+            if self.pull != "entropic":
                 hessian[places, places] = unit**-2.0
+                continue
+            # second derivative of -log det J: tr(J^-1 B_k J^-1 B_l)
+            turned = np.linalg.inv(pseudo_inertia(value[places])) @ BASIS
+            block = np.einsum("kab,lba->kl", turned, turned)
+            hessian[np.ix_(places, places)] = block
         return hessian
+
+
+def _side_products(reference: ReferenceParameters, link: int) -> np.ndarray:
+    """Units of the entries of a link's pseudo-inertia, shape (4, 4)."""
+    radius, mass = reference.radius[link], reference.mass[link]
+    side = np.array([radius, radius, radius, 1.0]) * np.sqrt(mass)
+    return np.outer(side, side)
+
+
+def _unit_basis(
+    columns: StandardColumns,
+    reference: ReferenceParameters,
+    units: np.ndarray,
+    link: int,
+) -> np.ndarray:
+    """Pseudo-inertia of a link per parameter, both in their units, shape (10, 4, 4)."""
+    own = units[columns.links[link]][:, None, None]
+    return BASIS * own / _side_products(reference, link)

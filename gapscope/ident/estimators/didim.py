@@ -9,6 +9,7 @@ import numpy as np
 from gapscope.ident.estimators.estimate import Estimate
 from gapscope.ident.estimators.experiment import Experiment
 from gapscope.ident.estimators.simulating import (
+    Simulated,
     estimate_of,
     improved,
     instrument_covariance,
@@ -49,19 +50,23 @@ class DirectInverse:
         now = started(problem, self.experiment)
         converged = False
         for iteration in range(1, self.iterations + 1):
-            weight = 1.0 / np.maximum(now.error, 1e-9)
-            W = (now.problem.matrix * weight[:, None]).reshape(problem.torque.size, -1)
-            left = ((problem.torque - now.problem.torque) * weight).ravel()
-            goal = now.beta + np.linalg.lstsq(W, left, rcond=None)[0]
-            after = improved(problem, self.experiment, now, goal, iteration)
+            matrix, residual = _weighted(problem, now)
+            flat = matrix.reshape(residual.size, -1)
+            step = np.linalg.lstsq(flat, residual.ravel(), rcond=None)[0]
+            after = improved(problem, self.experiment, now, now.beta + step, iteration)
             converged = settled(now, after, self.tolerance)
             now = after
             if converged:
                 break
-        weight = 1.0 / np.maximum(now.error, 1e-9)
-        W_s = now.problem.matrix * weight[:, None]
-        residual = (problem.torque - now.problem.torque) * weight
-        covariance = instrument_covariance(W_s, W_s, residual, problem)
+        matrix, residual = _weighted(problem, now)
+        covariance = instrument_covariance(matrix, matrix, residual, problem)
         return estimate_of(
             problem, self.experiment, now, covariance, converged=converged, name="DIDIM"
         )
+
+
+def _weighted(problem: Problem, now: Simulated) -> tuple[np.ndarray, np.ndarray]:
+    """Regressor of the simulated motion, (N, n, b), and recorded less simulated torque, (N, n), over the error."""
+    weight = 1.0 / np.maximum(now.error, 1e-9)
+    residual = (problem.torque - now.problem.torque) * weight
+    return now.problem.matrix * weight[:, None], residual

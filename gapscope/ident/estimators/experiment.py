@@ -104,24 +104,24 @@ class Experiment:
         self, beta: np.ndarray
     ) -> tuple[tuple[Recording, np.ndarray, np.ndarray], ...]:
         """Simulated recordings with d q / d beta [rad] and d tau / d beta [N m], each of shape (N, n, b)."""
-        plant, rolled = self.plant(beta), self._rolled(beta)
-        increments = np.linalg.pinv(self.base.combination)
-        directions = np.stack(
-            [self._full(column) - self._full(0 * column) for column in increments.T],
-            axis=1,
-        )
-        arm, every = (
-            (self.regressor.body, plant, self.controller),
-            ticks_per_step(self.controller),
-        )
+        rolled = self._rolled(beta)
+        directions = self._directions()
+        every = ticks_per_step(self.controller)
         out: dict[int, tuple[Recording, np.ndarray, np.ndarray]] = {}
         for rule, members in self._alike.items():
             along = sensitivity(
-                *arm, [rolled[k] for k in members], directions, self._limit, rule
+                self.regressor.body,
+                self.plant(beta),
+                self.controller,
+                [rolled[k] for k in members],
+                directions,
+                self._limit,
+                rule,
             )
-            for k, (q, tau) in zip(members, along, strict=True):
+            for k, (by_q, by_tau) in zip(members, along, strict=True):
                 rows = self._rows(k) / every
-                out[k] = (self._recorded(k, rolled[k]), _at(rows, q), _at(rows, tau))
+                simulated = self._recorded(k, rolled[k])
+                out[k] = (simulated, _at(rows, by_q), _at(rows, by_tau))
         return tuple(out[k] for k in range(len(self.recordings)))
 
     def check(self, problem: Problem) -> None:
@@ -150,16 +150,19 @@ class Experiment:
         """Parameters in the order of ``Plant.of``; effects without a column keep the data sheet's values; (14 n,)."""
         arm = self.regressor.arm
         n = arm.n_joints
-        laws = dict(
-            zip(
-                JOINT_COLUMNS,
-                (arm.armature, arm.viscous, arm.coulomb, np.zeros(n)),
-                strict=True,
-            )
-        )
+        sheet = (arm.armature, arm.viscous, arm.coulomb, np.zeros(n))
+        laws = dict(zip(JOINT_COLUMNS, sheet, strict=True))
         for k, name in enumerate(self.regressor.effects):
             laws[name] = parameters[(10 + k) * n : (11 + k) * n]
         return np.concatenate([parameters[: 10 * n], *laws.values()])
+
+    def _directions(self) -> np.ndarray:
+        """Change of the parameters of ``_full`` per unit of each base parameter, shape (14 n, b)."""
+        increments = np.linalg.pinv(self.base.combination)
+        # the sheet's values that are not estimated cancel
+        constant = self._full(np.zeros(len(increments)))
+        columns = [self._full(column) - constant for column in increments.T]
+        return np.stack(columns, axis=1)
 
     def _rolled(self, beta: np.ndarray) -> tuple[RollOut, ...]:
         """Roll-outs of all recordings, computed or remembered."""
@@ -171,24 +174,26 @@ class Experiment:
     def _computed(self, beta: np.ndarray) -> tuple[np.ndarray, ...]:
         """The arrays of the roll-outs, one after the other."""
         body, plant = self.regressor.body, self.plant(beta)
-        out: dict[int, RollOut] = {}
+        rolled: dict[int, RollOut] = {}
         for rule, members in self._alike.items():
             commands, starts = zip(*map(self._begun, members), strict=True)
             found = roll_outs(
                 body, plant, self.controller, commands, self._limit, starts, rule
             )
-            out |= dict(zip(members, found, strict=True))
-        return tuple(
-            x for _, r in sorted(out.items()) for x in (r.t, r.q, r.dq, r.tau, r.speed)
-        )
+            rolled |= dict(zip(members, found, strict=True))
+        arrays: list[np.ndarray] = []
+        for k in sorted(rolled):
+            one = rolled[k]
+            arrays += [one.t, one.q, one.dq, one.tau, one.speed]
+        return tuple(arrays)
 
     def _begun(self, k: int) -> tuple[Commands, tuple[np.ndarray, np.ndarray]]:
         """Commands of a recording, held before a start at rest, and the position and velocity at their start."""
-        commands = self.commands[k]
-        held = self._ticks_held(k)
-        if held:
-            return _held(commands, held), (commands.q[0], commands.dq[0])
-        return commands, (self.recordings[k].q[0], commands.dq[0])
+        commands, recording = self.commands[k], self.recordings[k]
+        ticks = self._ticks_held(k)
+        if ticks:
+            return _held(commands, ticks), (commands.q[0], commands.dq[0])
+        return commands, (recording.q[0], commands.dq[0])
 
     def _ticks_held(self, k: int) -> int:
         """Ticks for which a reference that starts at rest was held before the recording."""
@@ -198,9 +203,8 @@ class Experiment:
     def _rows(self, k: int) -> np.ndarray:
         """Ticks of a roll-out at which the recording has its rows, shape (N,)."""
         t = self.recordings[k].t
-        return self._ticks_held(k) + ((t - t[0]) * self.controller.rate + 1e-6).astype(
-            int
-        )
+        ticks = (t - t[0]) * self.controller.rate + 1e-6
+        return self._ticks_held(k) + ticks.astype(int)
 
     def _recorded(self, k: int, rolled: RollOut) -> Recording:
         own, rows = self.recordings[k], self._rows(k)
@@ -257,25 +261,29 @@ class Experiment:
 
 def _at(rows: np.ndarray, series: np.ndarray) -> np.ndarray:
     """Rows of a series, numbers between two of them interpolated."""
-    below = np.minimum(rows.astype(int), len(series) - 1)
-    above = np.minimum(below + 1, len(series) - 1)
+    last = len(series) - 1
+    below = np.minimum(rows.astype(int), last)
     share = (rows - below)[:, None, None]
-    return (
-        series[below]
-        if not share.any()
-        else (1 - share) * series[below] + share * series[above]
-    )
+    if not share.any():
+        return series[below]
+    above = np.minimum(below + 1, last)
+    return (1 - share) * series[below] + share * series[above]
 
 
 def _held(commands: Commands, ticks: int) -> Commands:
     """Commands after the first one was held for some ticks."""
     step = commands.t[1] - commands.t[0]
-    t = np.concatenate([commands.t[0] + step * np.arange(-ticks, 0), commands.t])
-    q, dq, torque = (
-        np.concatenate([np.repeat(x[:1], ticks, axis=0), x])
-        for x in (commands.q, commands.dq, commands.torque)
+    earlier = commands.t[0] + step * np.arange(-ticks, 0)
+
+    def extended(series: np.ndarray) -> np.ndarray:
+        return np.concatenate([np.repeat(series[:1], ticks, axis=0), series])
+
+    return Commands(
+        np.concatenate([earlier, commands.t]),
+        extended(commands.q),
+        extended(commands.dq),
+        extended(commands.torque),
     )
-    return Commands(t, q, dq, torque)
 
 
 def diverged(error: GapscopeError, iteration: int) -> GapscopeError:

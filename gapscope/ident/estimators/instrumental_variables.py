@@ -77,11 +77,11 @@ class InstrumentalVariables:
     @staticmethod
     def _solved(problem: Problem, now: Simulated) -> np.ndarray:
         """The parameters that the instruments of a simulation give, shape (b,)."""
-        weight = 1.0 / np.maximum(
-            np.sqrt(np.mean(problem.residual(now.beta) ** 2, axis=0)), 1e-9
-        )
+        rms = np.sqrt(np.mean(problem.residual(now.beta) ** 2, axis=0))
+        weight = 1.0 / np.maximum(rms, 1e-9)
         Z = now.problem.matrix * weight[:, None] ** 2
-        left = np.einsum("ija,ijb->ab", Z, problem.matrix)
-        scale = np.sqrt(np.abs(np.einsum("ija,ija->a", Z, now.problem.matrix)))
-        right = np.einsum("ija,ij->a", Z, problem.torque) / scale
-        return np.linalg.solve(left / np.outer(scale, scale), right) / scale
+        gram = np.einsum("ija,ijb->ab", Z, problem.matrix)
+        right = np.einsum("ija,ij->a", Z, problem.torque)
+        own = np.einsum("ija,ija->a", Z, now.problem.matrix)
+        scale = np.sqrt(np.abs(own))
+        return np.linalg.solve(gram / np.outer(scale, scale), right / scale) / scale

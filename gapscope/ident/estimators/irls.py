@@ -40,16 +40,9 @@ class HuberLeastSquares:
         largest = float(np.abs(problem.torque).max())
         change = np.inf
         for _ in range(self.rounds):
-            scaled, spread = self._scaled(problem, beta, largest)
-            weight = (
-                np.sqrt(self.threshold / np.maximum(np.abs(scaled), self.threshold))
-                / spread
-            )
-            matrix = (problem.matrix * weight[..., None]).reshape(-1, len(beta))
-            following = Factor.of(matrix, (problem.torque * weight).ravel()).solve()
-            change = float(np.abs(problem.matrix @ (following - beta)).max()) / max(
-                largest, 1e-300
-            )
+            following = self._reweighted(problem, beta, largest)
+            moved = float(np.abs(problem.matrix @ (following - beta)).max())
+            change = moved / max(largest, 1e-300)
             beta = following
             if change < self.tolerance:
                 break
@@ -58,9 +51,19 @@ class HuberLeastSquares:
             warnings = (
                 f"reweighting still moved the torque by {change:.1e} after {self.rounds} rounds; give more",
             )
-        return finished(
-            problem, beta, self._covariance(problem, beta, largest), warnings
-        )
+        covariance = self._covariance(problem, beta, largest)
+        return finished(problem, beta, covariance, warnings)
+
+    def _reweighted(
+        self, problem: Problem, beta: np.ndarray, largest: float
+    ) -> np.ndarray:
+        """The estimate with Huber's weights min(1, k / |r|) at the residuals r of another one, shape (b,)."""
+        scaled, spread = self._scaled(problem, beta, largest)
+        huber = self.threshold / np.maximum(np.abs(scaled), self.threshold)
+        weight = np.sqrt(huber) / spread
+        matrix = (problem.matrix * weight[..., None]).reshape(-1, len(beta))
+        torque = (problem.torque * weight).ravel()
+        return np.asarray(Factor.of(matrix, torque).solve())
 
     def _scaled(
         self, problem: Problem, beta: np.ndarray, largest: float
@@ -74,10 +77,12 @@ class HuberLeastSquares:
     def _covariance(
         self, problem: Problem, beta: np.ndarray, largest: float
     ) -> np.ndarray:
+        """Huber's asymptotic covariance: E[psi^2] / E[psi']^2 (W^T W)^-1 in units of each joint's spread."""
         scaled, spread = self._scaled(problem, beta, largest)
         clipped = np.clip(scaled, -self.threshold, self.threshold)
-        inside = max(float(np.mean(np.abs(scaled) <= self.threshold)), 1e-3)
+        inside = float(np.mean(np.abs(scaled) <= self.threshold))
         free = max(1.0 - len(beta) / scaled.size, 1e-3)
         matrix = (problem.matrix / spread[:, None]).reshape(-1, len(beta))
         factor = Factor.of(matrix, np.zeros(len(matrix)))
-        return float((clipped**2).mean()) / free / inside**2 * factor.inverse_gram()
+        variance = float((clipped**2).mean()) / free / max(inside, 1e-3) ** 2
+        return variance * factor.inverse_gram()

@@ -31,13 +31,13 @@ class Factor:
     def of(cls, matrix: np.ndarray, torque: np.ndarray) -> Factor:
         """The factor of equations, matrix of shape (M, b) and torque of shape (M,)."""
         b = matrix.shape[1]
-        triangle = np.asarray(np.linalg.qr(np.column_stack([matrix, torque]), mode="r"))
-        triangle = np.vstack(
-            [triangle, np.zeros((max(0, b + 1 - len(triangle)), b + 1))]
-        )
-        return cls(
-            triangle[:b, :b], triangle[:b, b], float(triangle[b, b] ** 2), len(matrix)
-        )
+        equations = np.column_stack([matrix, torque])
+        triangle = np.asarray(np.linalg.qr(equations, mode="r"))
+        # fewer equations than columns: rows of zeros complete the triangle
+        missing = max(0, b + 1 - len(triangle))
+        triangle = np.vstack([triangle, np.zeros((missing, b + 1))])
+        rest = float(triangle[b, b] ** 2)
+        return cls(triangle[:b, :b], triangle[:b, b], rest, len(matrix))
 
     @property
     def freedom(self) -> int:
@@ -56,10 +56,9 @@ class Factor:
 
 def whitened(problem: Problem, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Stacked equations divided by each joint's noise [N m], shape (n,): W of shape (N n, b), tau of shape (N n,)."""
-    b = problem.matrix.shape[2]
-    return (problem.matrix / spread[:, None]).reshape(-1, b), (
-        problem.torque / spread
-    ).ravel()
+    matrix = problem.matrix / spread[:, None]
+    torque = problem.torque / spread
+    return matrix.reshape(-1, matrix.shape[2]), torque.ravel()
 
 
 def joint_noise(problem: Problem, beta: np.ndarray) -> np.ndarray:
@@ -67,8 +66,23 @@ def joint_noise(problem: Problem, beta: np.ndarray) -> np.ndarray:
     residual = problem.residual(beta)
     free = max(1.0 - len(beta) / residual.size, 1.0 / residual.size)
     noise = np.sqrt((residual**2).mean(axis=0) / free)
-    floor = 1e-12 * max(float(np.abs(problem.torque).max(initial=0.0)), 1e-300)
-    return np.maximum(noise, max(floor, 1e-6 * float(noise.max(initial=0.0))))
+    # an exact fit has no noise, but weights have to be finite
+    largest_torque = max(float(np.abs(problem.torque).max(initial=0.0)), 1e-300)
+    largest_noise = float(noise.max(initial=0.0))
+    return np.maximum(noise, max(1e-12 * largest_torque, 1e-6 * largest_noise))
+
+
+def column_norms(matrix: np.ndarray) -> np.ndarray:
+    """Norms of columns to divide by, shape (b,); 1 for a column of zeros."""
+    norms = np.linalg.norm(matrix, axis=0)
+    return np.where(norms > 0, norms, 1.0)
+
+
+def scaled_inverse(matrix: np.ndarray) -> np.ndarray:
+    """Pseudo-inverse of a symmetric matrix, computed with its diagonal brought to 1."""
+    scale = 1 / np.sqrt(np.diag(matrix))
+    outer = np.outer(scale, scale)
+    return np.linalg.pinv(matrix * outer, hermitian=True) * outer
 
 
 def finished(

@@ -81,39 +81,40 @@ class _Search:
         reference: ReferenceParameters,
         weight: float,
     ) -> None:
-        self._factor, self._columns, self._pull = factor, columns, np.sqrt(weight)
-        lengths = np.array([0, 0, 0, 0, 1, 1, 1, 1, 1, 1])
+        self._factor, self._columns = factor, columns
+        self._pull = np.sqrt(weight)
         theta = to_log_cholesky(reference.links)
-        self._units = np.concatenate(
-            [(reference.radius[:, None] ** lengths).ravel(), reference.other_units]
-        )
+        # the first four coordinates are logarithms, the other six lengths
+        powers = np.array([0, 0, 0, 0, 1, 1, 1, 1, 1, 1])
+        link_units = reference.radius[:, None] ** powers
+        self._units = np.concatenate([link_units.ravel(), reference.other_units])
         self._centre = np.concatenate([theta.ravel(), reference.others])
-        lower = np.concatenate(
-            [np.full(theta.size, -np.inf), np.where(columns.bounded, 0.0, -np.inf)]
-        )
+        lower_others = np.where(columns.bounded, 0.0, -np.inf)
+        lower = np.concatenate([np.full(theta.size, -np.inf), lower_others])
         self.bounds = (lower, np.inf)
-        self.start = np.maximum(
-            self._centre, np.where(np.isfinite(lower), 1e-3 * self._units, -np.inf)
-        )
+        # the search begins strictly inside its bounds
+        inside = np.where(np.isfinite(lower), 1e-3 * self._units, -np.inf)
+        self.start = np.maximum(self._centre, inside)
 
     def parameters(self, y: np.ndarray) -> np.ndarray:
         """Pi, shape (p,)."""
-        out, links = np.empty(len(y)), self._columns.links
-        out[links] = from_log_cholesky(y[: links.size].reshape(links.shape))
-        out[self._columns.others] = y[links.size :]
-        return out
+        links = self._columns.links
+        theta = y[: links.size].reshape(links.shape)
+        parameters = np.empty(len(y))
+        parameters[links] = from_log_cholesky(theta)
+        parameters[self._columns.others] = y[links.size :]
+        return parameters
 
     def change(self, y: np.ndarray) -> np.ndarray:
         """P = d pi / d y, shape (p, p)."""
-        out, links = np.zeros((len(y), len(y))), self._columns.links
-        for k, block in enumerate(
-            log_cholesky_jacobian(y[: links.size].reshape(links.shape))
-        ):
-            out[links[k][:, None], 10 * k + np.arange(10)] = block
-        out[self._columns.others, links.size + np.arange(len(self._columns.others))] = (
-            1.0
-        )
-        return out
+        links, others = self._columns.links, self._columns.others
+        theta = y[: links.size].reshape(links.shape)
+        derivative = np.zeros((len(y), len(y)))
+        for k, block in enumerate(log_cholesky_jacobian(theta)):
+            rows = links[k][:, None]
+            derivative[rows, 10 * k + np.arange(10)] = block
+        derivative[others, links.size + np.arange(len(others))] = 1.0
+        return derivative
 
     def residual(self, y: np.ndarray) -> np.ndarray:
         """The residual of the equations and of the pull, shape (2 p,)."""

@@ -66,12 +66,11 @@ class MaximumLikelihood:
 
     @staticmethod
     def noise(problem: Problem, beta: np.ndarray) -> np.ndarray:
-        """Sigma [N m]^2, shape (n, n), of what beta leaves; kept regular."""
+        """Covariance Sigma of the residual [N m]^2, shape (n, n); kept regular."""
         residual = problem.residual(beta)
         noise = residual.T @ residual / len(residual)
-        floor = 1e-12 * max(
-            float(np.trace(noise)), 1e-24 * float((problem.torque**2).sum()), 1e-300
-        )
+        power = 1e-24 * float((problem.torque**2).sum())
+        floor = 1e-12 * max(float(np.trace(noise)), power, 1e-300)
         return noise + floor * np.eye(len(noise))
 
 
@@ -79,9 +78,7 @@ def whitened_across(
     problem: Problem, noise: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Stacked equations whose noise is white: L^-1 W_i and L^-1 tau_i with L L^T = Sigma, shape (n, n)."""
-    inverse = solve_triangular(
-        np.linalg.cholesky(noise), np.eye(len(noise)), lower=True
-    )
-    return (inverse @ problem.matrix).reshape(-1, problem.matrix.shape[2]), (
-        problem.torque @ inverse.T
-    ).ravel()
+    root = np.linalg.cholesky(noise)
+    inverse = solve_triangular(root, np.eye(len(noise)), lower=True)
+    matrix = (inverse @ problem.matrix).reshape(-1, problem.matrix.shape[2])
+    return matrix, (problem.torque @ inverse.T).ravel()

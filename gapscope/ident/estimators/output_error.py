@@ -96,13 +96,12 @@ class OutputError:
         """That of the estimate, with errors that are correlated in time; shape (b, b)."""
         J = jacobian.reshape(*error.shape, -1)
         scores = np.einsum("ijb,ij->ib", J, weighted.reshape(error.shape))
-        lengths = [
-            len(outputs.of([recording])) for recording in self.experiment.recordings
-        ]
+        recordings = self.experiment.recordings
+        lengths = [len(outputs.of([recording])) for recording in recordings]
         group = np.repeat(np.arange(len(lengths)), lengths)
-        return score_covariance(
-            jacobian.T @ jacobian, scores, group, weighted.size / jacobian.shape[1]
-        )
+        gram = jacobian.T @ jacobian
+        excess = weighted.size / jacobian.shape[1]
+        return score_covariance(gram, scores, group, excess)
 
 
 class _Outputs:
@@ -131,12 +130,14 @@ class _Outputs:
 
     def tangents(self, beta: np.ndarray) -> np.ndarray:
         """Derivatives in beta, shape (M, 2 n, b)."""
-        if not np.array_equal(beta, self._tangents_at):
-            found = self._experiment.tangents(beta)
-            self._tangents = np.concatenate(
-                [self._filtered(np.concatenate([q, u], axis=1), r) for r, q, u in found]
-            )
-            self._tangents_at = beta.copy()
+        if np.array_equal(beta, self._tangents_at):
+            return self._tangents
+        parts = []
+        for recording, by_q, by_tau in self._experiment.tangents(beta):
+            both = np.concatenate([by_q, by_tau], axis=1)
+            parts.append(self._filtered(both, recording))
+        self._tangents = np.concatenate(parts)
+        self._tangents_at = beta.copy()
         return self._tangents
 
     def _filtered(self, series: np.ndarray, recording: Recording) -> np.ndarray:

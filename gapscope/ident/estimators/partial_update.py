@@ -97,44 +97,41 @@ class PartialUpdate:
     def _updated(
         self, problem: Problem, prior: np.ndarray, spread: np.ndarray, noise: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Posterior mean and covariance under a noise per joint [N m], shape (n,), and what moved."""
+        """Posterior mean and covariance under a noise per joint [N m], shape (n,), and which parameters moved."""
         factor = Factor.of(*whitened(problem, noise))
-        triangle = factor.triangle * spread
         gap = factor.rotated - factor.triangle @ prior
+        # in units of the prior's deviation the prior precision is the identity
+        triangle = factor.triangle * spread
         information = triangle.T @ triangle
         posterior = np.linalg.inv(information + np.eye(len(prior)))
         moved = np.diag(posterior) * self.influence <= 1.0
-        covariance = np.diag(spread**2)
-        step = np.zeros(len(prior))
+        step, covariance = np.zeros(len(prior)), np.diag(spread**2)
         if moved.any():
-            own = np.linalg.inv(
-                information[np.ix_(moved, moved)] + np.eye(int(moved.sum()))
-            )
+            # parameters that the data hardly tell stay at the prior, exactly
+            block = np.ix_(moved, moved)
+            own = np.linalg.inv(information[block] + np.eye(int(moved.sum())))
             step[moved] = own @ (triangle[:, moved].T @ gap)
-            covariance[np.ix_(moved, moved)] = own * np.outer(
-                spread[moved], spread[moved]
-            )
+            units = spread[moved]
+            covariance[block] = own * np.outer(units, units)
         return prior + spread * step, covariance, moved
 
 
 def _free(problem: Problem, prior: np.ndarray, spread: np.ndarray) -> np.ndarray:
-    """The least-squares estimate, nearest to the prior if there are many, shape (b,)."""
+    """The least-squares estimate, the nearest to the prior if there are many, shape (b,)."""
     matrix, torque = problem.stacked()
     factor = Factor.of(matrix * spread, torque - matrix @ prior)
-    return (
-        prior + spread * np.linalg.lstsq(factor.triangle, factor.rotated, rcond=1e-9)[0]
-    )
+    step = np.linalg.lstsq(factor.triangle, factor.rotated, rcond=1e-9)[0]
+    return prior + spread * step
 
 
 def default_spread(problem: Problem, prior: np.ndarray) -> np.ndarray:
-    """Standard deviation that a simulated arm's parameters are believed to have, shape (b,)."""
+    """Prior standard deviation of a simulated arm's parameters, shape (b,)."""
     relative = np.where(_is_friction(problem.names), FRICTION_RELATIVE, RELATIVE)
-    rms = np.sqrt((problem.matrix**2).mean(axis=(0, 1)))
-    slight = (
-        SLIGHT
-        * np.sqrt((problem.torque**2).mean())
-        / np.maximum(rms, 1e-6 * max(float(rms.max()), 1e-300))
-    )
+    column_rms = np.sqrt((problem.matrix**2).mean(axis=(0, 1)))
+    torque_rms = np.sqrt((problem.torque**2).mean())
+    least_rms = 1e-6 * max(float(column_rms.max()), 1e-300)
+    # a parameter of which the prior says zero may still add this share of the torque
+    slight = SLIGHT * torque_rms / np.maximum(column_rms, least_rms)
     return np.maximum(relative * np.abs(prior), slight)
 
 

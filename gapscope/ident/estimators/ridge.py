@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.ident.estimators.estimate import Estimate
-from gapscope.ident.estimators.linear_estimator import Factor, finished
+from gapscope.ident.estimators.linear_estimator import Factor, column_norms, finished
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.solvable import check_samples
 
@@ -39,56 +39,57 @@ class Ridge:
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate; raises ``InputError`` if the samples are not finite or the arm rests."""
         check_samples(problem, full_rank=False)
-        prior = (
-            np.zeros(problem.matrix.shape[2])
-            if self.prior is None
-            else np.asarray(self.prior, dtype=float)
-        )
         matrix, torque = problem.stacked()
-        norms = np.linalg.norm(matrix, axis=0)
-        norms = np.where(norms > 0, norms, 1.0)
+        b = matrix.shape[1]
+        prior = np.zeros(b) if self.prior is None else self.prior
+        prior = np.asarray(prior, dtype=float)
+        norms = column_norms(matrix)
         factor = Factor.of(matrix / norms, torque - matrix @ prior)
         left, values, right = np.linalg.svd(factor.triangle)
         part = left.T @ factor.rotated
         strength = self._strength(values, part, factor)
         gain = values / np.maximum(values**2 + strength, 1e-300)
-        shrunk = right.T @ (gain * part)
-        beta = prior + shrunk / norms
-        effective = float((values * gain).sum())
-        noise = (
-            factor.rest
-            + float(((1 - values * gain) * part) @ ((1 - values * gain) * part))
-        ) / max(factor.rows - effective, 1.0)
+        beta = prior + right.T @ (gain * part) / norms
+        # share of each direction that the data decide
+        decided = values * gain
+        effective = float(decided.sum())
+        unexplained = (1 - decided) * part
+        squares = factor.rest + float(unexplained @ unexplained)
+        noise = squares / max(factor.rows - effective, 1.0)
         half = right.T * gain / norms[:, None]
         warnings: tuple[str, ...] = ()
-        if effective <= 0.9 * len(beta):
+        if effective <= 0.9 * b:
             warnings = (
-                f"the pull holds {len(beta) - effective:.1f} of {len(beta)} directions; their stated deviation leaves "
+                f"the pull holds {b - effective:.1f} of {b} directions; their stated deviation leaves "
                 "out the bias that this adds; record a trajectory that excites them",
             )
         return finished(problem, beta, noise * half @ half.T, warnings)
 
     def _strength(self, values: np.ndarray, part: np.ndarray, factor: Factor) -> float:
+        """The strength that was given, or chosen among ``STRENGTHS``."""
         if not isinstance(self.choice, str):
             return float(self.choice)
-        share = STRENGTHS[:, None] / (values**2 + STRENGTHS[:, None])
-        residual = ((share * part) ** 2).sum(axis=1) + factor.rest
+        # rows: strengths; columns: directions
+        pulled = STRENGTHS[:, None] / (values**2 + STRENGTHS[:, None])
+        residual = ((pulled * part) ** 2).sum(axis=1) + factor.rest
         if self.choice == "gcv":
-            free = factor.rows - len(values) + share.sum(axis=1)
-            return float(STRENGTHS[np.argmin(residual / np.maximum(free, 1e-9) ** 2)])
-        size = (((1 - share) * part / np.maximum(values, 1e-300)) ** 2).sum(axis=1)
-        corner = _corner(
-            0.5 * np.log(np.maximum(residual, 1e-300)), 0.5 * np.log(size + 1e-300)
-        )
-        return float(
-            STRENGTHS[min(corner, int((residual <= WORSE * residual[0]).sum()) - 1)]
-        )
+            free = factor.rows - len(values) + pulled.sum(axis=1)
+            score = residual / np.maximum(free, 1e-9) ** 2
+            return float(STRENGTHS[np.argmin(score)])
+        solution = (1 - pulled) * part / np.maximum(values, 1e-300)
+        size = (solution**2).sum(axis=1)
+        log_residual = 0.5 * np.log(np.maximum(residual, 1e-300))
+        corner = _corner(log_residual, 0.5 * np.log(size + 1e-300))
+        # a corner at which the fit is much worse is none
+        last_good = int((residual <= WORSE * residual[0]).sum()) - 1
+        return float(STRENGTHS[min(corner, last_good)])
 
 
 def _corner(x: np.ndarray, y: np.ndarray) -> int:
     """Place of the largest curvature of a curve of evenly spaced strengths."""
     dx, dy = np.gradient(x), np.gradient(y)
-    curvature = (dx * np.gradient(dy) - dy * np.gradient(dx)) / np.maximum(
-        (dx**2 + dy**2) ** 1.5, 1e-12
-    )
+    cross = dx * np.gradient(dy) - dy * np.gradient(dx)
+    speed = (dx**2 + dy**2) ** 1.5
+    curvature = cross / np.maximum(speed, 1e-12)
+    # the differences at the ends are one-sided
     return int(np.argmax(curvature[2:-2]) + 2)

@@ -11,8 +11,7 @@ from gapscope.ident.estimators.estimate import Estimate
 from gapscope.ident.estimators.experiment import Experiment, diverged
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.solvable import check_samples
-from gapscope.ident.signals.effective_samples import group_slices
-from gapscope.ident.uncertainty.intervals import block_length
+from gapscope.ident.uncertainty.intervals import bartlett_sum, block_length
 
 HALVINGS = 6
 """How often a step that lets the simulated arm diverge, or fits worse, is halved."""
@@ -115,11 +114,10 @@ def instrument_covariance(
         residual: weighted, shape (N, n).
         problem: for its groups.
     """
-    b = W.shape[2]
+    parameters = W.shape[2]
     gram = np.einsum("ija,ijb->ab", Z, W)
-    return score_covariance(
-        gram, np.einsum("ijb,ij->ib", Z, residual), problem.group, residual.size / b
-    )
+    scores = np.einsum("ijb,ij->ib", Z, residual)
+    return score_covariance(gram, scores, problem.group, residual.size / parameters)
 
 
 def score_covariance(
@@ -135,23 +133,17 @@ def score_covariance(
 
     Source: newey1987.
     """
-    length = block_length(scores, group)
-    meat = np.zeros_like(gram)
-    for part in group_slices(group):
-        pad = np.zeros((length, scores.shape[1]))
-        total = np.cumsum(np.vstack([pad, scores[part], pad[1:]]), axis=0)
-        sums = total[length:] - total[:-length]
-        meat += sums.T @ sums / length
+    meat = bartlett_sum(scores, group, block_length(scores, group))
     scale = 1 / np.sqrt(np.abs(np.diag(gram)).clip(1e-300))
-    inverse = np.linalg.pinv(gram * np.outer(scale, scale)) * np.outer(scale, scale)
+    outer = np.outer(scale, scale)
+    inverse = np.linalg.pinv(gram * outer) * outer
     return inverse @ meat @ inverse.T * excess / max(excess - 1, 1e-3)
 
 
 def settled(before: Simulated, after: Simulated, tolerance: float) -> bool:
     """Whether error and simulated torque of two iterations agree to a tolerance, relative to the error."""
-    moved = np.sqrt(
-        np.mean((after.problem.torque - before.problem.torque) ** 2, axis=0)
-    )
+    change = after.problem.torque - before.problem.torque
+    moved = np.sqrt(np.mean(change**2, axis=0))
     return bool((moved <= tolerance * after.error).all())
 
 

@@ -10,7 +10,12 @@ import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import INERTIAL_PARAMETERS
 from gapscope.arm.errors import InputError
-from gapscope.ident.estimators.linear_estimator import Factor, joint_noise, whitened
+from gapscope.ident.estimators.linear_estimator import (
+    Factor,
+    column_norms,
+    joint_noise,
+    whitened,
+)
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.pseudo_inertia import is_consistent, pseudo_inertia
 from gapscope.ident.model.solvable import check_samples, unit_warnings
@@ -92,25 +97,11 @@ class ReferenceParameters:
     def of(
         cls, columns: StandardColumns, prior: np.ndarray | None, names: Sequence[str]
     ) -> ReferenceParameters:
-        """Of a prior, shape (p,), or of a like body for every link if there is none."""
-        count = len(columns.links)
+        """Of a prior, shape (p,), or the same body for every link if there is none."""
         if prior is None:
-            second, mass = (
-                REFERENCE_MASS * REFERENCE_RADIUS**2,
-                np.full(count, REFERENCE_MASS),
-            )
-            body = np.array(
-                [REFERENCE_MASS, 0, 0, 0, 2 * second, 0, 2 * second, 0, 0, 2 * second]
-            )
-            zeros = np.zeros(len(columns.others))
-            return cls(
-                np.tile(body, (count, 1)),
-                mass,
-                np.full(count, REFERENCE_RADIUS),
-                zeros,
-                zeros + 1.0,
-            )
-        links = np.asarray(prior, dtype=float)[columns.links]
+            return cls._same_body(columns)
+        prior = np.asarray(prior, dtype=float)
+        links, others = prior[columns.links], prior[columns.others]
         wrong = np.flatnonzero(~is_consistent(links))
         if len(wrong):
             raise InputError(
@@ -118,10 +109,27 @@ class ReferenceParameters:
                 "correct mass, centre of mass and inertia in the URDF, or estimate without a prior",
                 where="prior",
             )
-        others = np.asarray(prior, dtype=float)[columns.others]
+        mass = links[:, 0]
+        # radius of gyration: the mean second moment over the mass
         second = np.trace(pseudo_inertia(links)[:, :3, :3], axis1=1, axis2=2)
+        radius = np.sqrt(second / 3 / mass)
         units = np.where(np.abs(others) > 0, np.abs(others), 1.0)
-        return cls(links, links[:, 0], np.sqrt(second / 3 / links[:, 0]), others, units)
+        return cls(links, mass, radius, others, units)
+
+    @classmethod
+    def _same_body(cls, columns: StandardColumns) -> ReferenceParameters:
+        """A ball of ``REFERENCE_MASS`` and ``REFERENCE_RADIUS`` for every link."""
+        count = len(columns.links)
+        inertia = 2 * REFERENCE_MASS * REFERENCE_RADIUS**2
+        body = [REFERENCE_MASS, 0, 0, 0, inertia, 0, inertia, 0, 0, inertia]
+        zeros = np.zeros(len(columns.others))
+        return cls(
+            np.tile(np.array(body, dtype=float), (count, 1)),
+            np.full(count, REFERENCE_MASS),
+            np.full(count, REFERENCE_RADIUS),
+            zeros,
+            zeros + 1.0,
+        )
 
     @property
     def link_units(self) -> np.ndarray:
@@ -140,15 +148,12 @@ def standard_factor(
     """
     check_samples(problem, full_rank=False)
     factor = Factor.of(*problem.stacked())
-    norms = np.linalg.norm(factor.triangle, axis=0)
-    norms = np.where(norms > 0, norms, 1.0)
-    free = (
-        np.linalg.lstsq(factor.triangle / norms, factor.rotated, rcond=1e-9)[0] / norms
-    )
-    warnings = (
-        () if prior is None else unit_warnings(problem, np.asarray(prior, dtype=float))
-    )
+    norms = column_norms(factor.triangle)
+    unit = factor.triangle / norms
+    free = np.linalg.lstsq(unit, factor.rotated, rcond=1e-9)[0] / norms
+    warnings: tuple[str, ...] = ()
+    if prior is not None:
+        warnings = unit_warnings(problem, np.asarray(prior, dtype=float))
     least = LEAST_NOISE * float(np.sqrt((problem.torque**2).mean()))
-    return Factor.of(
-        *whitened(problem, np.maximum(joint_noise(problem, free), least))
-    ), warnings
+    noise = np.maximum(joint_noise(problem, free), least)
+    return Factor.of(*whitened(problem, noise)), warnings

@@ -39,15 +39,13 @@ class TotalLeastSquares:
         check_samples(problem)
         matrix, torque = problem.stacked()
         columns, scale = self._scales(matrix, torque)
+        # columns without error come first: only the rest may be corrected
         exact = columns == 0
-        order = np.r_[np.flatnonzero(exact), np.flatnonzero(~exact)]
-        unit = np.where(exact, 1.0, columns)
-        triangle = np.asarray(
-            np.linalg.qr(
-                np.column_stack([(matrix / unit)[:, order], torque / scale]), mode="r"
-            )
-        )
+        order = np.argsort(~exact, kind="stable")
         first = int(exact.sum())
+        unit = np.where(exact, 1.0, columns)
+        equations = np.column_stack([(matrix / unit)[:, order], torque / scale])
+        triangle = np.asarray(np.linalg.qr(equations, mode="r"))
         _, values, right = np.linalg.svd(triangle[first:, first:])
         least = right[-1]
         if abs(least[-1]) < 1e-8:
@@ -61,15 +59,16 @@ class TotalLeastSquares:
         scaled = np.zeros(len(order))
         scaled[first:] = -least[:-1] / least[-1]
         if first:
-            known = triangle[:first, -1] - triangle[:first, first:-1] @ scaled[first:]
+            corrected = triangle[:first, first:-1] @ scaled[first:]
+            known = triangle[:first, -1] - corrected
             scaled[:first] = np.linalg.solve(triangle[:first, :first], known)
-        beta = np.empty(len(order))
-        beta[order] = scaled * scale
-        beta /= unit
-        covariance = _covariance(triangle, values[-1], scaled, first, len(torque))
-        back = np.empty_like(covariance)
-        back[np.ix_(order, order)] = covariance
-        return finished(problem, beta, back * scale**2 / np.outer(unit, unit))
+        ordered = _covariance(triangle, values[-1], scaled, first, len(torque))
+        # back to the order and the units of the problem
+        beta, covariance = np.empty(len(order)), np.empty_like(ordered)
+        beta[order] = scaled
+        covariance[np.ix_(order, order)] = ordered
+        per_unit = np.outer(unit, unit) / scale**2
+        return finished(problem, beta * scale / unit, covariance / per_unit)
 
     def _scales(
         self, matrix: np.ndarray, torque: np.ndarray
@@ -97,9 +96,7 @@ def _covariance(
     gram = triangle[:, :-1].T @ triangle[:, :-1]
     noisy = np.arange(len(gram)) >= first
     variance = least**2 / max(rows - len(gram), 1)
-    corrected = gram - least**2 * np.diag(noisy.astype(float)) * (1 - 1e-9)
-    return (
-        variance
-        * (1 + scaled[noisy] @ scaled[noisy])
-        * np.linalg.pinv(corrected, hermitian=True)
-    )
+    # the noise of the columns adds to their squares
+    bias = least**2 * np.diag(noisy.astype(float)) * (1 - 1e-9)
+    inverse = np.linalg.pinv(gram - bias, hermitian=True)
+    return variance * (1 + scaled[noisy] @ scaled[noisy]) * inverse

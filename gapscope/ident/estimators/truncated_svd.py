@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.ident.estimators.estimate import Estimate
-from gapscope.ident.estimators.linear_estimator import Factor, finished
+from gapscope.ident.estimators.linear_estimator import Factor, column_norms, finished
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.solvable import check_samples
 
@@ -30,35 +30,36 @@ class TruncatedSvd:
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate; raises ``InputError`` if the samples are not finite or the arm rests."""
         check_samples(problem, full_rank=False)
-        b = problem.matrix.shape[2]
-        prior = (
-            np.zeros(b) if self.prior is None else np.asarray(self.prior, dtype=float)
-        )
         matrix, torque = problem.stacked()
-        norms = np.linalg.norm(matrix, axis=0)
-        norms = np.where(norms > 0, norms, 1.0)
+        b = matrix.shape[1]
+        prior = np.zeros(b) if self.prior is None else self.prior
+        prior = np.asarray(prior, dtype=float)
+        norms = column_norms(matrix)
         factor = Factor.of(matrix / norms, torque - matrix @ prior)
         left, values, right = np.linalg.svd(factor.triangle)
         part = left.T @ factor.rotated
-        left_over = factor.rest + np.append(np.cumsum(part[::-1] ** 2)[::-1], 0.0)
-        rank = self._rank(values, left_over, factor.rows)
+        # squared residual with the first k directions, for k = 0 to b
+        dropped_squares = np.append(np.cumsum(part[::-1] ** 2)[::-1], 0.0)
+        squares = factor.rest + dropped_squares
+        rank = self._rank(values, squares, factor.rows)
         half = right[:rank].T / values[:rank] / norms[:, None]
-        noise = left_over[rank] / max(factor.rows - rank, 1)
+        beta = prior + half @ part[:rank]
+        noise = squares[rank] / max(factor.rows - rank, 1)
         warnings: tuple[str, ...] = ()
         if rank < b:
             warnings = (
                 f"{b - rank} of {b} directions were dropped and stay at the prior; their deviation is not stated; "
                 "record a trajectory that excites them",
             )
-        return finished(
-            problem, prior + half @ part[:rank], noise * half @ half.T, warnings
-        )
+        return finished(problem, beta, noise * half @ half.T, warnings)
 
-    def _rank(self, values: np.ndarray, left_over: np.ndarray, rows: int) -> int:
-        """Number of directions kept; ``left_over[k]`` is the squared residual with k of them."""
+    def _rank(self, values: np.ndarray, squares: np.ndarray, rows: int) -> int:
+        """Number of directions kept; ``squares[k]`` is the squared residual with k of them."""
         regular = int((values > 1e-12 * values[0]).sum())
         if self.condition is not None:
-            return min(regular, int((values * self.condition >= values[0]).sum()))
+            well_conditioned = int((values * self.condition >= values[0]).sum())
+            return min(regular, well_conditioned)
         count = np.arange(1, regular + 1)
-        score = left_over[count] / np.maximum(rows - count, 1e-3) ** 2
+        # generalised cross-validation
+        score = squares[count] / np.maximum(rows - count, 1e-3) ** 2
         return int(count[np.argmin(score)])

@@ -35,8 +35,8 @@ class WeightedLeastSquares:
         """Estimate; raises ``InputError`` if the samples do not determine the parameters."""
         beta: np.ndarray = OrdinaryLeastSquares().estimate(problem).value
         for _ in range(self.rounds):
-            factor = Factor.of(*whitened(problem, joint_noise(problem, beta)))
+            noise = joint_noise(problem, beta)
+            factor = Factor.of(*whitened(problem, noise))
             beta = factor.solve()
-        return finished(
-            problem, beta, factor.rest / factor.freedom * factor.inverse_gram()
-        )
+        variance = factor.rest / factor.freedom
+        return finished(problem, beta, variance * factor.inverse_gram())

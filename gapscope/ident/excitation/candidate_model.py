@@ -41,12 +41,12 @@ class ExcitationModel:
     ) -> None:
         self.arm, self.body = arm, body
         self._regressor = Regressor(arm, body, effects)
-        self._kept = structural_base(
-            self._regressor, np.random.default_rng(0), SAMPLES
-        ).kept
+        base = structural_base(self._regressor, np.random.default_rng(0), SAMPLES)
+        self._kept = base.kept
         self.names = tuple(self._regressor.names[i] for i in self._kept)
         states = random_states(self._regressor, np.random.default_rng(0), SAMPLES)
-        self.reference = np.sqrt((self.matrix(states) ** 2).mean(axis=(0, 1)))
+        mean_square = (self.matrix(states) ** 2).mean(axis=(0, 1))
+        self.reference = np.sqrt(mean_square)
 
     def matrix(self, motion: Motion) -> np.ndarray:
         """W of a motion of N samples, shape (N, n, b)."""
@@ -71,14 +71,14 @@ class ExcitationModel:
         n, links = self.arm.n_joints, 10 * self.arm.n_joints
         full = np.zeros((len(motion.t), n, len(self._regressor.names)))
         full[:, :, self._kept] = by_matrix
-        inertial = (
-            full[:, :, :links] + by_torque[:, :, None] * self.body.inertial_parameters()
-        )
-        by_q, by_dq, by_ddq = self._inertial(motion, inertial)
+        # the nominal torque is the regressor times the nominal parameters
+        by_nominal = by_torque[:, :, None] * self.body.inertial_parameters()
+        by_q, by_dq, by_ddq = self._inertial(motion, full[:, :, :links] + by_nominal)
         by_ddq += self.arm.armature * by_torque
         by_dq += self.arm.viscous * by_torque
         for k, name in enumerate(self._regressor.effects):
-            own = np.einsum("ijj->ij", full[:, :, links + k * n : links + (k + 1) * n])
+            first = links + k * n
+            own = np.einsum("ijj->ij", full[:, :, first : first + n])
             if name == "armature":
                 by_ddq += own
             elif name == "viscous_friction":
@@ -95,12 +95,15 @@ class ExcitationModel:
             return np.einsum("tij,tij->t", weight, self.body.regressor(q, dq, ddq))
 
         here = contracted(q, dq, ddq)
-        out = np.zeros((3, *q.shape))
+        by_q, by_dq, by_ddq = (np.zeros_like(q) for _ in range(3))
         for j, unit in enumerate(np.eye(q.shape[1])):
+            # exact: trigonometric in q, quadratic in dq, linear in ddq
             shifted = [contracted(q + shift * unit, dq, ddq) for shift in SHIFTS]
-            out[0, :, j] = WEIGHTS @ np.array(shifted)
-            out[1, :, j] = (
-                contracted(q, dq + unit, ddq) - contracted(q, dq - unit, ddq)
-            ) / 2
-            out[2, :, j] = contracted(q, dq, ddq + unit) - here
-        return out[0], out[1], out[2]
+            by_q[:, j] = WEIGHTS @ np.array(shifted)
+            faster, slower = (
+                contracted(q, dq + unit, ddq),
+                contracted(q, dq - unit, ddq),
+            )
+            by_dq[:, j] = (faster - slower) / 2
+            by_ddq[:, j] = contracted(q, dq, ddq + unit) - here
+        return by_q, by_dq, by_ddq

@@ -38,20 +38,21 @@ class Criterion:
         """Derivative of the value by W, shape (N, n, b)."""
         scaled, scale = self._scaled(matrix, reference)
         values, vectors = self._spectrum(scaled, scale)
-        by_scaled = 2 * scaled @ (vectors * self.slope(values)) @ vectors.T
+        by_gram = (vectors * self.slope(values)) @ vectors.T
+        by_scaled = 2 * scaled @ by_gram
         if self.scaling == "unit":
-            by_scaled = by_scaled - scaled * (scaled * by_scaled).sum(axis=0)
+            # the norm of a column is divided out: no gradient along the column
+            along = (scaled * by_scaled).sum(axis=0)
+            by_scaled = by_scaled - scaled * along
         return (by_scaled / scale).reshape(matrix.shape)
 
     def _scaled(
         self, matrix: np.ndarray, reference: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         flat = matrix.reshape(-1, matrix.shape[2])
-        scale = (
-            np.linalg.norm(flat, axis=0)
-            if self.scaling == "unit"
-            else np.sqrt(len(flat)) * reference
-        )
+        scale = np.sqrt(len(flat)) * reference
+        if self.scaling == "unit":
+            scale = np.linalg.norm(flat, axis=0)
         scale = np.where(scale > 0, scale, 1.0)
         return flat / scale, scale
 

@@ -206,7 +206,9 @@ def accept(search: TrajectorySearch, final: Checker, plan: ExcitationPlan) -> Ac
 
 def sampled(reference: ReferenceMotion, duration: float, rate: float) -> Motion:
     """Samples of a reference at a rate [Hz], from its start to the first sample at or after its end [s]."""
-    t = np.arange(int(np.ceil(duration * rate - 1e-9)) + 1) / rate
+    # the small number keeps rounding from adding a sample
+    last = int(np.ceil(duration * rate - 1e-9))
+    t = np.arange(last + 1) / rate
     return Motion(
         t, reference.position(t), reference.velocity(t), reference.acceleration(t)
     )

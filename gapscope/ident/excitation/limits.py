@@ -195,11 +195,10 @@ class Checker:
         if name != "distance" or self.collision is None:
             return REMEDIES.get(name, "slow the motion down")
         distance, nearest = self.collision.distance(postures)
-        close = [
-            SURFACE in self.collision.pairs[i]
-            for i in nearest[distance < self.allowed.clearance]
-        ]
-        return REMEDIES[SURFACE if sum(close) > len(close) / 2 else name]
+        too_near = nearest[distance < self.allowed.clearance]
+        to_surface = [SURFACE in self.collision.pairs[i] for i in too_near]
+        mostly_surface = sum(to_surface) > len(to_surface) / 2
+        return REMEDIES[SURFACE if mostly_surface else name]
 
 
 def _margin(
@@ -216,15 +215,17 @@ def check_motion_limits(limits: Limits) -> None:
     Raises:
         InputError: an empty range of positions, or a velocity or acceleration of zero.
     """
-    for name, room in (
-        ("position", limits.upper - limits.lower),
-        ("velocity", limits.velocity),
-        ("acceleration", limits.acceleration),
-    ):
-        if not (room > 0).all() or not np.isfinite(room).all():
-            joint = int(np.argmin(np.where(np.isfinite(room), room, -1.0)))
-            raise InputError(
-                f"the limits allow no trajectory: joint {joint + 1} has no room of {name} ({room[joint]:.4g})",
-                "give a positive limit, or a smaller distance from the position limits",
-                where=name,
-            )
+    rooms = {
+        "position": limits.upper - limits.lower,
+        "velocity": limits.velocity,
+        "acceleration": limits.acceleration,
+    }
+    for name, room in rooms.items():
+        if (room > 0).all() and np.isfinite(room).all():
+            continue
+        joint = int(np.argmin(np.where(np.isfinite(room), room, -1.0)))
+        raise InputError(
+            f"the limits allow no trajectory: joint {joint + 1} has no room of {name} ({room[joint]:.4g})",
+            "give a positive limit, or a smaller distance from the position limits",
+            where=name,
+        )

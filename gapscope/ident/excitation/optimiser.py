@@ -20,12 +20,12 @@ def random_starts(
     search: TrajectorySearch, rng: np.random.Generator, share: float, count: int
 ) -> np.ndarray:
     """The best of random candidates, best first, shape (count, d), for a share of the whole budget."""
-    tried: list[tuple[float, np.ndarray]] = []
-    begun = search.share
-    while len(tried) < count or search.share < begun + share:
-        if search.spent and len(tried) >= count:
-            break
+    candidates: list[np.ndarray] = []
+    scores: list[float] = []
+    end = search.share + share
+    while len(candidates) < count or (search.share < end and not search.spent):
         x = search.parametrisation.draw(rng)
-        tried.append((search.score(x), x))
-    tried.sort(key=lambda item: item[0])
-    return np.array([x for _, x in tried[:count]])
+        candidates.append(x)
+        scores.append(search.score(x))
+    best = np.argsort(scores, kind="stable")[:count]
+    return np.array(candidates)[best]

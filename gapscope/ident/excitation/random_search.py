@@ -21,7 +21,6 @@ class RandomSearch:
 
     def run(self, search: TrajectorySearch, rng: np.random.Generator) -> None:
         """Draw until the budget is spent, or enough candidates kept all limits."""
-        while not search.spent and (
-            self.feasible is None or search.feasible < self.feasible
-        ):
+        most = np.inf if self.feasible is None else self.feasible
+        while not search.spent and search.feasible < most:
             search.score(search.parametrisation.draw(rng))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
@@ -64,26 +65,25 @@ class Signatures:
                 "name them, with commas",
                 where="effects",
             )
-        scale, rng = ArmScale.of(arm), np.random.default_rng(seed)
         self.names, self._arm, self._body = tuple(names), arm, body
+        scale, rng = ArmScale.of(arm), np.random.default_rng(seed)
         self._applied: list[tuple[str, AppliedEffect]] = []
         for name in names:
             check_known("effect", name, CATALOGUE, where="effects")
-            joints = (
-                range(1, arm.n_joints + 1) if CATALOGUE[name].scope == "joint" else (0,)
-            )
-            self._applied += [
-                (name, draw(name, rng, scale, [j] if j else None)) for j in joints
-            ]
+            if CATALOGUE[name].scope != "joint":
+                self._applied.append((name, draw(name, rng, scale, None)))
+                continue
+            for joint in range(1, arm.n_joints + 1):
+                self._applied.append((name, draw(name, rng, scale, [joint])))
 
     def of(self, motion: Motion) -> np.ndarray:
         """Change of the torque that would be recorded [N m], N n rows, one column for each effect and joint."""
         nominal = CorrectedArm(self._arm).predict(self._body, motion)
-        changed = [
-            CorrectedArm(self._arm, (effect,)).predict(self._body, motion)
-            for _, effect in self._applied
-        ]
-        return np.column_stack([(torque - nominal).ravel() for torque in changed])
+        changes = []
+        for _, effect in self._applied:
+            torque = CorrectedArm(self._arm, (effect,)).predict(self._body, motion)
+            changes.append((torque - nominal).ravel())
+        return np.column_stack(changes)
 
     def separate(self, motion: Motion, matrix: np.ndarray) -> Separated:
         """How far the effects are apart on a motion of N samples with base regressor W, shape (N, n, b).
@@ -94,25 +94,31 @@ class Signatures:
         signatures = self.of(motion)
         norms = np.linalg.norm(signatures, axis=0)
         unit = signatures / np.where(norms > 0, norms, 1.0)
-        flat = matrix.reshape(-1, matrix.shape[2])
-        basis, values, _ = np.linalg.svd(
-            flat / np.maximum(np.linalg.norm(flat, axis=0), 1e-300), full_matrices=False
-        )
-        basis = basis[:, values > 1e-9 * values[0]]
-        left = unit - basis @ (basis.T @ unit)
-        least = float(np.linalg.svd(left, compute_uv=False)[-1])
-        owner = [name for name, _ in self._applied]
-        parts = {name: left[:, [o == name for o in owner]] for name in self.names}
-        pairs = [(a, b) for i, a in enumerate(self.names) for b in self.names[i + 1 :]]
-        return Separated(
-            least,
-            {pair: _least_angle(*(parts[name] for name in pair)) for pair in pairs},
-        )
+        basis = _column_space(matrix.reshape(-1, matrix.shape[2]))
+        residual = unit - basis @ (basis.T @ unit)
+        least = float(np.linalg.svd(residual, compute_uv=False)[-1])
+        owner = np.array([name for name, _ in self._applied])
+        angles = {
+            (a, b): _least_angle(residual[:, owner == a], residual[:, owner == b])
+            for a, b in itertools.combinations(self.names, 2)
+        }
+        return Separated(least, angles)
+
+
+def _column_space(columns: np.ndarray) -> np.ndarray:
+    """Orthonormal basis of the columns, those of almost no content left out."""
+    norms = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    basis, values, _ = np.linalg.svd(columns / norms, full_matrices=False)
+    return basis[:, values > 1e-9 * values[0]]
 
 
 def _least_angle(first: np.ndarray, second: np.ndarray) -> float:
-    """Least principal angle between two column spaces [rad]; 0 if one of them holds nothing."""
-    first, second = (x[:, np.linalg.norm(x, axis=0) > 1e-9] for x in (first, second))
+    """Least principal angle between two column spaces [rad]; 0 if one of them is empty."""
+    first, second = _without_zeros(first), _without_zeros(second)
     if not first.size or not second.size:
         return 0.0
     return float(subspace_angles(first, second).min())
+
+
+def _without_zeros(columns: np.ndarray) -> np.ndarray:
+    return columns[:, np.linalg.norm(columns, axis=0) > 1e-9]

@@ -47,10 +47,8 @@ def starving_limit(
         x: its numbers, shape (d,).
         condition: its condition number [1].
     """
-    best = min(
-        (Starved(name, _widened(search, x, name)) for name in OPTIONS),
-        key=lambda found: found.condition,
-    )
+    widened = [Starved(name, _widened(search, x, name)) for name in OPTIONS]
+    best = min(widened, key=lambda found: found.condition)
     return best if WORTH * best.condition <= condition else None
 
 
@@ -80,14 +78,14 @@ def _widened(search: TrajectorySearch, x: np.ndarray, name: str) -> float:
     space = search.parametrisation
     t = np.linspace(0.0, space.family.duration, SAMPLES)
     wider = Parametrisation(space.family, _wider(space.limits, name))
-    return condition_number(
-        search.model.matrix(wider.motion(x, t, space.family.basis(t)))
-    )
+    motion = wider.motion(x, t, space.family.basis(t))
+    return condition_number(search.model.matrix(motion))
 
 
 def _wider(limits: Limits, name: str) -> Limits:
     """Limits with one of them ``WIDER``."""
     if name != "position":
         return limits._replace(**{name: WIDER * getattr(limits, name)})
-    middle, half = (limits.upper + limits.lower) / 2, (limits.upper - limits.lower) / 2
-    return limits._replace(lower=middle - WIDER * half, upper=middle + WIDER * half)
+    middle = (limits.upper + limits.lower) / 2
+    half = WIDER * ((limits.upper - limits.lower) / 2)
+    return limits._replace(lower=middle - half, upper=middle + half)

@@ -32,20 +32,19 @@ class ParticleSwarm:
     def run(self, search: TrajectorySearch, rng: np.random.Generator) -> None:
         """Move the swarm until the budget is spent."""
         x = random_starts(search, rng, 0.05, self.particles)
-        best, scores = x.copy(), np.array([search.score(p) for p in x])
+        best = x.copy()
+        scores = np.array([search.score(particle) for particle in x])
         v = 0.1 * rng.standard_normal(x.shape)
         while not search.spent:
             for i in range(self.particles):
                 leader = best[int(scores.argmin())]
                 own, common = rng.uniform(0.0, self.pull, (2, x.shape[1]))
-                v[i] = (
-                    self.inertia * v[i]
-                    + own * (best[i] - x[i])
-                    + common * (leader - x[i])
-                )
+                to_own, to_leader = best[i] - x[i], leader - x[i]
+                v[i] = self.inertia * v[i] + own * to_own + common * to_leader
                 x[i] = np.clip(x[i] + v[i], -REACH, REACH)
                 score = search.score(x[i])
                 if score < scores[i]:
-                    best[i], scores[i] = x[i], score
+                    best[i] = x[i]
+                    scores[i] = score
                 if search.spent:
                     break

@@ -22,13 +22,12 @@ def write_csv(motion: Motion, path: Path) -> None:
     Raises:
         GapscopeError: the file cannot be written.
     """
+    columns = {"t": motion.t}
     series = {"q_ref": motion.q, "dq_ref": motion.dq, "ddq_ref": motion.ddq}
-    columns = {
-        f"{name}{j + 1}": x
-        for name, array in series.items()
-        for j, x in enumerate(array.T)
-    }
-    write_columns({"t": motion.t, **columns}, path)
+    for name, array in series.items():
+        for joint, values in enumerate(array.T, 1):
+            columns[f"{name}{joint}"] = values
+    write_columns(columns, path)
 
 
 def write_joint_trajectory(motion: Motion, joints: Sequence[str], path: Path) -> None:
@@ -44,15 +43,17 @@ def write_joint_trajectory(motion: Motion, joints: Sequence[str], path: Path) ->
         raise InputError(
             f"{len(joints)} names for {motion.q.shape[1]} joints", where="joints"
         )
+    last = len(motion.t) - 1
     step = max(1, round(motion.rate / ROS_RATE))
-    rows = np.unique([*range(0, len(motion.t), step), len(motion.t) - 1])
+    rows = np.unique([*range(0, last + 1, step), last])
     lines = [
         "header: {stamp: {sec: 0, nanosec: 0}, frame_id: ''}",
         f"joint_names: [{', '.join(map(_quoted, joints))}]",
+        "points:",
     ]
-    lines.append("points:")
     for i in rows:
-        sec, nanosec = divmod(round(float(motion.t[i]) * 1e9), 10**9)
+        nanoseconds = round(float(motion.t[i]) * 1e9)
+        sec, nanosec = divmod(nanoseconds, 10**9)
         lines += [
             f"- positions: {_numbers(motion.q[i])}",
             f"  velocities: {_numbers(motion.dq[i])}",

@@ -45,15 +45,13 @@ class Parametrisation:
 
     def __init__(self, family: Family, limits: Limits) -> None:
         self.family, self.limits = family, limits
-        dense = family.basis(
-            np.linspace(0.0, family.duration, int(np.ceil(family.duration / STEP)) + 1)
-        )
-        self._rows = np.concatenate(
-            [dense.position, dense.velocity, dense.acceleration]
-        )
-        self._count = len(dense.position)
         self._n = family.n_joints
         self.size = 2 * self._n + family.size
+        # limits are checked at these times
+        self._count = int(np.ceil(family.duration / STEP)) + 1
+        dense = family.basis(np.linspace(0.0, family.duration, self._count))
+        kinds = [dense.position, dense.velocity, dense.acceleration]
+        self._rows = np.concatenate(kinds)
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
         """A random x, shape (d,)."""
@@ -66,10 +64,10 @@ class Parametrisation:
 
     def motion(self, x: np.ndarray, t: np.ndarray, basis: Basis) -> Motion:
         """The motion at times t [s], shape (N,), at which ``basis`` was taken."""
-        found = self._decode(x)
-        coefficients = found.share * found.gain * found.raw
+        decoded = self._decode(x)
+        coefficients = decoded.share * decoded.gain * decoded.raw
         q, dq, ddq = (rows @ coefficients for rows in basis)
-        return Motion(t, found.centre + q, dq, ddq)
+        return Motion(t, decoded.centre + q, dq, ddq)
 
     def pullback(
         self,
@@ -81,65 +79,72 @@ class Parametrisation:
 
         If several samples use the same limit equally, it is the gradient for one of them.
         """
-        n, found = self._n, self._decode(x)
-        by_c = sum(
-            (rows.T @ g for rows, g in zip(basis, gradients, strict=True)),
-            np.zeros_like(found.raw),
-        )
-        along = (found.raw * by_c).sum(axis=0)
-        by_use = -(found.gain**2) / RESERVE * found.share * along
-        limit, use_by_centre = self._active_limit(found)
+        n, decoded = self._n, self._decode(x)
+        # by the coefficients share * gain * raw
+        by_coefficients = np.zeros_like(decoded.raw)
+        for rows, gradient in zip(basis, gradients, strict=True):
+            by_coefficients += rows.T @ gradient
+        along = (decoded.raw * by_coefficients).sum(axis=0)
+        # the gain is RESERVE over the use of the limit that is used most
+        by_use = -(decoded.gain**2) / RESERVE * decoded.share * along
+        limit, use_by_centre = self._active_limit(decoded)
+        active_rows = self._rows[decoded.active].T
         by_raw = (
-            found.share * found.gain * by_c
-            + by_use * found.sign / limit * self._rows[found.active].T
+            decoded.share * decoded.gain * by_coefficients
+            + by_use * decoded.sign / limit * active_rows
         )
         by_centre = gradients[0].sum(axis=0) + by_use * use_by_centre
         half = (self.limits.upper - self.limits.lower) / 2
+        by_share = decoded.gain * along
+        by_uniform = np.concatenate([by_centre * 2 * ROOM * half, by_share])
+        # centre and share are uniform: the normal distribution of x
         density = np.exp(-(x[: 2 * n] ** 2) / 2) / np.sqrt(2 * np.pi)
-        by_x = (
-            np.concatenate([by_centre * 2 * ROOM * half, found.gain * along]) * density
-        )
-        return np.concatenate([by_x, self.family.pullback(x[2 * n :], by_raw)])
+        by_coefficient_numbers = self.family.pullback(x[2 * n :], by_raw)
+        return np.concatenate([by_uniform * density, by_coefficient_numbers])
 
     def _decode(self, x: np.ndarray) -> _Decoded:
         n, limits = self._n, self.limits
         lower, upper = limits.lower, limits.upper
-        centre = (lower + upper) / 2 + ROOM * (2 * ndtr(x[:n]) - 1) * (
-            upper - lower
-        ) / 2
+        away = 2 * ndtr(x[:n]) - 1
+        centre = (lower + upper) / 2 + ROOM * away * (upper - lower) / 2
         raw = self.family.coefficients(x[2 * n :])
-        blocks = (self._rows @ raw).reshape(3, self._count, n)
-        most, least = blocks.max(axis=1), blocks.min(axis=1)
+        # position, velocity and acceleration, each at all times: (3, times, n)
+        series = (self._rows @ raw).reshape(3, self._count, n)
         above = np.stack([upper - centre, limits.velocity, limits.acceleration])
         below = np.stack([centre - lower, limits.velocity, limits.acceleration])
-        uses = np.concatenate([most / above, -least / below])
-        place = uses.argmax(axis=0)
+        uses = np.concatenate([series.max(axis=1) / above, -series.min(axis=1) / below])
+        # rows 0 to 2 are the upper limits of the three, 3 to 5 the lower ones
+        most_used = uses.argmax(axis=0)
         joints = np.arange(n)
-        kind, sign = place % 3, np.where(place < 3, 1.0, -1.0)
-        where = np.where(
-            place < 3,
-            blocks.argmax(axis=1)[kind, joints],
-            blocks.argmin(axis=1)[kind, joints],
+        kind, is_upper = most_used % 3, most_used < 3
+        time = np.where(
+            is_upper,
+            series.argmax(axis=1)[kind, joints],
+            series.argmin(axis=1)[kind, joints],
         )
-        use = np.maximum(uses[place, joints], 1e-12)
+        use = np.maximum(uses[most_used, joints], 1e-12)
         return _Decoded(
             centre,
-            ndtr(x[n : 2 * n]),
-            raw,
-            RESERVE / use,
-            kind * self._count + where,
-            sign,
+            share=ndtr(x[n : 2 * n]),
+            raw=raw,
+            gain=RESERVE / use,
+            active=kind * self._count + time,
+            sign=np.where(is_upper, 1.0, -1.0),
         )
 
     def _active_limit(self, found: _Decoded) -> tuple[np.ndarray, np.ndarray]:
         """The limit that each joint uses most, and the derivative of that use by q0 [1/rad]; each of shape (n,)."""
-        kind, up = found.active // self._count, found.sign > 0
-        room = np.where(
-            up, self.limits.upper - found.centre, found.centre - self.limits.lower
+        kind = found.active // self._count
+        above, below = (
+            self.limits.upper - found.centre,
+            found.centre - self.limits.lower,
         )
+        room = np.where(found.sign > 0, above, below)
+        position, velocity = kind == 0, kind == 1
         limit = np.select(
-            [kind == 0, kind == 1],
+            [position, velocity],
             [room, self.limits.velocity],
             self.limits.acceleration,
         )
-        return limit, np.where(kind == 0, found.sign * RESERVE / found.gain / room, 0.0)
+        use = RESERVE / found.gain
+        return limit, np.where(position, found.sign * use / room, 0.0)

@@ -117,18 +117,20 @@ class TrajectorySearch:
         progress: Callable[[float, float], None] = lambda share, best: None,
         samples: int = SAMPLES,
     ) -> None:
-        self.parametrisation, self.model, self.checker = parametrisation, model, checker
-        self._criterion, self._budget, self._signatures, self._progress = (
-            criterion,
-            budget,
-            signatures,
-            progress,
-        )
+        self.parametrisation = parametrisation
+        self.model = model
+        self.checker = checker
+        self._criterion = criterion
+        self._budget = budget
+        self._signatures = signatures
+        self._progress = progress
         self._t = np.linspace(0.0, parametrisation.family.duration, samples)
         self._basis = parametrisation.family.basis(self._t)
         self._start = time.monotonic()
         self.found: list[Found] = []
-        self.evaluations = self.judged = self.feasible = 0
+        self.evaluations = 0
+        self.judged = 0
+        self.feasible = 0
         self._broken = np.zeros(len(PENALISED), dtype=int)
 
     @property
@@ -139,21 +141,20 @@ class TrajectorySearch:
     @property
     def share(self) -> float:
         """Share of the budget that is spent [1]."""
-        count, seconds = self._budget.evaluations, self._budget.seconds
-        parts = [self.evaluations / count if count else 0.0]
+        evaluations, seconds = self._budget.evaluations, self._budget.seconds
+        share = 0.0
+        if evaluations:
+            share = self.evaluations / evaluations
         if seconds:
-            parts.append((time.monotonic() - self._start) / seconds)
-        return min(max(parts), 1.0)
+            share = max(share, (time.monotonic() - self._start) / seconds)
+        return min(share, 1.0)
 
     @property
     def hardest(self) -> tuple[str, ...]:
         """Limits that half of the candidates broke, and the one that most broke, which comes first."""
-        order = np.argsort(-self._broken, kind="stable")
-        return tuple(
-            PENALISED[i]
-            for i in order
-            if 2 * self._broken[i] >= self.judged or i == order[0]
-        )
+        first, *others = np.argsort(-self._broken, kind="stable")
+        often = [i for i in others if 2 * self._broken[i] >= self.judged]
+        return tuple(PENALISED[i] for i in (first, *often))
 
     @property
     def has_gradient(self) -> bool:
@@ -164,14 +165,12 @@ class TrajectorySearch:
         """Score of a candidate, shape (d,)."""
         self.evaluations += 1
         motion = self.parametrisation.motion(x, self._t, self._basis)
-        matrix = self.model.matrix(motion)
-        value = self._value(motion, matrix)
+        value = self._value(motion, self.model.matrix(motion))
         torque, _ = self._torque_breach(self.model.torque(motion))
-        others = [
-            max(0.0, -float(slack.min()) / scale)
-            for slack, scale in self._slacks(motion.q)
-        ]
-        return self._note(x, value, [torque, *others])
+        breaches = [torque]
+        for slack, scale in self._slacks(motion.q):
+            breaches.append(max(0.0, -float(slack.min()) / scale))
+        return self._note(x, value, breaches)
 
     def score_and_gradient(self, x: np.ndarray) -> tuple[float, np.ndarray]:
         """Score of a candidate and its gradient, shape (d,), exact but for distances, by central differences."""
@@ -180,54 +179,55 @@ class TrajectorySearch:
         matrix = self.model.matrix(motion)
         value = self._value(motion, matrix)
         torque, by_torque = self._torque_breach(self.model.torque(motion))
-        breaches, extra = [torque], np.zeros((2, *motion.q.shape))
+        breaches = [torque]
+        # derivatives of the other breaches by q, which the worst sample alone decides
+        by_position = np.zeros((2, *motion.q.shape))
         for k, (slack, scale) in enumerate(self._slacks(motion.q)):
             worst = int(slack.argmin())
             breaches.append(max(0.0, -float(slack[worst]) / scale))
             if slack[worst] < 0:
-                extra[k, worst] -= self._slope(motion.q[worst], k) / scale
+                by_position[k, worst] -= self._slope(motion.q[worst], k) / scale
         weight = PENALTY * np.minimum(np.array(breaches) / TOLERATED, 1.0)
+        by_matrix = self._criterion.gradient(matrix, self.model.reference)
         by_q, by_dq, by_ddq = self.model.pullback(
-            motion,
-            self._criterion.gradient(matrix, self.model.reference),
-            weight[0] * by_torque,
+            motion, by_matrix, weight[0] * by_torque
         )
-        by_q += weight[1] * extra[0] + weight[2] * extra[1]
+        by_q += weight[1] * by_position[0] + weight[2] * by_position[1]
         gradient = self.parametrisation.pullback(x, self._basis, (by_q, by_dq, by_ddq))
         return self._note(x, value, breaches), gradient
 
     def _value(self, motion: Motion, matrix: np.ndarray) -> float:
         if self._signatures is None:
             return self._criterion.evaluate(matrix, self.model.reference)
-        return -float(
-            np.log(max(self._signatures.separate(motion, matrix).least, 1e-12))
-        )
+        separation = self._signatures.separate(motion, matrix).least
+        return -float(np.log(max(separation, 1e-12)))
 
     def _note(self, x: np.ndarray, value: float, breaches: list[float]) -> float:
         """The score; a candidate that keeps all limits is counted, and kept if it is the best so far."""
-        found = np.array(breaches)
+        breach = np.array(breaches)
         self.judged += 1
-        self._broken += found > TOLERATED
-        if (found <= TOLERATED).all():
+        self._broken += breach > TOLERATED
+        if (breach <= TOLERATED).all():
             self.feasible += 1
             if not self.found or value < self.found[-1].value:
                 self.found.append(Found(np.array(x), value, self.evaluations))
-        self._progress(self.share, self.found[-1].value if self.found else np.inf)
-        return value + PENALTY * float(
-            np.where(
-                found < TOLERATED, found**2 / (2 * TOLERATED), found - TOLERATED / 2
-            ).sum()
-        )
+        best = self.found[-1].value if self.found else np.inf
+        self._progress(self.share, best)
+        # quadratic up to what is tolerated, linear beyond, with a continuous slope
+        quadratic, linear = breach**2 / (2 * TOLERATED), breach - TOLERATED / 2
+        penalties = np.where(breach < TOLERATED, quadratic, linear)
+        return value + PENALTY * float(penalties.sum())
 
     def _torque_breach(self, torque: np.ndarray) -> tuple[float, np.ndarray]:
         """Sum over joints of the largest breach as a share of the limit, and its derivative by torque, (N, n)."""
         limit = self.checker.allowed.torque
-        slope, joints = np.zeros_like(torque), np.arange(torque.shape[1])
+        joints = np.arange(torque.shape[1])
         worst = np.abs(torque).argmax(axis=0)
         peak = torque[worst, joints]
-        over = np.maximum(np.abs(peak) / limit - 1, 0.0)
-        slope[worst, joints] = np.where(over > 0, np.sign(peak) / limit, 0.0)
-        return float(over.sum()), slope
+        breach = np.maximum(np.abs(peak) / limit - 1, 0.0)
+        slope = np.zeros_like(torque)
+        slope[worst, joints] = np.where(breach > 0, np.sign(peak) / limit, 0.0)
+        return float(breach.sum()), slope
 
     def _slacks(self, q: np.ndarray) -> list[tuple[np.ndarray, float]]:
         """Slack of singular value and distance at q, (N, n), each (N,), with what counts as broken by all of it."""

@@ -70,11 +70,10 @@ def alarm(
     interval = float(np.median(np.diff(track.t)))
     length = max(2, round(window / interval))
     since = track.t - track.t[0]
-    first, judged = (
-        int(np.searchsorted(since, settle / 2)),
-        np.flatnonzero(since > settle),
-    )
-    if not len(judged) or judged[0] <= first + 2 * length:
+    first = int(np.searchsorted(since, settle / 2))
+    watched = np.flatnonzero(since > settle)
+    begin = first + length
+    if not len(watched) or watched[0] <= begin + length:
         raise InputError(
             f"a record of {since[-1]:.3g} s ends before an alarm may come, or an alarm may come after {settle:.3g} s "
             f"before its noise is known",
@@ -82,16 +81,18 @@ def alarm(
             where="settle",
         )
     ratio, learnt = _ratios(track, hypothesis.directions, length, first)
-    s, begin = len(hypothesis.names), first + length
-    threshold = (
-        MARGIN * s * fisher.isf(false_alarms / len(judged), s, np.maximum(learnt, 1))
-    )
+    s = len(hypothesis.names)
+    quantile = fisher.isf(false_alarms / len(watched), s, np.maximum(learnt, 1))
+    threshold = MARGIN * s * quantile
+    expected = chi2.ppf(LEVELS, s)
     statistic = np.zeros(len(ratio))
-    for k in judged:
-        usual = np.quantile(ratio[begin : k - length], LEVELS) / chi2.ppf(LEVELS, s)
+    for k in watched:
+        # the window that is judged is left out of what is usual
+        usual = np.quantile(ratio[begin : k - length], LEVELS) / expected
         statistic[k] = ratio[k] / threshold[k] / max(1.0, usual.max())
     over = np.flatnonzero(statistic > 1)
-    return Alarm(float(track.t[over[0]]) if len(over) else None, statistic)
+    time = float(track.t[over[0]]) if len(over) else None
+    return Alarm(time, statistic)
 
 
 def _ratios(
@@ -106,34 +107,37 @@ def _ratios(
         first: sample from which on the noise is learnt.
     """
     count, n = track.innovation.shape
-    learning = np.arange(count) >= first
-    learnt = np.maximum(np.arange(count) - length - first + 1, 0)
-    squares = np.cumsum(track.innovation**2 * learning[:, None], axis=0)
-    before = np.concatenate([np.zeros((length, n)), squares[:-length]])
-    weight = learnt[:, None] / np.maximum(before, 1e-300)
+    sample = np.arange(count)
+    # the noise is learnt from ``first`` up to where the window begins
+    learnt = np.maximum(sample - length - first + 1, 0)
+    learning = (sample >= first)[:, None]
+    squares = np.cumsum(track.innovation**2 * learning, axis=0)
+    before_window = np.concatenate([np.zeros((length, n)), squares[:-length]])
+    precision = learnt[:, None] / np.maximum(before_window, 1e-300)
     G = track.whitened @ directions
-    information = weight[..., None, None] * _windowed(
-        np.einsum("kja,kjb->kjab", G, G), length
-    )
-    score = weight[..., None] * _windowed(G * track.innovation[..., None], length)
-    kept = (
-        [np.arange(n) != j for j in range(n)] if n >= FEW else [np.ones(n, dtype=bool)]
-    )
-    ratios = [
-        _ratio(information[:, own].sum(axis=1), score[:, own].sum(axis=1))
-        for own in kept
-    ]
+    products = np.einsum("kja,kjb->kjab", G, G)
+    information = precision[..., None, None] * _windowed(products, length)
+    projected = G * track.innovation[..., None]
+    score = precision[..., None] * _windowed(projected, length)
+    ratios = []
+    for joints in _joint_sets(n):
+        own_information = information[:, joints].sum(axis=1)
+        own_score = score[:, joints].sum(axis=1)
+        ratios.append(_ratio(own_information, own_score))
     return np.min(ratios, axis=0), learnt
+
+
+def _joint_sets(n: int) -> list[np.ndarray]:
+    """Masks of the joints that a change has to show on: all but one in turn, or all if there are few."""
+    if n < FEW:
+        return [np.ones(n, dtype=bool)]
+    return [np.arange(n) != j for j in range(n)]
 
 
 def _ratio(information: np.ndarray, score: np.ndarray) -> np.ndarray:
     """u^T F^-1 u of each sample, shape (N,)."""
-    return np.einsum(
-        "ka,kab,kb->k",
-        score,
-        np.linalg.pinv(information, hermitian=True, rcond=1e-10),
-        score,
-    )
+    inverse = np.linalg.pinv(information, hermitian=True, rcond=1e-10)
+    return np.einsum("ka,kab,kb->k", score, inverse, score)
 
 
 def _windowed(series: np.ndarray, length: int) -> np.ndarray:

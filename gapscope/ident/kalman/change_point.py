@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
@@ -80,7 +80,8 @@ def payload_hypothesis(base: BaseParameters, link: int) -> Hypothesis:
 
 def friction_hypothesis(base: BaseParameters, joint: int) -> Hypothesis:
     """Viscous [N m s/rad] and Coulomb friction [N m] of a joint, counted from 1, changed."""
-    names = tuple(name for name in (f"b{joint}", f"c{joint}") if name in base.names)
+    both = (f"b{joint}", f"c{joint}")
+    names = tuple(name for name in both if name in base.names)
     if not names:
         raise InputError(
             f"the problem has no friction of joint {joint}",
@@ -128,29 +129,24 @@ def find_change(
     """
     t = np.asarray(t, dtype=float)
     moments = np.flatnonzero((t > t[0] + margin) & (t < t[-1] - margin))
-    if len(moments) < 2 or problem.torque.size < 2 * problem.matrix.shape[2]:
+    parameters = problem.matrix.shape[2]
+    if len(moments) < 2 or problem.torque.size < 2 * parameters:
         raise InputError(
-            f"{t[-1] - t[0]:.3g} s with {problem.torque.size} equations for {problem.matrix.shape[2]} parameters are "
+            f"{t[-1] - t[0]:.3g} s with {problem.torque.size} equations for {parameters} parameters are "
             "too short to tell a change from none",
             "record for longer, or take fewer parameters as unknown",
             where="t",
         )
-    best: _Scan | None = None
-    for _ in range(ROUNDS):
-        whitened = white(problem, _residual(problem, t, best))
-        tries = len(moments) * len(hypotheses)
-        sums = _Sums.of(whitened, moments)
-        scans = [_Scan.over(sums, hypothesis) for hypothesis in hypotheses]
-        best = max(scans, key=lambda scan: scan.evidence)
-    assert best is not None
-    threshold = float(chi2.isf(false_alarms / tries, len(best.hypothesis.names)))
+    whitened, best = _best_scan(problem, moments, hypotheses)
+    chance = false_alarms / (len(moments) * len(hypotheses))
+    threshold = float(chi2.isf(chance, len(best.hypothesis.names)))
     if best.peak > threshold:
         threshold *= _usual(whitened, best, moments, threshold)
     threshold = max(threshold, SHARE * problem.torque.size)
     if best.peak <= threshold:
         return None
-    inside = best.statistic > best.peak - chi2.ppf(0.95, 1)
-    near = t[moments[inside]]
+    # moments whose likelihood ratio is not significantly lower than the best one's
+    near = t[moments[best.statistic > best.peak - chi2.ppf(0.95, 1)]]
     return Change(
         best.hypothesis,
         float(t[best.moment]),
@@ -159,6 +155,22 @@ def find_change(
         best.covariance,
         best.peak / threshold,
     )
+
+
+def _best_scan(
+    problem: Problem,
+    moments: np.ndarray,
+    hypotheses: Sequence[Hypothesis],
+) -> tuple[Problem, _Scan]:
+    """The problem with white noise, and the scan of the likeliest hypothesis; noise and change found in turns."""
+    best: _Scan | None = None
+    for _ in range(ROUNDS):
+        whitened = white(problem, _residual(problem, best))
+        sums = _Sums.of(whitened, moments)
+        scans = [_Scan.over(sums, hypothesis) for hypothesis in hypotheses]
+        best = max(scans, key=lambda scan: scan.evidence)
+    assert best is not None
+    return whitened, best
 
 
 @dataclass(frozen=True)
@@ -182,19 +194,18 @@ class _Sums:
 
     @classmethod
     def of(cls, problem: Problem, moments: np.ndarray) -> _Sums:
-        W, tau = problem.matrix, problem.torque
-        scale = np.maximum(np.sqrt(np.mean(W**2, axis=(0, 1))), 1e-12)
-        W = W / scale
+        rms = np.sqrt(np.mean(problem.matrix**2, axis=(0, 1)))
+        scale = np.maximum(rms, 1e-12)
+        W = problem.matrix / scale
         gram = np.cumsum(np.matmul(W.transpose(0, 2, 1), W), axis=0)
-        right = np.cumsum(np.einsum("kja,kj->ka", W, tau), axis=0)
-        inverse = np.linalg.pinv(gram[-1], hermitian=True)
+        right = np.cumsum(np.einsum("kja,kj->ka", W, problem.torque), axis=0)
         return cls(
             moments,
             scale,
-            inverse,
-            right[-1],
-            gram[-1] - gram[moments],
-            right[-1] - right[moments],
+            inverse=np.linalg.pinv(gram[-1], hermitian=True),
+            right=right[-1],
+            gram_after=gram[-1] - gram[moments],
+            right_after=right[-1] - right[moments],
         )
 
 
@@ -220,10 +231,12 @@ class _Scan:
     @classmethod
     def over(cls, sums: _Sums, hypothesis: Hypothesis) -> _Scan:
         D = hypothesis.directions * sums.scale[:, None]
-        cross = sums.gram_after @ D
-        through = sums.inverse @ cross
-        information = D.T @ cross - cross.transpose(0, 2, 1) @ through
-        score = sums.right_after @ D - np.einsum("kas,a->ks", through, sums.right)
+        # A' D and A^-1 A' D of each moment
+        after = sums.gram_after @ D
+        projected = sums.inverse @ after
+        information = D.T @ after - after.transpose(0, 2, 1) @ projected
+        explained = np.einsum("kas,a->ks", projected, sums.right)
+        score = sums.right_after @ D - explained
         covariance = np.linalg.pinv(information, hermitian=True, rcond=1e-10)
         size = np.einsum("kst,kt->ks", covariance, score)
         statistic = np.einsum("ks,ks->k", size, score)
@@ -235,36 +248,36 @@ def _usual(
     problem: Problem, scan: _Scan, moments: np.ndarray, threshold: float
 ) -> float:
     """How much larger 2 log L is than without errors of the model, at least 1, when ``REMOVED`` changes are fitted."""
-    hypothesis, s = scan.hypothesis, len(scan.hypothesis.names)
+    hypothesis = scan.hypothesis
+    s = len(hypothesis.names)
     for _ in range(REMOVED):
-        after = (np.arange(len(problem.torque)) > scan.moment)[:, None, None]
-        matrix = np.concatenate(
-            [problem.matrix, after * (problem.matrix @ hypothesis.directions)], axis=2
+        problem = replace(
+            problem,
+            matrix=_with_change(problem.matrix, scan.moment, hypothesis),
+            names=(*problem.names, *hypothesis.names),
         )
-        problem = Problem(
-            matrix,
-            problem.torque,
-            (*problem.names, *hypothesis.names),
-            problem.group,
-            problem.interval,
-        )
+        # a further change of the same parameters; those of the changes that are fitted stay
         directions = np.concatenate([hypothesis.directions, np.zeros((s, s))])
         hypothesis = Hypothesis(hypothesis.name, hypothesis.names, directions)
         scan = _Scan.over(_Sums.of(problem, moments), hypothesis)
-    return max(
-        1.0,
-        float(np.median(scan.statistic) / chi2.median(s)),
-        STANDS_OUT * scan.peak / threshold,
-    )
+    everywhere = float(np.median(scan.statistic) / chi2.median(s))
+    next_peak = STANDS_OUT * scan.peak / threshold
+    return max(1.0, everywhere, next_peak)
 
 
-def _residual(problem: Problem, t: np.ndarray, scan: _Scan | None) -> np.ndarray:
-    """What the model with the change found so far leaves [N m], shape (N, n)."""
+def _with_change(matrix: np.ndarray, moment: int, hypothesis: Hypothesis) -> np.ndarray:
+    """W with columns for a change of the hypothesis after a moment, shape (N, n, b + s)."""
+    after = (np.arange(len(matrix)) > moment)[:, None, None]
+    return np.concatenate([matrix, after * (matrix @ hypothesis.directions)], axis=2)
+
+
+def _residual(problem: Problem, scan: _Scan | None) -> np.ndarray:
+    """Residual of the model with the change found so far [N m], shape (N, n)."""
     W = problem.matrix
     if scan is not None:
-        after = (np.arange(len(t)) > scan.moment)[:, None, None]
-        W = np.concatenate([W, after * (W @ scan.hypothesis.directions)], axis=2)
+        W = _with_change(W, scan.moment, scan.hypothesis)
     stacked = W.reshape(-1, W.shape[2])
     scale = np.maximum(np.linalg.norm(stacked, axis=0), 1e-12)
-    fit = np.linalg.lstsq(stacked / scale, problem.torque.ravel(), rcond=None)[0]
+    torque = problem.torque.ravel()
+    fit = np.linalg.lstsq(stacked / scale, torque, rcond=None)[0]
     return problem.torque - (W / scale) @ fit

@@ -48,17 +48,17 @@ class FoundChange:
         low, high = change.interval
         when = f"at {change.time:.2f} s ({low:.2f} .. {high:.2f} s) of {self.recording}"
         sizes = [
-            f"{s:+.3g} ± {d:.2g}"
-            for s, d in zip(change.size, change.deviation, strict=True)
+            f"{size:+.3g} ± {deviation:.2g}"
+            for size, deviation in zip(change.size, change.deviation, strict=True)
         ]
         if change.hypothesis.name == "payload":
             done = "picked up" if change.size[0] > 0 else "put down"
             return f"a load was {done} {when}: {sizes[0]} kg"
         units = {"b": "N m s/rad", "c": "N m"}
-        parts = (
-            f"{name} {s} {units[name[0]]}"
-            for name, s in zip(change.hypothesis.names, sizes, strict=True)
-        )
+        parts = [
+            f"{name} {size} {units[name[0]]}"
+            for name, size in zip(change.hypothesis.names, sizes, strict=True)
+        ]
         return f"{change.hypothesis.name} changed {when}: {', '.join(parts)}"
 
 
@@ -81,11 +81,9 @@ def find_changes(
         base: base parameters of the fitted samples.
         band: that both sides are compared in.
     """
-    link = columns.body.last_link + 1
-    hypotheses = [payload_hypothesis(base, link)]
-    hypotheses += [
-        friction_hypothesis(base, joint) for joint in range(1, columns.arm.n_joints + 1)
-    ]
+    joints = range(1, columns.arm.n_joints + 1)
+    hypotheses = [payload_hypothesis(base, columns.body.last_link + 1)]
+    hypotheses += [friction_hypothesis(base, joint) for joint in joints]
     return tuple(_each(recordings, columns, law, base, band, hypotheses))
 
 
@@ -97,14 +95,16 @@ def _each(
     band: Band,
     hypotheses: list,
 ) -> Iterator[FoundChange]:
+    names = [base.names[k] for k in base.kept]
     for recording in recordings:
         segments = band.segments([recording])
         if not segments:
             continue
         samples = Samples(columns, segments, band.bounded(segments, MOST))
-        problem, times = _moving(
-            samples, samples.problem(law, base.kept, [base.names[k] for k in base.kept])
-        )
+        whole = samples.problem(law, base.kept, names)
+        problem, times = _moving(samples, whole)
+        if not len(times):
+            continue
         try:
             change = find_change(problem, times, hypotheses)
         except InputError:  # too short to tell
@@ -118,7 +118,11 @@ def _moving(samples: Samples, problem: Problem) -> tuple[Problem, np.ndarray]:
 
     At rest dry friction may take any value, so that coming to rest would pass for a change.
     """
-    kept = np.flatnonzero((np.abs(samples.velocity) > MOVING).any(axis=1))
-    apart = (np.diff(kept) > 1) | (np.diff(problem.group[kept]) > 0)
-    group = np.concatenate([np.zeros(min(1, len(kept)), dtype=int), np.cumsum(apart)])
+    moving = (np.abs(samples.velocity) > MOVING).any(axis=1)
+    kept = np.flatnonzero(moving)
+    # a new stretch begins after a rest, and with a new segment
+    rested = np.diff(kept) > 1
+    new_segment = np.diff(problem.group[kept]) > 0
+    first = np.zeros(min(1, len(kept)), dtype=int)
+    group = np.concatenate([first, np.cumsum(rested | new_segment)])
     return replace(problem.rows(kept), group=group), samples.times[kept]

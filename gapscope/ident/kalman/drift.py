@@ -55,43 +55,69 @@ def fit_warming(
     Source: bittencourt2012, golub1973.
     """
     known = list(problem.names)
-    if not set(names) <= set(known):
+    unknown = sorted(set(names) - set(known))
+    if unknown:
         raise InputError(
-            f"{', '.join(sorted(set(names) - set(known)))} is no parameter of the problem",
+            f"{', '.join(unknown)} is no parameter of the problem",
             where="names",
         )
     places = [known.index(name) for name in names]
-    W = problem.matrix / noise[:, None]
-    tau = (problem.torque / noise).ravel()
+    model = _WarmingModel(problem, t, places, noise)
     duration = float(t[-1] - t[0])
-
-    def solved(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        varied = W.copy()
-        varied[:, :, places] *= 1.0 + drift_change(t, x[0], np.exp(x[1]))[:, None, None]
-        flat = varied.reshape(len(tau), -1)
-        scale = np.linalg.norm(flat, axis=0)
-        beta = np.linalg.lstsq(flat / scale, tau, rcond=None)[0] / scale
-        return beta, tau - flat @ beta
-
-    starts = [np.array([0.3, np.log(share * duration)]) for share in (0.1, 0.3, 1.0)]
-    bounds = ([-0.95, np.log(4 * problem.interval)], [5.0, np.log(LONGEST * duration)])
-    fits = [
-        least_squares(lambda x: solved(x)[1], x0, bounds=bounds, x_scale=(0.1, 0.3))
-        for x0 in starts
-    ]
+    # a and log T; the least T is four samples
+    lower = [-0.95, np.log(4 * problem.interval)]
+    upper = [5.0, np.log(LONGEST * duration)]
+    fits = []
+    for share in (0.1, 0.3, 1.0):
+        start = [0.3, np.log(share * duration)]
+        fits.append(
+            least_squares(
+                model.residual, start, bounds=(lower, upper), x_scale=(0.1, 0.3)
+            )
+        )
     best = min(fits, key=lambda fit: fit.cost)
     if not best.success:
         raise GapscopeError(
             "the search for the time constant did not end",
             "record for longer, from the cold arm on",
         )
-    a, T = float(best.x[0]), float(np.exp(best.x[1]))
-    chain = np.diag([1.0, T])
-    spread = 2 * best.cost / (len(tau) - W.shape[2] - 2)
-    covariance = chain @ np.linalg.pinv(best.jac.T @ best.jac) @ chain * spread
+    amplitude, constant = float(best.x[0]), float(np.exp(best.x[1]))
+    # from log T to T
+    chain = np.diag([1.0, constant])
+    variance = 2 * best.cost / (problem.torque.size - len(known) - 2)
+    information = best.jac.T @ best.jac
+    covariance = chain @ np.linalg.pinv(information) @ chain * variance
     warnings: tuple[str, ...] = ()
-    if duration < T:
+    if duration < constant:
         warnings = (
-            f"the time constant, {T:.3g} s, is longer than the record of {duration:.3g} s; record for longer",
+            f"the time constant, {constant:.3g} s, is longer than the record of {duration:.3g} s; record for longer",
         )
-    return Warming(solved(best.x)[0][places], a, T, covariance, warnings)
+    friction = model.linear_part(best.x)[places]
+    return Warming(friction, amplitude, constant, covariance, warnings)
+
+
+class _WarmingModel:
+    """tau = W beta + a exp(-t / T) W_f beta_f over the noise, with the best beta for given a and log T."""
+
+    def __init__(
+        self, problem: Problem, t: np.ndarray, places: list[int], noise: np.ndarray
+    ) -> None:
+        self._W = problem.matrix / noise[:, None]
+        self._tau = (problem.torque / noise).ravel()
+        self._t, self._places = t, places
+
+    def linear_part(self, x: np.ndarray) -> np.ndarray:
+        """The best beta, shape (b,)."""
+        columns = self._columns(x)
+        norm = np.linalg.norm(columns, axis=0)
+        return np.linalg.lstsq(columns / norm, self._tau, rcond=None)[0] / norm
+
+    def residual(self, x: np.ndarray) -> np.ndarray:
+        """Weighted torque less the model with the best beta [1], shape (N n,)."""
+        return self._tau - self._columns(x) @ self.linear_part(x)
+
+    def _columns(self, x: np.ndarray) -> np.ndarray:
+        factor = 1.0 + drift_change(self._t, x[0], np.exp(x[1]))
+        varied = self._W.copy()
+        varied[:, :, self._places] *= factor[:, None, None]
+        return varied.reshape(len(self._tau), -1)

@@ -51,40 +51,36 @@ class Recursive:
             InputError: a parameter or a size that does not fit the problem.
         """
         count, b = len(problem.torque), problem.matrix.shape[2]
-        t = (
-            problem.interval * np.arange(count)
-            if t is None
-            else np.asarray(t, dtype=float)
-        )
-        walk = self._walk(problem)
-        kalman = self._filter(problem)
-        value, spread, innovation = (
-            np.empty((count, b)),
-            np.empty((count, b, b)),
-            np.empty_like(problem.torque),
-        )
+        if t is None:
+            t = problem.interval * np.arange(count)
+        t = np.asarray(t, dtype=float)
+        walk, kalman = self._walk(problem), self._filter(problem)
+        value, spread = np.empty((count, b)), np.empty((count, b, b))
+        innovation = np.empty_like(problem.torque)
         whitened = np.empty_like(problem.matrix)
         steps = np.maximum(np.diff(t, prepend=t[0] - problem.interval), 1e-9)
         for k in range(count):
             if k:
-                kalman.alpha = (
-                    1.0
-                    if self.memory is None
-                    else float(np.exp(0.5 * steps[k] / self.memory))
-                )
+                kalman.alpha = self._fading(steps[k])
                 kalman.predict(Q=np.diag(walk**2 * steps[k]))
             W = problem.matrix[k]
             kalman.update(problem.torque[k], H=W)
+            # L^-1 with S = L L^T gives innovations unit variance
             root = np.linalg.cholesky(kalman.S)
-            innovation[k], whitened[k] = (
-                np.linalg.solve(root, kalman.y),
-                np.linalg.solve(root, W),
-            )
-            value[k], spread[k] = kalman.x, 0.5 * (kalman.P + kalman.P.T)
+            innovation[k] = np.linalg.solve(root, kalman.y)
+            whitened[k] = np.linalg.solve(root, W)
+            value[k] = kalman.x
+            spread[k] = 0.5 * (kalman.P + kalman.P.T)
         added = np.diff(t, append=t[-1])[:, None] * walk**2
         return Track(
             tuple(problem.names), t, value, spread, innovation, whitened, added
         )
+
+    def _fading(self, step: float) -> float:
+        """Factor by which the deviation of the estimate grows in a step [s]; 1 with unlimited memory."""
+        if self.memory is None:
+            return 1.0
+        return float(np.exp(0.5 * step / self.memory))
 
     def estimate(self, problem: Problem) -> Estimate:
         """The estimate after the last sample."""
@@ -99,16 +95,16 @@ class Recursive:
             raise InputError(
                 f"expected {n} numbers above 0, one per joint", where="noise"
             )
+        start, covariance = self.start, self.covariance
+        if start is None:
+            start = np.zeros(b)
+        if covariance is None:
+            covariance = self._vague(problem)
         kalman = KalmanFilter(dim_x=b, dim_z=n)
-        kalman.F, kalman.R = np.eye(b), np.diag(noise**2)
-        kalman.x = (
-            np.zeros(b) if self.start is None else np.array(self.start, dtype=float)
-        )
-        kalman.P = (
-            self._vague(problem)
-            if self.covariance is None
-            else np.array(self.covariance, dtype=float)
-        )
+        kalman.F = np.eye(b)
+        kalman.R = np.diag(noise**2)
+        kalman.x = np.array(start, dtype=float)
+        kalman.P = np.array(covariance, dtype=float)
         if kalman.x.shape != (b,) or kalman.P.shape != (b, b):
             raise InputError(
                 f"the problem has {b} parameters, the start {kalman.x.size}",

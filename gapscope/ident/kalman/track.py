@@ -49,14 +49,14 @@ class Track:
         """
         value, covariance = self.value.copy(), self.covariance.copy()
         for k in range(len(value) - 2, -1, -1):
-            ahead = self.covariance[k] + np.diag(self.walk[k])
+            own = self.covariance[k]
+            ahead = own + np.diag(self.walk[k])
+            # parameters differ by orders of magnitude: solved with a unit diagonal
             scale = np.sqrt(np.diag(ahead).clip(1e-300))
-            gain = np.linalg.solve(
-                ahead / np.outer(scale, scale),
-                self.covariance[k] / np.outer(scale, scale),
-            ).T
-            gain = scale[:, None] * gain / scale
+            outer = np.outer(scale, scale)
+            unit_gain = np.linalg.solve(ahead / outer, own / outer).T
+            gain = scale[:, None] * unit_gain / scale
             value[k] = self.value[k] + gain @ (value[k + 1] - self.value[k])
-            spread = self.covariance[k] + gain @ (covariance[k + 1] - ahead) @ gain.T
+            spread = own + gain @ (covariance[k + 1] - ahead) @ gain.T
             covariance[k] = 0.5 * (spread + spread.T)
         return replace(self, value=value, covariance=covariance)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,14 +84,11 @@ class Unscented:
             )
         rows = np.arange(0, len(recording.t), every)
         t, q = recording.t[rows], recording.q[rows]
-        tau = (
-            np.add.reduceat(recording.tau, rows)
-            / np.diff([*rows, len(recording.t)])[:, None]
-        )
-        n, size = (
-            self.regressor.arm.n_joints,
-            2 * self.regressor.arm.n_joints + len(self.names),
-        )
+        # mean torque between two measurements
+        counts = np.diff([*rows, len(recording.t)])
+        tau = np.add.reduceat(recording.tau, rows) / counts[:, None]
+        n = self.regressor.arm.n_joints
+        size = 2 * n + len(self.names)
         kalman = self._filter(q[0], float(np.median(np.diff(t))))
         value, spread = np.empty((len(t), size)), np.empty((len(t), size, size))
         innovation, whitened = np.zeros((len(t), n)), np.zeros((len(t), n, size))
@@ -98,7 +96,7 @@ class Unscented:
         for k in range(1, len(t)):
             try:
                 kalman.predict(dt=t[k] - t[k - 1], torque=tau[k - 1])
-                seen = self._shown(kalman.P)
+                sensitivity = self._sensitivity(kalman.P)
                 kalman.update(q[k])
             except np.linalg.LinAlgError as error:
                 raise GapscopeError(
@@ -106,65 +104,62 @@ class Unscented:
                     "check (a) units and signs of the torque, (b) that the spread of the parameters leaves masses "
                     "positive, (c) that noise is not stated too small",
                 ) from error
+            # L^-1 with S = L L^T gives innovations unit variance
             root = np.linalg.cholesky(kalman.S)
             innovation[k] = np.linalg.solve(root, kalman.y)
-            whitened[k, :, 2 * n :] = np.linalg.solve(root, seen)
+            whitened[k, :, 2 * n :] = np.linalg.solve(root, sensitivity)
             value[k], spread[k] = kalman.x, kalman.P
-        names = tuple(f"{kind}{j}" for kind in ("q", "dq") for j in range(1, n + 1))
-        walk = np.diff(t, append=t[-1])[:, None] * np.concatenate(
-            [np.zeros(2 * n), np.asarray(self.drift) ** 2]
-        )
-        return Track(
-            (*names, *self.names), t, value, spread, innovation, whitened, walk
-        )
+        joints = range(1, n + 1)
+        states = [f"{kind}{j}" for kind in ("q", "dq") for j in joints]
+        variance_rate = np.concatenate([np.zeros(2 * n), np.asarray(self.drift) ** 2])
+        walk = np.diff(t, append=t[-1])[:, None] * variance_rate
+        names = (*states, *self.names)
+        return Track(names, t, value, spread, innovation, whitened, walk)
 
-    def _shown(self, covariance: np.ndarray) -> np.ndarray:
-        """How parameters that are off by one unit show in the predicted positions, P_q,theta P_theta^-1, (n, s)."""
+    def _sensitivity(self, covariance: np.ndarray) -> np.ndarray:
+        """Change of the predicted positions per unit of the parameters, P_q,theta P_theta^-1, (n, s)."""
         n = self.regressor.arm.n_joints
         own, cross = covariance[2 * n :, 2 * n :], covariance[:n, 2 * n :]
         scale = np.sqrt(np.diag(own))
-        return (
-            np.linalg.solve(own / np.outer(scale, scale), (cross / scale).T).T / scale
-        )
+        correlation = own / np.outer(scale, scale)
+        return np.linalg.solve(correlation, (cross / scale).T).T / scale
 
     def _filter(self, start: np.ndarray, period: float) -> UnscentedKalmanFilter:
         n, s = len(start), len(self.names)
         points = MerweScaledSigmaPoints(2 * n + s, alpha=0.3, beta=2.0, kappa=0.0)
-        dynamics = self._dynamics(period)
         kalman = UnscentedKalmanFilter(
-            2 * n + s, n, period, hx=lambda x: x[:n], fx=dynamics, points=points
+            2 * n + s,
+            n,
+            period,
+            hx=lambda x: x[:n],
+            fx=self._dynamics(period),
+            points=points,
         )
         kalman.x = np.concatenate([start, np.zeros(n + s)])
-        still = np.full(n, 0.1)
-        kalman.P = np.diag(
-            np.concatenate([np.full(n, self.position_noise), still, self.spread]) ** 2
-        )
+        encoder = np.full(n, self.position_noise)
+        nearly_at_rest = np.full(n, 0.1)  # [rad/s]
+        deviation = np.concatenate([encoder, nearly_at_rest, self.spread])
+        kalman.P = np.diag(deviation**2)
         kalman.R = self.position_noise**2 * np.eye(n)
-        mass = self.regressor.body.mass_matrix(start) + np.diag(
-            self.regressor.arm.armature
-        )
-        jitter = np.asarray(self.torque_noise) / np.diag(mass) * period
-        process = [
-            np.full(n, 0.1 * self.position_noise),
-            jitter,
-            np.asarray(self.drift) * np.sqrt(period),
-        ]
-        kalman.Q = np.diag(np.concatenate(process) ** 2)
+        # torque that is not modelled acts on the velocities
+        body, arm = self.regressor.body, self.regressor.arm
+        inertia = np.diag(body.mass_matrix(start) + np.diag(arm.armature))
+        jitter = np.asarray(self.torque_noise) / inertia * period
+        wander = np.asarray(self.drift) * np.sqrt(period)
+        process = np.concatenate([0.1 * encoder, jitter, wander])
+        kalman.Q = np.diag(process**2)
         return kalman
 
-    def _dynamics(self, period: float):  # type: ignore[no-untyped-def]
-        """The state after some time [s] under a torque [N m], as the filter wants it."""
-        regressor, places = (
-            self.regressor,
-            [self.regressor.names.index(name) for name in self.names],
-        )
-        prior = (
-            regressor.nominal()
-            if self.prior is None
-            else np.asarray(self.prior, dtype=float)
-        )
-        n, count = regressor.arm.n_joints, max(1, round(period / (2 * LONGEST_STEP)))
-        order, back = regressor.body.order, regressor.body.places
+    def _dynamics(self, period: float) -> Callable[..., np.ndarray]:
+        """The state after some time [s] under a torque [N m], in the form that the filter calls."""
+        regressor = self.regressor
+        places = [regressor.names.index(name) for name in self.names]
+        prior = regressor.nominal() if self.prior is None else self.prior
+        prior = np.asarray(prior, dtype=float)
+        n = regressor.arm.n_joints
+        count = max(1, round(period / (2 * LONGEST_STEP)))
+        # the stepper counts joints in the order of the bodies, the case in its own
+        to_body, to_case = regressor.body.order, regressor.body.places
         stepper = Stepper(regressor.body, Plant.of(prior), period / count)
 
         def after(x: np.ndarray, dt: float, torque: np.ndarray) -> np.ndarray:
@@ -172,13 +167,11 @@ class Unscented:
             parameters[places] += x[2 * n :]
             stepper.set_plant(Plant.of(parameters))
             stepper.dt = dt / count
-            q, dq, held = (
-                x[:n][None, order],
-                x[n : 2 * n][None, order],
-                torque[None, order],
-            )
+            q = x[:n][None, to_body]
+            dq = x[n : 2 * n][None, to_body]
+            held = torque[None, to_body]
             for _ in range(count):
                 q, dq = stepper(q, dq, held)
-            return np.concatenate([q[0, back], dq[0, back], x[2 * n :]])
+            return np.concatenate([q[0, to_case], dq[0, to_case], x[2 * n :]])
 
         return after

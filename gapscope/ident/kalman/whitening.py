@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.signals.effective_samples import group_slices
 
 ORDER = 2
 """Order of the autoregression."""
@@ -21,24 +22,32 @@ def white(problem: Problem, residual: np.ndarray) -> Problem:
         residual: what a model left of its torque [N m], shape (N, n).
     """
     count, n = residual.shape
-    first = np.concatenate([[0], np.flatnonzero(np.diff(problem.group)) + 1])
-    since = np.arange(count) - np.repeat(first, np.diff([*first, count]))
-    late = since >= ORDER
+    late = _since_group_began(problem.group) >= ORDER
     matrix, torque = problem.matrix.copy(), problem.torque.copy()
-    free = 1 - problem.matrix.shape[2] / max(residual.size, problem.matrix.shape[2] + 1)
+    parameters = problem.matrix.shape[2]
+    free = 1 - parameters / max(residual.size, parameters + 1)
     for j in range(n):
-        past = np.stack(
-            [np.roll(residual[:, j], lag) for lag in range(1, ORDER + 1)], axis=1
-        )
-        a = np.linalg.lstsq(past[late], residual[late, j], rcond=None)[0]
-        left = np.sqrt(np.mean((residual[late, j] - past[late] @ a) ** 2) / free)
-        whole = np.sqrt(np.mean(residual[:, j] ** 2) / free)
-        scale = np.maximum(np.where(late, left, whole), 1e-12)
-        for series, own in (
-            (matrix[:, j], problem.matrix[:, j]),
-            (torque[:, j : j + 1], problem.torque[:, j : j + 1]),
-        ):
-            for lag in range(1, ORDER + 1):
-                series[late] -= a[lag - 1] * np.roll(own, lag, axis=0)[late]
-            series /= scale[:, None]
+        own = residual[:, j]
+        past = np.stack([np.roll(own, lag) for lag in range(1, ORDER + 1)], axis=1)
+        coefficients = np.linalg.lstsq(past[late], own[late], rcond=None)[0]
+        innovation = own[late] - past[late] @ coefficients
+        # the first samples of a group have no past: they are only scaled
+        deviation = np.full(count, np.sqrt(np.mean(own**2) / free))
+        deviation[late] = np.sqrt(np.mean(innovation**2) / free)
+        scale = np.maximum(deviation, 1e-12)[:, None]
+        for lag, coefficient in enumerate(coefficients, 1):
+            earlier_rows = np.roll(problem.matrix[:, j], lag, axis=0)
+            earlier_torque = np.roll(problem.torque[:, j], lag)
+            matrix[late, j] -= coefficient * earlier_rows[late]
+            torque[late, j] -= coefficient * earlier_torque[late]
+        matrix[:, j] /= scale
+        torque[:, j] /= scale[:, 0]
     return Problem(matrix, torque, problem.names, problem.group, problem.interval)
+
+
+def _since_group_began(group: np.ndarray) -> np.ndarray:
+    """Samples of the same group before each sample, shape (N,)."""
+    since = np.arange(len(group))
+    for rows in group_slices(group):
+        since[rows] -= rows.start
+    return since

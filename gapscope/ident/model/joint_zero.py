@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -55,20 +56,20 @@ class JointZeros:
 
         The offset is large and certain, and with the offsets the fit is much better, or more bodies become possible.
         """
-        large = (
-            (np.abs(self.offset) > LEAST)
-            & (np.abs(self.offset) > CERTAIN * self.deviation)
-            & self.known
-        )
-        better = self.cost[1] < (1 - WORTH) * self.cost[0]
-        possible = len(self.impossible[1]) < len(self.impossible[0])
-        return np.flatnonzero(large & (better or possible))
+        size = np.abs(self.offset)
+        certain = (size > LEAST) & (size > CERTAIN * self.deviation) & self.known
+        cost_without, cost_with = self.cost
+        better = cost_with < (1 - WORTH) * cost_without
+        impossible_without, impossible_with = self.impossible
+        more_possible = len(impossible_with) < len(impossible_without)
+        return np.flatnonzero(certain & (better or more_possible))
 
     def questions(self) -> tuple[str, ...]:
-        """A question about each zero that must be asked about."""
+        """A question about each zero that has to be asked about."""
+        offset, deviation = np.rad2deg(self.offset), np.rad2deg(self.deviation)
         return tuple(
             f"is the zero of joint {j + 1} right? The torque fits physical bodies with a zero that is off by "
-            f"{np.rad2deg(self.offset[j]):+.2f} ± {np.rad2deg(self.deviation[j]):.2f} degrees; if so, say in the case "
+            f"{offset[j]:+.2f} ± {deviation[j]:.2f} degrees; if so, say in the case "
             f"import: {{offsets: [...]}} with {-self.offset[j]:+.4f} rad for this joint, or calibrate it"
             for j in self.asked
         )
@@ -100,46 +101,64 @@ def estimate_zeros(
     Source: hollerbach2008.
     """
     n, nominal = columns.arm.n_joints, columns.nominal(law)
-    x, delta, costs, wrong = nominal, np.zeros(n), [], []
     rows = sum(len(s.motion.t[band.rows(s)][:: band.step(s)]) for s in segments) * n
-    weights = np.concatenate([rows * penalty, np.full(n, WIDTH**-2.0)])
+    prior = np.concatenate([nominal, np.zeros(n)])
+    prior_weight = np.concatenate([rows * penalty, np.full(n, WIDTH**-2.0)])
+    x: np.ndarray = nominal
+    offset: np.ndarray = np.zeros(n)
+    costs: list[float] = []
+    impossible: list[tuple[int, ...]] = []
     for turn in range(ROUNDS):
-        gram = np.zeros((len(x) + n + 1,) * 2)
+        # the first turn holds the offsets at zero: cost and links without offsets
+        gram = np.zeros((len(prior) + 1, len(prior) + 1))
         for segment in segments:
-            full = (
-                _columns(columns, segment, law, band, x, delta, with_zero=turn > 0)
-                / noise[:, None]
+            equations = _columns(
+                columns, segment, law, band, x, offset, with_zero=turn > 0
             )
-            flat = full.reshape(-1, full.shape[2])
+            flat = (equations / noise[:, None]).reshape(-1, len(prior) + 1)
             gram += flat.T @ flat
-        start = np.concatenate([nominal, np.zeros(n)])
-        normal = gram[:-1, :-1] + np.diag(weights)
-        unit = 1.0 / np.sqrt(np.diag(normal))
-        right = gram[:-1, -1] - gram[:-1, :-1] @ start
-        change = unit * np.linalg.solve(normal * unit[:, None] * unit, unit * right)
-        total = start + change
-        squares = (
-            gram[-1, -1] - 2 * gram[-1, :-1] @ total + total @ gram[:-1, :-1] @ total
-        )
-        costs.append(float(squares + change @ (weights * change)) / rows)
-        step = total[-n:] - delta
-        x, delta = total[:-n], total[-n:]
-        wrong.append(
-            tuple(check.link for check in inconsistent(check_links(x[: columns.links])))
-        )
-        if turn > 0 and np.abs(step).max() < CLOSE:
+        step = _regularised(gram, prior, prior_weight)
+        costs.append(step.cost / rows)
+        largest_change = np.abs(step.solution[-n:] - offset).max()
+        x, offset = step.solution[:-n], step.solution[-n:]
+        wrong_links = inconsistent(check_links(x[: columns.links]))
+        impossible.append(tuple(check.link for check in wrong_links))
+        if turn > 0 and largest_change < CLOSE:
             break
-    spread = unit * np.sqrt(np.diag(np.linalg.inv(normal * unit[:, None] * unit)))
+    spread = step.spread[-n:]
     # a band of f Hz holds 2 f independent samples a second
-    deviation = spread[-n:] * np.sqrt(max(costs[-1], 1e-12) * PER_CUTOFF / 2)
+    deviation = spread * np.sqrt(max(costs[-1], 1e-12) * PER_CUTOFF / 2)
     return JointZeros(
-        delta,
+        offset,
         deviation,
-        spread[-n:] < KNOWN * WIDTH,
+        spread < KNOWN * WIDTH,
         x,
         (costs[0], costs[-1]),
-        (wrong[0], wrong[-1]),
+        (impossible[0], impossible[-1]),
     )
+
+
+class _Step(NamedTuple):
+    """Solution of regularised least squares, its sum of squares with the penalty, and deviations at unit noise."""
+
+    solution: np.ndarray
+    cost: float
+    spread: np.ndarray
+
+
+def _regularised(gram: np.ndarray, prior: np.ndarray, weight: np.ndarray) -> _Step:
+    """Minimum of |A z - b|^2 + sum_k w_k (z_k - prior_k)^2, with the Gram matrix of [A, b]."""
+    own, right, square = gram[:-1, :-1], gram[:-1, -1], gram[-1, -1]
+    normal = own + np.diag(weight)
+    # columns differ by orders of magnitude: scaled to a unit diagonal
+    unit = 1.0 / np.sqrt(np.diag(normal))
+    scaled = normal * unit[:, None] * unit
+    change = unit * np.linalg.solve(scaled, unit * (right - own @ prior))
+    solution = prior + change
+    residual = square - 2 * right @ solution + solution @ own @ solution
+    cost = float(residual + change @ (weight * change))
+    spread = unit * np.sqrt(np.diag(np.linalg.inv(scaled)))
+    return _Step(solution, cost, spread)
 
 
 def _columns(
@@ -158,15 +177,11 @@ def _columns(
     smooth, dry = columns.smooth(true), columns.dry(m, law)
     sensitivity = np.zeros((*m.q.shape, m.q.shape[1]))
     if with_zero:
-        change = (x[: columns.links] - columns.body.inertial_parameters()).reshape(
-            -1, 10
-        )
-        sensitivity = (
-            -segment.bodies(columns.body)
-            .changed(change)
-            .sensitivities(true.q, m.dq, m.ddq)[0]
-        )
+        # the derivative by q of the torque of the bodies as they are identified now
+        change = x[: columns.links] - columns.body.inertial_parameters()
+        bodies = segment.bodies(columns.body).changed(change.reshape(-1, 10))
+        sensitivity = -bodies.sensitivities(true.q, m.dq, m.ddq)[0]
     known = replace(segment, motion=true).known_torque(columns.body)
     right = np.asarray(segment.torque) - known + sensitivity @ delta
-    full = np.concatenate([smooth, dry, sensitivity, right[:, :, None]], axis=2)
-    return band.filtered(full, segment)[:: band.step(segment)]
+    equations = np.concatenate([smooth, dry, sensitivity, right[:, :, None]], axis=2)
+    return band.filtered(equations, segment)[:: band.step(segment)]

@@ -1,7 +1,6 @@
 """Signal conditioning: from a recording to motions and torques that can be compared.
 
-Both sides of the equation of motion pass the same zero-phase filter, so that what the filter takes from one side it
-takes from the other.
+Both sides of the equation of motion pass the same zero-phase filter, so that it removes the same band from both.
 """
 
 from __future__ import annotations
@@ -27,6 +26,8 @@ WORKING_RATE = 250.0
 """Recordings sampled at twice this rate or faster are decimated to no less than it [Hz]."""
 SHORTEST = 1.5
 """Segments shorter than this [s] are left out."""
+LEAST_CUTOFF, LARGEST_CUTOFF = 5.0, 40.0
+"""Limits of the cut-off for positions [Hz]."""
 GAP_STEPS = 4.0
 """A step of time longer than this many median steps is a gap, and the recording is cut there."""
 
@@ -77,54 +78,53 @@ def _edge(rate: float) -> int:
 def low_pass(series: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
     """Zero-phase Butterworth low-pass (order 4, forward and backward) along axis 0; cut-off at most 0.95 of Nyquist."""
     sos = butter(4, min(cutoff, 0.95 * rate / 2), output="sos", fs=rate)
-    return sosfiltfilt(
-        sos,
-        series,
-        axis=0,
-        padlen=min(len(series) - 1, int(3 * rate / min(cutoff, rate / 2))),
-    )
+    # the ends are extended by three periods of the cut-off
+    three_periods = int(3 * rate / min(cutoff, rate / 2))
+    padding = min(len(series) - 1, three_periods)
+    return sosfiltfilt(sos, series, axis=0, padlen=padding)
 
 
 def position_cutoff(recordings: tuple[Recording, ...]) -> float:
-    """Cut-off for positions [Hz]: twice the frequency where their spectrum meets its noise floor.
+    """Cut-off for positions [Hz]: twice the frequency at which their spectrum meets its noise floor.
 
     The noise floor of a joint is the median power density in the upper half of the band; the crossing is the highest
     frequency whose density exceeds ten times it. The largest crossing over joints and recordings counts; twice it
     leaves the band below untouched. The result lies between 5 and 40 Hz, and below 0.8 of Nyquist.
     """
-    crossings = [2.5]
-    nyquist = min(recording.rate for recording in recordings) / 2
+    crossings = [LEAST_CUTOFF / 2]
     for recording in recordings:
         _, q = uniform(recording.t, recording.q, recording.rate)
-        frequency, density = welch(
-            q, recording.rate, nperseg=min(len(q), int(4 * recording.rate)), axis=0
-        )
-        noise = np.median(density[frequency > recording.rate / 4], axis=0)
+        window = min(len(q), int(4 * recording.rate))
+        frequency, density = welch(q, recording.rate, nperseg=window, axis=0)
+        upper_half = frequency > recording.rate / 4
+        noise = np.median(density[upper_half], axis=0)
         above = (density > 10 * noise).any(axis=1)
         crossings.append(float(frequency[above].max(initial=0.0)))
-    return float(min(2 * max(crossings), 40.0, 0.8 * nyquist))
+    nyquist = min(recording.rate for recording in recordings) / 2
+    return float(min(2 * max(crossings), LARGEST_CUTOFF, 0.8 * nyquist))
 
 
 def uniform(
     t: np.ndarray, series: np.ndarray, rate: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Series on a uniform grid of the given rate [Hz]; the samples themselves if t is uniform to 1 %."""
-    steps = np.diff(t)
-    if np.abs(steps * rate - 1).max(initial=0.0) < 0.01:
+    intervals = np.diff(t)
+    if np.abs(intervals * rate - 1).max(initial=0.0) < 0.01:
         return t, series
-    grid = t[0] + np.arange(int((t[-1] - t[0]) * rate + 1e-6) + 1) / rate
+    # the small number keeps a last sample that rounding would drop
+    last = int((t[-1] - t[0]) * rate + 1e-6)
+    grid = t[0] + np.arange(last + 1) / rate
     return grid, make_interp_spline(t, series, k=1)(grid)
 
 
 def pieces(recording: Recording) -> list[slice]:
     """Slices of a recording between its gaps, those of at least ``SHORTEST`` seconds."""
-    step = 1.0 / recording.rate
-    cuts = np.flatnonzero(np.diff(recording.t) > GAP_STEPS * step) + 1
-    edges = [0, *cuts.tolist(), len(recording.t)]
-    spans = [slice(a, b) for a, b in itertools.pairwise(edges)]
-    return [
-        s for s in spans if recording.t[s.stop - 1] - recording.t[s.start] >= SHORTEST
-    ]
+    t = recording.t
+    longest_step = GAP_STEPS / recording.rate
+    first_after_gap = np.flatnonzero(np.diff(t) > longest_step) + 1
+    edges = [0, *first_after_gap.tolist(), len(t)]
+    spans = [slice(start, stop) for start, stop in itertools.pairwise(edges)]
+    return [span for span in spans if t[span.stop - 1] - t[span.start] >= SHORTEST]
 
 
 def condition(recording: Recording, cutoff: float) -> list[Segment]:
@@ -154,48 +154,62 @@ def thinned(segment: Segment, rate: float) -> Segment:
     """A segment decimated to no less than ``rate`` [Hz], its torques low-passed before."""
     m = segment.motion
     step = max(1, int(m.rate / rate + 1e-6))
-    torque, sensor = (
-        None if x is None else _decimate(x, m.rate, step)
-        for x in (segment.torque, segment.torque_sensor)
-    )
     motion = Motion(m.t[::step], m.q[::step], m.dq[::step], m.ddq[::step])
-    return Segment(segment.recording, motion, torque, sensor, segment.payload)
+    return Segment(
+        segment.recording,
+        motion,
+        _decimate(segment.torque, m.rate, step),
+        _decimate(segment.torque_sensor, m.rate, step),
+        segment.payload,
+    )
 
 
 def blocks(segment: Segment, count: int) -> list[Segment]:
     """A segment cut into blocks of equal length, which overlap only by what trimming takes from their ends."""
-    n, edge = len(segment.motion.t), _edge(segment.motion.rate)
-    cuts = np.linspace(edge, n - edge, count + 1).astype(int)
-    spans = [slice(a - edge, b + edge) for a, b in itertools.pairwise(cuts)]
-    m = segment.motion
-    return [
-        Segment(
-            segment.recording,
-            Motion(m.t[s], m.q[s], m.dq[s], m.ddq[s]),
-            None if segment.torque is None else segment.torque[s],
-            None if segment.torque_sensor is None else segment.torque_sensor[s],
-            segment.payload,
-        )
-        for s in spans
+    count_samples = len(segment.motion.t)
+    edge = _edge(segment.motion.rate)
+    cuts = np.linspace(edge, count_samples - edge, count + 1).astype(int)
+    # each block is longer by what trimming takes, so that the trimmed blocks meet
+    spans = [
+        slice(start - edge, stop + edge) for start, stop in itertools.pairwise(cuts)
     ]
+    return [_cut(segment, span) for span in spans]
+
+
+def _cut(segment: Segment, span: slice) -> Segment:
+    """The samples of a segment within a slice."""
+    m, torque, sensor = segment.motion, segment.torque, segment.torque_sensor
+    return Segment(
+        segment.recording,
+        Motion(m.t[span], m.q[span], m.dq[span], m.ddq[span]),
+        None if torque is None else torque[span],
+        None if sensor is None else sensor[span],
+        segment.payload,
+    )
 
 
 def _segment(recording: Recording, span: slice, cutoff: float) -> Segment:
+    """One piece of a recording without gaps: filtered, decimated and differentiated."""
     rate = recording.rate
     t, q = uniform(recording.t[span], recording.q[span], rate)
     step = max(1, int(rate / WORKING_RATE + 1e-6))
-    q = low_pass(q, rate, cutoff)
-    spline = make_interp_spline(t[::step], q[::step], k=5)
     grid = t[::step]
+    # quintic: the second derivative is then a smooth cubic spline
+    spline = make_interp_spline(grid, low_pass(q, rate, cutoff)[::step], k=5)
     motion = Motion(grid, spline(grid), spline(grid, 1), spline(grid, 2))
-    torque, sensor = (
-        None
-        if x is None
-        else _decimate(uniform(recording.t[span], x[span], rate)[1], rate, step)
-        for x in (recording.tau, recording.tau_sensor)
-    )
+
+    def on_grid(series: np.ndarray | None) -> np.ndarray | None:
+        if series is None:
+            return None
+        regular = uniform(recording.t[span], series[span], rate)[1]
+        return _decimate(regular, rate, step)
+
+    torque, sensor = on_grid(recording.tau), on_grid(recording.tau_sensor)
     return Segment(recording.name, motion, torque, sensor, recording.payload)
 
 
-def _decimate(series: np.ndarray, rate: float, step: int) -> np.ndarray:
-    return series if step == 1 else low_pass(series, rate, 0.4 * rate / step)[::step]
+def _decimate(series: np.ndarray | None, rate: float, step: int) -> np.ndarray | None:
+    """Every ``step``-th sample of a series at ``rate`` [Hz], low-passed at 0.8 of the new Nyquist frequency."""
+    if series is None or step == 1:
+        return series
+    return low_pass(series, rate, 0.4 * rate / step)[::step]

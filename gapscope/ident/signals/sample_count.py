@@ -59,16 +59,17 @@ def count_samples(samples: Samples, parameters: int) -> SampleCount:
 
 def _bandwidth(samples: Samples) -> np.ndarray:
     """Frequency below which ``POWER`` of the power of each joint's torque lies [Hz], shape (n,)."""
-    grid = np.linspace(0.0, min(samples.band.cutoff, 0.5 / samples.interval), 512)
+    nyquist = 0.5 / samples.interval
+    grid = np.linspace(0.0, min(samples.band.cutoff, nyquist), 512)
     power = np.zeros((len(grid), samples.torque.shape[1]))
-    for span in group_slices(samples.group):
-        series = samples.torque[span] - samples.torque[span].mean(axis=0)
-        density = (
-            np.abs(np.fft.rfft(series * np.hanning(len(series))[:, None], axis=0)) ** 2
-        )
+    for rows in group_slices(samples.group):
+        series = samples.torque[rows] - samples.torque[rows].mean(axis=0)
+        window = np.hanning(len(series))[:, None]
+        density = np.abs(np.fft.rfft(series * window, axis=0)) ** 2
         frequency = np.fft.rfftfreq(len(series), samples.interval)
-        power += np.array(
-            [np.interp(grid, frequency, column) for column in density.T]
-        ).T
-    share = np.cumsum(power, axis=0) / np.maximum(power.sum(axis=0), 1e-300)
-    return np.asarray(grid[np.argmax(share >= POWER, axis=0)])
+        # groups differ in length: their spectra are added on a common grid
+        for joint, column in enumerate(density.T):
+            power[:, joint] += np.interp(grid, frequency, column)
+    total = np.maximum(power.sum(axis=0), 1e-300)
+    share_below = np.cumsum(power, axis=0) / total
+    return np.asarray(grid[np.argmax(share_below >= POWER, axis=0)])

@@ -52,26 +52,24 @@ class Band:
 
     def step(self, segment: Segment) -> int:
         """Every which sample is kept to fit."""
-        return self.thinning * max(
-            1, int(segment.motion.rate / (PER_CUTOFF * self.cutoff) + 1e-6)
-        )
+        within_band = int(segment.motion.rate / (PER_CUTOFF * self.cutoff) + 1e-6)
+        return self.thinning * max(1, within_band)
 
     def segments(self, recordings: Sequence[Recording]) -> list[Segment]:
         """Segments of recordings, positions filtered at the cut-off; those without torque are left out.
 
         Long ones are cut into blocks, whose trimmed samples follow each other without a gap.
         """
-        found = [
-            s
-            for r in recordings
-            if r.tau is not None
-            for s in condition(r, self.cutoff)
-        ]
-        return [
-            block
-            for s in found
-            for block in (blocks(s, _count(s)) if self.trim else [s])
-        ]
+        whole: list[Segment] = []
+        for recording in recordings:
+            if recording.tau is not None:
+                whole += condition(recording, self.cutoff)
+        if not self.trim:
+            return whole
+        cut: list[Segment] = []
+        for segment in whole:
+            cut += blocks(segment, _count(segment))
+        return cut
 
 
 def _count(segment: Segment) -> int:
@@ -101,18 +99,24 @@ class Samples:
     def __init__(
         self, columns: ModelColumns, segments: Sequence[Segment], band: Band
     ) -> None:
-        self.columns, self.segments, self.band = columns, list(segments), band
+        self.columns = columns
+        self.segments = list(segments)
+        self.band = band
         self.smooth = self._stack(columns.smooth(s.motion) for s in self.segments)
         self.torque = self._stack(
             np.asarray(s.torque) - s.known_torque(columns.body) for s in self.segments
         )
-        self.velocity = np.concatenate(
-            [s.motion.dq[band.rows(s)][:: band.step(s)] for s in self.segments]
-        )
-        times = [s.motion.t[band.rows(s)][:: band.step(s)] for s in self.segments]
-        self.times, lengths = np.concatenate(times), [len(t) for t in times]
+        times, velocities = [], []
+        for segment in self.segments:
+            rows, step = band.rows(segment), band.step(segment)
+            times.append(segment.motion.t[rows][::step])
+            velocities.append(segment.motion.dq[rows][::step])
+        self.times = np.concatenate(times)
+        self.velocity = np.concatenate(velocities)
+        lengths = [len(t) for t in times]
         self.group = np.repeat(np.arange(len(lengths)), lengths)
-        self.interval = band.step(self.segments[0]) / self.segments[0].motion.rate
+        first = self.segments[0]
+        self.interval = band.step(first) / first.motion.rate
 
     def matrix(self, law: FrictionLaw) -> np.ndarray:
         """W in the band, shape (M, n, p)."""

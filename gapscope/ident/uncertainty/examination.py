@@ -57,19 +57,17 @@ class Examination:
 
     def warnings(self) -> tuple[str, ...]:
         """What makes the result doubtful, each with a remedy."""
+        found: list[str] = []
         shown = self.shown
-        weak = shown.rank < shown.base.count or shown.condition > CONDITION_LIMIT
-        unknown = self.interval is None
-        return (
-            *(shown.warnings[:1] if weak else ()),
-            *self.counted.warnings(),
-            *(self.interval.warnings if self.interval is not None else ()),
-            *(
-                f"the recordings cannot be checked for model error: {r}"
-                for r in self.reasons[-1:]
-                if unknown
-            ),
-        )
+        if shown.rank < shown.base.count or shown.condition > CONDITION_LIMIT:
+            found += shown.warnings[:1]
+        found += self.counted.warnings()
+        if self.interval is not None:
+            found += self.interval.warnings
+        elif self.reasons:
+            last = self.reasons[-1]
+            found.append(f"the recordings cannot be checked for model error: {last}")
+        return tuple(found)
 
 
 def examine(
@@ -88,12 +86,9 @@ def examine(
         estimate: what it said.
         uncertainty: of that.
     """
-    columns, law, cutoff = (
-        evidence.samples.columns,
-        evidence.choice.law,
-        evidence.samples.band.cutoff,
-    )
-    shown = identifiability(evidence.matrix, structural(columns, law))
+    samples, law = evidence.samples, evidence.choice.law
+    cutoff = samples.band.cutoff
+    shown = identifiability(evidence.matrix, structural(samples.columns, law))
     reasons: list[str] = []
     essential, groups, interval = None, None, None
     try:
@@ -105,49 +100,45 @@ def examine(
     except (InputError, np.linalg.LinAlgError) as error:
         where = f"{error.where} " if isinstance(error, InputError) else ""
         reasons.append(f"segments: {where}by itself does not determine the parameters")
+    # the bands of the split are set for this cut-off; higher up friction of a healthy arm passes for model error
+    low_cutoff = min(cutoff, TORQUE_CUTOFF)
     try:
-        # the bands of the split are set for this cut-off; higher up friction of a healthy arm passes for model error
         interval = torque_interval(
-            _cut(problem), estimator, uncertainty, min(cutoff, TORQUE_CUTOFF), estimate
+            _cut(problem), estimator, uncertainty, low_cutoff, estimate
         )
     except (InputError, np.linalg.LinAlgError):
         reasons.append(
             "without one of its segments the rest does not determine the parameters; record more motions"
         )
-    return Examination(
-        shown,
-        essential,
-        groups,
-        interval,
-        count_samples(evidence.samples, evidence.base.count),
-        tuple(reasons),
-    )
+    counted = count_samples(samples, evidence.base.count)
+    return Examination(shown, essential, groups, interval, counted, tuple(reasons))
 
 
 def _cut(problem: Problem) -> Problem:
     """The problem with its groups cut into equal parts, at least ``HELD_OUT`` in all."""
     spans = group_slices(problem.group)
-    pieces = -(-HELD_OUT // len(spans))
-    edges = [np.linspace(s.start, s.stop, pieces + 1).astype(int)[:-1] for s in spans]
-    lengths = np.diff(np.r_[np.concatenate(edges), len(problem.group)])
+    pieces = -(-HELD_OUT // len(spans))  # rounded up
+    starts: list[int] = []
+    for span in spans:
+        edges = np.linspace(span.start, span.stop, pieces + 1).astype(int)
+        starts += edges[:-1].tolist()
+    lengths = np.diff([*starts, len(problem.group)])
     return replace(problem, group=np.repeat(np.arange(len(lengths)), lengths))
 
 
 def structural(columns: ModelColumns, law: FrictionLaw) -> BaseParameters:
     """Base parameters of the arm, whatever its recordings excite."""
     states = random_states(columns.regressor, np.random.default_rng(0), 300)
-    return base_parameters(
-        columns.matrix(states, replace(law, presliding=None)), columns.names(law)
-    )
+    # the states do not follow from one another, so that no direction can be kept from one to the next
+    law = replace(law, presliding=None)
+    return base_parameters(columns.matrix(states, law), columns.names(law))
 
 
 def _essential(evidence: FitEvidence, problem: Problem) -> EssentialParameters:
     """Essential parameters of the equations weighted by joint; variances allow for autocorrelation."""
-    left = problem.residual(evidence.beta) / evidence.choice.noise
+    noise = evidence.choice.noise
+    residual = problem.residual(evidence.beta) / noise
     factor = TriangularFactor(evidence.base.count)
-    factor.add(
-        problem.matrix / evidence.choice.noise[:, None],
-        problem.torque / evidence.choice.noise,
-    )
-    alike = float(variance_inflation(left, problem.group).mean())
-    return essential_parameters(factor, problem.names, inflation=alike)
+    factor.add(problem.matrix / noise[:, None], problem.torque / noise)
+    inflation = float(variance_inflation(residual, problem.group).mean())
+    return essential_parameters(factor, problem.names, inflation=inflation)

@@ -117,22 +117,25 @@ def identifiability(
         raise InputError(
             "the regressor is zero: nothing moves and nothing weighs", "record a motion"
         )
-    own = triangle[:, base.kept]
-    full = norms[base.kept] > EMPTY * norms.max()
-    unit = np.where(full, own, 0.0) / np.where(full, norms[base.kept], 1.0)
+    columns, kept_norms = triangle[:, base.kept], norms[base.kept]
+    excited = kept_norms > EMPTY * norms.max()
+    unit = np.where(excited, columns, 0.0) / np.where(excited, kept_norms, 1.0)
     values, right = np.linalg.svd(unit)[1:]
-    rank = rank_by_gap(values / values[0])
+    relative = values / values[0]
+    rank = rank_by_gap(relative)
+    # the parameters that make up the direction that the samples show least
     last = np.abs(right[-1])
     names = [base.names[place] for place in base.kept]
-    weakest = tuple(names[k] for k in np.argsort(-last) if last[k] > _WEAK * last.max())
-    condition, raw = float(np.linalg.cond(unit)), float(np.linalg.cond(own))
+    order = [int(k) for k in np.argsort(-last)]
+    weakest = tuple(names[k] for k in order if last[k] > _WEAK * last.max())
+    condition, raw = float(np.linalg.cond(unit)), float(np.linalg.cond(columns))
     return Identifiability(
         base,
         factor.rows,
         rank,
         condition,
         raw,
-        values / values[0],
+        relative,
         norms / np.sqrt(max(factor.rows, 1)),
         _standings(base),
         weakest,
@@ -143,11 +146,11 @@ def identifiability(
 def _standings(base: BaseParameters) -> tuple[str, ...]:
     """Standing of each parameter by the combinations it occurs in."""
     involved = np.abs(base.combination) > _FOLDED
-    out = [COMBINED if column.any() else NONE for column in involved.T]
-    for row, place in zip(involved, base.kept, strict=True):
-        if row.sum() == 1:
-            out[place] = ALONE
-    return tuple(out)
+    standing = [COMBINED if in_any else NONE for in_any in involved.any(axis=0)]
+    alone = involved.sum(axis=1) == 1
+    for place in base.kept[alone]:
+        standing[place] = ALONE
+    return tuple(standing)
 
 
 def _warnings(

@@ -58,29 +58,56 @@ def block_length(scores: np.ndarray, group: np.ndarray) -> int:
     n = len(scores)
     lags = min(n - 1, max(20, int(2 * np.sqrt(n)) + 50))
     covariance = autocovariance(scores - scores.mean(axis=0), group, lags)
-    covariance = covariance[
-        :, covariance[0] > 1e-12 * max(float(covariance[0].max()), 1e-300)
-    ]
-    if not covariance.size:
+    largest = max(float(covariance[0].max()), 1e-300)
+    covariance = covariance[:, covariance[0] > 1e-12 * largest]
+    lengths = [_column_length(column, n) for column in covariance.T]
+    found = [length for length in lengths if length is not None]
+    if not found:
         return 1
-    rho, stay = np.abs(covariance / covariance[0]), max(5, int(np.sqrt(np.log10(n))))
-    lengths = []
-    for k in range(covariance.shape[1]):
-        quiet = rho[1:, k] < 2 * np.sqrt(np.log10(n) / n)
-        runs = np.convolve(quiet, np.ones(stay), "valid") >= stay
-        m = int(np.argmax(runs)) + 1 if runs.any() else lags // 2
-        lag = np.arange(min(2 * m, lags) + 1)
-        window = np.clip(2 * (1 - lag / (2 * m)), 0, 1) * np.where(lag == 0, 1.0, 2.0)
-        density, slope = (
-            (window * covariance[lag, k]).sum(),
-            (window * lag * covariance[lag, k]).sum(),
+    return int(np.clip(np.ceil(np.mean(found)), 1, max(1, n // 5)))
+
+
+def _column_length(covariance: np.ndarray, n: int) -> float | None:
+    """Block length of one series of n samples by its autocovariance from lag 0 on; ``None`` if it shows no memory."""
+    lags = len(covariance) - 1
+    correlation = np.abs(covariance[1:] / covariance[0])
+    # m: the first lag after which the correlation is insignificant for several lags in a row
+    quiet = correlation < 2 * np.sqrt(np.log10(n) / n)
+    stay = max(5, int(np.sqrt(np.log10(n))))
+    quiet_runs = np.convolve(quiet, np.ones(stay), "valid") >= stay
+    m = int(np.argmax(quiet_runs)) + 1 if quiet_runs.any() else lags // 2
+    lag = np.arange(min(2 * m, lags) + 1)
+    flat_top = np.clip(2 * (1 - lag / (2 * m)), 0, 1)
+    both_sides = np.where(lag == 0, 1.0, 2.0)
+    weighted = flat_top * both_sides * covariance[lag]
+    density, slope = weighted.sum(), (lag * weighted).sum()
+    # a spectrum that dips at frequency 0 says nothing about memory
+    if density <= 0.1 * covariance[0]:
+        return None
+    return float((1.5 * slope**2 / density**2 * n) ** (1 / 3))
+
+
+def bartlett_sum(scores: np.ndarray, group: np.ndarray, length: int) -> np.ndarray:
+    """sum_k (1 - |k| / L) sum_i g_i g_{i+k}^T within the groups, shape (b, b): the variance of the scores' sum.
+
+    Args:
+        scores: g_i, shape (N, b).
+        group: shape (N,).
+        length: L [samples].
+
+    Source: newey1987.
+    """
+    b = scores.shape[1]
+    total = np.zeros((b, b))
+    for rows in group_slices(group):
+        # sums over all windows of L samples; their products are Bartlett's triangle of weights
+        padded = np.vstack(
+            [np.zeros((length, b)), scores[rows], np.zeros((length - 1, b))]
         )
-        if (
-            density <= 0.1 * covariance[0, k]
-        ):  # a spectrum that dips at frequency 0 says nothing about memory
-            continue
-        lengths.append((1.5 * slope**2 / density**2 * n) ** (1 / 3))
-    return int(np.clip(np.ceil(np.mean(lengths)) if lengths else 1, 1, max(1, n // 5)))
+        running = np.cumsum(padded, axis=0)
+        window_sums = running[length:] - running[:-length]
+        total += window_sums.T @ window_sums / length
+    return total
 
 
 def sandwich(
@@ -100,28 +127,14 @@ def sandwich(
     The variances have about 1.5 N / L degrees of freedom. Source: newey1987.
     """
     gram, scores = _grams_and_scores(problem, beta, weight)
-    length = block_length(scores, problem.group) if length is None else length
-    meat = np.zeros_like(gram)
-    for part in group_slices(problem.group):
-        total = np.cumsum(
-            np.vstack(
-                [
-                    np.zeros((length, len(beta))),
-                    scores[part],
-                    np.zeros((length - 1, len(beta))),
-                ]
-            ),
-            0,
-        )
-        sums = total[length:] - total[:-length]
-        meat += sums.T @ sums / length
+    if length is None:
+        length = block_length(scores, problem.group)
+    meat = bartlett_sum(scores, problem.group, length)
     n, b = problem.torque.size, len(beta)
     inverse = _inverse(gram)
-    return Uncertainty(
-        inverse @ meat @ inverse * n / max(n - b, 1),
-        max(1.5 * len(scores) / length - 1, 1.0),
-        length,
-    )
+    covariance = inverse @ meat @ inverse * n / max(n - b, 1)
+    freedom = max(1.5 * len(scores) / length - 1, 1.0)
+    return Uncertainty(covariance, freedom, length)
 
 
 def block_jackknife(
@@ -137,30 +150,26 @@ def block_jackknife(
     twice as long by default. Source: kunsch1989.
     """
     gram, scores = _grams_and_scores(problem, beta, weight)
-    length = 2 * block_length(scores, problem.group) if length is None else length
+    if length is None:
+        length = 2 * block_length(scores, problem.group)
     scale = 1 / np.sqrt(np.diag(gram).clip(1e-300))
     changes = []
     for block in _blocks(problem.group, length):
         rows = problem.matrix[block]
         weighted = rows if weight is None else weight @ rows
         own = rows.reshape(-1, len(beta)).T @ weighted.reshape(-1, len(beta))
-        rest, pull = (
-            (gram - own) * np.outer(scale, scale),
-            scale * scores[block].sum(axis=0),
-        )
-        changes.append(scale * np.linalg.lstsq(rest, pull, rcond=1e-14)[0])
-    found = np.array(changes)
-    count = len(found)
-    return Uncertainty(
-        (count - 1) / count * found.T @ found, max(count - 1.0, 1.0), length
-    )
+        others = (gram - own) * np.outer(scale, scale)
+        score = scale * scores[block].sum(axis=0)
+        changes.append(scale * np.linalg.lstsq(others, score, rcond=1e-14)[0])
+    change, count = np.array(changes), len(changes)
+    covariance = (count - 1) / count * change.T @ change
+    return Uncertainty(covariance, max(count - 1.0, 1.0), length)
 
 
 def plain(estimate: Estimate, problem: Problem) -> Uncertainty:
     """What the estimator states itself, with the degrees of freedom of white noise."""
-    return Uncertainty(
-        estimate.covariance, float(max(problem.torque.size - len(estimate.value), 1)), 1
-    )
+    freedom = max(problem.torque.size - len(estimate.value), 1)
+    return Uncertainty(estimate.covariance, float(freedom), 1)
 
 
 def _grams_and_scores(
@@ -170,24 +179,34 @@ def _grams_and_scores(
     residual = problem.residual(beta)
     weighted = problem.matrix if weight is None else weight @ problem.matrix
     flat = problem.matrix.reshape(-1, len(beta))
-    return flat.T @ weighted.reshape(-1, len(beta)), np.einsum(
-        "ijb,ij->ib", weighted, residual
-    )
+    gram = flat.T @ weighted.reshape(-1, len(beta))
+    return gram, np.einsum("ijb,ij->ib", weighted, residual)
 
 
 def _blocks(group: np.ndarray, length: int) -> list[slice]:
     """Blocks of about equal length within the groups."""
-    out = []
-    for part in group_slices(group):
-        count = max(1, round((part.stop - part.start) / length))
-        edges = np.linspace(part.start, part.stop, count + 1).astype(int)
-        out += [slice(int(a), int(b)) for a, b in itertools.pairwise(edges) if b > a]
+    out: list[slice] = []
+    for rows in group_slices(group):
+        count = max(1, round((rows.stop - rows.start) / length))
+        out += equal_parts(rows, count)
     return out
+
+
+def equal_parts(rows: slice, count: int) -> list[slice]:
+    """A slice cut into parts of about equal length, empty ones left out."""
+    edges = np.linspace(rows.start, rows.stop, count + 1).astype(int).tolist()
+    pairs = itertools.pairwise(edges)
+    return [slice(start, stop) for start, stop in pairs if stop > start]
+
+
+def several_groups(group: np.ndarray) -> list[slice]:
+    """The groups; a single one is cut into four."""
+    spans = group_slices(group)
+    return spans if len(spans) > 1 else equal_parts(spans[0], 4)
 
 
 def _inverse(gram: np.ndarray) -> np.ndarray:
     """Inverse of a Gram matrix with its diagonal brought to 1 first."""
     scale = 1 / np.sqrt(np.diag(gram).clip(1e-300))
-    return np.linalg.pinv(gram * np.outer(scale, scale), hermitian=True) * np.outer(
-        scale, scale
-    )
+    outer = np.outer(scale, scale)
+    return np.linalg.pinv(gram * outer, hermitian=True) * outer

@@ -41,13 +41,11 @@ class ModelError:
         return np.flatnonzero(self.p_value * len(self.p_value) < DOUBT) + 1
 
     def warnings(self) -> tuple[str, ...]:
-        """A warning that names the joints with model error, or nothing."""
+        """A warning that names the joints with model error, if there are any."""
         if not len(self.found):
             return ()
-        at = self.found - 1
-        share = (self.systematic / np.hypot(self.systematic, self.noise).clip(1e-300))[
-            at
-        ].max()
+        size = np.hypot(self.systematic, self.noise).clip(1e-300)
+        share = (self.systematic / size)[self.found - 1].max()
         return (
             f"what is left on joint {', '.join(map(str, self.found))} is no noise ({share:.0%} of it follows the "
             "motion): the model lacks an effect, and s^2 (W^T W)^-1 states too small errors; use intervals that count "
@@ -72,40 +70,40 @@ def model_error(
     Source: pintelon2012.
     """
     cutoff = min(cutoff, 0.5 / problem.interval)
-    low, floor, counts = (
-        np.zeros(residual.shape[1]),
-        np.zeros(residual.shape[1]),
-        np.zeros(2),
-    )
+    low, floor = np.zeros(residual.shape[1]), np.zeros(residual.shape[1])
+    low_count = floor_count = 0
     spans = group_slices(problem.group)
     for span in spans:
-        series = residual[span]
-        taper = _taper(len(series))
-        power = (
-            np.abs(np.fft.rfft(series * taper[:, None], axis=0)) ** 2 / (taper**2).sum()
-        )
-        frequency = np.fft.rfftfreq(len(series), problem.interval)
+        frequency, power = _periodogram(residual[span], problem.interval)
         below = frequency <= LOW * cutoff
         above = (frequency >= FLOOR[0] * cutoff) & (frequency <= FLOOR[1] * cutoff)
         low += power[below].sum(axis=0)
         floor += power[above].sum(axis=0)
-        counts += below.sum(), above.sum()
-    low, floor = low / counts[0], floor / max(counts[1], 1)
-    p_value = fisher.sf(
-        low / np.maximum(floor, 1e-300), 2 * counts[0], 2 * max(counts[1], 1)
-    )
+        low_count += int(below.sum())
+        floor_count += int(above.sum())
+    floor_count = max(floor_count, 1)
+    low, floor = low / low_count, floor / floor_count
+    ratio = low / np.maximum(floor, 1e-300)
+    p_value = fisher.sf(ratio, 2 * low_count, 2 * floor_count)
     variance = (residual**2).mean(axis=0)
-    band = (
-        2 * LOW * cutoff * problem.interval
-    )  # share of all frequencies, of which a real series has two of each
+    # share of all frequencies, of which a real series has two of each
+    band = 2 * LOW * cutoff * problem.interval
     systematic = np.minimum((band * (low - floor)).clip(0.0), variance)
-    return ModelError(
-        np.sqrt(systematic), np.sqrt(variance - systematic), p_value, len(spans)
-    )
+    noise = np.sqrt(variance - systematic)
+    return ModelError(np.sqrt(systematic), noise, p_value, len(spans))
+
+
+def _periodogram(series: np.ndarray, interval: float) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies [Hz] and power of a tapered series, shape (F, n)."""
+    taper = _taper(len(series))
+    transform = np.fft.rfft(series * taper[:, None], axis=0)
+    power = np.abs(transform) ** 2 / (taper**2).sum()
+    return np.fft.rfftfreq(len(series), interval), power
 
 
 def _taper(count: int) -> np.ndarray:
     """A window that rises and falls by half a cosine, shape (count,)."""
     place = np.arange(count) + 0.5
-    edge = np.clip(np.minimum(place, count - place) / (TAPER * count), 0, 1)
+    from_nearer_end = np.minimum(place, count - place)
+    edge = np.clip(from_nearer_end / (TAPER * count), 0, 1)
     return 0.5 * (1 - np.cos(np.pi * edge))

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 
 from gapscope.ident.estimators.estimate import Estimator
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.signals.effective_samples import group_slices
-from gapscope.ident.uncertainty.intervals import Uncertainty
+from gapscope.ident.uncertainty.intervals import Uncertainty, equal_parts
 
 STRETCHES = 20
 """About how many stretches of time are left out, one at a time."""
@@ -33,31 +31,24 @@ def refit_jackknife(
 
     Source: kunsch1989.
     """
-    spans = _spans(problem.group, stretches)
     values = []
-    for span in spans:
+    for span in _spans(problem.group, stretches):
         others = np.ones(len(problem.torque), dtype=bool)
         others[span] = False
         values.append(estimator.estimate(problem.rows(others)).value)
     found, count = np.array(values), len(values)
     change = found - found.mean(axis=0)
-    return Uncertainty(
-        (count - 1) / count * change.T @ change,
-        float(count - 1),
-        len(problem.torque) // count,
-    )
+    covariance = (count - 1) / count * change.T @ change
+    return Uncertainty(covariance, float(count - 1), len(problem.torque) // count)
 
 
 def _spans(group: np.ndarray, stretches: int) -> list[slice]:
     """At least two stretches of about equal length within the groups."""
     length = len(group) / max(stretches, 2)
-    out = []
-    for part in group_slices(group):
-        least = 2 if part.stop - part.start == len(group) else 1
-        edges = np.linspace(
-            part.start,
-            part.stop,
-            max(least, round((part.stop - part.start) / length)) + 1,
-        ).astype(int)
-        out += [slice(int(a), int(b)) for a, b in itertools.pairwise(edges) if b > a]
+    out: list[slice] = []
+    for rows in group_slices(group):
+        size = rows.stop - rows.start
+        # a single group is cut at least once, so that something is left to fit
+        least = 2 if size == len(group) else 1
+        out += equal_parts(rows, max(least, round(size / length)))
     return out

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +11,8 @@ from gapscope.arm.errors import InputError
 from gapscope.ident.estimators.estimate import Estimator
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
-from gapscope.ident.signals.effective_samples import group_slices, low_pass_inflation
+from gapscope.ident.signals.effective_samples import low_pass_inflation
+from gapscope.ident.uncertainty.intervals import several_groups
 
 DOUBT = 0.01
 """Chance below which noise alone is not believed."""
@@ -76,38 +76,31 @@ def compare_groups(
     Raises:
         InputError: a group by itself does not determine the parameters.
     """
-    spans = group_slices(problem.group)
-    if len(spans) == 1:
-        edges = np.linspace(0, len(problem.torque), 5).astype(int)
-        spans = [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]
     values, precisions = [], []
-    for number, span in enumerate(spans):
-        part = problem.rows(span)
+    for number, span in enumerate(several_groups(problem.group), 1):
+        own = problem.rows(span)
         try:
-            values.append(estimator.estimate(part).value)
+            value = estimator.estimate(own).value
         except InputError as error:
             raise InputError(
-                error.problem, error.remedy, where=f"group {number + 1}"
+                error.problem, error.remedy, where=f"group {number}"
             ) from None
-        precisions.append(_precision(part, values[-1], cutoff))
+        values.append(value)
+        precisions.append(_precision(own, value, cutoff))
     found, weight = np.array(values), np.array(precisions)
-    mean = np.linalg.solve(weight.sum(axis=0), np.einsum("gab,gb->a", weight, found))
+    weighted_sum = np.einsum("gab,gb->a", weight, found)
+    mean = np.linalg.solve(weight.sum(axis=0), weighted_sum)
     deviation = found - mean
     statistic = float(np.einsum("ga,gab,gb->", deviation, weight, deviation))
     freedom = (len(found) - 1) * found.shape[1]
-    p_value = 2 * min(
-        float(chi2.sf(statistic, freedom)), float(chi2.cdf(statistic, freedom))
-    )
+    # two-sided: the groups may differ by too much or by too little
+    upper, lower = chi2.sf(statistic, freedom), chi2.cdf(statistic, freedom)
+    p_value = 2 * min(float(upper), float(lower))
     stated = np.mean([np.diag(np.linalg.inv(one)) for one in weight], axis=0)
+    between = found.var(axis=0, ddof=1)
     ratio = statistic / freedom
-    return GroupComparison(
-        found,
-        stated,
-        found.var(axis=0, ddof=1),
-        ratio,
-        p_value,
-        _verdict(ratio, p_value),
-    )
+    verdict = _verdict(ratio, p_value)
+    return GroupComparison(found, stated, between, ratio, p_value, verdict)
 
 
 def _verdict(ratio: float, p_value: float) -> str:
@@ -121,8 +114,11 @@ def _verdict(ratio: float, p_value: float) -> str:
 def _precision(problem: Problem, beta: np.ndarray, cutoff: float) -> np.ndarray:
     """C_g^-1 of one group, shape (b, b)."""
     residual = problem.residual(beta)
-    remembered = low_pass_inflation(cutoff, problem.interval)
-    free = max(1 - remembered * len(beta) / residual.size, 1 / residual.size)
-    variance = np.maximum((residual**2).mean(axis=0) / free * remembered, 1e-300)
-    flat = (problem.matrix / np.sqrt(variance)[:, None]).reshape(-1, len(beta))
+    size = residual.size
+    memory = low_pass_inflation(cutoff, problem.interval)
+    # fitting took up some of the independent samples
+    free = max(1 - memory * len(beta) / size, 1 / size)
+    variance = np.maximum((residual**2).mean(axis=0) / free * memory, 1e-300)
+    weighted = problem.matrix / np.sqrt(variance)[:, None]
+    flat = weighted.reshape(-1, len(beta))
     return np.asarray(flat.T @ flat)

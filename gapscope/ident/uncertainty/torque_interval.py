@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,8 +11,7 @@ from gapscope.arm.errors import InputError
 from gapscope.ident.estimators.estimate import Estimate, Estimator
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
-from gapscope.ident.signals.effective_samples import group_slices
-from gapscope.ident.uncertainty.intervals import Uncertainty
+from gapscope.ident.uncertainty.intervals import Uncertainty, several_groups
 from gapscope.ident.uncertainty.model_error import ModelError, model_error
 
 
@@ -50,12 +48,13 @@ class TorqueInterval:
         own = ((matrix @ self.parameters.covariance) * matrix).sum(axis=2)
         systematic = self.error.systematic**2
         variance = own + systematic
-        few = own**2 / max(self.parameters.freedom, 1.0) + systematic**2 / max(
-            self.error.groups - 1, 1
-        )
-        freedom = np.maximum(variance**2 / np.maximum(few, 1e-300), 1.0)
-        total = variance + (self.error.noise**2 if recorded else 0.0)
-        return student.ppf(0.5 + level / 2, freedom) * np.sqrt(total)
+        # Welch and Satterthwaite
+        own_part = own**2 / max(self.parameters.freedom, 1.0)
+        systematic_part = systematic**2 / max(self.error.groups - 1, 1)
+        parts = np.maximum(own_part + systematic_part, 1e-300)
+        freedom = np.maximum(variance**2 / parts, 1.0)
+        noise = self.error.noise**2 if recorded else 0.0
+        return student.ppf(0.5 + level / 2, freedom) * np.sqrt(variance + noise)
 
 
 @dataclass(frozen=True)
@@ -86,14 +85,12 @@ def predicted_torque(
         beta: what is predicted with, shape (b,).
         level: share of samples that an interval is to hold [1].
     """
-    own, recorded = (
-        interval.half_width(problem.matrix, level, recorded=noisy)
-        for noisy in (False, True)
-    )
-    held = (np.abs(problem.residual(beta)) <= recorded).mean(axis=0)
-    return PredictedTorque(
-        level, np.sqrt((own**2).mean(axis=0)), np.sqrt((recorded**2).mean(axis=0)), held
-    )
+    own = interval.half_width(problem.matrix, level)
+    recorded = interval.half_width(problem.matrix, level, recorded=True)
+    inside = np.abs(problem.residual(beta)) <= recorded
+    rms_own = np.sqrt((own**2).mean(axis=0))
+    rms_recorded = np.sqrt((recorded**2).mean(axis=0))
+    return PredictedTorque(level, rms_own, rms_recorded, inside.mean(axis=0))
 
 
 def torque_interval(
@@ -122,19 +119,14 @@ def torque_interval(
 
 def held_out(problem: Problem, estimator: Estimator) -> np.ndarray:
     """Residual of each group under the estimate of the other groups [N m], shape (N, n)."""
-    spans = group_slices(problem.group)
-    if len(spans) == 1:
-        edges = np.linspace(0, len(problem.torque), 5).astype(int)
-        spans = [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]
-    out = np.empty_like(problem.torque)
-    for span in spans:
-        others = np.ones(len(out), dtype=bool)
+    residual = np.empty_like(problem.torque)
+    for span in several_groups(problem.group):
+        others = np.ones(len(residual), dtype=bool)
         others[span] = False
         if not others.any():
             raise InputError(
                 "too few samples to hold any out", "record for longer", where="samples"
             )
-        out[span] = problem.rows(span).residual(
-            estimator.estimate(problem.rows(others)).value
-        )
-    return out
+        value = estimator.estimate(problem.rows(others)).value
+        residual[span] = problem.rows(span).residual(value)
+    return residual

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.signal import butter, sosfreqz
@@ -110,67 +111,80 @@ def validate(
         predict: the identified model, segment to torque [N m], (N, n).
         nominal: the nominal arm, likewise.
     """
-    parts, lengths = [], [0]
+    pieces: list[_Compared] = []
     for segment in segments:
-        torque, after, before = (
-            band.filtered(x, segment)
-            for x in (np.asarray(segment.torque), predict(segment), nominal(segment))
-        )
         rows = band.rows(segment)
-        parts.append(
-            (segment.motion.t[rows], segment.motion.dq[rows], torque, after, before)
+        pieces.append(
+            _Compared(
+                segment.motion.t[rows],
+                segment.motion.dq[rows],
+                band.filtered(np.asarray(segment.torque), segment),
+                band.filtered(predict(segment), segment),
+                band.filtered(nominal(segment), segment),
+            )
         )
-        lengths.append(len(torque))
-    t, dq, torque, after, before = (np.concatenate(x) for x in zip(*parts, strict=True))
-    every, edges = np.full(torque.shape, True), np.cumsum(lengths)
-    group = np.repeat(np.arange(len(parts)), lengths[1:])
+    whole = _Compared(*(np.concatenate(x) for x in zip(*pieces, strict=True)))
+    lengths = [len(piece.t) for piece in pieces]
+    edges = np.cumsum([0, *lengths])
+    group = np.repeat(np.arange(len(pieces)), lengths)
     names = tuple(dict.fromkeys(segment.recording for segment in segments))
     rate = segments[0].motion.rate
+    # the test of whiteness sees the samples that the band holds, not more
     step = max(1, round(rate / band.cutoff))
+    residual = (whole.torque - whole.after)[::step]
+    expected = band_correlation(rate, band.cutoff, step)
+    every = np.full(whole.torque.shape, True)
     return Validation(
         names,
         role,
-        errors(torque, after, every),
-        errors(torque, after, np.abs(dq) > MOVING),
-        errors(torque, before, every),
-        whiteness(
-            (torque - after)[::step],
-            group[::step],
-            band_correlation(rate, band.cutoff, step),
-        ),
-        t,
-        torque,
-        after,
-        before,
-        dq,
-        tuple(int(e) for e in edges),
+        errors(whole.torque, whole.after, every),
+        errors(whole.torque, whole.after, np.abs(whole.dq) > MOVING),
+        errors(whole.torque, whole.before, every),
+        whiteness(residual, group[::step], expected),
+        whole.t,
+        whole.torque,
+        whole.after,
+        whole.before,
+        whole.dq,
+        tuple(int(edge) for edge in edges),
     )
+
+
+class _Compared(NamedTuple):
+    """Time [s], velocity [rad/s], and torque [N m] as recorded, by the identified and by the nominal model."""
+
+    t: np.ndarray
+    dq: np.ndarray
+    torque: np.ndarray
+    after: np.ndarray
+    before: np.ndarray
 
 
 def errors(torque: np.ndarray, predicted: np.ndarray, counted: np.ndarray) -> Errors:
     """Errors [N m] on the samples that count; torque, prediction and mask of shape (N, n)."""
-    left = np.where(counted, torque - predicted, 0.0)
+    residual = np.where(counted, torque - predicted, 0.0)
+    counted_torque = np.where(counted, torque, 0.0)
     count = counted.sum(axis=0)
-    rmse = np.sqrt((left**2).sum(axis=0) / np.maximum(count, 1))
-    size = np.sqrt(np.where(counted, torque**2, 0.0).sum(axis=0) / np.maximum(count, 1))
+    rmse = np.sqrt((residual**2).sum(axis=0) / np.maximum(count, 1))
+    size = np.sqrt((counted_torque**2).sum(axis=0) / np.maximum(count, 1))
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.where(count > 0, rmse / size, np.nan)
-    power = float(np.where(counted, torque**2, 0.0).sum())
-    overall = float(np.sqrt((left**2).sum() / power)) if power > 0 else float("nan")
-    return Errors(
-        rmse, relative, np.abs(left).max(axis=0), overall, count / len(torque)
-    )
+    power = float((counted_torque**2).sum())
+    overall = float(np.sqrt((residual**2).sum() / power)) if power > 0 else float("nan")
+    largest = np.abs(residual).max(axis=0)
+    return Errors(rmse, relative, largest, overall, count / len(torque))
 
 
 def band_correlation(rate: float, cutoff: float, step: int) -> np.ndarray:
     """Autocorrelation that the zero-phase low-pass gives white noise at multiples of ``step`` samples, (LAGS + 1,)."""
-    frequency, response = sosfreqz(
-        butter(4, min(cutoff, 0.95 * rate / 2), output="sos", fs=rate), 4096, fs=rate
-    )
+    filter_ = butter(4, min(cutoff, 0.95 * rate / 2), output="sos", fs=rate)
+    frequency, response = sosfreqz(filter_, 4096, fs=rate)
+    # forward and backward: the power gain is the fourth power of the response
     power = np.abs(response) ** 4
     lags = np.arange(LAGS + 1) * step / rate
-    found = (power * np.cos(2 * np.pi * lags[:, None] * frequency)).sum(axis=1)
-    return np.asarray(found / found[0])
+    phase = 2 * np.pi * lags[:, None] * frequency
+    covariance = (power * np.cos(phase)).sum(axis=1)
+    return np.asarray(covariance / covariance[0])
 
 
 def whiteness(
@@ -188,16 +202,11 @@ def whiteness(
     n = len(residual)
     lags = max(1, min(LAGS, n // 4))
     covariance = autocovariance(residual - residual.mean(axis=0), group, lags)
-    rho = (
-        covariance[1:] / np.maximum(covariance[0], 1e-300)
-        - expected[1 : lags + 1, None]
-    )
-    statistic = (
-        n * (n + 2) * (rho**2 / (n - np.arange(1, lags + 1))[:, None]).sum(axis=0)
-    )
-    return Whiteness(
-        statistic,
-        chi2.sf(statistic, lags),
-        np.abs(rho).max(axis=0),
-        float(2.576 / np.sqrt(n)),
-    )
+    rho = covariance[1:] / np.maximum(covariance[0], 1e-300)
+    beyond_band = rho - expected[1 : lags + 1, None]
+    pairs = (n - np.arange(1, lags + 1))[:, None]
+    statistic = n * (n + 2) * (beyond_band**2 / pairs).sum(axis=0)
+    p_value = chi2.sf(statistic, lags)
+    # 99 % of the correlations of white noise lie within this
+    bound = float(2.576 / np.sqrt(n))
+    return Whiteness(statistic, p_value, np.abs(beyond_band).max(axis=0), bound)
