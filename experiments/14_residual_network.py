@@ -203,10 +203,10 @@ def nrmse(problem: Problem, predict: Predict | None) -> np.ndarray:
     """Torque NRMSE of each joint on the unseen trajectories, (n,)."""
     errors, torques = [], []
     for x in problem.judge:
-        said = np.zeros_like(x.left)
+        said = np.zeros_like(x.residual)
         if predict is not None:
             said = low_pass(predict(x.motion, x.load), x.motion.rate, TORQUE_CUTOFF)
-        errors.append((x.left - said)[x.rows])
+        errors.append((x.residual - said)[x.rows])
         torques.append(x.recorded[x.rows])
     return np.asarray(
         np.sqrt((np.concatenate(errors) ** 2).mean(axis=0))
@@ -242,7 +242,7 @@ def study(problem: Problem, out: Path) -> list[ResidualNetwork]:
     print(
         f"Trained on {seconds[0]:.1f} s, judged on {seconds[1]:.1f} s that nothing has seen.\n"
     )
-    n = problem.fit[0].left.shape[1]
+    n = problem.fit[0].residual.shape[1]
     print(
         "| | "
         + " | ".join(f"J{j + 1}" for j in range(n))

@@ -46,38 +46,35 @@ class Assembly:
         Raises:
             InputError: a recording without torque, or too short to filter.
         """
-        segments = [
-            s
-            for recording in recordings
-            for s in condition(recording, self.position_cutoff)
-        ]
-        matrices, torques = zip(
-            *(self._rows(segment) for segment in segments), strict=True
-        )
-        group = np.repeat(np.arange(len(segments)), [len(x) for x in torques])
-        names = tuple(self.base.names[k] for k in self.base.kept)
-        interval = self.every / segments[0].motion.rate
+        segments: list[Segment] = []
+        for recording in recordings:
+            segments += condition(recording, self.position_cutoff)
+        rows = [self._rows(segment) for segment in segments]
+        lengths = [len(torque) for _, torque in rows]
         return Problem(
-            np.concatenate(matrices), np.concatenate(torques), names, group, interval
+            np.concatenate([matrix for matrix, _ in rows]),
+            np.concatenate([torque for _, torque in rows]),
+            tuple(self.base.names[k] for k in self.base.kept),
+            np.repeat(np.arange(len(segments)), lengths),
+            self.every / segments[0].motion.rate,
         )
 
     def times(self, recording: Recording) -> np.ndarray:
         """Times [s] of the samples that a recording contributes, shape (N,)."""
         segments = condition(recording, self.position_cutoff)
-        return np.concatenate(
-            [segment.motion.t[segment.inner][:: self.every] for segment in segments]
-        )
+        inner = [segment.motion.t[segment.inner] for segment in segments]
+        return np.concatenate([t[:: self.every] for t in inner])
 
     def _rows(self, segment: Segment) -> tuple[np.ndarray, np.ndarray]:
+        """Base columns and torque of a segment, both filtered, trimmed and thinned."""
         if segment.torque is None:
             raise InputError(
                 "has no torque", "give columns tau1..", file=segment.recording
             )
         W = self.regressor.matrix(segment.motion)[:, :, self.base.kept]
-        rate, inner = segment.motion.rate, segment.inner
-        own = segment.torque - segment.known_torque(self.regressor.body)
-        matrix, torque = (
-            low_pass(x, rate, self.torque_cutoff)[inner][:: self.every]
-            for x in (W, own)
-        )
-        return matrix, torque
+        torque = segment.torque - segment.known_torque(self.regressor.body)
+        return self._filtered(W, segment), self._filtered(torque, segment)
+
+    def _filtered(self, series: np.ndarray, segment: Segment) -> np.ndarray:
+        smooth = low_pass(series, segment.motion.rate, self.torque_cutoff)
+        return smooth[segment.inner][:: self.every]

@@ -130,11 +130,17 @@ def base_parameters(
         )
     names = tuple(names)
     scaled, norms = unit_triangle(Y, names)
+    # how many: by the pivots, which reveal the rank
     pivoted, places = qr(scaled, mode="r", pivoting=True, check_finite=False)
     pivots = np.abs(np.diag(pivoted))
     count = rank_by_gap(pivots, tolerance)
-    kept = _independent(scaled, _order(names, preference), _SPAN * pivots[count - 1])
-    kept = np.sort(kept if len(kept) == count else places[:count])
+    # which: in the order of preference, unless that finds another number
+    border = _SPAN * pivots[count - 1]
+    kept = _independent(scaled, _order(names, preference), border)
+    if len(kept) != count:
+        kept = places[:count]
+    kept = np.sort(kept)
+    # every column as a combination of those kept
     weights = np.linalg.lstsq(scaled[:, kept], scaled, rcond=None)[0]
     weights[np.abs(weights) < _CLEAN] = 0.0
     weights *= norms / norms[kept, None]
@@ -171,16 +177,13 @@ def random_states(
 
     It is a motion in form only: its samples do not follow from one another.
     """
-    n = regressor.arm.n_joints
+    shape = (samples, regressor.arm.n_joints)
     limits = urdf_limits(regressor.body, ACCELERATION, margin=0.0)
-    q = rng.uniform(limits.lower, limits.upper, (samples, n))
-    dq = rng.uniform(-limits.velocity, limits.velocity, (samples, n))
-    return Motion(
-        np.arange(samples) / 1e3,
-        q,
-        dq,
-        ACCELERATION * rng.standard_normal((samples, n)),
-    )
+    q = rng.uniform(limits.lower, limits.upper, shape)
+    dq = rng.uniform(-limits.velocity, limits.velocity, shape)
+    ddq = ACCELERATION * rng.standard_normal(shape)
+    t = np.arange(samples) / 1e3
+    return Motion(t, q, dq, ddq)
 
 
 def _independent(scaled: np.ndarray, order: Sequence[int], border: float) -> np.ndarray:
@@ -204,10 +207,14 @@ def _order(names: Sequence[str], preference: Preference) -> list[int]:
     def key(place: int) -> tuple[int, ...]:
         found = re.fullmatch(r"([A-Za-z]+)(\d+)", names[place])
         if found is None or found[1] not in INERTIAL_PARAMETERS:
-            return 1, 0, 0, place
-        at, link = INERTIAL_PARAMETERS.index(found[1]), int(found[2])
-        kind = 0 if at == 0 else 1 if at < 4 else 2
-        return (0, link, at, place) if preference == "link" else (0, kind, link, at)
+            return (1, 0, 0, place)  # effects come last, in their order
+        link = int(found[2])
+        within_link = INERTIAL_PARAMETERS.index(found[1])
+        if preference == "link":
+            return (0, link, within_link, place)
+        # mass, three first moments, six inertias
+        kind = 0 if within_link == 0 else 1 if within_link < 4 else 2
+        return (0, kind, link, within_link)
 
     return sorted(range(len(names)), key=key)
 
@@ -218,8 +225,9 @@ def _expression(
     """A combination in words, the parameter that stands for it first."""
     parts = [names[kept]]
     for place in np.flatnonzero(np.abs(row) > tolerance):
-        if place != kept:
-            size = abs(row[place])
-            factor = "" if abs(size - 1) <= tolerance else f"{size:.6g} "
-            parts.append(f"{'-' if row[place] < 0 else '+'} {factor}{names[place]}")
+        if place == kept:
+            continue
+        sign, size = "-" if row[place] < 0 else "+", abs(row[place])
+        factor = "" if abs(size - 1) <= tolerance else f"{size:.6g} "
+        parts.append(f"{sign} {factor}{names[place]}")
     return " ".join(parts)

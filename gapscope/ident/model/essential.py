@@ -96,7 +96,6 @@ def essential_parameters(
 
     Source: pham1991.
     """
-    left, dropped = list(range(len(names))), list[Dropped]()
     diagonal = np.abs(np.diag(factor.triangle))
     if factor.rows <= len(names) or diagonal.min() < 1e-10 * diagonal.max():
         raise InputError(
@@ -105,26 +104,35 @@ def essential_parameters(
         )
     torque = float(np.hypot(np.linalg.norm(factor.projected), factor.residual_norm))
     limit = max((1 + growth) * factor.residual_norm, contribution * torque)
+    places = list(range(len(names)))
+    dropped: list[Dropped] = []
     current = factor
     while True:
-        value = current.solve()
-        spread = np.sqrt(inflation * np.diag(current.covariance()))
-        relative = spread / np.maximum(np.abs(value), np.finfo(float).tiny)
-        rise = np.abs(value) / np.linalg.norm(np.linalg.inv(current.triangle), axis=1)
+        value, relative, rise = _significance(current, inflation)
         worst = int(np.argmin(rise))
         share = float(rise[worst] / torque) if torque else 0.0
         negligible = relative[worst] > deviation or share < contribution
-        if (
-            len(left) == 1
-            or not negligible
-            or np.hypot(current.residual_norm, rise[worst]) > limit
-        ):
+        residual_without = np.hypot(current.residual_norm, rise[worst])
+        if len(places) == 1 or not negligible or residual_without > limit:
             break
-        dropped.append(Dropped(names[left.pop(worst)], float(relative[worst]), share))
-        current = factor.select(left)
+        name = names[places.pop(worst)]
+        dropped.append(Dropped(name, float(relative[worst]), share))
+        current = factor.select(places)
     scale = 1 / np.sqrt(factor.rows)
     residual = (factor.residual_norm * scale, current.residual_norm * scale)
-    kept = tuple(names[place] for place in left)
+    kept = tuple(names[place] for place in places)
     return EssentialParameters(
-        kept, np.array(left), value, relative, tuple(dropped), residual
+        kept, np.array(places), value, relative, tuple(dropped), residual
     )
+
+
+def _significance(
+    factor: TriangularFactor, inflation: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Estimate, relative deviation [1], and by how much the norm of the residual rises without each parameter [N m]."""
+    value = factor.solve()
+    spread = np.sqrt(inflation * np.diag(factor.covariance()))
+    relative = spread / np.maximum(np.abs(value), np.finfo(float).tiny)
+    # row norms of R^-1 are the roots of the diagonal of (R^T R)^-1
+    rise = np.abs(value) / np.linalg.norm(np.linalg.inv(factor.triangle), axis=1)
+    return value, relative, rise

@@ -71,13 +71,16 @@ def direction(
     Source: dahl1976.
     """
     steps = np.diff(position, axis=0)
-    signs, decay = np.sign(steps), np.exp(-np.abs(steps) / distance)
-    out = np.empty_like(position)
-    out[0] = state = smooth_sign(velocity[0])
+    signs = np.sign(steps)
+    decay = np.exp(-np.abs(steps) / distance)
+    state = smooth_sign(velocity[0])
+    states = np.empty_like(position)
+    states[0] = state
     for i in range(len(steps)):
+        # the exact solution over a step of one direction
         state = signs[i] + (state - signs[i]) * decay[i]
-        out[i + 1] = state
-    return out
+        states[i + 1] = state
+    return states
 
 
 def drives(
@@ -91,11 +94,14 @@ def drives(
     Returns:
         D, and labels: ``1`` to ``n``, and ``6m`` for motor 6.
     """
-    rows, labels = [np.eye(n_joints)], [str(j + 1) for j in range(n_joints)]
-    if importing is not None and importing.transmission is not None:
-        signs = np.ones(n_joints) if importing.signs is None else importing.signs
-        for m, row in enumerate(importing.transmission * signs):
-            if np.count_nonzero(row) > 1 and row[m] != 0:
-                rows.append(row[None] / row[m])
-                labels.append(f"{m + 1}m")
+    rows = [np.eye(n_joints)]
+    labels = [str(j + 1) for j in range(n_joints)]
+    if importing is None or importing.transmission is None:
+        return rows[0], tuple(labels)
+    signs = np.ones(n_joints) if importing.signs is None else importing.signs
+    for motor, row in enumerate(importing.transmission * signs):
+        moves_several = np.count_nonzero(row) > 1
+        if moves_several and row[motor] != 0:
+            rows.append(row[None] / row[motor])
+            labels.append(f"{motor + 1}m")
     return np.concatenate(rows), tuple(labels)

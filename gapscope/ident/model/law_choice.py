@@ -13,6 +13,7 @@ from gapscope.ident.model.friction_law import (
     STRIBECK_SPEEDS,
     FrictionLaw,
 )
+from gapscope.ident.signals.effective_samples import group_slices
 from gapscope.ident.signals.samples import Samples
 
 FOLDS = 5
@@ -58,17 +59,21 @@ def choose(
     """
     law, pull = FrictionLaw(), PULLS[1]
     noise = joint_noise(samples, law, pull)
-    best = unseen_error(samples, law, pull, noise)
+    best = held_out_error(samples, law, pull, noise)
     tried = [(f"{law}; pull {pull:g}", best)]
-    for candidates, worth in _ladder(_speeds(samples) if stribeck else [], presliding):
-        errors = {}
-        for change in candidates:
+    speeds = _speeds(samples) if stribeck else []
+    for changes, worth in _ladder(speeds, presliding):
+        errors: dict[FrictionLaw, float] = {}
+        for change in changes:
             candidate = replace(law, **change)
-            errors[candidate] = unseen_error(samples, candidate, pull, noise)
-            tried.append((f"{candidate}; pull {pull:g}", errors[candidate]))
+            error = held_out_error(samples, candidate, pull, noise)
+            errors[candidate] = error
+            tried.append((f"{candidate}; pull {pull:g}", error))
         winner = min(errors, key=lambda c: errors[c])
+        # the simpler law stays unless the richer one is worth its parameters
         if errors[winner] < (1 - worth) * best:
             law, best = winner, errors[winner]
+    # the pull is chosen last: it depends little on the form of the friction
     noise = joint_noise(samples, law, pull)
     by_pull = _errors_by_pull(samples, law, noise)
     tried += [(f"{law}; pull {value:g}", error) for value, error in by_pull.items()]
@@ -80,21 +85,25 @@ def _errors_by_pull(
     samples: Samples, law: FrictionLaw, noise: np.ndarray
 ) -> dict[float, float]:
     """Error on held-out stretches by strength of the pull, beyond ``PULLS`` as long as a stronger one is better."""
-    errors = {value: unseen_error(samples, law, value, noise) for value in PULLS}
-    while min(errors, key=lambda value: errors[value]) == max(errors) < STRONGEST:
-        errors[10 * max(errors)] = unseen_error(samples, law, 10 * max(errors), noise)
-    return errors
+    errors = {pull: held_out_error(samples, law, pull, noise) for pull in PULLS}
+    while True:
+        strongest = max(errors)
+        best = min(errors, key=lambda pull: errors[pull])
+        if best < strongest or strongest >= STRONGEST:
+            return errors
+        stronger = 10 * strongest
+        errors[stronger] = held_out_error(samples, law, stronger, noise)
 
 
 def _speeds(samples: Samples) -> list[float]:
-    """Stribeck speeds that every moving drive exceeds by far: what is not seen to end would be extrapolated wildly."""
-    top = np.abs(samples.velocity @ samples.columns.drives.T).max(axis=0)
-    moving = top[top > STRIBECK_SPEEDS[0]]
-    return [
-        speed
-        for speed in STRIBECK_SPEEDS
-        if len(moving) and EXCEEDED * speed <= moving.min()
-    ]
+    """Stribeck speeds that every moving drive exceeds by far: beyond the recorded speeds the law is extrapolated."""
+    speeds = np.abs(samples.velocity @ samples.columns.drives.T)
+    fastest = speeds.max(axis=0)
+    moving = fastest[fastest > STRIBECK_SPEEDS[0]]
+    if not len(moving):
+        return []
+    slowest = moving.min()
+    return [speed for speed in STRIBECK_SPEEDS if EXCEEDED * speed <= slowest]
 
 
 def _ladder(
@@ -112,23 +121,23 @@ def penalties(
 ) -> np.ndarray:
     """Diagonal of the pull's quadratic form for pull 1 [1/x^2], shape (p,): 1 / scale^2, a trace elsewhere."""
     scale = samples.columns.scale(law)
-    size = np.sqrt(
-        (np.linalg.norm(matrix, axis=0) ** 2 / noise[:, None] ** 2).sum(axis=0)
-        / len(matrix)
-    )
-    return np.where(
-        np.isfinite(scale), scale**-2.0, LOOSE * np.where(size > 0, size, 1.0) ** 2
-    )
+    squares = np.linalg.norm(matrix, axis=0) ** 2 / noise[:, None] ** 2
+    rms = np.sqrt(squares.sum(axis=0) / len(matrix))
+    # what the nominal arm need not know is held just enough to keep the system regular
+    trace = LOOSE * np.where(rms > 0, rms, 1.0) ** 2
+    return np.where(np.isfinite(scale), scale**-2.0, trace)
 
 
 def pulled_solution(
     gram: np.ndarray, rows: int, penalty: np.ndarray, nominal: np.ndarray
 ) -> np.ndarray:
     """Argmin |y - W x|^2 / noise^2 + rows (x - x0)^2 penalty, from the Gram matrix of [W, y]; shape (p,)."""
-    normal, right = gram[:-1, :-1], gram[:-1, -1]
-    unit = 1.0 / np.sqrt(np.diag(normal) + rows * penalty)
-    system = (normal + rows * np.diag(penalty)) * unit[:, None] * unit
-    change = np.linalg.solve(system, unit * (right - normal @ nominal))
+    own, right = gram[:-1, :-1], gram[:-1, -1]
+    weight = rows * penalty
+    # columns differ by orders of magnitude: scaled to a unit diagonal
+    unit = 1.0 / np.sqrt(np.diag(own) + weight)
+    system = (own + np.diag(weight)) * unit[:, None] * unit
+    change = np.linalg.solve(system, unit * (right - own @ nominal))
     return nominal + unit * change
 
 
@@ -136,41 +145,37 @@ def joint_noise(
     samples: Samples, law: FrictionLaw, pull: float, rounds: int = 3
 ) -> np.ndarray:
     """RMS residual per joint of the pulled weighted fit [N m], shape (n,); never zero."""
+    torque = samples.torque
     matrix, nominal = samples.matrix(law), samples.columns.nominal(law)
-    noise = np.maximum(
-        samples.torque.std(axis=0), 1e-6 * np.abs(samples.torque).max(initial=1e-9)
-    )
+    largest = np.abs(torque).max(initial=1e-9)
+    noise = np.maximum(torque.std(axis=0), 1e-6 * largest)
+    least = 1e-4 * np.sqrt((torque**2).mean(axis=0)) + 1e-12
     for _ in range(rounds):
         penalty = pull * penalties(samples, law, matrix, noise)
-        x = pulled_solution(
-            _gram(matrix, samples.torque, noise), samples.torque.size, penalty, nominal
-        )
-        left = np.sqrt(((samples.torque - matrix @ x) ** 2).mean(axis=0))
-        noise = np.maximum(
-            left, 1e-4 * np.sqrt((samples.torque**2).mean(axis=0)) + 1e-12
-        )
+        gram = _gram(matrix, torque, noise)
+        x = pulled_solution(gram, torque.size, penalty, nominal)
+        rms = np.sqrt(((torque - matrix @ x) ** 2).mean(axis=0))
+        noise = np.maximum(rms, least)
     return noise
 
 
-def unseen_error(
+def held_out_error(
     samples: Samples, law: FrictionLaw, pull: float, noise: np.ndarray
 ) -> float:
     """RMS of residual over noise on stretches of time predicted from all others [1]."""
     matrix, nominal = samples.matrix(law), samples.columns.nominal(law)
+    torque = samples.torque
     penalty = pull * penalties(samples, law, matrix, noise)
     stretches = _stretches(samples.group)
-    grams = np.array([_gram(matrix[s], samples.torque[s], noise) for s in stretches])
-    total, rows, squares, count = (
-        grams.sum(axis=0),
-        sum(samples.torque[s].size for s in stretches),
-        0.0,
-        0,
-    )
-    for s, gram in zip(stretches, grams, strict=True):
-        size = samples.torque[s].size
-        x = pulled_solution(total - gram, rows - size, penalty, nominal)
-        squares += float((((samples.torque[s] - matrix[s] @ x) / noise) ** 2).sum())
-        count += size
+    grams = [_gram(matrix[rows], torque[rows], noise) for rows in stretches]
+    total = np.array(grams).sum(axis=0)
+    count = sum(torque[rows].size for rows in stretches)
+    squares = 0.0
+    for rows, gram in zip(stretches, grams, strict=True):
+        others = count - torque[rows].size
+        x = pulled_solution(total - gram, others, penalty, nominal)
+        residual = (torque[rows] - matrix[rows] @ x) / noise
+        squares += float((residual**2).sum())
     return float(np.sqrt(squares / count))
 
 
@@ -182,10 +187,13 @@ def _gram(matrix: np.ndarray, torque: np.ndarray, noise: np.ndarray) -> np.ndarr
 
 def _stretches(group: np.ndarray) -> list[slice]:
     """Stretches of time within segments, at least ``FOLDS`` in all, of about equal length; two samples apart."""
-    edges = np.flatnonzero(np.diff(np.r_[-1, group, group[-1] + 1]))
-    length = max(20, len(group) // max(FOLDS, len(edges) - 1))
+    segments = group_slices(group)
+    length = max(20, len(group) // max(FOLDS, len(segments)))
     out = []
-    for a, b in pairwise(edges):
-        cuts = np.linspace(a, b, max(1, round((b - a) / length)) + 1).astype(int)
-        out += [slice(p + 1, q - 1) for p, q in pairwise(cuts) if q - p > 4]
+    for segment in segments:
+        count = max(1, round((segment.stop - segment.start) / length))
+        cuts = np.linspace(segment.start, segment.stop, count + 1).astype(int)
+        for start, stop in pairwise(cuts.tolist()):
+            if stop - start > 4:
+                out.append(slice(start + 1, stop - 1))
     return out

@@ -49,11 +49,8 @@ class ModelColumns:
     def names(self, law: FrictionLaw) -> tuple[str, ...]:
         """Names of x, shape (p,)."""
         smooth = [f"{symbol}{label}" for symbol in ("I", "b") for label in self.coupled]
-        return (
-            *self.regressor.names,
-            *smooth,
-            *(f"{s}{label}" for s in law.shapes for label in self.labels),
-        )
+        dry = [f"{shape}{label}" for shape in law.shapes for label in self.labels]
+        return (*self.regressor.names, *smooth, *dry)
 
     def units(self, law: FrictionLaw) -> tuple[str, ...]:
         """Units of x, shape (p,)."""
@@ -63,17 +60,20 @@ class ModelColumns:
 
     def nominal(self, law: FrictionLaw) -> np.ndarray:
         """The x of the nominal arm and its data sheet, shape (p,)."""
-        k, sheet = len(self.coupled), self.regressor.nominal()
+        sheet = self.regressor.nominal()
+        # rotor inertia and viscous friction of coupled motors are no part of the sheet
+        motors = np.zeros(2 * len(self.coupled))
         dry = np.zeros((len(law.shapes), len(self.drives)))
         dry[0, : self.arm.n_joints] = self.arm.coulomb
-        return np.concatenate([sheet, np.zeros(2 * k), dry.ravel()])
+        return np.concatenate([sheet, motors, dry.ravel()])
 
     def smooth(self, motion: Motion) -> np.ndarray:
         """Columns that do not depend on the friction law, shape (N, n, p_smooth)."""
         motors = self.drives[self.arm.n_joints :]
-        parts = [self.regressor.matrix(motion)]
-        parts += [_along(x @ motors.T, motors) for x in (motion.ddq, motion.dq)]
-        return np.concatenate(parts, axis=2)
+        links = self.regressor.matrix(motion)
+        inertia = _along(motion.ddq @ motors.T, motors)
+        viscous = _along(motion.dq @ motors.T, motors)
+        return np.concatenate([links, inertia, viscous], axis=2)
 
     def dry(self, motion: Motion, law: FrictionLaw) -> np.ndarray:
         """Columns of dry friction, shape (N, n, p_dry)."""
@@ -91,7 +91,7 @@ class ModelColumns:
         return np.concatenate([self.smooth(motion), self.dry(motion, law)], axis=2)
 
     def scale(self, law: FrictionLaw) -> np.ndarray:
-        """What a change of x by 100 % is, shape (p,); infinite for all that the nominal arm need not know.
+        """Change of x that counts as 100 %, shape (p,); infinite for all that the nominal arm need not know.
 
         Mass m; first moments m max(|c|, 5 cm); inertia about the joint frame, half its trace.
         """
@@ -99,9 +99,13 @@ class ModelColumns:
         links = self.body.inertial_parameters().reshape(-1, 10)
         for link, (m, hx, hy, hz, xx, _, yy, _, _, zz) in enumerate(links):
             mass = max(m, 1e-2)
-            moment = max(float(np.sqrt(hx**2 + hy**2 + hz**2)), LEAST_ARM * mass)
+            length = float(np.sqrt(hx**2 + hy**2 + hz**2))
+            moment = max(length, LEAST_ARM * mass)
             inertia = max(0.5 * (xx + yy + zz), mass * (0.2 * LEAST_ARM) ** 2)
-            out[10 * link : 10 * link + 10] = [mass, *[moment] * 3, *[inertia] * 6]
+            first = 10 * link
+            out[first] = mass
+            out[first + 1 : first + 4] = moment
+            out[first + 4 : first + 10] = inertia
         return out
 
 

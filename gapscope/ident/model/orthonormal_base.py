@@ -82,7 +82,8 @@ def orthonormal_base(
     scaled, norms = unit_triangle(Y, names)
     _, values, right = np.linalg.svd(scaled)
     count = rank_by_gap(values, tolerance)
-    blind = right[count:].T / norms[:, None]
+    without_torque = right[count:].T / norms[:, None]
+    unit = without_torque / np.linalg.norm(without_torque, axis=0)
     # a complete Q spans the pi without torque first, and then their orthogonal complement
-    full = np.linalg.qr(blind / np.linalg.norm(blind, axis=0), mode="complete")[0]
+    full = np.linalg.qr(unit, mode="complete")[0]
     return OrthonormalBase(names, full[:, len(names) - count :], values)

@@ -123,17 +123,14 @@ def consistent(
 
     Source: wensing2018, sousa2014.
     """
-    unconstrained = base.combination @ nominal
-    spread = _nearest(base, beta - unconstrained, penalty) + nominal
+    gap_of_nominal = beta - base.combination @ nominal
+    spread = nominal + _nearest(base, gap_of_nominal, penalty)
     value = _solve(base, beta, information, nominal, penalty, links)
     gap = base.combination @ value - beta
     distance = float(gap @ information @ gap) / max(base.count, 1)
-    return Physical(
-        value,
-        check_links(spread[: 10 * links]),
-        check_links(value[: 10 * links]),
-        distance,
-    )
+    before = check_links(spread[: 10 * links])
+    after = check_links(value[: 10 * links])
+    return Physical(value, before, after, distance)
 
 
 def _nearest(
@@ -153,29 +150,29 @@ def _solve(
     links: int,
 ) -> np.ndarray:
     """The unconstrained solution if it is possible, else the best possible one, shape (p,)."""
-    normal = base.combination.T @ information @ base.combination + np.diag(penalty)
+    C = base.combination
+    normal = C.T @ information @ C + np.diag(penalty)
+    # columns differ by orders of magnitude: scaled to a unit diagonal
     unit = 1.0 / np.sqrt(np.diag(normal))
-    root = np.linalg.cholesky(
-        normal * unit[:, None] * unit + 1e-13 * np.eye(len(unit))
-    ).T
-    right = base.combination.T @ information @ (beta - base.combination @ nominal)
+    scaled = normal * unit[:, None] * unit
+    root = np.linalg.cholesky(scaled + 1e-13 * np.eye(len(unit))).T
+    right = C.T @ information @ (beta - C @ nominal)
     target = np.linalg.solve(root.T, unit * right)
+    free = nominal + unit * np.linalg.solve(root, target)
     bounded = [
         k
-        for k, name in enumerate(base.names)
-        if k >= 10 * links and _symbol(name) in NOT_NEGATIVE
+        for k in range(10 * links, len(base.names))
+        if _symbol(base.names[k]) in NOT_NEGATIVE
     ]
-    free = nominal + unit * np.linalg.solve(root, target)
+    bodies = free[: 10 * links].reshape(-1, 10)
+    least = np.linalg.eigvalsh(_scaled(pseudo_inertia(bodies)))[:, 0]
     mass = np.maximum(nominal[: 10 * links : 10], 1e-2)
-    least = np.linalg.eigvalsh(
-        _scaled(pseudo_inertia(free[: 10 * links].reshape(-1, 10)))
-    )[:, 0]
     if (least >= FLOOR * mass).all() and (free[bounded] >= 0).all():
         return free
-    out = _constrained(root, target, unit, nominal, mass, bounded)
-    if not is_consistent(out[: 10 * links].reshape(-1, 10)).all():
+    value = _constrained(root, target, unit, nominal, mass, bounded)
+    if not is_consistent(value[: 10 * links].reshape(-1, 10)).all():
         raise GapscopeError("no physically consistent parameters were found", _REMEDY)
-    return out
+    return value
 
 
 def _constrained(

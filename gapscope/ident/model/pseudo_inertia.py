@@ -19,6 +19,8 @@ _PLACES = {
     "yz": (1, 2),
     "zz": (2, 2),
 }
+_ABOVE_DIAGONAL = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
+"""Entries of U of the last six log-Cholesky coordinates."""
 
 
 def _basis() -> np.ndarray:
@@ -27,14 +29,18 @@ def _basis() -> np.ndarray:
     for k, name in enumerate(INERTIAL_PARAMETERS):
         if name == "m":
             basis[k, 3, 3] = 1.0
-        elif name.startswith("m"):
+            continue
+        if name.startswith("m"):
             axis = "xyz".index(name[1])
-            basis[k, axis, 3] = basis[k, 3, axis] = 1.0
-        else:
-            i, j = _PLACES[name[1:]]
-            inertia = np.zeros((3, 3))
-            inertia[i, j] = inertia[j, i] = 1.0
-            basis[k, :3, :3] = np.trace(inertia) / 2 * np.eye(3) - inertia
+            basis[k, axis, 3] = 1.0
+            basis[k, 3, axis] = 1.0
+            continue
+        i, j = _PLACES[name[1:]]
+        inertia = np.zeros((3, 3))
+        inertia[i, j] = 1.0
+        inertia[j, i] = 1.0
+        # second moments from inertia: Sigma = tr(I) / 2 - I
+        basis[k, :3, :3] = np.trace(inertia) / 2 * np.eye(3) - inertia
     return basis
 
 
@@ -69,11 +75,10 @@ def central_inertia(parameters: np.ndarray) -> np.ndarray:
     """Inertia about the centre of mass [kg m^2], shape (..., 10) to (..., 3, 3); the mass must not be 0."""
     matrix = pseudo_inertia(np.asarray(parameters, dtype=float))
     moment, mass = matrix[..., :3, 3], matrix[..., 3, 3]
-    second = (
-        matrix[..., :3, :3]
-        - moment[..., :, None] * moment[..., None, :] / mass[..., None, None]
-    )
-    return np.trace(second, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - second
+    of_centre = moment[..., :, None] * moment[..., None, :] / mass[..., None, None]
+    second = matrix[..., :3, :3] - of_centre
+    trace = np.trace(second, axis1=-2, axis2=-1)
+    return trace[..., None, None] * np.eye(3) - second
 
 
 def triangle_inequality(parameters: np.ndarray) -> np.ndarray:
@@ -87,11 +92,11 @@ def divergence(parameters: np.ndarray, reference: np.ndarray) -> np.ndarray:
 
     Zero if they agree and infinite at the edge of what is physical. Source: lee2020.
     """
-    product = pseudo_inertia(np.asarray(parameters)) @ np.linalg.inv(
-        pseudo_inertia(np.asarray(reference))
-    )
+    matrix = pseudo_inertia(np.asarray(parameters))
+    product = matrix @ np.linalg.inv(pseudo_inertia(np.asarray(reference)))
     sign, log = np.linalg.slogdet(product)
-    return np.where(sign > 0, np.trace(product, axis1=-2, axis2=-1) - log - 4.0, np.inf)
+    trace = np.trace(product, axis1=-2, axis2=-1)
+    return np.where(sign > 0, trace - log - 4.0, np.inf)
 
 
 def from_log_cholesky(theta: np.ndarray) -> np.ndarray:
@@ -110,30 +115,35 @@ def to_log_cholesky(parameters: np.ndarray) -> np.ndarray:
     Raises:
         numpy.linalg.LinAlgError: the pseudo-inertia is not positive definite.
     """
+    # an upper factor is the lower factor of the matrix with rows and columns reversed
     flipped = pseudo_inertia(np.asarray(parameters, dtype=float))[..., ::-1, ::-1]
     upper = np.linalg.cholesky(flipped)[..., ::-1, ::-1]
     size = upper[..., 3, 3]
     unit = upper / size[..., None, None]
-    logs = np.log(np.stack([unit[..., i, i] for i in range(3)], axis=-1))
-    others = np.stack(
-        [unit[..., i, j] for i, j in ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))],
-        axis=-1,
-    )
-    return np.concatenate([np.log(size)[..., None], logs, others], axis=-1)
+    theta = np.empty((*size.shape, 10))
+    theta[..., 0] = np.log(size)
+    for i in range(3):
+        theta[..., 1 + i] = np.log(unit[..., i, i])
+    for k, (i, j) in enumerate(_ABOVE_DIAGONAL):
+        theta[..., 4 + k] = unit[..., i, j]
+    return theta
 
 
 def log_cholesky_jacobian(theta: np.ndarray) -> np.ndarray:
     """Derivative d pi / d theta, shape (..., 10) to (..., 10, 10), rows pi."""
     theta = np.asarray(theta, dtype=float)
     upper, size = _upper(theta), np.exp(theta[..., 0])
+    # derivatives of U by each coordinate
     change = np.zeros((*theta.shape, 4, 4))
     change[..., 0, :, :] = upper
     for i in range(3):
         change[..., 1 + i, i, i] = upper[..., i, i]
-    for k, (i, j) in enumerate(((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))):
+    for k, (i, j) in enumerate(_ABOVE_DIAGONAL):
         change[..., 4 + k, i, j] = size
+    # d(U U^T) = dU U^T and its transpose
     half = change @ np.swapaxes(upper, -1, -2)[..., None, :, :]
-    return np.swapaxes(inertial_parameters(half + np.swapaxes(half, -1, -2)), -1, -2)
+    rows = inertial_parameters(half + np.swapaxes(half, -1, -2))
+    return np.swapaxes(rows, -1, -2)
 
 
 def _upper(theta: np.ndarray) -> np.ndarray:
@@ -141,7 +151,8 @@ def _upper(theta: np.ndarray) -> np.ndarray:
     upper = np.zeros((*theta.shape[:-1], 4, 4))
     for i in range(3):
         upper[..., i, i] = np.exp(theta[..., 1 + i])
-    for k, (i, j) in enumerate(((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))):
+    for k, (i, j) in enumerate(_ABOVE_DIAGONAL):
         upper[..., i, j] = theta[..., 4 + k]
     upper[..., 3, 3] = 1.0
-    return upper * np.exp(theta[..., 0])[..., None, None]
+    size = np.exp(theta[..., 0])
+    return upper * size[..., None, None]

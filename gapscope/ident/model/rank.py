@@ -73,7 +73,8 @@ def rank_by_gap(spectrum: np.ndarray, tolerance: float = DEPENDENT) -> int:
     values = np.maximum(spectrum, FLOOR)
     drops = values[small - 1] / values[small]
     clear = np.flatnonzero(drops >= CLEAR_GAP)
-    return int(small[clear[0] if len(clear) else np.argmax(drops)])
+    end = clear[0] if len(clear) else np.argmax(drops)
+    return int(small[end])
 
 
 def gap_at(spectrum: np.ndarray, rank: int) -> float:

@@ -51,18 +51,20 @@ class Regressor:
                     f"choose among {', '.join(JOINT_COLUMNS)}",
                     where="effects",
                 )
-        self.arm, self.body, self.effects = arm, body or RigidBody(arm), tuple(effects)
-        joints = range(1, arm.n_joints + 1)
-        parameters = [CATALOGUE[name].parameters[0] for name in self.effects]
-        inertial = [
-            f"{name}{joint}" for joint in joints for name in INERTIAL_PARAMETERS
-        ]
-        self.names = (
-            *inertial,
-            *(f"{p.symbol}{joint}" for p in parameters for joint in joints),
-        )
-        units = ["kg", *["kg m"] * 3, *["kg m^2"] * 6] * arm.n_joints
-        self.units = (*units, *(p.unit for p in parameters for _ in joints))
+        self.arm = arm
+        self.body = body or RigidBody(arm)
+        self.effects = tuple(effects)
+        # ten columns of each link, then one per joint of each effect
+        names, units = [], []
+        for joint in range(1, arm.n_joints + 1):
+            names += [f"{name}{joint}" for name in INERTIAL_PARAMETERS]
+            units += ["kg", *["kg m"] * 3, *["kg m^2"] * 6]
+        for name in self.effects:
+            parameter = CATALOGUE[name].parameters[0]
+            for joint in range(1, arm.n_joints + 1):
+                names.append(f"{parameter.symbol}{joint}")
+                units.append(parameter.unit)
+        self.names, self.units = tuple(names), tuple(units)
 
     def matrix(self, motion: Motion, out: np.ndarray | None = None) -> np.ndarray:
         """Y of a motion of N samples, shape (N, n, p).
@@ -72,14 +74,14 @@ class Regressor:
             out: array that Y is written into, shape (N, n, p), such as one that chunks of a long motion share.
         """
         n, links = self.arm.n_joints, 10 * self.arm.n_joints
-        shape = (len(motion.t), n, len(self.names))
-        out = np.empty(shape) if out is None else out
+        if out is None:
+            out = np.empty((len(motion.t), n, len(self.names)))
         self.body.regressor(motion.q, motion.dq, motion.ddq, out[:, :, :links])
         out[:, :, links:] = 0.0
         for k, name in enumerate(self.effects):
-            diagonal = np.einsum(
-                "ijj->ij", out[:, :, links + k * n : links + (k + 1) * n]
-            )
+            first = links + k * n
+            # a view: an effect acts on its own joint alone
+            diagonal = np.einsum("ijj->ij", out[:, :, first : first + n])
             diagonal[:] = self._unit_torque(name, motion)
         return out
 

@@ -58,11 +58,11 @@ class TriangularFactor:
     def residual_norm(self) -> float:
         """Norm rho of tau - W beta for the best beta [N m]."""
         rest = self._stack[self._columns, self._columns]
-        if not self._full_rank:  # rows of R without content have taken up some of tau
-            rest = np.hypot(
-                rest, np.linalg.norm(self.projected - self.triangle @ self.solve())
-            )
-        return float(abs(rest))
+        if self._full_rank:
+            return float(abs(rest))
+        # rows of R without content have taken up some of tau
+        unexplained = self.projected - self.triangle @ self.solve()
+        return float(np.hypot(rest, np.linalg.norm(unexplained)))
 
     def add(self, W: np.ndarray, tau: np.ndarray | None = None) -> None:
         """Add rows.
@@ -108,9 +108,10 @@ class TriangularFactor:
             len(places) == other.columns,
             f"expected {len(places)} columns, got {other.columns}",
         )
-        W = np.zeros((other.columns + 1, self._columns))
-        W[:, places] = other._stack[: other.columns + 1, : other.columns]
-        self._absorb(W, other._stack[: other.columns + 1, other.columns])
+        top = other.columns + 1
+        W = np.zeros((top, self._columns))
+        W[:, places] = other._stack[:top, : other.columns]
+        self._absorb(W, other._stack[:top, other.columns])
         self.rows += other.rows
 
     def scaled(self, factor: float) -> TriangularFactor:
@@ -142,8 +143,9 @@ class TriangularFactor:
             self.rows > self._columns,
             f"{self.rows} rows cannot tell {self._columns} parameters apart",
         )
+        variance = self.residual_norm**2 / (self.rows - self._columns)
         inverse = solve_triangular(self.triangle, np.eye(self._columns))
-        return self.residual_norm**2 / (self.rows - self._columns) * inverse @ inverse.T
+        return variance * inverse @ inverse.T
 
     @property
     def _full_rank(self) -> bool:
@@ -151,12 +153,11 @@ class TriangularFactor:
         return bool(size.min() > _SINGULAR * size.max())
 
     def _absorb(self, W: np.ndarray, tau: np.ndarray) -> None:
+        """Factor the triangle so far and some rows below it into a new triangle."""
         top = self._columns + 1
-        stack = (
-            self._stack[: top + len(W)]
-            if len(W) == ROWS
-            else np.asfortranarray(self._stack[: top + len(W)])
-        )
+        stack = self._stack[: top + len(W)]
+        if len(W) < ROWS:
+            stack = np.asfortranarray(stack)
         stack[top:, : self._columns] = W
         stack[top:, self._columns] = tau
         factored = _GEQRF(stack, lwork=self._work, overwrite_a=True)[0]
@@ -187,13 +188,13 @@ class JointFactors:
 
     def add(self, Y: np.ndarray, tau: np.ndarray | None = None) -> None:
         """Add samples: Y of shape (N, n, p) and tau [N m] of shape (N, n)."""
-        for i, (factor, places) in enumerate(
-            zip(self.joints, self.places, strict=True)
-        ):
-            torque = np.zeros(len(Y)) if tau is None else tau[:, i]
+        if tau is None:
+            tau = np.zeros(Y.shape[:2])
+        for i, factor in enumerate(self.joints):
+            places = self.places[i]
             for start in range(0, len(Y), ROWS):
-                part = slice(start, start + ROWS)
-                factor.add(Y[part, i][:, places], torque[part])
+                rows = slice(start, start + ROWS)
+                factor.add(Y[rows, i][:, places], tau[rows, i])
 
     def merge(self, other: JointFactors) -> None:
         """Add all samples of other factors with the same columns."""
@@ -225,12 +226,13 @@ def factored(
         torque: [N m], shape (N, n); zeros if ``None``, as base parameters do not need it.
     """
     factors, count = JointFactors(regressor.support), len(motion.t)
+    # one array for all chunks
     room = np.empty((min(ROWS, count), *regressor.support.shape))
     for start in range(0, count, ROWS):
-        part = slice(start, min(start + ROWS, count))
-        piece = Motion(
-            motion.t[part], motion.q[part], motion.dq[part], motion.ddq[part]
+        rows = slice(start, min(start + ROWS, count))
+        chunk = Motion(
+            motion.t[rows], motion.q[rows], motion.dq[rows], motion.ddq[rows]
         )
-        Y = regressor.matrix(piece, room[: part.stop - start])
-        factors.add(Y, None if torque is None else torque[part])
+        Y = regressor.matrix(chunk, room[: rows.stop - start])
+        factors.add(Y, None if torque is None else torque[rows])
     return factors

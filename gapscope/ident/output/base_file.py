@@ -23,24 +23,22 @@ def write_base(result: Identification, path: Path | str) -> None:
     Raises:
         GapscopeError: ``path`` cannot be written.
     """
-    base, nominal = result.base, result.columns.nominal(result.choice.law)
+    base, names = result.base, result.base.names
     # C has full rank, so that its rows, padded to p, have the row space of the samples and no weak direction of theirs
-    padded = np.vstack(
-        [base.combination, np.zeros((len(base.names) - base.count, len(base.names)))]
-    )
-    other = orthonormal_base(padded, base.names)
-    back = np.zeros((len(base.names), base.count))
+    padding = np.zeros((len(names) - base.count, len(names)))
+    other = orthonormal_base(np.vstack([base.combination, padding]), names)
+    back = np.zeros((len(names), base.count))
     back[base.kept] = np.eye(base.count)
     arrays = {
-        "names": np.array(base.names),
-        "kept_names": np.array([base.names[k] for k in base.kept]),
+        "names": np.array(names),
+        "kept_names": np.array([names[k] for k in base.kept]),
         "combination": base.combination,
         "back": back,
         "null_space": base.null_space,
         "value": result.estimate.value,
         "covariance": result.uncertainty.covariance,
         "consistent": result.physical.value,
-        "nominal": nominal,
+        "nominal": result.columns.nominal(result.choice.law),
         "orthonormal": other.basis,
         "from_orthonormal": other.to_base(base),
         "to_orthonormal": other.from_base(base),

@@ -35,25 +35,28 @@ def urdf_text(result: Identification) -> str:
 
     Frames and axes are those of the nominal arm's joints; inertial frames lie along the principal axes.
     """
-    body, n = result.columns.body, result.case.arm.n_joints
+    arm, body = result.case.arm, result.columns.body
+    n = arm.n_joints
     change = result.physical.value[: 10 * n] - body.inertial_parameters()
     links = moving_links(body.changed(change.reshape(n, 10)))
     root = ET.fromstring(plain_urdf(links))
-    root.set("name", result.case.arm.name)
-    speed, effort = body.velocity_limits(), body.effort_limits()
+    root.set("name", arm.name)
+    # principal moments in full precision
     for link, element in zip(links, root.findall("link")[1:], strict=True):
         inertia = element.find("inertial/inertia")
         assert inertia is not None
         for key, value in zip(("ixx", "iyy", "izz"), link.moments, strict=True):
             inertia.set(key, repr(float(value)))
+    # limits of the nominal arm
+    speed, effort = body.velocity_limits(), body.effort_limits()
     for joint in root.findall("joint"):
-        limit, j = (
-            joint.find("limit"),
-            result.case.arm.joints.index(joint.get("name", "")),
-        )
-        if limit is not None and speed[j] > 0:
+        limit = joint.find("limit")
+        if limit is None:
+            continue
+        j = arm.joints.index(joint.get("name", ""))
+        if speed[j] > 0:
             limit.set("velocity", numbers(speed[j : j + 1]))
-        if limit is not None and effort[j] > 0:
+        if effort[j] > 0:
             limit.set("effort", numbers(effort[j : j + 1]))
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
@@ -62,13 +65,10 @@ def urdf_text(result: Identification) -> str:
 def sheet(result: Identification) -> dict[str, Any]:
     """The ``nominal:`` section: rotor inertia [kg m^2], Coulomb [N m] and viscous friction [N m s/rad]."""
     arm, named = result.case.arm, _named(result)
-    section: dict[str, Any] = {
-        name: [
-            round(max(named.get(f"{symbol}{j + 1}", 0.0), 0.0), 9)
-            for j in range(arm.n_joints)
-        ]
-        for name, symbol in (("armature", "I"), ("coulomb", "c"), ("viscous", "b"))
-    }
+    section: dict[str, Any] = {}
+    for name, symbol in (("armature", "I"), ("coulomb", "c"), ("viscous", "b")):
+        values = [named.get(f"{symbol}{j + 1}", 0.0) for j in range(arm.n_joints)]
+        section[name] = [round(max(value, 0.0), 9) for value in values]
     if arm.torque_limit is not None:
         section["torque_limit"] = arm.torque_limit.tolist()
     section["encoder"] = arm.encoder
@@ -79,26 +79,28 @@ def sheet(result: Identification) -> dict[str, Any]:
 
 def effects(result: Identification) -> tuple[AppliedEffect, ...]:
     """Offsets and Stribeck friction as effects of the catalogue."""
-    named, joints = _named(result), range(1, result.case.arm.n_joints + 1)
-    offset = {j: named.get(f"o{j}", 0.0) for j in joints}
-    drop = {j: named.get(f"d{j}", 0.0) for j in joints}
-    out = []
-    if shown := [j for j in joints if abs(offset[j]) > UNNOTICED]:
-        out.append(
-            AppliedEffect(
-                "torque_offset",
-                tuple(shown),
-                {"torque": np.array([offset[j] for j in shown])},
-            )
-        )
+    found = []
+    joints, offset = _noticed(result, "o")
+    if joints:
+        found.append(AppliedEffect("torque_offset", joints, {"torque": offset}))
     speed = result.choice.law.stribeck_speed
-    if speed is not None and (shown := [j for j in joints if abs(drop[j]) > UNNOTICED]):
-        values = {
-            "torque": np.array([drop[j] for j in shown]),
-            "velocity": np.full(len(shown), speed),
-        }
-        out.append(AppliedEffect("stribeck_friction", tuple(shown), values))
-    return tuple(out)
+    joints, drop = _noticed(result, "d")
+    if joints and speed is not None:
+        velocity = np.full(len(joints), speed)
+        values = {"torque": drop, "velocity": velocity}
+        found.append(AppliedEffect("stribeck_friction", joints, values))
+    return tuple(found)
+
+
+def _noticed(result: Identification, symbol: str) -> tuple[tuple[int, ...], np.ndarray]:
+    """Joints, from 1, on which a parameter exceeds ``UNNOTICED``, and its values there."""
+    named = _named(result)
+    values = {
+        j: named.get(f"{symbol}{j}", 0.0)
+        for j in range(1, result.case.arm.n_joints + 1)
+    }
+    joints = tuple(j for j, value in values.items() if abs(value) > UNNOTICED)
+    return joints, np.array([values[j] for j in joints])
 
 
 def write_case_beside(

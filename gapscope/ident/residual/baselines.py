@@ -56,7 +56,6 @@ def gaussian_process(rows: ResidualRows, seed: int = 0) -> Baseline:
 
 
 def _torque(models: list, rows: ResidualRows, windows: np.ndarray) -> np.ndarray:
-    found = [
-        model.predict(x) for model, x in zip(models, seen(rows, windows), strict=True)
-    ]
-    return np.asarray(np.stack(found, axis=1) * rows.scale)
+    inputs = seen(rows, windows)
+    columns = [model.predict(x) for model, x in zip(models, inputs, strict=True)]
+    return np.asarray(np.stack(columns, axis=1) * rows.scale)

@@ -33,29 +33,37 @@ class Deployed(torch.nn.Module):
         self.weights = torch.nn.ParameterList([_tensor(w) for w in network.weights])
         self.biases = torch.nn.ParameterList([_tensor(b) for b in network.biases])
         self.register_buffer("seen", torch.as_tensor(network.seen))
-        for name, value in (
-            ("landmarks", residual.trust.landmarks),
-            ("radius", residual.trust.radius),
-            ("scale", residual.scale),
-            ("bound", residual.bound),
-        ):
-            self.register_buffer(name, _tensor(value))
+        self.register_buffer("landmarks", _tensor(residual.trust.landmarks))
+        self.register_buffer("radius", _tensor(residual.trust.radius))
+        self.register_buffer("scale", _tensor(residual.scale))
+        self.register_buffer("bound", _tensor(residual.bound))
 
     def forward(self, windows: torch.Tensor) -> torch.Tensor:
         """The torque."""
+        mean = self._mean(windows).mean(dim=0)
+        torque = (self._trusted(windows[:, :, -1]) * mean).T * self.scale
+        return torch.minimum(torch.maximum(torque, -self.bound), self.bound)
+
+    def _mean(self, windows: torch.Tensor) -> torch.Tensor:
+        """Means of the members, (members, n, N)."""
         n = windows.shape[0]
         flat = windows.reshape(n, windows.shape[1], -1)
         h = (flat[:, :, self.seen] if self.form == "mlp" else flat)[None]
-        for k in range(len(self.weights) - 1):
-            h = h.reshape(h.shape[0], n, -1, self.weights[k].shape[2])
-            h = torch.tanh(h @ self.weights[k] + self.biases[k][:, :, None])
-        h = h.reshape(h.shape[0], n, -1, self.weights[-1].shape[2])
-        mean = (h @ self.weights[-1][..., :1])[..., 0] + self.biases[-1][:, :, :1]
-        now = windows[:, :, -1]
-        square = ((now[:, :, None] - self.landmarks[:, None]) ** 2).sum(dim=3)
-        u = (square.amin(dim=2).sqrt() / self.radius[:, None] - 1.0).clamp(0.0, 1.0)
-        torque = ((1.0 - u * u * (3.0 - 2.0 * u)) * mean.mean(dim=0)).T * self.scale
-        return torch.minimum(torch.maximum(torque, -self.bound), self.bound)
+        last = len(self.weights) - 1
+        for weight, bias in zip(self.weights[:last], self.biases[:last], strict=True):
+            # a layer of the convolutional form halves the number of instants
+            h = h.reshape(h.shape[0], n, -1, weight.shape[2])
+            h = torch.tanh(h @ weight + bias[:, :, None])
+        h = h.reshape(h.shape[0], n, -1, self.weights[last].shape[2])
+        outputs = h @ self.weights[last][..., :1]
+        return outputs[..., 0] + self.biases[last][:, :, :1]
+
+    def _trusted(self, now: torch.Tensor) -> torch.Tensor:
+        """Factor of the output, 1 near the inputs seen in training and 0 at twice the radius, (n, N)."""
+        difference = now[:, :, None] - self.landmarks[:, None]
+        nearest = (difference**2).sum(dim=3).amin(dim=2).sqrt()
+        beyond = (nearest / self.radius[:, None] - 1.0).clamp(0.0, 1.0)
+        return 1.0 - beyond * beyond * (3.0 - 2.0 * beyond)
 
 
 def torchscript(
@@ -66,13 +74,14 @@ def torchscript(
     Raises:
         GapscopeError: the file cannot be written.
     """
-    n, taps, c = residual.inputs.n, residual.inputs.taps, residual.inputs.channels
-    example = torch.zeros((n, 1, taps, c), dtype=torch.float64)
+    inputs = residual.inputs
+    shape = (inputs.n, 1, inputs.taps, inputs.channels)
+    example = torch.zeros(shape, dtype=torch.float64)
     with torch.no_grad(), warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore", DeprecationWarning
-        )  # torch.export needs torch to run; TorchScript does not
-        module = torch.jit.freeze(torch.jit.trace(Deployed(residual).eval(), example))
+        # torch.export needs torch to run; TorchScript does not
+        warnings.simplefilter("ignore", DeprecationWarning)
+        traced = torch.jit.trace(Deployed(residual).eval(), example)
+        module = torch.jit.freeze(traced)
     if path is not None:
         with atomic_write(path) as aside:
             module.save(str(aside))

@@ -13,10 +13,10 @@ from gapscope.effects.residual.network import Network
 from gapscope.effects.residual.trust import Trust, nearest
 from gapscope.ident.residual.orthogonality import (
     basis,
-    left_by,
     parameter_moves,
     project_heads,
     share_explained,
+    unexplained_by,
 )
 from gapscope.ident.residual.settings import ResidualSettings
 from gapscope.ident.residual.trajectory import Trajectory, groups
@@ -60,19 +60,19 @@ class ResidualRows:
     Attributes:
         inputs: what a network sees.
         windows: of the rows, (n, M, taps, C).
-        left: what the corrected arm leaves [1], (M, n).
+        residual: of the corrected arm [1], (M, n).
         target: what the columns of the physics do not explain of it [1], (M, n).
         q: orthonormal columns of the physics, (M, n, r).
         parameters: columns of the effects' parameters, (M, n, k).
         group: for a split by trajectory, (M,).
         trajectory: of each row, (M,).
-        distance: of each row's input from those of all other groups [1], (M, n); infinite if it is in no group.
-        scale: RMS residual [N m], (n,).
+        distance: of each row's input from those of all other groups [1], (M, n); infinite where it is in no group.
+        scale: RMS of the residual [N m], (n,).
     """
 
     inputs: Inputs
     windows: np.ndarray
-    left: np.ndarray
+    residual: np.ndarray
     target: np.ndarray
     q: np.ndarray
     parameters: np.ndarray
@@ -83,14 +83,13 @@ class ResidualRows:
 
     @property
     def reach(self) -> np.ndarray:
-        """Distance up to which a network is asked whether it is of use on rows that it has not seen, (n,)."""
-        known = np.isfinite(self.distance)
-        return np.array(
-            [
-                np.quantile(d[k], REACH) if k.any() else 0.0
-                for d, k in zip(self.distance.T, known.T, strict=True)
-            ]
-        )
+        """Distance up to which a network is tested on rows that it has not seen, (n,)."""
+        reach = np.zeros(self.distance.shape[1])
+        for joint, distance in enumerate(self.distance.T):
+            known = np.isfinite(distance)
+            if known.any():
+                reach[joint] = np.quantile(distance[known], REACH)
+        return reach
 
     @property
     def near(self) -> np.ndarray:
@@ -103,50 +102,53 @@ def rows_of(
 ) -> ResidualRows:
     """Rows of trajectories as a network sees them."""
     group = groups(trajectories, settings.members)
-    left = np.concatenate([x.left[x.rows] for x in trajectories])
-    scale = np.maximum(np.sqrt((left**2).mean(axis=0)), 1e-9)
-    seen = np.concatenate(
-        [channels(x.motion, x.load)[:, x.rows] for x in trajectories], axis=1
-    )
-    mean, std = seen.mean(axis=1), seen.std(axis=1)
-    # sines and cosines have a natural scale: a joint that hardly moved must not be blown up
-    std = np.maximum(std, np.where(scaled(left.shape[1]), 0.1 * std.max(axis=0), 0.2))
-    inputs = Inputs(left.shape[1], settings.taps, settings.spacing, mean, std)
+    residual = np.concatenate([x.residual[x.rows] for x in trajectories])
+    scale = np.maximum(np.sqrt((residual**2).mean(axis=0)), 1e-9)
+    weighted = residual / scale
+    inputs = _inputs(trajectories, settings)
     windows = np.concatenate(
         [inputs.windows(x.motion, x.load, x.rows) for x in trajectories], axis=1
     )
     q = basis(np.concatenate([x.columns for x in trajectories]), scale)
-    parameters = (
-        np.concatenate([x.parameters for x in trajectories]) / scale[None, :, None]
-    )
-    trajectory = np.repeat(
-        np.arange(len(trajectories)), [len(x.rows) for x in trajectories]
-    )
-    distance = _from_other_groups(windows[:, :, -1], group)
+    parameters = np.concatenate([x.parameters for x in trajectories])
+    lengths = [len(x.rows) for x in trajectories]
     return ResidualRows(
-        inputs,
-        windows,
-        left / scale,
-        left_by(q, left / scale),
-        q,
-        parameters,
-        group,
-        trajectory,
-        distance,
-        scale,
+        inputs=inputs,
+        windows=windows,
+        residual=weighted,
+        target=unexplained_by(q, weighted),
+        q=q,
+        parameters=parameters / scale[None, :, None],
+        group=group,
+        trajectory=np.repeat(np.arange(len(trajectories)), lengths),
+        distance=_from_other_groups(windows[:, :, -1], group),
+        scale=scale,
     )
+
+
+def _inputs(trajectories: Sequence[Trajectory], settings: ResidualSettings) -> Inputs:
+    """Inputs of the network, with their mean and deviation over the rows."""
+    series = [channels(x.motion, x.load)[:, x.rows] for x in trajectories]
+    seen = np.concatenate(series, axis=1)
+    n = len(seen)
+    mean, std = seen.mean(axis=1), seen.std(axis=1)
+    # sines and cosines have a natural scale: a joint that hardly moved must not be blown up
+    least = np.where(scaled(n), 0.1 * std.max(axis=0), 0.2)
+    return Inputs(n, settings.taps, settings.spacing, mean, np.maximum(std, least))
 
 
 def _from_other_groups(now: np.ndarray, group: np.ndarray) -> np.ndarray:
     """Distance of each row's input, of (n, M, C), from the nearest of another group, (M, n)."""
-    out = np.full((len(group), len(now)), np.inf)
+    distance = np.full((len(group), len(now)), np.inf)
     for g in np.unique(group[group >= 0]):
-        others = now[:, (group != g) & (group >= 0)]
-        if others.shape[1]:
-            out[group == g] = nearest(
-                now[:, group == g], others[:, :: max(1, others.shape[1] // 1000)]
-            ).T
-    return out
+        own = group == g
+        others = now[:, ~own & (group >= 0)]
+        if not others.shape[1]:
+            continue
+        # a thousand of them show the distance well enough
+        thinned = others[:, :: max(1, others.shape[1] // 1000)]
+        distance[own] = nearest(now[:, own], thinned).T
+    return distance
 
 
 def fit_residual(
@@ -169,23 +171,28 @@ def fit_residual(
     before = network.outputs(rows.windows)[0].mean(axis=0).T
     network = _projected(network, rows, gain > 0)
     after = network.outputs(rows.windows)[0].mean(axis=0).T
-    bound = settings.bound * np.abs(rows.left * rows.scale).max(axis=0)
+    bound = settings.bound * np.abs(rows.residual * rows.scale).max(axis=0)
     trust = _trust(rows)
     residual = ResidualNetwork(
         rows.inputs, network, trust, rows.scale, bound, TORQUE_CUTOFF
     )
-    moves = [
-        parameter_moves(rows.parameters, x, rows.left, rows.trajectory)
-        for x in (before, after)
-    ]
+    moved_before = parameter_moves(
+        rows.parameters, before, rows.residual, rows.trajectory
+    )
+    moved_after = parameter_moves(
+        rows.parameters, after, rows.residual, rows.trajectory
+    )
+    target_share = (rows.target**2).sum() / (rows.residual**2).sum()
+    clipped = np.abs(after * rows.scale) > bound
+    faded = trust.factor(rows.windows[:, :, -1]) < 1.0
     report = Report(
         closed,
         gain,
-        1.0 - float((rows.target**2).sum() / (rows.left**2).sum()),
+        1.0 - float(target_share),
         (share_explained(rows.q, before), share_explained(rows.q, after)),
-        (moves[0], moves[1]),
-        float((np.abs(after * rows.scale) > bound).mean()),
-        float((trust.factor(rows.windows[:, :, -1]) < 1.0).mean()),
+        (moved_before, moved_after),
+        float(clipped.mean()),
+        float(faded.mean()),
     )
     return residual, report
 
@@ -199,16 +206,17 @@ def usefulness(
     <y, f> / <f, f>, between 0 and 1, and 0 if less than ``LEAST_GAIN`` would be closed with it.
     """
     mean = network.outputs(rows.windows)[0]
+    # mean over the members that held a row out
     weight = held[:, None].astype(float)
-    f = (mean * weight).sum(axis=0) / np.maximum(weight.sum(axis=0), 1.0)
+    predicted = (mean * weight).sum(axis=0) / np.maximum(weight.sum(axis=0), 1.0)
     counted = rows.near.T & held.any(axis=0)
-    y, f = np.where(counted, rows.target.T, 0.0), np.where(counted, f, 0.0)
-    gain = np.clip(
-        (y * f).sum(axis=1) / np.maximum((f * f).sum(axis=1), 1e-300), 0.0, 1.0
-    )
-    closed = 1.0 - ((y - gain[:, None] * f) ** 2).sum(axis=1) / np.maximum(
-        (y**2).sum(axis=1), 1e-300
-    )
+    target = np.where(counted, rows.target.T, 0.0)
+    predicted = np.where(counted, predicted, 0.0)
+    product = (target * predicted).sum(axis=1)
+    square = (predicted * predicted).sum(axis=1)
+    gain = np.clip(product / np.maximum(square, 1e-300), 0.0, 1.0)
+    error = ((target - gain[:, None] * predicted) ** 2).sum(axis=1)
+    closed = 1.0 - error / np.maximum((target**2).sum(axis=1), 1e-300)
     return closed, np.where(closed < LEAST_GAIN, 0.0, gain)
 
 
@@ -228,11 +236,14 @@ def _projected(network: Network, rows: ResidualRows, active: np.ndarray) -> Netw
     """The network with heads whose output is orthogonal to the physics on the rows."""
     hidden = network.hidden(rows.windows)
     weight, bias = network.weights[-1].copy(), network.biases[-1].copy()
-    for m in range(network.members):
-        seen = np.concatenate([hidden[m], np.ones((*hidden.shape[1:3], 1))], axis=2)
-        head = np.column_stack([weight[m, :, :, 0], bias[m, :, 0]])
+    ones = np.ones((*hidden.shape[1:3], 1))
+    for member in range(network.members):
+        seen = np.concatenate([hidden[member], ones], axis=2)
+        # weights and bias of the mean; the variance has its own head
+        head = np.column_stack([weight[member, :, :, 0], bias[member, :, 0]])
         head = project_heads(seen, head, rows.q, active)
-        weight[m, :, :, 0], bias[m, :, 0] = head[:, :-1], head[:, -1]
+        weight[member, :, :, 0] = head[:, :-1]
+        bias[member, :, 0] = head[:, -1]
     return replace(
         network,
         weights=(*network.weights[:-1], weight),
@@ -248,18 +259,17 @@ def _trust(rows: ResidualRows) -> Trust:
     now = rows.windows[:, :, -1]
     landmarks = np.stack([_spread(points, LANDMARKS) for points in now])
     cover = nearest(now, landmarks).max(axis=1)
-    return Trust(
-        landmarks, np.maximum(np.maximum(cover, rows.reach), 1e-9) * (1.0 + 1e-9)
-    )
+    radius = np.maximum(np.maximum(cover, rows.reach), 1e-9)
+    # a little more, so that rounding leaves no row outside
+    return Trust(landmarks, radius * (1.0 + 1e-9))
 
 
 def _spread(points: np.ndarray, count: int) -> np.ndarray:
-    """Some of the points (M, C), each as far from those before as there is any; (min(count, M), C)."""
+    """Some of the points (M, C), each as far as possible from those before; (min(count, M), C)."""
     chosen = [0]
     distance = np.full(len(points), np.inf)
     for _ in range(min(count, len(points)) - 1):
-        distance = np.minimum(
-            distance, ((points - points[chosen[-1]]) ** 2).sum(axis=1)
-        )
+        from_last = ((points - points[chosen[-1]]) ** 2).sum(axis=1)
+        distance = np.minimum(distance, from_last)
         chosen.append(int(distance.argmax()))
     return points[chosen]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from gapscope.ident.signals.effective_samples import variance_inflation
 
@@ -14,14 +15,14 @@ def basis(columns: np.ndarray, scale: np.ndarray) -> np.ndarray:
     """Orthonormal basis Q of the columns, (M, n, p), each joint's rows divided by its scale [N m]; (M, n, r)."""
     stacked = (columns / scale[None, :, None]).reshape(-1, columns.shape[2])
     norms = np.linalg.norm(stacked, axis=0)
-    u, size, _ = np.linalg.svd(
-        stacked[:, norms > 0] / norms[norms > 0], full_matrices=False
-    )
-    kept = u[:, size > DEPENDENT * size[0]] if size.size else u
-    return kept.reshape(*columns.shape[:2], -1)
+    unit = stacked[:, norms > 0] / norms[norms > 0]
+    u, size, _ = np.linalg.svd(unit, full_matrices=False)
+    if size.size:
+        u = u[:, size > DEPENDENT * size[0]]
+    return u.reshape(*columns.shape[:2], -1)
 
 
-def left_by(q: np.ndarray, torque: np.ndarray) -> np.ndarray:
+def unexplained_by(q: np.ndarray, torque: np.ndarray) -> np.ndarray:
     """What the columns do not explain of a weighted torque (M, n): y - Q Q^T y."""
     return np.asarray(torque - q @ np.einsum("mnr,mn->r", q, torque))
 
@@ -52,31 +53,26 @@ def project_heads(
     Returns:
         The weights, (n, hidden + 1).
     """
-    n, width = head.shape
-    constraint = np.concatenate(
-        [q[:, j].T @ hidden[j] for j in range(n) if active[j]] or [np.zeros((0, 0))],
-        axis=1,
-    )
-    if not active.any():
+    joints = np.flatnonzero(active)
+    if not len(joints):
         return head
-    grams = [hidden[j].T @ hidden[j] for j in range(n) if active[j]]
-    metric = np.zeros((width * len(grams), width * len(grams)))
-    for k, gram in enumerate(grams):
-        metric[k * width : (k + 1) * width, k * width : (k + 1) * width] = gram
+    width = head.shape[1]
+    constraint = np.concatenate([q[:, j].T @ hidden[j] for j in joints], axis=1)
+    metric = block_diag(*(hidden[j].T @ hidden[j] for j in joints))
     metric += 1e-6 * np.trace(metric) / len(metric) * np.eye(len(metric))
     root = np.linalg.cholesky(metric)
     # in z = L^T dw the least change is the solution of least norm
     weights = head[active].ravel()
-    z = np.linalg.lstsq(
-        np.linalg.solve(root, constraint.T).T, -constraint @ weights, rcond=1e-12
-    )[0]
-    out = head.copy()
-    out[active] = (weights + np.linalg.solve(root.T, z)).reshape(-1, width)
-    return out
+    turned = np.linalg.solve(root, constraint.T).T
+    z = np.linalg.lstsq(turned, -constraint @ weights, rcond=1e-12)[0]
+    projected = head.copy()
+    change = np.linalg.solve(root.T, z)
+    projected[active] = (weights + change).reshape(-1, width)
+    return projected
 
 
 def parameter_moves(
-    columns: np.ndarray, torque: np.ndarray, left: np.ndarray, group: np.ndarray
+    columns: np.ndarray, torque: np.ndarray, residual: np.ndarray, group: np.ndarray
 ) -> np.ndarray:
     """By how many standard deviations parameters would move if refitted with a torque in place; shape (k,).
 
@@ -86,7 +82,7 @@ def parameter_moves(
     Args:
         columns: T of the parameters, in weighted torque, (M, n, k).
         torque: f in weighted torque, (M, n).
-        left: the residual of the data without f, in weighted torque, (M, n).
+        residual: of the data without f, in weighted torque, (M, n).
         group: trajectory of each row, (M,).
     """
     if columns.shape[2] == 0:
@@ -95,9 +91,9 @@ def parameter_moves(
     norms = np.maximum(np.linalg.norm(stacked, axis=0), 1e-300)
     unit = stacked / norms
     gram = np.linalg.pinv(unit.T @ unit, rcond=1e-10, hermitian=True)
-    noise = (left**2).mean(axis=0) * variance_inflation(left, group)
-    spread = np.einsum(
-        "mnk,mnl,n->kl", unit.reshape(columns.shape), unit.reshape(columns.shape), noise
-    )
-    deviation = np.sqrt(np.clip(np.diag(gram @ spread @ gram), 1e-300, None))
-    return np.asarray(np.abs(gram @ (unit.T @ torque.ravel())) / deviation)
+    noise = (residual**2).mean(axis=0) * variance_inflation(residual, group)
+    by_joint = unit.reshape(columns.shape)
+    spread = np.einsum("mnk,mnl,n->kl", by_joint, by_joint, noise)
+    variance = np.diag(gram @ spread @ gram)
+    move = gram @ (unit.T @ torque.ravel())
+    return np.asarray(np.abs(move) / np.sqrt(np.clip(variance, 1e-300, None)))

@@ -27,9 +27,8 @@ def physics_columns(
     They depend on each other; what counts is what they span together.
     """
     regressor = Regressor(corrected.arm, body, JOINT_COLUMNS)
-    return np.concatenate(
-        [regressor.matrix(motion), effect_columns(corrected, body, motion)], axis=2
-    )
+    of_effects = effect_columns(corrected, body, motion)
+    return np.concatenate([regressor.matrix(motion), of_effects], axis=2)
 
 
 def effect_columns(
@@ -41,7 +40,9 @@ def effect_columns(
         _derivative(physical, k, name, i, body, motion)
         for k, name, i in _places(physical)
     ]
-    return np.stack(columns, axis=2) if columns else np.zeros((*motion.q.shape, 0))
+    if not columns:
+        return np.zeros((*motion.q.shape, 0))
+    return np.stack(columns, axis=2)
 
 
 def _places(corrected: CorrectedArm) -> list[tuple[int, str, int]]:
@@ -61,16 +62,15 @@ def _derivative(
     """Central difference by one parameter, one-sided at its bound; shape (N, n)."""
     applied = corrected.effects[k]
     parameter = next(p for p in applied.effect.parameters if p.name == name)
-    size = max(
-        abs(float(np.atleast_1d(applied.parameters[name])[i])),
-        abs(parameter.typical[1]),
-        1e-6,
-    )
+    value = abs(float(np.atleast_1d(applied.parameters[name])[i]))
+    size = max(value, abs(parameter.typical[1]), 1e-6)
     torques, steps = [], []
     for step in (-STEP * size, STEP * size):
         try:
             moved = _moved(applied, name, i, step)
-        except InputError:
+        except (
+            InputError
+        ):  # beyond the bound: the difference is taken from the value itself
             moved, step = applied, 0.0
         effects = (*corrected.effects[:k], moved, *corrected.effects[k + 1 :])
         torques.append(replace(corrected, effects=effects).predict(body, motion))
@@ -82,6 +82,5 @@ def _moved(applied: AppliedEffect, name: str, i: int, step: float) -> AppliedEff
     """The effect with one parameter a step further."""
     value = np.array(applied.parameters[name], dtype=float)
     value.reshape(-1)[i] += step
-    return AppliedEffect(
-        applied.name, applied.joints, {**applied.parameters, name: value}
-    )
+    parameters = {**applied.parameters, name: value}
+    return AppliedEffect(applied.name, applied.joints, parameters)

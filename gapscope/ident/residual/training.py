@@ -55,28 +55,23 @@ class Ensemble(torch.nn.Module):
     ) -> None:
         super().__init__()
         self.form, n = settings.form, inputs.n
-        seen = (
-            inputs.seen_by_mlp
-            if self.form == "mlp"
-            else np.arange(inputs.taps * inputs.channels)
-        )
-        self.register_buffer("seen", torch.as_tensor(seen))
         width = settings.hidden
         if self.form == "mlp":
+            seen = inputs.seen_by_mlp
             sizes = [(len(seen), width), (width, width), (width, 2)]
         else:
-            sizes = [
-                (2 * inputs.channels, width),
-                *[(2 * width, width)] * (TCN_LAYERS - 1),
-                (width, 2),
-            ]
+            # each layer joins two neighbours of the layer before
+            seen = np.arange(inputs.taps * inputs.channels)
+            first, last = (2 * inputs.channels, width), (width, 2)
+            sizes = [first, *[(2 * width, width)] * (TCN_LAYERS - 1), last]
+        self.register_buffer("seen", torch.as_tensor(seen))
         self.weights, self.biases = torch.nn.ParameterList(), torch.nn.ParameterList()
-        for k, (a, b) in enumerate(sizes):
-            gain = (1.0 if k + 1 < len(sizes) else 0.1) / a**0.5
-            self.weights.append(
-                gain * torch.randn(settings.members, n, a, b, generator=generator)
-            )
-            self.biases.append(torch.zeros(settings.members, n, b))
+        for k, (fan_in, fan_out) in enumerate(sizes):
+            # the head begins near zero: no torque before there is a reason
+            gain = (1.0 if k + 1 < len(sizes) else 0.1) / fan_in**0.5
+            shape = (settings.members, n, fan_in, fan_out)
+            self.weights.append(gain * torch.randn(shape, generator=generator))
+            self.biases.append(torch.zeros(settings.members, n, fan_out))
 
     def forward(self, windows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Mean and log variance, each (M, n, N), of windows (n, N, taps, C)."""
@@ -86,19 +81,19 @@ class Ensemble(torch.nn.Module):
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             h = h.reshape(h.shape[0], n, -1, weight.shape[2])
             h = torch.tanh(h @ weight + bias[:, :, None])
-        out = (
-            h.reshape(h.shape[0], n, count, -1) @ self.weights[-1]
-            + self.biases[-1][:, :, None]
-        )
-        return out[..., 0], out[..., 1].clamp(*LOG_VARIANCE)
+        h = h.reshape(h.shape[0], n, count, -1)
+        outputs = h @ self.weights[-1] + self.biases[-1][:, :, None]
+        return outputs[..., 0], outputs[..., 1].clamp(*LOG_VARIANCE)
 
     def arrays(self) -> Network:
         """The same networks as arrays."""
-        weights, biases = (
-            tuple(x.detach().cpu().double().numpy() for x in part)
-            for part in (self.weights, self.biases)
-        )
+        weights = tuple(_array(weight) for weight in self.weights)
+        biases = tuple(_array(bias) for bias in self.biases)
         return Network(self.form, self.seen.cpu().numpy(), weights, biases)
+
+
+def _array(parameter: torch.Tensor) -> np.ndarray:
+    return np.asarray(parameter.detach().cpu().double().numpy())
 
 
 def train(
@@ -124,7 +119,7 @@ def train(
     """
     with repeatable(settings.seed) as generator:
         ensemble = Ensemble(settings, inputs, generator)
-        best = [p.detach().clone() for p in ensemble.parameters()]
+        best = _Best(ensemble)
         where = device()
         ensemble.to(where)
         x = torch.as_tensor(windows, dtype=torch.float32, device=where)
@@ -135,32 +130,62 @@ def train(
         optimiser = torch.optim.AdamW(
             ensemble.parameters(), lr=settings.rate, weight_decay=settings.decay
         )
-        least = _held_loss(ensemble, x, y, held)
-        best, waited = [b.to(where) for b in best], torch.zeros_like(least)
+        best.begin(_held_loss(ensemble, x, y, held))
         for step in range(1, settings.steps + 1):
-            rows = torch.randint(len(group), (settings.batch,), generator=generator).to(
-                where
-            )
+            rows = torch.randint(len(group), (settings.batch,), generator=generator)
+            rows = rows.to(where)
             optimiser.zero_grad(set_to_none=True)
             mask = fitted[:, None, rows].float()
             mean, log_variance = ensemble(x[:, rows])
             loss = _likelihood(mean, log_variance, y[:, rows]) * mask
-            (loss.sum(dim=2) / mask.sum(dim=2).clamp(min=1.0)).sum().backward()
+            # mean over the rows that a member is fitted to, sum over members and joints
+            mean_loss = loss.sum(dim=2) / mask.sum(dim=2).clamp(min=1.0)
+            mean_loss.sum().backward()
             optimiser.step()
-            if step % EVERY:
-                continue
-            now = _held_loss(ensemble, x, y, held)
-            better = now < least - 1e-4
-            least = torch.where(better, now, least)
-            waited = torch.where(better, torch.zeros_like(waited), waited + EVERY)
-            for kept, parameter in zip(best, ensemble.parameters(), strict=True):
-                kept[better] = parameter.detach()[better]
-            if bool((waited >= settings.patience).all()):
-                break
-        with torch.no_grad():
-            for kept, parameter in zip(best, ensemble.parameters(), strict=True):
-                parameter.copy_(kept)
+            if step % EVERY == 0:
+                best.update(_held_loss(ensemble, x, y, held))
+                if best.waited >= settings.patience:
+                    break
+        best.restore()
         return ensemble.arrays()
+
+
+class _Best:
+    """Weights of each member and joint at its least error on the rows held out."""
+
+    def __init__(self, ensemble: Ensemble) -> None:
+        self._ensemble = ensemble
+        self._kept = [p.detach().clone() for p in ensemble.parameters()]
+
+    def begin(self, error: torch.Tensor) -> None:
+        """Set the error of the first weights, (members, n)."""
+        self._kept = [kept.to(error.device) for kept in self._kept]
+        self._least = error
+        self._waited = torch.zeros_like(error)
+
+    def update(self, error: torch.Tensor) -> None:
+        """Keep the weights of the members and joints whose error fell, after ``EVERY`` further steps."""
+        better = error < self._least - 1e-4
+        self._least = torch.where(better, error, self._least)
+        longer = self._waited + EVERY
+        self._waited = torch.where(better, torch.zeros_like(longer), longer)
+        for kept, parameter in zip(
+            self._kept, self._ensemble.parameters(), strict=True
+        ):
+            kept[better] = parameter.detach()[better]
+
+    @property
+    def waited(self) -> float:
+        """Steps since any member and joint last improved."""
+        return float(self._waited.min())
+
+    def restore(self) -> None:
+        """Write the weights that were kept into the ensemble."""
+        with torch.no_grad():
+            for kept, parameter in zip(
+                self._kept, self._ensemble.parameters(), strict=True
+            ):
+                parameter.copy_(kept)
 
 
 def held_out(group: np.ndarray, members: int) -> np.ndarray:

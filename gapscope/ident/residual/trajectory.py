@@ -1,4 +1,4 @@
-"""What a residual network is trained on: trajectories with their residual torque, and their rows."""
+"""What a residual network is trained on: trajectories with the residual of their torque, and their rows."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Trajectory:
         name: of the recording.
         motion: its motion.
         load: torque that is predicted without a network [N m], (N, n).
-        left: recorded minus predicted torque, low-passed [N m], (N, n).
+        residual: recorded minus predicted torque, low-passed [N m], (N, n).
         recorded: recorded torque, low-passed [N m], (N, n).
         columns: of the physics, low-passed, at the rows only, (M, n, p).
         parameters: columns of the effects' parameters alone, likewise, (M, n, k).
@@ -38,7 +38,7 @@ class Trajectory:
     name: str
     motion: Motion
     load: np.ndarray
-    left: np.ndarray
+    residual: np.ndarray
     recorded: np.ndarray
     columns: np.ndarray
     parameters: np.ndarray
@@ -51,17 +51,23 @@ def from_segment(
     """A segment with torque, and what a corrected arm leaves of it."""
     assert segment.torque is not None
     physical = replace(corrected, residual=None)
-    motion, rate, body = segment.motion, segment.motion.rate, segment.bodies(body)
-    load = physical.unlimited.predict(body, motion)
-    recorded = low_pass(physical.delivered(segment.torque), rate, TORQUE_CUTOFF)
+    motion, body = segment.motion, segment.bodies(body)
     rows = chosen_rows(segment)
-    columns, parameters = (
-        low_pass(make(physical, body, motion), rate, TORQUE_CUTOFF)[rows]
-        for make in (physics_columns, effect_columns)
-    )
-    left = recorded - low_pass(load, rate, TORQUE_CUTOFF)
+
+    def smooth(series: np.ndarray) -> np.ndarray:
+        return low_pass(series, motion.rate, TORQUE_CUTOFF)
+
+    load = physical.unlimited.predict(body, motion)
+    recorded = smooth(physical.delivered(segment.torque))
     return Trajectory(
-        segment.recording, motion, load, left, recorded, columns, parameters, rows
+        segment.recording,
+        motion,
+        load,
+        recorded - smooth(load),
+        recorded,
+        smooth(physics_columns(physical, body, motion))[rows],
+        smooth(effect_columns(physical, body, motion))[rows],
+        rows,
     )
 
 
@@ -83,16 +89,15 @@ def groups(trajectories: Sequence[Trajectory], members: int) -> np.ndarray:
     if not trajectories:
         raise InputError("no trajectory to train on", "give recordings with a torque")
     if len(trajectories) >= 3:
-        return np.repeat(
-            np.arange(len(trajectories)), [len(x.rows) for x in trajectories]
-        )
-    blocks, out = -(-members // len(trajectories)), []
+        lengths = [len(x.rows) for x in trajectories]
+        return np.repeat(np.arange(len(trajectories)), lengths)
+    blocks = -(-members // len(trajectories))  # rounded up
+    out = []
     for k, trajectory in enumerate(trajectories):
         t = trajectory.motion.t[trajectory.rows]
         cuts = np.linspace(t[0], t[-1], blocks + 1)
-        place = np.clip(np.searchsorted(cuts, t, side="right") - 1, 0, blocks - 1)
-        inside = (
-            np.abs(t[:, None] - cuts[None, 1:-1]).min(axis=1, initial=np.inf) > EDGE
-        )
-        out.append(np.where(inside, k * blocks + place, -1))
+        block = np.clip(np.searchsorted(cuts, t, side="right") - 1, 0, blocks - 1)
+        # rows near a cut have neighbours in the next block: they belong to none
+        to_cut = np.abs(t[:, None] - cuts[None, 1:-1]).min(axis=1, initial=np.inf)
+        out.append(np.where(to_cut > EDGE, k * blocks + block, -1))
     return np.concatenate(out)

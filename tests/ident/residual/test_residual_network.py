@@ -74,7 +74,7 @@ def test_it_says_nothing_outside_what_it_has_seen(form: str) -> None:
 def test_torque_is_bounded_by_the_training_residual() -> None:
     residual, _ = toy.trained()
     largest = np.max(
-        [np.abs(toy.trajectory(k).left).max(axis=0) for k in range(3)], axis=0
+        [np.abs(toy.trajectory(k).residual).max(axis=0) for k in range(3)], axis=0
     )
     rng = np.random.default_rng(0)
     windows = 5.0 * rng.standard_normal(
