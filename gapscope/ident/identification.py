@@ -25,6 +25,7 @@ from gapscope.ident.model.base_parameters import BaseParameters, base_parameters
 from gapscope.ident.model.friction_law import FrictionLaw
 from gapscope.ident.model.joint_zero import JointZeros, estimate_zeros
 from gapscope.ident.model.law_choice import Choice, choose, penalties
+from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.model_columns import ModelColumns
 from gapscope.ident.model.physical_parameters import Physical, consistent
 from gapscope.ident.model.recoverability import Recovery, recoveries
@@ -44,10 +45,10 @@ class IdentificationSettings:
     Attributes:
         cutoff: of both sides [Hz]; chosen from the spectra of the positions if ``None``.
         estimator: one of ``gapscope.ident.estimators.by_name.METHODS``.
-        judge: names of the held-out recordings; if empty those of the case, else the last one.
+        judge: names of recordings to hold out; if empty those that the case holds out, else the last one.
         any_torque: continue if the torque seems to be in another unit.
         trim: leave out both ends of a segment, where the filter settles.
-        plain: only what URDF, data sheet and the catalogue's effects can say: no coupled motors, no friction that
+        plain: only what URDF, data sheet and the catalogue's effects can express: no coupled motors, no friction that
             keeps its direction at rest.
     """
 
@@ -73,9 +74,9 @@ class Identification:
         uncertainty: of the base parameters, as belongs to the estimator.
         examined: what the recordings determine of the parameters.
         changes: changes of load or friction during recordings.
-        predicted: intervals of the torque on the judged recordings; ``None`` if model error cannot be told.
+        predicted: intervals of the torque on the held-out recordings; ``None`` if model error cannot be estimated.
         physical: consistent parameters.
-        recovered: what can be said about each parameter.
+        recovered: whether and how each parameter is determined.
         zeros: encoder zeros.
         value: x that the model predicts with, shape (p,).
         validation: on what was fitted, and on what was not.
@@ -118,13 +119,13 @@ def identify(
     """Identify an arm from the recordings of a case.
 
     Raises:
-        InputError: the recordings or the settings cannot be used; says why and what to do.
+        InputError: the recordings or the settings cannot be used.
         GapscopeError: no physically consistent parameters were found.
     """
     settings = settings or IdentificationSettings()
     method(settings.estimator)
-    fit, judged = split(case, settings.judge)
-    check_recordings(fit, judged, case.name)
+    fit, held_out = split(case, settings.judge)
+    check_recordings(fit, held_out, case.name)
     if settings.cutoff is None:
         settings = replace(settings, cutoff=position_cutoff(tuple(fit)))
     assert settings.cutoff is not None
@@ -132,61 +133,72 @@ def identify(
     columns = ModelColumns(case.arm, None if settings.plain else case.importing)
     segments = band.segments(fit)
     samples = Samples(columns, segments, band.bounded(segments))
-    alike = nominal_similarity(samples)
+    similarity = nominal_similarity(samples)
     if not settings.any_torque:
-        check_unit(alike, fit[0].name)
+        check_unit(similarity, fit[0].name)
     evidence, estimate, uncertainty, examined = _fit(samples, fit, settings, progress)
+    base, law = evidence.base, evidence.choice.law
+    # other estimators give base parameters alone; the rest stays zero, which predicts the same torque
     value = evidence.physical.value
     if settings.estimator != "consistent":
-        value = evidence.base.spread(estimate.value)
+        value = base.spread(estimate.value)
     progress("validates, and looks for changes")
-    law = evidence.choice.law
-    nominal = columns.nominal(law)
-    models = [
-        lambda segment, x=x: (
-            columns.matrix(segment.motion, law) @ x + segment.known_torque(columns.body)
-        )
-        for x in (value, nominal)
-    ]
-    unseen = band.segments(judged)
-    validation = (
-        validate("fit", samples.segments, band, *models),
-        validate("judge", unseen, band, *models),
-    )
+    held_out_segments = band.segments(held_out)
+    validation = _validated(evidence, value, held_out_segments, band)
     table = fill_in(evidence)
-    found = recoveries(
-        evidence.base,
-        uncertainty.covariance,
-        evidence.physical.value,
-        nominal,
-        columns.units(law),
-    )
-    condition = next(row.measured for row in table if row.entry.key == "condition")
-    changes = find_changes((*fit, *judged), columns, law, evidence.base, band)
-    warnings = (
-        *case.warnings,
-        *doubts(evidence, estimate, examined, changes, alike, table, validation[1]),
+    changes = find_changes((*fit, *held_out), columns, law, base, band)
+    doubtful = doubts(
+        evidence, estimate, examined, changes, similarity, table, validation[1]
     )
     return Identification(
-        case,
-        settings,
-        columns,
-        evidence.choice,
-        evidence.base,
-        estimate,
-        uncertainty,
-        examined,
-        changes,
-        _predicted(evidence, examined, value, unseen),
-        evidence.physical,
-        found,
-        evidence.zeros,
-        value,
-        validation,
-        table,
-        condition,
-        evidence.zeros.questions(),
-        warnings,
+        case=case,
+        settings=settings,
+        columns=columns,
+        choice=evidence.choice,
+        base=base,
+        estimate=estimate,
+        uncertainty=uncertainty,
+        examined=examined,
+        changes=changes,
+        predicted=_predicted(evidence, examined, value, held_out_segments),
+        physical=evidence.physical,
+        recovered=recoveries(
+            base,
+            uncertainty.covariance,
+            evidence.physical.value,
+            columns.nominal(law),
+            columns.units(law),
+        ),
+        zeros=evidence.zeros,
+        value=value,
+        validation=validation,
+        table=table,
+        condition=next(row.measured for row in table if row.entry.key == "condition"),
+        questions=evidence.zeros.questions(),
+        warnings=(*case.warnings, *doubtful),
+    )
+
+
+def _validated(
+    evidence: FitEvidence, value: np.ndarray, held_out: Sequence[Segment], band: Band
+) -> tuple[Validation, Validation]:
+    """Predictions of x = ``value`` and of the nominal arm, on what was fitted and on what was not."""
+    columns, law = evidence.samples.columns, evidence.choice.law
+    nominal = columns.nominal(law)
+
+    def predict(segment: Segment, x: np.ndarray) -> np.ndarray:
+        load = segment.known_torque(columns.body)
+        return np.asarray(columns.matrix(segment.motion, law) @ x + load)
+
+    def identified(segment: Segment) -> np.ndarray:
+        return predict(segment, value)
+
+    def of_nominal(segment: Segment) -> np.ndarray:
+        return predict(segment, nominal)
+
+    return (
+        validate("fit", evidence.samples.segments, band, identified, of_nominal),
+        validate("judge", held_out, band, identified, of_nominal),
     )
 
 
@@ -194,17 +206,21 @@ def _predicted(
     evidence: FitEvidence,
     examined: Examination,
     value: np.ndarray,
-    unseen: Sequence[Segment],
+    held_out: Sequence[Segment],
 ) -> PredictedTorque | None:
     """Intervals of the torque on segments that were not fitted, about what x = ``value`` predicts."""
     if examined.interval is None:
         return None
-    base, law = evidence.base, evidence.choice.law
-    samples = Samples(
-        evidence.samples.columns, unseen, evidence.samples.band.bounded(unseen)
-    )
-    problem = samples.problem(law, base.kept, [base.names[k] for k in base.kept])
-    return predicted_torque(examined.interval, problem, base.of(value))
+    fitted = evidence.samples
+    samples = Samples(fitted.columns, held_out, fitted.band.bounded(held_out))
+    problem = _base_problem(samples, evidence.choice, evidence.base)
+    return predicted_torque(examined.interval, problem, evidence.base.of(value))
+
+
+def _base_problem(samples: Samples, choice: Choice, base: BaseParameters) -> Problem:
+    """The samples in the base columns."""
+    names = [base.names[k] for k in base.kept]
+    return samples.problem(choice.law, base.kept, names)
 
 
 def _fit(
@@ -213,51 +229,56 @@ def _fit(
     settings: IdentificationSettings,
     progress: Callable[[str], None],
 ) -> tuple[FitEvidence, Estimate, Uncertainty, Examination]:
-    """Friction law, base parameters with intervals, consistent parameters, zeros, and what the recordings determine."""
-    columns, n = samples.columns, samples.columns.arm.n_joints
-    plain = samples.matrix(FrictionLaw())
-    rank = base_parameters(
-        plain.reshape(-1, plain.shape[2]), columns.names(FrictionLaw())
-    ).count
-    check_count(samples, rank, fit[0].name)
+    """Friction law, base parameters with intervals, consistent parameters, zeros, and what the recordings show."""
+    columns = samples.columns
+    # whether the samples suffice is known with the simplest friction law
+    simplest = _sample_base(samples.matrix(FrictionLaw()), columns, FrictionLaw())
+    check_count(samples, simplest.count, fit[0].name)
     progress("chooses the form of the friction")
     choice = choose(samples, presliding=not settings.plain)
     matrix = samples.matrix(choice.law)
-    base = base_parameters(
-        matrix.reshape(-1, matrix.shape[2]), columns.names(choice.law)
-    )
+    base = _sample_base(matrix, columns, choice.law)
     progress(f"estimates {base.count} base parameters")
-    problem = samples.problem(choice.law, base.kept, [base.names[k] for k in base.kept])
-    chosen, nominal = method(settings.estimator), columns.nominal(choice.law)
+    problem = _base_problem(samples, choice, base)
+    nominal = columns.nominal(choice.law)
+    chosen = method(settings.estimator)
     estimator = chosen.make(base, nominal)
     estimate = estimator.estimate(problem)
     uncertainty = chosen.interval(problem, estimator, estimate)
     progress("recovers physical parameters")
-    kept = (matrix[:, :, base.kept] / choice.noise[:, None]).reshape(-1, base.count)
-    information = kept.T @ kept
+    weighted = matrix[:, :, base.kept] / choice.noise[:, None]
+    flat = weighted.reshape(-1, base.count)
     penalty = choice.pull * penalties(samples, choice.law, matrix, choice.noise)
     physical = consistent(
-        base, estimate.value, information, nominal, samples.torque.size * penalty, n
+        base,
+        estimate.value,
+        flat.T @ flat,
+        nominal,
+        samples.torque.size * penalty,
+        columns.arm.n_joints,
     )
     progress("looks at the joints' zeros")
     zeros = estimate_zeros(
         columns, samples.segments, choice.law, samples.band, choice.noise, penalty
     )
     evidence = FitEvidence(
-        fit,
-        samples,
-        choice,
-        base,
-        matrix,
-        estimate.value,
-        uncertainty.deviation,
-        physical,
-        zeros,
+        recordings=fit,
+        samples=samples,
+        choice=choice,
+        base=base,
+        matrix=matrix,
+        beta=estimate.value,
+        deviation=uncertainty.deviation,
+        physical=physical,
+        zeros=zeros,
     )
-    progress("examines what the recordings tell")
-    return (
-        evidence,
-        estimate,
-        uncertainty,
-        examine(evidence, problem, estimator, estimate, uncertainty),
-    )
+    progress("examines what the recordings determine")
+    examined = examine(evidence, problem, estimator, estimate, uncertainty)
+    return evidence, estimate, uncertainty, examined
+
+
+def _sample_base(
+    matrix: np.ndarray, columns: ModelColumns, law: FrictionLaw
+) -> BaseParameters:
+    """Base parameters that the samples of a regressor, shape (M, n, p), excite."""
+    return base_parameters(matrix.reshape(-1, matrix.shape[2]), columns.names(law))

@@ -13,9 +13,9 @@ from gapscope.arm.velocity_filter import VelocityFilter, rule_of
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, TRIM, low_pass
 
 AGREES = 0.3
-"""A torque whose feedback part is missed by less than this share agrees with its controller [1]."""
+"""A torque whose feedback part differs by less than this share agrees with its controller [1]."""
 NOISE = 0.02
-"""So does one that is missed by less than this share of the joint's torque: noise may do that [1]."""
+"""So does one that differs by less than this share of the joint's torque: noise may do that [1]."""
 OFF = 0.1
 """Gains that fit better when scaled by more than this are wrong [1]."""
 EXPLAINED = 0.5

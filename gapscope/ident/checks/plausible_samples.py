@@ -32,7 +32,7 @@ def check_bare(recording: Recording) -> None:
 
 
 def check_recordings(
-    recordings: Sequence[Recording], judged: Sequence[Recording], case: str
+    recordings: Sequence[Recording], held_out: Sequence[Recording], case: str
 ) -> None:
     """Check that there is torque to fit and to hold out, and that something moves.
 
@@ -49,9 +49,9 @@ def check_recordings(
             "import: {tau: ...}; what the torque is not known of cannot be identified",
             file=case,
         )
-    if not any(recording.tau is not None for recording in judged):
+    if not any(recording.tau is not None for recording in held_out):
         raise InputError(
-            f"{', '.join(r.name for r in judged)}, set aside to judge on, holds no torque",
+            f"{', '.join(r.name for r in held_out)}, held out, has no torque",
             "name another recording with --judge",
             file=case,
         )

@@ -69,7 +69,7 @@ def acceleration_noise(recordings: Sequence[Recording], cutoff: float) -> np.nda
 
 
 def speed_lost(recordings: Sequence[Recording], cutoff: float) -> np.ndarray:
-    """Share of the power of dq that stands above its noise beyond the cut-off [1]; shape (n,)."""
+    """Share of the power of dq that exceeds its noise beyond the cut-off [1]; shape (n,)."""
     return _spectral(recordings, cutoff)[1]
 
 

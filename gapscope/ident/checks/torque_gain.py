@@ -1,4 +1,4 @@
-"""A gain that recorded torque has over the nominal arm's on all joints alike: another unit, or another scale."""
+"""A gain that recorded torque has over the nominal arm's common to all joints: another unit, or another scale."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from gapscope.ident.checks.fit_evidence import NominalSimilarity
 CLEAR = 0.05
 """A joint counts if only the rigid bodies explain this share of its torque's variance [1]."""
 ALIKE = 1.25
-"""Gains within this factor of their median are alike [1]."""
+"""Gains within this factor of their median agree [1]."""
 MOSTLY = 0.75
-"""Share of the joints that count whose gains must be alike [1]."""
+"""Share of the joints that count whose gains have to agree [1]."""
 GAIN = 1.3
 """Gains beyond this, or below its inverse, are not those of torque in N m [1]."""
 UNITS = {
@@ -60,7 +60,7 @@ class TorqueGain:
         guess = f", as if it were in {near[0]}" if near else ""
         return (
             f"the recorded torque is {self.gain:.3g} times the nominal arm's on joint "
-            f"{', '.join(map(str, self.joints))} alike{guess}: masses and friction come out off by that factor where "
+            f"{', '.join(map(str, self.joints))} alike{guess}: masses and friction come out off by that factor if "
             "the unit is wrong; say in the case import: {tau: {scale: [...]}}, torque constants and gear ratios "
             "included, or correct the URDF"
         )

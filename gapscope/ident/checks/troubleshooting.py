@@ -22,7 +22,7 @@ FOUND, CLEAR = "found", "clear"
 
 @dataclass(frozen=True)
 class Entry:
-    """What every row of the table says, whatever the data.
+    """The text of a row of the table, whatever the data.
 
     Attributes:
         key: name of the row.
@@ -44,7 +44,7 @@ class Row:
     """A row of the table, filled in.
 
     Attributes:
-        entry: what it says.
+        entry: its text.
         measured: the number that the check gave; the worst joint's.
         threshold: beyond which the row is found.
         unit: of both.
@@ -62,8 +62,8 @@ class Row:
 
 def fill_in(evidence: FitEvidence) -> tuple[Row, ...]:
     """The table for one identification."""
-    alike = nominal_similarity(evidence.samples)
-    return tuple(check(evidence, alike) for check in CHECKS)
+    similarity = nominal_similarity(evidence.samples)
+    return tuple(check(evidence, similarity) for check in CHECKS)
 
 
 def _row(
@@ -88,8 +88,8 @@ def _row(
     return Row(entry, float(worst), threshold, unit, status, joints)
 
 
-def _unit(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
-    factor = unit_factor(alike)
+def _unit(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
+    factor = unit_factor(similarity)
     entry = Entry(
         "torque_unit",
         "masses and friction off by the same factor",
@@ -100,13 +100,13 @@ def _unit(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
     return _row(entry, max(factor, 1 / max(factor, 1e-300)), UNIT_FACTOR)
 
 
-def _gain(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
-    found = torque_gain(alike)
+def _gain(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
+    found = torque_gain(similarity)
     entry = Entry(
         "torque_gain",
         "masses and friction of all joints off by about the same factor",
         "torque in another unit, or a wrong torque constant or gear ratio",
-        "gain of the nominal bodies' torque, or its inverse, median joint, where most joints agree",
+        "gain of the nominal bodies' torque, or its inverse, median joint, if most joints agree",
         "state unit, scale and transmission in the case's import section, or correct the URDF",
     )
     return Row(
@@ -119,21 +119,21 @@ def _gain(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
     )
 
 
-def _sign(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
+def _sign(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
     entry = Entry(
         "torque_sign",
         "negative friction or inertia on one joint",
         "torque or position of the joint counted the other way round",
-        "gain of the nominal bodies' torque where they show; else power that friction takes over power",
+        "gain of the nominal bodies' torque if they show; else power that friction takes over power",
         "set import: {signs: [...]} for the joint",
     )
-    clear = alike.weight > 0.05
-    value = np.where(clear, alike.gain, alike.loss)
+    clear = similarity.weight > 0.05
+    value = np.where(clear, similarity.gain, similarity.loss)
     return _row(entry, value, -0.25, below=True)
 
 
-def _swapped(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
-    won, joints = symptoms.exchanged(alike.explained)
+def _swapped(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
+    won, joints = symptoms.exchanged(similarity.explained)
     entry = Entry(
         "swapped_joints",
         "two joints whose torque fits neither's motion",
@@ -145,14 +145,14 @@ def _swapped(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
     return Row(entry, won, 0.2, "1", FOUND if found else CLEAR, joints if found else ())
 
 
-def _zero(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
+def _zero(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
     zeros = evidence.zeros
     asked = zeros.asked
     entry = Entry(
         "joint_zero",
         "negative masses, inertias that no body has",
         "zero of an encoder off",
-        "offset estimated together with the parameters, where it is certain and lowers the cost",
+        "offset estimated together with the parameters, if it is certain and lowers the cost",
         "calibrate the zero, or set import: {offsets: [...]}",
     )
     known = np.where(zeros.known, np.abs(zeros.offset), 0.0)
@@ -171,7 +171,7 @@ def _zero(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
     )
 
 
-def _bodies(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
+def _bodies(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
     entry = Entry(
         "unphysical",
         "the torque fits, the bodies cannot exist",
@@ -194,18 +194,18 @@ def _bodies(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
     )
 
 
-def _low_speed(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
+def _low_speed(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
     entry = Entry(
         "low_speed_friction",
         "residual peaks where a joint reverses",
         "low-speed friction other than Coulomb plus viscous: falls as the joint moves off, or rises less than linearly",
-        "share by which a Stribeck term lowers the error on unseen stretches",
+        "share by which a Stribeck term lowers the error on held-out stretches",
         "none needed, the term is part of the model then; record slow reversals to determine it",
     )
     return _row(entry, symptoms.near_rest(evidence), 0.05)
 
 
-def _condition(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
+def _condition(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
     entry = Entry(
         "condition",
         "large intervals, parameters that change from fit to fit",
@@ -216,7 +216,7 @@ def _condition(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
     return _row(entry, symptoms.condition(evidence), 1000.0)
 
 
-def _rest(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
+def _rest(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
     entry = Entry(
         "resting_joint",
         "parameters of a joint missing among the base parameters",
@@ -235,7 +235,7 @@ def _rest(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
     )
 
 
-def _noise(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
+def _noise(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
     entry = Entry(
         "derivative_noise",
         "rotor and link inertias too small, noisy acceleration",
@@ -250,7 +250,7 @@ def _noise(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
     )
 
 
-def _cutoff(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
+def _cutoff(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
     entry = Entry(
         "cutoff_too_low",
         "fast parts of the motion badly predicted",
@@ -265,12 +265,12 @@ def _cutoff(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
     )
 
 
-def _late(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
+def _late(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
     entry = Entry(
         "time_offset",
         "viscous friction too large, small or negative, residual that follows the torque's rate",
         "torque recorded late or early against position, or a delayed drive",
-        "lag of the torque estimated together with the parameters, where it exceeds five standard deviations",
+        "lag of the torque estimated together with the parameters, if it exceeds five standard deviations",
         "put both on one clock: import: {join: interpolate}, or shift one; then `gapscope diagnose` for a delay",
     )
     lag, deviation = symptoms.time_offset(evidence)
@@ -278,7 +278,7 @@ def _late(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
     return _row(entry, 1e3 * certain, 3.0, "ms")
 
 
-def _saturated(evidence: FitEvidence, alike: NominalSimilarity) -> Row:
+def _saturated(evidence: FitEvidence, similarity: NominalSimilarity) -> Row:
     entry = Entry(
         "saturated_torque",
         "inertia and friction too small, flat tops",

@@ -23,13 +23,13 @@ def doubts(
     estimate: Estimate,
     examined: Examination,
     changes: Sequence[FoundChange],
-    alike: NominalSimilarity,
+    similarity: NominalSimilarity,
     table: Sequence[Row],
-    judged: Validation,
+    held_out: Validation,
 ) -> tuple[str, ...]:
     """The warnings, those that concern all results first."""
     return (
-        *_torque(alike, judged),
+        *_torque(similarity, held_out),
         *_changed(changes),
         *estimate.warnings,
         *examined.warnings(),
@@ -39,15 +39,15 @@ def doubts(
     )
 
 
-def _torque(alike: NominalSimilarity, judged: Validation) -> Iterator[str]:
-    gain = torque_gain(alike)
+def _torque(similarity: NominalSimilarity, held_out: Validation) -> Iterator[str]:
+    gain = torque_gain(similarity)
     if gain.found:
         yield gain.warning()
-    off = judged.nominal.overall
+    off = held_out.nominal.overall
     if off > 1.0:
         yield (
             f"the nominal arm's torque is off by {off:.0%} of the recorded one, more than no torque would be: "
-            "another unit, another arm, or a load it knows nothing of; values near it mean little until that is clear"
+            "another unit, another arm, or a load that is not in it; values near it mean little until that is clear"
         )
 
 

@@ -29,7 +29,7 @@ class ConsistentSdp:
     equations. The pull is sum ((pi - pi_0) / unit)^2 / 2 (``euclidean``; units mass, mass times radius of gyration,
     mass times its square) or per link tr(J J_0^-1) - log det(J J_0^-1) - 4 (``entropic``), which does not depend on
     the frame and keeps off the edge of what is physical; other parameters are pulled Euclidean. The covariance
-    (R^T R + gamma H)^-1, H the pull's Hessian, leaves out that the constraints tell something too.
+    (R^T R + gamma H)^-1, H the pull's Hessian, does not count the information of the constraints.
 
     Attributes:
         prior: pi_0, shape (p,). Without one, the Euclidean pull is to 0 and only picks one of many equal answers.

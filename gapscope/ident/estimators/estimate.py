@@ -1,4 +1,4 @@
-"""What an estimator says, and what an estimator is."""
+"""The result of an estimator, and its interface."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Input of an estimator that simulates, beside the linear problem: the arm, its controller and its references."""
+"""What an estimator that simulates needs beside the linear problem: the arm, its controller and its commands."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ class InstrumentalVariables:
     """beta <- (Z^T S^-1 W)^-1 Z^T S^-1 tau, with Z the regressor of the closed loop simulated with the beta before.
 
     W is made from measured positions, whose noise enters their derivatives and, through the controller, the torque;
-    least squares are biased by it. Z is independent of that noise, and correlated with the true W.
+    least squares are biased by it. Z does not depend on that noise, and is correlated with the true W.
 
     Attributes:
         experiment: how to simulate.

@@ -117,7 +117,7 @@ class _Search:
         return derivative
 
     def residual(self, y: np.ndarray) -> np.ndarray:
-        """The residual of the equations and of the pull, shape (2 p,)."""
+        """Residuals of the equations and of the pull, shape (2 p,)."""
         data = self._factor.triangle @ self.parameters(y) - self._factor.rotated
         return np.concatenate([data, self._pull * (y - self._centre) / self._units])
 

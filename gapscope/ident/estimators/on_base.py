@@ -12,7 +12,7 @@ from gapscope.ident.model.linear_problem import Problem
 
 @dataclass(frozen=True)
 class OnBase:
-    """Estimates pi on W C, then says beta = C pi with covariance C S C^T; W the base columns, shape (N, n, b).
+    """Estimates pi on W C, then states beta = C pi with covariance C S C^T; W the base columns, shape (N, n, b).
 
     Attributes:
         inner: estimates pi, shape (p,).

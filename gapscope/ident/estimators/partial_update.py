@@ -1,4 +1,4 @@
-"""Partial update: from a prior, say the simulated arm's, only the parameters move that the data speak about."""
+"""Partial update: from a prior, such as the simulated arm's, only the parameters move that the data determine."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ ROUNDS = 20
 class PartialUpdate:
     """The most probable beta under a prior N(beta_0, diag(spread^2)), with the parameters held that data hardly move.
 
-    A parameter is influential when the data tell it at least as well as the prior does: its prior variance is at least
-    ``influence`` times the variance that data and prior together leave. The others are held at beta_0 and the rest is
-    estimated anew. Noise per joint is what the estimate leaves; autocorrelation counts by a variance inflated by
+    A parameter is influential if the data determine it at least as well as the prior does: its prior variance is at
+    least ``influence`` times the variance that data and prior together leave. The others are held at beta_0 and the
+    rest is estimated anew. Noise per joint is what the estimate leaves; autocorrelation counts by a variance inflated by
     1 + 2 sum_k rho_k, rho_k the residual's autocorrelation. The covariance is the posterior one; a parameter that is
     held keeps its prior variance.
 
@@ -107,7 +107,7 @@ class PartialUpdate:
         moved = np.diag(posterior) * self.influence <= 1.0
         step, covariance = np.zeros(len(prior)), np.diag(spread**2)
         if moved.any():
-            # parameters that the data hardly tell stay at the prior, exactly
+            # parameters that the data hardly determine stay at the prior, exactly
             block = np.ix_(moved, moved)
             own = np.linalg.inv(information[block] + np.eye(int(moved.sum())))
             step[moved] = own @ (triangle[:, moved].T @ gap)
@@ -130,7 +130,7 @@ def default_spread(problem: Problem, prior: np.ndarray) -> np.ndarray:
     column_rms = np.sqrt((problem.matrix**2).mean(axis=(0, 1)))
     torque_rms = np.sqrt((problem.torque**2).mean())
     least_rms = 1e-6 * max(float(column_rms.max()), 1e-300)
-    # a parameter of which the prior says zero may still add this share of the torque
+    # a parameter that is zero in the prior may still add this share of the torque
     slight = SLIGHT * torque_rms / np.maximum(column_rms, least_rms)
     return np.maximum(relative * np.abs(prior), slight)
 

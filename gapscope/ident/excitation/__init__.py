@@ -1,1 +1,1 @@
-"""Exciting trajectories: the motion within limits that identifies the parameters best."""
+"""Exciting trajectories: the motion within limits that determines the parameters best."""

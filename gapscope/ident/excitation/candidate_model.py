@@ -1,4 +1,4 @@
-"""What a candidate is scored by: the base columns of its regressor and its torque, with exact derivatives."""
+"""Model that scores a candidate: the base columns of its regressor and its torque, with exact derivatives."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ class Criterion:
     Attributes:
         name: ``condition``, ``d`` or ``e``.
         scaling: ``unit``: S gives every column of W the norm 1; ``fixed``: S divides by the RMS that the column has
-            over random states, and by the square root of the count of samples, so that larger motions tell more.
+            over random states, and by the square root of the count of samples, so that larger motions count more.
         value: of the eigenvalues, shape (b,).
         slope: its derivative by each of them, shape (b,).
     """

@@ -91,11 +91,11 @@ def design(
         limits: what to keep.
         rng: source of candidates; with a budget of evaluations alone the same seed gives the same trajectory.
         progress: called with the share of the budget spent [1] and the best value so far, or infinity.
-        separator: separates what criterion ``separation`` is about; by default effects of typical size.
+        separator: tells apart what criterion ``separation`` is about; by default effects of typical size.
         body: the arm's rigid bodies if they are not the nominal ones, as with a known payload.
 
     Raises:
-        InputError: the limits allow no trajectory, none was found within the budget, or the best one tells nothing.
+        InputError: the limits allow no trajectory, none was found within the budget, or the best shows no parameter.
 
     Warns:
         ModelWarning: the condition number exceeds 1000; not if effects are to be separated.

@@ -1,4 +1,4 @@
-"""How well a trajectory separates effects, from each other and from the base parameters."""
+"""How well a trajectory separates effects from each other and from the base parameters."""
 
 from __future__ import annotations
 
@@ -88,8 +88,8 @@ class Signatures:
     def separate(self, motion: Motion, matrix: np.ndarray) -> Separated:
         """How far the effects are apart on a motion of N samples with base regressor W, shape (N, n, b).
 
-        With Z the signatures, each divided by its norm, and P the residual of a vector when the columns of W are
-        taken out by least squares: the smallest singular value of P Z, and the angles between the P Z of two effects.
+        With Z the signatures, each divided by its norm, and P the residual of a vector after least squares with the
+        columns of W: the smallest singular value of P Z, and the angles between the P Z of two effects.
         """
         signatures = self.of(motion)
         norms = np.linalg.norm(signatures, axis=0)

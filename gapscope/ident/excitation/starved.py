@@ -1,4 +1,4 @@
-"""Which limit restricts a trajectory most: its motion is too small to separate an arm's parameters."""
+"""Which limit keeps a motion too small to determine an arm's parameters."""
 
 from __future__ import annotations
 
@@ -53,14 +53,14 @@ def starving_limit(
 
 
 def check_condition(search: TrajectorySearch, x: np.ndarray, condition: float) -> None:
-    """Warn if the condition number of a candidate exceeds ``CONDITION_LIMIT``, and say what would lower it.
+    """Warn if the condition number of a candidate exceeds ``CONDITION_LIMIT``, and name what would lower it.
 
     Raises:
         InputError: it exceeds ``USELESS``.
     """
     if condition <= CONDITION_LIMIT:
         return
-    problem = f"the motion can hardly tell the parameters apart, its condition number is {condition:.2g}"
+    problem = f"the motion hardly determines the parameters, its condition number is {condition:.2g}"
     remedy = "allow more evaluations, more harmonics or a longer motion"
     starved = starving_limit(search, x, condition)
     if starved is not None:

@@ -34,7 +34,7 @@ class Budget:
     """When a search ends: at the first of these.
 
     Attributes:
-        evaluations: objective evaluations; a gradient counts as ``GRADIENT_COST``; ``None`` for any.
+        evaluations: candidates evaluated, one with its gradient counted as ``GRADIENT_COST``; ``None`` for any.
         seconds: time [s]; ``None`` for any, and then a search with the same seed gives the same result.
 
     Raises:
@@ -95,14 +95,14 @@ class TrajectorySearch:
         criterion: to be made small; with ``signatures``, minus the log of the separation is made small instead.
         checker: of the limits, tightened.
         budget: when to end.
-        signatures: what tells the effects to separate apart, or ``None``.
+        signatures: of the effects to separate, or ``None``.
         progress: called with the share of the budget spent [1] and the best value so far, or infinity.
         samples: of a candidate during the search.
 
     Attributes:
         found: candidates that keep all limits, each better than those before it.
         evaluations: spent.
-        judged: number of objective evaluations.
+        judged: number of candidates scored.
         feasible: number of candidates that kept all limits.
     """
 

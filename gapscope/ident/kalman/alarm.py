@@ -13,7 +13,7 @@ from gapscope.ident.kalman.change_point import Hypothesis
 from gapscope.ident.kalman.track import Track
 
 LEVELS = (0.5, 0.9)
-"""Quantiles by which the statistic's usual size is judged."""
+"""Quantiles that measure the statistic's usual size."""
 FEW = 3
 """From this many joints on a change has to show without any one of them; friction errs on one joint at a time."""
 
@@ -25,7 +25,7 @@ the threshold without this factor on it."""
 
 @dataclass(frozen=True)
 class Alarm:
-    """What innovations say about one hypothesis, sample by sample.
+    """Evidence of the innovations for one hypothesis, sample by sample.
 
     Attributes:
         time: when the statistic first crossed the threshold [s], or ``None``.
@@ -44,7 +44,7 @@ def alarm(
     false_alarms: float = 1e-3,
     settle: float = 2.0,
 ) -> Alarm:
-    """Generalised likelihood ratio over a sliding window, with nothing but the past.
+    """Generalised likelihood ratio over a sliding window, causal.
 
     A change D delta adds G_k delta to the innovations e_k, G_k the whitened regressor times D, until the filter
     follows. With sigma_j the RMS of the innovations of joint j up to the window, F_j = sum G_j^T G_j / sigma_j^2 and

@@ -16,11 +16,11 @@ from gapscope.ident.model.linear_problem import Problem
 ROUNDS = 3
 """Rounds of noise model and search."""
 REMOVED = 2
-"""Changes that are fitted before what errors of the model do is judged."""
+"""Changes that are fitted before the effect of model errors is estimated."""
 SHARE = 0.05
 """A change lowers the whitened squared residual by at least this share [1]."""
 STANDS_OUT = 3.0
-"""A change exceeds the errors of the model if it is likelier by this factor in 2 log L."""
+"""A change is distinguished from errors of the model if it is likelier by this factor in 2 log L."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ def find_change(
 
     Errors of the model make 2 log L large at every moment, not at one: the likeliest two changes are fitted, and by how
     far the median of 2 log L for a further one exceeds that of chi-squared, or its peak the threshold, that is raised.
-    And 2 log L must be at least ``SHARE`` of the number of equations: less cannot be separated from errors of the
+    And 2 log L has to be at least ``SHARE`` of the number of equations: less cannot be distinguished from errors of the
     model.
 
     Args:
@@ -133,7 +133,7 @@ def find_change(
     if len(moments) < 2 or problem.torque.size < 2 * parameters:
         raise InputError(
             f"{t[-1] - t[0]:.3g} s with {problem.torque.size} equations for {parameters} parameters are "
-            "too short to tell a change from none",
+            "too short to distinguish a change from none",
             "record for longer, or take fewer parameters as unknown",
             where="t",
         )

@@ -71,8 +71,8 @@ def find_changes(
 ) -> tuple[FoundChange, ...]:
     """At most one change in each recording: of a load on the last link, or of a joint's viscous and Coulomb friction.
 
-    Each recording is looked at by itself, all base parameters unknown (``gapscope.ident.kalman.change_point``).
-    Recordings that are too short to tell are passed over.
+    Each recording is examined alone, all base parameters unknown (``gapscope.ident.kalman.change_point``).
+    Recordings that are too short are skipped.
 
     Args:
         recordings: those with torque are looked at.
@@ -107,7 +107,7 @@ def _each(
             continue
         try:
             change = find_change(problem, times, hypotheses)
-        except InputError:  # too short to tell
+        except InputError:  # too short
             continue
         if change is not None and change.statistic >= PLAIN:
             yield FoundChange(recording.name, change)

@@ -12,7 +12,7 @@ from gapscope.effects.friction import drift_change
 from gapscope.ident.model.linear_problem import Problem
 
 LONGEST = 20.0
-"""A time constant of more than this many durations of the record cannot be separated from a line."""
+"""A time constant of more than this many durations of the record cannot be distinguished from a line."""
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ class Unscented:
 
     q and dq follow the arm's forward dynamics with parameters pi + E theta, E the columns of the parameters named;
     theta is a random walk. It needs neither differentiated positions nor zero-phase filters, so it may run while
-    recording; and it does not use the controller.
+    recording; and it does not need the controller.
 
     Attributes:
         regressor: of the nominal arm, with all columns of ``gapscope.ident.model.regressor.JOINT_COLUMNS``.

@@ -109,7 +109,8 @@ def base_parameters(
       mass can stand for something, it does; factors are then inverse levers too, and the kept columns worse
       conditioned.
 
-    If that leaves another number than b, because data excite the arm poorly, the choice of the pivoting stands.
+    If that leaves another number than b, because data excite the arm poorly, the columns that the pivoting chose are
+    kept.
 
     Args:
         Y: stacked regressor, shape (M, p) or (N, n, p); or its triangular factor, shape (p, p).

@@ -89,7 +89,7 @@ def essential_parameters(
         deviation: relative standard deviation above which a parameter is dropped.
         contribution: share of the RMS torque below which a parameter is dropped.
         growth: share by which the residual may grow.
-        inflation: how many rows are worth one, since the residual is alike from sample to sample [1].
+        inflation: how many rows count as one, since the residual is autocorrelated [1].
 
     Raises:
         InputError: no more rows than parameters, or base columns that depend on each other in these samples.

@@ -19,7 +19,7 @@ from gapscope.ident.signals.samples import Samples
 FOLDS = 5
 """Least number of stretches of time, each predicted from all others."""
 WORTH = 0.02
-"""A friction law with more parameters must lower the error on held-out stretches by this share."""
+"""A friction law with more parameters has to lower the error on held-out stretches by this share."""
 EXCEEDED = 3.0
 """Every moving drive must be faster at times than a Stribeck speed by this factor."""
 PULLS = (1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0)
@@ -27,7 +27,7 @@ PULLS = (1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0)
 STRONGEST = 1e4
 """If the strongest of them predicts best, tenfold ones are tried up to this [1]."""
 LOOSE = 1e-8
-"""Pull on parameters of which the nominal arm says nothing, in units of their columns [1]."""
+"""Pull on parameters that the nominal arm does not give, in units of their columns [1]."""
 
 
 @dataclass(frozen=True)

@@ -202,9 +202,7 @@ def _constrained(
         cp.Minimize(cp.sum_squares(root @ change - target / size)), constraints
     )
     try:
-        with (
-            warnings.catch_warnings()
-        ):  # an inaccurate solution is judged afterwards, by what counts
+        with warnings.catch_warnings():  # an inaccurate solution is checked afterwards
             warnings.simplefilter("ignore", UserWarning)
             problem.solve(
                 solver=cp.CLARABEL, tol_gap_abs=1e-11, tol_gap_rel=1e-11, tol_feas=1e-10

@@ -15,7 +15,7 @@ DEPENDENT = 2e-5
 """Largest value of a spectrum, relative to a unit column, that can count as nil. Angles of a URDF rounded to four
 decimals make directions of up to 5e-6, which no recording resolves."""
 CLEAR_GAP = 1e3
-"""Ratio of two neighbours in a spectrum from which the rank is unambiguous."""
+"""Ratio of two neighbours in a spectrum from which the rank is certain."""
 FLOOR = 1e-16
 """Values of a spectrum below this are rounding."""
 

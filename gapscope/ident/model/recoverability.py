@@ -16,14 +16,14 @@ SHARE = 1e-5
 
 @dataclass(frozen=True)
 class Recovery:
-    """What can be said about one parameter.
+    """Whether and how one parameter is determined.
 
     Attributes:
         name: of the parameter.
         unit: its unit.
         status: ``recovered``, ``only in combination`` or ``not identifiable``.
         reason: why, in words.
-        nominal: what the nominal arm says.
+        nominal: value of the nominal arm.
         value: the value in the consistent set; of a parameter that is not recovered a choice near the nominal one.
         deviation: standard deviation, or ``None`` if the data do not determine the parameter alone.
     """
@@ -44,7 +44,7 @@ def recoveries(
     nominal: np.ndarray,
     units: Sequence[str],
 ) -> tuple[Recovery, ...]:
-    """What can be said about each parameter of pi.
+    """Whether and how each parameter of pi is determined.
 
     A parameter is recovered if its unit vector lies in the row space of C, beta = C pi: then pi_j = e_j^T C^+ beta.
     It is not identifiable if its column of C is zero: no torque depends on it.

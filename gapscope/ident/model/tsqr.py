@@ -174,7 +174,7 @@ class TriangularFactor:
 class JointFactors:
     """Triangular factors of each joint's rows, of which each involves only some columns; n joints, p columns.
 
-    Rows of a joint know nothing of the links before it and of other joints' friction, which makes their factors small.
+    Rows of a joint do not depend on the links before it and of other joints' friction, which makes their factors small.
     Stacked with weights they give weighted least squares with one noise level per joint.
 
     Args:

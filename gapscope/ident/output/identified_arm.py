@@ -26,7 +26,7 @@ UNNOTICED = 1e-9
 
 
 def expressible(result: Identification) -> bool:
-    """Whether URDF, data sheet and the catalogue's effects can say all of the model."""
+    """Whether URDF, data sheet and the catalogue's effects can express the whole model."""
     return not result.columns.coupled and result.choice.law.presliding is None
 
 

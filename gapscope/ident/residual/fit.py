@@ -1,4 +1,4 @@
-"""From trajectories to a residual network that leaves physics to the effects and is silent outside its data."""
+"""From trajectories to a residual network orthogonal to the effects that fades out away from its training data."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from gapscope.ident.residual.trajectory import Trajectory, groups
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
 
 LANDMARKS = 200
-"""Inputs that are remembered to tell how far others lie from them."""
+"""Number of training inputs kept as landmarks, from which the distance of an input is measured."""
 REACH = 0.5
-"""Quantile of the distance of held-out rows from the others up to which a network is judged, and trusted in full."""
+"""Quantile of the distance of held-out rows from the others up to which a network is tested, and trusted in full."""
 LEAST_GAIN = 0.02
-"""A joint on which the members close less than this share of the squared residual held out is left alone."""
+"""A joint on which the members close less than this share of the squared residual held out gets no torque."""
 
 
 @dataclass(frozen=True)
 class Report:
-    """What a training says of itself, on the rows that it was trained on.
+    """Results of a training, on the rows that it was trained on.
 
     Attributes:
         closed: share of the squared residual that the members close on rows that they had held out [1], (n,).
@@ -66,7 +66,7 @@ class ResidualRows:
         parameters: columns of the effects' parameters, (M, n, k).
         group: for a split by trajectory, (M,).
         trajectory: of each row, (M,).
-        distance: of each row's input from those of all other groups [1], (M, n); infinite where it is in no group.
+        distance: of each row's input from those of all other groups [1], (M, n); infinite if it is in no group.
         scale: RMS of the residual [N m], (n,).
     """
 
@@ -154,7 +154,7 @@ def _from_other_groups(now: np.ndarray, group: np.ndarray) -> np.ndarray:
 def fit_residual(
     trajectories: Sequence[Trajectory], settings: ResidualSettings
 ) -> tuple[ResidualNetwork, Report]:
-    """Train a residual network on what the corrected arm leaves of some trajectories.
+    """Train a residual network on the residual of the corrected arm on some trajectories.
 
     The columns of the physics are taken out of the target; the members are trained; on rows that they had held out
     each joint's output is scaled down to what it is good for; and the heads are projected, so that the output of every
@@ -202,7 +202,7 @@ def usefulness(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Share of the squares that members close on rows that they held out, and the best factor for them; each (n,).
 
-    Only rows near others count: far ones say nothing of where the network will be trusted. The factor is
+    Only rows near others count: the network will not be trusted at far ones. The factor is
     <y, f> / <f, f>, between 0 and 1, and 0 if less than ``LEAST_GAIN`` would be closed with it.
     """
     mean = network.outputs(rows.windows)[0]

@@ -15,7 +15,7 @@ from gapscope.ident.residual.physics import effect_columns, physics_columns
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, Segment, low_pass
 
 PER_CUTOFF = 4.0
-"""Rows per period of the cut-off; more hold nothing new."""
+"""Rows per period of the cut-off; more hold no further information."""
 EDGE = 0.2
 """Time left out at both ends of a block [s], so that what lies in one is no neighbour of what lies in another."""
 
@@ -48,7 +48,7 @@ class Trajectory:
 def from_segment(
     corrected: CorrectedArm, body: RigidBody, segment: Segment
 ) -> Trajectory:
-    """A segment with torque, and what a corrected arm leaves of it."""
+    """A segment with torque, and the residual of a corrected arm."""
     assert segment.torque is not None
     physical = replace(corrected, residual=None)
     motion, body = segment.motion, segment.bodies(body)

@@ -65,7 +65,7 @@ def variance_inflation(
     """1 + 2 sum_k rho_k per joint [1], at least 1, shape (n,): how many samples count as one.
 
     The factor by which the variance of a mean, or of a parameter whose regressor is slower than the noise, exceeds
-    that of white noise. The sum ends where rho_k first falls below 0, or at ``longest`` samples.
+    that of white noise. The sum ends at the first rho_k below 0, or at ``longest`` samples.
 
     Args:
         residual: shape (N, n).
@@ -88,7 +88,7 @@ def low_pass_inflation(cutoff: float, interval: float) -> float:
     The filter is that of ``gapscope.ident.signals.conditioning.low_pass``.
 
     Args:
-        cutoff: of the filter [Hz]; at Nyquist's frequency and above nothing was filtered.
+        cutoff: of the filter [Hz]; at Nyquist's frequency and above the filter has no effect.
         interval: between samples [s].
     """
     nyquist = 0.5 / interval

@@ -10,14 +10,14 @@ from gapscope.ident.signals.effective_samples import band_samples, group_slices
 from gapscope.ident.signals.samples import Samples
 
 ADVISED = 10.0
-"""Independent samples per base parameter below which a warning says so [1]."""
+"""Independent samples per base parameter below which there is a warning [1]."""
 POWER = 0.99
 """Share of the torque's power that lies within its bandwidth [1]."""
 
 
 @dataclass(frozen=True)
 class SampleCount:
-    """How much fitted recordings hold.
+    """How much information the fitted recordings hold.
 
     Attributes:
         seconds: length of the fitted samples [s].
@@ -37,7 +37,7 @@ class SampleCount:
         return self.independent / self.parameters
 
     def warnings(self) -> tuple[str, ...]:
-        """A warning if there are fewer than ``ADVISED`` per parameter, or nothing."""
+        """A warning if there are fewer than ``ADVISED`` per parameter, or none."""
         if self.per_parameter >= ADVISED:
             return ()
         needed = self.seconds * ADVISED / max(self.per_parameter, 1e-3)

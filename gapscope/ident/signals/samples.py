@@ -15,7 +15,7 @@ from gapscope.ident.model.model_columns import ModelColumns
 from gapscope.ident.signals.conditioning import Segment, blocks, condition, low_pass
 
 PER_CUTOFF = 4.0
-"""Samples per period of the cut-off that are kept to fit; more hold nothing new."""
+"""Samples per period of the cut-off that are kept to fit; more hold no further information."""
 MOST = 20_000
 """Samples that are kept at most: long recordings are thinned further, which bounds the memory."""
 LONGEST = 60.0

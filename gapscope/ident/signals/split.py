@@ -11,16 +11,16 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.recording import CHANNELS, Recording
 
 HELD_OUT = 1 / 3
-"""Share of a single recording that is set aside, its end [1]."""
+"""Share of a single recording that is held out, its end [1]."""
 
 
 def split(
     case: Case, chosen: Sequence[str] = ()
 ) -> tuple[list[Recording], list[Recording]]:
-    """Recordings to fit, and to hold out: those chosen by name, else the case's, else the last one or the last third.
+    """Recordings to fit, and held-out ones: those chosen by name, else the case's, else the last one or the last third.
 
     Raises:
-        InputError: a name is not that of a recording, or nothing is left to fit.
+        InputError: a name is not that of a recording, or none remains to fit.
     """
     everything = [*case.recordings, *case.judged]
     if chosen:

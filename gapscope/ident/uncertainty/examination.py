@@ -83,7 +83,7 @@ def examine(
         evidence: the fit.
         problem: in base columns, that was solved.
         estimator: that solved it.
-        estimate: what it said.
+        estimate: its result.
         uncertainty: of that.
     """
     samples, law = evidence.samples, evidence.choice.law

@@ -1,4 +1,4 @@
-"""What a motion determines of the parameters of an arm: rank, condition, spectrum, status of each parameter."""
+"""Which parameters of an arm a motion determines: rank, condition, spectrum, standing of each parameter."""
 
 from __future__ import annotations
 
@@ -92,9 +92,8 @@ def identifiability(
 
     Args:
         samples: regressor of all p parameters, shape (M, p) or (N, n, p), or its factor for long recordings.
-        base: base parameters of the arm (``structural_base``), so that what the arm cannot show is distinguished from
-            what
-            the motion does not show.
+        base: base parameters of the arm (``structural_base``), which separate what the arm cannot show from what the
+            motion does not show.
 
     Raises:
         InputError: values that are not finite, another number of columns, or no motion at all.

@@ -1,6 +1,6 @@
 """Uncertainty that holds for autocorrelated residuals: sandwich, block jackknife, intervals.
 
-Filtered recordings have residuals that are alike from sample to sample, so that s^2 (W^T W)^-1 states too small errors.
+Filtered recordings have autocorrelated residuals, so that s^2 (W^T W)^-1 states too small errors.
 Both methods here use the scores g_i = W_i^T S^-1 e_i, shape (b,), of samples i as they follow each other.
 """
 

@@ -1,4 +1,4 @@
-"""Model error separated from noise: the residual torque at the frequencies of the motion, against those above."""
+"""Model error distinguished from noise: the residual at the frequencies of the motion against those above."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TAPER = 0.1
 
 @dataclass(frozen=True)
 class ModelError:
-    """What of the residuals is no noise, per joint.
+    """The part of the residuals that is not noise, per joint.
 
     Attributes:
         systematic: standard deviation of the part that follows the motion [N m], shape (n,).
@@ -47,7 +47,7 @@ class ModelError:
         size = np.hypot(self.systematic, self.noise).clip(1e-300)
         share = (self.systematic / size)[self.found - 1].max()
         return (
-            f"what is left on joint {', '.join(map(str, self.found))} is no noise ({share:.0%} of it follows the "
+            f"the residual on joint {', '.join(map(str, self.found))} is not noise ({share:.0%} of it follows the "
             "motion): the model lacks an effect, and s^2 (W^T W)^-1 states too small errors; use intervals that count "
             "model error, and `gapscope diagnose` to name the effect",
         )

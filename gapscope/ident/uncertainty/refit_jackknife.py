@@ -27,7 +27,7 @@ def refit_jackknife(
         stretches: about G; each belongs to one group.
 
     Raises:
-        InputError: what is left without a stretch does not determine the parameters.
+        InputError: the samples without a stretch do not determine the parameters.
 
     Source: kunsch1989.
     """

@@ -1,4 +1,4 @@
-"""Repeated groups: identify each stretch by itself; the scatter of the estimates separates noise from model error."""
+"""Repeated groups: identify each stretch alone; how much the results differ distinguishes noise from model error."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class GroupComparison:
                 "motion, not noise; the stated errors are too small; look for an effect that the model lacks",
             )
         return (
-            f"groups agree to {np.sqrt(self.ratio):.2f} of the errors they state: what is left of the torque repeats, "
+            f"groups agree to {np.sqrt(self.ratio):.2f} of the errors they state: the residual repeats, "
             "so it is model error common to all groups, not noise; more repetitions will not help; vary the motion",
         )
 

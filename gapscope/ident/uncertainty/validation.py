@@ -72,7 +72,7 @@ class Validation:
         recordings: their names.
         role: ``fit`` or ``judge``.
         every: errors on every sample.
-        moving: errors where the joint is faster than ``MOVING``.
+        moving: errors while the joint is faster than ``MOVING``.
         nominal: errors of the nominal arm on every sample.
         whiteness: of the residual.
         t: time, of the segments one after the other [s], shape (M,).

@@ -209,7 +209,7 @@ class TestModelError:
         assert error.noise == pytest.approx(
             [0.3, 0.3], rel=0.4
         )  # what it has above a quarter of the cut-off is in it
-        assert "what is left on joint 1" in error.warnings()[0]
+        assert "the residual on joint 1" in error.warnings()[0]
 
     def test_interval_of_recorded_torque_is_wider(self) -> None:
         given, other, _ = self.pair(0, 0.5)
