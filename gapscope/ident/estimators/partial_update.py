@@ -37,8 +37,8 @@ class PartialUpdate:
 
     A parameter is influential if the data determine it at least as well as the prior does: its prior variance is at
     least ``influence`` times the variance that data and prior together leave. The others are held at beta_0 and the
-    rest is estimated anew. Noise per joint is what the estimate leaves; autocorrelation counts by a variance inflated by
-    1 + 2 sum_k rho_k, rho_k the residual's autocorrelation. The covariance is the posterior one; a parameter that is
+    rest is estimated anew. Noise per joint is that of the residual; its autocorrelation rho_k inflates the variance by
+    1 + 2 sum_k rho_k. The covariance is the posterior one; a parameter that is
     held keeps its prior variance.
 
     Attributes:

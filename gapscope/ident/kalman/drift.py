@@ -108,13 +108,16 @@ class _WarmingModel:
 
     def linear_part(self, x: np.ndarray) -> np.ndarray:
         """The best beta, shape (b,)."""
-        columns = self._columns(x)
-        norm = np.linalg.norm(columns, axis=0)
-        return np.linalg.lstsq(columns / norm, self._tau, rcond=None)[0] / norm
+        return self._best(self._columns(x))
 
     def residual(self, x: np.ndarray) -> np.ndarray:
         """Weighted torque less the model with the best beta [1], shape (N n,)."""
-        return self._tau - self._columns(x) @ self.linear_part(x)
+        columns = self._columns(x)
+        return self._tau - columns @ self._best(columns)
+
+    def _best(self, columns: np.ndarray) -> np.ndarray:
+        norm = np.linalg.norm(columns, axis=0)
+        return np.linalg.lstsq(columns / norm, self._tau, rcond=None)[0] / norm
 
     def _columns(self, x: np.ndarray) -> np.ndarray:
         factor = 1.0 + drift_change(self._t, x[0], np.exp(x[1]))
