@@ -17,6 +17,7 @@ from synthetic import Truth
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
+from gapscope.diagnosis.assessment.sensor_sides import SensorSides, SideGap
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.document.wording import sides_sentence
@@ -194,3 +195,17 @@ def test_sides_in_words() -> None:
         "The gap lies on the actuator side of joint 3, on the link side of joints 1 and 5 and on both sides of joint 2."
     )
     assert "neither side" in sides_sentence({"sides": {"carried_by": ["neither"]}})
+
+
+def test_each_joint_is_carried_by_the_sides_above_their_floors() -> None:
+    """A side carries a gap above 1.6 floors and above the floor by 0.012."""
+    floor, zero = np.array([0.1, 0.1, 0.1, 0.001]), np.zeros(4)
+    actuator = SideGap(np.array([0.2, 0.2, 0.15, 0.012]), zero, floor)
+    link = SideGap(np.array([0.2, 0.1, 0.17, 0.014]), zero, floor)
+    sides = SensorSides(actuator, link, zero, zero, zero, ())
+    assert sides.carried_by == ["both", "actuator", "link", "link"]
+    assert SensorSides(link, actuator, zero, zero, zero, ()).carried_by[1:] == [
+        "link",
+        "actuator",
+        "actuator",
+    ]
