@@ -14,7 +14,7 @@ from typing import Any
 import joblib
 import numpy as np
 
-from gapscope.arm.case import case_files
+from gapscope.arm.case import Case, case_files
 from gapscope.arm.errors import GapscopeError
 
 KEY = "made_from"
@@ -73,17 +73,29 @@ def program() -> str:
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
-def made_from(path: Path) -> dict[str, str]:
-    """SHA-256 of the case's files, names and contents, and of the program: its source, Python and the libraries.
+def made_from(case: Case | Path) -> dict[str, str]:
+    """What a diagnosis is made from: a hash of the case, and one of the program.
+
+    ``case_sha256``: SHA-256 over names and contents of the case's files; of a case in memory over its arrays.
+    ``program_sha256``: over the source, Python and the libraries.
 
     Raises:
         GapscopeError: the case file, the robot or a recording cannot be read.
     """
+    return {"case_sha256": _case_hash(case), "program_sha256": program()}
+
+
+def _case_hash(case: Case | Path) -> str:
+    if isinstance(case, Case) and case.file is None:
+        parts = [case.name, case.arm, case.recordings, case.controller]
+        return hashlib.sha256(fingerprint(parts).encode()).hexdigest()
+    path = case.file if isinstance(case, Case) else case
+    assert path is not None
     digest = hashlib.sha256()
     for file in case_files(path):
         content = hashlib.sha256(_read(file)).digest()
         digest.update(file.name.encode() + b"\0" + content)
-    return {"case_sha256": digest.hexdigest(), "program_sha256": program()}
+    return digest.hexdigest()
 
 
 def sha256(path: Path) -> str:

@@ -20,6 +20,7 @@ LAYERS: tuple[set[str], ...] = (
     {"agents", "blind_check"},
     {"reports"},
     {"outputs"},
+    {"interface"},
     {"terminal", "commands"},
     {"cli", "__main__"},
 )

@@ -199,6 +199,9 @@ def load_case(
 
     Raises:
         InputError: the case file, the URDF or a recording cannot be used; names the file and the line or field.
+
+    >>> load_case("my_arm").recordings[0].duration  # doctest: +SKIP
+    40.0
     """
     file = Path(path)
     file = file / "case.yaml" if file.is_dir() else file

@@ -76,7 +76,7 @@ def _several(
 
 
 def _against(cases: list[Path], reference: Path, out: Path) -> None:
-    from gapscope.commands.diagnose_path import diagnose_path_against
+    from gapscope.commands.diagnose_path import diagnose_path
     from gapscope.outputs.diagnosis import CASE, CORRECTED
     from gapscope.reports.diagnosis.terminal_summary import print_summary
 
@@ -88,7 +88,7 @@ def _against(cases: list[Path], reference: Path, out: Path) -> None:
         )
     case = cases[0]
     with Progress(case.name or str(case)) as progress:
-        result, paths = diagnose_path_against(case, reference, out, progress)
+        result, paths = diagnose_path(case, out, progress, against=reference)
     print_summary(result.document, console)
     wrote(*paths)
     say(

@@ -31,7 +31,8 @@ HiddenEffects = Annotated[
     ),
 ]
 Engines = Annotated[
-    str, typer.Option(help="pybullet, mujoco or dart; several with commas")
+    str | None,
+    typer.Option(help="pybullet, mujoco or dart; several with commas"),
 ]
 Motions = Annotated[str, typer.Option(help="motions, with commas between them")]
 Disturbances = Annotated[
@@ -67,7 +68,7 @@ def evaluate(
     out: Results,
     robot: RobotOption = "kuka_iiwa",
     effects: HiddenEffects = None,
-    engine: Engines = "pybullet",
+    engine: Engines = None,
     motions: Motions = "fourier,pick,place,weld_seam",
     disturbances: Disturbances = "none,push",
     seeds: Seeds = 3,
@@ -100,12 +101,13 @@ def evaluate(
 def _plan(options: dict[str, Any]) -> EvaluationPlan:
     from gapscope.agents.evaluation import EvaluationPlan
     from gapscope.agents.gains import Tuning
+    from gapscope.envs.engines import default_engine
 
     return EvaluationPlan(
         motions=split_names(options["motions"]),
         disturbances=split_names(options["disturbances"]),
         seeds=tuple(range(options["seeds"])),
-        engines=split_names(options["engine"]),
+        engines=split_names(options["engine"] or default_engine()),
         duration=options["duration"],
         tuning=Tuning(options["bandwidth"], options["damping"]),
         law=options["law"],

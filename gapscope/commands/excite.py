@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -23,11 +22,6 @@ from gapscope.commands.options import (
     split_names,
 )
 from gapscope.terminal import console, log, say, wrote
-
-if TYPE_CHECKING:
-    from gapscope.commands.search_progress import SearchProgress
-    from gapscope.ident.excitation.design import Excitation
-    from gapscope.ident.excitation.excitation_plan import ExcitationPlan, LimitPlan
 
 Kind = Annotated[
     str, typer.Option(help="fourier, quintic (through way points) or multisine")
@@ -82,6 +76,8 @@ def excite(
     from gapscope.commands.search_progress import SearchProgress
     from gapscope.ident.excitation.excitation_plan import ExcitationPlan, LimitPlan
     from gapscope.ident.excitation.trajectory_search import Budget
+    from gapscope.interface.excite import excite as excite_arm
+    from gapscope.outputs.trajectory import check_csv
     from gapscope.reports.trajectory.terminal_summary import (
         margin_lines,
         margin_table,
@@ -103,35 +99,10 @@ def excite(
         velocity, acceleration, torque, margin, singular, clearance, surface, collisions
     )
     with SearchProgress(robot, criterion, log) as progress:
-        found, paths = excite_path(robot, out, plan, limits, seed, progress)
+        check_csv(out)
+        result = excite_arm(robot, plan, limits, seed=seed, progress=progress)
+        paths = result.write(out)
+    found = result.excitation
     console.print(margin_table(found))
     say(*margin_lines(found), *summary(found, plan))
     wrote(*paths)
-
-
-def excite_path(
-    robot: str,
-    out: Path,
-    plan: ExcitationPlan,
-    limits: LimitPlan,
-    seed: int | None,
-    progress: SearchProgress,
-) -> tuple[Excitation, list[Path]]:
-    """Find an exciting trajectory of an arm and write it; see ``gapscope.outputs.trajectory``.
-
-    Raises:
-        InputError: an argument is at fault, or the limits allow no trajectory.
-        GapscopeError: a file cannot be written.
-    """
-    import numpy as np
-
-    from gapscope.commands.inputs import read_arm
-    from gapscope.ident.excitation.design import design
-    from gapscope.outputs.folder import make_folder
-    from gapscope.outputs.trajectory import check_csv, write_trajectory
-
-    check_csv(out)
-    arm = read_arm(robot)
-    make_folder(out.resolve().parent)
-    found = design(arm, plan, limits, np.random.default_rng(seed), progress)
-    return found, write_trajectory(found, arm, plan, out)

@@ -15,16 +15,13 @@ AsJson = Annotated[bool, typer.Option("--json", help="print JSON to standard out
 
 def gap(case: CasePath, model: Model = None, as_json: AsJson = False) -> None:
     """Measure the gap alone, per joint, of a nominal or corrected arm."""
-    from gapscope.arm.case import load_case
     from gapscope.arm.io.json_file import to_json
-    from gapscope.commands.inputs import read_model
-    from gapscope.outputs.gap import gap_document
+    from gapscope.interface.gap import gap as measure_gap
     from gapscope.reports.gap_tables import gap_tables
 
     with Progress(case.name or str(case)) as progress:
         progress("measures the gap")
-        loaded = load_case(case)
-        measured = gap_document(loaded, read_model(loaded.arm, model))
+        measured = measure_gap(case, model).document
     if as_json:
         sys.stdout.write(to_json(measured))
     else:

@@ -11,8 +11,6 @@ from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.corrected_file import read_corrected_arm
 
 
 def is_case(path: Path) -> bool:
@@ -45,15 +43,6 @@ def read_arm_and_controller(robot: str) -> tuple[NominalArm, Controller | None]:
         return load_nominal_arm(robot), None
     case = load_case(path, read_recordings=False)
     return case.arm, case.controller
-
-
-def read_model(arm: NominalArm, model: Path | None) -> CorrectedArm:
-    """The nominal arm, or the corrected one of a ``corrected.yaml``, with its residual network.
-
-    Raises:
-        InputError: the file cannot be used, or names a joint that the arm does not have.
-    """
-    return CorrectedArm(arm) if model is None else read_corrected_arm(arm, model)
 
 
 def read_recording(

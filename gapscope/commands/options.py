@@ -20,7 +20,12 @@ Model = Annotated[
 Results = Annotated[Path, typer.Option(help="folder for the results", metavar="DIR")]
 RobotArgument = Annotated[str, typer.Argument(help=_ROBOT, metavar="ROBOT")]
 RobotOption = Annotated[str, typer.Option(help=_ROBOT, metavar="ROBOT")]
-Engine = Annotated[str, typer.Option(help="pybullet, mujoco or dart")]
+Engine = Annotated[
+    str | None,
+    typer.Option(
+        help="pybullet, mujoco or dart; default: pybullet if it is installed, else mujoco"
+    ),
+]
 FileFormat = Annotated[str, typer.Option("--format", help="csv, parquet or npz")]
 
 # a trajectory within limits

@@ -23,15 +23,12 @@ def predict(
     case: CasePath, recording: Recording, out: Out, model: Model = None
 ) -> None:
     """Predict the torque that a model says would be recorded."""
-    from gapscope.arm.io.write_case import write_columns
-    from gapscope.commands.inputs import read_model, read_recording
-    from gapscope.diagnosis.gap.predict import predict_torque
+    from gapscope.commands.inputs import read_recording
+    from gapscope.interface.predict import predict as predict_recording
 
     with Progress(recording.name) as progress:
         progress("reads")
         loaded, motion = read_recording(case, recording, every_row=True)
         progress("predicts")
-        torque = predict_torque(read_model(loaded.arm, model), motion)
-        columns = {f"tau{j}": tau for j, tau in enumerate(torque.T, 1)}
-        write_columns({"t": motion.t, **columns}, out)
+        predict_recording(loaded, motion, model).write(out)
     wrote(out)

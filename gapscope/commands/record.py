@@ -67,7 +67,7 @@ def record(
     noise: Noise = 0.01,
     encoder_noise: EncoderNoise = 0.0,
     file_format: TableFormat = "csv",
-    engine: Engine = "pybullet",
+    engine: Engine = None,
     seed: Seed = None,
     sealed: Sealed = None,
 ) -> None:
@@ -76,10 +76,18 @@ def record(
     The truth is kept in truth.yaml, in the case or sealed elsewhere.
     """
     from gapscope.commands.recorded_case import record_files
+    from gapscope.envs.engines import check_engine
     from gapscope.envs.session import Plan
 
     plan = Plan(
-        trajectory, recordings, duration, rate, read_back, noise, encoder_noise, engine
+        trajectory,
+        recordings,
+        duration,
+        rate,
+        read_back,
+        noise,
+        encoder_noise,
+        check_engine(engine),
     )
     with Progress(out.name or str(out)) as progress:
         paths, remark = record_files(

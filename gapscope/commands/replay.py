@@ -28,7 +28,7 @@ def replay(
     recording: Recording,
     out: Out,
     model: Model = None,
-    engine: Engine = "pybullet",
+    engine: Engine = None,
 ) -> None:
     """Move the simulated arm under the same commands as a recording."""
     from gapscope.arm.io.write_case import write_columns
@@ -47,7 +47,7 @@ def replay_path(
     case_path: Path,
     file: Path,
     model: Path | None,
-    engine: str,
+    engine: str | None,
     progress: Callable[[str], None],
 ) -> Replay:
     """Replay a recording of a case on its nominal arm, or on the corrected one.
@@ -58,6 +58,7 @@ def replay_path(
     from gapscope.commands.inputs import read_recording
     from gapscope.effects.corrected import CorrectedArm
     from gapscope.effects.corrected_file import error_context, read_corrected
+    from gapscope.envs.engines import check_engine
     from gapscope.envs.replay import replay as replay_recording
 
     progress("reads")
@@ -66,6 +67,7 @@ def replay_path(
     effects = () if model is None else read_corrected(model)
     with error_context(model, effects):
         CorrectedArm(case.arm, effects).check()
+        engine = check_engine(engine)
         progress(f"replays {recording.duration:.3g} s in {engine}")
         return replay_recording(
             case.arm, effects, recording, case.controller, engine=engine

@@ -129,16 +129,16 @@ def test_a_fault_of_the_program_in_one_case_does_not_stop_the_others(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from gapscope.commands import diagnose_path as run
+    from gapscope.interface import diagnose as run
 
-    whole = run.diagnose
+    whole = run.diagnose_case
 
     def faulty(case: Any, progress: Any) -> Any:
         if case.name == "sick":
             raise ZeroDivisionError("by chance")
         return whole(case, progress)
 
-    monkeypatch.setattr(run, "diagnose", faulty)
+    monkeypatch.setattr(run, "diagnose_case", faulty)
     done = gapscope("diagnose", sick, healthy, "--out", tmp_path / "out")
     assert done.code == 1 and "ZeroDivisionError: by chance" in done.out
     assert (tmp_path / "out" / "healthy" / "diagnosis.json").is_file()

@@ -1,0 +1,81 @@
+"""Design the next recording, which separates what a diagnosis leaves open."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from gapscope.diagnosis.advice.advice_wording import lines
+from gapscope.diagnosis.advice.next_recording import Advice, Request
+from gapscope.diagnosis.advice.next_recording import advise as design_recording
+from gapscope.ident.excitation.excitation_plan import LimitPlan
+from gapscope.interface.diagnose import DiagnosisResult, diagnose
+from gapscope.interface.excite import ExcitationResult
+from gapscope.interface.result import Result
+
+
+@dataclass(frozen=True)
+class AdviceResult(Result):
+    """The next recording of a case.
+
+    Attributes:
+        diagnosis: what was found so far.
+        advice: open questions, hypotheses, and the motion that separates them.
+    """
+
+    diagnosis: DiagnosisResult
+    advice: Advice
+
+    @property
+    def trajectory(self) -> ExcitationResult | None:
+        """The motion to record; ``None`` if no recording is needed."""
+        plan, excitation = self.advice.plan, self.advice.excitation
+        if plan is None or excitation is None:
+            return None
+        return ExcitationResult(self.diagnosis.case.arm, plan, excitation)
+
+    def save(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write the motion as ``trajectory.csv``, ROS ``JointTrajectory`` and plot; nothing if none is needed."""
+        return () if self.trajectory is None else self.trajectory.save(folder)
+
+    def summary(self) -> str:
+        """What is open, and the recording that settles it."""
+        return "\n".join(lines(self.advice, self.diagnosis.document))
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row for each open question: the effect found, what else could explain the data, and its probability."""
+        rows = [
+            {"found": q.found, "other": q.other, "probability": q.probability}
+            for q in self.advice.questions
+        ]
+        return pd.DataFrame(rows, columns=["found", "other", "probability"])
+
+
+def advise(
+    diagnosis: DiagnosisResult | str | Path,
+    request: Request | None = None,
+    *,
+    progress: Callable[[float, float], None] = lambda share, best: None,
+) -> AdviceResult:
+    """Design the recording on which the explanations that are still open differ most within all limits.
+
+    Args:
+        diagnosis: a result of ``diagnose``; or a case's folder, which is diagnosed first.
+        request: limits, known payload, fastest motion, effort.
+        progress: called with the share of the search's budget spent and the best value so far, or infinity.
+
+    Raises:
+        InputError: the limits allow no trajectory.
+
+    >>> import gapscope
+    >>> gapscope.advise(gapscope.diagnose("my_arm")).save("next")  # doctest: +SKIP
+    """
+    result = (
+        diagnosis if isinstance(diagnosis, DiagnosisResult) else diagnose(diagnosis)
+    )
+    asked = request or Request(LimitPlan())
+    found = (result.document, result.diagnosis.effects)
+    return AdviceResult(result, design_recording(result.case, *found, asked, progress))

@@ -1,0 +1,164 @@
+"""Diagnose a case: where its gap lies, which effects cause it, and how far it closes."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from gapscope.arm.case import Case, load_case
+from gapscope.arm.errors import InputError
+from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.diagnosis.diagnose import diagnose as diagnose_case
+from gapscope.diagnosis.reference.change import Change
+from gapscope.diagnosis.reference.diagnose_change import diagnose_change
+from gapscope.diagnosis.result import Diagnosis
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.interface.models import case_file
+from gapscope.interface.result import Result, as_text
+from gapscope.outputs.diagnosis import DOCUMENT, URDF, write_change, write_diagnosis
+from gapscope.outputs.folder import begin_results
+from gapscope.provenance import KEY, made_from
+from gapscope.reports.diagnosis.terminal_summary import print_summary
+
+
+@dataclass(frozen=True)
+class DiagnosisResult(Result):
+    """The findings on one case.
+
+    Attributes:
+        case: the case.
+        diagnosis: document, effects, and what the report draws.
+        change: what changed since a reference, if the case was compared with one.
+        workspace: the folder of the identified arm's URDF, which lasts as long as this record.
+    """
+
+    case: Case
+    diagnosis: Diagnosis
+    change: Change | None = None
+    workspace: tempfile.TemporaryDirectory[str] | None = field(default=None, repr=False)
+
+    @property
+    def document(self) -> Mapping[str, Any]:
+        """The content of ``diagnosis.json``."""
+        return self.diagnosis.document
+
+    @property
+    def verdict(self) -> str:
+        """``effects_found``, ``no_gap`` or ``unexplained``."""
+        return str(self.document["verdict"])
+
+    @property
+    def effects(self) -> tuple[AppliedEffect, ...]:
+        """The effects found, the one with the largest share first."""
+        return self.change.corrected if self.change else self.diagnosis.effects
+
+    @property
+    def corrected(self) -> CorrectedArm:
+        """The nominal arm, or the one identified on the reference, plus the effects found."""
+        arm = self.change.case.arm if self.change else self.case.arm
+        return CorrectedArm(arm, self.effects)
+
+    def save(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write ``corrected.yaml``, ``report.html`` and, as the last, ``diagnosis.json``.
+
+        After a comparison with a reference also ``identified_case.yaml`` and ``identified.urdf``: the case with the
+        identified arm as its nominal one, which ``corrected.yaml`` corrects.
+        """
+        out = Path(folder)
+        begin_results(out, DOCUMENT)
+        if self.change is None:
+            return write_diagnosis(self.diagnosis, out)
+        with atomic_write(out / URDF) as aside:
+            shutil.copyfile(self.change.case.arm.urdf, aside)
+        change = replace(self.change, diagnosis=self.diagnosis)
+        return write_change(change, case_file(self.case, out), out)
+
+    def summary(self) -> str:
+        """Verdict, effects, gap per joint, what is open and the warnings."""
+        return as_text(partial(print_summary, self.document))
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row for each parameter of each effect and joint: value, standard deviation, probability and share."""
+        rows = [row for effect in self.document["effects"] for row in _rows(effect)]
+        columns = ["effect", "joint", "parameter", "unit", "value", "std"]
+        return pd.DataFrame(rows, columns=[*columns, "probability", "share"])
+
+
+def diagnose(
+    case: Case | str | Path,
+    *,
+    against: Case | str | Path | None = None,
+    progress: Callable[[str], None] = lambda message: None,
+) -> DiagnosisResult:
+    """Find where the gap of a case lies, which effects cause it, and how far it shrinks with them.
+
+    Args:
+        case: the nominal arm and its recordings; or the folder of a case.
+        against: a case of the same arm, known healthy and without load: what changed since then?
+        progress: called with a few words at each step.
+
+    Raises:
+        InputError: the case cannot be used; names the file and the line or field.
+        GapscopeError: no recording carries a torque that can be trusted, nor is there a known controller.
+
+    >>> import gapscope
+    >>> result = gapscope.diagnose("my_arm")  # doctest: +SKIP
+    >>> result.verdict, [effect.name for effect in result.effects]  # doctest: +SKIP
+    ('effects_found', ['payload'])
+    """
+    progress("reads the case")
+    loaded = case if isinstance(case, Case) else load_case(case, any_unit=True)
+    source = made_from(loaded)
+    if against is None:
+        found = diagnose_case(loaded, progress)
+        return DiagnosisResult(loaded, _with_source(found, source))
+    reference = against if isinstance(against, Case) else load_case(against)
+    _check_other(loaded, reference)
+    # the identified URDF has to be a file as long as the case is predicted with it
+    workspace = tempfile.TemporaryDirectory(prefix="gapscope-")
+    change = diagnose_change(loaded, reference, Path(workspace.name), progress)
+    found = _with_source(change.diagnosis, source)
+    return DiagnosisResult(loaded, found, change, workspace)
+
+
+def _with_source(diagnosis: Diagnosis, source: Mapping[str, str]) -> Diagnosis:
+    return replace(diagnosis, document={**diagnosis.document, KEY: source})
+
+
+def _check_other(case: Case, reference: Case) -> None:
+    same_file = case.file is not None and reference.file is not None
+    if case is reference or (
+        same_file and case.file.resolve() == reference.file.resolve()  # type: ignore[union-attr]
+    ):
+        raise InputError(
+            "is the case itself",
+            "give recordings of the same arm from a day on which it was healthy",
+            where=f"--against {reference.file or reference.name}",
+        )
+
+
+def _rows(effect: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """A row for each parameter, and each joint or component of it."""
+    common = {key: effect[key] for key in ("effect", "probability", "share")}
+    rows = []
+    for name, parameter in effect["parameters"].items():
+        values = parameter["value"]
+        several = isinstance(values, list)
+        values = values if several else [values]
+        stds = parameter["std"] if several else [parameter["std"]]
+        joints = effect["joints"] or [None] * len(values)
+        for joint, value, std in zip(
+            joints, values, stds or [None] * len(values), strict=True
+        ):
+            unit = parameter["unit"]
+            row = {"joint": joint, "parameter": name, "unit": unit, "value": value}
+            rows.append({**common, **row, "std": std})
+    return rows

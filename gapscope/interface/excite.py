@@ -1,0 +1,89 @@
+"""Design an exciting trajectory within an arm's limits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from gapscope.arm.case import Case
+from gapscope.arm.nominal import NominalArm
+from gapscope.ident.excitation.design import Excitation, design
+from gapscope.ident.excitation.excitation_plan import ExcitationPlan, LimitPlan
+from gapscope.interface.models import make_arm
+from gapscope.interface.result import Result
+from gapscope.outputs.folder import make_folder
+from gapscope.outputs.trajectory import check_csv, write_trajectory
+from gapscope.reports.trajectory.terminal_summary import summary
+
+
+@dataclass(frozen=True)
+class ExcitationResult(Result):
+    """An exciting trajectory that keeps all limits.
+
+    Attributes:
+        arm: the arm.
+        plan: what was looked for.
+        excitation: the trajectory with torque, margins and condition number.
+    """
+
+    arm: NominalArm
+    plan: ExcitationPlan
+    excitation: Excitation
+
+    def save(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write ``trajectory.csv``, and beside it the ROS ``JointTrajectory`` and a page of plots."""
+        return self.write(Path(folder) / "trajectory.csv")
+
+    def write(self, file: Path) -> tuple[Path, ...]:
+        """Write the CSV ``file``, and ``.yaml`` (ROS ``JointTrajectory``) and ``.html`` (plots) beside it."""
+        check_csv(file)
+        make_folder(file.resolve().parent)
+        return tuple(write_trajectory(self.excitation, self.arm, self.plan, file))
+
+    def summary(self) -> str:
+        """Condition number, duration and effort of the search."""
+        return "\n".join(summary(self.excitation, self.plan))
+
+    def to_frame(self) -> pd.DataFrame:
+        """The columns t, q1.., dq1.., ddq1.., tau1.. (nominal torque)."""
+        motion = self.excitation.motion
+        channels = {"q": motion.q, "dq": motion.dq, "ddq": motion.ddq}
+        channels["tau"] = self.excitation.torque
+        columns = {"t": motion.t}
+        for name, values in channels.items():
+            for joint, x in enumerate(values.T, start=1):
+                columns[f"{name}{joint}"] = x
+        return pd.DataFrame(columns)
+
+
+def excite(
+    robot: str | Path | NominalArm | Case,
+    plan: ExcitationPlan | None = None,
+    limits: LimitPlan | None = None,
+    *,
+    seed: int | None = None,
+    progress: Callable[[float, float], None] = lambda share, best: None,
+) -> ExcitationResult:
+    """Find a trajectory that excites the arm's parameters best and keeps all limits.
+
+    Args:
+        robot: a name, a URDF, an arm or a case; see ``make_arm``.
+        plan: what to look for.
+        limits: what to keep.
+        seed: of the search; by default another one each time.
+        progress: called with the share of the budget spent and the best value so far, or infinity.
+
+    Raises:
+        InputError: an argument is at fault, or the limits allow no trajectory.
+
+    >>> import gapscope
+    >>> gapscope.excite("kuka_iiwa", seed=1).save("out")  # doctest: +SKIP
+    """
+    arm, plan = make_arm(robot), plan or ExcitationPlan()
+    rng = np.random.default_rng(seed)
+    found = design(arm, plan, limits or LimitPlan(), rng, progress)
+    return ExcitationResult(arm, plan, found)

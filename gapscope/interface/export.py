@@ -1,0 +1,78 @@
+"""Export a corrected arm for other simulators."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.envs.export.formats import export as write_arm
+from gapscope.interface.result import Result
+from gapscope.outputs.folder import make_folder
+
+
+@dataclass(frozen=True)
+class ExportResult(Result):
+    """A file for another simulator.
+
+    Attributes:
+        corrected: the arm in it.
+        file: the file.
+        format: ``urdf``, ``mjcf`` or ``sdf``.
+        left_out: effects that the format cannot hold; a sentence each.
+        remarks: what is odd about the bodies; a sentence each.
+    """
+
+    corrected: CorrectedArm
+    file: Path
+    format: str
+    left_out: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+    def save(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write the file, under the same name, into another folder."""
+        make_folder(Path(folder))
+        file = Path(folder) / self.file.name
+        write_arm(self.corrected, self.format, file)
+        return (file,)
+
+    def summary(self) -> str:
+        """The file, what it leaves out, and remarks."""
+        notes = [f"left out: {text}" for text in self.left_out]
+        return "\n".join([str(self.file), *notes, *self.remarks])
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row for each effect that is left out, and each remark."""
+        rows = [("left out", text) for text in self.left_out]
+        rows += [("remark", text) for text in self.remarks]
+        return pd.DataFrame(rows, columns=["kind", "text"])
+
+
+def export(
+    corrected: CorrectedArm, file: str | Path, format: str | None = None
+) -> ExportResult:
+    """Write a corrected arm as URDF, MJCF or SDF.
+
+    Args:
+        corrected: of a diagnosis (``result.corrected``) or a file (``gapscope.read_corrected``).
+        file: the file to write.
+        format: ``urdf``, ``mjcf`` or ``sdf``; by default the ending of ``file`` says which.
+
+    Raises:
+        InputError: no such format, or an effect that no arm can have.
+        GapscopeError: the file cannot be written.
+
+    >>> import gapscope, tempfile, pathlib
+    >>> from gapscope.effects.corrected import CorrectedArm
+    >>> arm = CorrectedArm(gapscope.make_arm("kuka_iiwa"))
+    >>> file = pathlib.Path(tempfile.mkdtemp()) / "arm.urdf"
+    >>> gapscope.export(arm, file).left_out
+    ()
+    """
+    file = Path(file)
+    ending = file.suffix.removeprefix(".")
+    form = format or {"xml": "mjcf"}.get(ending, ending)
+    left_out, remarks = write_arm(corrected, form, file)
+    return ExportResult(corrected, file, form, left_out, remarks)

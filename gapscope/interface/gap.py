@@ -1,0 +1,73 @@
+"""Measure the gap alone: per recording and joint, of torque and of replay."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from rich.console import Console
+
+from gapscope.arm.case import Case, load_case
+from gapscope.arm.io.json_file import write_json
+from gapscope.interface.models import Model, corrected_arm
+from gapscope.interface.result import Result, as_text
+from gapscope.outputs.folder import make_folder
+from gapscope.outputs.gap import gap_document
+from gapscope.reports.gap_tables import gap_tables
+
+
+@dataclass(frozen=True)
+class GapResult(Result):
+    """The gap of an arm on the recordings of a case.
+
+    Attributes:
+        document: per recording ``torque_nrmse`` [1], ``torque_rmse`` [N m] and ``replay_rmse`` [rad], per joint.
+    """
+
+    document: dict[str, Any]
+
+    def save(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write ``gap.json``."""
+        make_folder(Path(folder))
+        file = Path(folder) / "gap.json"
+        write_json(self.document, file)
+        return (file,)
+
+    def summary(self) -> str:
+        """Both gaps as tables."""
+
+        def show(console: Console) -> None:
+            console.print(gap_tables(self.document))
+
+        return as_text(show)
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row for each recording and joint."""
+        rows = []
+        for recording in self.document["recordings"]:
+            for joint, name in enumerate(self.document["joints"]):
+                row = {"recording": recording["recording"], "joint": name}
+                for key in ("torque_nrmse", "torque_rmse", "replay_rmse"):
+                    row[key] = None if recording[key] is None else recording[key][joint]
+                rows.append(row)
+        return pd.DataFrame(rows)
+
+
+def gap(case: Case | str | Path, model: Model = None) -> GapResult:
+    """Measure the torque gap and the replay gap of a nominal or corrected arm on every recording of a case.
+
+    Args:
+        case: the case, or its folder.
+        model: what corrects the nominal arm; see ``Model``.
+
+    Raises:
+        InputError: the case or the model cannot be used.
+        GapscopeError: no recording carries a torque.
+
+    >>> import gapscope
+    >>> gapscope.gap("my_arm", "out/corrected.yaml").to_frame()  # doctest: +SKIP
+    """
+    loaded = case if isinstance(case, Case) else load_case(case)
+    return GapResult(gap_document(loaded, corrected_arm(loaded.arm, model)))

@@ -1,0 +1,104 @@
+"""Identify an arm: base and physical parameters, friction and joint zeros, with intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from rich.console import Console
+
+from gapscope.arm.case import Case, load_case
+from gapscope.arm.errors import InputError
+from gapscope.ident.identification import Identification, IdentificationSettings
+from gapscope.ident.identification import identify as identify_case
+from gapscope.interface.models import case_file
+from gapscope.interface.result import Result, as_text
+from gapscope.outputs.folder import begin_results
+from gapscope.outputs.identification import (
+    DOCUMENT,
+    WrittenIdentification,
+    write_identification,
+)
+from gapscope.reports.identification.terminal_summary import summary
+
+RECORDINGS = (".csv", ".parquet", ".npz", ".mcap", ".db3")
+"""Endings of files that hold a recording and no case."""
+
+
+@dataclass(frozen=True)
+class IdentificationResult(Result):
+    """What was identified.
+
+    Attributes:
+        identification: parameters, intervals, validation, warnings.
+    """
+
+    identification: Identification
+
+    def save(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write report, identified arm, base parameters and, as the last, ``identification.json``."""
+        return self.write(Path(folder)).paths
+
+    def write(
+        self, folder: Path, progress: Callable[[str], None] = lambda message: None
+    ) -> WrittenIdentification:
+        """Write the files; an arm that they cannot express is identified once more for them, and a warning says so."""
+        begin_results(folder, DOCUMENT)
+        source = case_file(self.identification.case, folder)
+        return write_identification(self.identification, source, folder, progress)
+
+    def summary(self) -> str:
+        """Errors per joint, what was fitted and found, and what is doubtful."""
+
+        def show(console: Console) -> None:
+            console.print(summary(self.identification))
+
+        return as_text(show)
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row for each base parameter: value and standard deviation."""
+        result = self.identification
+        deviation = np.sqrt(np.diag(result.uncertainty.covariance))
+        columns = {"value": result.estimate.value, "std": deviation}
+        names = pd.Index(result.base.expressions(), name="parameter")
+        return pd.DataFrame(columns, index=names)
+
+
+def identify(
+    case: Case | str | Path,
+    settings: IdentificationSettings | None = None,
+    *,
+    progress: Callable[[str], None] = lambda message: None,
+) -> IdentificationResult:
+    """Identify the arm of a case from its recordings.
+
+    Args:
+        case: the case, or its folder.
+        settings: cut-off, estimator, recordings that are held out.
+        progress: called with a few words at each step.
+
+    Raises:
+        InputError: the case cannot be identified from.
+        GapscopeError: no physically consistent parameters were found.
+
+    >>> import gapscope
+    >>> gapscope.identify("my_arm").save("out")  # doctest: +SKIP
+    """
+    progress("reads the case")
+    chosen = settings or IdentificationSettings()
+    return IdentificationResult(identify_case(_loaded(case), chosen, progress))
+
+
+def _loaded(case: Case | str | Path) -> Case:
+    if isinstance(case, Case):
+        return case
+    if Path(case).suffix.lower() in RECORDINGS:
+        raise InputError(
+            "is a recording, not a case",
+            "give the case.yaml that lists it, or its folder",
+            file=case,
+        )
+    return load_case(case)

@@ -1,0 +1,92 @@
+"""Predict the torque that a nominal or corrected arm says would be recorded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from gapscope.arm.case import Case, load_case
+from gapscope.arm.io.write_case import write_columns
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
+from gapscope.diagnosis.gap.predict import predict_torque
+from gapscope.interface.models import Model, corrected_arm, make_arm, recording_of
+from gapscope.interface.result import Result
+from gapscope.outputs.folder import make_folder
+
+
+@dataclass(frozen=True)
+class Prediction(Result):
+    """Predicted torque at every sample of a recording, N samples of n joints.
+
+    Attributes:
+        recording: name of the recording.
+        t: time [s], shape (N,).
+        tau: torque [N m], shape (N, n).
+    """
+
+    recording: str
+    t: np.ndarray
+    tau: np.ndarray
+
+    def save(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write ``prediction.csv`` with the columns t, tau1..taun."""
+        make_folder(Path(folder))
+        file = Path(folder) / "prediction.csv"
+        self.write(file)
+        return (file,)
+
+    def write(self, file: Path) -> None:
+        """Write one CSV, Parquet or NPZ file; raises ``GapscopeError`` if it cannot be written."""
+        write_columns({name: x.to_numpy() for name, x in self.to_frame().items()}, file)
+
+    def summary(self) -> str:
+        """Name, number of samples and RMS of the torque per joint."""
+        rms = np.sqrt((self.tau**2).mean(axis=0))
+        joints = ", ".join(f"J{j} {value:.3g}" for j, value in enumerate(rms, 1))
+        return f"{self.recording}: {len(self.t)} samples, RMS torque in N m: {joints}"
+
+    def to_frame(self) -> pd.DataFrame:
+        """The columns t, tau1..taun."""
+        torque = {f"tau{j + 1}": x for j, x in enumerate(self.tau.T)}
+        return pd.DataFrame({"t": self.t, **torque})
+
+
+def predict(
+    case: Case | NominalArm | str | Path,
+    recording: Recording | int | str = 0,
+    model: Model = None,
+) -> Prediction:
+    """Predict the torque that would be recorded, from time, position and known payload alone.
+
+    Args:
+        case: the case; or an arm (see ``make_arm``), with a ``Recording`` beside it.
+        recording: a recording, or of a case its number from 0 or its name.
+        model: what corrects the nominal arm; see ``Model``.
+
+    Raises:
+        InputError: the arm or the model cannot be used.
+
+    >>> import numpy as np, gapscope
+    >>> t = np.arange(0.0, 2.0, 0.01)
+    >>> q = 0.1 * np.sin(t)[:, None] * np.ones(7)
+    >>> case = gapscope.Case.from_arrays("kuka_iiwa", t=t, q=q)
+    >>> gapscope.predict(case).tau.shape
+    (200, 7)
+    """
+    if isinstance(recording, Recording):
+        chosen, arm = recording, make_arm(case)
+    else:
+        loaded = _case(case)
+        chosen, arm = recording_of(loaded, recording), loaded.arm
+    torque = predict_torque(corrected_arm(arm, model), chosen)
+    return Prediction(chosen.name, chosen.t, torque)
+
+
+def _case(case: Case | NominalArm | str | Path) -> Case:
+    if isinstance(case, NominalArm):
+        raise TypeError("an arm alone has no recordings: give a Recording, or a case")
+    return case if isinstance(case, Case) else load_case(case)

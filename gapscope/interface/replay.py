@@ -1,0 +1,93 @@
+"""Replay a recording: the simulated arm, nominal or corrected, under the same commands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from gapscope.arm.case import Case, load_case
+from gapscope.arm.io.write_case import write_columns
+from gapscope.arm.recording import Recording
+from gapscope.envs.replay import Replay
+from gapscope.envs.replay import replay as replay_recording
+from gapscope.interface.models import Model, corrected_arm, recording_of
+from gapscope.interface.result import Result
+from gapscope.outputs.folder import make_folder
+from gapscope.reports.gap_tables import replay_line
+
+
+@dataclass(frozen=True)
+class ReplayResult(Result):
+    """A replayed motion.
+
+    Attributes:
+        recording: name of the recording.
+        replay: time, position, torque and replay gap.
+    """
+
+    recording: str
+    replay: Replay
+
+    @property
+    def rmse(self) -> np.ndarray:
+        """Replay gap per joint: RMS of replayed minus recorded position [rad], shape (n,)."""
+        return self.replay.rmse
+
+    def save(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write ``replay.csv`` with the columns t, q1..qn, tau1..taun."""
+        make_folder(Path(folder))
+        file = Path(folder) / "replay.csv"
+        self.write(file)
+        return (file,)
+
+    def write(self, file: Path) -> None:
+        """Write one CSV, Parquet or NPZ file; raises ``GapscopeError`` if it cannot be written."""
+        write_columns({name: x.to_numpy() for name, x in self.to_frame().items()}, file)
+
+    def summary(self) -> str:
+        """The replay gap per joint, and what moved the arm."""
+        return replay_line(self.replay)
+
+    def to_frame(self) -> pd.DataFrame:
+        """The columns t, q1..qn, tau1..taun."""
+        columns = {"t": self.replay.t}
+        for name in ("q", "tau"):
+            for joint, x in enumerate(getattr(self.replay, name).T, start=1):
+                columns[f"{name}{joint}"] = x
+        return pd.DataFrame(columns)
+
+
+def replay(
+    case: Case | str | Path,
+    recording: Recording | int | str = 0,
+    model: Model = None,
+    *,
+    engine: str | None = None,
+) -> ReplayResult:
+    """Move the simulated arm under the same commands as a recording.
+
+    A simulator has no place for a residual network: that of a model is left out.
+
+    Args:
+        case: the case, or its folder.
+        recording: a recording, or its number from 0 or its name in the case.
+        model: what corrects the nominal arm; see ``Model``.
+        engine: ``pybullet``, ``mujoco`` or ``dart``; by default PyBullet if it is installed, else MuJoCo.
+
+    Raises:
+        InputError: the case or the model cannot be used.
+        GapscopeError: the arm cannot be simulated, or runs away.
+
+    >>> import gapscope
+    >>> gapscope.replay("my_arm", 0, "out/corrected.yaml").rmse  # doctest: +SKIP
+    """
+    loaded = case if isinstance(case, Case) else load_case(case)
+    chosen = recording_of(loaded, recording)
+    effects = corrected_arm(loaded.arm, model).effects
+    result = replay_recording(
+        loaded.arm, effects, chosen, loaded.controller, engine=engine
+    )
+    return ReplayResult(chosen.name, result)

@@ -1,0 +1,162 @@
+"""The Python interface, as a script beside its own data would use it."""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import COULOMB, arrays
+from synthetic import Truth, arm
+
+import gapscope
+from gapscope.arm.errors import InputError
+
+
+def test_names_are_offered_and_imported_when_used():
+    code = (
+        "import gapscope, sys; loaded = set(sys.modules); "
+        "assert not {m for m in loaded if m.startswith('gapscope.interface')}; "
+        "assert set(gapscope.__all__) <= set(dir(gapscope)); "
+        "[getattr(gapscope, name) for name in gapscope.__all__]"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="diagnos_all"):
+        _ = gapscope.diagnos_all
+
+
+MODULES = [
+    "arm.case",
+    *(
+        f"interface.{path.stem}"
+        for path in (Path(gapscope.__file__).parent / "interface").glob("[a-z]*.py")
+    ),
+]
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_examples_in_docstrings_hold(name):
+    failed, _ = doctest.testmod(importlib.import_module(f"gapscope.{name}"))
+    assert failed == 0
+
+
+@pytest.mark.parametrize("name", gapscope.__all__)
+def test_every_name_has_an_example(name):
+    thing = getattr(gapscope, name)
+    text = (thing.__doc__ or "") + (getattr(thing, "from_arrays", thing).__doc__ or "")
+    assert ">>>" in text
+
+
+def test_diagnosis_from_arrays_names_the_friction(result):
+    assert result.verdict == "effects_found"
+    frame = result.to_frame()
+    row = frame[frame["effect"] == "coulomb_friction"].set_index("joint").loc[2]
+    assert row["value"] == pytest.approx(COULOMB[1], rel=0.05)
+    assert "Coulomb friction" in result.summary()
+    assert "<table" in result._repr_html_()
+
+
+def test_saved_diagnosis_is_that_of_the_command(result, tmp_path):
+    report, document, corrected = result.save(tmp_path / "out")
+    content = json.loads(document.read_text(encoding="utf-8"))
+    assert content["verdict"] == result.verdict
+    assert set(content["made_from"]) == {"case_sha256", "program_sha256"}
+    assert report.read_text(encoding="utf-8").lower().startswith("<!doctype html>")
+    again = gapscope.read_corrected(corrected, arm())
+    assert [e.name for e in again.effects] == [e.name for e in result.effects]
+
+
+def test_case_in_memory_is_told_apart_from_another(case):
+    from gapscope.provenance import made_from
+
+    other = gapscope.Case.from_arrays(arm(), **arrays(Truth()), name="stiff")
+    assert made_from(case) == made_from(case)
+    assert made_from(case)["case_sha256"] != made_from(other)["case_sha256"]
+
+
+def test_corrected_arm_predicts_better(case, result, tmp_path):
+    recorded = case.recordings[0].tau
+    nominal, corrected = (
+        gapscope.predict(case, 0, model) for model in (None, result.corrected)
+    )
+    errors = [np.abs(p.tau - recorded)[:, 1].mean() for p in (nominal, corrected)]
+    assert errors[1] < 0.3 * errors[0]
+    (file,) = corrected.save(tmp_path)
+    assert list(pd.read_csv(file).columns) == ["t", "tau1", "tau2", "tau3"]
+
+
+def test_gap_shrinks_with_the_model(case, result):
+    before = gapscope.gap(case).to_frame()
+    after = gapscope.gap(case, result.corrected).to_frame()
+    worst = before["torque_nrmse"].max()
+    assert after["torque_nrmse"].max() < 0.5 * worst
+    assert "torque NRMSE" in gapscope.gap(case).summary()
+
+
+def test_replay_under_recorded_torque(case, result):
+    nominal = gapscope.replay(case, 0).rmse
+    corrected = gapscope.replay(case, 0, result.corrected).rmse
+    assert corrected[1] < nominal[1]
+
+
+def test_identification_of_a_case_in_memory(case, tmp_path):
+    result = gapscope.identify(case)
+    paths = result.save(tmp_path)
+    assert {"report.html", "identification.json", "identified_case.yaml"} <= {
+        p.name for p in paths
+    }
+    assert gapscope.load_case(tmp_path / "identified_case.yaml").arm.n_joints == 3
+    assert len(result.to_frame()) == result.identification.base.count
+    assert "RMS residual" in result.summary()
+
+
+def test_comparison_with_itself_is_refused(case):
+    with pytest.raises(InputError, match="is the case itself"):
+        gapscope.diagnose(case, against=case)
+
+
+def test_frames_make_the_same_case_as_arrays(case):
+    frames = []
+    for r in case.recordings:
+        columns = {f"q{j + 1}": x for j, x in enumerate(r.q.T)}
+        columns |= {f"tau{j + 1}": x for j, x in enumerate(r.tau.T)}
+        frames.append(pd.DataFrame({"t": r.t, **columns}))
+    other = gapscope.Case.from_frames(arm(), frames)
+    for one, two in zip(case.recordings, other.recordings, strict=True):
+        assert np.array_equal(one.q, two.q)
+        assert np.array_equal(one.tau, two.tau)
+
+
+BAD = {
+    "a missing joint": (lambda t, q, tau: {"t": t, "q": q[:, :2], "tau": tau}, "q3"),
+    "one axis": (lambda t, q, tau: {"t": t, "q": q[:, 0], "tau": tau}, r"q: has shape"),
+    "too short": (
+        lambda t, q, tau: {"t": t[:20], "q": q[:20], "tau": tau[:20]},
+        "lasts",
+    ),
+    "lists that differ": (lambda t, q, tau: {"t": t, "q": [q, q]}, "2 recordings"),
+    "nan": (
+        lambda t, q, tau: {"t": t, "q": np.where(t[:, None] > 1, np.nan, q)},
+        "finite",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_arrays_are_refused_with_the_place(name, case):
+    make, place = BAD[name]
+    recording = case.recordings[0]
+    with pytest.raises(InputError, match=place):
+        gapscope.Case.from_arrays(
+            arm(), **make(recording.t, recording.q, recording.tau)
+        )
