@@ -147,9 +147,11 @@ NEW_EFFECT = 20.0
 # Relative errors of the nominal inertials that are tried [1], each with its charge [nats]: larger inertial errors
 # cost more evidence. (hand)
 NOMINAL_ERROR = {0.003: 0.0, 0.01: 2.0, 0.03: 8.0, 0.06: 15.0}
+FIRST_NOMINAL_ERROR = 0.01  # The one under which skews are compared [1]. (hand)
 SKEWS = (0.0, 2.5e-4, 5e-4)  # Skews of sampling that are tried [s]; half a tick is 0.5 ms at 1 kHz. (physical)
 SKEW_CHARGE = 3.0  # Charge for a skew [nats]. (hand)
 LEAST_DELAY = 1e-3  # Delays shorter than this count as a skew of sampling and are not named [s]. (hand)
+LEAST_LINK_MASS = 0.05  # Share of its nominal mass that a changed link keeps at least [1]. (physical)
 
 # --- selection: search
 SEARCH_RATE = 100.0  # The search works on segments decimated to no less than this [Hz]. (budget)
@@ -159,17 +161,24 @@ GROUPS_TRIED = 3  # Groups that are tried around their own values at each step. 
 PAIRED_GROUPS = 6  # Best groups of which all pairs are tried once none alone raises the evidence. (budget)
 COMPLIANCE_STARTS_TRIED = 3  # Starts of compliant joints that are fitted. (budget)
 RELINEARISATIONS = 3  # Linearisations around the values of one set of terms. (budget)
+SETTLED_RELATIVE = 0.01  # Values have settled if they change by less than this share [1]... (budget)
+SETTLED_ABSOLUTE = 1e-4  # ...or by less than this [unit of the coordinate]. (budget)
 REFUSED_MOVES = 3  # Stop after this many moves fail on relinearisation. (budget)
+REFINE_GAIN = 0.5  # A removal or a swap must promise to raise the evidence by this much [nats]. (hand)
+REFINE_STEPS = 20  # Most removals and swaps in a row. (budget)
 # An effect must lower the held-out torque NRMSE of some joint by this much to be named [1]. (definition)
 VISIBLE_EFFECT = 0.01
 VISIBLE_TERM = 0.004  # A joint must gain this much in it to be named with an effect that is named anyway [1]. (hand)
 # Delays up to this are compared with a lag by their second order in time [s]; longer ones differ anyway. (hand)
 LONGEST_COMPARED_DELAY = 0.025
+BOOTSTRAP_DRAWS = 200  # Draws of the block bootstrap. (budget)
 # Evidence that a changed link needs over a payload [nats]: links seldom change, what they carry does. (hand)
 LINK_OVER_PAYLOAD = 20.0
 DECISIVE_EVIDENCE = 8.0  # Evidence that decides between near-equivalent effects [nats]... (hand)
 # ...if the held-out torque NRMSE of some joint differs by this much [1], more than MODEL_FORM explains. (hand)
 DECISIVE_NRMSE = 0.0007
+# Evidence of the loser over the winner if neither is decisively better [nats]: both stay open. (hand)
+UNDECIDED_EVIDENCE = -1.0
 
 # --- selection: starts of compliant joints
 COMPLIANCE_RATIO = 1.2  # Skip the compliance search if no joint's gap exceeds this many times the floor [1]. (hand)

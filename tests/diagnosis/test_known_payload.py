@@ -22,14 +22,14 @@ from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.gap.predict import predict_torque
 from gapscope.diagnosis.gap.torque_gap import torque_gap
-from gapscope.diagnosis.model.fit_data import Data
+from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.model.jacobian import columns
 from gapscope.diagnosis.model.terms import Terms
 from gapscope.diagnosis.model.torque_sensor import link_torque
 from gapscope.diagnosis.reference.diagnose_change import diagnose_change
 from gapscope.diagnosis.result import Diagnosis
-from gapscope.diagnosis.selection.resonance_starts import _Bodies
-from gapscope.diagnosis.selection.state import State
+from gapscope.diagnosis.selection.fitted_model import nominal_model
+from gapscope.diagnosis.selection.resonance_starts import CompliantBodies
 from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.fault_samples import sample
@@ -199,7 +199,7 @@ class TestSegment:
         results = []
         for nominal, piece in ((synthetic.arm(), s), (arm, replace(s, payload=None))):
             of = body if nominal is synthetic.arm() else RigidBody(nominal)
-            data = Data(nominal, of, [[piece]], CUTOFF)
+            data = FitData(nominal, of, [[piece]], CUTOFF)
             effects = terms.effects(theta)
             results.append(
                 columns(
@@ -223,7 +223,9 @@ class TestSegment:
         arm, s, found = urdf_with_load(tmp_path), segment(), []
         for nominal, piece in ((synthetic.arm(), s), (arm, replace(s, payload=None))):
             folds = [[b] for b in blocks(thinned(piece, 100.0), 2)]
-            bodies = _Bodies(State(nominal, RigidBody(nominal), folds, CUTOFF))
+            bodies = CompliantBodies(
+                nominal_model(nominal, RigidBody(nominal), folds, CUTOFF)
+            )
             found.append(
                 [bodies.mass, bodies.elastic(1, 5e3, 10.0), bodies.loose(1, 0.01)]
             )

@@ -14,7 +14,7 @@ import pytest
 import synthetic
 
 from gapscope.diagnosis.gap.torque_gap import noise_floor
-from gapscope.diagnosis.model.fit_data import Data
+from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.model.linearisation import Linearisation
 from gapscope.diagnosis.model.terms import Term, Terms
 from gapscope.diagnosis.thresholds import BACKLASH_START
@@ -212,7 +212,7 @@ def test_columns_of_effects_that_change_each_other(names: tuple[str, ...]) -> No
 
 def compare(names: tuple[str, ...], effects: set[str], tolerance: float = 0.05) -> None:
     around = theta(*names)
-    data = Data(synthetic.arm(), synthetic.body(), [[segment()]], CUTOFF)
+    data = FitData(synthetic.arm(), synthetic.body(), [[segment()]], CUTOFF)
     linear = Linearisation(data, around, terms(*names))
     known = linear.terms
     assert all(known.shapes[t] == shape for t, shape in terms(*names).shapes.items())
@@ -273,7 +273,7 @@ def test_saturation_counts_the_torque_beyond_the_limit() -> None:
     term = PLAIN.of("torque_saturation")[1]
     around = np.zeros(PLAIN.size)
     around[list(term.columns)] = 1.0
-    data = Data(synthetic.arm(), synthetic.body(), [[segment()]], CUTOFF)
+    data = FitData(synthetic.arm(), synthetic.body(), [[segment()]], CUTOFF)
     linear = Linearisation(data, around, Terms(N, {term: (limit,)}))
     beyond = np.where(
         np.abs(torque[:, 1]) > limit, torque[:, 1] - limit * np.sign(torque[:, 1]), 0.0
@@ -312,7 +312,7 @@ def test_columns_before_a_joint_bends_or_plays(
     around[places] = coordinates
     assert tuple(places) == PLAIN.of(name)[joint - 1].columns
     bent = replace(segment(), torque=predict(PLAIN.effects(around)))
-    data = Data(synthetic.arm(), synthetic.body(), [[bent]], CUTOFF)
+    data = FitData(synthetic.arm(), synthetic.body(), [[bent]], CUTOFF)
     gram = sum(
         f.gram.sum(axis=0)
         for f in Linearisation(data, np.zeros(PLAIN.size), PLAIN).folds
@@ -330,7 +330,7 @@ def test_columns_before_a_joint_bends_or_plays(
 
 def test_terms_of_one_half_do_not_reach_the_other() -> None:
     """A recording is judged in halves: rows add up, and each half has its own."""
-    data = Data(
+    data = FitData(
         synthetic.arm(), synthetic.body(), [[segment()], [segment(), segment()]], CUTOFF
     )
     first, second, of_two, other_of_two = Linearisation(

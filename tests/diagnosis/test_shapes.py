@@ -7,7 +7,7 @@ import pytest
 import synthetic
 from synthetic import Truth
 
-from gapscope.diagnosis.model.fit_data import Data
+from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.model.linearisation import Linearisation
 from gapscope.diagnosis.model.nonlinear_scan import force_window
 from gapscope.diagnosis.model.terms import Terms
@@ -40,13 +40,13 @@ CASES = {
 """The arm, the term's linear coordinates, its shape, a wrong one, and how nearly it has to be found."""
 
 
-def data(truth: Truth) -> Data:
+def data(truth: Truth) -> FitData:
     segments = [
         s
         for r in synthetic.recordings(truth, 1, duration=6.0)
         for s in condition(r, 20.0)
     ]
-    return Data(
+    return FitData(
         synthetic.arm(),
         synthetic.body(),
         [[thinned(s, 100.0)] for s in segments],

@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from gapscope.arm.case import Case
-from gapscope.diagnosis.model.fit_data import Data
+from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.selection.search import Selection
 from gapscope.diagnosis.thresholds import SEARCH_RATE
 from gapscope.effects.applied import AppliedEffect
@@ -59,7 +59,7 @@ def _equations(
     """Z^T W X and Z^T W y over the terms in ``columns`` and errors of the nominal inertials, (C, C) and (C,)."""
     linear, evidence = selection.evidence.linear, selection.evidence
     thinned_folds = [[thinned(s, SEARCH_RATE) for s in fold] for fold in folds]
-    commanded_data = Data(case.arm, linear.body, thinned_folds, linear.data.cutoff)
+    commanded_data = FitData(case.arm, linear.body, thinned_folds, linear.data.cutoff)
     independent = evidence.torque.independent / np.maximum(evidence.torque.count, 1e-9)
     variance = selection.fit.held_out_mse + evidence.floor2
     weight = (independent / variance).mean(axis=0)

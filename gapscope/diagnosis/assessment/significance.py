@@ -25,6 +25,7 @@ import numpy as np
 from gapscope.diagnosis.model.normal_equations import NormalEquations, solve
 from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.moves import by_finding
+from gapscope.diagnosis.selection.resampling import alternate_pieces
 from gapscope.diagnosis.selection.search import Selection
 from gapscope.effects.catalogue import explained
 
@@ -32,7 +33,7 @@ from gapscope.effects.catalogue import explained
 def log_e_values(selection: Selection) -> dict[str, float]:
     """log e of each effect found [nats]; compliant joints have none, as no linear model is without them."""
     evidence, terms = selection.evidence, selection.fit.terms
-    first, second = evidence.halves()
+    first, second = alternate_pieces(evidence)
 
     def least(total: np.ndarray) -> np.ndarray:
         return NormalEquations(total, evidence.terms.size, evidence.spread).least

@@ -28,6 +28,7 @@ from gapscope.diagnosis.gap.torque_gap import TorqueGap
 from gapscope.diagnosis.localisation.regimes import regions
 from gapscope.diagnosis.localisation.stacked_rows import Rows
 from gapscope.diagnosis.study import Study
+from gapscope.diagnosis.selection.resampling import bootstrap
 from gapscope.diagnosis.thresholds import (
     ABOVE_FLOOR_NRMSE,
     CLOSING_JOINTS,

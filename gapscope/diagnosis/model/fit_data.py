@@ -13,7 +13,7 @@ from gapscope.diagnosis.model.nonlinear_scan import ripple_candidates, waves
 from gapscope.ident.signals.conditioning import Segment, low_pass
 
 
-class Data:
+class FitData:
     """Folds of segments with what does not depend on the parameters.
 
     Args:

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gapscope.diagnosis.gap.torque_gap import NoiseFloor, noise_floor
-from gapscope.diagnosis.model.fit_data import Data
+from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.model.jacobian import columns, link_tangent
 from gapscope.diagnosis.model.nonlinear_scan import (
     Scan,
@@ -143,7 +143,7 @@ class Linearisation:
         left: what is left of the gap, for effects that no column stands for.
     """
 
-    def __init__(self, data: Data, theta: np.ndarray, terms: Terms) -> None:
+    def __init__(self, data: FitData, theta: np.ndarray, terms: Terms) -> None:
         self.data, self.arm, self.body, self.theta = data, data.arm, data.body, theta
         self._used = frozenset(t for t in terms.shapes if theta[list(t.columns)].any())
         known = {t: terms.shapes[t] for t in self._used}
@@ -180,7 +180,7 @@ class Linearisation:
         ]
 
     def rows(
-        self, data: Data, k: int, places: np.ndarray
+        self, data: FitData, k: int, places: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Equations of segment k of some data of the same arm: [A, N], (M, n, C + K), y and trust, each (M, n).
 
@@ -191,7 +191,7 @@ class Linearisation:
         trust = np.array([part.trust(j) for j in range(self.arm.n_joints)]).T
         return x, part.gap + part.columns @ self.theta, trust
 
-    def _part(self, k: int, data: Data | None = None) -> _Part:
+    def _part(self, k: int, data: FitData | None = None) -> _Part:
         data = data or self.data
         segment, bodies = data.segments[k], data.bodies[k]
         predicted, x = columns(

@@ -1,6 +1,6 @@
-"""Delay or lag: how the way from the recorded torque to the joint bends beyond its first order in time.
+"""Delay or lag: what the path from the recorded torque to the joint does beyond its first order in time.
 
-Both make the torque late by T; they part in the second order. With n the torque that the joint needs, recorded is
+Both make the torque late by T; they differ in the second order. With n the torque that the joint needs, recorded is
 
     delay         n + T n' + T^2 / 2 n'' + T^3 / 6 n'''
     lag           n + T n'
@@ -14,48 +14,39 @@ from __future__ import annotations
 
 import numpy as np
 
-from gapscope.diagnosis.selection.state import Model, State
+from gapscope.diagnosis.selection.fitted_model import Model
 from gapscope.diagnosis.thresholds import LONGEST_COMPARED_DELAY
 from gapscope.effects.corrected import CorrectedArm
 
 DELAY = "actuator_delay"
+LAG_FORMS = (0.0, 0.25)
+"""Coefficient of T^2 n'' of a lag in one stage, and of one in two."""
 
 
-def lag_over_delay(state: State, delayed: Model) -> float | None:
-    """Evidence of the better form of a lag less that of the delay of a model [nats]; ``None`` where it is too long."""
-    times = {
-        t.joint - 1: float(delayed.fit.theta[t.columns[0]])
-        for t in delayed.fit.terms
-        if t.effect == DELAY
-    }
-    if not times or max(times.values()) > LONGEST_COMPARED_DELAY:
+def lag_over_delay(delayed: Model) -> float | None:
+    """Evidence of the better form of a lag less that of a model's delay [nats]; ``None`` if that is too long."""
+    delays = np.zeros(delayed.data.arm.n_joints)
+    for term in delayed.fit.terms:
+        if term.effect == DELAY:
+            delays[term.joint - 1] = delayed.fit.theta[term.columns[0]]
+    if not delays.any() or delays.max() > LONGEST_COMPARED_DELAY:
         return None
-    late = np.zeros(state.data.arm.n_joints)
-    late[list(times)] = list(times.values())
-    rates = _rates(state, delayed)
-    gains = [_gain(delayed, rates, late, second) for second in (0.0, 0.25)]
+    first, second, third = _rates(delayed)
+    gains = []
+    for coefficient in LAG_FORMS:
+        change = (coefficient - 0.5) * delays**2 * second - delays**3 / 6 * third
+        gains.append(delayed.linear.scan_residual.gain(change, free=first))
     return max(gains)
 
 
-def _rates(state: State, delayed: Model) -> list[np.ndarray]:
+def _rates(delayed: Model) -> list[np.ndarray]:
     """First to third derivative by time of the torque that a model without its delay needs, on the rows, (M, n)."""
-    effects = delayed.linear.terms.effects(
-        delayed.fit.theta, [t for t in delayed.fit.terms if t.effect != DELAY]
-    )
-    arm = CorrectedArm(state.data.arm, effects)
-    out: list[list[np.ndarray]] = [[], [], []]
-    for segment in state.data.segments:
-        series = arm.unlimited.predict(segment.bodies(state.data.body), segment.motion)
-        for order in range(3):
+    data, others = delayed.data, [t for t in delayed.fit.terms if t.effect != DELAY]
+    arm = CorrectedArm(data.arm, delayed.terms.effects(delayed.fit.theta, others))
+    rates: list[list[np.ndarray]] = [[], [], []]
+    for segment in data.segments:
+        series = arm.unlimited.predict(segment.bodies(data.body), segment.motion)
+        for rows in rates:
             series = np.gradient(series, segment.motion.t, axis=0)
-            out[order].append(state.data.thin(series, segment))
-    return [np.vstack(rows) for rows in out]
-
-
-def _gain(
-    delayed: Model, rates: list[np.ndarray], late: np.ndarray, second: float
-) -> float:
-    """Evidence of n + T n' + second T^2 n'' less that of the delay [nats]."""
-    left = delayed.linear.scan_residual
-    change = (second - 0.5) * late**2 * rates[1] - late**3 / 6 * rates[2]
-    return left.gain(change, free=rates[0])
+            rows.append(data.thin(series, segment))
+    return [np.vstack(rows) for rows in rates]

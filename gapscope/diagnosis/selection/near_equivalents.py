@@ -1,91 +1,112 @@
-"""Contests: effects that look alike to first order, each judged around its own values."""
+"""Effects that look alike to first order, compared each around its own values."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import NamedTuple
+
 import numpy as np
 
+from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.delay_or_lag import DELAY, lag_over_delay
-from gapscope.diagnosis.selection.moves import contests
-from gapscope.diagnosis.selection.state import State, nrmse
+from gapscope.diagnosis.selection.fitted_model import Model, fit_terms
+from gapscope.diagnosis.selection.moves import near_equivalent_pairs
+from gapscope.diagnosis.selection.visibility import closed_between, nrmse
 from gapscope.diagnosis.thresholds import (
     DECISIVE_EVIDENCE,
     DECISIVE_NRMSE,
     LINK_OVER_PAYLOAD,
+    UNDECIDED_EVIDENCE,
     VISIBLE_EFFECT,
 )
 
 
-def compare_near_equivalents(state: State) -> None:
-    """Give effects that look alike to first order the place of each other, each around its own values.
+class Comparison(NamedTuple):
+    """Outcome of comparisons.
 
-    The second of a pair is named only where it is decisively better; where neither is, both stay open.
+    Attributes:
+        model: the model that is kept.
+        contested: by effect kept and its rival, the evidence of the rival less that of the effect kept [nats].
     """
-    for first, second in contests():
-        held = {t.effect for t in state.fit.terms} & {first, second}
-        if len(held) != 1:
+
+    model: Model
+    contested: Mapping[tuple[str, str], float]
+
+
+def compare_near_equivalents(model: Model) -> Comparison:
+    """Refit each near-equivalent effect and keep the better.
+
+    The second of a pair is named only if it is decisively better; if neither is, both stay open.
+    """
+    contested: dict[tuple[str, str], float] = {}
+    for common, rare in near_equivalent_pairs():
+        held = {t.effect for t in model.fit.terms} & {common, rare}
+        if len(held) == 1:
+            model, outcome = _compare(model, held.pop(), common, rare)
+            contested.update(outcome)
+    return Comparison(model, contested)
+
+
+def _compare(model: Model, chosen: str, common: str, rare: str) -> Comparison:
+    """The model with one of two effects, each on the joints of the one that is chosen."""
+    other = rare if chosen == common else common
+    models = {chosen: model, other: _renamed(model, chosen, other)}
+    # delay and lag differ in their second order in time, which needs no threshold
+    gain = lag_over_delay(models[common]) if common == DELAY else None
+    if gain is not None:
+        winner, loser = (rare, common) if gain > 0 else (common, rare)
+        return Comparison(models[winner], {(winner, loser): -abs(gain)})
+    gain = models[common].gain_of(models[rare])
+    gaps = {name: nrmse(one, one.fit.held_out_mse) for name, one in models.items()}
+    apart = float(np.abs(gaps[rare] - gaps[common]).max())
+    decisive = abs(gain) > DECISIVE_EVIDENCE and apart > DECISIVE_NRMSE
+    winner, loser = (rare, common) if decisive and gain > 0 else (common, rare)
+    evidence = -abs(gain) if decisive else UNDECIDED_EVIDENCE
+    return Comparison(models[winner], {(winner, loser): evidence})
+
+
+def _renamed(model: Model, effect: str, other: str) -> Model:
+    """The model with another effect on the joints of one of its effects."""
+    mine = {t for t in model.fit.terms if t.effect == effect}
+    joints = {t.joint for t in mine}
+    put = {t for t in model.terms.open if t.effect == other and t.joint in joints}
+    return fit_terms(model, (model.fit.terms - mine) | put)
+
+
+def prefer_payload(model: Model) -> Comparison:
+    """Take a payload in place of a changed last link, unless the link is far better: loads are common."""
+    last = model.data.body.last_link + 1
+    link = {
+        t for t in model.fit.terms if t.effect == "link_inertia" and t.joint == last
+    }
+    payload = frozenset(model.terms.of("payload"))
+    if not link or payload & model.fit.terms:
+        return Comparison(model, {})
+    loaded = fit_terms(model, (model.fit.terms - link) | payload)
+    gain = loaded.gain_of(model)
+    kept = model if gain > LINK_OVER_PAYLOAD else loaded
+    evidence = min(gain - LINK_OVER_PAYLOAD, 0.0)
+    return Comparison(kept, {("payload", "link_inertia"): evidence})
+
+
+def drop_unneeded_compliance(model: Model) -> Comparison:
+    """Try the model without each compliant joint, around its own values; keep those that a person can see."""
+    contested: dict[tuple[str, str], float] = {}
+    for term in _compliant(model):
+        if term not in model.fit.terms:
             continue
-        chosen = held.pop()
-        joints = {t.joint for t in state.fit.terms if t.effect == chosen}
-        states = {chosen: state.model}
-        other = second if chosen == first else first
-        rest = frozenset(t for t in state.fit.terms if t.effect != chosen)
-        state.fit_terms(
-            rest
-            | {t for t in state.terms.open if t.effect == other and t.joint in joints}
-        )
-        states[other] = state.model
-        # the two can be told apart by their second order in time, which needs no threshold
-        gained = lag_over_delay(state, states[first]) if first == DELAY else None
-        if gained is not None:
-            winner, loser = (second, first) if gained > 0 else (first, second)
-            state.contested[winner, loser] = -abs(gained)
-            state.model = states[winner]
+        without = fit_terms(model, model.fit.terms - {term})
+        gain = model.gain_of(without)
+        if gain > 0 or closed_between(without, model) < VISIBLE_EFFECT:
+            model = without
             continue
-        gained = states[first].gain(states[second])
-        left = {
-            name: nrmse(known.evidences[0], known.fit.held_out_mse, state.scale)
-            for name, known in states.items()
-        }
-        decisive = (
-            abs(gained) > DECISIVE_EVIDENCE
-            and np.abs(left[second] - left[first]).max() > DECISIVE_NRMSE
-        )
-        winner, loser = (second, first) if decisive and gained > 0 else (first, second)
-        state.contested[winner, loser] = -abs(gained) if decisive else -1.0
-        state.model = states[winner]
+        # of several joints the one that is needed most counts
+        key = (term.effect, "none")
+        contested[key] = min(gain, contested.get(key, 0.0))
+    return Comparison(model, contested)
 
 
-def prefer_payload(state: State) -> None:
-    """Take a payload in the place of a changed last link, unless the link is far better: loads are common."""
-    last = state.data.body.last_link + 1
-    link = frozenset(
-        t for t in state.fit.terms if t.effect == "link_inertia" and t.joint == last
-    )
-    payload = frozenset(state.terms.of("payload"))
-    if not link or payload & state.fit.terms:
-        return
-    before = state.model
-    state.fit_terms((state.fit.terms - link) | payload)
-    gained = state.model.gain(before)
-    state.contested["payload", "link_inertia"] = min(gained - LINK_OVER_PAYLOAD, 0.0)
-    if gained > LINK_OVER_PAYLOAD:
-        state.model = before
-
-
-def drop_unneeded_compliance(state: State) -> None:
-    """Try the model without each joint that bends or plays, around its own values; keep those that a person can see."""
-    for term in sorted(
-        (t for t in state.fit.terms if not t.definition.locally_linear),
-        key=lambda t: (t.effect, t.joint),
-    ):
-        if term not in state.fit.terms:
-            continue
-        before = state.model
-        state.fit_terms(state.fit.terms - {term})
-        gained, without = before.gain(state.model), state.model
-        state.model = before
-        if gained > 0 or state.closed(without) < VISIBLE_EFFECT:
-            state.model = without
-        else:
-            known = state.contested.get((term.effect, "none"), 0.0)
-            state.contested[term.effect, "none"] = min(gained, known)
+def _compliant(model: Model) -> list[Term]:
+    """Terms of compliant joints, in order."""
+    terms = [t for t in model.fit.terms if not t.definition.locally_linear]
+    return sorted(terms, key=lambda t: (t.effect, t.joint))

@@ -1,18 +1,20 @@
-"""Where to begin with a joint that rings or plays: its torque is too far from linear in stiffness and free play.
+"""Starts for compliant joints: elasticity and backlash are too nonlinear to linearise around none of it.
 
 A link behind a soft or loose gear moves on its own. What that does to the torque is simulated on each joint for some
-resonances and some widths, and compared with what is left of the gap; the best are starts for a fit around them.
+resonances and some widths of free play, and compared with the residual; the best are starts for a fit around them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
+from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.diagnosis.model.terms import Term
-from gapscope.diagnosis.selection.state import State
+from gapscope.diagnosis.selection.fitted_model import Model
 from gapscope.diagnosis.thresholds import (
     COMPLIANCE_RATIO,
     COMPLIANCE_START_GAIN,
@@ -22,6 +24,7 @@ from gapscope.diagnosis.thresholds import (
 )
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.deflection import behind_elasticity, behind_play
+from gapscope.ident.signals.conditioning import Segment
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,7 @@ class Start:
     Attributes:
         term: elasticity or backlash of one joint.
         values: linear coordinates.
-        gain: what these values explain of the gap that is left [nats].
+        gain: what these values explain of the residual [nats].
     """
 
     term: Term
@@ -39,107 +42,112 @@ class Start:
     gain: float
 
 
-def starts(state: State) -> list[Start]:
-    """The best start of each effect on each joint that neither rings nor plays yet, the most promising first."""
-    evidence = state.evidence
-    left2 = (state.fit.held_out_mse * evidence.rows).sum(axis=0) / (
-        evidence.floor2 * evidence.rows
-    ).sum(axis=0)
-    if state.data.arm.encoder != "motor" or left2.max() < COMPLIANCE_RATIO**2:
+def starts(model: Model) -> list[Start]:
+    """The best start of each effect on each joint that is not compliant yet, the most promising first."""
+    if model.data.arm.encoder != "motor" or not _above_floor(model):
         return []
-    taken = {t.joint for t in state.fit.terms if not t.definition.locally_linear}
-    free = [j for j in range(state.data.arm.n_joints) if j + 1 not in taken]
-    bodies = _Bodies(state)
-    best: dict[Term, Start] = {}
-    for start in (start for j in free for start in _candidates(state, bodies, j)):
-        if start.gain > COMPLIANCE_START_GAIN and (
-            start.term not in best or start.gain > best[start.term].gain
-        ):
-            best[start.term] = start
+    taken = {t.joint for t in model.fit.terms if not t.definition.locally_linear}
+    bodies, best = CompliantBodies(model), dict[Term, Start]()
+    for j in range(model.data.arm.n_joints):
+        if j + 1 in taken:
+            continue
+        for start in chain(_elastic(model, bodies, j), _loose(model, bodies, j)):
+            known = best[start.term].gain if start.term in best else 0.0
+            if start.gain > max(known, COMPLIANCE_START_GAIN):
+                best[start.term] = start
     return sorted(best.values(), key=lambda start: -start.gain)
 
 
-class _Bodies:
-    """The bodies of the model so far, and the torque that they need on each segment."""
+def _above_floor(model: Model) -> bool:
+    """Whether some joint's residual exceeds its floor by enough to look for compliance."""
+    rows, floor2 = model.evidence.rows, model.evidence.floor2
+    residual2 = (model.fit.held_out_mse * rows).sum(axis=0)
+    ratio2 = residual2 / (floor2 * rows).sum(axis=0)
+    return bool(ratio2.max() >= COMPLIANCE_RATIO**2)
 
-    def __init__(self, state: State) -> None:
-        self.data = state.data
-        corrected = CorrectedArm(self.data.arm, state.terms.effects(state.linear.theta))
-        laden = [s.bodies(self.data.body) for s in self.data.segments]
-        self.bodies = [corrected.body(body) for body in laden]
-        self.scale = 1.0 / (1.0 + corrected.value("torque_scale", "scale"))
+
+class CompliantBodies:
+    """The bodies of a model, and what compliance of one joint would do to their torque.
+
+    Attributes:
+        torque: torque that the bodies need on each segment [N m], (N, n).
+        mass: inertia that each joint moves, mean over the recordings [kg m^2 or kg], (n,).
+    """
+
+    def __init__(self, model: Model) -> None:
+        self.data = model.data
+        self._segments, n = self.data.segments, self.data.arm.n_joints
+        self._unit = np.eye(n)
+        arm = CorrectedArm(self.data.arm, model.terms.effects(model.linear.theta))
+        laden = [s.bodies(self.data.body) for s in self._segments]
+        self._bodies = [arm.body(body) for body in laden]
+        # recorded is what reaches the joint over the scale of its torque
+        self._recorded = 1.0 / (1.0 + arm.value("torque_scale", "scale"))
         self.torque = [
-            corrected.rigid_torque(body, s.motion)
-            for body, s in zip(laden, self.data.segments, strict=True)
+            arm.rigid_torque(body, s.motion)
+            for body, s in zip(laden, self._segments, strict=True)
         ]
-        self.mass = np.mean(
-            [
-                np.diagonal(
-                    body.sensitivities(s.motion.q, s.motion.dq, s.motion.ddq)[2],
-                    axis1=1,
-                    axis2=2,
-                ).mean(0)
-                for body, s in zip(self.bodies, self.data.segments, strict=True)
-            ],
-            axis=0,
-        )
+        inertias = []
+        for body, s in zip(self._bodies, self._segments, strict=True):
+            mass = body.sensitivities(s.motion.q, s.motion.dq, s.motion.ddq)[2]
+            inertias.append(np.diagonal(mass, axis1=1, axis2=2).mean(axis=0))
+        self.mass = np.mean(inertias, axis=0)
 
     def elastic(self, j: int, stiffness: float, damping: float) -> np.ndarray:
         """What elasticity of one joint adds to the torque on the rows of all segments [N m], (M, n)."""
-        of = np.eye(self.data.arm.n_joints)[j]
-        return self._rows(
-            [
-                behind_elasticity(body, s.motion, torque, stiffness * of, damping * of)
-                - torque
-                for body, s, torque in zip(
-                    self.bodies, self.data.segments, self.torque, strict=True
-                )
-            ]
-        )
+        on_joint = self._unit[j]
+        series = [
+            behind_elasticity(
+                body, s.motion, torque, stiffness * on_joint, damping * on_joint
+            )
+            for body, s, torque in self._by_segment()
+        ]
+        return self._added(series)
 
     def loose(self, j: int, width: float) -> np.ndarray:
         """What free play of one joint adds to the torque on the rows of all segments [N m], (M, n)."""
-        of, none = np.eye(self.data.arm.n_joints)[j], np.zeros(self.data.arm.n_joints)
-        return self._rows(
-            [
-                behind_play(body, s.motion, torque, width * of, none, none) - torque
-                for body, s, torque in zip(
-                    self.bodies, self.data.segments, self.torque, strict=True
-                )
-            ]
-        )
-
-    def _rows(self, series: list[np.ndarray]) -> np.ndarray:
-        rows = [
-            self.data.thin(x, s)
-            for x, s in zip(series, self.data.segments, strict=True)
+        on_joint, none = self._unit[j], np.zeros(len(self._unit))
+        series = [
+            behind_play(body, s.motion, torque, width * on_joint, none, none)
+            for body, s, torque in self._by_segment()
         ]
-        return np.vstack(rows) * self.scale
+        return self._added(series)
+
+    def _by_segment(self) -> Iterator[tuple[RigidBody, Segment, np.ndarray]]:
+        return zip(self._bodies, self._segments, self.torque, strict=True)
+
+    def _added(self, series: list[np.ndarray]) -> np.ndarray:
+        """Torque of each segment less that of rigid joints, on the rows as recorded."""
+        rows = [
+            self.data.thin(torque - rigid, s)
+            for torque, rigid, s in zip(
+                series, self.torque, self._segments, strict=True
+            )
+        ]
+        return np.vstack(rows) * self._recorded
 
 
-def _candidates(state: State, bodies: _Bodies, j: int) -> Iterator[Start]:
-    """Starts of one joint."""
-    elasticity, backlash = (
-        state.terms.of(name)[j] for name in ("joint_elasticity", "backlash")
-    )
-    mass = bodies.mass[j]
-    if mass <= 0:  # links found lighter than nothing, on the way to something better
+def _elastic(model: Model, bodies: CompliantBodies, j: int) -> Iterator[Start]:
+    """Starts of one joint's elasticity: resonances of what it moves, with some damping ratios."""
+    term, mass = model.terms.of("joint_elasticity")[j], bodies.mass[j]
+    # on the way links may be lighter than nothing
+    if mass <= 0:
         return
     for resonance in RESONANCES:
         stiffness = mass * (2 * np.pi * resonance) ** 2
         for ratio in DAMPING_RATIOS:
             damping = 2 * ratio * np.sqrt(stiffness * mass)
             values = np.array([1 / stiffness, damping / stiffness**2])
-            yield Start(
-                elasticity,
-                values,
-                state.linear.scan_residual.gain(bodies.elastic(j, stiffness, damping)),
-            )
-    torque = np.concatenate([x[:, j] for x in bodies.torque])
-    if torque.min() < 0 < torque.max():
-        for width in PLAY_WIDTHS:
-            yield Start(
-                backlash,
-                np.array([width]),
-                state.linear.scan_residual.gain(bodies.loose(j, width)),
-            )
+            torque = bodies.elastic(j, stiffness, damping)
+            yield Start(term, values, model.linear.scan_residual.gain(torque))
+
+
+def _loose(model: Model, bodies: CompliantBodies, j: int) -> Iterator[Start]:
+    """Starts of one joint's backlash; none if the torque never changes its sign, as the gear then stays on one side."""
+    needed = np.concatenate([torque[:, j] for torque in bodies.torque])
+    if bodies.mass[j] <= 0 or not needed.min() < 0 < needed.max():
+        return
+    term = model.terms.of("backlash")[j]
+    for width in PLAY_WIDTHS:
+        gain = model.linear.scan_residual.gain(bodies.loose(j, width))
+        yield Start(term, np.array([width]), gain)

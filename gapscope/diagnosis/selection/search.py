@@ -12,14 +12,22 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.evidence import Evidence, Fit
-from gapscope.diagnosis.selection.moves import clashes, near_equivalent
+from gapscope.diagnosis.selection.fitted_model import (
+    Model,
+    fit_terms,
+    nominal_model,
+    relinearise,
+)
+from gapscope.diagnosis.selection.groups import best_groups
+from gapscope.diagnosis.selection.moves import consistent
 from gapscope.diagnosis.selection.near_equivalents import (
     compare_near_equivalents,
     drop_unneeded_compliance,
     prefer_payload,
 )
+from gapscope.diagnosis.selection.refinement import prune, refine
 from gapscope.diagnosis.selection.resonance_starts import starts
-from gapscope.diagnosis.selection.state import State
+from gapscope.diagnosis.selection.visibility import closed_between, visible
 from gapscope.diagnosis.thresholds import (
     COMPLIANCE_STARTS_TRIED,
     FORWARD_STEPS,
@@ -29,9 +37,11 @@ from gapscope.diagnosis.thresholds import (
     SEARCH_RATE,
     VISIBLE_EFFECT,
 )
-from gapscope.effects.catalogue import effect as by_name
-from gapscope.effects.catalogue import explained
 from gapscope.ident.signals.conditioning import Segment, thinned
+
+Progress = Callable[[str], None]
+Considered = tuple[tuple[Fit, Fit], ...]
+"""Groups that were added, each with one that was considered in its place."""
 
 
 @dataclass(frozen=True)
@@ -42,15 +52,16 @@ class Selection:
         scale: normalisation of the torque gap over all folds [N m], (n,).
         fit: the best set of terms, fitted at its own linearisation.
         evidence: the evidence that scored it.
-        nothing: mean square of the gap per fold and joint without any effect [N^2 m^2], (F, n).
-        contested: evidence of a rival less that of an effect found, each around its own values [nats].
-        considered: gain of the best group of each effect over what was chosen, in nats: the rivals at each step.
+        considered: groups that were added at each step, each with one that was considered in its place.
+        contested: by effect found and its rival, the evidence of the rival less that of the effect [nats], each
+            around its own values.
+        nominal_mse: mean square of the gap per fold and joint without any effect [N^2 m^2], (F, n).
     """
 
     scale: np.ndarray
     fit: Fit
     evidence: Evidence
-    considered: tuple[tuple[Fit, Fit], ...]
+    considered: Considered
     contested: Mapping[tuple[str, str], float]
     nominal_mse: np.ndarray
 
@@ -60,157 +71,128 @@ def search(
     body: RigidBody,
     folds: list[list[Segment]],
     cutoff: float,
-    progress: Callable[[str], None] = lambda message: None,
+    progress: Progress = lambda message: None,
 ) -> Selection:
-    """Find the terms that explain the gap of recordings, judged on halves of recordings left out of the fit."""
-    state = State(
-        arm, body, [[thinned(s, SEARCH_RATE) for s in fold] for fold in folds], cutoff
-    )
-    considered: list[tuple[Fit, Fit]] = []
-    nominal_mse = state.fit.held_out_mse
-    _forward(state, considered, progress)
-    while _rings(state, progress) or _pair(state, progress):
-        _forward(state, considered, progress)
-    compare_near_equivalents(state)
-    prefer_payload(state)
-    drop_unneeded_compliance(state)
-    state.prune()
-    state.relinearise()
+    """Find the terms that explain the gap of recordings, by evidence on halves of recordings left out of the fit."""
+    decimated = [[thinned(s, SEARCH_RATE) for s in fold] for fold in folds]
+    nominal = nominal_model(arm, body, decimated, cutoff)
+    model, considered = add_terms(nominal, progress)
+    model, replaced = compare_near_equivalents(model)
+    model, loaded = prefer_payload(model)
+    model, compliant = drop_unneeded_compliance(model)
+    model = relinearise(prune(model))
     return Selection(
-        state.scale,
-        state.fit,
-        state.evidence,
-        tuple(considered),
-        state.contested,
-        nominal_mse,
+        nominal.data.torque_deviation,
+        model.fit,
+        model.evidence,
+        considered,
+        {**replaced, **loaded, **compliant},
+        nominal.fit.held_out_mse,
     )
 
 
-def _forward(
-    state: State, considered: list[tuple[Fit, Fit]], progress: Callable[[str], None]
-) -> None:
-    """Add the best group of terms while one raises the evidence, each around its own values."""
-    been, refused = {state.fit.terms}, set()
-    for _ in range(FORWARD_STEPS):
-        groups = [
-            fit
-            for fit in _groups(state)
-            if state.visible(fit.terms) and fit.terms not in refused
-        ]
-        groups.sort(key=lambda fit: fit.score, reverse=True)
-        groups = [
-            fit
-            for fit in groups[:GROUPS_TRIED]
-            if fit.score >= state.fit.score + MOVE_GAIN
-        ]
-        before = state.model
-        for k, group in enumerate(groups):
-            state.fit_terms(group.terms)
-            if before.gain(state.model) > 0:
-                considered += [(group, rival) for rival in groups[k + 1 : k + 4]]
-                progress("adds " + _describe(group.terms - before.fit.terms))
-                break
-            refused.add(group.terms)
-            state.model = before
-        else:
-            return
-        state.refine()
-        if state.fit.terms in been:
-            return
-        been.add(state.fit.terms)
+def add_terms(model: Model, progress: Progress) -> tuple[Model, Considered]:
+    """Add terms while some raise the evidence, and what was considered on the way.
 
-
-def _rings(state: State, progress: Callable[[str], None]) -> bool:
-    """Add a joint that rings or plays, if one explains what is left."""
-    before = state.model
-    for start in starts(state)[:COMPLIANCE_STARTS_TRIED]:
-        state.fit_terms(before.fit.terms | {start.term}, {start.term: start.values})
-        better = (
-            before.gain(state.model) > MOVE_GAIN
-            and state.closed(before) >= VISIBLE_EFFECT
-        )
-        if start.term in state.fit.terms and better:
-            progress("adds " + _describe(frozenset({start.term})))
-            state.refine()
-            return True
-        state.model = before
-    return False
-
-
-def _pair(state: State, progress: Callable[[str], None]) -> bool:
-    """Add the best pair of effects that explain only together what is left, if there is one.
-
-    Not beside a joint that rings or plays, whose form leaves more than a pair that shows alone in neither part.
+    What is too costly to try at each step, compliant joints and pairs of effects, is tried once no group helps.
     """
-    before = state.model
-    if any(not t.definition.locally_linear for t in before.fit.terms):
-        return False
-    found = (_group(state, effect.name) for effect in explained())
-    groups = sorted((g for g in found if g is not None), key=lambda fit: -fit.score)[
-        :PAIRED_GROUPS
+    model, considered = add_groups(model, progress)
+    while True:
+        added = add_compliant_joint(model, progress) or add_pair(model, progress)
+        if added is None:
+            return model, considered
+        model, more = add_groups(added, progress)
+        considered += more
+
+
+def add_groups(model: Model, progress: Progress) -> tuple[Model, Considered]:
+    """Add the best group of terms while one raises the evidence, each around its own values."""
+    considered: Considered = ()
+    visited, refused = {model.fit.terms}, set[frozenset[Term]]()
+    for _ in range(FORWARD_STEPS):
+        groups, larger = _promising(model, refused), None
+        while groups and larger is None:
+            group, *groups = groups
+            tried = fit_terms(model, group.terms)
+            # the linearisation that promised the gain is that of the smaller model
+            if model.gain_of(tried) > 0:
+                larger = tried
+                considered += tuple((group, other) for other in groups)
+                progress("adds " + _described(group.terms - model.fit.terms))
+            else:
+                refused.add(group.terms)
+        if larger is None:
+            break
+        model = refine(larger)
+        # refining may lead back to a set that was there before
+        if model.fit.terms in visited:
+            break
+        visited.add(model.fit.terms)
+    return model, considered
+
+
+def _promising(model: Model, refused: set[frozenset[Term]]) -> list[Fit]:
+    """The groups to try, best first: those that promise enough evidence and close enough of the gap."""
+    groups = [
+        fit
+        for fit in best_groups(model)
+        if fit.score > model.fit.score
+        and fit.terms not in refused
+        and visible(model, fit.terms)
     ]
-    sets = [
-        a.terms | b.terms
-        for a, b in combinations(groups, 2)
-        if not _contested(a.terms | b.terms)
-    ]
-    fits = [fit for fit in map(state.best, sets) if state.visible(fit.terms)]
-    best = max(fits, key=lambda fit: fit.score, default=before.fit)
-    if best.score < before.fit.score + MOVE_GAIN:
-        return False
-    state.fit_terms(best.terms)
-    if before.gain(state.model) > MOVE_GAIN and len(state.fit.terms) > len(
-        before.fit.terms
-    ):
-        progress("adds " + _describe(state.fit.terms - before.fit.terms))
-        state.refine()
-        return True
-    state.model = before
-    return False
+    groups.sort(key=lambda fit: fit.score, reverse=True)
+    least = model.fit.score + MOVE_GAIN
+    return [fit for fit in groups[:GROUPS_TRIED] if fit.score >= least]
 
 
-def _contested(terms: frozenset[Term]) -> bool:
-    """Whether two of the terms say the same of one joint."""
-    return any(
-        a.joint == b.joint and a.effect == near_equivalent(b)
-        for a in terms
-        for b in terms
-    )
+def add_compliant_joint(model: Model, progress: Progress) -> Model | None:
+    """Add elasticity or backlash of a joint if that explains some of the residual."""
+    for start in starts(model)[:COMPLIANCE_STARTS_TRIED]:
+        larger = fit_terms(
+            model, model.fit.terms | {start.term}, {start.term: start.values}
+        )
+        better = (
+            start.term in larger.fit.terms
+            and model.gain_of(larger) > MOVE_GAIN
+            and closed_between(model, larger) >= VISIBLE_EFFECT
+        )
+        if better:
+            progress("adds " + _described(frozenset({start.term})))
+            return refine(larger)
+    return None
 
 
-def _describe(terms: frozenset[Term]) -> str:
-    names = sorted({t.effect for t in terms})
-    return "; ".join(
-        f"{n} {sorted(t.joint for t in terms if t.effect == n and t.joint)}"
-        for n in names
-    )
+def add_pair(model: Model, progress: Progress) -> Model | None:
+    """Add the best pair of effects that explain the residual only together, if there is one.
+
+    Not beside a compliant joint, whose form leaves more than a pair that shows alone in neither part.
+    """
+    if any(not t.definition.locally_linear for t in model.fit.terms):
+        return None
+    best = _best_pair(model)
+    if best is None or best.score < model.fit.score + MOVE_GAIN:
+        return None
+    larger = fit_terms(model, best.terms)
+    grown = len(larger.fit.terms) > len(model.fit.terms)
+    if not grown or model.gain_of(larger) <= MOVE_GAIN:
+        return None
+    progress("adds " + _described(larger.fit.terms - model.fit.terms))
+    return refine(larger)
 
 
-def _groups(state: State) -> list[Fit]:
-    """For each effect the best group of joints to add it on, if any raises the evidence."""
-    found = (_group(state, effect.name) for effect in explained())
-    return [
-        group for group in found if group is not None and group.score > state.fit.score
-    ]
+def _best_pair(model: Model) -> Fit | None:
+    """The two groups that raise the evidence most together."""
+    groups = sorted(best_groups(model), key=lambda fit: -fit.score)[:PAIRED_GROUPS]
+    sets = [one.terms | other.terms for one, other in combinations(groups, 2)]
+    fits = [model.best(terms) for terms in sets if consistent(terms)]
+    seen = [fit for fit in fits if visible(model, fit.terms)]
+    return max(seen, key=lambda fit: fit.score, default=None)
 
 
-def _group(state: State, effect: str) -> Fit | None:
-    """The best group of joints for one effect; joints are added in the order of their own gain, links one at a time."""
-    group = None
-    free = [
-        t
-        for t in state.terms.open
-        if t.effect == effect and not clashes(t, state.fit.terms, state.terms)
-    ]
-    singles = sorted(
-        (state.evidence.fit(state.fit.terms | {t}) for t in free),
-        key=lambda f: -f.score,
-    )
-    if by_name(effect).scope != "joint":
-        return state.best(singles[0].terms) if singles else None
-    for single in singles:
-        known = group or state.fit
-        extended = state.evidence.fit(known.terms | single.terms)
-        if extended.score > known.score:
-            group = extended
-    return state.best((group or singles[0]).terms) if singles else None
+def _described(terms: frozenset[Term]) -> str:
+    """Effects with their joints, for progress messages."""
+    parts = []
+    for effect in sorted({t.effect for t in terms}):
+        joints = sorted(t.joint for t in terms if t.effect == effect and t.joint)
+        parts.append(f"{effect} {joints}")
+    return "; ".join(parts)

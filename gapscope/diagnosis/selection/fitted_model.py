@@ -1,0 +1,161 @@
+"""The model of the search: a set of terms fitted around its own values. Moves return a new one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.nominal import NominalArm
+from gapscope.diagnosis.model.fit_data import FitData
+from gapscope.diagnosis.model.linearisation import Linearisation
+from gapscope.diagnosis.model.terms import Term, Terms
+from gapscope.diagnosis.selection.evidence import Evidence, Fit, evidences
+from gapscope.diagnosis.thresholds import (
+    RELINEARISATIONS,
+    SETTLED_ABSOLUTE,
+    SETTLED_RELATIVE,
+)
+from gapscope.ident.signals.conditioning import Segment
+
+
+@dataclass(frozen=True)
+class Model:
+    """A set of terms, fitted around its own values.
+
+    Attributes:
+        linear: the linearisation around the values.
+        evidences: the evidence on it under each error of the nominal inertials, best first.
+        fit: the terms and their values.
+    """
+
+    linear: Linearisation
+    evidences: tuple[Evidence, ...]
+    fit: Fit
+
+    @property
+    def data(self) -> FitData:
+        """The data that it is fitted to."""
+        return self.linear.data
+
+    @property
+    def terms(self) -> Terms:
+        """All terms that could be chosen, with their shapes."""
+        return self.linear.terms
+
+    @property
+    def evidence(self) -> Evidence:
+        """The evidence under the error of the nominal inertials that explains the data best."""
+        return self.evidences[0]
+
+    def best(self, terms: frozenset[Term]) -> Fit:
+        """Fit of a set of terms under the error of the nominal inertials that suits it best.
+
+        An effect that wide errors replaced until now needs narrow ones beside it.
+        """
+        fits = [evidence.fit(terms) for evidence in self.evidences]
+        return max(fits, key=lambda fit: fit.score)
+
+    def gain_of(self, other: Model) -> float:
+        """Evidence of another model less that of this one [nats], each around its own values.
+
+        Floors and samples, which differ between linearisations, count with their mean.
+        """
+        mine, its = self.evidence.scored, other.evidence.scored
+        samples = 0.5 * (mine.independent + its.independent)
+        floor2 = 0.5 * (mine.floor2 + its.floor2)
+        my_misfit, its_misfit = (
+            float((samples * np.log1p(model.fit.scored_mse / floor2)).sum())
+            for model in (self, other)
+        )
+        return 0.5 * (my_misfit - its_misfit) - other.fit.cost + self.fit.cost
+
+
+def nominal_model(
+    arm: NominalArm, body: RigidBody, folds: list[list[Segment]], cutoff: float
+) -> Model:
+    """The model without any term.
+
+    Args:
+        arm, body: the nominal arm and its dynamics.
+        folds: segments per fold.
+        cutoff: cut-off of the fit's filter [Hz].
+    """
+    data, terms = FitData(arm, body, folds, cutoff), Terms(arm.n_joints)
+    linear = Linearisation(data, np.zeros(terms.size), terms)
+    mean_squares = [
+        fold.gram[:, :, -2, -2].sum(axis=0) / np.maximum(fold.rows.sum(axis=0), 1e-9)
+        for fold in (half.scored for half in linear.folds)
+    ]
+    ranked = evidences(linear, np.array(mean_squares), frozenset())
+    return Model(linear, ranked, ranked[0].fit(frozenset()))
+
+
+def fit_terms(
+    model: Model,
+    terms: frozenset[Term],
+    starts: Mapping[Term, np.ndarray] | None = None,
+) -> Model:
+    """A model with a set of terms, less those whose values turn out impossible.
+
+    Linearises around the values until they settle, and weighs the data anew each time.
+
+    Args:
+        model: the model to begin from.
+        terms: the set.
+        starts: linear coordinates of some of them to linearise around at first, in place of those fitted.
+    """
+    for _ in range(RELINEARISATIONS):
+        fit = _fit_from(model, terms, starts or {})
+        model = _linearised_around(model, fit)
+        terms, starts = model.fit.terms, None
+        if np.allclose(
+            fit.theta, model.fit.theta, rtol=SETTLED_RELATIVE, atol=SETTLED_ABSOLUTE
+        ):
+            break
+    return model
+
+
+def relinearise(model: Model) -> Model:
+    """The same terms, linearised once more around their values."""
+    return fit_terms(model, model.fit.terms) if model.fit.terms else model
+
+
+def _linearised_around(model: Model, fit: Fit) -> Model:
+    """The terms of a fit, fitted on a linearisation around its values."""
+    refined = {t: shape.values for t, shape in model.linear.refined.items()}
+    terms = Terms(model.terms.n_joints, {**model.terms.shapes, **refined})
+    linear = Linearisation(model.data, _expansion_point(fit), terms)
+    ranked = evidences(linear, fit.scored_mse, fit.terms)
+    return Model(linear, ranked, _possible(ranked[0], fit.terms))
+
+
+def _fit_from(
+    model: Model, terms: frozenset[Term], starts: Mapping[Term, np.ndarray]
+) -> Fit:
+    """Fit of a set of terms without those that start at given values, then set to these."""
+    fit = _possible(model.evidence, terms - frozenset(starts))
+    if not starts:
+        return fit
+    theta = fit.theta.copy()
+    for term, values in starts.items():
+        theta[list(term.columns)] = values
+    return replace(fit, terms=fit.terms | frozenset(starts), theta=theta)
+
+
+def _possible(evidence: Evidence, terms: frozenset[Term]) -> Fit:
+    """Fit of a set of terms, less those whose values are impossible."""
+    fit = evidence.fit(terms)
+    while fit.impossible:
+        fit = evidence.fit(fit.terms - fit.impossible)
+    return fit
+
+
+def _expansion_point(fit: Fit) -> np.ndarray:
+    """Values around which to linearise: saturation is there or not, how much of it is in its shape."""
+    theta = fit.theta.copy()
+    limiting = [t.columns[0] for t in fit.terms if t.definition.limits]
+    theta[limiting] = 1.0
+    return theta

@@ -1,0 +1,67 @@
+"""Normal equations of the folds at one skew of sampling, as the evidence reads them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gapscope.diagnosis.model.linearisation import Fold
+from gapscope.diagnosis.model.normal_equations import NormalEquations
+
+
+class FoldEquations:
+    """Normal equations of F folds with m rows each, at one skew of sampling.
+
+    Attributes:
+        skew: the skew [s].
+        gram: X^T W X of X = [A, N, y], (F, m, P + K + 1, P + K + 1).
+        without_skew: the same with the skew taken as zero.
+        count: weight of the rows, (F, m).
+        floor2: mean square of a healthy arm [N^2 m^2], (F, m).
+        independent: effective number of independent samples, (F, m).
+    """
+
+    def __init__(self, folds: Sequence[Fold], skew: float) -> None:
+        self.skew = skew
+        gram = np.array([fold.gram.sum(axis=0) for fold in folds])
+        self.gram = with_skew(gram, skew)
+        self.without_skew = with_skew(gram, 0.0)
+        self.count = np.array([fold.rows.sum(axis=0) for fold in folds])
+        self.floor2 = np.array([fold.floor for fold in folds]) ** 2
+        self.independent = np.array([fold.independent for fold in folds])
+
+    def mean_square(
+        self,
+        normals: Sequence[NormalEquations],
+        columns: np.ndarray,
+        *,
+        corrected: bool,
+    ) -> np.ndarray:
+        """Mean square of the residual of each fold [N^2 m^2], (F, m).
+
+        Args:
+            normals: for each fold the equations that its values come from.
+            columns: places of the terms that are fitted.
+            corrected: whether nuisances and skew are taken out of the residual.
+        """
+        gram = self.gram if corrected else self.without_skew
+        squares = [
+            normal.rest(of_fold, normal.solve(columns), columns, corrected=corrected)
+            for of_fold, normal in zip(gram, normals, strict=True)
+        ]
+        return np.array(squares) / np.maximum(self.count, 1e-9)
+
+
+def with_skew(gram: np.ndarray, skew: float) -> np.ndarray:
+    """Normal equations of [A, N, y - skew d] from those of [A, N, y, d]; over the last two axes."""
+    out = gram[..., :-1, :-1]
+    if skew == 0:
+        return out
+    out = out.copy()
+    # X^T (y - s d) = X^T y - s X^T d
+    out[..., :-1, -1] -= skew * gram[..., :-2, -1]
+    out[..., -1, :-1] = out[..., :-1, -1]
+    # |y - s d|^2 = |y|^2 - 2 s y^T d + s^2 |d|^2
+    out[..., -1, -1] += skew**2 * gram[..., -1, -1] - 2 * skew * gram[..., -2, -1]
+    return out

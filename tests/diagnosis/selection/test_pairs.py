@@ -1,0 +1,50 @@
+"""Pairs in the search: two effects in one move; none on a healthy arm, and none beside a compliant joint."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import synthetic
+from synthetic import Truth
+
+from gapscope.diagnosis.selection.fitted_model import Model, nominal_model
+from gapscope.diagnosis.selection.search import add_pair
+from gapscope.ident.signals.conditioning import (
+    TORQUE_CUTOFF,
+    condition,
+    position_cutoff,
+    thinned,
+)
+
+
+def model(truth: Truth) -> Model:
+    case = synthetic.case(truth, seed=5)
+    cutoff = position_cutoff(case.recordings)
+    folds = [[thinned(s, 100.0) for s in condition(r, cutoff)] for r in case.recordings]
+    return nominal_model(
+        synthetic.arm(), synthetic.body(), folds, min(TORQUE_CUTOFF, cutoff)
+    )
+
+
+def test_both_effects_come_in_one_move() -> None:
+    nominal = model(Truth(armature=(0.0, 0.4, 0.0), offset=(0.0, 0.0, 1.5)))
+    messages: list[str] = []
+    found = add_pair(nominal, messages.append)
+    assert found is not None and not nominal.fit.terms
+    assert {(t.effect, t.joint) for t in found.fit.terms} == {
+        ("armature", 2),
+        ("torque_offset", 3),
+    }
+    assert len(messages) == 1
+    assert "armature" in messages[0] and "torque_offset" in messages[0]
+
+
+def test_a_healthy_arm_has_none() -> None:
+    assert add_pair(model(Truth()), lambda message: None) is None
+
+
+def test_none_is_looked_for_beside_a_compliant_joint() -> None:
+    nominal = model(Truth(armature=(0.0, 0.4, 0.0), offset=(0.0, 0.0, 1.5)))
+    soft = next(t for t in nominal.terms.of("joint_elasticity") if t.joint == 1)
+    compliant = replace(nominal, fit=nominal.evidence.fit(frozenset({soft})))
+    assert add_pair(compliant, lambda message: None) is None
