@@ -27,8 +27,8 @@ from gapscope.diagnosis.document.parameters import finding_of, parameters
 from gapscope.diagnosis.gap.torque_gap import TorqueGap
 from gapscope.diagnosis.localisation.regimes import regions
 from gapscope.diagnosis.localisation.stacked_rows import Rows
-from gapscope.diagnosis.study import Study
 from gapscope.diagnosis.selection.resampling import bootstrap
+from gapscope.diagnosis.study import Study
 from gapscope.diagnosis.thresholds import (
     ABOVE_FLOOR_NRMSE,
     CLOSING_JOINTS,
@@ -48,7 +48,7 @@ def effect_findings(study: Study, rows: Rows) -> list[dict[str, Any]]:
     log_e = log_e_values(selection)
     rates = false_discovery_rates(log_e)
     rng = np.random.default_rng(0)
-    draws = selection.evidence.bootstrap(selection.fit.terms, rng)
+    draws = bootstrap(selection.evidence, selection.fit.terms, rng)
     instrumented = {finding_of(e): e for e in study.instrumented_effects}
     by_share = sorted(
         study.effects, key=lambda e: shares[finding_of(e)].value, reverse=True
