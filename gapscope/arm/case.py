@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -217,22 +217,14 @@ def load_case(
     )
     section = content.get("import")
     importing = parse_import(section, arm.n_joints, file) if section else None
-    fit = importing.fit if importing else ()
-    judge = importing.judge if importing else ()
     payloads = _payloads(content, paths)
-    read = partial(
-        _read, arm=arm, importing=importing, any_unit=any_unit, payloads=payloads
-    )
     recordings: list[Recording] = []
     judged: list[Recording] = []
     if read_recordings:
-        entries = [paths.entry(entry, "recordings") for entry in content["recordings"]]
-        recordings = [read(entry, rows) for entry in entries for rows in fit or (None,)]
-        judged = [read(entry, rows) for entry in entries for rows in judge]
-        judged += [
-            read(paths.entry(entry, "judge"), None)
-            for entry in content.get("judge", [])
-        ]
+        read = partial(
+            _read, arm=arm, importing=importing, any_unit=any_unit, payloads=payloads
+        )
+        recordings, judged = _read_all(content, paths, importing, read)
     return Case(
         name=content["name"],
         folder=file.parent,
@@ -243,8 +235,28 @@ def load_case(
         warnings=_warnings([*recordings, *judged]),
         importing=importing,
         payloads=payloads,
-        file=file,
     )
+
+
+def _read_all(
+    content: Mapping[str, Any],
+    paths: _Paths,
+    importing: Import | None,
+    read: Callable[[Path | dict[str, Path], tuple[int, int] | None], Recording],
+) -> tuple[list[Recording], list[Recording]]:
+    """Recordings to fit and those held out: by the ranges of rows of each file, or whole files under ``judge:``."""
+    fit_ranges = (importing.fit if importing else ()) or (None,)
+    judge_ranges = importing.judge if importing else ()
+    recordings: list[Recording] = []
+    judged: list[Recording] = []
+    entries = [paths.entry(entry, "recordings") for entry in content["recordings"]]
+    for entry in entries:
+        recordings += [read(entry, rows) for rows in fit_ranges]
+    for entry in entries:
+        judged += [read(entry, rows) for rows in judge_ranges]
+    for text in content.get("judge", []):
+        judged.append(read(paths.entry(text, "judge"), None))
+    return recordings, judged
 
 
 def case_files(path: str | Path, *, data_root: Path | None = None) -> tuple[Path, ...]:
@@ -255,18 +267,22 @@ def case_files(path: str | Path, *, data_root: Path | None = None) -> tuple[Path
     """
     case = load_case(path, data_root=data_root, read_recordings=False)
     file = Path(path) / "case.yaml" if Path(path).is_dir() else Path(path)
-    content, paths = read_case_file(file), _Paths(file, data_root)
+    content = read_case_file(file)
+    paths = _Paths(file, data_root)
     found = [file, case.arm.urdf]
     for part in ("recordings", "judge"):
-        for entry in content.get(part, []):
-            where = paths.entry(entry, part)
-            for place in where.values() if isinstance(where, dict) else (where,):
-                found += (
-                    sorted(p for p in place.rglob("*") if p.is_file())
-                    if place.is_dir()
-                    else [place]
-                )
+        for text in content.get(part, []):
+            entry = paths.entry(text, part)
+            for place in entry.values() if isinstance(entry, dict) else (entry,):
+                found += _files_of(place)
     return tuple(found)
+
+
+def _files_of(place: Path) -> list[Path]:
+    """A file, or every file of a bag's folder."""
+    if not place.is_dir():
+        return [place]
+    return sorted(path for path in place.rglob("*") if path.is_file())
 
 
 @dataclass(frozen=True)
@@ -306,15 +322,17 @@ class _Paths:
 
 def _payloads(content: Mapping[str, Any], paths: _Paths) -> dict[Path, KnownLoad]:
     """Known bodies by the path of a recording's file; of several files side by side any may be named."""
-    named: dict[str, Path] = {}
-    if not content.get("payloads"):
+    section = content.get("payloads")
+    if not section:
         return {}
+    files: dict[str, Path] = {}
     for part in ("recordings", "judge"):
         for entry in content.get(part, []):
-            for text in [entry] if isinstance(entry, str) else entry.values():
-                named[text] = paths.file.parent / paths.expand(text, part)
-    loads = parse_payloads(content.get("payloads"), named, paths.file)
-    return {named[text].resolve(): load for text, load in loads.items()}
+            texts = [entry] if isinstance(entry, str) else entry.values()
+            for text in texts:
+                files[text] = paths.file.parent / paths.expand(text, part)
+    loads = parse_payloads(section, files, paths.file)
+    return {files[text].resolve(): load for text, load in loads.items()}
 
 
 def _read(
@@ -363,6 +381,7 @@ def _numbered(name: str, values: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _warnings(recordings: list[Recording]) -> tuple[str, ...]:
+    """What concerns the whole case among the notes of its recordings."""
     unsigned = [
         recording.name for recording in recordings if UNSIGNED in recording.notes
     ]

@@ -22,7 +22,7 @@ def read_time(table: Table, importing: Import, *, any_unit: bool = False) -> np.
         count: np.ndarray = table.first_row + np.arange(len(table))
     else:
         count = table.numbers(time.column)
-    t = count * time.factor if time.rate is None else count / time.rate
+    t = count / time.rate if time.rate is not None else count * time.factor
     check_time(t, table, time.column or "time", any_unit=any_unit)
     return t
 
@@ -42,9 +42,10 @@ def read_channel(
     if len(names) == 1 and arm.n_joints > 1:
         return table.lists(names[0], arm.n_joints) * channel.factor
     values = np.column_stack([table.numbers(name) for name in names])
-    surplus = (
-        channel.name_of(arm.n_joints, "") if isinstance(channel.column, str) else ""
-    )
+    # a pattern that also names a joint beyond the last one: another arm
+    surplus = ""
+    if isinstance(channel.column, str):
+        surplus = channel.name_of(arm.n_joints, "")
     if surplus in table.columns:
         raise InputError(
             f"has a column {surplus}, but the arm has only {arm.n_joints} joints: {', '.join(arm.joints)}",
@@ -87,7 +88,7 @@ def join(
             file=table.path,
         )
     if importing.join == "hold":
-        return values[
-            np.maximum(np.searchsorted(time, t, side="right") - 1, 0)
-        ], covered
-    return np.column_stack([np.interp(t, time, column) for column in values.T]), covered
+        last = np.searchsorted(time, t, side="right") - 1
+        return values[np.maximum(last, 0)], covered
+    columns = [np.interp(t, time, column) for column in values.T]
+    return np.column_stack(columns), covered

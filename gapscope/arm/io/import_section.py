@@ -244,38 +244,17 @@ def _channel(name: str, entry: Any, n_joints: int, source: Path) -> Channel | No
 def _transmission(entry: Mapping[str, Any], n_joints: int, source: Path) -> np.ndarray:
     """The matrix R of q_motor = R q_joint, (n, n)."""
     where = "field import.transmission"
-    if ("matrix" in entry) == ("ratios" in entry) or (
-        "matrix" in entry and "coupling" in entry
-    ):
+    has_matrix, has_ratios = "matrix" in entry, "ratios" in entry
+    if has_matrix == has_ratios or (has_matrix and "coupling" in entry):
         raise InputError(
             "expected either matrix, or ratios with or without coupling",
             file=source,
             where=where,
         )
-    if "matrix" in entry:
-        if (
-            any(len(row) != n_joints for row in entry["matrix"])
-            or len(entry["matrix"]) != n_joints
-        ):
-            raise InputError(
-                f"expected a matrix of {n_joints} by {n_joints} numbers",
-                file=source,
-                where=f"{where}.matrix",
-            )
-        matrix = np.array(entry["matrix"], dtype=float)
+    if has_matrix:
+        matrix = _full_matrix(entry["matrix"], n_joints, source, where)
     else:
-        matrix = np.diag(
-            _per_joint(entry["ratios"], n_joints, source, "transmission.ratios")
-        )
-        for number, coupling in enumerate(entry.get("coupling", []), start=1):
-            motor, joint = coupling["motor"], coupling["joint"]
-            if max(motor, joint) > n_joints or motor == joint:
-                raise InputError(
-                    f"expected two different numbers from 1 to {n_joints}",
-                    file=source,
-                    where=f"{where}.coupling[{number}]",
-                )
-            matrix[motor - 1, joint - 1] = coupling["ratio"]
+        matrix = _coupled_ratios(entry, n_joints, source, where)
     if np.linalg.matrix_rank(matrix) < n_joints:
         raise InputError(
             "cannot be inverted",
@@ -283,6 +262,37 @@ def _transmission(entry: Mapping[str, Any], n_joints: int, source: Path) -> np.n
             file=source,
             where=where,
         )
+    return matrix
+
+
+def _full_matrix(
+    rows: list[list[float]], n_joints: int, source: Path, where: str
+) -> np.ndarray:
+    """A transmission that is given entry by entry, (n, n)."""
+    if [len(row) for row in rows] != [n_joints] * n_joints:
+        raise InputError(
+            f"expected a matrix of {n_joints} by {n_joints} numbers",
+            file=source,
+            where=f"{where}.matrix",
+        )
+    return np.array(rows, dtype=float)
+
+
+def _coupled_ratios(
+    entry: Mapping[str, Any], n_joints: int, source: Path, where: str
+) -> np.ndarray:
+    """A transmission by gear ratios and the motors that move with another joint, (n, n)."""
+    ratios = _per_joint(entry["ratios"], n_joints, source, "transmission.ratios")
+    matrix = np.diag(ratios)
+    for number, coupling in enumerate(entry.get("coupling", []), start=1):
+        motor, joint = coupling["motor"], coupling["joint"]
+        if max(motor, joint) > n_joints or motor == joint:
+            raise InputError(
+                f"expected two different numbers from 1 to {n_joints}",
+                file=source,
+                where=f"{where}.coupling[{number}]",
+            )
+        matrix[motor - 1, joint - 1] = coupling["ratio"]
     return matrix
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.channels import join, read_channel, read_time
-from gapscope.arm.io.import_section import Import
+from gapscope.arm.io.import_section import Channel, Import
 from gapscope.arm.io.plausibility import (
     check_positions,
     gap_notes,
@@ -65,26 +65,33 @@ def load_recording(
         InputError: a file is missing, damaged, incomplete or implausible; names file, line and column.
     """
     importing = importing or Import()
-    files = dict(path) if isinstance(path, Mapping) else {importing.main_file: path}
+    main = importing.main_file
+    files = dict(path) if isinstance(path, Mapping) else {main: path}
     tables = {
         label: _table(Path(file), arm, importing) for label, file in files.items()
     }
-    if importing.main_file not in tables:
+    if main not in tables:
         raise InputError(
-            f"an entry holds the files {', '.join(map(str, tables))}, but q comes from {importing.main_file}",
+            f"an entry holds the files {', '.join(map(str, tables))}, but q comes from {main}",
             "give each entry a file for every label of the import section",
             file=importing.source,
             where="field recordings",
         )
-    return _recording(
+    if rows is not None:
+        # files that are joined by time are cut by the time of the main one
+        cut = list(tables) if importing.join == "row" else [main]
+        tables |= {label: tables[label].part(*rows) for label in cut}
+    recording = _recording(
         tables,
         arm,
         importing,
-        rows=rows,
         complete=complete,
         every_row=every_row,
         any_unit=any_unit,
     )
+    if rows is None:
+        return recording
+    return replace(recording, name=f"{recording.name} rows {rows[0]}-{rows[1]}")
 
 
 def recording_of_columns(
@@ -106,19 +113,15 @@ def recording_of_columns(
 
 
 def _recording(
-    tables: dict[str | None, Table],
+    tables: Mapping[str | None, Table],
     arm: NominalArm,
     importing: Import,
     *,
-    rows: tuple[int, int] | None = None,
     complete: bool = False,
     every_row: bool = False,
     any_unit: bool = False,
 ) -> Recording:
     """One recording from its tables; see ``load_recording``."""
-    if rows is not None:
-        cut = [importing.main_file] if importing.join != "row" else list(tables)
-        tables |= {label: tables[label].part(*rows) for label in cut}
     main = tables[importing.main_file]
     importing, notes = _fitting(importing, main, arm)
     t = read_time(main, importing, any_unit=any_unit)
@@ -126,15 +129,14 @@ def _recording(
     notes += found
     if not every_row:
         repeated, found = repeated_rows(t, values)
-        t, values = t[~repeated], {name: x[~repeated] for name, x in values.items()}
+        t = t[~repeated]
+        values = {name: x[~repeated] for name, x in values.items()}
         notes += found
     values, found = untrusted_torque(values)
-    name = (
-        main.path.name if rows is None else f"{main.path.name} rows {rows[0]}-{rows[1]}"
-    )
-    recording = Recording(name, t, **values)  # type: ignore[arg-type]
-    seen = check_positions(recording, arm, main, any_unit=any_unit)
-    return replace(recording, notes=notes + found + gap_notes(t) + seen)
+    notes += found + gap_notes(t)
+    recording = Recording(main.path.name, t, **values)  # type: ignore[arg-type]
+    notes += check_positions(recording, arm, main, any_unit=any_unit)
+    return replace(recording, notes=notes)
 
 
 def _table(path: Path, arm: NominalArm, importing: Import) -> Table:
@@ -158,14 +160,11 @@ def _fitting(
     """The import section, or none for a file that is in the columns of the case format already; and notes."""
     channel = importing.channels["q"]
     assert channel is not None
-    if "q1" in main.columns and not any(
-        name in main.columns for name in channel.names(arm.joints)
-    ):
-        return Import(), (
-            *main.notes,
-            "read in the columns of the case format, not by the import section",
-        )
-    return importing, main.notes
+    named = any(name in main.columns for name in channel.names(arm.joints))
+    if named or "q1" not in main.columns:
+        return importing, main.notes
+    note = "read in the columns of the case format, not by the import section"
+    return Import(), (*main.notes, note)
 
 
 def _channels(
@@ -184,28 +183,34 @@ def _channels(
             continue
         required = name == "q" or (complete and (channel.named or name == "tau"))
         table = main if channel.file is None else tables.get(channel.file)
-        if table is None and required:
-            raise InputError(
-                f"comes from the file {channel.file}, an entry holds {', '.join(map(str, tables))}",
-                "give each entry a file for every label of the import section",
-                file=importing.source,
-                where=f"field import.{name}",
-            )
-        read = (
-            None
-            if table is None
-            else read_channel(table, channel, arm, required=required)
-        )
-        if table is None or read is None:
+        if table is None:
+            if required:
+                raise _missing_file(name, channel, tables, importing)
+            continue
+        read = read_channel(table, channel, arm, required=required)
+        if read is None:
             continue
         if table is not main:
             read, covered = join(read, table, main, t, importing)
             inside &= covered
         values[name] = read
-    values = importing.to_joint_side({name: x[inside] for name, x in values.items()})
+    covered_by_all = {name: x[inside] for name, x in values.items()}
     cut = int((~inside).sum())
-    return (
-        t[inside],
-        values,
-        (f"rows cut outside the time of the other files: {cut}",) if cut else (),
+    note = f"rows cut outside the time of the other files: {cut}"
+    notes = (note,) if cut else ()
+    return t[inside], importing.to_joint_side(covered_by_all), notes
+
+
+def _missing_file(
+    name: str,
+    channel: Channel,
+    tables: Mapping[str | None, Table],
+    importing: Import,
+) -> InputError:
+    """The error on a channel whose file an entry does not give."""
+    return InputError(
+        f"comes from the file {channel.file}, an entry holds {', '.join(map(str, tables))}",
+        "give each entry a file for every label of the import section",
+        file=importing.source,
+        where=f"field import.{name}",
     )

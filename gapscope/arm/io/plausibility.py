@@ -79,28 +79,34 @@ def check_positions(
         InputError: a joint with limits moves far outside them and beyond 7 rad.
     """
     notes = []
-    for j, (lower, upper) in enumerate(
-        zip(*RigidBody(arm).position_limits(), strict=True)
-    ):
+    lowest, highest = RigidBody(arm).position_limits()
+    for j, joint in enumerate(arm.joints):
+        lower, upper = lowest[j], highest[j]
         low, high = recording.q[:, j].min(), recording.q[:, j].max()
-        reach, allowed = max(abs(low), abs(high)), max(abs(lower), abs(upper))
-        seen = (
+        range_text = (
             f"q{j + 1} goes from {low:.4g} to {high:.4g}, "
-            f"{arm.joints[j]} is limited to {lower:.4g} to {upper:.4g} rad"
+            f"{joint} is limited to {lower:.4g} to {upper:.4g} rad"
         )
+        reach = max(abs(low), abs(high))
+        allowed = max(abs(lower), abs(upper))
+        # beyond a turn and far outside the limits: another unit or side, not a bad limit
         if reach > 7 and reach > 1.5 * allowed and not any_unit:
-            degrees = reach * UNITS["deg"] <= 1.2 * allowed
-            raise InputError(
-                f"{seen}{': looks like degrees' if degrees else ''}",
-                "say in the case: import: {q: {column: ..., unit: deg}}"
-                if degrees
-                else "check the unit, the order of the joints and the transmission in the case's import section",
-                file=table.path,
-                where=f"column q{j + 1}",
-            )
+            looks_like_degrees = reach * UNITS["deg"] <= 1.2 * allowed
+            raise _other_unit(range_text, looks_like_degrees, table, f"q{j + 1}")
         if low < lower - 0.1 or high > upper + 0.1:
-            notes.append(f"{seen}: check unit, offset and order of the joints")
+            notes.append(f"{range_text}: check unit, offset and order of the joints")
     return tuple(notes)
+
+
+def _other_unit(
+    range_text: str, degrees: bool, table: Table, column: str
+) -> InputError:
+    """The error on positions that cannot be radians on the joint's side."""
+    remedy = "check the unit, the order of the joints and the transmission in the case's import section"
+    if degrees:
+        range_text += ": looks like degrees"
+        remedy = "say in the case: import: {q: {column: ..., unit: deg}}"
+    return InputError(range_text, remedy, file=table.path, where=f"column {column}")
 
 
 def repeated_rows(
@@ -112,29 +118,31 @@ def repeated_rows(
     channel, a noisy one (velocity or torque) among them, repeats for one to three rows and the position moves on
     after them; an arm that stands still repeats itself for longer and keeps its rows.
     """
+    notes = []
     stamp = np.r_[False, np.diff(t) == 0]
-    notes = (
-        [f"rows dropped that repeat the time stamp before them: {stamp.sum()}"]
-        if stamp.any()
-        else []
-    )
-    stale = np.zeros(len(t), dtype=bool)
-    if "dq" in values or "tau" in values:
-        measured = np.hstack(
-            [
-                values[name]
-                for name in ("q", "dq", "tau", "tau_sensor")
-                if name in values
-            ]
+    if stamp.any():
+        notes.append(
+            f"rows dropped that repeat the time stamp before them: {stamp.sum()}"
         )
-        same = np.r_[False, (np.diff(measured, axis=0) == 0).all(axis=1)]
-        edges = np.flatnonzero(np.diff(np.r_[False, same, False].astype(int)))
-        for start, stop in zip(edges[::2], edges[1::2], strict=True):
-            stale[start:stop] = stop - start <= 3 and stop < len(t)
-        stale &= ~stamp
+    stale = _stored_twice(values, len(t)) & ~stamp
     if stale.any():
         notes.append(f"{REPEATED}{stale.sum()} ({stale.mean():.2%})")
     return stamp | stale, tuple(notes)
+
+
+def _stored_twice(values: dict[str, np.ndarray], count: int) -> np.ndarray:
+    """Rows that repeat every measured channel of the row before them, in runs of one to three; mask (count,)."""
+    stale = np.zeros(count, dtype=bool)
+    if "dq" not in values and "tau" not in values:
+        return stale
+    names = [name for name in ("q", "dq", "tau", "tau_sensor") if name in values]
+    measured = np.hstack([values[name] for name in names])
+    same = np.r_[False, (np.diff(measured, axis=0) == 0).all(axis=1)]
+    # runs of repeated rows begin and end where the mask changes
+    edges = np.flatnonzero(np.diff(np.r_[False, same, False].astype(int)))
+    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+        stale[start:stop] = stop - start <= 3 and stop < count
+    return stale
 
 
 def untrusted_torque(
@@ -167,10 +175,10 @@ def _is_unsigned(q: np.ndarray, tau: np.ndarray) -> bool:
         return False
     step = np.diff(q, axis=0)
     moving = np.abs(step) > 0.05 * np.abs(step).max(axis=0)
-    forward = np.where(moving, step > 0, False).sum(axis=0) / np.maximum(
-        moving.sum(axis=0), 1
-    )
-    to_and_fro = (np.ptp(q, axis=0) > 0.02) & (forward > 0.1) & (forward < 0.9)
+    forward = (moving & (step > 0)).sum(axis=0)
+    forward_share = forward / np.maximum(moving.sum(axis=0), 1)
+    both_ways = (forward_share > 0.1) & (forward_share < 0.9)
+    to_and_fro = both_ways & (np.ptp(q, axis=0) > 0.02)
     touches_zero = tau.min(axis=0) < 0.05 * tau.max(axis=0)
     return bool(to_and_fro.sum() >= 2 and touches_zero[to_and_fro].all())
 
@@ -180,8 +188,6 @@ def gap_notes(t: np.ndarray) -> tuple[str, ...]:
     step = np.diff(t)
     usual = np.median(step)
     wide = step > 2.5 * usual
-    return (
-        (f"gaps in time: {wide.sum()}, the longest {step.max():.3g} s",)
-        if wide.any()
-        else ()
-    )
+    if not wide.any():
+        return ()
+    return (f"gaps in time: {wide.sum()}, the longest {step.max():.3g} s",)

@@ -86,8 +86,8 @@ class Table:
         try:
             values = np.asarray(cells, dtype=float)
         except (ValueError, TypeError):
-            row = next(i for i, cell in enumerate(cells) if not _is_number(cell))
-            raise self._not_a_number(row, column, cells[row]) from None
+            bad = [row for row, cell in enumerate(cells) if not _is_number(cell)]
+            raise self._not_a_number(bad[0], column, cells[bad[0]]) from None
         self._check_finite(values[:, None], column)
         return values
 
@@ -100,9 +100,8 @@ class Table:
         rows = []
         for row, cell in enumerate(self.cells(column)):
             try:
-                value = np.asarray(
-                    json.loads(cell) if isinstance(cell, str) else cell, dtype=float
-                )
+                numbers = json.loads(cell) if isinstance(cell, str) else cell
+                value = np.asarray(numbers, dtype=float)
             except (ValueError, TypeError):
                 raise self._not_a_number(row, column, cell) from None
             if value.shape != (length,):

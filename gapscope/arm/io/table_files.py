@@ -56,9 +56,8 @@ def read_csv(path: Path) -> Table:
         raise InputError(
             "has a header and no rows", "give a file with samples", file=path
         )
-    return Table(
-        path, dict(zip(names, zip(*rows, strict=True), strict=True)), lines, "line"
-    )
+    columns = dict(zip(names, zip(*rows, strict=True), strict=True))
+    return Table(path, columns, lines, "line")
 
 
 def _check_header(names: list[str], path: Path) -> None:
@@ -126,16 +125,18 @@ def read_npz(path: Path) -> Table:
     columns: dict[str, np.ndarray] = {}
     for name, array in arrays.items():
         if array.ndim == 2:
-            columns |= {f"{name}{j + 1}": array[:, j] for j in range(array.shape[1])}
+            for j, column in enumerate(array.T, start=1):
+                columns[f"{name}{j}"] = column
         else:
             columns[name] = np.atleast_1d(array)
-    lengths = {name: len(array) for name, array in columns.items()}
-    if not lengths or not max(lengths.values()):
+    lengths = {len(column) for column in columns.values()}
+    if not lengths or not max(lengths):
         raise InputError("has no rows", "give a file with samples", file=path)
-    if len(set(lengths.values())) > 1:
+    if len(lengths) > 1:
+        listed = [f"{name} {len(column)}" for name, column in columns.items()]
         raise InputError(
-            f"its arrays differ in length: {', '.join(f'{name} {length}' for name, length in lengths.items())}",
+            f"its arrays differ in length: {', '.join(listed)}",
             "keep only arrays with one row per sample",
             file=path,
         )
-    return Table(path, columns, range(1, max(lengths.values()) + 1))
+    return Table(path, columns, range(1, max(lengths) + 1))

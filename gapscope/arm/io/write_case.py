@@ -61,11 +61,11 @@ def _columns(recording: Recording) -> dict[str, np.ndarray]:
     """Columns by name: ``t``, ``q1..qn`` and so on, (N,) each."""
     columns: dict[str, np.ndarray] = {}
     for name, array in _channels(recording).items():
-        columns |= (
-            {name: array}
-            if array.ndim == 1
-            else {f"{name}{j + 1}": x for j, x in enumerate(array.T)}
-        )
+        if array.ndim == 1:
+            columns[name] = array
+            continue
+        for joint, column in enumerate(array.T, start=1):
+            columns[f"{name}{joint}"] = column
     return columns
 
 
@@ -138,7 +138,7 @@ def write_case(
             fresh.rename(folder)
     except OSError as error:
         raise GapscopeError(
-            f"{folder}: cannot be written ({error})", "check the folder and its rights"
+            f"{folder}: cannot be written ({error})", "check the folder's permissions"
         ) from None
     return folder / "case.yaml"
 
@@ -146,10 +146,9 @@ def write_case(
 def _fill(case: Case, folder: Path, ending: str) -> None:
     """Write all files of a case into an empty folder."""
     shutil.copyfile(case.arm.urdf, folder / "robot.urdf")
-    names = _file_names(
-        [recording.name for recording in (*case.recordings, *case.judged)], ending
-    )
-    for recording, name in zip((*case.recordings, *case.judged), names, strict=True):
+    recordings = (*case.recordings, *case.judged)
+    names = _file_names([recording.name for recording in recordings], ending)
+    for recording, name in zip(recordings, names, strict=True):
         write_recording(recording, folder / name)
     content: dict[str, Any] = {
         "name": case.name,
@@ -163,16 +162,15 @@ def _fill(case: Case, folder: Path, ending: str) -> None:
     content["recordings"] = names[: len(case.recordings)]
     if case.judged:
         content["judge"] = names[len(case.recordings) :]
-    loads = {
-        name: r.payload
-        for r, name in zip((*case.recordings, *case.judged), names, strict=True)
+    payloads = {
+        name: recording.payload.entry()
+        for name, recording in zip(names, recordings, strict=True)
+        if recording.payload is not None
     }
-    if any(loads.values()):
-        content["payloads"] = {
-            name: load.entry() for name, load in loads.items() if load is not None
-        }
-    silent = [recording.tau is None for recording in (*case.recordings, *case.judged)]
-    if any(silent):
+    if payloads:
+        content["payloads"] = payloads
+    # a case is expected to hold torque unless its import section excludes it
+    if any(recording.tau is None for recording in recordings):
         content["import"] = {"tau": None}
     text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120)
     (folder / "case.yaml").write_text(text, encoding="utf-8")
@@ -184,10 +182,10 @@ def _file_names(labels: Iterable[str], ending: str) -> list[str]:
     for label in labels:
         plain = re.sub(r"\.(csv|tsv|txt|parquet|npz|db3|mcap)\b", "", label)
         stem = re.sub(r"\W+", "_", plain).strip("_") or "recording"
-        same = sum(
-            name == f"{stem}.{ending}" or name.startswith(f"{stem}__") for name in names
-        )
-        names.append(f"{stem}__{same + 1}.{ending}" if same else f"{stem}.{ending}")
+        first = f"{stem}.{ending}"
+        numbered = [n for n in names if n == first or n.startswith(f"{stem}__")]
+        name = f"{stem}__{len(numbered) + 1}.{ending}" if numbered else first
+        names.append(name)
     return names
 
 
