@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -14,6 +13,7 @@ import numpy as np
 from gapscope.arm.controller import Controller
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.case_file import read_case_file
+from gapscope.arm.io.case_paths import CasePaths, files_of
 from gapscope.arm.io.controller_file import parse_controller
 from gapscope.arm.io.import_section import Import, parse_import
 from gapscope.arm.io.load_recording import load_recording, recording_of_columns
@@ -25,9 +25,6 @@ from gapscope.arm.robots import load_nominal_arm
 
 SHORTEST = 1.0
 """Duration of the shortest recording that a case may hold [s]; both ends are trimmed by 0.3 s for the gap."""
-
-DATA_ROOT = "GAPSCOPE_DATA"
-"""Environment variable with the folder that ``${GAPSCOPE_DATA}`` in a path of a case stands for."""
 
 Samples = np.ndarray | Sequence[np.ndarray]
 """A channel of one recording, shape (N,) or (N, n), or a list of them: one for each recording."""
@@ -206,7 +203,7 @@ def load_case(
     file = Path(path)
     file = file / "case.yaml" if file.is_dir() else file
     content = read_case_file(file)
-    paths = _Paths(file, data_root)
+    paths = CasePaths(file, data_root)
     arm = load_nominal_arm(
         paths.expand(content["robot"], "robot"),
         folder=file.parent,
@@ -240,7 +237,7 @@ def load_case(
 
 def _read_all(
     content: Mapping[str, Any],
-    paths: _Paths,
+    paths: CasePaths,
     importing: Import | None,
     read: Callable[[Path | dict[str, Path], tuple[int, int] | None], Recording],
 ) -> tuple[list[Recording], list[Recording]]:
@@ -268,59 +265,17 @@ def case_files(path: str | Path, *, data_root: Path | None = None) -> tuple[Path
     case = load_case(path, data_root=data_root, read_recordings=False)
     file = Path(path) / "case.yaml" if Path(path).is_dir() else Path(path)
     content = read_case_file(file)
-    paths = _Paths(file, data_root)
+    paths = CasePaths(file, data_root)
     found = [file, case.arm.urdf]
     for part in ("recordings", "judge"):
         for text in content.get(part, []):
             entry = paths.entry(text, part)
             for place in entry.values() if isinstance(entry, dict) else (entry,):
-                found += _files_of(place)
+                found += files_of(place)
     return tuple(found)
 
 
-def _files_of(place: Path) -> list[Path]:
-    """A file, or every file of a bag's folder."""
-    if not place.is_dir():
-        return [place]
-    return sorted(path for path in place.rglob("*") if path.is_file())
-
-
-@dataclass(frozen=True)
-class _Paths:
-    """Paths of a case file, from their text."""
-
-    file: Path
-    data_root: Path | None
-
-    def expand(self, text: str, field: str) -> Path:
-        """A path with ``${GAPSCOPE_DATA}`` filled in; relative ones stay relative to the case's folder."""
-        mark = "${" + DATA_ROOT + "}"
-        if mark not in text:
-            return Path(text)
-        beside = self.file.resolve().parent.parent.parent.parent / "shared" / "data"
-        root = Path(self.data_root or os.environ.get(DATA_ROOT) or beside)
-        if not root.is_dir():
-            raise InputError(
-                f"{mark} stands for {root}, which is no folder",
-                f"set the environment variable {DATA_ROOT} to the folder with the data sets",
-                file=self.file,
-                where=f"field {field}",
-            )
-        return Path(text.replace(mark, str(root.resolve())))
-
-    def entry(
-        self, entry: str | Mapping[str, str], field: str
-    ) -> Path | dict[str, Path]:
-        """Path of a recording, or the paths of its files by label."""
-        if isinstance(entry, str):
-            return self.file.parent / self.expand(entry, field)
-        return {
-            label: self.file.parent / self.expand(text, field)
-            for label, text in entry.items()
-        }
-
-
-def _payloads(content: Mapping[str, Any], paths: _Paths) -> dict[Path, KnownLoad]:
+def _payloads(content: Mapping[str, Any], paths: CasePaths) -> dict[Path, KnownLoad]:
     """Known bodies by the path of a recording's file; of several files side by side any may be named."""
     section = content.get("payloads")
     if not section:
