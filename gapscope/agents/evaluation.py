@@ -148,7 +148,7 @@ class TrackingBench:
             limited: whether the torque is clipped at the arm's limit.
 
         Raises:
-            InputError: computed torque without a model that knows inertia.
+            InputError: computed torque without a model that has inertia.
         """
         tuning, limit = (
             tuning or self.plan.tuning,

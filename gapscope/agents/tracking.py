@@ -45,7 +45,7 @@ class SampledReference:
         """Sample a reference that starts at rest.
 
         Args:
-            reference: the motion; it must go on beyond its end.
+            reference: the motion; it must be defined beyond its end.
             duration: of what is tracked, from t = 0 [s].
             dt: period of the controller [s].
             settle: time before t = 0 [s].

@@ -27,7 +27,7 @@ class Measures:
         joint_error: RMS of q_ref - q of the encoders over time and joints [rad]; infinite if the arm diverged.
         tool_error: RMS distance of the tool between both, by the kinematics [m]; infinite if the arm diverged.
         reward: mean per action of the environment's reward, an action being the torque over the rated torque; what is
-            not done because the arm diverged earns nothing [1].
+            missing because the arm diverged counts as 0 [1].
         torque_rate: RMS over time and joints of the change of the commanded torque per tick [N m/s].
         diverged: whether the arm ran away.
     """

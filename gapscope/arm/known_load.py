@@ -80,7 +80,7 @@ def parse_payloads(
 
     Args:
         section: checked against the schema of a case.
-        names: files of the entries of ``recordings:`` and ``judge:``, as they stand there.
+        names: files of the entries of ``recordings:`` and ``judge:``, as written there.
         file: the case file.
 
     Raises:

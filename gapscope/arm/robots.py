@@ -1,4 +1,4 @@
-"""Nominal arms from a URDF file, or from a name that the project knows."""
+"""Nominal arms from a URDF file, or from a known name."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def load_nominal_arm(
             (0, 0, -9.81).
         sheet: the data sheet, the ``nominal:`` section of a case: armature [kg m^2], coulomb [N m], viscous
             [N m s/rad], torque_limit [N m], encoder, encoder_step [rad]. If coulomb or viscous is absent, the
-            URDF's ``<dynamics friction= damping=>`` stands in, and zero if that is absent too; of an MJCF file the
+            URDF's ``<dynamics friction= damping=>`` is used, and zero if that is absent too; of an MJCF file the
             joints' ``armature``, ``frictionloss`` and ``damping``.
         source: the case file, for messages.
 
@@ -101,7 +101,7 @@ def load_nominal_arm(
 
 
 def _locate(robot: str | Path, folder: Path) -> tuple[Path, tuple[str, ...] | None]:
-    """Path of the URDF, and the arm's joints if the project knows them."""
+    """Path of the URDF, and the arm's joints if the name is a known one."""
     path = folder / robot
     if path.is_file():
         return path, None

@@ -142,7 +142,7 @@ def read_plan(path: Path) -> BlindPlan:
 
 
 def allocate_cases(plan: BlindPlan, seed: int) -> list[CaseSpec]:
-    """The cases of a plan, in an order that says nothing; the same seed gives the same."""
+    """The cases of a plan, in random order; the same seed gives the same cases."""
     rng = np.random.default_rng([seed, 1])
     effects = plan.effects or (*INSIDE, *SETUP)
     mixable = [name for name in effects if name not in ALONE and name in INSIDE]

@@ -66,7 +66,7 @@ GEAR_RATIO_STARTS = tuple(float(r) for r in np.geomspace(2.0, 500.0, 28))
 FEW_FAR_JOINTS = 4
 REFINE_FIRST_STEP = 0.1  # First step of the logarithm of a fault's value [1]. (budget)
 REFINE_LAST_STEP = 0.003  # Step at which refining a fault's value ends [1]. (budget)
-# Factor on the prior of ordinary errors while gear ratios are refined [1]: wide errors stand in for a wrong ratio,
+# Factor on the prior of ordinary errors while gear ratios are refined [1]: wide errors replace a wrong ratio,
 # of wrists above all. (hand)
 GEAR_RATIO_NUISANCE_FACTOR = 0.1
 # Held-out gap, over the torque's deviation, that an arm with ordinary effects may leave [1]. (hand)

@@ -1,4 +1,4 @@
-"""The actuation family: what stands between the recorded torque and the joint.
+"""The actuation family: effects between the recorded torque and the joint.
 
 Convention: applied = (1 + s) u + offset + ripple, where u is the recorded torque clipped at the limit, delayed, and
 lagged; and applied is what the rigid body with its friction needs.

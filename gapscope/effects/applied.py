@@ -126,7 +126,7 @@ class AppliedEffect:
         return by_name(self.name)
 
     def per_joint(self, parameter: str, n_joints: int) -> np.ndarray:
-        """Values of a parameter over all joints, zero where the effect does not act; shape (n,).
+        """Values of a parameter over all joints, zero if the effect does not act; shape (n,).
 
         Raises:
             InputError: the effect names a joint that an arm with n joints does not have.

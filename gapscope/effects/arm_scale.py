@@ -19,7 +19,7 @@ class ArmScale(NamedTuple):
     Attributes:
         torque: RMS of gravity plus dry friction, at least 5 % of the largest joint's [N m], shape (n,).
         inertia: mean of the bodies' inertia about each joint [kg m^2], (n,).
-        rotor: nominal armature, a third of ``inertia`` where there is none [kg m^2], (n,).
+        rotor: nominal armature, a third of ``inertia`` if there is none [kg m^2], (n,).
         speed: velocity limit, at most 2 rad/s [rad/s], (n,).
         mass: of the links [kg], (n,).
         lift: mass that the arm may carry [kg].

@@ -1,4 +1,4 @@
-"""The catalogue: every effect that Gapscope knows, by name; others can be entered with ``register``."""
+"""The catalogue: every effect of Gapscope, by name; others can be entered with ``register``."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SHIPPED = frozenset(CATALOGUE)
 def register(new: Effect) -> Effect:
     """Enter an effect into the catalogue of this process, so that it can be simulated, predicted, and diagnosed.
 
-    A process that is started later, as by ``diagnose --jobs``, does not know it unless it imports the same file.
+    A process that is started later, as by ``diagnose --jobs``, does not have it unless it imports the same file.
 
     Returns:
         The effect.

@@ -80,7 +80,7 @@ class CorrectedArm:
             places |= here
 
     def value(self, name: str, parameter: str) -> np.ndarray:
-        """Values of a joint effect's parameter over all joints, zeros where it does not act; shape (n,)."""
+        """Values of a joint effect's parameter over all joints, zeros if it does not act; shape (n,)."""
         n = self.arm.n_joints
         named = (e.per_joint(parameter, n) for e in self.effects if e.name == name)
         return sum(named, np.zeros(n))
@@ -134,7 +134,7 @@ class CorrectedArm:
         return q
 
     def rigid_torque(self, body: RigidBody, motion: Motion) -> np.ndarray:
-        """Torque of the bodies, against a force from outside too [N m], (N, n), without rotors and friction."""
+        """Torque of the bodies, against an external force too [N m], (N, n), without rotors and friction."""
         motion = replace(motion, q=self.true_position(motion.q))
         if any(e.name == BASE_TILT.name for e in self.effects):
             unchanged = np.zeros((self.arm.n_joints, 10))
@@ -163,7 +163,7 @@ class CorrectedArm:
     def _body_torque(
         self, body: RigidBody, increments: np.ndarray, motion: Motion
     ) -> np.ndarray:
-        """Inverse dynamics of the links' motion [N m], (N, n), less what a force from outside does."""
+        """Inverse dynamics of the links' motion [N m], (N, n), less what an external force does."""
         state = motion.q, motion.dq, motion.ddq
         torque = body.inverse_dynamics(*state)
         last = body.last_link
@@ -255,7 +255,7 @@ class CorrectedArm:
         )
 
     def delivered(self, recorded: np.ndarray) -> np.ndarray:
-        """What is left of a recorded torque [N m], (N, n), after saturation."""
+        """The part of a recorded torque that remains [N m], (N, n), after saturation."""
         for effect, values in self.of_kind(Path):
             if effect.limits:
                 recorded = effect.applied(recorded, None, *values)

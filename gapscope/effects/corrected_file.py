@@ -1,4 +1,4 @@
-"""The file ``corrected.yaml``: effects with their values, and where a residual network lies; read and written."""
+"""The file ``corrected.yaml``: effects with their values, and the path of a residual network; read and written."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def write_corrected(
         effects: the effects.
         path: the file.
         residual: file of a residual network, relative to the folder of ``path``; it is not written here.
-        faults: setup faults, where the file tells how a case was recorded.
+        faults: setup faults, if the file tells how a case was recorded.
 
     Raises:
         GapscopeError: the file cannot be written.
@@ -217,7 +217,7 @@ def error_context(
     """Errors about one of the effects name the file that it comes from, and its place there.
 
     Args:
-        path: the file, or ``None`` where there is none.
+        path: the file, or ``None`` if there is none.
         effects: its effects, in their order.
     """
     try:

@@ -12,7 +12,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
 
 FASTEST = 40.0
-"""A faster resonance is not followed: the joint bends at once [Hz]."""
+"""A faster resonance is not integrated: the joint deflects at once [Hz]."""
 STEP = 0.2
 """Steps are no longer than this share of a radian of the fastest resonance that is followed."""
 CALM = 0.3
@@ -44,7 +44,7 @@ def behind_elasticity(
         body: the bodies.
         motion: of the motors, N samples.
         torque: inverse dynamics of the motors' motion [N m], shape (N, n).
-        stiffness, damping: per joint [N m/rad], [N m s/rad], shape (n,); 0 where there is no spring.
+        stiffness, damping: per joint [N m/rad], [N m s/rad], shape (n,); 0 if there is no spring.
     """
     elastic = np.flatnonzero(stiffness > 0)
     matrices = body.sensitivities(motion.q, motion.dq, motion.ddq)
@@ -124,7 +124,7 @@ def behind_play(
 
     Args:
         body, motion, torque, stiffness, damping: as for ``behind_elasticity``.
-        width: whole free play per joint [rad], shape (n,); 0 where there is none.
+        width: whole free play per joint [rad], shape (n,); 0 if there is none.
     """
     matrices = body.sensitivities(motion.q, motion.dq, motion.ddq)
     deltas = _deflections(matrices, motion, torque, width, stiffness, damping)

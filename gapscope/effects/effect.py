@@ -39,9 +39,9 @@ class Parameter:
         symbol: symbol in equations.
         unit: SI unit, joint side.
         bounds: physically possible range.
-        typical: range of severities met on real arms, for drawing at random and for judging plausibility.
+        typical: range of severities met on real arms, for drawing at random and for plausibility checks.
         size: 1 for a scalar, 3 for a vector.
-        increment: whether the value adds to the nominal arm's (friction, armature, mass) or stands for itself.
+        increment: whether the value adds to the nominal arm's (friction, armature, mass) or is the value itself.
     """
 
     name: str
@@ -55,7 +55,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Effect:
-    """One named physical cause of a gap, with all that the simulator, the diagnosis and the report need to know of it.
+    """One named physical cause of a gap, with everything that the simulator, the diagnosis and the report need.
 
     Attributes:
         name: name in the catalogue.
@@ -161,10 +161,10 @@ class TorqueLaw(Effect):
 
 @dataclass(frozen=True)
 class DryLaw(TorqueLaw):
-    """A torque law of dry friction: where the joint rests it takes any value within its amplitude.
+    """A torque law of dry friction: if the joint rests it takes any value within its amplitude.
 
     ``amplitude(velocity, load, *values)`` is the torque with which it opposes motion [N m]; load is the applied motor
-    torque [N m]. Where that is known, law = amplitude times smoothed sign.
+    torque [N m]. If that is known, law = amplitude times smoothed sign.
     """
 
     amplitude: Law = field(kw_only=True)
@@ -242,6 +242,6 @@ class Sensing(Effect):
 
 @dataclass(frozen=True)
 class External(Effect):
-    """A force from outside: ``active(t, start, end)`` says when it acts [1]; t from the start of the recording [s]."""
+    """An external force: ``active(t, start, end)`` says when it acts [1]; t from the start of the recording [s]."""
 
     active: Law = field(kw_only=True)

@@ -1,4 +1,4 @@
-"""The environment family: what the arm stands on, and what touches it."""
+"""The environment family: the base of the arm, and forces from outside."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ def viscous(signals: Signals, coefficient: np.ndarray) -> np.ndarray:
 def stribeck_amplitude(
     velocity: np.ndarray, load: np.ndarray, torque: np.ndarray, speed: np.ndarray
 ) -> np.ndarray:
-    """d exp(-(v / vs)^2) [N m]; d in N m, v and vs in rad/s. Where vs is 0 the effect is off."""
+    """d exp(-(v / vs)^2) [N m]; d in N m, v and vs in rad/s. If vs is 0 the effect is off."""
     return torque * np.exp(-((velocity / np.where(speed > 0, speed, 1.0)) ** 2))
 
 

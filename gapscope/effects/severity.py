@@ -42,7 +42,7 @@ def draw(
         name: name in the catalogue.
         rng: source of the values.
         scale: of the arm.
-        joints: joints from 1 that it acts on; one or two at random where ``None``. Of no meaning for arm and link.
+        joints: joints from 1 that it acts on; one or two at random if ``None``. Of no meaning for arm and link.
 
     Raises:
         InputError: unknown effect.

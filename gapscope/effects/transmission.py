@@ -22,7 +22,7 @@ from gapscope.effects.sampling import log_uniform
 def elastic_deflection(
     torque: np.ndarray, stiffness: np.ndarray, damping: np.ndarray
 ) -> np.ndarray:
-    """Theta - q = tau / k [rad]; tau in N m, k in N m/rad. Where k is 0 the effect is off."""
+    """Theta - q = tau / k [rad]; tau in N m, k in N m/rad. If k is 0 the effect is off."""
     return np.where(
         stiffness > 0, torque / np.where(stiffness > 0, stiffness, 1.0), 0.0
     )
@@ -48,12 +48,12 @@ def elastic_torque(
 
 
 def backlash_deflection(torque: np.ndarray, width: np.ndarray) -> np.ndarray:
-    """Theta - q = w / 2 sgn tau [rad]: the motor leans on the side that it drives; w is the whole free play."""
+    """Theta - q = w / 2 sgn tau [rad]: the motor rests on the side that it drives; w is the whole free play."""
     return 0.5 * width * np.sign(torque)
 
 
 def through_backlash(twist: np.ndarray, width: np.ndarray) -> np.ndarray:
-    """What is left of a twist [rad] beyond free play of the whole width w [rad]; 0 inside it."""
+    """The part of a twist [rad] beyond free play of the whole width w [rad]; 0 inside it."""
     return twist - np.minimum(np.maximum(twist, -0.5 * width), 0.5 * width)
 
 

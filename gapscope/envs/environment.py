@@ -289,7 +289,7 @@ class ArmTracking(gymnasium.Env):
     ) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Carry out an action in -1 .. 1, shape (n,) or (2 n,); what exceeds these bounds is clipped.
 
-        In the action in which the arm diverges nothing is earned for tracking.
+        The reward for tracking is 0 in the action in which the arm diverges.
 
         Raises:
             InputError: an action of another shape, or with what is not a finite number.

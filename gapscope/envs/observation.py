@@ -14,7 +14,7 @@ FURTHEST = 4 * np.pi
 
 
 class Layout:
-    """Where each quantity stands in the observation, a vector of float32.
+    """Position of each quantity in the observation, a vector of float32.
 
     ============== =========== ===== ==================================================================
     name           length      unit  quantity

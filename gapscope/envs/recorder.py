@@ -65,7 +65,7 @@ def record(
         name: name of the recording.
         engine: ``pybullet``, ``mujoco`` or ``dart``; by default PyBullet if it is installed, else MuJoCo.
         later: a time [s], and the effects that take the place of the others from then on, as when a payload is picked
-            up; position and velocity of the joints go on, what effects have as a state starts anew.
+            up; position and velocity of the joints continue, states of effects are reset.
 
     Raises:
         InputError: ``rate`` does not divide the controller's rate, or an effect cannot be simulated on this arm.

@@ -84,7 +84,7 @@ def record_case(
     controller: Controller | None = None,
     progress: Callable[[str], None] = lambda message: None,
 ) -> Case:
-    """Record a simulated arm with effects; the case knows the nominal arm and the controller, not the effects.
+    """Record a simulated arm with effects; the case contains the nominal arm and the controller, not the effects.
 
     Args:
         name: name of the case.

@@ -269,7 +269,7 @@ class SimulatedArm:
         self._step.advance(torque, self._friction.limit(self._step.dq))
 
     def _advance_two_mass(self) -> None:
-        """One step with motors of their own: their friction and rotors act on them, not on the links."""
+        """One step with separate motors: friction and rotors act on them, not on the links."""
         motors, rigid, torque = self._motors, self._rigid, self._u
         limit = self._friction.limit(motors.velocity)
         through = motors.torque(self._q, self._step.dq)

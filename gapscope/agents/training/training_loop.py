@@ -60,7 +60,7 @@ class Training:
     """A training that writes its checkpoints into a folder, and continues from the newest one that is there.
 
     The agent that is kept is the one that earned most in the simulator made from the model; the arm with hidden effects
-    is watched, and chooses nothing.
+    is monitored, and selects nothing.
 
     Args:
         task: what to train and try on.

@@ -44,7 +44,7 @@ class TrainingSettings:
         steps: actions to train for, all environments together, rounded up to whole rounds.
         round_steps: actions in a round, rounded up to what the algorithm collects at once.
         environments: that are stepped side by side.
-        parallel: whether each has a process of its own.
+        parallel: whether each runs in a separate process.
         network: units of the hidden layers, of policy and value function alike.
         hyperparameters: of the algorithm, by the names of stable-baselines3.
         exploration: standard deviation of the untrained agent's actions [1].

@@ -23,7 +23,7 @@ UNREAD = {
 }
 """What pinocchio passes over, by its path in the file."""
 UNFOLDED = ("include", "replicate", "attach", "frame//body", "frame//joint")
-"""What stands for bodies or changes them, and is not unfolded here."""
+"""Elements that contain or change bodies, and are not expanded here."""
 UNWEIGHED = ("mesh", "plane", "hfield", "sdf")
 """Shapes whose mass is not known here."""
 NAMELESS = "without_a_name"
@@ -150,7 +150,7 @@ def check_mjcf(root: ET.Element, path: Path) -> None:
     """Check that pinocchio reads all bodies of the file, with their inertia.
 
     Raises:
-        InputError: bodies stand elsewhere or are made by others, or a moving body is weighed by a mesh.
+        InputError: bodies are in other files or generated, or a moving body has its mass from a mesh.
     """
     for element in UNFOLDED:
         if root.find(f".//{element}") is not None:

@@ -13,7 +13,7 @@ from gapscope.arm.dynamics.plain_urdf import Link, numbers
 def plain_mjcf(links: tuple[Link, ...], gravity: np.ndarray, dt: float) -> str:
     """MJCF text of the bodies: no shapes, no contacts, no damping, semi-implicit Euler with steps of dt [s].
 
-    An arm that diverges is left to diverge, not put back to its start.
+    A diverging arm is not reset to its start.
     Masses and principal moments are written as 1, since a reader may refuse those that it finds odd; the engine sets
     ``Link.mass`` and ``Link.moments`` after loading. Joints are named as the links', bodies are not.
     """

@@ -84,7 +84,7 @@ def actuated_joints(path: Path) -> list[str]:
 
 
 def mjcf_entries(path: Path, joints: Sequence[str]) -> dict[str, np.ndarray]:
-    """What an MJCF file says of an arm beyond its bodies, as fields of ``NominalArm``; nothing for a URDF.
+    """Content of an MJCF file beyond the bodies, as fields of ``NominalArm``; nothing for a URDF.
 
     armature [kg m^2], coulomb [N m] (its ``frictionloss``) and viscous [N m s/rad] (its ``damping``), each (n,), and
     gravity [m/s^2], (3,), where it is given. A ``ModelWarning`` names what is left out.

@@ -52,7 +52,7 @@ class Design:
 
     Attributes:
         gap: recorded minus nominal torque, flattened, (M n,).
-        terms: what the columns stand for.
+        terms: the effects that the columns represent.
         columns: (M n, K), each of unit length.
         nrmse: torque gap per joint, (n,).
         n_joints: n.
@@ -120,7 +120,7 @@ def _stacked(series: list[tuple[Segment, np.ndarray]]) -> np.ndarray:
 Predict = Callable[..., np.ndarray]
 """Torque of the arm with some effects [N m], (M, n)."""
 Columns = list[tuple[DesignColumn, np.ndarray]]
-"""What a column stands for, and the change of the torque [N m], (M, n)."""
+"""The effect that a column represents, and the change of the torque [N m], (M, n)."""
 
 
 def _columns(n: int, predicted: Predict, nominal: np.ndarray) -> Columns:

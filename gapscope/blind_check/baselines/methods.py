@@ -79,7 +79,7 @@ def forward_bic(design: Design) -> dict[str, Any]:
 
 
 def _bic(residual: np.ndarray, terms: int) -> float:
-    """Bayes' information criterion of a residual (M n,) that is left by so many columns."""
+    """Bayes' information criterion of a residual (M n,) after a fit of so many columns."""
     count = len(residual) / EFFECTIVE
     mean_square = max(float(residual @ residual), 1e-300) / len(residual)
     return float(count * np.log(mean_square) + terms * np.log(count))

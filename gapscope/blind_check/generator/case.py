@@ -241,7 +241,7 @@ def write_case(
 
 
 def _case_content(made: MadeCase, name: str, bare: bool) -> dict[str, Any]:
-    """What ``case.yaml`` says of arm and controller; nothing of the controller if ``bare``."""
+    """The parts of ``case.yaml`` on arm and controller; without the controller if ``bare``."""
     arm, loop = made.setup.arm, made.setup.loop
     content: dict[str, Any] = {
         "name": name,

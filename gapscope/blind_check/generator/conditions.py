@@ -77,7 +77,7 @@ def draw_conditions(
     """Conditions of ``count`` cases; see ``BlindPlan`` for the options."""
     robots = list(options["robots"])
     off, noisy, bare = (options[key] for key in ("inertials_off", "noisy", "bare"))
-    # dealt in this order, so that a seed gives the same set
+    # allocated in this order, so that a seed gives the same set
     robot = allocate(rng, count, robots, [1.0] * len(robots))
     is_off = allocate(rng, count, [True, False], [off, 1 - off])
     noise = allocate(rng, count, [3.0, 1.0], [noisy, 1 - noisy])

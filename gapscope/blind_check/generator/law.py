@@ -56,7 +56,7 @@ class Law:
     """One law.
 
     Attributes:
-        name: name of the effect that it stands for; outside the catalogue, a name of its own.
+        name: name of the effect that it generates; outside the catalogue, its own name.
         draw: values at a first guess of the size, from a random source, the context and the joints (from 0).
         act: puts the values into the true arm.
         resize: values with their size times a factor per joint (one for all if they belong to the arm).

@@ -1,4 +1,4 @@
-"""From open questions to hypotheses, each with values of its own."""
+"""From open questions to hypotheses, each with its own values."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from gapscope.effects.catalogue import explained
 
 @dataclass(frozen=True)
 class Question:
-    """An effect found, and another that may stand in its place.
+    """An effect found, and another that may replace it.
 
     Attributes:
         effect: name of the effect found.

@@ -79,7 +79,7 @@ def _relative_evidence(
     mine: frozenset[Term],
     options: Mapping[str, frozenset[Term]],
 ) -> dict[str, float]:
-    """Evidence with each alternative in the place of the terms, less that with the terms [nats]."""
+    """Evidence with each alternative instead of the terms, less that with the terms [nats]."""
     fit = selection.fit
     # The search has compared near-equivalents each around its own values: more exact than the linearisation here.
     compared = {

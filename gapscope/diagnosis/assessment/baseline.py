@@ -1,4 +1,4 @@
-"""What the arm of a case was when the reference was recorded, beyond bodies, rotors and plain friction."""
+"""The arm of a case when the reference was recorded, beyond bodies, rotors, Coulomb and viscous friction."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Baseline:
     open: frozenset[tuple[str, int]] = frozenset()
 
     def kept(self, selection: Selection) -> Selection:
-        """A selection less what the reference leaves open, with a payload in place of changed links if as good."""
+        """A selection less what the reference leaves open, with a payload instead of changed links if as good."""
         terms = frozenset(
             t
             for t in selection.fit.terms

@@ -1,4 +1,4 @@
-"""Probability that an effect is named rightly, calibrated on blind cases that serve no other purpose.
+"""Probability that an effect is named correctly, calibrated on blind cases that serve no other purpose.
 
 Evidence compares effects with each other. It does not say how often the best of them is wrong: the true cause may be
 missing from the catalogue, or another effect may take over a part of it. How often that happens is learnt,
@@ -101,7 +101,7 @@ def with_probabilities(
 
     The effect named may be wrong for two reasons, and its probability is a product of both. What evidence leaves is
     shared by evidence. What calibration takes beyond that is shared by evidence that counts less, and a cause that is
-    not listed takes a part of it, so that the sum over all alternatives stays below what is left.
+    not listed takes a part of it, so that the sum over all alternatives stays below the remaining probability.
 
     Args:
         alternatives: with their evidence relative to the effect named.

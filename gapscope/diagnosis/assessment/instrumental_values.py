@@ -75,7 +75,7 @@ def _equations(
 
 
 def commanded(case: Case) -> Case | None:
-    """The case with the commanded motion in the place of the measured one; ``None`` if it is not known."""
+    """The case with the commanded motion instead of the measured one; ``None`` if it is not known."""
     recordings = [r for r in case.recordings if r.tau is not None]
     if case.controller is None:
         return None

@@ -107,7 +107,7 @@ def attempt(
     recording: Recording,
     engine: str = ENGINE,
 ) -> Attempt:
-    """Replay, which fails with an effect that cannot be simulated or an arm that runs away."""
+    """Replay, which fails with an effect that cannot be simulated or an arm that diverges."""
     try:
         replayed = replay(case.arm, effects, recording, case.controller, engine=engine)
     # LinAlgError is a ValueError.

@@ -97,7 +97,7 @@ def _differ(units: Sequence[Unit]) -> tuple[str, ...]:
     """What the nominal arms of units do not have alike."""
     try:
         arms = [load_case(unit.case, read_recordings=False).arm for unit in units]
-    except GapscopeError:  # the case was changed since; its column tells
+    except GapscopeError:  # the case was changed since; its column shows it
         return ()
     first, *others = arms
     found = (

@@ -86,7 +86,7 @@ def columns(
         bodies: what does not depend on theta.
         terms: all terms, with the shapes of those that have one.
         theta: linear coordinates around which to differentiate, shape (P,).
-        only: effects whose columns are wanted; all where ``None``, the others' are zero.
+        only: effects whose columns are wanted; all if ``None``, the others' are zero.
     """
     motion = segment.motion
     arm, body = corrected.unlimited, segment.bodies(body)
@@ -131,7 +131,7 @@ def columns(
 def moved_arm(
     arm: CorrectedArm, terms: Terms, theta: np.ndarray, name: str, coordinate: int
 ) -> CorrectedArm | None:
-    """The arm with one coordinate of an effect moved by a step on all joints; ``None`` where none has a shape yet."""
+    """The arm with one coordinate of an effect moved by a step on all joints; ``None`` if none has a shape yet."""
     chosen = [t for t in terms.of(name) if t in terms.open]
     if not chosen:
         return None
@@ -230,7 +230,7 @@ def _bent(
     place: int,
     rigid: np.ndarray,
 ) -> np.ndarray:
-    """Derivative of the bodies' torque, (N, n), by a coordinate of a transmission that bends or plays already."""
+    """Derivative of the bodies' torque, (N, n), by a coordinate of a transmission that is compliant already."""
     chosen = [t for t in terms.of(name) if theta[list(t.columns)].any()]
     step = 1e-3 * max(
         abs(theta[place]), 1e-3 * np.abs(theta[terms.block(name)[0]]).max()

@@ -50,11 +50,11 @@ class Fold:
     X = [A, N, y, d] has P columns for the parameters, K for the nominal inertials, one for the gap, one for the skew.
 
     Attributes:
-        gram: X^T W X per piece and joint, shape (B, n, P + K + 2, P + K + 2); W weighs rows down by the doubt about
+        gram: X^T W X per piece and joint, shape (B, n, P + K + 2, P + K + 2); W weighs rows down by the uncertainty of
             dry friction.
         rows: weight of the rows of each piece, decimated to about twice the filter's cut-off, shape (B, n).
-        floor: RMS of a healthy arm on this fold where its friction is not in doubt [N m], (n,).
-        independent: effective number of independent samples, (n,), in what is left when every term is fitted.
+        floor: RMS of a healthy arm on this fold where its friction is not uncertain [N m], (n,).
+        independent: effective number of independent samples, (n,), in the residual when every term is fitted.
         sides: with a joint torque sensor the same of 2 n rows, the actuator side of each joint, then the link side;
             K counts the sensor's errors too.
     """
@@ -67,7 +67,7 @@ class Fold:
 
     @property
     def scored(self) -> Fold:
-        """What evidence is drawn from: both sides where they are known, the joint's torque otherwise."""
+        """Rows from which evidence is computed: both sides if they are known, the joint's torque otherwise."""
         return self.sides or self
 
 
@@ -82,7 +82,7 @@ class _Part:
     predicted: np.ndarray
 
     def trust(self, j: int) -> np.ndarray:
-        """Square root of the weight of joint j's rows, (M,): less where it may stick."""
+        """Square root of the weight of joint j's rows, (M,): less if it may stick."""
         return 1.0 / np.sqrt(
             1.0 + (self.floor.sticking[:, j] / self.floor.steady[j]) ** 2
         )
@@ -105,7 +105,7 @@ class ScanResidual:
     information: np.ndarray
 
     def gain(self, torque: np.ndarray, free: np.ndarray | None = None) -> float:
-        """What a predicted torque, (M, n), explains of what is left, as it stands [nats].
+        """What a predicted torque, (M, n), explains of the residual, as it stands [nats].
 
         Args:
             torque: per joint [N m]; joints with none do not count.
@@ -140,7 +140,7 @@ class Linearisation:
     Attributes:
         terms: all terms, with the shapes of those used, and for the others the most promising ones.
         refined: for the terms used, the shapes that now explain most.
-        left: what is left of the gap, for effects that no column stands for.
+        left: the residual gap, for effects without a column.
     """
 
     def __init__(self, data: FitData, theta: np.ndarray, terms: Terms) -> None:
@@ -164,7 +164,7 @@ class Linearisation:
         ]
 
     def shape(self, term: Term) -> Shape:
-        """The shape of a term in use, with its standard deviations; empty where its effect has none."""
+        """The shape of a term in use, with its standard deviations; empty if its effect has none."""
         values = self.terms.shapes.get(term, ())
         return Shape(
             values,
@@ -207,7 +207,7 @@ class Linearisation:
         return _Part(gap, x, rate, NoiseFloor(floor.steady, sticking), predicted)
 
     def _link(self, k: int) -> LinkRows:
-        """What the joint torque sensors measured on a segment; all zero where it has none."""
+        """What the joint torque sensors measured on a segment; all zero if it has none."""
         segment = self.data.segments[k]
         bodies, zero = self.data.bodies[k], SENSOR_ZERO * self.data.torque_deviation
         rows = link_rows(
@@ -327,7 +327,7 @@ class Linearisation:
         )
 
     def _scan(self, parts: list[_Part], j: int, term: Term | None = None) -> Scan:
-        """What is left of joint j's gap, and of what a term in use does if one is named.
+        """The residual gap of joint j, and of what a term in use does if one is named.
 
         The column of a torque scale is the whole torque; the term's own part is taken out of it, and drift out of the
         columns of friction, or else the term would lie within the basis.
@@ -406,7 +406,7 @@ class Linearisation:
     def _window(
         self, parts: list[_Part], residual: np.ndarray, bases: list[np.ndarray]
     ) -> Shape | None:
-        """The window in which a force from outside explains most."""
+        """The window in which an external force explains most."""
         segments = self.data.segments
         rotation = self._corrected.base_rotation()
         force = np.vstack(
@@ -500,7 +500,7 @@ def _basis(x: np.ndarray) -> np.ndarray:
 
 
 def _richest_residual(full: np.ndarray) -> np.ndarray:
-    """What is left of y when all its columns are fitted, (M, n), from X of shape (n, M, columns + 1).
+    """The residual of y after a fit of all its columns, (M, n), from X of shape (n, M, columns + 1).
 
     A gap that some effect explains leaves noise, many independent samples; one that nothing explains leaves its own
     slow structure, few samples, and so little evidence for anything.

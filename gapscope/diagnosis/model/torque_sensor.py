@@ -4,7 +4,7 @@ A sensor behind the gear reads what reaches the link,
 
     tau_sensor = (1 + e) tau_link(t - T) + z + noise,    tau_link = M(q) ddq + ... + k (q - q0) - J^T f,
 
-with its own zero z, scale e and lag T, which nobody knows. What is left, tau - tau_sensor, is the actuator's: rotor,
+with its own zero z, scale e and lag T, all unknown. The residual, tau - tau_sensor, is the actuator's: rotor,
 friction, and all between the recorded torque and the gear. In place of the rows of the recorded torque come those of
 
     actuator side    tau - tau_sensor    columns A - A_link,    z, e and T with the opposite sign
@@ -39,7 +39,7 @@ from gapscope.ident.signals.conditioning import Segment
 
 @dataclass(frozen=True)
 class LinkRows:
-    """Rows of the joint torque sensors on one segment, M of n joints; zeros where the segment has no sensor.
+    """Rows of the joint torque sensors on one segment, M of n joints; zeros if the segment has no sensor.
 
     Attributes:
         gap: sensor less predicted link torque [N m], (M, n).
@@ -158,7 +158,7 @@ def link_floor(
 def actuator_floor(
     corrected: CorrectedArm, body: RigidBody, segment: Segment
 ) -> np.ndarray:
-    """RMS that a healthy arm leaves on the actuator side where its friction is not in doubt [N m], (n,)."""
+    """RMS that a healthy arm leaves on the actuator side where its friction is not uncertain [N m], (n,)."""
     assert segment.torque is not None and segment.torque_sensor is not None
     motion, body = segment.motion, segment.bodies(body)
 

@@ -86,7 +86,7 @@ def _plain(effect: Any) -> dict[str, Any]:
 def _widened(
     effect: dict[str, Any], covariances: Sequence[tuple[Term, np.ndarray]]
 ) -> dict[str, Any]:
-    """A finding whose deviations count what the reference leaves open, if its parameters allow."""
+    """A finding whose standard deviations include the reference uncertainty, if its parameters allow."""
     mine = {t.joint: c for t, c in covariances if t.effect == effect["effect"]}
     parameters = dict(effect["parameters"])
     if effect["effect"] == "payload" and mine:

@@ -5,7 +5,7 @@ Score of a set S, in nats, over folds f (half a recording left out each) and joi
     score = -1/2 sum_fj n_fj log(1 + mse_fj / floor_fj^2) - charge(S) - 1/2 (|delta / sigma|^2 + log det)
 
 with n the effective number of samples, mse the mean square of the held-out gap, and delta the errors of the nominal
-inertials, a nuisance that every model may use and pays for by its size relative to sigma. A second nuisance is the skew
+inertials, a nuisance of every model, charged by its size relative to sigma. A second nuisance is the skew
 between torque and motion that sampling leaves, the same on all joints: a torque held from one tick of the controller to
 the next acts half a tick late on average.
 

@@ -105,7 +105,7 @@ def fit_terms(
     Args:
         model: the model to begin from.
         terms: the set.
-        starts: linear coordinates of some of them to linearise around at first, in place of those fitted.
+        starts: linear coordinates of some of them to linearise around at first, instead of those fitted.
     """
     for _ in range(RELINEARISATIONS):
         fit = _fit_from(model, terms, starts or {})

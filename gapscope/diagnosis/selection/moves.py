@@ -58,7 +58,7 @@ def _with_an_effect_renamed(
 def _with_a_term_swapped(
     chosen: frozenset[Term], movable: list[Term], terms: Terms
 ) -> Iterator[frozenset[Term]]:
-    """Another term on the same joint or on the arm; in place of a term on the arm also a changed link."""
+    """Another term on the same joint or on the arm; instead of a term on the arm also a changed link."""
     for term in movable:
         for other in terms.open:
             if other in chosen or other.effect == near_equivalent(term.effect):

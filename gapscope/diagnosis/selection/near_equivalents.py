@@ -74,7 +74,7 @@ def _renamed(model: Model, effect: str, other: str) -> Model:
 
 
 def prefer_payload(model: Model) -> Comparison:
-    """Take a payload in place of a changed last link, unless the link is far better: loads are common."""
+    """Take a payload instead of a changed last link, unless the link is far better: loads are common."""
     last = model.data.body.last_link + 1
     link = {
         t for t in model.fit.terms if t.effect == "link_inertia" and t.joint == last

@@ -1,7 +1,7 @@
 """Starts for compliant joints: elasticity and backlash are too nonlinear to linearise around none of it.
 
 A link behind a soft or loose gear moves on its own. What that does to the torque is simulated on each joint for some
-resonances and some widths of free play, and compared with the residual; the best are starts for a fit around them.
+resonances and some widths of free play, and compared with the residual; the best are starting values of a fit.
 """
 
 from __future__ import annotations

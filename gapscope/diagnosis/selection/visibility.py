@@ -12,7 +12,7 @@ from gapscope.diagnosis.thresholds import VISIBLE_EFFECT, VISIBLE_TERM
 
 
 def visible(model: Model, terms: frozenset[Term]) -> bool:
-    """Whether terms in place of the model's close enough of the gap for a person to see it."""
+    """Whether terms instead of the model's close enough of the gap for a person to see it."""
     named = {t.effect for t in model.fit.terms}
     new_effect = any(t.effect not in named for t in terms)
     least = VISIBLE_EFFECT if new_effect else VISIBLE_TERM

@@ -1,7 +1,7 @@
 """Quantisation of the encoders, read from the positions themselves.
 
 Noise before rounding leaves every position on a lattice, q = o + k s with whole k. The smallest distances between
-distinct values give a first step s; the share of values that lie on the lattice tells whether there is one; a line
+distinct values give a first step s; the share of values on the lattice decides whether there is one; a line
 through values against k gives the step with its standard deviation.
 """
 

@@ -1,4 +1,4 @@
-"""A trained residual network: the torque that no effect explains, where it knows it."""
+"""A trained residual network: the torque that no effect explains, near its training data."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Prediction:
 
     Attributes:
         torque: to be added to the torque that the corrected arm predicts [N m], (N, n).
-        std: standard deviation of what is left then, noise and the members' disagreement together [N m], (N, n).
+        std: standard deviation of the residual then, noise and the members' disagreement together [N m], (N, n).
         trust: factor by which the torque was shrunk [1], (N, n).
     """
 
@@ -38,8 +38,8 @@ class ResidualNetwork:
     Attributes:
         inputs: what it sees.
         network: the members.
-        trust: where it knows something.
-        scale: torque that an output of 1 stands for [N m], (n,).
+        trust: its factor of trust.
+        scale: torque of an output of 1 [N m], (n,).
         bound: the torque never exceeds it [N m], (n,).
         cutoff: of the low-pass that the residual had passed when it was learnt [Hz].
     """

@@ -1,4 +1,4 @@
-"""Where a residual network knows something: near the inputs that it was trained on."""
+"""Trust of a residual network: 1 near the inputs that it was trained on, 0 far from them."""
 
 from __future__ import annotations
 

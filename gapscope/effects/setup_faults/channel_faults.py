@@ -100,7 +100,7 @@ class UnitMismatch(Fault):
     Attributes:
         variant: ``degrees`` (positions), ``milliseconds`` (time) or ``motor_side`` (position times ratio, torque over
             ratio).
-        joints: from 1; all where empty. Of no meaning for milliseconds.
+        joints: from 1; all if empty. Of no meaning for milliseconds.
         ratio: gear ratio of ``motor_side`` [1].
     """
 

@@ -33,7 +33,7 @@ class Fault(ABC):
         scope: ``joint`` or ``arm``.
         looks_like: what gives it away in data.
         reference: where the convention stands that the set-up breaks; a key of ``docs/references.md``.
-        variants: its kinds, which the field ``variant`` names; empty where there is one only.
+        variants: its kinds, which the field ``variant`` names; empty if there is one only.
         parameters: its parameters, which are fields of the same name.
     """
 
@@ -45,7 +45,7 @@ class Fault(ABC):
     parameters: ClassVar[tuple[Parameter, ...]] = ()
 
     def __post_init__(self) -> None:
-        """Check variant and values; raises ``InputError`` where they do not exist or lie out of bounds."""
+        """Check variant and values; raises ``InputError`` if they do not exist or lie out of bounds."""
         if self.variants:
             variant = getattr(self, "variant")  # noqa: B009 (a field of the subclass)
             check_known("variant", variant, self.variants, where=self.name)

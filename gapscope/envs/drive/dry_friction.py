@@ -1,6 +1,6 @@
 """Dry friction of several joints in one time step, with sticking.
 
-Coulomb's law is set-valued: f = c sgn v where a joint moves, and any f within +-c where it rests. Injected as a torque
+Coulomb's law is set-valued: f = c sgn v if a joint moves, and any f within +-c if it rests. Injected as a torque
 of the present velocity it chatters about v = 0; here the velocity *after* the step is found together with the friction.
 """
 
@@ -16,14 +16,14 @@ BLOCK_TRIALS = 10
 
 
 class DryFriction:
-    r"""Solves W v + p = b with p_i = limit_i sgn v_i where v_i != 0, and \|p_i\| <= limit_i where v_i = 0.
+    r"""Solves W v + p = b with p_i = limit_i sgn v_i if v_i != 0, and \|p_i\| <= limit_i if v_i = 0.
 
     W [kg m^2] is symmetric positive definite, so that the solution is unique; v [rad/s] is the velocity after the step,
     p [N m s] the friction's impulse. It is found by block principal pivoting on the set of sticking joints,
     starting from the set of the step before.
 
     Attributes:
-        direction: sign of each joint's velocity in the last solution, 0 where it sticks, shape (n,).
+        direction: sign of each joint's velocity in the last solution, 0 if it sticks, shape (n,).
         sticks: which joints stuck in it, shape (n,).
     """
 

@@ -30,7 +30,7 @@ def total(values: np.ndarray, name: str, unit: str) -> np.ndarray:
 class Friction:
     """(c + d exp(-(v / vs)^2) + mu |applied|) F and b F, with F = 1 + a exp(-t / T); nominal values included.
 
-    The formulas are those of ``gapscope.effects.friction``, arranged so that a step allocates nothing.
+    The formulas are those of ``gapscope.effects.friction``, arranged such that a step allocates no memory.
 
     Args:
         arm: an arm with effects.
@@ -88,7 +88,7 @@ class Friction:
         self.present = bool(self.dry.any() or viscous.any())
 
     def drifts(self, step: int) -> bool:
-        """Whether the drift has to be brought up to date at a step's number."""
+        """Whether the drift must be brought up to date at a step's number."""
         return self.drifting and not step % self._every
 
     def drift(self, t: float) -> None:

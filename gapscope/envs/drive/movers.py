@@ -42,7 +42,7 @@ class Predicted(RigidStep):
         self.read()
 
     def read(self) -> None:
-        """Take the engine's state, which knows of joint limits."""
+        """Take the engine's state, which includes joint limits."""
         self._engine.read()
         np.copyto(self.q, self._engine.q)
         np.copyto(self.dq, self._engine.dq)
@@ -78,7 +78,7 @@ class Predicted(RigidStep):
 
 
 class Native(RigidStep):
-    """For an engine with rotors: it makes the step itself, and takes it back where the guess was wrong."""
+    """For an engine with rotors: it makes the step itself, and takes it back if the guess was wrong."""
 
     def __init__(
         self,

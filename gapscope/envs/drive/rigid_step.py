@@ -1,6 +1,6 @@
 """One time step of the joints: rotors and friction solved with the mass matrix.
 
-No engine knows load friction, or dry friction that really sticks, and not every one knows rotors. They enter as torque,
+No engine has load friction, or dry friction that really sticks, and not every one has rotors. They enter as torque,
 but not by their law at the present velocity: rotors would make an algebraic loop, dry friction would chatter. The
 velocity after the step is solved from
 
@@ -98,7 +98,7 @@ class RigidStep(ABC):
         self._set_rotors(self._all)
 
     def _assume(self, direction: np.ndarray) -> None:
-        """Guess the directions of the joints with dry friction, 0 where they stick."""
+        """Guess the directions of the joints with dry friction, 0 if they stick."""
         sticks = self._dry & (direction == 0)
         self._sticking, self._at_rest = sticks, False
         self._direction, self._signs = direction, direction.tobytes()

@@ -1,4 +1,4 @@
-"""Into how many parts a time step has to be divided, so that springs in and beside the joints are followed."""
+"""Into how many parts a time step must be divided, so that springs in and beside the joints are followed."""
 
 from __future__ import annotations
 

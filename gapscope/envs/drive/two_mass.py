@@ -29,7 +29,7 @@ class TwoMass:
         I ddtheta = u - friction - tau,   tau = k z + d dz,   z = theta - q beyond free play,
 
     all on the joint side of the gear. Motor and link take their semi-implicit step with the same tau, so that momentum
-    is kept. The damper acts where the gear is closed and never pulls its teeth apart.
+    is kept. The damper acts if the gear is closed and never pulls its teeth apart.
 
     Args:
         arm: an arm with effects.

@@ -40,7 +40,7 @@ class Engine(ABC):
 
 
 class RotorEngine(Engine):
-    """An engine that knows rotors, and can take a step back.
+    """An engine that supports rotors, and can undo a step.
 
     Attributes:
         position, velocity: the engine's own state [rad], [rad/s], always up to date, shape (n,).

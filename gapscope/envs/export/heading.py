@@ -1,4 +1,4 @@
-"""The comment at the head of an exported file: where it comes from, gravity, meshes, and what it leaves out."""
+"""The comment at the head of an exported file: origin, gravity, meshes, and what the file leaves out."""
 
 from __future__ import annotations
 

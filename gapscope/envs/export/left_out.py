@@ -67,7 +67,7 @@ def left_out(arm: PlainArm, form: str) -> tuple[str, ...]:
 
 
 def remarks(arm: PlainArm) -> tuple[str, ...]:
-    """What is odd about the bodies, a sentence each, with the file's name instead of its path."""
+    """Implausible bodies, a sentence each, with the file's name instead of its path."""
     return tuple(
         note.replace(str(arm.body.file), arm.body.file.name)
         for note in odd_inertials(arm.body)

@@ -94,7 +94,7 @@ class PlainArm:
 
     @property
     def upright(self) -> bool:
-        """Whether the base stands as the world does."""
+        """Whether the base is oriented like the world."""
         return _none(self.mount)
 
 

@@ -21,7 +21,7 @@ OFF = 0.1
 EXPLAINED = 0.5
 """Share of the miss that other gains must explain before they are called wrong [1]."""
 SEEN = 0.01
-"""Feedback below this share of the torque's spread is too small to judge gains by [1]."""
+"""Feedback below this share of the torque's spread is too small to test gains [1]."""
 
 
 def check_controller(

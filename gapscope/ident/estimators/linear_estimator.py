@@ -66,7 +66,7 @@ def joint_noise(problem: Problem, beta: np.ndarray) -> np.ndarray:
     residual = problem.residual(beta)
     free = max(1.0 - len(beta) / residual.size, 1.0 / residual.size)
     noise = np.sqrt((residual**2).mean(axis=0) / free)
-    # an exact fit has no noise, but weights have to be finite
+    # an exact fit has no noise, but weights must be finite
     largest_torque = max(float(np.abs(problem.torque).max(initial=0.0)), 1e-300)
     largest_noise = float(noise.max(initial=0.0))
     return np.maximum(noise, max(1e-12 * largest_torque, 1e-6 * largest_noise))

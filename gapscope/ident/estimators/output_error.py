@@ -119,7 +119,7 @@ class _Outputs:
         )
 
     def at(self, beta: np.ndarray) -> np.ndarray:
-        """Simulated, shape (M, 2 n); infinite if the arm runs away, so that the step is taken back."""
+        """Simulated, shape (M, 2 n); infinite if the arm diverges, so that the step is taken back."""
         if not np.array_equal(beta, self._at):
             try:
                 self._value = self.of(self._experiment.simulate(beta))

@@ -61,7 +61,7 @@ def started(problem: Problem, experiment: Experiment) -> Simulated:
 
 
 def simulated(problem: Problem, experiment: Experiment, beta: np.ndarray) -> Simulated:
-    """Simulate with parameters beta; raises ``GapscopeError`` if the arm runs away."""
+    """Simulate with parameters beta; raises ``GapscopeError`` if the arm diverges."""
     own = experiment.problem(beta)
     if own.torque.shape != problem.torque.shape:
         raise InputError(

@@ -23,7 +23,7 @@ from gapscope.ident.model.solvable import check_samples, unit_warnings
 NOT_NEGATIVE = re.compile(r"[Ibc]\d+")
 """Names of rotor inertia, viscous and Coulomb friction, which take energy or store it and cannot be negative."""
 REFERENCE_MASS = 1.0
-"""Mass of the body that stands in for a link if there is no prior [kg]."""
+"""Mass of the body that replaces a link if there is no prior [kg]."""
 REFERENCE_RADIUS = 0.1
 """Its radius of gyration about each plane [m]."""
 LEAST_NOISE = 1e-4

@@ -91,7 +91,7 @@ def design(
         limits: what to keep.
         rng: source of candidates; with a budget of evaluations alone the same seed gives the same trajectory.
         progress: called with the share of the budget spent [1] and the best value so far, or infinity.
-        separator: tells apart what criterion ``separation`` is about; by default effects of typical size.
+        separator: separates what criterion ``separation`` is about; by default effects of typical size.
         body: the arm's rigid bodies if they are not the nominal ones, as with a known payload.
 
     Raises:

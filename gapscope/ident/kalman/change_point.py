@@ -112,7 +112,7 @@ def find_change(
 
     Errors of the model make 2 log L large at every moment, not at one: the likeliest two changes are fitted, and by how
     far the median of 2 log L for a further one exceeds that of chi-squared, or its peak the threshold, that is raised.
-    And 2 log L has to be at least ``SHARE`` of the number of equations: less cannot be distinguished from errors of the
+    And 2 log L must be at least ``SHARE`` of the number of equations: less cannot be distinguished from errors of the
     model.
 
     Args:

@@ -42,7 +42,7 @@ class Track:
         return self.value[:, place], self.deviation[:, place]
 
     def smoothed(self) -> Track:
-        """The track smoothed with later samples, by the Rauch-Tung-Striebel recursion; memory has to be unlimited.
+        """The track smoothed with later samples, by the Rauch-Tung-Striebel recursion; memory must be unlimited.
 
         With G = P (P + Q)^-1: x_s = x + G (x_s' - x), P_s = P + G (P_s' - P - Q) G^T, ' the next sample. Only the
         parameters that wander (Q > 0) lag; for the others G passes the last estimate on.

@@ -31,7 +31,7 @@ class BaseParameters:
 
     Attributes:
         names: names of pi, shape (p,).
-        kept: places in pi of the parameters that stand for the combinations, shape (b,), ascending.
+        kept: places in pi of the parameters that represent the combinations, shape (b,), ascending.
         combination: C, shape (b, p); its columns at ``kept`` are the identity.
         pivots: magnitude of the diagonal of R of the pivoted QR of the unit columns, shape (p,), falling: the spectrum
             whose gap decides b.
@@ -99,14 +99,14 @@ def base_parameters(
     """Base parameters by QR of a regressor of enough random samples.
 
     The number b comes from the QR with column pivoting of the columns scaled to unit norm: it ends at the gap in the
-    spectrum of R's diagonal, see ``rank_by_gap``. Which parameters stand for the combinations is a choice. Columns are
+    spectrum of R's diagonal, see ``rank_by_gap``. Which parameters represent the combinations is a choice. Columns are
     taken in an order of preference, and one that depends on those before it is folded into them:
 
     - ``link``: from the base to the tip, within a link mass, first moment, inertia; then effects. What a link carries
       is folded into the link that carries it, so that factors are levers and their squares (``mx2 + 0.5 m3``), as in
       the classical regrouping rules of serial arms, and rotor inertia into the inertia of the link.
     - ``kind``: all masses first, then all first moments, inertias, effects, each from the base to the tip. If a
-      mass can stand for something, it does; factors are then inverse levers too, and the kept columns worse
+      mass can represent a combination, it does; factors are then inverse levers too, and the kept columns worse
       conditioned.
 
     If that leaves another number than b, because data excite the arm poorly, the columns that the pivoting chose are
@@ -223,7 +223,7 @@ def _order(names: Sequence[str], preference: Preference) -> list[int]:
 def _expression(
     kept: int, row: np.ndarray, names: Sequence[str], tolerance: float
 ) -> str:
-    """A combination in words, the parameter that stands for it first."""
+    """A combination in words, the parameter that represents it first."""
     parts = [names[kept]]
     for place in np.flatnonzero(np.abs(row) > tolerance):
         if place == kept:

@@ -65,7 +65,7 @@ class JointZeros:
         return np.flatnonzero(certain & (better or more_possible))
 
     def questions(self) -> tuple[str, ...]:
-        """A question about each zero that has to be asked about."""
+        """A question about each zero that must be asked about."""
         offset, deviation = np.rad2deg(self.offset), np.rad2deg(self.deviation)
         return tuple(
             f"is the zero of joint {j + 1} right? The torque fits physical bodies with a zero that is off by "

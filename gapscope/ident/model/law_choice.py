@@ -19,7 +19,7 @@ from gapscope.ident.signals.samples import Samples
 FOLDS = 5
 """Least number of stretches of time, each predicted from all others."""
 WORTH = 0.02
-"""A friction law with more parameters has to lower the error on held-out stretches by this share."""
+"""A friction law with more parameters must lower the error on held-out stretches by this share."""
 EXCEEDED = 3.0
 """Every moving drive must be faster at times than a Stribeck speed by this factor."""
 PULLS = (1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0)
@@ -50,7 +50,7 @@ class Choice:
 def choose(
     samples: Samples, *, stribeck: bool = True, presliding: bool = True
 ) -> Choice:
-    """Choose the friction law, then the pull; the simpler wherever the richer is not worth it.
+    """Choose the friction law, then the pull; the simpler one unless the richer one is clearly better.
 
     Args:
         samples: what may be fitted.

@@ -91,7 +91,7 @@ class ModelColumns:
         return np.concatenate([self.smooth(motion), self.dry(motion, law)], axis=2)
 
     def scale(self, law: FrictionLaw) -> np.ndarray:
-        """Change of x that counts as 100 %, shape (p,); infinite for all that the nominal arm need not know.
+        """Change of x that counts as 100 %, shape (p,); infinite for parameters that the nominal arm need not have.
 
         Mass m; first moments m max(|c|, 5 cm); inertia about the joint frame, half its trace.
         """

@@ -240,5 +240,5 @@ def _scaled(matrix: np.ndarray) -> np.ndarray:
 
 
 def inconsistent(checks: Sequence[LinkCheck]) -> tuple[LinkCheck, ...]:
-    """Those links that no body can be."""
+    """The links that are not physical."""
     return tuple(check for check in checks if not check.consistent)

@@ -14,7 +14,7 @@ from gapscope.ident.model.orthonormal_base import orthonormal_base
 def write_base(result: Identification, path: Path | str) -> None:
     """Write the base parameters of an identification as arrays; ``path`` never holds half a file.
 
-    ``names`` and ``kept_names`` of the p parameters pi and of the b that stand for combinations; ``combination`` C
+    ``names`` and ``kept_names`` of the p parameters pi and of the b that represent combinations; ``combination`` C
     with beta = C pi, shape (b, p); ``back`` and ``null_space`` N with pi = back beta + N z for any z, shapes (p, b)
     and (p, p - b); ``value`` and ``covariance`` of beta, ``consistent`` and ``nominal`` pi. ``orthonormal`` V with
     gamma = V^T pi and the shortest pi = V gamma, shape (p, b), by singular value decomposition; ``from_orthonormal``

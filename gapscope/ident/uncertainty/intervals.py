@@ -145,7 +145,7 @@ def block_jackknife(
 ) -> Uncertainty:
     """Covariance (B - 1) / B sum_k d_k d_k^T with d_k the change of beta when block k of B is left out.
 
-    d_k = (A - A_k)^-1 g_k, A_k and g_k the block's share of A and its summed score: no block judges the parameters
+    d_k = (A - A_k)^-1 g_k, A_k and g_k the block's share of A and its summed score: no block tests the parameters
     that it bent itself, which the sandwich forgives. Arguments as ``sandwich``; blocks, which do not overlap here, are
     twice as long by default. Source: kunsch1989.
     """

@@ -26,7 +26,7 @@ LAWS: dict[str, Law] = {
 INSIDE = tuple(
     law.name for law in (*FRICTION, *BODY, *TRANSMISSION, *ACTUATION, *SENSING)
 )
-"""Names of the effects that stand in the catalogue."""
+"""Names of the effects that are in the catalogue."""
 SETUP = tuple(law.name for law in FAULTS)
 """Names of the faults of the set-up."""
 BEYOND = tuple(law.name for law in OUTSIDE)
