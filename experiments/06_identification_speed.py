@@ -6,7 +6,7 @@ about 1 in RMS. ``--full`` adds ten million samples.
 
 Second table: 40 000 states of the KUKA iiwa, 280 000 rows by 98 columns (70 inertial ones, rotor inertia, viscous and
 Coulomb friction, offset), the same for all, one thread each, in turns; medians over the rounds. FIGAROH is installed in
-an environment of its own below the output folder; where that fails, the script says why and goes on without it.
+an environment of its own below the output folder; where that fails, the script says why and continues without it.
 """
 
 from __future__ import annotations

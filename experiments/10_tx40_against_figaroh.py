@@ -9,8 +9,8 @@ rad/s. FIGAROH is installed in an environment of its own and runs as a child on 
 ``experiments/figaroh_fit.py`` says what of it is called. *Plain* is least squares of minimum norm on all columns, with
 the smoothed sign of the velocity; *sharp* has its sign, as FIGAROH, and *unfiltered* columns that pass no filter.
 
-Then what is left on joint rows of the project's fit is explained by one effect after another, fitted to what is left
-of the fitted rows, and judged on what is left of the others.
+Then the residual on joint rows of the project's fit is explained by one effect after another, fitted to the residual
+of the fitted rows, and judged on the residual of the others.
 """
 
 from __future__ import annotations
@@ -148,7 +148,7 @@ def table(
 def left_over(
     result: Identification, fit: Segment, judged: Segment, band: Band
 ) -> None:
-    """Print which effect explains how much of what is left, joint by joint, and where it stands."""
+    """Print which effect explains how much of the residual, joint by joint, and where it stands."""
     left, rows = [], []
     for segment in (fit, judged):
         predicted = result.predict(segment.motion)

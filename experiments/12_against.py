@@ -38,13 +38,13 @@ from gapscope.diagnosis.reference.diagnose_change import diagnose_change
 DAY = 0.12
 """Change of friction from day to day, at most [1]."""
 REFERENCE, CASE = (0, 1, 2), (3, -1)
-"""Motions of a bench with four recordings and an unseen one that are recorded on either day."""
+"""Motions of a bench with four recordings and a held-out one that are recorded on either day."""
 
 
 def recorded(
     setup: CaseSetup, plant: TrueArm, which: tuple[int, ...]
 ) -> list[Columns] | None:
-    """The recordings of some motions, or none where one of them does not run well."""
+    """The recordings of some motions, or none if one of them does not run well."""
     rows = [setup.run(plant, k) for k in which]
     return None if any(r is None for r in rows) else [r for r in rows if r is not None]
 
@@ -52,7 +52,7 @@ def recorded(
 def make_pair(
     robot: str, loaded: bool, seed: tuple[int, ...], folder: Path
 ) -> dict[str, Any]:
-    """Write ``reference`` and ``case`` into a folder; the label of the load, empty where there is none."""
+    """Write ``reference`` and ``case`` into a folder; the label of the load, empty if there is none."""
     rng = np.random.default_rng(seed)
     perturb_inertials = float(rng.uniform(0.1, 0.3))
     conditions = Conditions(

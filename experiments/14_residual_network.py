@@ -1,4 +1,4 @@
-"""A residual network on what the effects leave: unseen torque error, behaviour outside its training, time per call.
+"""A residual network on what the effects leave: held-out torque error, behaviour outside its training, time per call.
 
     .venv/bin/python experiments/14_residual_network.py [--out out/residual] [--only NAME]
 
@@ -200,7 +200,7 @@ def sources() -> dict[str, Callable[[], Problem]]:
 
 
 def nrmse(problem: Problem, predict: Predict | None) -> np.ndarray:
-    """Torque NRMSE of each joint on the unseen trajectories, (n,)."""
+    """Torque NRMSE of each joint on the held-out trajectories, (n,)."""
     errors, torques = [], []
     for x in problem.judge:
         said = np.zeros_like(x.residual)

@@ -9,7 +9,7 @@ network is trained on what the diagnosis leaves. Each model then feeds torque fo
 pick, place and weld seam, undisturbed and pushed, with a loop of 4 Hz. Gains are raised for both laws
 (`docs/agents.md`) until the arm does not settle any more.
 
-Each cell (robot, model, engine, seed) is a JSON file, written whole; a rerun goes on where the last one ended. Tables
+Each cell (robot, model, engine, seed) is a JSON file, written whole; a rerun continues where the last one ended. Tables
 are of one engine each; the recordings are made in PyBullet for both. Another severity needs another folder.
 `--table` only prints what is there. Needs the extra `learn`.
 """

@@ -9,7 +9,7 @@ out, is left out. Each agent is trained in the simulator made from its model (fo
 gains, reach and number of actions; the agent that is kept is the best in that simulator, and what is told of it comes
 from motions that chose nothing. PPO is trained on all models, SAC on those of `OFF_POLICY`.
 
-Each cell (model, agent, seed) is a JSON file, written whole; a rerun goes on where the last one ended, within a cell
+Each cell (model, agent, seed) is a JSON file, written whole; a rerun continues where the last one ended, within a cell
 at the last round. `--table` only prints what is there. Writes `curves.html`. Needs the extras `learn` and `mujoco`.
 """
 

@@ -38,7 +38,7 @@ KNOWN = {
     "ur10": "36",
     "staubli_tx40": "-",
 }
-"""Known numbers of inertial base parameters, where there is one; that of the Panda by [gaz2019]."""
+"""Known numbers of inertial base parameters, if there is one; that of the Panda by [gaz2019]."""
 JOINT = """
   <joint name="j{i}" type="revolute"><parent link="l{before}"/><child link="l{i}"/>
     <origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/><limit lower="-3" upper="3" effort="9" velocity="3"/></joint>
@@ -47,7 +47,7 @@ JOINT = """
 
 
 def load(name: str) -> NominalArm | None:
-    """An arm by name, or of the recordings; ``None`` where these are absent."""
+    """An arm by name, or of the recordings; ``None`` if these are absent."""
     if name in ("kuka_iiwa", "franka_panda", "xarm6"):
         return load_nominal_arm(name)
     urdf = next((DATA / name).glob("*.urdf"), None)

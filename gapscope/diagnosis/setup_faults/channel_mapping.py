@@ -1,4 +1,4 @@
-"""How recordings may must be read: which column is whose, with which sign, unit and time scale."""
+"""How recordings may need to be read: which column is whose, with which sign, unit and time scale."""
 
 from __future__ import annotations
 
