@@ -27,7 +27,7 @@ from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.session import Plan, record_case
-from gapscope.ident.checks.troubleshooting import FOUND
+from gapscope.ident.checks.table_row import FOUND
 from gapscope.ident.estimators.ols import OrdinaryLeastSquares
 from gapscope.ident.estimators.partial_update import PartialUpdate
 from gapscope.ident.estimators.wls import WeightedLeastSquares

@@ -16,7 +16,8 @@ from gapscope.ident.checks.plausible_samples import (
     check_recordings,
     check_unit,
 )
-from gapscope.ident.checks.troubleshooting import Row, fill_in
+from gapscope.ident.checks.table_row import Row
+from gapscope.ident.checks.troubleshooting import fill_in
 from gapscope.ident.checks.warnings import doubts
 from gapscope.ident.estimators.by_name import method
 from gapscope.ident.estimators.estimate import Estimate

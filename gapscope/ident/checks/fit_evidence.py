@@ -99,7 +99,13 @@ def nominal_similarity(samples: Samples) -> NominalSimilarity:
         power = float(np.abs(torque[:, i] * speed).mean())
         loss[i] = (friction * speed).mean() / max(power, 1e-300)
     ratio = _torque_ratio(samples, parts)
-    return NominalSimilarity(gain, weight, loss, explained, ratio)
+    return NominalSimilarity(
+        gain=gain,
+        weight=weight,
+        loss=loss,
+        explained=explained,
+        ratio=ratio,
+    )
 
 
 def _torque_parts(samples: Samples) -> np.ndarray:

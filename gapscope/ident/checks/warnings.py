@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 
 from gapscope.ident.checks.fit_evidence import FitEvidence, NominalSimilarity
 from gapscope.ident.checks.plausible_samples import resting
+from gapscope.ident.checks.table_row import FOUND, Row
 from gapscope.ident.checks.torque_gain import torque_gain
-from gapscope.ident.checks.troubleshooting import FOUND, Row
 from gapscope.ident.estimators.estimate import Estimate
 from gapscope.ident.kalman.changes import FoundChange
 from gapscope.ident.model.physical_parameters import inconsistent

@@ -209,10 +209,10 @@ class Experiment:
     def _recorded(self, k: int, rolled: RollOut) -> Recording:
         own, rows = self.recordings[k], self._rows(k)
         return Recording(
-            own.name,
-            own.t,
-            rolled.q[rows],
-            rolled.tau[rows],
+            name=own.name,
+            t=own.t,
+            q=rolled.q[rows],
+            tau=rolled.tau[rows],
             dq=rolled.dq[rows],
             q_ref=own.q_ref,
             dq_ref=own.dq_ref,
@@ -252,10 +252,10 @@ class Experiment:
         )
         arm, body = self.regressor.arm, self.regressor.body
         return Commands(
-            ticks,
-            q,
-            dq,
-            feedforward(arm, body, self.controller.feedforward, q, dq, ddq),
+            t=ticks,
+            q=q,
+            dq=dq,
+            torque=feedforward(arm, body, self.controller.feedforward, q, dq, ddq),
         )
 
 
@@ -279,10 +279,10 @@ def _held(commands: Commands, ticks: int) -> Commands:
         return np.concatenate([np.repeat(series[:1], ticks, axis=0), series])
 
     return Commands(
-        np.concatenate([earlier, commands.t]),
-        extended(commands.q),
-        extended(commands.dq),
-        extended(commands.torque),
+        t=np.concatenate([earlier, commands.t]),
+        q=extended(commands.q),
+        dq=extended(commands.dq),
+        torque=extended(commands.torque),
     )
 
 

@@ -37,7 +37,12 @@ class Factor:
         missing = max(0, b + 1 - len(triangle))
         triangle = np.vstack([triangle, np.zeros((missing, b + 1))])
         rest = float(triangle[b, b] ** 2)
-        return cls(triangle[:b, :b], triangle[:b, b], rest, len(matrix))
+        return cls(
+            triangle=triangle[:b, :b],
+            rotated=triangle[:b, b],
+            rest=rest,
+            rows=len(matrix),
+        )
 
     @property
     def freedom(self) -> int:
@@ -93,4 +98,10 @@ def finished(
 ) -> Estimate:
     """The estimate with what it leaves per joint."""
     residual = np.sqrt((problem.residual(beta) ** 2).mean(axis=0))
-    return Estimate(tuple(problem.names), beta, covariance, residual, warnings)
+    return Estimate(
+        names=tuple(problem.names),
+        value=beta,
+        covariance=covariance,
+        residual=residual,
+        warnings=warnings,
+    )

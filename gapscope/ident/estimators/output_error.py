@@ -84,7 +84,13 @@ class OutputError:
         ]
         residual = np.sqrt(np.mean(error[:, problem.n_joints :] ** 2, axis=0))
         covariance = self._covariance(fit.jac, fit.fun, error, outputs)
-        return Estimate(problem.names, beta, covariance, residual, tuple(warnings))
+        return Estimate(
+            names=problem.names,
+            value=beta,
+            covariance=covariance,
+            residual=residual,
+            warnings=tuple(warnings),
+        )
 
     def _covariance(
         self,

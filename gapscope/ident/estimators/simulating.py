@@ -160,4 +160,10 @@ def estimate_of(
     warnings = list(experiment.warnings)
     if not converged:
         warnings.append(f"{name} {NOT_SETTLED}")
-    return Estimate(problem.names, last.beta, covariance, last.error, tuple(warnings))
+    return Estimate(
+        names=problem.names,
+        value=last.beta,
+        covariance=covariance,
+        residual=last.error,
+        warnings=tuple(warnings),
+    )

@@ -114,7 +114,13 @@ class ReferenceParameters:
         second = np.trace(pseudo_inertia(links)[:, :3, :3], axis1=1, axis2=2)
         radius = np.sqrt(second / 3 / mass)
         units = np.where(np.abs(others) > 0, np.abs(others), 1.0)
-        return cls(links, mass, radius, others, units)
+        return cls(
+            links=links,
+            mass=mass,
+            radius=radius,
+            others=others,
+            other_units=units,
+        )
 
     @classmethod
     def _same_body(cls, columns: StandardColumns) -> ReferenceParameters:
@@ -124,11 +130,11 @@ class ReferenceParameters:
         body = [REFERENCE_MASS, 0, 0, 0, inertia, 0, inertia, 0, 0, inertia]
         zeros = np.zeros(len(columns.others))
         return cls(
-            np.tile(np.array(body, dtype=float), (count, 1)),
-            np.full(count, REFERENCE_MASS),
-            np.full(count, REFERENCE_RADIUS),
-            zeros,
-            zeros + 1.0,
+            links=np.tile(np.array(body, dtype=float), (count, 1)),
+            mass=np.full(count, REFERENCE_MASS),
+            radius=np.full(count, REFERENCE_RADIUS),
+            others=zeros,
+            other_units=zeros + 1.0,
         )
 
     @property

@@ -90,14 +90,24 @@ def _least_slope(values: np.ndarray) -> np.ndarray:
 
 
 CRITERIA = {
-    "condition": Criterion("condition", "unit", _log_condition, _log_condition_slope),
-    "d": Criterion(
-        "d",
-        "fixed",
-        lambda v: -0.5 * float(np.mean(np.log(v))),
-        lambda v: -0.5 / (len(v) * v),
+    "condition": Criterion(
+        name="condition",
+        scaling="unit",
+        value=_log_condition,
+        slope=_log_condition_slope,
     ),
-    "e": Criterion("e", "fixed", lambda v: -0.5 * float(np.log(v[0])), _least_slope),
+    "d": Criterion(
+        name="d",
+        scaling="fixed",
+        value=lambda v: -0.5 * float(np.mean(np.log(v))),
+        slope=lambda v: -0.5 / (len(v) * v),
+    ),
+    "e": Criterion(
+        name="e",
+        scaling="fixed",
+        value=lambda v: -0.5 * float(np.log(v[0])),
+        slope=_least_slope,
+    ),
 }
 """``condition``: log of the condition number, columns scaled to unit norm [gautier1992]. ``d``: minus the mean log of
 the singular values, half the log determinant over b; ``e``: minus the log of the smallest singular value

@@ -161,7 +161,12 @@ def prepare(
         progress,
         samples,
     )
-    return Prepared(search, final, separator, body)
+    return Prepared(
+        search=search,
+        final=final,
+        separator=separator,
+        body=body,
+    )
 
 
 class Accepted(NamedTuple):
@@ -230,18 +235,18 @@ def _result(
     )
     matrix = inertial.matrix(few)
     return Excitation(
-        accepted.reference,
-        motion,
-        search.model.torque(motion),
-        accepted.margins,
-        condition_number(model.matrix(few)),
-        condition_number(matrix),
-        model.names,
-        None if separator is None else separator.separate(few, matrix),
-        search.evaluations,
-        search.feasible,
-        seconds,
-        () if final.collision is None else final.collision.left_out,
+        reference=accepted.reference,
+        motion=motion,
+        torque=search.model.torque(motion),
+        margins=accepted.margins,
+        condition=condition_number(model.matrix(few)),
+        inertial_condition=condition_number(matrix),
+        names=model.names,
+        separated=None if separator is None else separator.separate(few, matrix),
+        evaluations=search.evaluations,
+        feasible=search.feasible,
+        seconds=seconds,
+        left_out=() if final.collision is None else final.collision.left_out,
     )
 
 

@@ -77,6 +77,11 @@ class ExcitationPlan:
 
     def __post_init__(self) -> None:
         """Check the names and numbers, and that the rate fits the frequencies."""
+        self._check_names()
+        self._check_numbers()
+        check_sampling(self.rate, self.family(1).highest_frequency)
+
+    def _check_names(self) -> None:
         check_known("kind of trajectory", self.kind, KINDS, where="kind")
         check_known(
             "criterion", self.criterion, [*CRITERIA, "separation"], where="criterion"
@@ -95,18 +100,17 @@ class ExcitationPlan:
                 "use cma, swarm or random",
                 where="optimiser",
             )
+
+    def _check_numbers(self) -> None:
         if not (self.order >= 1 and self.order == int(self.order)):
             raise InputError(
                 f"{self.order:g} is no number of harmonics",
                 "give 1 or more",
                 where="order",
             )
-        for name, unit, value in (
-            ("frequency", "Hz", self.frequency),
-            ("rate", "Hz", self.rate),
-        ):
+        for name, value in (("frequency", self.frequency), ("rate", self.rate)):
             if not (np.isfinite(value) and value > 0):
-                raise InputError(f"{value:g} {unit} is not above zero", where=name)
+                raise InputError(f"{value:g} Hz is not above zero", where=name)
         length = self.length
         if not (np.isfinite(length) and length >= 3 * RAMP):
             raise InputError(
@@ -120,7 +124,6 @@ class ExcitationPlan:
                 f"give {1 / self.frequency:g} s or more, or a higher base frequency",
                 where="duration",
             )
-        check_sampling(self.rate, self.family(1).highest_frequency)
 
     @property
     def length(self) -> float:
@@ -193,7 +196,12 @@ class LimitPlan:
         check_motion_limits(motion)
         effort = body.effort_limits() if arm.torque_limit is None else arm.torque_limit
         torque = self.torque * np.where(effort > 0, effort, np.inf)
-        return Allowed(motion, torque, self.singular, self.clearance)
+        return Allowed(
+            motion=motion,
+            torque=torque,
+            singular=self.singular,
+            clearance=self.clearance,
+        )
 
     def collision(self, arm: NominalArm, body: RigidBody) -> CollisionModel | None:
         """The collision shapes of an arm, or ``None`` if collisions are not checked.

@@ -88,12 +88,12 @@ class FourierFamily:
         """Windowed sines, then windowed cosines; m = 2 order."""
         sine, cosine = (np.eye(self.order, 2 * self.order, k) for k in (0, self.order))
         series = Fourier(
-            np.zeros(2 * self.order),
-            sine,
-            cosine,
-            self.frequency,
-            self.duration,
-            self.ramp,
+            centre=np.zeros(2 * self.order),
+            sine=sine,
+            cosine=cosine,
+            frequency=self.frequency,
+            duration=self.duration,
+            ramp=self.ramp,
         )
         return Basis(series.position(t), series.velocity(t), series.acceleration(t))
 
@@ -108,7 +108,14 @@ class FourierFamily:
     def reference(self, centre: np.ndarray, coefficients: np.ndarray) -> Fourier:
         """A Fourier series."""
         sine, cosine = coefficients[: self.order], coefficients[self.order :]
-        return Fourier(centre, sine, cosine, self.frequency, self.duration, self.ramp)
+        return Fourier(
+            centre=centre,
+            sine=sine,
+            cosine=cosine,
+            frequency=self.frequency,
+            duration=self.duration,
+            ramp=self.ramp,
+        )
 
     @property
     def _harmonics(self) -> np.ndarray:

@@ -206,7 +206,13 @@ def _margin(
 ) -> Margin:
     relative = slack / limit if name not in ("singular value", "distance") else slack
     worst = relative if relative.ndim == 1 else relative.min(axis=1)
-    return Margin(name, unit, limit, slack.min(axis=0), float(t[int(worst.argmin())]))
+    return Margin(
+        name=name,
+        unit=unit,
+        limit=limit,
+        margin=slack.min(axis=0),
+        at=float(t[int(worst.argmin())]),
+    )
 
 
 def check_motion_limits(limits: Limits) -> None:

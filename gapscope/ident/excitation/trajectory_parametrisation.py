@@ -124,7 +124,7 @@ class Parametrisation:
         )
         use = np.maximum(uses[most_used, joints], 1e-12)
         return _Decoded(
-            centre,
+            centre=centre,
             share=ndtr(x[n : 2 * n]),
             raw=raw,
             gain=RESERVE / use,

@@ -200,8 +200,8 @@ class _Sums:
         gram = np.cumsum(np.matmul(W.transpose(0, 2, 1), W), axis=0)
         right = np.cumsum(np.einsum("kja,kj->ka", W, problem.torque), axis=0)
         return cls(
-            moments,
-            scale,
+            moments=moments,
+            scale=scale,
             inverse=np.linalg.pinv(gram[-1], hermitian=True),
             right=right[-1],
             gram_after=gram[-1] - gram[moments],
@@ -241,7 +241,13 @@ class _Scan:
         size = np.einsum("kst,kt->ks", covariance, score)
         statistic = np.einsum("ks,ks->k", size, score)
         k = int(statistic.argmax())
-        return cls(hypothesis, statistic, int(sums.moments[k]), size[k], covariance[k])
+        return cls(
+            hypothesis=hypothesis,
+            statistic=statistic,
+            moment=int(sums.moments[k]),
+            size=size[k],
+            covariance=covariance[k],
+        )
 
 
 def _usual(

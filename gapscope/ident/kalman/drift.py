@@ -93,7 +93,13 @@ def fit_warming(
             f"the time constant, {constant:.3g} s, is longer than the record of {duration:.3g} s; record for longer",
         )
     friction = model.linear_part(best.x)[places]
-    return Warming(friction, amplitude, constant, covariance, warnings)
+    return Warming(
+        warm=friction,
+        amplitude=amplitude,
+        time_constant=constant,
+        covariance=covariance,
+        warnings=warnings,
+    )
 
 
 class _WarmingModel:

@@ -73,7 +73,13 @@ class Recursive:
             spread[k] = 0.5 * (kalman.P + kalman.P.T)
         added = np.diff(t, append=t[-1])[:, None] * walk**2
         return Track(
-            tuple(problem.names), t, value, spread, innovation, whitened, added
+            names=tuple(problem.names),
+            t=t,
+            value=value,
+            covariance=spread,
+            innovation=innovation,
+            whitened=whitened,
+            walk=added,
         )
 
     def _fading(self, step: float) -> float:
@@ -86,7 +92,12 @@ class Recursive:
         """The estimate after the last sample."""
         track = self.follow(problem)
         residual = np.sqrt(np.mean(problem.residual(track.value[-1]) ** 2, axis=0))
-        return Estimate(track.names, track.value[-1], track.covariance[-1], residual)
+        return Estimate(
+            names=track.names,
+            value=track.value[-1],
+            covariance=track.covariance[-1],
+            residual=residual,
+        )
 
     def _filter(self, problem: Problem) -> KalmanFilter:
         b, n = problem.matrix.shape[2], problem.n_joints

@@ -114,7 +114,15 @@ class Unscented:
         variance_rate = np.concatenate([np.zeros(2 * n), np.asarray(self.drift) ** 2])
         walk = np.diff(t, append=t[-1])[:, None] * variance_rate
         names = (*states, *self.names)
-        return Track(names, t, value, spread, innovation, whitened, walk)
+        return Track(
+            names=names,
+            t=t,
+            value=value,
+            covariance=spread,
+            innovation=innovation,
+            whitened=whitened,
+            walk=walk,
+        )
 
     def _sensitivity(self, covariance: np.ndarray) -> np.ndarray:
         """Change of the predicted positions per unit of the parameters, P_q,theta P_theta^-1, (n, s)."""

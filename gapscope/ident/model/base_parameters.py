@@ -146,7 +146,12 @@ def base_parameters(
     weights[np.abs(weights) < _CLEAN] = 0.0
     weights *= norms / norms[kept, None]
     weights[:, kept] = np.eye(count)
-    return BaseParameters(names, kept, weights, pivots)
+    return BaseParameters(
+        names=names,
+        kept=kept,
+        combination=weights,
+        pivots=pivots,
+    )
 
 
 def structural_base(

@@ -122,7 +122,12 @@ def essential_parameters(
     residual = (factor.residual_norm * scale, current.residual_norm * scale)
     kept = tuple(names[place] for place in places)
     return EssentialParameters(
-        kept, np.array(places), value, relative, tuple(dropped), residual
+        names=kept,
+        places=np.array(places),
+        value=value,
+        relative_deviation=relative,
+        dropped=tuple(dropped),
+        residual=residual,
     )
 
 

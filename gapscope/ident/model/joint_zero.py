@@ -129,12 +129,12 @@ def estimate_zeros(
     # a band of f Hz holds 2 f independent samples a second
     deviation = spread * np.sqrt(max(costs[-1], 1e-12) * PER_CUTOFF / 2)
     return JointZeros(
-        offset,
-        deviation,
-        spread < KNOWN * WIDTH,
-        x,
-        (costs[0], costs[-1]),
-        (impossible[0], impossible[-1]),
+        offset=offset,
+        deviation=deviation,
+        known=spread < KNOWN * WIDTH,
+        value=x,
+        cost=(costs[0], costs[-1]),
+        impossible=(impossible[0], impossible[-1]),
     )
 
 

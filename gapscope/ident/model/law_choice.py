@@ -78,7 +78,12 @@ def choose(
     by_pull = _errors_by_pull(samples, law, noise)
     tried += [(f"{law}; pull {value:g}", error) for value, error in by_pull.items()]
     pull = min(by_pull, key=lambda value: by_pull[value])
-    return Choice(law, pull, joint_noise(samples, law, pull), tuple(tried))
+    return Choice(
+        law=law,
+        pull=pull,
+        noise=joint_noise(samples, law, pull),
+        tried=tuple(tried),
+    )
 
 
 def _errors_by_pull(

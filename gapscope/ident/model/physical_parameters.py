@@ -84,13 +84,13 @@ def check_links(parameters: np.ndarray) -> tuple[LinkCheck, ...]:
         triangle = bool(triangle_inequality(link)) if known else False
         out.append(
             LinkCheck(
-                number,
-                mass,
-                moments,
-                mass > 0,
-                bool((moments > 0).all()),
-                triangle,
-                least,
+                link=number,
+                mass=mass,
+                moments=moments,
+                positive_mass=mass > 0,
+                positive_inertia=bool((moments > 0).all()),
+                triangle=triangle,
+                least=least,
             )
         )
     return tuple(out)
@@ -130,7 +130,12 @@ def consistent(
     distance = float(gap @ information @ gap) / max(base.count, 1)
     before = check_links(spread[: 10 * links])
     after = check_links(value[: 10 * links])
-    return Physical(value, before, after, distance)
+    return Physical(
+        value=value,
+        before=before,
+        after=after,
+        distance=distance,
+    )
 
 
 def _nearest(

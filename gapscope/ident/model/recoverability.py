@@ -77,13 +77,13 @@ def recoveries(
             reason = f"the torque depends on {shortened(expressions[first])}"
         out.append(
             Recovery(
-                name,
-                units[j],
-                status,
-                reason,
-                float(nominal[j]),
-                float(value[j]),
-                deviation,
+                name=name,
+                unit=units[j],
+                status=status,
+                reason=reason,
+                nominal=float(nominal[j]),
+                value=float(value[j]),
+                deviation=deviation,
             )
         )
     return tuple(out)

@@ -11,7 +11,7 @@ from typing import Any
 
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.json_file import plain, write_json
-from gapscope.ident.checks.troubleshooting import Row
+from gapscope.ident.checks.table_row import Row
 from gapscope.ident.estimators.by_name import method
 from gapscope.ident.identification import Identification
 from gapscope.ident.kalman.changes import FoundChange
@@ -30,26 +30,12 @@ def document(
         result: what was identified.
         files: what was written beside it, by purpose.
     """
-    arm, law, settings = result.case.arm, result.choice.law, result.settings
+    arm = result.case.arm
     return {
         "schema": 1,
         "case": result.case.name,
         "arm": {"robot": arm.name, "joints": list(arm.joints)},
-        "settings": {
-            "cutoff": settings.cutoff,
-            "estimator": settings.estimator,
-            "trimmed": settings.trim,
-            "moving": MOVING,
-            "friction": str(law),
-            "stribeck_speed": law.stribeck_speed,
-            "presliding": law.presliding,
-            "pull": result.choice.pull,
-            "strongest_pull": result.choice.pull >= STRONGEST,
-            "tried": [
-                {"what": what, "unseen_error": error}
-                for what, error in result.choice.tried
-            ],
-        },
+        "settings": _settings(result),
         "base": _base(result),
         **examined_document(result.examined, result.predicted),
         "changes": [_change(found) for found in result.changes],
@@ -81,6 +67,26 @@ def document(
         "questions": list(result.questions),
         "warnings": list(result.warnings),
         "files": dict(files or {}),
+    }
+
+
+def _settings(result: Identification) -> dict[str, Any]:
+    """What was asked for, and the friction law and pull that were chosen."""
+    choice, settings = result.choice, result.settings
+    law = choice.law
+    return {
+        "cutoff": settings.cutoff,
+        "estimator": settings.estimator,
+        "trimmed": settings.trim,
+        "moving": MOVING,
+        "friction": str(law),
+        "stribeck_speed": law.stribeck_speed,
+        "presliding": law.presliding,
+        "pull": choice.pull,
+        "strongest_pull": choice.pull >= STRONGEST,
+        "tried": [
+            {"what": what, "unseen_error": error} for what, error in choice.tried
+        ],
     }
 
 

@@ -134,7 +134,13 @@ def _inputs(trajectories: Sequence[Trajectory], settings: ResidualSettings) -> I
     mean, std = seen.mean(axis=1), seen.std(axis=1)
     # sines and cosines have a natural scale: a joint that hardly moved must not be blown up
     least = np.where(scaled(n), 0.1 * std.max(axis=0), 0.2)
-    return Inputs(n, settings.taps, settings.spacing, mean, np.maximum(std, least))
+    return Inputs(
+        n=n,
+        taps=settings.taps,
+        spacing=settings.spacing,
+        mean=mean,
+        std=np.maximum(std, least),
+    )
 
 
 def _from_other_groups(now: np.ndarray, group: np.ndarray) -> np.ndarray:
@@ -174,7 +180,12 @@ def fit_residual(
     bound = settings.bound * np.abs(rows.residual * rows.scale).max(axis=0)
     trust = _trust(rows)
     residual = ResidualNetwork(
-        rows.inputs, network, trust, rows.scale, bound, TORQUE_CUTOFF
+        inputs=rows.inputs,
+        network=network,
+        trust=trust,
+        scale=rows.scale,
+        bound=bound,
+        cutoff=TORQUE_CUTOFF,
     )
     moved_before = parameter_moves(
         rows.parameters, before, rows.residual, rows.trajectory
@@ -186,13 +197,13 @@ def fit_residual(
     clipped = np.abs(after * rows.scale) > bound
     faded = trust.factor(rows.windows[:, :, -1]) < 1.0
     report = Report(
-        closed,
-        gain,
-        1.0 - float(target_share),
-        (share_explained(rows.q, before), share_explained(rows.q, after)),
-        (moved_before, moved_after),
-        float(clipped.mean()),
-        float(faded.mean()),
+        closed=closed,
+        gain=gain,
+        in_target=1.0 - float(target_share),
+        in_output=(share_explained(rows.q, before), share_explained(rows.q, after)),
+        moves=(moved_before, moved_after),
+        clipped=float(clipped.mean()),
+        doubted=float(faded.mean()),
     )
     return residual, report
 

@@ -89,7 +89,12 @@ class Ensemble(torch.nn.Module):
         """The same networks as arrays."""
         weights = tuple(_array(weight) for weight in self.weights)
         biases = tuple(_array(bias) for bias in self.biases)
-        return Network(self.form, self.seen.cpu().numpy(), weights, biases)
+        return Network(
+            form=self.form,
+            seen=self.seen.cpu().numpy(),
+            weights=weights,
+            biases=biases,
+        )
 
 
 def _array(parameter: torch.Tensor) -> np.ndarray:

@@ -60,14 +60,14 @@ def from_segment(
     load = physical.unlimited.predict(body, motion)
     recorded = smooth(physical.delivered(segment.torque))
     return Trajectory(
-        segment.recording,
-        motion,
-        load,
-        recorded - smooth(load),
-        recorded,
-        smooth(physics_columns(physical, body, motion))[rows],
-        smooth(effect_columns(physical, body, motion))[rows],
-        rows,
+        name=segment.recording,
+        motion=motion,
+        load=load,
+        residual=recorded - smooth(load),
+        recorded=recorded,
+        columns=smooth(physics_columns(physical, body, motion))[rows],
+        parameters=smooth(effect_columns(physical, body, motion))[rows],
+        rows=rows,
     )
 
 

@@ -156,11 +156,11 @@ def thinned(segment: Segment, rate: float) -> Segment:
     step = max(1, int(m.rate / rate + 1e-6))
     motion = Motion(m.t[::step], m.q[::step], m.dq[::step], m.ddq[::step])
     return Segment(
-        segment.recording,
-        motion,
-        _decimate(segment.torque, m.rate, step),
-        _decimate(segment.torque_sensor, m.rate, step),
-        segment.payload,
+        recording=segment.recording,
+        motion=motion,
+        torque=_decimate(segment.torque, m.rate, step),
+        torque_sensor=_decimate(segment.torque_sensor, m.rate, step),
+        payload=segment.payload,
     )
 
 
@@ -180,11 +180,11 @@ def _cut(segment: Segment, span: slice) -> Segment:
     """The samples of a segment within a slice."""
     m, torque, sensor = segment.motion, segment.torque, segment.torque_sensor
     return Segment(
-        segment.recording,
-        Motion(m.t[span], m.q[span], m.dq[span], m.ddq[span]),
-        None if torque is None else torque[span],
-        None if sensor is None else sensor[span],
-        segment.payload,
+        recording=segment.recording,
+        motion=Motion(m.t[span], m.q[span], m.dq[span], m.ddq[span]),
+        torque=None if torque is None else torque[span],
+        torque_sensor=None if sensor is None else sensor[span],
+        payload=segment.payload,
     )
 
 
@@ -205,7 +205,13 @@ def _segment(recording: Recording, span: slice, cutoff: float) -> Segment:
         return _decimate(regular, rate, step)
 
     torque, sensor = on_grid(recording.tau), on_grid(recording.tau_sensor)
-    return Segment(recording.name, motion, torque, sensor, recording.payload)
+    return Segment(
+        recording=recording.name,
+        motion=motion,
+        torque=torque,
+        torque_sensor=sensor,
+        payload=recording.payload,
+    )
 
 
 def _decimate(series: np.ndarray | None, rate: float, step: int) -> np.ndarray | None:

@@ -53,7 +53,10 @@ def count_samples(samples: Samples, parameters: int) -> SampleCount:
     seconds = len(samples.torque) * samples.interval
     bandwidth = _bandwidth(samples)
     return SampleCount(
-        seconds, bandwidth, band_samples(seconds, float(bandwidth.sum())), parameters
+        seconds=seconds,
+        bandwidth=bandwidth,
+        independent=band_samples(seconds, float(bandwidth.sum())),
+        parameters=parameters,
     )
 
 

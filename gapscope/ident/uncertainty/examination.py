@@ -111,7 +111,14 @@ def examine(
             "without one of its segments the rest does not determine the parameters; record more motions"
         )
     counted = count_samples(samples, evidence.base.count)
-    return Examination(shown, essential, groups, interval, counted, tuple(reasons))
+    return Examination(
+        shown=shown,
+        essential=essential,
+        groups=groups,
+        interval=interval,
+        counted=counted,
+        reasons=tuple(reasons),
+    )
 
 
 def _cut(problem: Problem) -> Problem:

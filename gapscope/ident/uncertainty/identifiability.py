@@ -129,16 +129,16 @@ def identifiability(
     weakest = tuple(names[k] for k in order if last[k] > _WEAK * last.max())
     condition, raw = float(np.linalg.cond(unit)), float(np.linalg.cond(columns))
     return Identifiability(
-        base,
-        factor.rows,
-        rank,
-        condition,
-        raw,
-        relative,
-        norms / np.sqrt(max(factor.rows, 1)),
-        _standings(base),
-        weakest,
-        _warnings(base, rank, condition, raw, weakest),
+        base=base,
+        rows=factor.rows,
+        rank=rank,
+        condition=condition,
+        condition_unscaled=raw,
+        singular_values=relative,
+        column_norms=norms / np.sqrt(max(factor.rows, 1)),
+        standing=_standings(base),
+        weakest=weakest,
+        warnings=_warnings(base, rank, condition, raw, weakest),
     )
 
 

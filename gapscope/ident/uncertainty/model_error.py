@@ -90,7 +90,12 @@ def model_error(
     band = 2 * LOW * cutoff * problem.interval
     systematic = np.minimum((band * (low - floor)).clip(0.0), variance)
     noise = np.sqrt(variance - systematic)
-    return ModelError(np.sqrt(systematic), noise, p_value, len(spans))
+    return ModelError(
+        systematic=np.sqrt(systematic),
+        noise=noise,
+        p_value=p_value,
+        groups=len(spans),
+    )
 
 
 def _periodogram(series: np.ndarray, interval: float) -> tuple[np.ndarray, np.ndarray]:

@@ -100,7 +100,14 @@ def compare_groups(
     between = found.var(axis=0, ddof=1)
     ratio = statistic / freedom
     verdict = _verdict(ratio, p_value)
-    return GroupComparison(found, stated, between, ratio, p_value, verdict)
+    return GroupComparison(
+        values=found,
+        stated=stated,
+        between=between,
+        ratio=ratio,
+        p_value=p_value,
+        verdict=verdict,
+    )
 
 
 def _verdict(ratio: float, p_value: float) -> str:

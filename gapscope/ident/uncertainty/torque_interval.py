@@ -90,7 +90,12 @@ def predicted_torque(
     inside = np.abs(problem.residual(beta)) <= recorded
     rms_own = np.sqrt((own**2).mean(axis=0))
     rms_recorded = np.sqrt((recorded**2).mean(axis=0))
-    return PredictedTorque(level, rms_own, rms_recorded, inside.mean(axis=0))
+    return PredictedTorque(
+        level=level,
+        half_width=rms_own,
+        recorded=rms_recorded,
+        held=inside.mean(axis=0),
+    )
 
 
 def torque_interval(
@@ -114,7 +119,12 @@ def torque_interval(
     """
     estimate = estimate or estimator.estimate(problem)
     error = model_error(problem, held_out(problem, estimator), cutoff)
-    return TorqueInterval(estimate, uncertainty, error, error.warnings())
+    return TorqueInterval(
+        estimate=estimate,
+        parameters=uncertainty,
+        error=error,
+        warnings=error.warnings(),
+    )
 
 
 def held_out(problem: Problem, estimator: Estimator) -> np.ndarray:

@@ -116,11 +116,11 @@ def validate(
         rows = band.rows(segment)
         pieces.append(
             _Compared(
-                segment.motion.t[rows],
-                segment.motion.dq[rows],
-                band.filtered(np.asarray(segment.torque), segment),
-                band.filtered(predict(segment), segment),
-                band.filtered(nominal(segment), segment),
+                t=segment.motion.t[rows],
+                dq=segment.motion.dq[rows],
+                torque=band.filtered(np.asarray(segment.torque), segment),
+                after=band.filtered(predict(segment), segment),
+                before=band.filtered(nominal(segment), segment),
             )
         )
     whole = _Compared(*(np.concatenate(x) for x in zip(*pieces, strict=True)))
@@ -135,18 +135,18 @@ def validate(
     expected = band_correlation(rate, band.cutoff, step)
     every = np.full(whole.torque.shape, True)
     return Validation(
-        names,
-        role,
-        errors(whole.torque, whole.after, every),
-        errors(whole.torque, whole.after, np.abs(whole.dq) > MOVING),
-        errors(whole.torque, whole.before, every),
-        whiteness(residual, group[::step], expected),
-        whole.t,
-        whole.torque,
-        whole.after,
-        whole.before,
-        whole.dq,
-        tuple(int(edge) for edge in edges),
+        recordings=names,
+        role=role,
+        every=errors(whole.torque, whole.after, every),
+        moving=errors(whole.torque, whole.after, np.abs(whole.dq) > MOVING),
+        nominal=errors(whole.torque, whole.before, every),
+        whiteness=whiteness(residual, group[::step], expected),
+        t=whole.t,
+        torque=whole.torque,
+        predicted=whole.after,
+        before=whole.before,
+        velocity=whole.dq,
+        edges=tuple(int(edge) for edge in edges),
     )
 
 
@@ -172,7 +172,13 @@ def errors(torque: np.ndarray, predicted: np.ndarray, counted: np.ndarray) -> Er
     power = float((counted_torque**2).sum())
     overall = float(np.sqrt((residual**2).sum() / power)) if power > 0 else float("nan")
     largest = np.abs(residual).max(axis=0)
-    return Errors(rmse, relative, largest, overall, count / len(torque))
+    return Errors(
+        rmse=rmse,
+        relative=relative,
+        largest=largest,
+        overall=overall,
+        share=count / len(torque),
+    )
 
 
 def band_correlation(rate: float, cutoff: float, step: int) -> np.ndarray:
@@ -209,4 +215,9 @@ def whiteness(
     p_value = chi2.sf(statistic, lags)
     # 99 % of the correlations of white noise lie within this
     bound = float(2.576 / np.sqrt(n))
-    return Whiteness(statistic, p_value, np.abs(beyond_band).max(axis=0), bound)
+    return Whiteness(
+        statistic=statistic,
+        p_value=p_value,
+        largest=np.abs(beyond_band).max(axis=0),
+        bound=bound,
+    )

@@ -9,7 +9,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from gapscope.ident.checks.troubleshooting import FOUND, Row
+from gapscope.ident.checks.table_row import FOUND, Row
 from gapscope.ident.identification import Identification
 
 MAX_WARNING = 160

@@ -13,7 +13,8 @@ import pytest
 from gapscope.arm.case import Case
 from gapscope.arm.recording import Recording
 from gapscope.effects.applied import AppliedEffect
-from gapscope.ident.checks.troubleshooting import CHECKS, FOUND
+from gapscope.ident.checks.table_row import FOUND
+from gapscope.ident.checks.troubleshooting import CHECKS
 from gapscope.ident.identification import (
     Identification,
     IdentificationSettings,
