@@ -12,22 +12,20 @@ import numpy as np
 
 from gapscope.arm.controller import Controller
 from gapscope.arm.errors import InputError
+from gapscope.arm.io.arrays import Samples, frames_of_arrays
 from gapscope.arm.io.case_file import read_case_file
-from gapscope.arm.io.case_paths import CasePaths, files_of
+from gapscope.arm.io.case_paths import CasePaths, files_of, known_loads
 from gapscope.arm.io.controller_file import parse_controller
 from gapscope.arm.io.import_section import Import, parse_import
 from gapscope.arm.io.load_recording import load_recording, recording_of_columns
 from gapscope.arm.io.plausibility import UNSIGNED
-from gapscope.arm.known_load import KnownLoad, parse_payloads
+from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
 
 SHORTEST = 1.0
 """Duration of the shortest recording that a case may hold [s]; both ends are trimmed by 0.3 s for the gap."""
-
-Samples = np.ndarray | Sequence[np.ndarray]
-"""A channel of one recording, shape (N,) or (N, n), or a list of them: one for each recording."""
 
 
 @dataclass(frozen=True)
@@ -106,21 +104,7 @@ class Case:
             "tau_sensor": tau_sensor,
             "temperature": temperature,
         }
-        given = {name: _listed(x) for name, x in channels.items() if x is not None}
-        times = _listed(t)
-        for name, arrays in given.items():
-            if len(arrays) != len(times):
-                raise InputError(
-                    f"has {len(arrays)} recordings, t has {len(times)}",
-                    "give every channel an array for each recording",
-                    where=name,
-                )
-        frames = []
-        for number, time in enumerate(times):
-            columns = {"t": np.asarray(time, dtype=float)}
-            for name, arrays in given.items():
-                columns |= _numbered(name, np.asarray(arrays[number], dtype=float))
-            frames.append(columns)
+        frames = frames_of_arrays(t, channels)
         return cls.from_frames(robot, frames, **description)
 
     @classmethod
@@ -214,7 +198,7 @@ def load_case(
     )
     section = content.get("import")
     importing = parse_import(section, arm.n_joints, file) if section else None
-    payloads = _payloads(content, paths)
+    payloads = known_loads(content, paths)
     recordings: list[Recording] = []
     judged: list[Recording] = []
     if read_recordings:
@@ -275,21 +259,6 @@ def case_files(path: str | Path, *, data_root: Path | None = None) -> tuple[Path
     return tuple(found)
 
 
-def _payloads(content: Mapping[str, Any], paths: CasePaths) -> dict[Path, KnownLoad]:
-    """Known bodies by the path of a recording's file; of several files side by side any may be named."""
-    section = content.get("payloads")
-    if not section:
-        return {}
-    files: dict[str, Path] = {}
-    for part in ("recordings", "judge"):
-        for entry in content.get(part, []):
-            texts = [entry] if isinstance(entry, str) else entry.values()
-            for text in texts:
-                files[text] = paths.file.parent / paths.expand(text, part)
-    loads = parse_payloads(section, files, paths.file)
-    return {files[text].resolve(): load for text, load in loads.items()}
-
-
 def _read(
     entry: Path | dict[str, Path],
     rows: tuple[int, int] | None,
@@ -318,21 +287,6 @@ def _check_duration(recording: Recording, file: Path) -> None:
             "record a longer motion; ten seconds in which all joints move are a good start",
             file=file,
         )
-
-
-def _listed(samples: Samples) -> Sequence[np.ndarray]:
-    """Arrays of a channel, one for each recording."""
-    return samples if isinstance(samples, (list, tuple)) else [np.asarray(samples)]
-
-
-def _numbered(name: str, values: np.ndarray) -> dict[str, np.ndarray]:
-    """Columns ``name1..namen`` of an array of shape (N, n)."""
-    if values.ndim != 2:
-        raise InputError(
-            f"has shape {values.shape}, expected (N, n): a row for each sample, a column for each joint",
-            where=name,
-        )
-    return {f"{name}{joint + 1}": column for joint, column in enumerate(values.T)}
 
 
 def _warnings(recordings: list[Recording]) -> tuple[str, ...]:

@@ -6,8 +6,10 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.known_load import KnownLoad, parse_payloads
 
 DATA_ROOT = "GAPSCOPE_DATA"
 """Environment variable with the folder that ``${GAPSCOPE_DATA}`` in a path of a case stands for."""
@@ -53,3 +55,18 @@ def files_of(place: Path) -> list[Path]:
     if not place.is_dir():
         return [place]
     return sorted(path for path in place.rglob("*") if path.is_file())
+
+
+def known_loads(content: Mapping[str, Any], paths: CasePaths) -> dict[Path, KnownLoad]:
+    """Known bodies by the path of a recording's file; of several files side by side any may be named."""
+    section = content.get("payloads")
+    if not section:
+        return {}
+    files: dict[str, Path] = {}
+    for part in ("recordings", "judge"):
+        for entry in content.get(part, []):
+            texts = [entry] if isinstance(entry, str) else entry.values()
+            for text in texts:
+                files[text] = paths.file.parent / paths.expand(text, part)
+    loads = parse_payloads(section, files, paths.file)
+    return {files[text].resolve(): load for text, load in loads.items()}

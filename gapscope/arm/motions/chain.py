@@ -47,15 +47,16 @@ class Chain:
 
     def _evaluate(self, quantity: str, t: np.ndarray) -> np.ndarray:
         t = np.asarray(t, dtype=float)
-        ends = np.cumsum([part.duration for part in self.parts])
-        turn = np.searchsorted(ends[:-1], t, side="right")
-        pieces = [getattr(part, quantity) for part in self.parts]
-        out = np.empty((len(t), pieces[0](np.zeros(1)).shape[1]))
-        for index in np.unique(turn):
-            rows = turn == index
-            out[rows] = pieces[index](
-                t[rows] - (ends[index] - self.parts[index].duration)
-            )
+        durations = [part.duration for part in self.parts]
+        ends = np.cumsum(durations)
+        part_of = np.searchsorted(ends[:-1], t, side="right")
+        n = self.parts[0].position(np.zeros(1)).shape[1]
+        out = np.empty((len(t), n))
+        for index in np.unique(part_of):
+            rows = part_of == index
+            begin = ends[index] - durations[index]
+            evaluate = getattr(self.parts[index], quantity)
+            out[rows] = evaluate(t[rows] - begin)
         return out
 
 

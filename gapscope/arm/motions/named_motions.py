@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import cycle
 from typing import NamedTuple
 
 import numpy as np
@@ -28,7 +29,7 @@ SPEED = 1.5
 """Joints move no faster than this, whatever the URDF allows [rad/s]."""
 MARGIN = 0.1
 """Distance kept from the position limits, more than an encoder is usually off [rad]."""
-ROOM = 0.35
+POSTURE_SPREAD = 0.35
 """Share of the room about the working posture in which postures are drawn [1]."""
 DWELL = 0.3
 """Rest between motions [s]."""
@@ -61,11 +62,9 @@ def workspace(
         limits = urdf_limits(body, ACCELERATION, margin=MARGIN)
         limits = limits._replace(velocity=np.minimum(limits.velocity, SPEED))
     kinematics = Kinematics(body)
-    posture = (
-        working_posture(kinematics, limits)
-        if posture is None
-        else np.asarray(posture, dtype=float)
-    )
+    if posture is None:
+        posture = working_posture(kinematics, limits)
+    posture = np.asarray(posture, dtype=float)
     if posture.shape != (body.n_joints,):
         raise InputError(
             f"expected {body.n_joints} numbers, one per joint, got {posture.size}",
@@ -121,7 +120,9 @@ def check_motion_name(name: str, n_joints: int) -> None:
 
 def motions_for(n_joints: int) -> tuple[str, ...]:
     """Names of the motions that an arm of n joints can follow."""
-    return tuple(name for name in MOTIONS if n_joints >= 3 or name not in STRAIGHT)
+    return tuple(
+        name for name in MOTIONS if n_joints >= 3 or name not in STRAIGHT_LINE_MOTIONS
+    )
 
 
 def _fourier(
@@ -129,7 +130,7 @@ def _fourier(
 ) -> ReferenceMotion:
     limits, posture = space.limits, space.posture
     frequency = float(rng.uniform(0.1, 0.3))
-    centre = posture + rng.uniform(-0.2, 0.2, len(posture)) * _room(space)
+    centre = posture + rng.uniform(-0.2, 0.2, len(posture)) * _room_to_limits(space)
     return Fourier.random(
         rng,
         limits,
@@ -143,25 +144,30 @@ def _fourier(
 def _point_to_point(
     rng: np.random.Generator, space: Workspace, duration: float
 ) -> ReferenceMotion:
-    return _repeated(rng, space, duration, (_transit,))
+    return _fill_with_legs(rng, space, duration, (_move_to_random_posture,))
 
 
 def _weld_seam(
     rng: np.random.Generator, space: Workspace, duration: float
 ) -> ReferenceMotion:
-    return _repeated(rng, space, duration, (_seam,))
+    return _fill_with_legs(rng, space, duration, (_weld_random_seam,))
 
 
 def _pick(
     rng: np.random.Generator, space: Workspace, duration: float
 ) -> ReferenceMotion:
-    return _repeated(rng, space, duration, (_descent, _home))
+    return _fill_with_legs(rng, space, duration, (_go_down_and_up, _return_to_start))
 
 
 def _place(
     rng: np.random.Generator, space: Workspace, duration: float
 ) -> ReferenceMotion:
-    return _repeated(rng, space, duration, (_transit, _descent, _home))
+    return _fill_with_legs(
+        rng,
+        space,
+        duration,
+        (_move_to_random_posture, _go_down_and_up, _return_to_start),
+    )
 
 
 MOTIONS: dict[
@@ -174,68 +180,83 @@ MOTIONS: dict[
     "place": _place,
 }
 """Kinds of motion by name."""
-STRAIGHT = ("weld_seam", "pick", "place")
+STRAIGHT_LINE_MOTIONS = ("weld_seam", "pick", "place")
 """Those that hold straight lines of the tool."""
 
 Leg = Callable[[np.random.Generator, Workspace, np.ndarray], tuple[Timed, ...]]
 """Draws the next motions from the joint positions [rad] at which the arm rests, shape (n,)."""
 
 
-def _repeated(
+def _fill_with_legs(
     rng: np.random.Generator, space: Workspace, duration: float, legs: tuple[Leg, ...]
 ) -> Chain:
     """Legs in turn, from the working posture on, until the duration [s] is filled."""
     parts: list[Timed] = []
-    now, passed, turn = space.posture, 0.0, 0
-    while passed < duration:
-        for part in legs[turn % len(legs)](rng, space, now):
+    q = space.posture
+    filled = 0.0
+    for leg in cycle(legs):
+        if filled >= duration:
+            break
+        for part in leg(rng, space, q):
             parts.append(part)
-            passed += part.duration
-            now = part.position(np.array([part.duration]))[0]
-        turn += 1
+            filled += part.duration
+            q = _end(part)
     return Chain(tuple(parts))
 
 
-def _transit(
+def _end(motion: Timed) -> np.ndarray:
+    """Joint positions at the end of a motion [rad], shape (n,)."""
+    return motion.position(np.array([motion.duration]))[0]
+
+
+def _move_to_random_posture(
     rng: np.random.Generator, space: Workspace, now: np.ndarray
 ) -> tuple[Timed, ...]:
     """To another posture, up to half as fast as the limits allow, and a rest there."""
-    return _moves(
+    return _move_and_rest(
         now,
-        _drawn_posture(rng, space),
+        _draw_posture(rng, space),
         space.limits,
         slower=float(rng.uniform(1.0, 2.0)),
     )
 
 
-def _home(
+def _return_to_start(
     rng: np.random.Generator, space: Workspace, now: np.ndarray
 ) -> tuple[Timed, ...]:
     """Back to the working posture."""
-    return _moves(now, space.posture, space.limits)
+    return _move_and_rest(now, space.posture, space.limits)
 
 
-def _seam(
+def _weld_random_seam(
     rng: np.random.Generator, space: Workspace, now: np.ndarray
 ) -> tuple[Timed, ...]:
     """To the start of a horizontal seam, and along it at 0.05 to 0.2 m/s."""
-    angle, speed = rng.uniform(-np.pi, np.pi), float(rng.uniform(0.05, 0.2))
-    start, seam = _straight(
-        rng, space, np.array([np.cos(angle), np.sin(angle), 0.0]), speed
-    )
-    return *_moves(now, start, space.limits), seam, _rest(seam)
+    angle = rng.uniform(-np.pi, np.pi)
+    speed = float(rng.uniform(0.05, 0.2))
+    direction = np.array([np.cos(angle), np.sin(angle), 0.0])
+    start, seam = _draw_straight_line(rng, space, direction, speed)
+    return *_move_and_rest(now, start, space.limits), seam, _rest_at_end(seam)
 
 
-def _descent(
+def _go_down_and_up(
     rng: np.random.Generator, space: Workspace, now: np.ndarray
 ) -> tuple[Timed, ...]:
     """To above an object, straight down, a rest while the gripper acts, and straight up again."""
-    above, down = _straight(rng, space, np.array([0.0, 0.0, -1.0]), speed=0.25)
+    above, down = _draw_straight_line(
+        rng, space, np.array([0.0, 0.0, -1.0]), speed=0.25
+    )
     up = Reversed(down)
-    return *_moves(now, above, space.limits), down, _rest(down), up, _rest(up)
+    return (
+        *_move_and_rest(now, above, space.limits),
+        down,
+        _rest_at_end(down),
+        up,
+        _rest_at_end(up),
+    )
 
 
-def _moves(
+def _move_and_rest(
     now: np.ndarray, to: np.ndarray, limits: Limits, slower: float = 1.0
 ) -> tuple[Timed, ...]:
     """A motion from point to point and a rest; none if the arm is there already."""
@@ -245,19 +266,20 @@ def _moves(
     return PointToPoint(now, to, slower * fastest.duration), PointToPoint(to, to, DWELL)
 
 
-def _rest(motion: Timed) -> PointToPoint:
-    end = motion.position(np.array([motion.duration]))[0]
+def _rest_at_end(motion: Timed) -> PointToPoint:
+    """A rest at the end of a motion."""
+    end = _end(motion)
     return PointToPoint(end, end, DWELL)
 
 
-def _straight(
+def _draw_straight_line(
     rng: np.random.Generator, space: Workspace, direction: np.ndarray, speed: float
 ) -> tuple[np.ndarray, WeldSeam]:
     """A posture and a line from it, of 10 to 30 % of the tool's distance from the base, that keeps the limits."""
     reach = float(np.linalg.norm(space.kinematics.tool(space.posture).position))
     problem = GapscopeError("no line was drawn")
     for _ in range(DRAWS):
-        start = _drawn_posture(rng, space)
+        start = _draw_posture(rng, space)
         way = direction * rng.uniform(0.1, 0.3) * reach
         try:
             return start, WeldSeam.along(
@@ -271,13 +293,14 @@ def _straight(
     )
 
 
-def _drawn_posture(rng: np.random.Generator, space: Workspace) -> np.ndarray:
-    return space.posture + ROOM * rng.uniform(-1.0, 1.0, len(space.posture)) * _room(
-        space
-    )
+def _draw_posture(rng: np.random.Generator, space: Workspace) -> np.ndarray:
+    """A posture about the working posture [rad], shape (n,)."""
+    share = POSTURE_SPREAD * rng.uniform(-1.0, 1.0, len(space.posture))
+    return space.posture + share * _room_to_limits(space)
 
 
-def _room(space: Workspace) -> np.ndarray:
+def _room_to_limits(space: Workspace) -> np.ndarray:
     """Way from the posture to the nearer limit, 2 rad at most [rad], shape (n,)."""
     limits, posture = space.limits, space.posture
-    return np.minimum(np.minimum(limits.upper - posture, posture - limits.lower), 2.0)
+    room = np.minimum(limits.upper - posture, posture - limits.lower)
+    return np.minimum(room, 2.0)

@@ -53,16 +53,16 @@ class PointToPoint:
             outside = (q < limits.lower) | (q > limits.upper)
             if outside.any():
                 joint = int(outside.argmax())
+                low, high = limits.lower[joint], limits.upper[joint]
                 raise InputError(
-                    f"{q[joint]:.4g} rad lies outside {limits.lower[joint]:.4g} .. {limits.upper[joint]:.4g} rad",
+                    f"{q[joint]:.4g} rad lies outside {low:.4g} .. {high:.4g} rad",
                     where=f"{label}, joint {joint + 1}",
                 )
         way = np.abs(end - start)
-        fastest = np.maximum(
-            PEAK_SPEED * way / limits.velocity,
-            np.sqrt(PEAK_ACCELERATION * way / limits.acceleration),
-        )
-        return cls(start, end, max(float(fastest.max()), 0.1))
+        by_speed = PEAK_SPEED * way / limits.velocity
+        by_acceleration = np.sqrt(PEAK_ACCELERATION * way / limits.acceleration)
+        fastest = np.maximum(by_speed, by_acceleration).max()
+        return cls(start, end, max(float(fastest), 0.1))
 
     def position(self, t: np.ndarray) -> np.ndarray:
         """Position [rad] at times t [s] of shape (N,); shape (N, n)."""

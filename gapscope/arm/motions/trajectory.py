@@ -52,10 +52,12 @@ def urdf_limits(
     velocity = body.velocity_limits()
     velocity = np.where((velocity > 0) & (velocity < 1e3), velocity, 1.0)
     return Limits(
-        np.where(free, -np.pi, lower + margin),
-        np.where(free, np.pi, upper - margin),
-        velocity,
-        np.broadcast_to(np.asarray(acceleration, dtype=float), lower.shape),
+        lower=np.where(free, -np.pi, lower + margin),
+        upper=np.where(free, np.pi, upper - margin),
+        velocity=velocity,
+        acceleration=np.broadcast_to(
+            np.asarray(acceleration, dtype=float), lower.shape
+        ),
     )
 
 
@@ -113,11 +115,9 @@ class Fourier:
                 f"a motion of {duration} s cannot rise and fall in {ramp} s each",
                 where="duration",
             )
-        centre = (
-            (limits.lower + limits.upper) / 2
-            if centre is None
-            else np.asarray(centre, dtype=float)
-        )
+        if centre is None:
+            centre = (limits.lower + limits.upper) / 2
+        centre = np.asarray(centre, dtype=float)
         room = np.minimum(limits.upper - centre, centre - limits.lower)
         if (room <= 0).any():
             raise InputError(
@@ -127,15 +127,12 @@ class Fourier:
         harmonics = np.arange(1, order + 1)[:, None]
         sine, cosine = rng.standard_normal((2, order, len(centre))) / harmonics
         unit = cls(np.zeros_like(centre), sine, cosine, frequency, duration, ramp)
+        # the motion is linear in its coefficients, so the tightest limit gives their scale
         t = np.linspace(0.0, duration, round(1e3 * duration) + 1)
-        scale = np.min(
-            [
-                room / np.abs(unit.position(t)).max(axis=0),
-                limits.velocity / np.abs(unit.velocity(t)).max(axis=0),
-                limits.acceleration / np.abs(unit.acceleration(t)).max(axis=0),
-            ],
-            axis=0,
-        )
+        by_position = room / np.abs(unit.position(t)).max(axis=0)
+        by_velocity = limits.velocity / np.abs(unit.velocity(t)).max(axis=0)
+        by_acceleration = limits.acceleration / np.abs(unit.acceleration(t)).max(axis=0)
+        scale = np.min([by_position, by_velocity, by_acceleration], axis=0)
         return cls(centre, scale * sine, scale * cosine, frequency, duration, ramp)
 
     def position(self, t: np.ndarray) -> np.ndarray:
@@ -144,9 +141,8 @@ class Fourier:
 
     def velocity(self, t: np.ndarray) -> np.ndarray:
         """Velocity [rad/s] at times t [s] of shape (N,); shape (N, n)."""
-        return self._window(t, 1) * self._series(t, 0) + self._window(
-            t, 0
-        ) * self._series(t, 1)
+        window, series = self._window, self._series
+        return window(t, 1) * series(t, 0) + window(t, 0) * series(t, 1)
 
     def acceleration(self, t: np.ndarray) -> np.ndarray:
         """Acceleration [rad/s^2] at times t [s] of shape (N,); shape (N, n)."""
@@ -166,10 +162,10 @@ class Fourier:
     def _window(self, t: np.ndarray, derivative: int) -> np.ndarray:
         t = np.asarray(t, dtype=float)
         step = _STEP.deriv(derivative)
-        rise, fall = t / self.ramp, (self.duration - t) / self.ramp
-        flank = np.where(
-            rise < fall,
-            step(np.clip(rise, 0, 1)),
-            (-1) ** derivative * step(np.clip(fall, 0, 1)),
-        )
+        rise = t / self.ramp
+        fall = (self.duration - t) / self.ramp
+        rising = step(np.clip(rise, 0, 1))
+        # time runs backwards along the falling flank
+        falling = (-1) ** derivative * step(np.clip(fall, 0, 1))
+        flank = np.where(rise < fall, rising, falling)
         return (flank / self.ramp**derivative)[:, None]

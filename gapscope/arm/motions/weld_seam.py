@@ -77,9 +77,9 @@ class WeldSeam:
                 f"joint {int(outside.argmax()) + 1} would leave its limits along the seam",
                 "choose a shorter seam, or another posture to start from",
             )
-        return cls(
-            path, max(_shortest(path, limits), length / speed / (1 - RAMP), 0.1), length
-        )
+        by_tool_speed = length / speed / (1 - RAMP)
+        duration = max(_shortest(path, limits), by_tool_speed, 0.1)
+        return cls(path, duration, length)
 
     def position(self, t: np.ndarray) -> np.ndarray:
         """Position [rad] at times t [s] of shape (N,); shape (N, n)."""
@@ -88,9 +88,8 @@ class WeldSeam:
     def velocity(self, t: np.ndarray) -> np.ndarray:
         """Velocity [rad/s] at times t [s] of shape (N,); shape (N, n)."""
         x = t / self.duration
-        return (
-            self.path(_progress(x, 0), 1) * (_progress(x, 1) / self.duration)[:, None]
-        )
+        rate = _progress(x, 1) / self.duration
+        return self.path(_progress(x, 0), 1) * rate[:, None]
 
     def acceleration(self, t: np.ndarray) -> np.ndarray:
         """Acceleration [rad/s^2] at times t [s] of shape (N,); shape (N, n)."""
@@ -117,14 +116,20 @@ def _joint_path(kinematics: Kinematics, start: np.ndarray, way: np.ndarray) -> B
     return make_interp_spline(shares, np.array(knots), k=5)
 
 
+def _flank(x: np.ndarray) -> np.ndarray:
+    """Place on the rising or falling flank of the speed at the share x of the time, 1 in between; shape (N,)."""
+    to_end = np.minimum(x, 1 - x)
+    return np.minimum(to_end / RAMP, 1.0)
+
+
 def _progress(x: np.ndarray, derivative: int) -> np.ndarray:
     """Share s of the line at the share x of the time, or its first derivative; shape (N,)."""
     x = np.clip(np.asarray(x, dtype=float), 0.0, 1.0)
-    flank = np.minimum(np.minimum(x, 1 - x) / RAMP, 1.0)
+    flank = _flank(x)
     if derivative == 1:
         return _RISE_RATE(flank) / (1 - RAMP)
-    beyond = np.maximum(np.minimum(x, 1 - x) - RAMP, 0.0)
-    half = (RAMP * _RISE(flank) + beyond) / (1 - RAMP)
+    at_constant_speed = np.maximum(np.minimum(x, 1 - x) - RAMP, 0.0)
+    half = (RAMP * _RISE(flank) + at_constant_speed) / (1 - RAMP)
     return np.where(x <= 0.5, half, 1.0 - half)
 
 
@@ -132,20 +137,19 @@ def _second_derivative(path: BSpline, x: np.ndarray) -> np.ndarray:
     """d2 q / d x2 of path(s(x)) [rad], shape (N, n)."""
     x = np.asarray(x, dtype=float)
     inside = (x > 0) & (x < 1)
-    flank = np.minimum(np.minimum(x, 1 - x) / RAMP, 1.0)
-    curve = np.where(
-        inside, _RISE_CURVE(flank) * np.sign(0.5 - x) / (RAMP * (1 - RAMP)), 0.0
-    )
+    curve = _RISE_CURVE(_flank(x)) * np.sign(0.5 - x) / (RAMP * (1 - RAMP))
+    dds = np.where(inside, curve, 0.0)
     s, ds = _progress(x, 0), _progress(x, 1)
-    return path(s, 2) * (ds**2)[:, None] + path(s, 1) * curve[:, None]
+    return path(s, 2) * (ds**2)[:, None] + path(s, 1) * dds[:, None]
 
 
 def _shortest(path: BSpline, limits: Limits) -> float:
     """Shortest duration [s] within the limits of velocity and acceleration; both only fall as it grows."""
     x = np.linspace(0.0, 1.0, CHECKS)
-    speed = np.abs(path(_progress(x, 0), 1) * _progress(x, 1)[:, None]).max(axis=0)
+    velocity = path(_progress(x, 0), 1) * _progress(x, 1)[:, None]
+    speed = np.abs(velocity).max(axis=0)
     acceleration = np.abs(_second_derivative(path, x)).max(axis=0)
-    slowest = np.maximum(
-        speed / limits.velocity, np.sqrt(acceleration / limits.acceleration)
-    ).max()
-    return 1.001 * float(slowest)
+    by_speed = speed / limits.velocity
+    by_acceleration = np.sqrt(acceleration / limits.acceleration)
+    # a little longer, for what happens between the points
+    return 1.001 * float(np.maximum(by_speed, by_acceleration).max())
