@@ -25,7 +25,7 @@ from gapscope.arm.io.json_file import to_json, write_json
 from gapscope.commands.inputs import read_arm
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import error_context, read_corrected
-from gapscope.envs.arguments import described
+from gapscope.envs.episode_info import described
 from gapscope.outputs.folder import make_folder
 from gapscope.provenance import fingerprint
 from gapscope.reports.training.page import write_page

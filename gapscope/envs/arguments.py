@@ -17,7 +17,6 @@ from gapscope.arm.motions.trajectory import Limits, ReferenceMotion
 from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm
-from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.course import Feedforward
 
@@ -31,15 +30,18 @@ def positive(name: str, value: float, unit: str) -> float:
     Raises:
         InputError: it is not.
     """
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, numbers.Real)
-        or not (math.isfinite(value) and value > 0)
-    ):
+    # bool is a number to Python
+    number = isinstance(value, numbers.Real) and not isinstance(value, bool)
+    if not (number and math.isfinite(value) and value > 0):
         raise InputError(
             f"expected a number above zero [{unit}], got {value!r}", where=name
         )
     return float(value)
+
+
+def positive_or_none(name: str, value: float | None, unit: str) -> float | None:
+    """The value, if it is ``None`` or a finite number above zero; raises ``InputError`` if not."""
+    return None if value is None else positive(name, value, unit)
 
 
 def whole(name: str, value: int) -> int:
@@ -279,13 +281,3 @@ def chosen_base(
         )
     simulated.check()
     return simulated
-
-
-def described(applied: AppliedEffect) -> dict[str, Any]:
-    """An effect as in ``corrected.yaml``: plain data."""
-    values = {name: value.tolist() for name, value in applied.parameters.items()}
-    return {
-        "effect": applied.name,
-        "joints": list(applied.joints),
-        "parameters": values,
-    }

@@ -13,12 +13,10 @@ from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.motions.named_motions import draw_motion, workspace
+from gapscope.arm.motions.named_motions import workspace
 from gapscope.arm.motions.trajectory import Limits, ReferenceMotion
-from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.actions import control
 from gapscope.envs.arguments import (
@@ -29,25 +27,24 @@ from gapscope.envs.arguments import (
     chosen_base,
     chosen_feedforward,
     chosen_robot,
-    described,
     noise,
     positive,
-    record_of,
+    positive_or_none,
     times,
     whole,
 )
 from gapscope.envs.course import Course, Feedforward, Timing
-from gapscope.envs.divergence import explain
+from gapscope.envs.episode import EpisodeOptions, EpisodeSource
+from gapscope.envs.episode_info import divergence_info, ending, stop_info, title, truth
 from gapscope.envs.given_effects import Effects, chosen_effects
 from gapscope.envs.observation import Layout
 from gapscope.envs.plant import Plant
 from gapscope.envs.randomisation import (
     Randomisation,
     checked_randomisation,
-    draw_effects,
 )
 from gapscope.envs.rendering.screen import Screen
-from gapscope.envs.reward import Reward, RewardParts
+from gapscope.envs.reward import Reward, RewardParts, chosen_reward
 
 REWARDS = tuple(f"reward_{name}" for name in RewardParts._fields)
 """Where ``info`` holds the parts of the reward."""
@@ -129,75 +126,74 @@ class ArmTracking(gymnasium.Env):
     ) -> None:
         self.arm = chosen_robot(robot, sheet)
         self.body = RigidBody(self.arm)
-        self._feedforward = chosen_feedforward(feedforward)
-        self._motion = checked_motion(motion, self.arm.n_joints)
-        self._randomisation = checked_randomisation(randomisation)
+        n = self.arm.n_joints
+        chosen_model = chosen_feedforward(feedforward)
+        chosen_motion = checked_motion(motion, n)
+        chosen_randomisation = checked_randomisation(randomisation)
         self._timing = Timing(
             positive("time_step", time_step, "s"),
             whole("sub_steps", sub_steps),
             positive("episode_length", episode_length, "s"),
             times("look_ahead", look_ahead),
         )
-        self.space = workspace(
-            self.body,
-            checked_limits(limits, self.arm.n_joints),
-            checked_posture(posture),
-        )
-        share = (
-            None
-            if action_share is None
-            else positive("action_share", action_share, "1")
-        )
-        bandwidth = positive("bandwidth", bandwidth, "Hz")
-        reach = (
-            None
-            if action_reach is None
-            else positive("action_reach", action_reach, "rad")
-        )
+        allowed = checked_limits(limits, n)
+        self.space = workspace(self.body, allowed, checked_posture(posture))
         self._control = control(
-            self.arm, self.body, self.space, action, share, bandwidth, reach
-        )
-        self.layout = Layout(
-            self.arm.n_joints, self._timing.look_ahead, self._control.size
+            self.arm,
+            self.body,
+            self.space,
+            action,
+            positive_or_none("action_share", action_share, "1"),
+            positive("bandwidth", bandwidth, "Hz"),
+            positive_or_none("action_reach", action_reach, "rad"),
         )
         base = chosen_base(simulated, self.arm, effects)
-        self._given = (
-            chosen_effects(effects, self.arm) if simulated is None else base.effects
-        )
-        step, spread = (
-            self.arm.encoder_step or 0.0,
-            noise("encoder_noise", encoder_noise, self.arm.n_joints),
-        )
+        given = chosen_effects(effects, self.arm)
+        # an arm in place of the nominal one brings its own effects
+        given = given if simulated is None else base.effects
         self._plant = Plant(
-            base, step, spread, engine, self._given, self._control, self._timing
+            base,
+            self.arm.encoder_step or 0.0,
+            noise("encoder_noise", encoder_noise, n),
+            engine,
+            given,
+            self._control,
+            self._timing,
         )
-        self._scale = ArmScale.of(self.arm)
-        self._reward = (
-            Reward()
-            if reward is None
-            else record_of(
-                "reward", reward, Reward, "give an gapscope.envs.reward.Reward"
-            )
+        self._source = EpisodeSource(
+            self.arm,
+            self.body,
+            self.space,
+            self._timing,
+            self._control,
+            chosen_model,
+            EpisodeOptions(chosen_motion, given, chosen_randomisation),
         )
+        self._reward = chosen_reward(reward)
         self._debug = debug
+        self._course: Course | None = None
+        self._set_spaces()
+        self._set_rendering(render_mode)
+
+    def _set_spaces(self) -> None:
+        """Set the spaces of actions and observations, and the positions at which a joint has come to its stop."""
+        size = self._control.size
+        look_ahead = self._timing.look_ahead
+        self.layout = Layout(self.arm.n_joints, look_ahead, size)
+        self.observation_space = self.layout.space
+        self.action_space = Box(-1.0, 1.0, (size,), dtype=np.float32)
+        self._lowest, self._highest = -np.ones(size), np.ones(size)
         lower, upper = self.body.position_limits()
         self._stops = lower + NEAR_STOP, upper - NEAR_STOP
-        self._course: Course | None = None
+
+    def _set_rendering(self, render_mode: str | None) -> None:
+        """Open a screen if one is wanted."""
+        period = self._timing.period
         self.render_mode = render_mode
-        self.metadata = self.metadata | {
-            "render_fps": max(1, round(1 / self._timing.period))
-        }
-        self._screen = (
-            None
-            if render_mode is None
-            else Screen(self.space.kinematics, render_mode, self._timing.period)
-        )
-        self.observation_space = self.layout.space
-        self.action_space = Box(-1.0, 1.0, (self._control.size,), dtype=np.float32)
-        self._lowest, self._highest = (
-            -np.ones(self._control.size),
-            np.ones(self._control.size),
-        )
+        self.metadata = self.metadata | {"render_fps": max(1, round(1 / period))}
+        self._screen: Screen | None = None
+        if render_mode is not None:
+            self._screen = Screen(self.space.kinematics, render_mode, period)
 
     @property
     def torque_scale(self) -> np.ndarray:
@@ -236,53 +232,17 @@ class ArmTracking(gymnasium.Env):
             InputError: an option that cannot be used.
         """
         super().reset(seed=seed)
-        options = dict(options or {})
         seeds = self.np_random.integers(2**63, size=2)
-        reference = checked_motion(
-            options.pop("motion", self._motion), self.arm.n_joints
-        )
-        effects = (
-            chosen_effects(options.pop("effects"), self.arm)
-            if "effects" in options
-            else self._given
-        )
-        randomisation = checked_randomisation(
-            options.pop("randomisation", self._randomisation)
-        )
-        for name in options:
-            check_known(
-                "option", name, ("motion", "effects", "randomisation"), where="reset"
-            )
-        if randomisation is not None:
-            drawn = draw_effects(
-                np.random.default_rng(seeds[1]),
-                self.arm,
-                randomisation,
-                self._scale,
-                effects,
-            )
-            effects = (*effects, *drawn)
-        if isinstance(reference, str):
-            length = self._timing.duration
-            reference = draw_motion(
-                reference, np.random.default_rng(seeds[0]), self.space, length
-            )
-        self._course = Course(
-            self.arm,
-            self.body,
-            self._feedforward,
-            reference,
-            self._timing,
-            self._control,
-        )
-        self._plant.reset(effects, self._course, seeds)
+        episode = self._source.draw(options or {}, seeds)
+        self._course = episode.course
+        self._plant.reset(episode.effects, episode.course, seeds)
         self._count = 0
         self._action: np.ndarray = np.zeros(self._control.size)
         if self._screen is not None:
-            self._screen.begin(self._title(), self._course.q)
+            self._screen.begin(title(self.arm, episode.effects), episode.course.q)
         self._show({})
-        error = self._course.q[0] - self._plant.position
-        return self._observation(error), self._truth() if self._debug else {}
+        error = episode.course.q[0] - self._plant.position
+        return self._observation(error), truth(self._plant) if self._debug else {}
 
     def step(
         self, action: np.ndarray
@@ -308,13 +268,11 @@ class ArmTracking(gymnasium.Env):
         info: dict[str, Any] = dict(zip(REWARDS, parts, strict=True))
         info["tracking_rms"] = math.sqrt(error.dot(error) / len(error))
         info["torque_rate"] = self._plant.torque_rate
-        info |= self._endings(done)
+        info |= self._early_end(done)
         if self._debug:
-            info |= self._truth()
-        terminated, truncated = (
-            "divergence" in info or "limit" in info,
-            self._count >= self._timing.actions,
-        )
+            info |= truth(self._plant)
+        terminated = "divergence" in info or "limit" in info
+        truncated = self._count >= self._timing.actions
         observation = self._observation(error)
         self._show(info)
         if terminated or truncated:
@@ -337,62 +295,26 @@ class ArmTracking(gymnasium.Env):
         measured = (plant.position, plant.velocity, error, self._action)
         return self.layout.assemble(measured, self._running.planned[self._count])
 
-    def _endings(self, done: int) -> dict[str, Any]:
+    def _early_end(self, done: int) -> dict[str, Any]:
         """Why the episode ends early, if it does, after the steps of an action that were done."""
-        timing, simulated = self._timing, self._plant.simulated
-        if done < timing.sub_steps:
-            time = ((self._count - 1) * timing.sub_steps + done) * timing.dt
-            divergence = explain(
-                self.arm,
-                self.body,
-                self._control,
-                timing.dt,
-                time,
-                self._plant.position,
-                simulated.dq,
+        steps = self._timing.sub_steps
+        if done < steps:
+            number = (self._count - 1) * steps + done
+            return divergence_info(
+                self.arm, self.body, self._control, self._timing.dt, number, self._plant
             )
-            return {"divergence": divergence.as_info()}
-        q, (lowest, highest) = simulated.q, self._stops
-        stopped = (q <= lowest) | (q >= highest)
-        if not np.count_nonzero(stopped):
-            return {}
-        joint = int(stopped.argmax())
-        read = f"its encoder reads {self._plant.position[joint]:.4g} rad"
-        return {
-            "limit": f"joint {joint + 1} ({self.arm.joints[joint]}) came to its stop; {read}"
-        }
-
-    def _truth(self) -> dict[str, Any]:
-        """The truth, hidden from controllers."""
-        simulated = self._plant.simulated
-        return {
-            "q_true": simulated.q.copy(),
-            "dq_true": simulated.dq.copy(),
-            "torque_commanded": self._plant.torque.copy(),
-            "torque_applied": simulated.applied.copy(),
-            "effects": [described(applied) for applied in self._plant.effects],
-        }
+        return stop_info(self.arm, self._plant, *self._stops)
 
     def _show(self, info: dict[str, Any]) -> None:
-        if self._screen is not None:
-            plant = self._plant
-            error = self._running.q[self._count] - plant.position
-            ending = (
-                info.get("limit")
-                or info.get("divergence", {}).get("message", "").split("\n")[0]
-            )
-            self._screen.add(
-                plant.simulated.q, error, plant.torque / self._control.rated, ending
-            )
+        if self._screen is None:
+            return
+        plant = self._plant
+        error = self._running.q[self._count] - plant.position
+        share = plant.torque / self._control.rated
+        self._screen.add(plant.simulated.q, error, share, ending(info))
 
     @property
     def _running(self) -> Course:
         if self._course is None:
             raise ResetNeeded("the episode has ended or not begun: call reset() first")
         return self._course
-
-    def _title(self) -> str:
-        names = ", ".join(
-            applied.name.replace("_", " ") for applied in self._plant.effects
-        )
-        return f"{self.arm.name}: {names or 'no effects'}"

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gapscope.envs.arguments import positive
+from gapscope.envs.arguments import positive, record_of
 
 
 class RewardParts(NamedTuple):
@@ -72,3 +72,10 @@ class Reward:
             -self.effort * load,
             -self.smoothness * float(jump.dot(jump)) / len(jump),
         )
+
+
+def chosen_reward(reward: Reward | None) -> Reward:
+    """The reward, or the default one; raises ``InputError`` if it is none."""
+    if reward is None:
+        return Reward()
+    return record_of("reward", reward, Reward, "give a gapscope.envs.reward.Reward")
