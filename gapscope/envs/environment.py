@@ -18,31 +18,15 @@ from gapscope.arm.motions.trajectory import Limits, ReferenceMotion
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.envs import arguments
 from gapscope.envs.actions import control
-from gapscope.envs.arguments import (
-    checked_action,
-    checked_limits,
-    checked_motion,
-    checked_posture,
-    chosen_base,
-    chosen_feedforward,
-    chosen_robot,
-    noise,
-    positive,
-    positive_or_none,
-    times,
-    whole,
-)
 from gapscope.envs.course import Course, Feedforward, Timing
 from gapscope.envs.episode import EpisodeOptions, EpisodeSource
 from gapscope.envs.episode_info import divergence_info, ending, stop_info, title, truth
 from gapscope.envs.given_effects import Effects, chosen_effects
 from gapscope.envs.observation import Layout
 from gapscope.envs.plant import Plant
-from gapscope.envs.randomisation import (
-    Randomisation,
-    checked_randomisation,
-)
+from gapscope.envs.randomisation import Randomisation, checked_randomisation
 from gapscope.envs.rendering.screen import Screen
 from gapscope.envs.reward import Reward, RewardParts, chosen_reward
 
@@ -66,9 +50,8 @@ class ArmTracking(gymnasium.Env):
             path of one.
         engine: name of the engine that steps the simulation.
         sheet: data sheet of the nominal arm, as ``nominal:`` in a case; not with a nominal arm as ``robot``.
-        action: ``residual``: torque added to a low-gain PD with feedforward, which runs at every step of the
-            simulation; ``scale``: factors of that feedforward and of the gains, 2 n numbers, see
-            ``gapscope.envs.actions.scaled``; ``torque``: the commanded torque itself.
+        action: ``residual`` (torque added to a low-gain PD with feedforward, at every step of the simulation),
+            ``scale`` (2 n factors of that, see ``gapscope.envs.actions.scaled``) or ``torque`` (commanded).
         feedforward: ``none``, ``gravity`` or ``nominal``, or a model with ``series(motion)``; with ``torque`` it is
             observed only.
         simulated: the arm that is simulated instead of the nominal arm with ``effects``: identified or corrected, with
@@ -124,37 +107,37 @@ class ArmTracking(gymnasium.Env):
         debug: bool = False,
         render_mode: str | None = None,
     ) -> None:
-        self.arm = chosen_robot(robot, sheet)
+        self.arm = arguments.chosen_robot(robot, sheet)
         self.body = RigidBody(self.arm)
         n = self.arm.n_joints
-        chosen_model = chosen_feedforward(feedforward)
-        chosen_motion = checked_motion(motion, n)
+        chosen_model = arguments.chosen_feedforward(feedforward)
+        chosen_motion = arguments.checked_motion(motion, n)
         chosen_randomisation = checked_randomisation(randomisation)
         self._timing = Timing(
-            positive("time_step", time_step, "s"),
-            whole("sub_steps", sub_steps),
-            positive("episode_length", episode_length, "s"),
-            times("look_ahead", look_ahead),
+            arguments.positive("time_step", time_step, "s"),
+            arguments.whole("sub_steps", sub_steps),
+            arguments.positive("episode_length", episode_length, "s"),
+            arguments.times("look_ahead", look_ahead),
         )
-        allowed = checked_limits(limits, n)
-        self.space = workspace(self.body, allowed, checked_posture(posture))
+        allowed = arguments.checked_limits(limits, n)
+        self.space = workspace(self.body, allowed, arguments.checked_posture(posture))
         self._control = control(
             self.arm,
             self.body,
             self.space,
             action,
-            positive_or_none("action_share", action_share, "1"),
-            positive("bandwidth", bandwidth, "Hz"),
-            positive_or_none("action_reach", action_reach, "rad"),
+            arguments.positive_or_none("action_share", action_share, "1"),
+            arguments.positive("bandwidth", bandwidth, "Hz"),
+            arguments.positive_or_none("action_reach", action_reach, "rad"),
         )
-        base = chosen_base(simulated, self.arm, effects)
-        given = chosen_effects(effects, self.arm)
+        base = arguments.chosen_base(simulated, self.arm, effects)
         # an arm in place of the nominal one brings its own effects
-        given = given if simulated is None else base.effects
+        own = None if simulated is None else base.effects
+        given = chosen_effects(effects, self.arm) if own is None else own
         self._plant = Plant(
             base,
             self.arm.encoder_step or 0.0,
-            noise("encoder_noise", encoder_noise, n),
+            arguments.noise("encoder_noise", encoder_noise, n),
             engine,
             given,
             self._control,
@@ -256,7 +239,7 @@ class ArmTracking(gymnasium.Env):
             ResetNeeded: the episode has ended, or has not begun.
         """
         course = self._running
-        action = checked_action(action, self._control.size)
+        action = arguments.checked_action(action, self._control.size)
         action = np.minimum(np.maximum(action, self._lowest), self._highest)
         done = self._plant.act(self._count, action)
         self._count += 1

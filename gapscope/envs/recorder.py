@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from functools import partial
 
 import numpy as np
 
@@ -75,22 +76,22 @@ def record(
     command = _Command(arm, reference, controller, duration, settle)
     step = (arm.encoder_step or 0.0) if encoder_step is None else encoder_step
     dt, steps = _steps(controller)
-    change, following = later or (np.inf, effects)
+    simulate = partial(
+        SimulatedArm,
+        arm,
+        dt=dt,
+        engine=engine,
+        encoder_step=step,
+        encoder_noise=encoder_noise,
+        rng=rng,
+    )
     with ExitStack() as stack:
-        arms = [
-            stack.enter_context(
-                SimulatedArm(
-                    arm,
-                    acting,
-                    dt,
-                    engine=engine,
-                    encoder_step=step,
-                    encoder_noise=encoder_noise,
-                    rng=rng,
-                )
-            )
-            for acting in ((effects, following) if later else (effects,))
-        ]
+        first = stack.enter_context(simulate(effects))
+        if later is None:
+            arms, change = [first], np.inf
+        else:
+            change, following = later
+            arms = [first, stack.enter_context(simulate(following))]
         q, dq, tau = _run(arms, change, controller, command, steps, read_back)
     _check_stable(q, controller)
     rows = np.arange(command.first, len(command.t), every)
@@ -144,8 +145,10 @@ class _Command:
         self.first = round(settle * controller.rate) if rests else 0
         ticks = np.arange(-self.first, round(duration * controller.rate) + 1)
         self.t = ticks / controller.rate
+        # before t = 0 the reference rests at its start
         held = np.maximum(self.t, 0.0)
-        self.q, self.dq = reference.position(held), reference.velocity(held)
+        self.q = reference.position(held)
+        self.dq = reference.velocity(held)
         ddq = np.where(ticks[:, None] < 0, 0.0, reference.acceleration(held))
         self.torque = feedforward(
             arm, RigidBody(arm), controller.feedforward, self.q, self.dq, ddq
@@ -170,9 +173,9 @@ def _run(
 
     The last of the arms takes over from the first at time ``change`` [s].
     """
-    simulated = arms[0]
-    arm = simulated.arm
-    limit = np.inf if arm.torque_limit is None else arm.torque_limit
+    simulated, last = arms[0], arms[-1]
+    torque_limit = simulated.arm.torque_limit
+    limit = np.inf if torque_limit is None else torque_limit
     q, dq, tau = (np.empty_like(command.q) for _ in range(3))
     filtered = VelocityFilter(
         controller.rate,
@@ -182,15 +185,15 @@ def _run(
         command.dq[0],
     )
     simulated.start(command.q[0], command.dq[0], command.t[0])
-    for i in range(len(command.t)):
-        if simulated is not arms[-1] and command.t[i] >= change:
-            arms[-1].reset(simulated.q, simulated.dq, command.t[i])
-            simulated = arms[-1]
+    for i, t in enumerate(command.t):
+        if simulated is not last and t >= change:
+            last.reset(simulated.q, simulated.dq, t)
+            simulated = last
         q[i] = simulated.encoders()
         dq[i] = filtered(q[i])
-        pd = controller.kp * (command.q[i] - q[i]) + controller.kd * (
-            command.dq[i] - dq[i]
-        )
+        error = command.q[i] - q[i]
+        rate = command.dq[i] - dq[i]
+        pd = controller.kp * error + controller.kd * rate
         tau[i] = np.clip(command.torque[i] + pd, -limit, limit)
         simulated.step(tau[i], steps)
         if read_back:

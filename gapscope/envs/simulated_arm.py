@@ -15,6 +15,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import LinkChange
+from gapscope.effects.rigid_body import ARMATURE
 from gapscope.envs.drive.encoders import Encoders
 from gapscope.envs.drive.friction import Friction, total
 from gapscope.envs.drive.loads import Loads, check_simulated
@@ -75,43 +76,57 @@ class SimulatedArm:
         for note in odd_inertials(nominal):
             warnings.warn(note, ModelWarning, stacklevel=2)
         nominal = nominal.carrying(load)
-        self.arm, self.dt, self.body = arm, dt, with_effects.body(nominal)
+        self.arm, self.dt = arm, dt
+        self.body = with_effects.body(nominal)
+        changes = [e.name for e in effects if isinstance(e.effect, LinkChange)]
+        check_inertia(self.body, ", ".join(changes))
         self._order, self._places = nominal.order, nominal.places
-        self._ordered = bool((nominal.order == np.arange(arm.n_joints)).all())
-        order, masses = self._order, mass_matrices(self.body)
-        check_inertia(
-            self.body,
-            ", ".join(e.name for e in effects if isinstance(e.effect, LinkChange)),
+        self._ordered = bool((self._order == np.arange(arm.n_joints)).all())
+        self._encoders = Encoders(with_effects, encoder_step, encoder_noise, rng)
+        rotors = self._set_drives(with_effects, nominal)
+        self._set_engine(engine, rotors)
+        self._q, self._u = self._step.q, np.zeros(arm.n_joints)
+        self._advance = (
+            self._advance_two_mass if self._two_mass else self._advance_rigid
         )
-        links = moving_links(self.body)
-        rotors = total(
-            arm.armature + with_effects.value("armature", "inertia"),
-            "armature",
-            "kg m^2",
-        )[order]
+        self.reset(np.zeros(arm.n_joints))
+
+    def _set_drives(self, with_effects: CorrectedArm, nominal: RigidBody) -> np.ndarray:
+        """Set what acts between command and bodies, and the step; the rotors [kg m^2], shape (n,), kinematic order."""
+        order, masses = self._order, mass_matrices(self.body)
+        added = with_effects.value(ARMATURE.name, "inertia")
+        all_rotors = total(self.arm.armature + added, ARMATURE.name, "kg m^2")
+        rotors = all_rotors[order]
         self._loads = Loads(with_effects, nominal)
         self._motors = TwoMass(with_effects, order, rotors, least_inertia(masses))
-        elastic = self._motors.joints
-        stiff = (self._motors.stiffness, self._motors.damping, self._loads.stiffness)
-        self.parts = substeps(masses, rotors, elastic, *stiff, dt)
-        self._h = dt / self.parts
+        self.parts = substeps(
+            masses,
+            rotors,
+            self._motors.joints,
+            self._motors.stiffness,
+            self._motors.damping,
+            self._loads.stiffness,
+            self.dt,
+        )
+        self._h = self.dt / self.parts
         self._friction = Friction(with_effects, order, self._h)
         self._path = TorquePath.of(with_effects, order, self._h)
-        self._rigid = ~elastic
-        self._two_mass = bool(elastic.any())
-        self._direct = not (
-            self._friction.present
-            or rotors.any()
-            or self._loads.present
-            or self._two_mass
-        )
-        self._encoders = Encoders(with_effects, encoder_step, encoder_noise, rng)
-        self._engine = make_engine(
-            engine, links, np.asarray(self.body.gravity), self._h
-        )
+        self._rigid = ~self._motors.joints
+        self._two_mass = bool(self._motors.joints.any())
+        # with nothing between torque and bodies the engine steps on its own
+        between = self._friction.present or rotors.any() or self._loads.present
+        self._direct = not (between or self._two_mass)
+        return rotors
+
+    def _set_engine(self, name: str, rotors: np.ndarray) -> None:
+        """Make the engine's world, and the steps of its joints; rotors [kg m^2], shape (n,), kinematic order."""
+        links = moving_links(self.body)
+        gravity = np.asarray(self.body.gravity)
+        self._engine = make_engine(name, links, gravity, self._h)
+        # motors of their own keep their rotor and their friction
         stepped = (
             self.body,
-            np.where(elastic, 0.0, rotors),
+            np.where(self._rigid, rotors, 0.0),
             self._friction.viscous * self._rigid,
             self._friction.dry & self._rigid,
             self._h,
@@ -122,11 +137,6 @@ class SimulatedArm:
         else:
             limits = np.array([link.limits or (-np.inf, np.inf) for link in links]).T
             self._step = Predicted(self._engine, *stepped, limits)
-        self._q, self._u = self._step.q, np.zeros(len(links))
-        self._advance = (
-            self._advance_two_mass if self._two_mass else self._advance_rigid
-        )
-        self.reset(np.zeros(arm.n_joints))
 
     def __enter__(self) -> SimulatedArm:
         """Use as a context that closes the world at its end."""
@@ -167,9 +177,11 @@ class SimulatedArm:
         q = seen.copy()
         if self._two_mass and self._encoders.on_motor:
             still = np.zeros(len(q))
+            # the motor leads its link by what the weight bends, which depends on where the link is
             for _ in range(START_TRIALS):
                 load = self._weight(q[self._order], still, time)
-                q = 0.5 * q + 0.5 * (seen - self._motors.deflection(load)[self._places])
+                deflection = self._motors.deflection(load)[self._places]
+                q = 0.5 * q + 0.5 * (seen - deflection)
         self.reset(q, dq, time)
 
     def _weight(self, q: np.ndarray, dq: np.ndarray, t: float) -> np.ndarray:
