@@ -118,7 +118,7 @@ class SimulatedArm:
         self._direct = not (between or self._two_mass)
         return rotors
 
-    def _set_engine(self, name: str, rotors: np.ndarray) -> None:
+    def _set_engine(self, name: str | None, rotors: np.ndarray) -> None:
         """Make the engine's world, and the steps of its joints; rotors [kg m^2], shape (n,), kinematic order."""
         links = moving_links(self.body)
         gravity = np.asarray(self.body.gravity)
