@@ -81,7 +81,7 @@ class TrackingRun:
         q_ref: reference [rad], shape (K, n).
         q: position as the encoders read it [rad], shape (K, n).
         tau: torque commanded [N m], shape (K, n).
-        diverged: whether the arm ran away.
+        diverged: whether the arm diverged.
     """
 
     t: np.ndarray

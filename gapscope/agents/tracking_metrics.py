@@ -29,7 +29,7 @@ class Measures:
         reward: mean per action of the environment's reward, an action being the torque over the rated torque; what is
             missing because the arm diverged counts as 0 [1].
         torque_rate: RMS over time and joints of the change of the commanded torque per tick [N m/s].
-        diverged: whether the arm ran away.
+        diverged: whether the arm diverged.
     """
 
     joint_error: float

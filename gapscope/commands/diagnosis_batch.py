@@ -189,12 +189,12 @@ def _resume_hint() -> Iterator[None]:
     except KeyboardInterrupt:
         raise InterruptedRunError(
             "interrupted before the last case was done",
-            "run the same command again to go on: every case with a diagnosis.json is kept",
+            "run the same command again to resume: every case with a diagnosis.json is kept",
         ) from None
     except TerminatedWorkerError:
         raise GapscopeError(
             "a process was ended from outside, perhaps for want of memory",
-            "run the same command again, with fewer --jobs, to go on: every case with a diagnosis.json is kept",
+            "run the same command again, with fewer --jobs, to resume: every case with a diagnosis.json is kept",
         ) from None
 
 

@@ -26,7 +26,7 @@ SMALLER = {
 
 @dataclass(frozen=True)
 class Divergence:
-    """That the arm ran away, and what to change.
+    """That the arm diverged, and what to change.
 
     Attributes:
         joint: the fastest joint, counted from 1.
@@ -47,7 +47,7 @@ class Divergence:
             if np.isfinite(self.speed)
             else "a speed that is no number"
         )
-        what = f"joint {self.joint} ran away: {speed} after {self.time:.4g} s"
+        what = f"joint {self.joint} diverged: {speed} after {self.time:.4g} s"
         return {
             "joint": self.joint,
             "time": self.time,
@@ -72,7 +72,7 @@ def explain(
     q: np.ndarray,
     dq: np.ndarray,
 ) -> Divergence:
-    """Why the arm ran away.
+    """Why the arm diverged.
 
     Args:
         arm: the nominal arm.

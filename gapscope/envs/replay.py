@@ -77,7 +77,7 @@ def replay(
     Raises:
         InputError: the recording has neither a reference for a known controller nor a torque, or lasts less than
             three times ``TRIM``, or an effect cannot be simulated on this arm.
-        GapscopeError: the simulated arm ran away.
+        GapscopeError: the simulated arm diverged.
     """
     if recording.duration < 3 * TRIM:
         raise InputError(
@@ -239,7 +239,7 @@ def _check(simulated: SimulatedArm, time: float, remedy: str) -> None:
     speed = np.abs(simulated.dq)
     if not speed.max() < UNSTABLE_SPEED:
         raise GapscopeError(
-            f"the replayed arm ran away at joint {int(speed.argmax()) + 1}, at t = {time:.3g} s",
+            f"the replayed arm diverged at joint {int(speed.argmax()) + 1}, at t = {time:.3g} s",
             remedy,
         )
 

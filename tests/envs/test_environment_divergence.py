@@ -73,7 +73,7 @@ def test_a_speed_that_is_no_number_is_a_divergence_too(pendulum) -> None:
         np.zeros(1),
         np.array([np.nan]),
     )
-    assert "joint 1 ran away: a speed that is no number" in told.as_info()["message"]
+    assert "joint 1 diverged: a speed that is no number" in told.as_info()["message"]
 
 
 @pytest.mark.parametrize("change", ["time_step", "bandwidth"])

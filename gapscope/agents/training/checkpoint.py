@@ -16,7 +16,7 @@ from gapscope.provenance import sha256
 
 MANIFEST, STATE = "manifest.json", "state.json"
 _PREFIX = "round_"
-_REMEDY = "remove that folder to go on from the round before, if it is there, or train from the start with --again"
+_REMEDY = "remove that folder to resume from the round before, if it is there, or train from the start with --again"
 
 
 @contextmanager
@@ -52,7 +52,7 @@ def written_checkpoint(
     except OSError as error:
         raise GapscopeError(
             f"{place}: cannot be written ({error.strerror})",
-            "choose another place, or mend its rights",
+            "choose another folder, or check the permissions of this one",
         ) from None
 
 

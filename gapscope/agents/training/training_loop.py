@@ -225,7 +225,7 @@ class Training:
         learner.num_timesteps, learner._n_updates = state["steps"], state["updates"]
         self._done, self._best = state["rounds"], state["best"]
         self._curve = [Point.of(content) for content in state["curve"]]
-        self._progress(f"goes on after {state['steps']} steps")
+        self._progress(f"resumes after {state['steps']} steps")
 
     def _trained(self) -> Trained:
         found = read_checkpoint(self._folder / CHECKPOINTS)

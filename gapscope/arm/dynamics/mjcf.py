@@ -156,7 +156,7 @@ def check_mjcf(root: ET.Element, path: Path) -> None:
         if root.find(f".//{element}") is not None:
             raise InputError(
                 f"<{element.split('//')[0]}> is not read",
-                "put what it stands for in its place",
+                "expand it in the file",
                 file=path,
             )
     for body, geoms in _without_inertial(root):

@@ -222,7 +222,7 @@ def roll_outs(
         rule: how the controller discretises its velocity filter, one of ``gapscope.arm.velocity_filter.RULES``.
 
     Raises:
-        GapscopeError: the arm ran away.
+        GapscopeError: the arm diverged.
     """
     steps = steps_per_tick(controller)
     stepper = Stepper(body, plant, 1.0 / (controller.rate * steps), len(commands))
@@ -283,7 +283,7 @@ def _ran_away(dq: np.ndarray, t: np.ndarray) -> GapscopeError:
     """The error that names the first joint that is too fast; dq of shape (R, n), t of shape (R,)."""
     row, joint = np.argwhere(~(np.abs(dq) < UNSTABLE_SPEED))[0]
     return GapscopeError(
-        f"the rolled out arm ran away at joint {joint + 1}, at t = {t[row]:.3g} s",
+        f"the rolled out arm diverged at joint {joint + 1}, at t = {t[row]:.3g} s",
         "check (a) the controller's gains and units, (b) that the parameters make a positive mass matrix, "
         "(c) that reference and recording belong together",
     )

@@ -29,5 +29,5 @@ def atomic_write(path: Path | str) -> Iterator[Path]:
     except OSError as error:
         raise GapscopeError(
             f"{path}: cannot be written ({error.strerror})",
-            "choose another place, or mend its rights",
+            "choose another folder, or check the permissions of this one",
         ) from None

@@ -31,7 +31,7 @@ class CasePaths:
         root = Path(self.data_root or os.environ.get(DATA_ROOT) or beside)
         if not root.is_dir():
             raise InputError(
-                f"{mark} stands for {root}, which is no folder",
+                f"{mark} is replaced by {root}, which is not a folder",
                 f"set the environment variable {DATA_ROOT} to the folder with the data sets",
                 file=self.file,
                 where=f"field {field}",

@@ -90,7 +90,7 @@ class Experiment:
         """The recordings as an arm with base parameters beta, without noise, would have made them.
 
         Raises:
-            GapscopeError: the arm ran away.
+            GapscopeError: the arm diverged.
         """
         return tuple(
             self._recorded(k, rolled) for k, rolled in enumerate(self._rolled(beta))
@@ -287,9 +287,9 @@ def _held(commands: Commands, ticks: int) -> Commands:
 
 
 def diverged(error: GapscopeError, iteration: int) -> GapscopeError:
-    """The error of an estimator whose simulated arm ran away, with its causes."""
+    """The error of an estimator whose simulated arm diverged, with its causes."""
     return GapscopeError(
-        f"the simulated arm ran away in iteration {iteration} ({error.message})",
+        f"the simulated arm diverged in iteration {iteration} ({error.message})",
         "check (a) that gains, feedforward and reference are those of the recording, (b) that the start is near the "
         "arm: take the estimate of a linear estimator, or the data sheet, as the prior, (c) that the motion excites "
         "every parameter, so that no estimate makes the mass matrix negative",

@@ -43,7 +43,7 @@ def unit_triangle(Y: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.n
     if not np.isfinite(rows).all():
         raise InputError(
             "the regressor has values that are not finite",
-            "mend the motion",
+            "check the motion for missing values",
             where="regressor",
         )
     triangle = (

@@ -167,7 +167,7 @@ class TriangularFactor:
     def _check(fine: bool, problem: str) -> None:
         if not fine:
             raise InputError(
-                problem, "mend the regressor or the torque", where="streamed rows"
+                problem, "check the regressor and the torque", where="streamed rows"
             )
 
 

@@ -35,7 +35,7 @@ def split(
         fit = [r for r in everything if r.name not in chosen]
         if not fit:
             raise InputError(
-                "every recording is to be judged on, none is left to fit",
+                "every recording is held out, none remains to fit",
                 where="--judge",
             )
         return fit, [r for r in everything if r.name in chosen]

@@ -120,7 +120,7 @@ def test_an_arm_that_runs_away_is_null_with_a_warning(case: Case) -> None:
         "nominal arm" in found.warnings[0],
         "corrected arm" in found.warnings[1],
     ] == [True, True]
-    assert all("ran away" in warning for warning in found.warnings)
+    assert all("diverged" in warning for warning in found.warnings)
 
 
 def test_an_effect_that_cannot_be_simulated_is_explained(case: Case) -> None:

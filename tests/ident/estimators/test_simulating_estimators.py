@@ -226,7 +226,7 @@ def test_an_arm_that_runs_away_ends_with_causes(clean, world, name):
     prior[30:33] = -0.5
     started = experiment(world, clean.recordings, prior=prior)
     with pytest.raises(
-        GapscopeError, match=r"(?s)ran away in iteration 0.*\(a\).*\(b\).*\(c\)"
+        GapscopeError, match=r"(?s)diverged in iteration 0.*\(a\).*\(b\).*\(c\)"
     ):
         SIMULATING[name](started).estimate(started.build(started.recordings))
 
