@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gapscope.diagnosis.localisation.locate import Place
+from gapscope.diagnosis.localisation.locate import JointLocalisation
 from gapscope.effects.applied import AppliedEffect
 
 
@@ -68,7 +68,7 @@ class Located:
     """Where the gap of the worst joint lies: ``stage`` is ``before`` or ``after`` the effects found."""
 
     stage: str
-    place: Place
+    place: JointLocalisation
 
 
 @dataclass(frozen=True)

@@ -26,9 +26,9 @@ from gapscope.diagnosis.gap.commanded_torque import (
     with_commanded_torque,
     with_likelier_rule,
 )
+from gapscope.diagnosis.gap.noise_floor import noise_floor
 from gapscope.diagnosis.gap.torque_gap import (
     TorqueGap,
-    noise_floor,
     torque_gap,
     torque_scale,
 )

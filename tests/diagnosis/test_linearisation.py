@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import synthetic
 
-from gapscope.diagnosis.gap.torque_gap import noise_floor
+from gapscope.diagnosis.gap.noise_floor import noise_floor
 from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.model.linearisation import Linearisation
 from gapscope.diagnosis.model.terms import Term, Terms

@@ -12,7 +12,7 @@ from scipy.signal import butter, sosfiltfilt
 from gapscope.diagnosis.localisation.locate import locate
 from gapscope.diagnosis.localisation.region import Region
 from gapscope.diagnosis.localisation.spectra import spectra
-from gapscope.diagnosis.localisation.stacked_rows import Rows
+from gapscope.diagnosis.localisation.stacked_rows import MotionRows
 from gapscope.diagnosis.localisation.time_intervals import change_points, levels
 from gapscope.diagnosis.localisation.tree import hottest_leaf
 
@@ -21,7 +21,7 @@ SECONDS = 30.0
 FLOOR = 0.05
 
 
-def motion(seed: int = 0, joints: int = 2, seconds: float = SECONDS) -> Rows:
+def motion(seed: int = 0, joints: int = 2, seconds: float = SECONDS) -> MotionRows:
     """Two recordings of sums of sines."""
     rng = np.random.default_rng(seed)
     n = int(seconds * RATE)
@@ -34,10 +34,12 @@ def motion(seed: int = 0, joints: int = 2, seconds: float = SECONDS) -> Rows:
     dq = np.gradient(q, 1 / RATE, axis=0)
     ddq = np.gradient(dq, 1 / RATE, axis=0)
     half = n // 2
-    return Rows(np.tile(t[:half], 2), q, dq, ddq, np.repeat([0, 1], half), (RATE, RATE))
+    return MotionRows(
+        np.tile(t[:half], 2), q, dq, ddq, np.repeat([0, 1], half), (RATE, RATE)
+    )
 
 
-def load_of(rows: Rows) -> np.ndarray:
+def load_of(rows: MotionRows) -> np.ndarray:
     return 10 * np.cos(rows.q) + 0.5 * rows.ddq
 
 
@@ -45,12 +47,12 @@ def filtered(series: np.ndarray) -> np.ndarray:
     return sosfiltfilt(butter(4, 12.0, output="sos", fs=RATE), series, axis=0)
 
 
-def noise(rows: Rows, seed: int) -> np.ndarray:
+def noise(rows: MotionRows, seed: int) -> np.ndarray:
     white = filtered(np.random.default_rng(seed).standard_normal(rows.q.shape))
     return FLOOR * white / white.std()
 
 
-def found(rows: Rows, error: np.ndarray, kind: str) -> Region | None:
+def found(rows: MotionRows, error: np.ndarray, kind: str) -> Region | None:
     places = locate(error, rows, load_of(rows), np.full(rows.q.shape[1], FLOOR), [1])
     return next((region for region in places[0].regions if region.kind == kind), None)
 
@@ -67,7 +69,7 @@ def found(rows: Rows, error: np.ndarray, kind: str) -> Region | None:
 )
 def test_a_planted_regime_is_told(
     seed: int,
-    where: Callable[[Rows], np.ndarray],
+    where: Callable[[MotionRows], np.ndarray],
     quantity: str,
     bound: tuple[str, float, float],
 ) -> None:
@@ -160,7 +162,7 @@ def test_a_slow_gap_that_comes_and_goes_seldom_has_a_start() -> None:
 
 def test_times_are_those_of_the_recording_that_was_cut() -> None:
     rows = motion(0)
-    cut = Rows(
+    cut = MotionRows(
         rows.t,
         rows.q,
         rows.dq,
@@ -203,7 +205,7 @@ def test_a_line_of_its_own() -> None:
     ],
 )
 def test_gain_and_phase_against_the_joints_own_signals(
-    gap: Callable[[Rows], np.ndarray], signal: str, gain: float, words: str
+    gap: Callable[[MotionRows], np.ndarray], signal: str, gain: float, words: str
 ) -> None:
     rows = motion(3)
     region = found(rows, gap(rows) + 0.2 * noise(rows, 3), "coherence")

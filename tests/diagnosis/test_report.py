@@ -18,7 +18,7 @@ import pytest
 
 from gapscope.diagnosis.document.wording import verdict_sentence
 from gapscope.diagnosis.localisation.locate import locate
-from gapscope.diagnosis.localisation.stacked_rows import Rows
+from gapscope.diagnosis.localisation.stacked_rows import MotionRows
 from gapscope.diagnosis.result import Located, Spectrum
 from gapscope.reports.diagnosis import SummaryRow, render, render_summary
 from gapscope.reports.diagnosis.figures import (
@@ -65,7 +65,7 @@ def located(stage: str) -> Located:
     t = np.arange(5000) / 250.0
     q = np.column_stack([np.sin(0.9 * t + j) + 0.3 * np.sin(2.3 * t) for j in range(7)])
     dq = np.gradient(q, 1 / 250, axis=0)
-    rows = Rows(
+    rows = MotionRows(
         t,
         q,
         dq,

@@ -9,7 +9,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.localisation.regimes import Region, regions
-from gapscope.diagnosis.localisation.stacked_rows import Rows, stack
+from gapscope.diagnosis.localisation.stacked_rows import MotionRows, stack
 from gapscope.diagnosis.thresholds import REGION_ENRICHMENT, REGION_SHARE
 from gapscope.ident.signals.conditioning import condition
 
@@ -18,12 +18,12 @@ N = 5000
 
 
 @pytest.fixture
-def rows() -> Rows:
+def rows() -> MotionRows:
     """Twenty seconds of two joints in two recordings, speeds that vary."""
     t = np.arange(N) / RATE
     q = np.column_stack([np.sin(2 * t) + 0.4 * np.sin(3.1 * t), np.cos(1.7 * t)])
     dq, step = np.gradient(q, 1 / RATE, axis=0), np.repeat([0, 1], N // 2)
-    return Rows(
+    return MotionRows(
         np.tile(t[: N // 2], 2),
         q,
         dq,
@@ -37,18 +37,20 @@ def noise(seed: int = 0) -> np.ndarray:
     return 0.05 * np.random.default_rng(seed).standard_normal((N, 2))
 
 
-def load(rows: Rows) -> np.ndarray:
+def load(rows: MotionRows) -> np.ndarray:
     """Torque of gravity and friction."""
     return 10 * np.cos(rows.q) + 3 * np.tanh(rows.dq / 0.005)
 
 
-def strongest(error: np.ndarray, rows: Rows, joint: int = 1, kind: str = "") -> Region:
+def strongest(
+    error: np.ndarray, rows: MotionRows, joint: int = 1, kind: str = ""
+) -> Region:
     """The first region named, or the first of a kind: white noise is rich in high frequencies wherever it lies."""
     found = regions(error, rows, load(rows), [joint], most=5)
     return next(region for region in found if region.kind == kind or not kind)
 
 
-def test_near_velocity_reversal(rows: Rows) -> None:
+def test_near_velocity_reversal(rows: MotionRows) -> None:
     slow = np.abs(rows.dq) <= np.quantile(np.abs(rows.dq), 0.2, axis=0)
     white = np.random.default_rng(1).standard_normal((N, 2))
     region = strongest(noise() + slow * white, rows, kind="regime")
@@ -60,7 +62,7 @@ def test_near_velocity_reversal(rows: Rows) -> None:
 @pytest.mark.parametrize(
     ("low", "high"), [(1.0, 2.0), (2.0, 4.0), (4.0, 8.0), (8.0, 12.0)]
 )
-def test_one_frequency_band(rows: Rows, low: float, high: float) -> None:
+def test_one_frequency_band(rows: MotionRows, low: float, high: float) -> None:
     band = butter(4, [1.2 * low, 0.9 * high], "bandpass", output="sos", fs=RATE)
     error = sosfiltfilt(band, np.random.default_rng(2).standard_normal((N, 2)), axis=0)
     region = strongest(error, rows, joint=2)
@@ -72,7 +74,7 @@ def test_one_frequency_band(rows: Rows, low: float, high: float) -> None:
     assert region.share > 0.8
 
 
-def test_one_interval_of_time(rows: Rows) -> None:
+def test_one_interval_of_time(rows: MotionRows) -> None:
     """From 4 to 6 s of the second recording."""
     pushed = (rows.segment == 1) & (rows.t >= 4) & (rows.t <= 6)
     region = strongest(
@@ -83,7 +85,7 @@ def test_one_interval_of_time(rows: Rows) -> None:
     assert region.share > 0.9 and region.regime.startswith("recording 2, 4.0 to 6.0 s")
 
 
-def test_one_range_of_positions(rows: Rows) -> None:
+def test_one_range_of_positions(rows: MotionRows) -> None:
     white = np.random.default_rng(4).standard_normal((N, 2))
     edges = np.linspace(rows.q[:, 0].min(), rows.q[:, 0].max(), 6)
     inside = (rows.q[:, :1] > edges[2]) & (rows.q[:, :1] < edges[3])
@@ -94,7 +96,7 @@ def test_one_range_of_positions(rows: Rows) -> None:
     )
 
 
-def test_one_direction_of_motion(rows: Rows) -> None:
+def test_one_direction_of_motion(rows: MotionRows) -> None:
     white = np.random.default_rng(5).standard_normal((N, 2))
     named = regions(noise() + (rows.dq > 0.05) * white, rows, load(rows), [1], most=5)
     assert "moving forward" in [r.regime for r in named] and "moving backward" not in [
@@ -102,7 +104,7 @@ def test_one_direction_of_motion(rows: Rows) -> None:
     ]
 
 
-def test_even_gap_has_no_region_in_time_or_regime(rows: Rows) -> None:
+def test_even_gap_has_no_region_in_time_or_regime(rows: MotionRows) -> None:
     error = np.random.default_rng(6).standard_normal((N, 2))
     assert [
         r
@@ -111,7 +113,7 @@ def test_even_gap_has_no_region_in_time_or_regime(rows: Rows) -> None:
     ] == []
 
 
-def test_regions_are_large_enriched_and_few(rows: Rows) -> None:
+def test_regions_are_large_enriched_and_few(rows: MotionRows) -> None:
     error = noise() + (np.abs(rows.dq) > 1.5) * np.random.default_rng(
         7
     ).standard_normal((N, 2))
@@ -123,7 +125,7 @@ def test_regions_are_large_enriched_and_few(rows: Rows) -> None:
     assert all(0 <= r.share <= 1 and 0 < r.coverage <= 1 for r in found)
 
 
-def test_no_gap_no_region(rows: Rows) -> None:
+def test_no_gap_no_region(rows: MotionRows) -> None:
     assert regions(np.zeros((N, 2)), rows, load(rows), [1, 2]) == []
 
 

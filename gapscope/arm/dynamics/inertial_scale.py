@@ -16,9 +16,8 @@ def inertial_scale(body: RigidBody) -> np.ndarray:
     Mass m; first moments m max(|c|, 5 cm); all six moments of inertia tr(I) / 2, about the joint's frame.
     """
     parameters = body.inertial_parameters().reshape(-1, 10)
-    mass = parameters[:, 0]
-    lever_moment = np.linalg.norm(parameters[:, 1:4], axis=1)
-    moment = np.maximum(lever_moment, LEAST_LEVER * mass)
-    inertia = 0.5 * parameters[:, [4, 6, 9]].sum(axis=1)
+    mass, hx, hy, hz, ixx, _, iyy, _, _, izz = parameters.T
+    moment = np.maximum(np.hypot(np.hypot(hx, hy), hz), LEAST_LEVER * mass)
+    inertia = 0.5 * (ixx + iyy + izz)
     per_link = np.column_stack([mass, moment, inertia])
     return np.repeat(per_link, [1, 3, 6], axis=1).ravel()

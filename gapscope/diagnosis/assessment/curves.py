@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gapscope.diagnosis.localisation.stacked_rows import Rows
+from gapscope.diagnosis.localisation.stacked_rows import MotionRows
 
 KNOTS = 16
 """Knots of a curve, at equal shares of the samples and of the range in turn."""
@@ -67,7 +67,9 @@ class Variable:
         return [] if self.name == "speed" else [self.values]
 
 
-def variables(rows: Rows, kept: np.ndarray, j: int, load: np.ndarray) -> list[Variable]:
+def variables(
+    rows: MotionRows, kept: np.ndarray, j: int, load: np.ndarray
+) -> list[Variable]:
     """The variables of joint j (from 0) on the rows kept, (M,).
 
     ``speed`` is dq without its sign, ``velocity`` with it, ``load`` the torque that the corrected arm predicts,

@@ -15,7 +15,7 @@ from gapscope.diagnosis.assessment.curves import Curve, Variable, curve_of, vari
 from gapscope.diagnosis.assessment.oscillation import amplitudes, predict_oscillation
 from gapscope.diagnosis.assessment.ridge_folds import Folds, predict_held_out
 from gapscope.diagnosis.gap.torque_gap import TorqueGap
-from gapscope.diagnosis.localisation.stacked_rows import Rows
+from gapscope.diagnosis.localisation.stacked_rows import MotionRows
 from gapscope.diagnosis.thresholds import (
     FOLD_GUARD,
     FOURIER_FEATURES,
@@ -69,7 +69,7 @@ class Predictable:
 
 
 def predictable(
-    after: TorqueGap, rows: Rows, floor: np.ndarray, joints: list[int]
+    after: TorqueGap, rows: MotionRows, floor: np.ndarray, joints: list[int]
 ) -> list[Predictable]:
     """Share of a gap that a flexible model predicts, for each joint asked for.
 
@@ -133,7 +133,7 @@ class _Residual:
 
 
 def _residual(
-    joint: int, after: TorqueGap, rows: Rows, floor: np.ndarray, thinned: _Thinned
+    joint: int, after: TorqueGap, rows: MotionRows, floor: np.ndarray, thinned: _Thinned
 ) -> _Residual:
     j, kept = joint - 1, thinned.kept
     gap = after.error[kept, j]
@@ -183,7 +183,7 @@ def _curve(residual: _Residual, name: str) -> Curve:
     return curve_of(variable, residual.gap)
 
 
-def _thinned(rows: Rows) -> _Thinned:
+def _thinned(rows: MotionRows) -> _Thinned:
     """Rows at about the rate of what a filtered gap holds, in halves of recordings."""
     kept, folds, fitted = [], [], []
     for segment, rate in enumerate(rows.rates):
@@ -229,7 +229,7 @@ def _fourier_features(
     return np.asarray(np.sqrt(2.0) * np.cos(x @ weights + phases))
 
 
-def _whiteness(after: TorqueGap, rows: Rows) -> np.ndarray:
+def _whiteness(after: TorqueGap, rows: MotionRows) -> np.ndarray:
     """Ljung and Box's p-value of the gap of each joint, sampled at its cut-off, (n,)."""
     rate = float(np.median(rows.rates))
     cutoff = min(TORQUE_CUTOFF, 0.95 * rate / 2)

@@ -10,10 +10,10 @@ import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.diagnosis.assessment.held_out_prediction import HeldOutPredictor
+from gapscope.diagnosis.gap.noise_floor import noise_floor
 from gapscope.diagnosis.gap.torque_gap import (
     TorqueGap,
     filtered_torque,
-    noise_floor,
     torque_scale,
 )
 from gapscope.diagnosis.model.torque_sensor import (

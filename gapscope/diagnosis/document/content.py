@@ -16,7 +16,7 @@ from gapscope.diagnosis.document.suggested_recording import suggested_recording
 from gapscope.diagnosis.document.verdict import verdict
 from gapscope.diagnosis.gap.torque_gap import torque_scale
 from gapscope.diagnosis.localisation.regimes import located
-from gapscope.diagnosis.localisation.stacked_rows import Rows, stack
+from gapscope.diagnosis.localisation.stacked_rows import MotionRows, stack
 from gapscope.diagnosis.study import Study
 from gapscope.diagnosis.thresholds import (
     PREDICTABLE_SHARE,
@@ -104,7 +104,10 @@ def _gap_entry(study: Study, gap: GapStages) -> dict[str, Any]:
 
 
 def _unexplained_entry(
-    study: Study, rows: Rows, open_joints: list[int], predictions: list[Predictable]
+    study: Study,
+    rows: MotionRows,
+    open_joints: list[int],
+    predictions: list[Predictable],
 ) -> dict[str, Any]:
     residual = study.excess_residual
     before2 = max((study.gap_before.nrmse**2).sum(), 1e-12)
@@ -119,7 +122,9 @@ def _unexplained_entry(
     }
 
 
-def _where_before(study: Study, rows: Rows, gap: GapStages) -> list[dict[str, Any]]:
+def _where_before(
+    study: Study, rows: MotionRows, gap: GapStages
+) -> list[dict[str, Any]]:
     """Where the gap of the nominal arm lies, on joints where it is above the floor, the widest first."""
     nrmse = gap.repaired
     joints = [int(j) + 1 for j in np.argsort(-nrmse) if nrmse[j] > gap.floor[j]]
@@ -127,7 +132,7 @@ def _where_before(study: Study, rows: Rows, gap: GapStages) -> list[dict[str, An
 
 
 def _where(
-    study: Study, error: np.ndarray, rows: Rows, joints: list[int]
+    study: Study, error: np.ndarray, rows: MotionRows, joints: list[int]
 ) -> list[dict[str, Any]]:
     """Regions in which a gap [N m], (M, n), is concentrated."""
     load = study.gap_before.predicted

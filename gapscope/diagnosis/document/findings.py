@@ -26,7 +26,7 @@ from gapscope.diagnosis.document.entries import known_numbers, numbers, region_e
 from gapscope.diagnosis.document.parameters import finding_of, parameters
 from gapscope.diagnosis.gap.torque_gap import TorqueGap
 from gapscope.diagnosis.localisation.regimes import regions
-from gapscope.diagnosis.localisation.stacked_rows import Rows
+from gapscope.diagnosis.localisation.stacked_rows import MotionRows
 from gapscope.diagnosis.selection.resampling import bootstrap
 from gapscope.diagnosis.study import Study
 from gapscope.diagnosis.thresholds import (
@@ -41,7 +41,7 @@ LISTED_ALTERNATIVE = 1e-3
 """Alternatives less probable than this are not listed."""
 
 
-def effect_findings(study: Study, rows: Rows) -> list[dict[str, Any]]:
+def effect_findings(study: Study, rows: MotionRows) -> list[dict[str, Any]]:
     """Findings on the effects, those with the largest share first."""
     selection = study.selection
     shares = study.predictor.shares()
@@ -82,7 +82,7 @@ def _significance_entry(log_e: float | None, rate: float | None) -> dict[str, An
     }
 
 
-def _finding(study: Study, applied: AppliedEffect, rows: Rows) -> dict[str, Any]:
+def _finding(study: Study, applied: AppliedEffect, rows: MotionRows) -> dict[str, Any]:
     """Probability, gaps, places and alternatives of an effect found."""
     name, terms = finding_of(applied), study.selection.fit.terms
     mine = frozenset(t for t in terms if t.finding == name)
@@ -147,7 +147,7 @@ def _support(
 
 
 def _where(
-    study: Study, applied: AppliedEffect, without: TorqueGap, rows: Rows
+    study: Study, applied: AppliedEffect, without: TorqueGap, rows: MotionRows
 ) -> list[dict[str, Any]]:
     """The region of each joint where an effect closes most; of an effect on many joints on the two it closes most."""
     closed2 = np.clip(without.error**2 - study.gap_after.error**2, 0.0, None)

@@ -13,7 +13,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.diagnosis.document.wording import worst_joint
 from gapscope.diagnosis.gap.torque_gap import TorqueGap, torque_gap
 from gapscope.diagnosis.localisation.locate import locate
-from gapscope.diagnosis.localisation.stacked_rows import Rows, stack
+from gapscope.diagnosis.localisation.stacked_rows import MotionRows, stack
 from gapscope.diagnosis.result import Located, Signature, Spectrum, Trace
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
@@ -142,7 +142,7 @@ def _joints(applied: AppliedEffect, explained: np.ndarray, gap: TorqueGap) -> li
 
 
 def _axis(
-    effect: Effect, rows: Rows, gap: TorqueGap, explained: np.ndarray, j: int
+    effect: Effect, rows: MotionRows, gap: TorqueGap, explained: np.ndarray, j: int
 ) -> tuple[str, str, np.ndarray]:
     """Name, unit and values of the quantity that drives an effect on joint j (from 0)."""
     match effect.plotted_against:

@@ -22,37 +22,37 @@ from gapscope.diagnosis.thresholds import (
 
 def line(found: Spectra, joint: int) -> Region | None:
     """A narrow line in the spectrum of the gap that the torque does not have."""
-    f, whole = found.frequency, found.gap.sum()
-    candidates = f >= LINE_LOWEST
-    if whole <= 0 or not candidates.any():
+    frequency, gap, torque = found.frequency, found.gap, found.signals[0]
+    candidates = frequency >= LINE_LOWEST
+    if gap.sum() <= 0 or not candidates.any():
         return None
-    peak = float(f[candidates][int(found.gap[candidates].argmax())])
-    near = np.abs(f - peak) <= LINE_WIDTH
-    share = float(found.gap[near].sum() / whole)
-    coverage = max(
-        float(found.signals[0][near].sum() / max(found.signals[0].sum(), 1e-300)),
-        LEAST_BAND_POWER,
-    )
-    if (
-        share < LINE_SHARE
-        or share < LINE_ENRICHMENT * coverage
-        or share < 2 * near.mean()
-    ):
+    peak = float(frequency[candidates][int(gap[candidates].argmax())])
+    near = np.abs(frequency - peak) <= LINE_WIDTH
+    share = float(gap[near].sum() / gap.sum())
+    coverage = _power_share(torque, near)
+    # White noise would hold near.mean() of its power there.
+    least = max(LINE_SHARE, LINE_ENRICHMENT * coverage, 2 * float(near.mean()))
+    if share < least:
         return None
-    centre = float((f[near] * found.gap[near]).sum() / found.gap[near].sum())
+    centre = float((frequency[near] * gap[near]).sum() / gap[near].sum())
     words = f"line at {significant(centre, 2)} Hz"
-    return Region(
-        joint, "line", words, min(share, 1.0), min(coverage, 1.0), {"frequency": centre}
-    )
+    detail = {"frequency": centre}
+    return Region(joint, "line", words, min(share, 1.0), min(coverage, 1.0), detail)
+
+
+def _power_share(power: np.ndarray, mask: np.ndarray) -> float:
+    """Share of a power density in some of its frequencies, at least ``LEAST_BAND_POWER``."""
+    share = float(power[mask].sum() / max(power.sum(), 1e-300))
+    return max(share, LEAST_BAND_POWER)
 
 
 def coherent(found: Spectra, joint: int) -> list[Region]:
     """Bands in which the gap follows the joint's own torque, velocity or acceleration; the largest share first."""
-    whole = found.gap.sum()
+    whole = max(found.gap.sum(), 1e-300)
     out = []
     for low, high in BANDS:
         mask = (found.frequency >= low) & (found.frequency < high)
-        share = float(found.gap[mask].sum() / max(whole, 1e-300))
+        share = float(found.gap[mask].sum() / whole)
         if share < BAND_POWER:
             continue
         coherence, transfer = found.band(mask)
@@ -65,9 +65,6 @@ def coherent(found: Spectra, joint: int) -> list[Region]:
             f"{low:g} to {high:g} Hz, follows the joint's {drive.name} {_phase(phase)}: {significant(gain, 2)} "
             f"{drive.unit}, coherence {coherence[best]:.2f}"
         )
-        coverage = float(
-            found.signals[0][mask].sum() / max(found.signals[0].sum(), 1e-300)
-        )
         detail = {
             "band": [low, high],
             "signal": drive.name,
@@ -76,16 +73,8 @@ def coherent(found: Spectra, joint: int) -> list[Region]:
             "unit": drive.unit,
             "phase": phase,
         }
-        out.append(
-            Region(
-                joint,
-                "coherence",
-                words,
-                share,
-                min(max(coverage, LEAST_BAND_POWER), 1.0),
-                detail,
-            )
-        )
+        coverage = min(_power_share(found.signals[0], mask), 1.0)
+        out.append(Region(joint, "coherence", words, share, coverage, detail))
     return sorted(out, key=lambda region: -region.share)
 
 
@@ -95,7 +84,8 @@ def _plainest(coherence: np.ndarray, transfer: np.ndarray) -> int:
     In a narrow band velocity and acceleration are the same but for a quarter of a period.
     """
     as_good = coherence > coherence.max() - EQUAL_COHERENCE
-    return int(np.where(as_good, np.abs(np.cos(np.angle(transfer))), -1.0).argmax())
+    in_step = np.abs(np.cos(np.angle(transfer)))
+    return int(np.where(as_good, in_step, -1.0).argmax())
 
 
 def _phase(phase: float) -> str:

@@ -9,8 +9,8 @@ import numpy as np
 
 from gapscope.diagnosis.display import significant
 from gapscope.diagnosis.localisation.region import Region
-from gapscope.diagnosis.localisation.rule_variables import Quantity, quantities
-from gapscope.diagnosis.localisation.stacked_rows import Rows
+from gapscope.diagnosis.localisation.rule_variables import RuleVariable, rule_variables
+from gapscope.diagnosis.localisation.stacked_rows import MotionRows
 from gapscope.diagnosis.localisation.tree import Cut, hottest_leaf
 from gapscope.diagnosis.thresholds import (
     INTERVAL_RATIO,
@@ -24,9 +24,12 @@ from gapscope.diagnosis.thresholds import (
     RULE_RATE,
 )
 
+MOST_BLOCKS = 100_003
+"""More blocks of time than a segment has."""
+
 
 def rule(
-    error: np.ndarray, rows: Rows, load: np.ndarray, floor: float, joint: int
+    error: np.ndarray, rows: MotionRows, load: np.ndarray, floor: float, joint: int
 ) -> Region | None:
     """The rule of one joint, or ``None`` if none holds on held-out rows.
 
@@ -37,73 +40,91 @@ def rule(
         floor: RMS that a healthy arm leaves on the joint [N m].
         joint: from 1.
     """
-    known = quantities(rows, load, joint - 1)
+    variables = rule_variables(rows, load, joint - 1)
+    values = np.column_stack([variable.values for variable in variables])
     step = max(1, int(min(rows.rates) // RULE_RATE))
-    x = np.column_stack([q.values for q in known])[::step]
-    square = error[::step] ** 2
-    above = np.clip(
-        np.minimum(square, np.quantile(square, RULE_CAP_QUANTILE)) - floor**2, 0.0, None
-    )
-    blocks = (rows.t[::step] // RULE_BLOCK).astype(int) + 100_003 * rows.segment[::step]
-    seen = np.unique(blocks, return_inverse=True)[1] % 2 == 0
-    if not above[seen].any() or not above[~seen].any():
+    x, above = values[::step], _above_floor(error[::step], floor)
+    learnt = _learning_rows(rows, step)
+    if not above[learnt].any() or not above[~learnt].any():
         return None
-    cuts = tuple(
-        _rounded(cut) for cut in hottest_leaf(x[seen], above[seen], RULE_CONDITIONS)
-    )
-    cuts = _worthwhile(cuts, x[~seen], above[~seen])
-    if not cuts or not _holds(cuts, known, x[~seen], above[~seen]):
+    leaf = hottest_leaf(x[learnt], above[learnt], RULE_CONDITIONS)
+    cuts = _worthwhile(tuple(_rounded(cut) for cut in leaf), x[~learnt], above[~learnt])
+    if not cuts or not _holds(cuts, variables, x[~learnt], above[~learnt]):
         return None
-    inside = _inside(cuts, np.column_stack([q.values for q in known]))
+    inside = _inside(cuts, values)
     share = float((error[inside] ** 2).sum() / (error**2).sum())
-    conditions = _conditions(cuts, known)
+    conditions = _conditions(cuts, variables)
     words = " and ".join(_words(condition) for condition in conditions)
-    return Region(
-        joint, "rule", words, share, float(inside.mean()), {"conditions": conditions}
-    )
+    detail = {"conditions": conditions}
+    return Region(joint, "rule", words, share, float(inside.mean()), detail)
+
+
+def _above_floor(error: np.ndarray, floor: float) -> np.ndarray:
+    """Squared gap above the floor's square [(N m)^2], (M,), with its spikes cut."""
+    square = error**2
+    capped = np.minimum(square, np.quantile(square, RULE_CAP_QUANTILE))
+    return np.clip(capped - floor**2, 0.0, None)
+
+
+def _learning_rows(rows: MotionRows, step: int) -> np.ndarray:
+    """Mask of every ``step``-th row that a rule is learnt from: every other block of time; the rest tests it."""
+    block_in_segment = (rows.t[::step] // RULE_BLOCK).astype(int)
+    blocks = block_in_segment + MOST_BLOCKS * rows.segment[::step]
+    number = np.unique(blocks, return_inverse=True)[1]
+    return np.asarray(number % 2 == 0)
 
 
 def _rounded(cut: Cut) -> Cut:
-    """With two significant digits, as it is told."""
+    """With two significant digits, as the report gives it."""
     return Cut(cut.index, float(f"{cut.threshold:.2g}"), cut.above)
 
 
 def _inside(cuts: tuple[Cut, ...], x: np.ndarray) -> np.ndarray:
-    return np.logical_and.reduce(
-        [np.ones(len(x), dtype=bool), *(cut.holds(x) for cut in cuts)]
-    )
+    """Mask of the rows x that meet all conditions, (M,)."""
+    inside = np.ones(len(x), dtype=bool)
+    for cut in cuts:
+        inside &= cut.holds(x)
+    return inside
+
+
+def _share_and_coverage(inside: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    """Share of y and share of the rows inside."""
+    return float(y[inside].sum() / y.sum()), float(inside.mean())
 
 
 def _worth(cuts: tuple[Cut, ...], x: np.ndarray, y: np.ndarray) -> float:
     """Share times log enrichment of a rule: large if little of the time holds much of the gap."""
-    inside = _inside(cuts, x)
-    share, coverage = float(y[inside].sum() / y.sum()), float(inside.mean())
+    share, coverage = _share_and_coverage(_inside(cuts, x), y)
     return share * float(np.log(max(share, 1e-9) / max(coverage, 1e-3)))
 
 
 def _worthwhile(cuts: tuple[Cut, ...], x: np.ndarray, y: np.ndarray) -> tuple[Cut, ...]:
     """The fewest of the conditions that do nearly as well as any others on held-out rows."""
-    subsets = [s for k in range(len(cuts) + 1) for s in itertools.combinations(cuts, k)]
     best: tuple[Cut, ...] = ()
-    for subset in subsets:
-        if _worth(subset, x, y) > max(
-            RULE_CONDITION_GAIN ** (len(subset) - len(best)) * _worth(best, x, y), 0.0
-        ):
-            best = subset
+    for count in range(len(cuts) + 1):
+        for subset in itertools.combinations(cuts, count):
+            # each further condition has to be worth it
+            needed_gain = RULE_CONDITION_GAIN ** (count - len(best))
+            if _worth(subset, x, y) > max(needed_gain * _worth(best, x, y), 0.0):
+                best = subset
     return best
 
 
 def _holds(
-    cuts: tuple[Cut, ...], known: list[Quantity], x: np.ndarray, y: np.ndarray
+    cuts: tuple[Cut, ...],
+    variables: list[RuleVariable],
+    x: np.ndarray,
+    y: np.ndarray,
 ) -> bool:
     """Whether a rule holds on held-out rows."""
     inside = _inside(cuts, x)
     if not inside.any() or inside.all():
         return False
-    share, coverage = float(y[inside].sum() / y.sum()), float(inside.mean())
+    share, coverage = _share_and_coverage(inside, y)
     if share < REGION_SHARE or share / coverage < REGION_ENRICHMENT:
         return False
-    if any(known[cut.index].name == "time" for cut in cuts):
+    # Most gaps vary over time: a rule that names a time needs a sharp contrast to what lies outside.
+    if any(variables[cut.index].name == "time" for cut in cuts):
         return bool(y[inside].mean() > INTERVAL_RATIO * y[~inside].mean())
     return share > _by_chance(inside, y)
 
@@ -111,37 +132,36 @@ def _holds(
 def _by_chance(inside: np.ndarray, y: np.ndarray) -> float:
     """Share that a rule would reach with ``RULE_CHANCE`` if the gap were elsewhere in time: over all circular shifts.
 
-    A shift keeps how gap and motion hang together in themselves, and breaks what they have to do with each other.
+    A shift keeps gap and motion as they are in themselves, and breaks the relation between them.
     """
-    shifted = (
-        np.fft.irfft(
-            np.fft.rfft(inside.astype(float)) * np.conj(np.fft.rfft(y)), len(y)
-        )
-        / y.sum()
-    )
     near = int(RULE_BLOCK * RULE_RATE)
-    return (
-        float(np.quantile(shifted[near : len(y) - near], 1 - RULE_CHANCE))
-        if len(y) > 4 * near
-        else 1.0
-    )
+    if len(y) <= 4 * near:
+        return 1.0
+    # correlation theorem: sum of y over the mask, for every circular shift of y at once
+    mask_spectrum = np.fft.rfft(inside.astype(float))
+    overlap = np.fft.irfft(mask_spectrum * np.conj(np.fft.rfft(y)), len(y))
+    shares = overlap / y.sum()
+    return float(np.quantile(shares[near : len(y) - near], 1 - RULE_CHANCE))
 
 
-def _conditions(cuts: tuple[Cut, ...], known: list[Quantity]) -> list[dict[str, Any]]:
+def _conditions(
+    cuts: tuple[Cut, ...], variables: list[RuleVariable]
+) -> list[dict[str, Any]]:
     """Conditions as numbers, those on one quantity together; ``above`` and ``below`` are ``None`` if open."""
     out: dict[int, dict[str, Any]] = {}
     for cut in cuts:
-        quantity = known[cut.index]
-        empty = {
-            "quantity": quantity.name,
-            "symbol": quantity.symbol,
-            "unit": quantity.unit,
+        variable = variables[cut.index]
+        new = {
+            "quantity": variable.name,
+            "symbol": variable.symbol,
+            "unit": variable.unit,
+            "above": None,
+            "below": None,
         }
-        entry = out.setdefault(cut.index, {**empty, "above": None, "below": None})
-        side, pick = ("above", max) if cut.above else ("below", min)
-        entry[side] = (
-            cut.threshold if entry[side] is None else pick(entry[side], cut.threshold)
-        )
+        entry = out.setdefault(cut.index, new)
+        side, tighter = ("above", max) if cut.above else ("below", min)
+        known = entry[side]
+        entry[side] = cut.threshold if known is None else tighter(known, cut.threshold)
     return list(out.values())
 
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gapscope.diagnosis.localisation.stacked_rows import Rows
+from gapscope.diagnosis.localisation.stacked_rows import MotionRows
 from gapscope.diagnosis.thresholds import STILL_QUANTILE
 
 
 @dataclass(frozen=True)
-class Quantity:
+class RuleVariable:
     """One quantity at every row.
 
     Attributes:
@@ -26,16 +26,17 @@ class Quantity:
     values: np.ndarray
 
 
-def quantities(rows: Rows, load: np.ndarray, j: int) -> list[Quantity]:
+def rule_variables(rows: MotionRows, load: np.ndarray, j: int) -> list[RuleVariable]:
     """Of joint j (from 0): speed, direction (-1, 0, 1), |nominal torque|, |acceleration|, position, time; each (M,)."""
-    v = rows.dq[:, j]
-    speed = np.abs(v)
-    direction = np.where(speed > np.quantile(speed, STILL_QUANTILE), np.sign(v), 0.0)
+    velocity = rows.dq[:, j]
+    speed = np.abs(velocity)
+    moves = speed > np.quantile(speed, STILL_QUANTILE)
+    direction = np.where(moves, np.sign(velocity), 0.0)
     return [
-        Quantity("speed", "|dq|", "rad/s", speed),
-        Quantity("direction", "direction", "", direction),
-        Quantity("load", "|load|", "N m", np.abs(load[:, j])),
-        Quantity("acceleration", "|ddq|", "rad/s²", np.abs(rows.ddq[:, j])),
-        Quantity("position", "q", "rad", rows.q[:, j]),
-        Quantity("time", "t", "s", rows.clock),
+        RuleVariable("speed", "|dq|", "rad/s", speed),
+        RuleVariable("direction", "direction", "", direction),
+        RuleVariable("load", "|load|", "N m", np.abs(load[:, j])),
+        RuleVariable("acceleration", "|ddq|", "rad/s²", np.abs(rows.ddq[:, j])),
+        RuleVariable("position", "q", "rad", rows.q[:, j]),
+        RuleVariable("time", "t", "s", rows.clock),
     ]

@@ -7,13 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import csd, welch
 
-from gapscope.diagnosis.localisation.stacked_rows import Rows
+from gapscope.diagnosis.localisation.stacked_rows import MotionRows
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
 
 STRETCH = 2.0
 """Length of the stretches over which spectra are averaged [s]."""
 STEP = 0.25
 """Grid of frequencies on which recordings of different length are averaged [Hz]."""
+CHANCE = 0.01
+"""Probability with which signals without relation reach the coherence of ``Spectra.chance`` [1]."""
+LEAST_SIZE = 16
+"""Segments with fewer samples have no spectrum."""
+TINY = 1e-300
+"""Keeps a quotient of powers finite."""
 
 
 @dataclass(frozen=True)
@@ -53,60 +59,52 @@ class Spectra:
     @property
     def coherence(self) -> np.ndarray:
         """gamma^2 = |S_xe|^2 / (S_xx S_ee), the share of the gap's power that follows each signal, (K, F)."""
-        return np.abs(self.cross) ** 2 / np.maximum(self.signals * self.gap, 1e-300)
+        return np.abs(self.cross) ** 2 / np.maximum(self.signals * self.gap, TINY)
 
     def chance(self, lines: int) -> float:
-        """Coherence that signals without relation exceed with 1 %, over a band of so many lines."""
-        return float(
-            1
-            - 0.01
-            ** (
-                1 / max(self.averages * max(lines * STEP * STRETCH / 1.5, 1.0) - 1, 1.0)
-            )
-        )
+        """Coherence that signals without relation exceed with probability ``CHANCE``, over a band of so many lines.
+
+        Of N independent averages the coherence exceeds c with probability (1 - c)^(N - 1) [bendat2010].
+        """
+        independent_lines = max(lines * STEP * STRETCH / 1.5, 1.0)
+        freedom = max(self.averages * independent_lines - 1, 1.0)
+        return float(1 - CHANCE ** (1 / freedom))
 
     def band(self, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Coherence, (K,), and transfer function S_xe / S_xx, complex, (K,), over a band of frequencies."""
-        cross, signals, gap = (
-            self.cross[:, mask].sum(axis=1),
-            self.signals[:, mask].sum(axis=1),
-            self.gap[mask].sum(),
-        )
-        return np.abs(cross) ** 2 / np.maximum(
-            signals * gap, 1e-300
-        ), cross / np.maximum(signals, 1e-300)
+        cross = self.cross[:, mask].sum(axis=1)
+        signals = self.signals[:, mask].sum(axis=1)
+        gap = self.gap[mask].sum()
+        coherence = np.abs(cross) ** 2 / np.maximum(signals * gap, TINY)
+        return coherence, cross / np.maximum(signals, TINY)
 
 
-def spectra(error: np.ndarray, rows: Rows, load: np.ndarray, joint: int) -> Spectra:
+def spectra(
+    error: np.ndarray, rows: MotionRows, load: np.ndarray, joint: int
+) -> Spectra:
     """Spectra of one joint's gap [N m], (M,), and of ``DRIVES``; load is the nominal torque [N m], (M, n)."""
     j = joint - 1
     signals = (load[:, j], rows.dq[:, j], rows.ddq[:, j])
     frequency = np.arange(0.0, TORQUE_CUTOFF + STEP / 2, STEP)
-    gap, own = np.zeros(len(frequency)), np.zeros((len(signals), len(frequency)))
-    cross, averages, total = np.zeros(own.shape, dtype=complex), 0.0, 0
+    gap = np.zeros(len(frequency))
+    own = np.zeros((len(signals), len(frequency)))
+    cross = np.zeros(own.shape, dtype=complex)
+    averages, total = 0.0, 0
     for segment, rate in enumerate(rows.rates):
-        mine = rows.segment == segment
-        count = int(mine.sum())
+        inside = rows.segment == segment
+        count = int(inside.sum())
         size = min(count, int(STRETCH * rate))
-        if size < 16:
+        if size < LEAST_SIZE:
             continue
-        grid, power = welch(error[mine], rate, nperseg=size)
+        # a segment weighs as many samples as it has
+        grid, power = welch(error[inside], rate, nperseg=size)
         gap += count * np.interp(frequency, grid, power)
         for k, signal in enumerate(signals):
-            own[k] += count * np.interp(
-                frequency, grid, welch(signal[mine], rate, nperseg=size)[1]
-            )
-            found = csd(signal[mine], error[mine], rate, nperseg=size)[1]
-            cross[k] += count * (
-                np.interp(frequency, grid, found.real)
-                + 1j * np.interp(frequency, grid, found.imag)
-            )
+            _, power = welch(signal[inside], rate, nperseg=size)
+            own[k] += count * np.interp(frequency, grid, power)
+            _, density = csd(signal[inside], error[inside], rate, nperseg=size)
+            cross[k] += count * np.interp(frequency, grid, density)
         averages += count / size
         total += count
-    return Spectra(
-        frequency,
-        gap / max(total, 1),
-        own / max(total, 1),
-        cross / max(total, 1),
-        averages,
-    )
+    total = max(total, 1)
+    return Spectra(frequency, gap / total, own / total, cross / total, averages)

@@ -10,7 +10,7 @@ from gapscope.ident.signals.conditioning import Segment
 
 
 @dataclass(frozen=True)
-class Rows:
+class MotionRows:
     """Trimmed samples of several segments, stacked, M rows of n joints.
 
     Attributes:
@@ -41,11 +41,11 @@ class Rows:
         return self.names[segment] if self.names else f"recording {segment + 1}"
 
 
-def stack(segments: list[Segment]) -> Rows:
+def stack(segments: list[Segment]) -> MotionRows:
     """Stack the trimmed samples of segments, in the order in which ``torque_gap`` stacks them."""
     parts = [(s.motion, s.inner) for s in segments]
     lengths = [len(m.t[i]) for m, i in parts]
-    return Rows(
+    return MotionRows(
         t=np.concatenate([m.t[i] - m.t[0] for m, i in parts]),
         q=np.vstack([m.q[i] for m, i in parts]),
         dq=np.vstack([m.dq[i] for m, i in parts]),

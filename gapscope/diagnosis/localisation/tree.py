@@ -50,23 +50,24 @@ def hottest_leaf(x: np.ndarray, y: np.ndarray, depth: int) -> tuple[Cut, ...]:
 
 
 def _best_cut(x: np.ndarray, y: np.ndarray, least: int) -> Cut | None:
-    best, chosen = 0.0, None
+    """The cut with the largest fall of the sum of squares; ``None`` if no cut leaves ``least`` rows on both sides."""
+    if len(y) <= 2 * least:
+        return None
+    counts = np.unique(np.linspace(least, len(y) - least, BINS).astype(int))
+    largest_fall, best = 0.0, None
     for index, values in enumerate(x.T):
         order = np.argsort(values, kind="stable")
-        v, total = values[order], np.cumsum(y[order])
-        places = (
-            np.unique(np.linspace(least, len(v) - least, BINS).astype(int))
-            if len(v) > 2 * least
-            else []
-        )
-        for n in places:
-            if v[n - 1] == v[n]:
+        ordered, total = values[order], np.cumsum(y[order])
+        for below in counts:
+            low_value, high_value = ordered[below - 1], ordered[below]
+            if low_value == high_value:
                 continue
-            low, high = total[n - 1] / n, (total[-1] - total[n - 1]) / (len(v) - n)
-            fall = n * (len(v) - n) / len(v) * (high - low) ** 2
-            if fall > best:
-                best, chosen = (
-                    fall,
-                    Cut(index, float(0.5 * (v[n - 1] + v[n])), bool(high > low)),
-                )
-    return chosen
+            above = len(y) - below
+            low_mean = total[below - 1] / below
+            high_mean = (total[-1] - total[below - 1]) / above
+            fall = below * above / len(y) * (high_mean - low_mean) ** 2
+            if fall > largest_fall:
+                threshold = float(0.5 * (low_value + high_value))
+                largest_fall = fall
+                best = Cut(index, threshold, bool(high_mean > low_mean))
+    return best

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gapscope.diagnosis.gap.torque_gap import NoiseFloor, noise_floor
+from gapscope.diagnosis.gap.noise_floor import NoiseFloor, noise_floor
 from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.model.jacobian import columns, link_tangent
 from gapscope.diagnosis.model.nonlinear_scan import (

@@ -21,7 +21,11 @@ import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
-from gapscope.diagnosis.gap.torque_gap import dry_friction, simplified_forms, steady
+from gapscope.diagnosis.gap.noise_floor import (
+    dry_friction,
+    simplified_effect_rms,
+    steady_floor,
+)
 from gapscope.diagnosis.model.jacobian import Bodies, bodily_columns, moved_arm
 from gapscope.diagnosis.model.terms import Terms, parametrisation_of
 from gapscope.diagnosis.thresholds import (
@@ -148,11 +152,11 @@ def link_floor(
     """RMS that a healthy arm and its sensors leave on the link side [N m], (n,)."""
     assert segment.torque_sensor is not None
     body = segment.bodies(body)
-    form = simplified_forms(
+    form = simplified_effect_rms(
         corrected, segment, lambda arm: link_torque(arm, body, segment.motion)
     )
     gap = segment.torque_sensor - link_torque(corrected, body, segment.motion)
-    return steady(gap, segment.torque_sensor, segment, EFFECT_FORM * form)
+    return steady_floor(gap, segment.torque_sensor, segment, EFFECT_FORM * form)
 
 
 def actuator_floor(
@@ -165,7 +169,7 @@ def actuator_floor(
     def actuator(arm: CorrectedArm) -> np.ndarray:
         return arm.unlimited.predict(body, motion) - link_torque(arm, body, motion)
 
-    form = EFFECT_FORM * simplified_forms(corrected, segment, actuator)
+    form = EFFECT_FORM * simplified_effect_rms(corrected, segment, actuator)
     form = np.hypot(
         form,
         FRICTION_FORM * np.sqrt((dry_friction(corrected, segment) ** 2).mean(axis=0)),
@@ -175,7 +179,7 @@ def actuator_floor(
         - segment.torque_sensor
         - actuator(corrected)
     )
-    return steady(gap, segment.torque, segment, form)
+    return steady_floor(gap, segment.torque, segment, form)
 
 
 def two_sides(

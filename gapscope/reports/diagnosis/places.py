@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gapscope.diagnosis.document.wording import capital
-from gapscope.diagnosis.localisation.locate import Place
+from gapscope.diagnosis.localisation.locate import JointLocalisation
 from gapscope.diagnosis.localisation.region import Region
 from gapscope.diagnosis.localisation.spectra import DRIVES
 from gapscope.diagnosis.result import Diagnosis
@@ -55,7 +55,7 @@ def curves(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     return out
 
 
-def _rule(place: Place) -> dict[str, Any] | None:
+def _rule(place: JointLocalisation) -> dict[str, Any] | None:
     profile = place.profile
     if profile is None:
         return None
@@ -72,7 +72,7 @@ def _rule(place: Place) -> dict[str, Any] | None:
     }
 
 
-def _time(place: Place) -> dict[str, Any] | None:
+def _time(place: JointLocalisation) -> dict[str, Any] | None:
     told = [region for region in place.regions if region.kind == "interval"]
     if not told:
         return None
@@ -89,7 +89,7 @@ def _time(place: Place) -> dict[str, Any] | None:
     }
 
 
-def _frequency(place: Place) -> dict[str, Any] | None:
+def _frequency(place: JointLocalisation) -> dict[str, Any] | None:
     told = [region for region in place.regions if region.kind in ("line", "coherence")]
     if not told:
         return None

@@ -11,7 +11,7 @@ import pytest
 from gapscope.diagnosis.assessment.predictable_share import Predictable, predictable
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.gap.torque_gap import TorqueGap
-from gapscope.diagnosis.localisation.stacked_rows import Rows
+from gapscope.diagnosis.localisation.stacked_rows import MotionRows
 from gapscope.ident.signals.conditioning import low_pass
 from gapscope.reports.diagnosis import render
 
@@ -19,7 +19,7 @@ RATE, SECONDS, N = 250.0, 20.0, 6
 FLOOR = np.full(N, 0.1)
 
 
-def rows(recordings: int = 3, seconds: float = SECONDS) -> Rows:
+def rows(recordings: int = 3, seconds: float = SECONDS) -> MotionRows:
     """Sums of sines, other ones in each recording."""
     count, parts = int(seconds * RATE), []
     for seed in range(recordings):
@@ -39,7 +39,7 @@ def rows(recordings: int = 3, seconds: float = SECONDS) -> Rows:
         )
     q, dq, ddq = (np.vstack(x) for x in zip(*parts, strict=True))
     segment = np.repeat(np.arange(recordings), count)
-    return Rows(
+    return MotionRows(
         np.tile(np.arange(count) / RATE, recordings),
         q,
         dq,
@@ -50,7 +50,7 @@ def rows(recordings: int = 3, seconds: float = SECONDS) -> Rows:
 
 
 def found(
-    left: np.ndarray, at: Rows, joint: int = 1, floor: np.ndarray = FLOOR
+    left: np.ndarray, at: MotionRows, joint: int = 1, floor: np.ndarray = FLOOR
 ) -> Predictable:
     """What is predicted of a torque that is left on joint 1, with noise at the floor on top."""
     noise = np.random.default_rng(9).standard_normal((len(at.t), N))
