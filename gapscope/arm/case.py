@@ -174,7 +174,7 @@ def load_case(
 
     Args:
         path: case folder, or the case file in it.
-        data_root: folder that ``${GAPSCOPE_DATA}`` stands for.
+        data_root: folder that replaces ``${GAPSCOPE_DATA}``.
         any_unit: accept recordings that look as if they were in other units, for a diagnosis of the set-up.
         read_recordings: whether to read the recordings; without them ``recordings`` and ``judged`` are empty.
 

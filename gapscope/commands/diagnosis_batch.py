@@ -204,7 +204,7 @@ def _line(row: SummaryRow) -> str:
 
 
 def _folders(cases: Sequence[Path]) -> list[str]:
-    """A name for the results of each case: that of its folder or file, numbered where it repeats."""
+    """A name for the results of each case: that of its folder or file, numbered if it repeats."""
     names: list[str] = []
     for case in cases:
         path = case.resolve()

@@ -126,7 +126,7 @@ def evaluate_path(
 ) -> tuple[dict[str, Any], list[SummaryLine], list[Path]]:
     """Evaluate models and write the results; see ``gapscope.outputs.evaluation``.
 
-    Finished cells are kept in a folder in ``out`` until then, so that the same call goes on after an interruption.
+    Finished cells are kept in a folder in ``out`` until then, so that the same call continues after an interruption.
 
     Args:
         models: see ``gapscope.agents.model_files.read_models``.
@@ -135,7 +135,7 @@ def evaluate_path(
         plan: how to evaluate.
         out: folder for the results.
         progress: called with a few words at each step.
-        again: do not go on from what an earlier call has kept.
+        again: ignore what an earlier call has kept.
 
     Returns:
         The document, its lines, and the files.

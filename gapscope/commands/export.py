@@ -73,7 +73,7 @@ def export_path(
     Args:
         corrected: the file with the effects.
         case: the case whose nominal arm they add to, or ``None``.
-        robot: a name, URDF or case in its place, or ``None``; exactly one of both has to be given.
+        robot: a name, URDF or case in its place, or ``None``; exactly one of both must be given.
         file_format: ``urdf``, ``mjcf`` or ``sdf``.
         out: the file to write.
         relative_meshes: name meshes from the folder of ``out``.

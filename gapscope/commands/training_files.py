@@ -47,7 +47,7 @@ def train_files(
     trials: int = 0,
     progress: Callable[[str], None] = lambda message: None,
 ) -> tuple[dict[str, Any], list[Path]]:
-    """Train an agent on top of a model, or go on with a training that was interrupted.
+    """Train an agent on top of a model, or resume a training that was interrupted.
 
     Args:
         model: ``pd``, ``gravity``, ``nominal``, or the path of a ``corrected.yaml`` or ``identification.json``.
@@ -56,7 +56,7 @@ def train_files(
         settings: of the training.
         out: folder for the results.
         again: forget what the folder holds of an earlier training.
-        trials: of a search for hyperparameters in place of a training; 0 for none.
+        trials: of a search for hyperparameters instead of a training; 0 for none.
         progress: called with a few words at each step.
 
     Returns:
@@ -88,7 +88,7 @@ def train_files(
 
 
 def _asked(task: Task, settings: TrainingSettings, trials: int) -> dict[str, Any]:
-    """What a command asks for: settings, and hashes of the arm and of what the model takes it for."""
+    """What a command asks for: settings, and hashes of the arm and of the model's files."""
     return {
         "model": _digest(task.name in ("pd", "gravity") and task.name, task.believed),
         "robot": _digest(None, CorrectedArm(task.arm)),

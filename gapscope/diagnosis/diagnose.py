@@ -1,4 +1,4 @@
-"""The main job: a case goes in, a diagnosis comes out."""
+"""The diagnosis of a case: conditioning, set-up, search, held-out gaps, findings."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def diagnose(
 
     Raises:
         GapscopeError: no recording carries a torque that can be trusted, nor is there a known controller with its
-            reference that tells it.
+            reference that determines it.
         InputError: a recording has no stretch without gaps that is long enough.
     """
     # Many small matrices: threads would only wait for each other.

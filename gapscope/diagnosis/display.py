@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 MISSING = "–"
-"""What stands for a number that is not known."""
+"""Shown for an unknown number."""
 
 _DEGREE = math.degrees(1.0)
 _PREFIXES: dict[str, tuple[tuple[float, float, str], ...]] = {

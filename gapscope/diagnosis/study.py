@@ -99,7 +99,7 @@ def examine(case: Case, progress: Progress, baseline: Baseline | None = None) ->
 
     Raises:
         GapscopeError: no recording carries a torque that can be trusted, nor is there a known controller with its
-            reference that tells it.
+            reference that determines it.
         InputError: a recording has no stretch without gaps that is long enough.
     """
     case = with_commanded_torque(case)

@@ -39,7 +39,7 @@ def write_corrected(
         effects: the effects.
         path: the file.
         residual: file of a residual network, relative to the folder of ``path``; it is not written here.
-        faults: setup faults, if the file tells how a case was recorded.
+        faults: setup faults, if the file describes how a case was recorded.
 
     Raises:
         GapscopeError: the file cannot be written.

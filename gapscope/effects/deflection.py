@@ -51,7 +51,7 @@ def behind_elasticity(
     block = np.ix_(np.arange(len(torque)), elastic, elastic)
     by_position, by_velocity, mass = (matrix[block] for matrix in matrices)
     frequency = _resonances(mass, stiffness[elastic])
-    # what swings faster than can be followed bends at once: it has neither mass nor damper
+    # a resonance too fast to integrate deflects at once: it has neither mass nor damper
     followed = frequency <= 2 * np.pi * FASTEST
     h = 1.0 / motion.rate
     fastest = max(frequency[followed], default=0.0)

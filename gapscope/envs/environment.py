@@ -131,7 +131,7 @@ class ArmTracking(gymnasium.Env):
             arguments.positive_or_none("action_reach", action_reach, "rad"),
         )
         base = arguments.chosen_base(simulated, self.arm, effects)
-        # an arm in place of the nominal one brings its own effects
+        # an arm instead of the nominal one brings its own effects
         own = None if simulated is None else base.effects
         given = chosen_effects(effects, self.arm) if own is None else own
         self._plant = Plant(

@@ -82,7 +82,7 @@ class EpisodeSource:
         """An episode.
 
         Args:
-            options: in place of the environment's own, by the names of ``EpisodeOptions``.
+            options: instead of the environment's own, by the names of ``EpisodeOptions``.
             seeds: one for the motion, which so does not depend on the effects drawn, and one for these.
 
         Raises:

@@ -12,7 +12,7 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.known_load import KnownLoad, parse_payloads
 
 DATA_ROOT = "GAPSCOPE_DATA"
-"""Environment variable with the folder that ``${GAPSCOPE_DATA}`` in a path of a case stands for."""
+"""Environment variable with the folder that replaces ``${GAPSCOPE_DATA}`` in a path of a case."""
 
 
 @dataclass(frozen=True)

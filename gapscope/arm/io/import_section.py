@@ -38,7 +38,7 @@ class Channel:
     """Where a log holds one channel.
 
     Attributes:
-        column: pattern of the column names, where ``{j}`` stands for the joint's number from 1, ``{j0}`` for that
+        column: pattern of the column names, in which ``{j}`` is the joint's number from 1, ``{j0}`` for that
             from 0 and ``{joint}`` for its name; or one name per joint; a pattern without any of these names one
             column whose cells hold lists.
         factor: from the column's unit to the recording's, times the scale; a number or one per joint, (n,).

@@ -27,7 +27,7 @@ def check_time(
     """Time [s], (N,), has to run forward, at a rate that a robot is logged at, unless ``any_unit``.
 
     Raises:
-        InputError: t jumps back, stands still throughout, or has an implausible rate.
+        InputError: t jumps back, is constant, or has an implausible rate.
     """
     step = np.diff(t)
     back = np.flatnonzero(step < 0)
@@ -116,7 +116,7 @@ def repeated_rows(
 
     A logger faster than the robot's bus stores a measurement twice. It is treated as that if every measured
     channel, a noisy one (velocity or torque) among them, repeats for one to three rows and the position moves on
-    after them; an arm that stands still repeats itself for longer and keeps its rows.
+    after them; an arm at rest repeats itself for longer and keeps its rows.
     """
     notes = []
     stamp = np.r_[False, np.diff(t) == 0]

@@ -19,7 +19,7 @@ def read_csv(path: Path) -> Table:
 
     Raises:
         InputError: the file is empty, has no header or nothing below it, a column twice, a row of another length,
-            or is no text.
+            or is not text.
     """
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:

@@ -53,7 +53,7 @@ class ExcessResidual:
         return self.exceeds_explained_share_of(self.before)
 
     def exceeds_explained_share_of(self, before: np.ndarray) -> bool:
-        """Whether more is left than effects may leave of a torque NRMSE above the floor, (n,)."""
+        """Whether the residual exceeds what effects may leave of a torque NRMSE above the floor, (n,)."""
         residual = (self.after[self.above] ** 2).sum()
         share = EXPLAINED_RESIDUAL_COMPLIANT if self.compliant else EXPLAINED_RESIDUAL
         # One joint that keeps most of its gap is unexplained, even if it is a small part of the whole.

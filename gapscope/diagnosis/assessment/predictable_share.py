@@ -213,7 +213,7 @@ def _signal_features(known: list[Variable], rng: np.random.Generator) -> np.ndar
 def _posture_features(q: np.ndarray) -> np.ndarray:
     """Random Fourier features of the arm's posture, (K, FOURIER_FEATURES), of positions [rad], (K, n)."""
     angles = np.hstack([np.sin(q), np.cos(q)])
-    # A joint that hardly moves tells nothing: its deviation counts as 0.05 at least.
+    # A joint that hardly moves gives no information: its deviation counts as 0.05 at least.
     normalised = (angles - angles.mean(axis=0)) / np.maximum(angles.std(axis=0), 0.05)
     rng = np.random.default_rng(0)
     return _fourier_features(normalised, FOURIER_FEATURES // 2, rng)

@@ -134,7 +134,7 @@ def gap_rows(document: Document) -> list[tuple[Any, Any, Any]]:
 def gap_closed(document: Document) -> float | None:
     """Share of the gap above the floor that the effects close, sum(before - after) / sum(before - floor) [1].
 
-    Sums run over the joints whose three values are known. ``None`` if no gap stood above the floor, or
+    Sums run over the joints whose three values are known. ``None`` if no gap was above the floor, or
     if the verdict is that there is none.
     """
     if document["verdict"] == "no_gap":
@@ -145,7 +145,7 @@ def gap_closed(document: Document) -> float | None:
 
 
 def worst_joint(document: Document, stage: str) -> int | None:
-    """Joint whose torque gap stands highest above the floor, ``before`` or ``after``; ``None`` if none does."""
+    """Joint whose torque gap exceeds the floor most, ``before`` or ``after``; ``None`` if none does."""
     pairs = zip(
         document["gap"][stage]["torque_nrmse"],
         document["gap"]["before"]["floor"],
@@ -212,7 +212,7 @@ def sides_sentence(document: Document) -> str:
 
 
 def unexplained_sentence(document: Document) -> str:
-    """What is left without an explanation, in one sentence."""
+    """The unexplained part of the gap, in one sentence."""
     share = percent(document["unexplained"]["share"])
     if document["unexplained"]["above_floor"]:
         return f"{share} of the gap stays unexplained and lies above the floor: something real is still missing."

@@ -119,7 +119,7 @@ def commanded_torque(
 ) -> np.ndarray:
     """Torque that a controller commanded at the rows of a recording with ``q_ref`` [N m], shape (N, n).
 
-    A stretch between gaps that is too short to be used has none, and zeros stand there.
+    A stretch between gaps that is too short to be used has none, and holds zeros.
 
     Args:
         arm: the nominal arm, which the feedforward believes.

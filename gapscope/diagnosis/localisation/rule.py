@@ -103,7 +103,7 @@ def _worthwhile(cuts: tuple[Cut, ...], x: np.ndarray, y: np.ndarray) -> tuple[Cu
     best: tuple[Cut, ...] = ()
     for count in range(len(cuts) + 1):
         for subset in itertools.combinations(cuts, count):
-            # each further condition has to be worth it
+            # each further condition must be worth it
             needed_gain = RULE_CONDITION_GAIN ** (count - len(best))
             if _worth(subset, x, y) > max(needed_gain * _worth(best, x, y), 0.0):
                 best = subset

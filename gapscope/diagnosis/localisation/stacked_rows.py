@@ -33,7 +33,7 @@ class MotionRows:
 
     @property
     def clock(self) -> np.ndarray:
-        """Time as the recordings tell it [s], (M,): a recording may have been cut into several segments."""
+        """Time of the recordings' own clocks [s], (M,): a recording may have been cut into several segments."""
         return self.t + np.array(self.starts)[self.segment] if self.starts else self.t
 
     def recording(self, segment: int) -> str:

@@ -1,4 +1,4 @@
-"""Faults of channels: signs, joints and units that are not what they are taken for."""
+"""Faults of channels: signs, joints and units that differ from the assumed ones."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ class JointSwap(Fault):
 
 @dataclass(frozen=True)
 class UnitMismatch(Fault):
-    """A channel in another unit than it is taken for.
+    """A channel in another unit than assumed.
 
     Attributes:
         variant: ``degrees`` (positions), ``milliseconds`` (time) or ``motor_side`` (position times ratio, torque over

@@ -32,7 +32,7 @@ class Fault(ABC):
         name: name of the fault.
         scope: ``joint`` or ``arm``.
         looks_like: what gives it away in data.
-        reference: where the convention stands that the set-up breaks; a key of ``docs/references.md``.
+        reference: source of the convention that the set-up breaks; a key of ``docs/references.md``.
         variants: its kinds, which the field ``variant`` names; empty if there is one only.
         parameters: its parameters, which are fields of the same name.
     """

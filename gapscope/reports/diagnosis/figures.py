@@ -83,7 +83,7 @@ def keep_extremes(series: list[np.ndarray], points: int) -> np.ndarray:
 
 
 def _signature(signature: Signature) -> dict[str, Any]:
-    """A signature with its samples thinned evenly; ``line`` where the axis only ever grows, as time does."""
+    """A signature with its samples thinned evenly; ``line`` if the axis only grows, as time does."""
     n = len(signature.x)
     keep = (
         np.unique(np.linspace(0, n - 1, min(n, POINTS_PER_SIGNATURE)).astype(int))

@@ -44,8 +44,8 @@ class Line:
 
     Attributes:
         label: joint, parameter and its unit, e.g. ``J2 coefficient [N m s/rad]``.
-        entries: ``value ± std`` of each unit, a dash where the effect was not found, in the order of the units.
-        together: ``value ± std`` over the units, or a dash where there is one.
+        entries: ``value ± std`` of each unit, a dash if the effect was not found, in the order of the units.
+        together: ``value ± std`` over the units, or a dash if there is one.
         scatter: I^2 in percent, or a dash.
         differs: whether the values of this line differ.
     """
@@ -194,7 +194,7 @@ def heading(group: Content) -> str:
 
 
 def nominal_note(group: Content) -> str:
-    """What to mind where the cases do not believe the same arm; empty where they do."""
+    """Note on different nominal arms of the cases; empty if they are the same."""
     differs = [_SHEET.get(key, key) for key in group["nominal_differs"]]
     if not differs:
         return ""

@@ -11,7 +11,7 @@ from gapscope.diagnosis.result import Diagnosis
 from gapscope.reports.diagnosis.encoding import encode
 
 WHITE = 1e-3
-"""With a larger p-value what is left may be noise."""
+"""With a larger p-value the residual may be noise."""
 NAMES = {
     "position": "its position",
     "speed": "its speed",
@@ -63,7 +63,7 @@ def _title(entry: Mapping[str, Any]) -> str:
 
 
 def _words(entry: Mapping[str, Any]) -> str:
-    """How much of it which variable predicts, and whether what is left may be noise."""
+    """How much of it which variable predicts, and whether the residual may be noise."""
     name = entry["curve"]["variable"]
     noise = "may be noise" if entry["whiteness_p"] > WHITE else "is no noise"
     if entry["share"] == 0.0:

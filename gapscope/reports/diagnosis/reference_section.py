@@ -69,7 +69,7 @@ def against(diagnosis: Diagnosis) -> dict[str, Any] | None:
 
 
 def _skew(skew: float) -> str:
-    """By how much the recorded torque is off in time, in words; empty where that is too little to be taken out."""
+    """By how much the recorded torque is off in time, in words; empty if that is too little to be taken out."""
     if abs(skew) <= LEAST_REFERENCE_SKEW:
         return ""
     return (
@@ -114,7 +114,7 @@ def _changed(before: float, after: float) -> str:
 
 
 def _left_open(entries: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Effects taken for leeway, each once with all its joints."""
+    """Effects within the reference uncertainty, each once with all its joints."""
     joints: dict[str, list[int]] = {}
     for entry in entries:
         joints.setdefault(entry["effect"], []).append(entry["joint"])

@@ -43,7 +43,7 @@ FLOOR_SCALE = 4.0
 
 @dataclass(frozen=True)
 class JointGap:
-    """One row of the per-joint chart: torque NRMSE [1] and replay RMSE [rad], ``None`` where not known."""
+    """One row of the per-joint chart: torque NRMSE [1] and replay RMSE [rad], ``None`` if not known."""
 
     label: str
     name: str
@@ -243,7 +243,7 @@ def _first_and_learnt(regions: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _most_telling(regions: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Of each joint the region that holds most of the gap in least of the time; a band of frequency where it is all."""
+    """Of each joint the region that holds most of the gap in least of the time; a band of frequency if it is all."""
     out: dict[int, dict[str, Any]] = {}
     for region in regions:
         known = out.setdefault(region["joint"], region)

@@ -33,7 +33,7 @@ class SummaryRow:
     Attributes:
         name: name of the case.
         folder: folder of its report, relative to the summary.
-        document: its diagnosis, or ``None`` where it failed.
+        document: its diagnosis, or ``None`` if it failed.
         failure: why it failed.
     """
 
@@ -44,7 +44,7 @@ class SummaryRow:
 
     @property
     def label(self) -> str:
-        """Name of the case, with its folder where that is called otherwise."""
+        """Name of the case, with its folder if that has another name."""
         return self.name if self.folder == self.name else f"{self.name} ({self.folder})"
 
     @property

@@ -107,5 +107,5 @@ def _two_lines(mean: Mean, factor: float) -> str:
 
 
 def _digits(value: float, digits: int) -> str:
-    """So many digits, without an exponent below a million; ``inf`` where too many episodes diverged."""
+    """So many digits, without an exponent below a million; ``inf`` if too many episodes diverged."""
     return f"{value:.0f}" if 10**digits <= abs(value) < 1e6 else f"{value:.{digits}g}"

@@ -53,7 +53,7 @@ def _groups(document: dict[str, Any]) -> str:
 
 
 def intervals(document: dict[str, Any]) -> list[dict[str, Any]]:
-    """Rows of the table of torque intervals: a label and a number per joint; empty where there are none."""
+    """Rows of the table of torque intervals: a label and a number per joint; empty if there are none."""
     found = document["torque_interval"]
     if found is None:
         return []

@@ -1,4 +1,4 @@
-"""What the figures draw: torque over time and what is left over speed, as base64 of float32."""
+"""What the figures draw: torque over time and the residual over speed, as base64 of float32."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def _spans(validation: Validation) -> list[tuple[int, tuple[int, int]]]:
 
 
 def _group(validation: Validation, a: int, b: int, number: int) -> dict[str, Any]:
-    """One segment: per joint the curves over time, and what is left over the speed."""
+    """One segment: per joint the curves over time, and the residual over the speed."""
     joints = []
     t = validation.t[a:b]
     for j in range(validation.torque.shape[1]):

@@ -41,7 +41,7 @@ def heading(document: dict[str, Any]) -> dict[str, Any]:
 
 
 def joints(document: dict[str, Any]) -> dict[str, Any]:
-    """Errors per joint on unseen samples, and the scale of their bars."""
+    """Errors per joint on held-out samples, and the scale of their bars."""
     judged = document["validation"][1]
     rows = [
         {

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from gapscope.ident.excitation.design import Excitation
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#1f2328")
-"""One colour per joint, told apart by colour-blind people too; they repeat, dashed, after the seventh joint."""
+"""One colour per joint, distinguished by colour-blind people too; they repeat, dashed, after the seventh joint."""
 POINTS = 2000
 """Most points of a curve."""
 FONT = 'system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", "Liberation Sans", Arial, sans-serif'

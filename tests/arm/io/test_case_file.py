@@ -221,7 +221,8 @@ def test_data_root(
     path = write(folder, recordings=["${GAPSCOPE_DATA}/a.csv"])
     monkeypatch.setenv("GAPSCOPE_DATA", str(tmp_path / "absent"))
     with pytest.raises(
-        InputError, match="field recordings: .* is replaced by .*absent, which is not a folder"
+        InputError,
+        match="field recordings: .* is replaced by .*absent, which is not a folder",
     ):
         load_case(path)
     assert len(load_case(path, data_root=folder).recordings) == 1
