@@ -127,6 +127,7 @@ def identify(
     method(settings.estimator)
     fit, held_out = split(case, settings.judge)
     check_recordings(fit, held_out, case.name)
+    # one cut-off for all recordings, so that their equations are comparable
     if settings.cutoff is None:
         settings = replace(settings, cutoff=position_cutoff(tuple(fit)))
     assert settings.cutoff is not None
@@ -135,6 +136,7 @@ def identify(
     segments = band.segments(fit)
     samples = Samples(columns, segments, band.bounded(segments))
     similarity = nominal_similarity(samples)
+    # another unit would be fitted without complaint, as heavier links
     if not settings.any_torque:
         check_unit(similarity, fit[0].name)
     evidence, estimate, uncertainty, examined = _fit(samples, fit, settings, progress)
@@ -147,6 +149,7 @@ def identify(
     held_out_segments = band.segments(held_out)
     validation = _validated(evidence, value, held_out_segments, band)
     table = fill_in(evidence)
+    # a change spoils the fit: it is looked for in every recording, fitted or held out
     changes = find_changes((*fit, *held_out), columns, law, base, band)
     doubtful = doubts(
         evidence, estimate, examined, changes, similarity, table, validation[1]

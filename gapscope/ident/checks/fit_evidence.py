@@ -98,6 +98,7 @@ def nominal_similarity(samples: Samples) -> NominalSimilarity:
         speed = samples.velocity[:, i]
         power = float(np.abs(torque[:, i] * speed).mean())
         loss[i] = (friction * speed).mean() / max(power, 1e-300)
+    # a wrong unit shows without any fit
     ratio = _torque_ratio(samples, parts)
     return NominalSimilarity(
         gain=gain,

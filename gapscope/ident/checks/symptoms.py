@@ -154,6 +154,7 @@ def exchanged(explained: np.ndarray) -> tuple[float, tuple[int, ...]]:
         explained: share of the variance of the torque of joint j explained by the motion of joint i, rows i.
     """
     motions, torques = linear_sum_assignment(-explained)
+    # the assignment that explains most variance in all
     moved = np.flatnonzero(motions != torques)
     if not len(moved):
         return 0.0, ()

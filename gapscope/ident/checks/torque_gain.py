@@ -69,6 +69,7 @@ class TorqueGain:
 def torque_gain(found: NominalSimilarity) -> TorqueGain:
     """The common gain, of the joints on which the rigid bodies show."""
     clear = np.flatnonzero((found.weight > CLEAR) & (found.gain > 0))
+    # one joint alone may have an error of its own
     if len(clear) < 2:
         return TorqueGain(1.0, False, ())
     gains = found.gain[clear]

@@ -106,6 +106,7 @@ class ConsistentSdp:
             raise GapscopeError(
                 f"the semidefinite programme failed ({error})", "raise weight or floor"
             ) from None
+        # infeasible or unbounded, without an error
         if x.value is None:
             raise GapscopeError(
                 f"the semidefinite programme is {programme.status}",

@@ -53,6 +53,7 @@ class DirectInverse:
             matrix, residual = _weighted(problem, now)
             flat = matrix.reshape(residual.size, -1)
             step = np.linalg.lstsq(flat, residual.ravel(), rcond=None)[0]
+            # a step that does not lower the error is halved there
             after = improved(problem, self.experiment, now, now.beta + step, iteration)
             converged = settled(now, after, self.tolerance)
             now = after

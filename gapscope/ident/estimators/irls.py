@@ -70,6 +70,7 @@ class HuberLeastSquares:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Residuals over their joint's spread, (N, n), and the spread [N m], (n,)."""
         residual = problem.residual(beta)
+        # the median is not moved by outliers
         spread = np.median(np.abs(residual), axis=0) / NORMAL_MAD
         spread = np.maximum(spread, 1e-9 * max(largest, 1e-300))
         return residual / spread, spread

@@ -86,6 +86,7 @@ class _Search:
         theta = to_log_cholesky(reference.links)
         # the first four coordinates are logarithms, the other six lengths
         powers = np.array([0, 0, 0, 0, 1, 1, 1, 1, 1, 1])
+        # first moments count in radii
         link_units = reference.radius[:, None] ** powers
         self._units = np.concatenate([link_units.ravel(), reference.other_units])
         self._centre = np.concatenate([theta.ravel(), reference.others])

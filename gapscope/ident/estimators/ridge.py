@@ -47,6 +47,7 @@ class Ridge:
         factor = Factor.of(matrix / norms, torque - matrix @ prior)
         left, values, right = np.linalg.svd(factor.triangle)
         part = left.T @ factor.rotated
+        # along each singular direction the prior weighs as much as the data at values**2 = strength
         strength = self._strength(values, part, factor)
         gain = values / np.maximum(values**2 + strength, 1e-300)
         beta = prior + right.T @ (gain * part) / norms

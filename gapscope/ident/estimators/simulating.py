@@ -133,6 +133,7 @@ def score_covariance(
 
     Source: newey1987.
     """
+    # errors of a simulation follow the motion, so that samples are far from independent
     meat = bartlett_sum(scores, group, block_length(scores, group))
     scale = 1 / np.sqrt(np.abs(np.diag(gram)).clip(1e-300))
     outer = np.outer(scale, scale)

@@ -161,5 +161,6 @@ def standard_factor(
     if prior is not None:
         warnings = unit_warnings(problem, np.asarray(prior, dtype=float))
     least = LEAST_NOISE * float(np.sqrt((problem.torque**2).mean()))
+    # standard columns lack rank: a free fit serves for the noise alone
     noise = np.maximum(joint_noise(problem, free), least)
     return Factor.of(*whitened(problem, noise)), warnings

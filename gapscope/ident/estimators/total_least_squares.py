@@ -48,6 +48,7 @@ class TotalLeastSquares:
         triangle = np.asarray(np.linalg.qr(equations, mode="r"))
         _, values, right = np.linalg.svd(triangle[first:, first:])
         least = right[-1]
+        # the solution divides by this component
         if abs(least[-1]) < 1e-8:
             raise InputError(
                 "no total least squares solution: the direction with the least error does not involve the torque. "

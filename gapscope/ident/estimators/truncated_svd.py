@@ -41,6 +41,7 @@ class TruncatedSvd:
         # squared residual with the first k directions, for k = 0 to b
         dropped_squares = np.append(np.cumsum(part[::-1] ** 2)[::-1], 0.0)
         squares = factor.rest + dropped_squares
+        # weak directions stay at the prior
         rank = self._rank(values, squares, factor.rows)
         half = right[:rank].T / values[:rank] / norms[:, None]
         beta = prior + half @ part[:rank]

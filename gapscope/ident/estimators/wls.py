@@ -34,6 +34,7 @@ class WeightedLeastSquares:
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate; raises ``InputError`` if the samples do not determine the parameters."""
         beta: np.ndarray = OrdinaryLeastSquares().estimate(problem).value
+        # noise and parameters in turns
         for _ in range(self.rounds):
             noise = joint_noise(problem, beta)
             factor = Factor.of(*whitened(problem, noise))

@@ -45,6 +45,7 @@ class ExcitationModel:
         self._kept = base.kept
         self.names = tuple(self._regressor.names[i] for i in self._kept)
         states = random_states(self._regressor, np.random.default_rng(0), SAMPLES)
+        # typical size of each column, whatever the motion
         mean_square = (self.matrix(states) ** 2).mean(axis=(0, 1))
         self.reference = np.sqrt(mean_square)
 

@@ -183,8 +183,10 @@ def accept(search: TrajectorySearch, final: Checker, plan: ExcitationPlan) -> Ac
     Raises:
         InputError: there is none.
     """
+    # limits hold between the samples of the plan, too
     parts = int(np.ceil(CHECKED_RATE / plan.rate))
     broken = search.hardest
+    # the search samples coarsely: the best few are checked finely, best first
     for found in search.found[: -TRIES - 1 : -1]:
         reference = search.parametrisation.reference(found.x)
         motion = sampled(reference, plan.length, plan.rate * parts)

@@ -35,6 +35,7 @@ class Evolution:
         }
         if self.population is not None:
             options["popsize"] = self.population
+        # a run that has converged is begun anew elsewhere
         while not search.spent:
             start = random_starts(search, rng, 0.05, 1)[0]
             evolution = cma.CMAEvolutionStrategy(start, self.spread, options)

@@ -45,7 +45,7 @@ class GradientRefinement:
                 where="optimiser",
             )
 
-        def judged(x: np.ndarray) -> tuple[float, np.ndarray]:
+        def objective(x: np.ndarray) -> tuple[float, np.ndarray]:
             if search.spent:
                 raise _SpentError
             return search.score_and_gradient(x)
@@ -55,7 +55,11 @@ class GradientRefinement:
             try:
                 while True:
                     done = minimize(
-                        judged, x, jac=True, method="L-BFGS-B", options={"maxcor": 30}
+                        objective,
+                        x,
+                        jac=True,
+                        method="L-BFGS-B",
+                        options={"maxcor": 30},
                     )
                     if before - done.fun < WORTH:
                         break

@@ -95,6 +95,7 @@ class Signatures:
         norms = np.linalg.norm(signatures, axis=0)
         unit = signatures / np.where(norms > 0, norms, 1.0)
         basis = _column_space(matrix.reshape(-1, matrix.shape[2]))
+        # base parameters can absorb this much of an effect
         residual = unit - basis @ (basis.T @ unit)
         least = float(np.linalg.svd(residual, compute_uv=False)[-1])
         owner = np.array([name for name, _ in self._applied])

@@ -41,6 +41,7 @@ class ParticleSwarm:
                 own, common = rng.uniform(0.0, self.pull, (2, x.shape[1]))
                 to_own, to_leader = best[i] - x[i], leader - x[i]
                 v[i] = self.inertia * v[i] + own * to_own + common * to_leader
+                # far out all candidates map to the edge of the limits
                 x[i] = np.clip(x[i] + v[i], -REACH, REACH)
                 score = search.score(x[i])
                 if score < scores[i]:

@@ -122,6 +122,7 @@ class Parametrisation:
             series.argmax(axis=1)[kind, joints],
             series.argmin(axis=1)[kind, joints],
         )
+        # a joint that does not move uses no limit
         use = np.maximum(uses[most_used, joints], 1e-12)
         return _Decoded(
             centre=centre,

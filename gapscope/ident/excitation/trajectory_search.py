@@ -209,6 +209,7 @@ class TrajectorySearch:
         self._broken += breach > TOLERATED
         if (breach <= TOLERATED).all():
             self.feasible += 1
+            # the list is a record of improvements: the last is the best
             if not self.found or value < self.found[-1].value:
                 self.found.append(Found(np.array(x), value, self.evaluations))
         best = self.found[-1].value if self.found else np.inf

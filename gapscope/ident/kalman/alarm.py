@@ -90,6 +90,7 @@ def alarm(
         # the window that is judged is left out of what is usual
         usual = np.quantile(ratio[begin : k - length], LEVELS) / expected
         statistic[k] = ratio[k] / threshold[k] / max(1.0, usual.max())
+    # the first crossing is the alarm
     over = np.flatnonzero(statistic > 1)
     time = float(track.t[over[0]]) if len(over) else None
     return Alarm(time, statistic)

@@ -130,6 +130,7 @@ def find_change(
     t = np.asarray(t, dtype=float)
     moments = np.flatnonzero((t > t[0] + margin) & (t < t[-1] - margin))
     parameters = problem.matrix.shape[2]
+    # two fits, before and after, need twice the equations
     if len(moments) < 2 or problem.torque.size < 2 * parameters:
         raise InputError(
             f"{t[-1] - t[0]:.3g} s with {problem.torque.size} equations for {parameters} parameters are "
@@ -139,7 +140,9 @@ def find_change(
         )
     whitened, best = _best_scan(problem, moments, hypotheses)
     chance = false_alarms / (len(moments) * len(hypotheses))
+    # Bonferroni's bound over all moments and hypotheses
     threshold = float(chi2.isf(chance, len(best.hypothesis.names)))
+    # errors of the model are estimated only if there is something to explain
     if best.peak > threshold:
         threshold *= _usual(whitened, best, moments, threshold)
     threshold = max(threshold, SHARE * problem.torque.size)
@@ -168,6 +171,7 @@ def _best_scan(
         whitened = white(problem, _residual(problem, best))
         sums = _Sums.of(whitened, moments)
         scans = [_Scan.over(sums, hypothesis) for hypothesis in hypotheses]
+        # hypotheses differ in the number of parameters: compared by tail probability
         best = max(scans, key=lambda scan: scan.evidence)
     assert best is not None
     return whitened, best

@@ -75,6 +75,7 @@ def fit_warming(
                 model.residual, start, bounds=(lower, upper), x_scale=(0.1, 0.3)
             )
         )
+    # several starts: the cost has local minima in the time constant
     best = min(fits, key=lambda fit: fit.cost)
     if not best.success:
         raise GapscopeError(

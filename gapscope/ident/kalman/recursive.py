@@ -58,6 +58,7 @@ class Recursive:
         value, spread = np.empty((count, b)), np.empty((count, b, b))
         innovation = np.empty_like(problem.torque)
         whitened = np.empty_like(problem.matrix)
+        # gaps between recordings let the parameters wander for longer
         steps = np.maximum(np.diff(t, prepend=t[0] - problem.interval), 1e-9)
         for k in range(count):
             if k:

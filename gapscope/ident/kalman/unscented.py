@@ -173,6 +173,7 @@ class Unscented:
         def after(x: np.ndarray, dt: float, torque: np.ndarray) -> np.ndarray:
             parameters = prior.copy()
             parameters[places] += x[2 * n :]
+            # each sigma point has its own arm
             stepper.set_plant(Plant.of(parameters))
             stepper.dt = dt / count
             q = x[:n][None, to_body]

@@ -143,6 +143,7 @@ def base_parameters(
     kept = np.sort(kept)
     # every column as a combination of those kept
     weights = np.linalg.lstsq(scaled[:, kept], scaled, rcond=None)[0]
+    # rounding would show as combinations that are none
     weights[np.abs(weights) < _CLEAN] = 0.0
     weights *= norms / norms[kept, None]
     weights[:, kept] = np.eye(count)
@@ -198,6 +199,7 @@ def _independent(scaled: np.ndarray, order: Sequence[int], border: float) -> np.
     kept = []
     for place in order:
         rest = scaled[:, place]
+        # Gram-Schmidt
         for _ in range(2):  # twice is enough for orthogonality to the last bit
             rest = rest - span @ (span.T @ rest)
         size = np.linalg.norm(rest)

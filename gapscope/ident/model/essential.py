@@ -103,6 +103,7 @@ def essential_parameters(
             "record a richer or longer motion",
         )
     torque = float(np.hypot(np.linalg.norm(factor.projected), factor.residual_norm))
+    # a residual of almost nothing may grow by more than a share of itself
     limit = max((1 + growth) * factor.residual_norm, contribution * torque)
     places = list(range(len(names)))
     dropped: list[Dropped] = []
@@ -117,6 +118,7 @@ def essential_parameters(
             break
         name = names[places.pop(worst)]
         dropped.append(Dropped(name, float(relative[worst]), share))
+        # fitted again without it: the others change
         current = factor.select(places)
     scale = 1 / np.sqrt(factor.rows)
     residual = (factor.residual_norm * scale, current.residual_norm * scale)

@@ -98,6 +98,7 @@ def drives(
     labels = [str(j + 1) for j in range(n_joints)]
     if importing is None or importing.transmission is None:
         return rows[0], tuple(labels)
+    # the matrix has the log's directions, the columns those of the URDF
     signs = np.ones(n_joints) if importing.signs is None else importing.signs
     for motor, row in enumerate(importing.transmission * signs):
         moves_several = np.count_nonzero(row) > 1

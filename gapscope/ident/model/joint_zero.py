@@ -123,6 +123,7 @@ def estimate_zeros(
         x, offset = step.solution[:-n], step.solution[-n:]
         wrong_links = inconsistent(check_links(x[: columns.links]))
         impossible.append(tuple(check.link for check in wrong_links))
+        # undamped: a search that does not converge ends after ROUNDS
         if turn > 0 and largest_change < CLOSE:
             break
     spread = step.spread[-n:]

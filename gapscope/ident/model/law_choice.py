@@ -153,6 +153,7 @@ def joint_noise(
     torque = samples.torque
     matrix, nominal = samples.matrix(law), samples.columns.nominal(law)
     largest = np.abs(torque).max(initial=1e-9)
+    # weights and fit depend on each other: a few rounds suffice
     noise = np.maximum(torque.std(axis=0), 1e-6 * largest)
     least = 1e-4 * np.sqrt((torque**2).mean(axis=0)) + 1e-12
     for _ in range(rounds):
@@ -178,6 +179,7 @@ def held_out_error(
     squares = 0.0
     for rows, gram in zip(stretches, grams, strict=True):
         others = count - torque[rows].size
+        # the Gram matrix of all other stretches, without forming their equations again
         x = pulled_solution(total - gram, others, penalty, nominal)
         residual = (torque[rows] - matrix[rows] @ x) / noise
         squares += float((residual**2).sum())

@@ -64,6 +64,7 @@ class ModelColumns:
         # rotor inertia and viscous friction of coupled motors are no part of the sheet
         motors = np.zeros(2 * len(self.coupled))
         dry = np.zeros((len(law.shapes), len(self.drives)))
+        # the data sheet gives Coulomb friction of the joints alone
         dry[0, : self.arm.n_joints] = self.arm.coulomb
         return np.concatenate([sheet, motors, dry.ravel()])
 
@@ -98,6 +99,7 @@ class ModelColumns:
         out = np.full(len(self.names(law)), np.inf)
         links = self.body.inertial_parameters().reshape(-1, 10)
         for link, (m, hx, hy, hz, xx, _, yy, _, _, zz) in enumerate(links):
+            # links of almost no mass still may gain some
             mass = max(m, 1e-2)
             length = float(np.sqrt(hx**2 + hy**2 + hz**2))
             moment = max(length, LEAST_ARM * mass)

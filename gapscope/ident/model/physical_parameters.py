@@ -172,6 +172,7 @@ def _solve(
     bodies = free[: 10 * links].reshape(-1, 10)
     least = np.linalg.eigvalsh(_scaled(pseudo_inertia(bodies)))[:, 0]
     mass = np.maximum(nominal[: 10 * links : 10], 1e-2)
+    # no constraint is active: the semidefinite programme would only add its tolerance
     if (least >= FLOOR * mass).all() and (free[bounded] >= 0).all():
         return free
     value = _constrained(root, target, unit, nominal, mass, bounded)

@@ -70,6 +70,7 @@ def rank_by_gap(spectrum: np.ndarray, tolerance: float = DEPENDENT) -> int:
     small = np.flatnonzero(spectrum <= tolerance)
     if not len(small):
         return len(spectrum)
+    # below the floor a ratio is one of rounding errors
     values = np.maximum(spectrum, FLOOR)
     drops = values[small - 1] / values[small]
     clear = np.flatnonzero(drops >= CLEAR_GAP)

@@ -76,6 +76,7 @@ class Regressor:
         n, links = self.arm.n_joints, 10 * self.arm.n_joints
         if out is None:
             out = np.empty((len(motion.t), n, len(self.names)))
+        # written in place: the columns of a long motion fill the memory once
         self.body.regressor(motion.q, motion.dq, motion.ddq, out[:, :, :links])
         out[:, :, links:] = 0.0
         for k, name in enumerate(self.effects):

@@ -85,7 +85,9 @@ class TriangularFactor:
             len(tau) == len(W),
             f"{len(W)} rows of the regressor, but {len(tau)} torques",
         )
+        # rows that turn out not to be finite must leave the factor as it was
         before = self._stack[: self._columns + 1].copy()
+        # chunks of fixed size bound the memory, whatever the length of the recording
         for start in range(0, len(W), ROWS):
             part = slice(start, start + ROWS)
             self._absorb(W[part], tau[part])
@@ -109,6 +111,7 @@ class TriangularFactor:
             f"expected {len(places)} columns, got {other.columns}",
         )
         top = other.columns + 1
+        # the rows of the other triangle stand for all its rows
         W = np.zeros((top, self._columns))
         W[:, places] = other._stack[:top, : other.columns]
         self._absorb(W, other._stack[:top, other.columns])
@@ -156,6 +159,7 @@ class TriangularFactor:
         """Factor the triangle so far and some rows below it into a new triangle."""
         top = self._columns + 1
         stack = self._stack[: top + len(W)]
+        # a part of the array is not contiguous in columns, which LAPACK needs
         if len(W) < ROWS:
             stack = np.asfortranarray(stack)
         stack[top:, : self._columns] = W

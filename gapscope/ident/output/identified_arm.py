@@ -37,6 +37,7 @@ def urdf_text(result: Identification) -> str:
     """
     arm, body = result.case.arm, result.columns.body
     n = arm.n_joints
+    # base parameters describe no bodies: the consistent ones do
     change = result.physical.value[: 10 * n] - body.inertial_parameters()
     links = moving_links(body.changed(change.reshape(n, 10)))
     root = ET.fromstring(plain_urdf(links))

@@ -173,8 +173,10 @@ def fit_residual(
         settings, rows.inputs, rows.windows, rows.target, rows.group, rows.near
     )
     closed, gain = usefulness(network, rows, held_out(rows.group, settings.members))
+    # a joint on which the network is of little use gets less torque, or none
     network = _scaled(network, gain)
     before = network.outputs(rows.windows)[0].mean(axis=0).T
+    # after the scaling, which would break the orthogonality
     network = _projected(network, rows, gain > 0)
     after = network.outputs(rows.windows)[0].mean(axis=0).T
     bound = settings.bound * np.abs(rows.residual * rows.scale).max(axis=0)

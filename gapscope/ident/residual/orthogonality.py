@@ -59,6 +59,7 @@ def project_heads(
     width = head.shape[1]
     constraint = np.concatenate([q[:, j].T @ hidden[j] for j in joints], axis=1)
     metric = block_diag(*(hidden[j].T @ hidden[j] for j in joints))
+    # regular even if hidden units saturate
     metric += 1e-6 * np.trace(metric) / len(metric) * np.eye(len(metric))
     root = np.linalg.cholesky(metric)
     # in z = L^T dw the least change is the solution of least norm

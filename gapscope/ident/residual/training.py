@@ -149,6 +149,7 @@ def train(
             optimiser.step()
             if step % EVERY == 0:
                 best.update(_held_loss(ensemble, x, y, held))
+                # all members and joints have stopped to improve
                 if best.waited >= settings.patience:
                     break
         best.restore()

@@ -88,6 +88,7 @@ def groups(trajectories: Sequence[Trajectory], members: int) -> np.ndarray:
     """
     if not trajectories:
         raise InputError("no trajectory to train on", "give recordings with a torque")
+    # held out by trajectory, which is stricter than by time
     if len(trajectories) >= 3:
         lengths = [len(x.rows) for x in trajectories]
         return np.repeat(np.arange(len(trajectories)), lengths)

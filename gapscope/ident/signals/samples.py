@@ -60,6 +60,7 @@ class Band:
 
         Long ones are cut into blocks, whose trimmed samples follow each other without a gap.
         """
+        # recordings without torque cannot be compared
         whole: list[Segment] = []
         for recording in recordings:
             if recording.tau is not None:

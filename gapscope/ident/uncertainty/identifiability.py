@@ -118,6 +118,7 @@ def identifiability(
         )
     columns, kept_norms = triangle[:, base.kept], norms[base.kept]
     excited = kept_norms > EMPTY * norms.max()
+    # columns without excitation would divide by zero
     unit = np.where(excited, columns, 0.0) / np.where(excited, kept_norms, 1.0)
     values, right = np.linalg.svd(unit)[1:]
     relative = values / values[0]

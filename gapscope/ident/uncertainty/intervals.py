@@ -133,6 +133,7 @@ def sandwich(
     n, b = problem.torque.size, len(beta)
     inverse = _inverse(gram)
     covariance = inverse @ meat @ inverse * n / max(n - b, 1)
+    # of Bartlett's window
     freedom = max(1.5 * len(scores) / length - 1, 1.0)
     return Uncertainty(covariance, freedom, length)
 

@@ -167,6 +167,7 @@ def errors(torque: np.ndarray, predicted: np.ndarray, counted: np.ndarray) -> Er
     count = counted.sum(axis=0)
     rmse = np.sqrt((residual**2).sum(axis=0) / np.maximum(count, 1))
     size = np.sqrt((counted_torque**2).sum(axis=0) / np.maximum(count, 1))
+    # a joint without samples has no relative error
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.where(count > 0, rmse / size, np.nan)
     power = float((counted_torque**2).sum())
