@@ -64,7 +64,7 @@ def parameters(
 
 def _scan_std(selection: Selection, terms: list[Term], place: int) -> np.ndarray:
     """Standard deviation of a parameter that acts nonlinearly, from its scan, (m,) for m terms."""
-    scanned = [selection.evidence.linear.shape(term) for term in terms]
+    scanned = [selection.evidence.linear.nonlinear(term) for term in terms]
     return np.array([shape.std[place] for shape in scanned])
 
 
@@ -72,7 +72,7 @@ def _samples(
     selection: Selection, terms: list[Term], draws: np.ndarray
 ) -> list[dict[str, np.ndarray]]:
     """Parameters of an effect on each draw of the linear coordinates, others at their values."""
-    scanned = [selection.evidence.linear.shape(term).values for term in terms]
+    scanned = [selection.evidence.linear.nonlinear(term).values for term in terms]
     nonlinear = np.array(scanned).T
     columns = np.array([term.columns for term in terms], dtype=int).T
     to_values = terms[0].parametrisation.values

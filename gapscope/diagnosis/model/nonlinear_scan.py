@@ -1,6 +1,6 @@
 """The search for shapes: parameters in which the torque is not linear, scanned over what they can be.
 
-For each candidate of a shape the columns of its linear coordinates are projected on the residual gap of a joint when
+For each candidate of a shape the columns of its linear coordinates are projected on what is left of a joint's gap when
 everything that acts on that joint is taken out; the gain of a candidate is the sum of squares that its columns explain.
 """
 
@@ -31,7 +31,7 @@ from gapscope.ident.signals.conditioning import Segment
 
 
 @dataclass(frozen=True)
-class Shape:
+class NonlinearParameters:
     """A shape found.
 
     Attributes:
@@ -45,14 +45,14 @@ class Shape:
 
 @dataclass(frozen=True)
 class Scan:
-    """The residual gap of a joint, and how columns are brought to its rows.
+    """What is left of one joint's gap, and how columns are brought to its rows.
 
     Attributes:
         residual: what no column of the basis explains [N m], (M,).
         basis: orthonormal columns taken out of it, (M, K).
         thin: from series on the segments' grids to the rows: filtered, trimmed, decimated and weighed; takes one array
             (N, K) per segment and gives (M, K).
-        noise: variance of the residual, counted per independent sample [N^2 m^2].
+        noise: variance of what is left, counted per independent sample [N^2 m^2].
     """
 
     residual: np.ndarray
@@ -83,7 +83,7 @@ class Scan:
 
     def best(
         self, candidates: np.ndarray, columns: np.ndarray, per_candidate: int = 1
-    ) -> Shape:
+    ) -> NonlinearParameters:
         """The candidate, shape (K,), with the largest gain, refined by a parabola through its neighbours."""
         gains = self.gains(columns, per_candidate)
         k = int(np.argmax(gains))
@@ -91,16 +91,18 @@ class Scan:
             k in (0, len(candidates) - 1)
             or not np.diff(candidates[k - 1 : k + 2]).all()
         ):  # two at a bound
-            return Shape((float(candidates[k]),), (float(np.ptp(candidates) / 2),))
+            return NonlinearParameters(
+                (float(candidates[k]),), (float(np.ptp(candidates) / 2),)
+            )
         curve = np.polyfit(candidates[k - 1 : k + 2], gains[k - 1 : k + 2], 2)
         if curve[0] >= 0:
-            return Shape(
+            return NonlinearParameters(
                 (float(candidates[k]),), (float(np.ptp(candidates[k - 1 : k + 2]) / 2),)
             )
         peak = float(
             np.clip(-curve[1] / (2 * curve[0]), candidates[k - 1], candidates[k + 1])
         )
-        return Shape((peak,), (float(np.sqrt(self.noise / -curve[0])),))
+        return NonlinearParameters((peak,), (float(np.sqrt(self.noise / -curve[0])),))
 
 
 def around(value: float, lowest: float, highest: float) -> np.ndarray:
@@ -108,15 +110,15 @@ def around(value: float, lowest: float, highest: float) -> np.ndarray:
     return np.clip(value * np.geomspace(0.6, 1 / 0.6, 13), lowest, highest)
 
 
-def search_shape(
+def search_nonlinear(
     term: Term,
     corrected: CorrectedArm,
     segments: list[Segment],
     scan: Scan,
     known: float | None,
     needed: Sequence[np.ndarray],
-) -> Shape:
-    """The best shape of a joint effect's term; near ``known``, if it has been found before.
+) -> NonlinearParameters:
+    """The best shape of a joint effect's term; near ``known``, where it has been found before.
 
     ``needed`` is the torque that the arm predicts on the joint [N m], (N,) for each segment.
 
@@ -181,7 +183,7 @@ def _drift(
     arm: CorrectedArm,
     segments: list[Segment],
     scan: Scan,
-) -> Shape:
+) -> NonlinearParameters:
     """The best time constant of a drift."""
     arm, series = (
         replace(
@@ -214,7 +216,7 @@ def _without_friction(arm: CorrectedArm) -> CorrectedArm:
 
 def _ripple(
     j: int, arm: CorrectedArm, segments: list[Segment], scan: Scan, known: float | None
-) -> Shape:
+) -> NonlinearParameters:
     """Near a number of cycles that is known."""
     assert known is not None
     q = [arm.true_position(s.motion.q)[:, j, None] for s in segments]
@@ -225,7 +227,7 @@ def _ripple(
 
 
 def cycle_step(q: Sequence[np.ndarray]) -> float:
-    """Cycles per revolution that recordings of a joint's position [rad] can separate."""
+    """Cycles per revolution that recordings of a joint's position [rad] can tell apart."""
     return 0.8 / max(max(float(np.ptp(x)) for x in q), 0.3)
 
 
@@ -256,8 +258,8 @@ def _saturation(
     scan: Scan,
     known: float | None,
     needed: Sequence[np.ndarray],
-) -> Shape:
-    """A limit that the torque seldom exceeds, while about the limit is needed; if there is none, the largest torque.
+) -> NonlinearParameters:
+    """A limit that the torque seldom exceeds, while about the limit is needed; where there is none, the largest torque.
 
     Without the second, to call most of a torque lost would explain any gap.
     """
@@ -286,7 +288,7 @@ def _saturation(
     possible = (held > LEAST_NEED_AT_LIMIT * limits) & (
         seldom | (apart < HELD_NEAR_LIMIT * limits)
     )
-    none = Shape((0.999 * largest,), (0.5 * largest,))
+    none = NonlinearParameters((0.999 * largest,), (0.5 * largest,))
     if not possible.any():
         return none
     limits = limits[possible]
@@ -302,12 +304,12 @@ def force_window(
     force: np.ndarray,
     weight: np.ndarray,
     bases: Sequence[np.ndarray],
-) -> Shape | None:
-    """The window of time in which a constant force explains most of the residual; ``None`` if none helps.
+) -> NonlinearParameters | None:
+    """The window of time in which a constant force explains most of what is left; ``None`` where none helps.
 
     Args:
         t: time of the rows since the start of their recording [s], (M,).
-        residual: the residual gap of all joints [N m], (M, n).
+        residual: what is left of the gap of all joints [N m], (M, n).
         force: columns of a unit force on the same rows, (M, n, 3).
         weight: of the joints [1/(N m)^2], (n,).
         bases: per joint what was taken out of the residual, orthonormal columns, (M, K).
@@ -338,4 +340,6 @@ def force_window(
     start, end = (
         float(t.min() + FORCE_WINDOW_BIN * edge) for edge in (starts[best], ends[best])
     )
-    return Shape((start, end), (FORCE_WINDOW_BIN / 2, FORCE_WINDOW_BIN / 2))
+    return NonlinearParameters(
+        (start, end), (FORCE_WINDOW_BIN / 2, FORCE_WINDOW_BIN / 2)
+    )

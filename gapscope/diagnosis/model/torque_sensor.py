@@ -26,6 +26,7 @@ from gapscope.diagnosis.gap.noise_floor import (
     simplified_effect_rms,
     steady_floor,
 )
+from gapscope.diagnosis.model.fold import EquationRows
 from gapscope.diagnosis.model.jacobian import Bodies, bodily_columns, moved_arm
 from gapscope.diagnosis.model.terms import Terms, parametrisation_of
 from gapscope.diagnosis.thresholds import (
@@ -183,42 +184,43 @@ def actuator_floor(
 
 
 def two_sides(
-    full: np.ndarray,
-    steady2: np.ndarray,
-    nuisance: np.ndarray,
-    links: list[LinkRows],
-    theta: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows of both sides from those of the recorded torque.
+    torque: EquationRows, links: list[LinkRows], theta: np.ndarray
+) -> EquationRows:
+    """Equations of both sides of each joint, the actuator sides, then the link sides.
 
     Without a sensor the actuator side is the whole joint, and the link side says nothing.
 
     Args:
-        full: X = [A, N, 0 for the sensors' errors, y, d] of the recorded torque, (M, n, P + K + 2).
-        steady2: mean square of a healthy arm on these rows [N^2 m^2], (M, n).
-        nuisance: N of these rows, (M, n, 10 n).
-        links: what the sensors say of these rows.
+        torque: equations of the recorded torque, m = n.
+        links: what the sensors measured on these rows.
         theta: linear coordinates around which A was taken, shape (P,).
 
     Returns:
-        X, mean square of a healthy arm, and 1 for rows that count or 0: (M, 2 n, P + K + 2), (M, 2 n), (M, 2 n).
+        Equations with m = 2 n.
     """
-    n, p = full.shape[1], len(theta)
-    known = np.concatenate([np.full(len(rows.gap), rows.known) for rows in links])[
-        :, None
-    ]
-    columns, errors, gap = (
-        np.vstack([getattr(r, name) for r in links])
-        for name in ("columns", "sensor", "gap")
+    gap = np.vstack([rows.gap for rows in links])
+    terms = np.vstack([rows.columns for rows in links])
+    errors = np.vstack([rows.sensor for rows in links])
+    measured = [np.full((len(rows.gap), 1), float(rows.known)) for rows in links]
+    known = np.vstack(measured)
+    inertials = known[:, :, None] * torque.inertials
+    y = gap + terms @ theta
+    without = np.hstack([torque.steady2, np.ones_like(torque.steady2)])
+    steady2 = np.where(known > 0, _floors2(links), without)
+    return EquationRows(
+        terms=np.concatenate([torque.terms - terms, terms], axis=1),
+        inertials=np.concatenate([torque.inertials - inertials, inertials], axis=1),
+        sensors=np.concatenate([torque.sensors - errors, errors], axis=1),
+        y=np.hstack([torque.y - y, y]),
+        # the skew lies between motion and recorded torque: on the actuator side alone
+        rate=np.hstack([torque.rate, np.zeros_like(gap)]),
+        sticking=np.hstack([torque.sticking, np.zeros_like(gap)]),
+        steady2=steady2,
+        known=np.hstack([np.ones(gap.shape), np.broadcast_to(known, gap.shape)]),
     )
-    link = np.zeros_like(full)
-    link[:, :, :p] = columns
-    link[:, :, p : p + nuisance.shape[2]] = known[:, :, None] * nuisance
-    link[:, :, p + nuisance.shape[2] : -2] = errors
-    link[:, :, -2] = gap + columns @ theta
-    floors2 = np.vstack(
-        [np.broadcast_to(rows.floors**2, (len(rows.gap), 2 * n)) for rows in links]
-    )
-    floors2 = np.where(known, floors2, np.hstack([steady2, np.ones_like(steady2)]))
-    counts = np.hstack([np.ones(gap.shape), np.broadcast_to(known, gap.shape)])
-    return np.concatenate([full - link, link], axis=1), floors2, counts
+
+
+def _floors2(links: list[LinkRows]) -> np.ndarray:
+    """Mean square of a healthy arm with sensors on each row, (M, 2 n)."""
+    rows = [np.tile(rows.floors**2, (len(rows.gap), 1)) for rows in links]
+    return np.vstack(rows)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gapscope.diagnosis.model.linearisation import Fold
+from gapscope.diagnosis.model.fold import Fold
 from gapscope.diagnosis.model.normal_equations import NormalEquations
 
 

@@ -1,0 +1,115 @@
+"""Half a recording as normal equations: all that a fit needs of it."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from gapscope.ident.signals.effective_samples import ar1_samples
+
+
+@dataclass(frozen=True)
+class EquationRows:
+    """Rows of X = [A, N, E, y, d] and what is known of them, M times m: joints, or both sides of each joint.
+
+    Attributes:
+        terms: A, derivatives by the terms' coordinates, (M, m, P).
+        inertials: N, the nominal inertial regressor in units of its errors, (M, m, 10 n).
+        sensors: E, derivatives by the sensors' errors in units of their spread, (M, m, 3 n), or (M, m, 0).
+        y: gap plus A theta_0 [N m], (M, m).
+        rate: d, what a skew of sampling adds [N m/s], (M, m).
+        sticking: RMS that dry friction may leave beyond the floor while the joint may stick [N m], (M, m).
+        steady2: mean square of a healthy arm [N^2 m^2], (M, m).
+        known: 1 for rows that were measured, 0 for others, (M, m).
+    """
+
+    terms: np.ndarray
+    inertials: np.ndarray
+    sensors: np.ndarray
+    y: np.ndarray
+    rate: np.ndarray
+    sticking: np.ndarray
+    steady2: np.ndarray
+    known: np.ndarray
+
+    @property
+    def stacked(self) -> np.ndarray:
+        """X, (M, m, P + K + 2)."""
+        blocks = [self.terms, self.inertials, self.sensors]
+        return np.concatenate(
+            [*blocks, self.y[:, :, None], self.rate[:, :, None]], axis=2
+        )
+
+    def halves(self) -> tuple[EquationRows, EquationRows]:
+        """The first and the second half of the rows."""
+        middle = len(self.y) // 2
+        return self._cut(slice(middle)), self._cut(slice(middle, None))
+
+    def _cut(self, rows: slice) -> EquationRows:
+        return EquationRows(*(getattr(self, f.name)[rows] for f in fields(self)))
+
+
+@dataclass(frozen=True)
+class Fold:
+    """Normal equations of half a recording, B pieces in time, n joints.
+
+    X = [A, N, y, d] has P columns for the parameters, K for the nominal inertials and the sensors' errors, one for the
+    gap, one for the skew.
+
+    Attributes:
+        gram: X^T W X per piece and joint, shape (B, n, P + K + 2, P + K + 2); W weighs rows down while a joint may
+            stick.
+        rows: weight of the rows of each piece, decimated to about twice the filter's cut-off, shape (B, n).
+        floor: RMS of a healthy arm on this fold if its friction is not in doubt [N m], (n,).
+        independent: effective number of independent samples, (n,), in the residual when every term is fitted.
+        sides: with a joint torque sensor the same of 2 n rows, the actuator side of each joint, then the link side.
+    """
+
+    gram: np.ndarray
+    rows: np.ndarray
+    floor: np.ndarray
+    independent: np.ndarray
+    sides: Fold | None = None
+
+    @property
+    def scored(self) -> Fold:
+        """What evidence is drawn from: both sides if they are known, the joint's torque otherwise."""
+        return self.sides or self
+
+
+def fold_of(rows: EquationRows, count: int) -> Fold:
+    """Normal equations of rows, in ``count`` pieces of equal length."""
+    floor2 = rows.steady2.mean(axis=0)
+    weight = rows.known / (1.0 + rows.sticking**2 / floor2)
+    # one joint after the other: (m, M, P + K + 2)
+    weighted = (rows.stacked * np.sqrt(weight)[:, :, None]).transpose(1, 0, 2)
+    grams, weights = [], []
+    edges = np.linspace(0, len(weight), count + 1).astype(int)
+    for start, end in itertools.pairwise(edges):
+        piece = weighted[:, start:end]
+        grams.append(piece.transpose(0, 2, 1) @ piece)
+        weights.append(weight[start:end].sum(axis=0))
+    # the nominal inertials are many columns, which would fit noise: they do not count as explaining the gap
+    terms, inertials = rows.terms.shape[2], rows.inertials.shape[2]
+    explaining = np.delete(weighted, np.s_[terms : terms + inertials], axis=2)
+    residual = _richest_residual(explaining[:, :, :-1])
+    independent = ar1_samples(residual) * weight.mean(axis=0)
+    return Fold(np.array(grams), np.array(weights), np.sqrt(floor2), independent)
+
+
+def _richest_residual(equations: np.ndarray) -> np.ndarray:
+    """Residual of y when all its columns are fitted, (M, n), from [columns, y] of shape (n, M, columns + 1).
+
+    A gap that some effect explains leaves noise, many independent samples; one that nothing explains leaves its own
+    slow structure, few samples, and so little evidence for anything.
+    """
+    residual = np.empty(equations.shape[:2])
+    for j, joint in enumerate(equations):
+        columns, y = joint[:, :-1], joint[:, -1]
+        used = columns[:, np.ptp(columns, axis=0) > 0]
+        scaled = used / np.linalg.norm(used, axis=0)
+        coefficients = np.linalg.lstsq(scaled, y, rcond=1e-6)[0]
+        residual[j] = y - scaled @ coefficients
+    return residual.T
