@@ -12,11 +12,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import COULOMB, arrays
-from synthetic import Truth, arm
+from rubbing_arm import COULOMB, arrays, synthetic
 
 import gapscope
 from gapscope.arm.errors import InputError
+
+Truth, arm = synthetic.Truth, synthetic.arm
 
 
 def test_names_are_offered_and_imported_when_used():
