@@ -64,7 +64,8 @@ class Feedforward:
         planned: np.ndarray | None = None,
     ) -> np.ndarray:
         """Torque to command [N m], shape (n,)."""
-        tau = self.gains.kp * (q_ref - q) + self.gains.kd * (dq_ref - dq)
+        gains = self.gains
+        tau = gains.kp * (q_ref - q) + gains.kd * (dq_ref - dq)
         if planned is not None:
             tau += planned
         elif self.model is not None:
@@ -73,9 +74,9 @@ class Feedforward:
 
     def plan(self, motion: Motion) -> np.ndarray | None:
         """The model's torque over the reference [N m], shape (N, n)."""
-        return (
-            np.zeros_like(motion.q) if self.model is None else self.model.series(motion)
-        )
+        if self.model is None:
+            return np.zeros_like(motion.q)
+        return self.model.series(motion)
 
 
 class ComputedTorque:
@@ -111,9 +112,8 @@ class ComputedTorque:
             + self.tuning.stiffness * (q_ref - q)
             + self.tuning.rate * (dq_ref - dq)
         )
-        return np.minimum(
-            np.maximum(self.model(q, dq_ref, wanted), -self.limit), self.limit
-        )
+        tau = self.model(q, dq_ref, wanted)
+        return np.minimum(np.maximum(tau, -self.limit), self.limit)
 
     def plan(self, motion: Motion) -> np.ndarray | None:
         """Nothing."""

@@ -51,7 +51,8 @@ def disturbance(
         return Disturbance(noise=NOISE)
     if name == "none":
         return Disturbance()
-    way, start = rng.standard_normal(3), START * duration
-    force = FORCE * 9.81 * scale.lift * way / np.linalg.norm(way)
+    direction = rng.standard_normal(3)
+    start = START * duration
+    force = FORCE * 9.81 * scale.lift * direction / np.linalg.norm(direction)
     push = {"force": force, "start": np.array(start), "end": np.array(start + LENGTH)}
     return Disturbance((AppliedEffect("external_force", (), push),))

@@ -12,7 +12,7 @@ import numpy as np
 from gapscope.agents.controllers import ComputedTorque, Feedforward, TrackingController
 from gapscope.agents.disturbances import NAMES as DISTURBANCES
 from gapscope.agents.disturbances import check_disturbance, disturbance
-from gapscope.agents.evaluation_cache import Forgetful, Keeper
+from gapscope.agents.evaluation_cache import EvaluationCache
 from gapscope.agents.gains import Tuning, gains, own_inertia
 from gapscope.agents.stability import largest_factor, settles
 from gapscope.agents.torque_model import ArmModel, Gravity, TorqueModel
@@ -128,7 +128,7 @@ class TrackingBench:
             check_disturbance(name, effects)
         body = RigidBody(arm)
         self.space = workspace(body)
-        self._gauge = TrackingMetrics(arm, body, self.space)
+        self._metrics = TrackingMetrics(arm, body, self.space)
         self._inertia = own_inertia(arm, self.space.posture)
         self._scale = ArmScale.of(arm)
         self._truth = ArmModel(CorrectedArm(arm, effects))
@@ -150,10 +150,10 @@ class TrackingBench:
         Raises:
             InputError: computed torque without a model that has inertia.
         """
-        tuning, limit = (
-            tuning or self.plan.tuning,
-            self._gauge.limit if limited else np.full(self.arm.n_joints, np.inf),
-        )
+        tuning = tuning or self.plan.tuning
+        limit = self._metrics.limit
+        if not limited:
+            limit = np.full(self.arm.n_joints, np.inf)
         if self.plan.law == "feedforward":
             return Feedforward(gains(self._inertia, tuning), limit, model)
         if model is None or isinstance(model, Gravity):
@@ -168,18 +168,10 @@ class TrackingBench:
         """A held-out motion, and the torque that must be commanded for it [N m], (N, n)."""
         key = (motion, seed)
         if key not in self._courses:
-            rng = np.random.default_rng(
-                (
-                    HELD_OUT,
-                    list(MOTIONS).index(motion) if motion in MOTIONS else 99,
-                    seed,
-                )
-            )
-            course = SampledReference.of(
-                draw_motion(motion, rng, self.space, self.plan.duration),
-                self.plan.duration,
-                DT,
-            )
+            number = MOTIONS.index(motion) if motion in MOTIONS else 99
+            rng = np.random.default_rng((HELD_OUT, number, seed))
+            reference = draw_motion(motion, rng, self.space, self.plan.duration)
+            course = SampledReference.of(reference, self.plan.duration, DT)
             self._courses[key] = course, self._truth.series(course.motion)
         return self._courses[key]
 
@@ -187,35 +179,39 @@ class TrackingBench:
         """NRMSE of a model's feedforward [1]: RMS over the torque's spread per joint, as for the gap; mean of them."""
         course, needed = self.course(motion, seed)
         rows = slice(course.first, course.ticks)
-        said = np.zeros_like(needed) if model is None else model.series(course.motion)
-        rms = np.sqrt(np.mean((said - needed)[rows] ** 2, axis=0))
+        planned = np.zeros_like(needed)
+        if model is not None:
+            planned = model.series(course.motion)
+        error = (planned - needed)[rows]
+        rms = np.sqrt(np.mean(error**2, axis=0))
         return float(np.mean(rms / torque_scale(needed[rows])))
 
     def episodes(
         self, name: str, model: TorqueModel | None, engine: str, seed: int
     ) -> Iterator[Episode]:
         """All motions and disturbances of the plan with one model, engine and seed."""
-        plan, controller = self.plan, self.controller(model)
+        plan = self.plan
+        controller = self.controller(model)
         for motion in plan.motions:
-            course, error = (
-                self.course(motion, seed)[0].planned(controller),
-                self.torque_error(model, motion, seed),
-            )
+            course, _ = self.course(motion, seed)
+            course = course.planned(controller)
+            error = self.torque_error(model, motion, seed)
             for number, kind in enumerate(plan.disturbances):
+                # every model meets the same disturbance
                 rng = np.random.default_rng((HELD_OUT, seed, number))
                 extra = disturbance(kind, rng, self._scale, plan.duration)
                 with self._simulated(
                     engine, extra.effects, extra.noise, rng
                 ) as simulated:
-                    done = track(simulated, controller, course)
+                    run = track(simulated, controller, course)
                 yield Episode(
-                    name,
-                    engine,
-                    motion,
-                    kind,
-                    seed,
-                    self._gauge(done, DT, plan.duration),
-                    error,
+                    model=name,
+                    engine=engine,
+                    motion=motion,
+                    disturbance=kind,
+                    seed=seed,
+                    measures=self._metrics(run, DT, plan.duration),
+                    torque_error=error,
                 )
 
     def margin(self, model: TorqueModel | None, engine: str) -> float:
@@ -226,20 +222,17 @@ class TrackingBench:
         rng = np.random.default_rng(HELD_OUT)
         reference = draw_motion("fourier", rng, self.space, MARGIN_TIME)
         course = SampledReference.of(reference, MARGIN_TIME, DT, settle=0.0)
+        planned = course.planned(self.controller(model))
+        if planned.torque is not None:
+            course = planned
+        tuning = self.plan.tuning
         with self._simulated(engine) as simulated:
 
             def stable(factor: float) -> bool:
-                controller = self.controller(
-                    model, self.plan.tuning.times(factor), limited=False
-                )
-                return settles(
-                    simulated,
-                    controller,
-                    planned if planned.torque is not None else course,
-                )
+                controller = self.controller(model, tuning.times(factor), limited=False)
+                return settles(simulated, controller, course)
 
-            planned = course.planned(self.controller(model))
-            return self.plan.tuning.bandwidth * largest_factor(stable)
+            return tuning.bandwidth * largest_factor(stable)
 
     def _simulated(
         self,
@@ -277,32 +270,36 @@ def evaluate(
     models: Mapping[str, TorqueModel | None],
     bench: TrackingBench,
     progress: Callable[[str], None] = lambda message: None,
-    keeper: Keeper | None = None,
+    cache: EvaluationCache | None = None,
 ) -> Evaluation:
-    """Try models by name; ``None`` means no feedforward at all.
+    """Track with every model of ``models`` and raise its gains.
 
     Args:
-        models: models by name.
-        bench: the arm on which they are tried.
-        progress: called with a few words at each step.
-        keeper: keeps what is finished; by default nothing does.
+        models: by name; ``None`` is PD alone.
+        bench: the arm and the plan.
+        progress: called with a short message before each piece of work.
+        cache: of what is finished; none by default.
     """
     episodes: list[Episode] = []
     margins: dict[tuple[str, str], float] = {}
-    plan, keeper = bench.plan, keeper or Forgetful()
     for model in models.values():
-        bench.controller(model)
-    for engine in plan.engines:
+        bench.controller(model)  # raises before any work is done
+    for engine in bench.plan.engines:
         for number, (name, model) in enumerate(models.items(), 1):
             which = f"{engine}, {name} ({number} of {len(models)})"
-            for seed in plan.seeds:
+            for seed in bench.plan.seeds:
                 progress(f"{which}: tracks, seed {seed}")
-                work = partial(_episodes, bench, name, model, engine, seed)
-                episodes.extend(keeper.episodes(name, model, engine, seed, work))
+                compute = partial(_episodes, bench, name, model, engine, seed)
+                if cache is None:
+                    episodes += compute()
+                else:
+                    episodes += cache.episodes(name, model, engine, seed, compute)
             progress(f"{which}: raises the gains")
-            margins[name, engine] = keeper.margin(
-                name, model, engine, partial(bench.margin, model, engine)
-            )
+            find = partial(bench.margin, model, engine)
+            if cache is None:
+                margins[name, engine] = find()
+            else:
+                margins[name, engine] = cache.margin(name, model, engine, find)
     return Evaluation(tuple(episodes), margins)
 
 

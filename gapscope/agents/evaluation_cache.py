@@ -1,4 +1,4 @@
-"""Finished parts of an evaluation, kept so that an interrupted one can be resumed."""
+"""Caching what is finished of an evaluation, so that an interrupted one can be resumed."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from gapscope.agents.evaluation import Episode
 
 
-class Keeper(Protocol):
-    """Keeps the cells of an evaluation: episodes of a model in an engine with one seed, and its margin in an engine."""
+class EvaluationCache(Protocol):
+    """Cells of an evaluation: episodes of a model in an engine with one seed, and its margin in an engine."""
 
     def episodes(
         self,
@@ -20,40 +20,15 @@ class Keeper(Protocol):
         model: TorqueModel | None,
         engine: str,
         seed: int,
-        work: Callable[[], list[Episode]],
+        compute: Callable[[], list[Episode]],
     ) -> list[Episode]:
-        """Episodes of a model with one seed: those kept, or those that ``work`` returns."""
+        """Episodes of a model with one seed: the cached ones, or those that ``compute`` returns."""
 
     def margin(
         self,
         name: str,
         model: TorqueModel | None,
         engine: str,
-        work: Callable[[], float],
+        compute: Callable[[], float],
     ) -> float:
-        """Largest stable bandwidth of a model [Hz]: the one kept, or the one that ``work`` returns."""
-
-
-class Forgetful:
-    """Keeps nothing."""
-
-    def episodes(
-        self,
-        name: str,
-        model: TorqueModel | None,
-        engine: str,
-        seed: int,
-        work: Callable[[], list[Episode]],
-    ) -> list[Episode]:
-        """What ``work`` returns."""
-        return work()
-
-    def margin(
-        self,
-        name: str,
-        model: TorqueModel | None,
-        engine: str,
-        work: Callable[[], float],
-    ) -> float:
-        """What ``work`` returns."""
-        return work()
+        """Largest stable bandwidth of a model [Hz]: the cached one, or the one that ``compute`` returns."""

@@ -81,15 +81,15 @@ def run_instability_demo(
         ),
         *delay,
     )
-    gauge = TrackingMetrics(arm, body, space)
+    metrics = TrackingMetrics(arm, body, space)
     models = [ArmModel(CorrectedArm(arm, effects)) for effects in (delay, wrong)]
     controllers: list[TrackingController] = [
-        Feedforward(gains(inertia, tuning), gauge.limit)
+        Feedforward(gains(inertia, tuning), metrics.limit)
     ]
     controllers += [
-        Feedforward(gains(inertia, tuning), gauge.limit, model) for model in models
+        Feedforward(gains(inertia, tuning), metrics.limit, model) for model in models
     ]
-    controllers += [ComputedTorque(tuning, gauge.limit, model) for model in models]
+    controllers += [ComputedTorque(tuning, metrics.limit, model) for model in models]
     course = SampledReference.of(
         draw_motion("fourier", np.random.default_rng(0), space, duration), duration, DT
     )
@@ -99,5 +99,5 @@ def run_instability_demo(
     ) as simulated:
         for case, controller in zip(CASES, controllers, strict=True):
             done = track(simulated, controller, course.planned(controller))
-            out.append(InstabilityDemo(case, gauge(done, DT, duration)))
+            out.append(InstabilityDemo(case, metrics(done, DT, duration)))
     return out

@@ -7,6 +7,7 @@ from math import nan
 from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import spearmanr, trim_mean
 
 LEVEL = 0.95
 """Coverage of the intervals [1]."""
@@ -30,9 +31,7 @@ def interquartile_mean(values: np.ndarray) -> np.ndarray:
 
     Source: agarwal2021.
     """
-    ranked = np.sort(np.asarray(values, dtype=float), axis=0)
-    cut = len(ranked) // 4
-    return np.asarray(ranked[cut : len(ranked) - cut].mean(axis=0))
+    return np.asarray(trim_mean(np.asarray(values, dtype=float), 0.25, axis=0))
 
 
 def mean_of(
@@ -55,27 +54,22 @@ def mean_of(
     if not len(values):
         return Mean(nan, nan, nan)
     array = np.asarray(values, dtype=float)
-    groups: dict[Hashable, list[int]] = {}
+    places_of: dict[Hashable, list[int]] = {}
     for place, stratum in enumerate(strata):
-        groups.setdefault(stratum, []).append(place)
-    rows = [
-        np.asarray(group)[rng.integers(len(group), size=(len(group), draws))]
-        for group in groups.values()
-    ]
-    resampled = interquartile_mean(array[np.concatenate(rows)])
-    low, high = np.quantile(
-        resampled, [(1 - LEVEL) / 2, (1 + LEVEL) / 2], method="nearest"
-    )
+        places_of.setdefault(stratum, []).append(place)
+    drawn = []
+    for places in places_of.values():
+        count = len(places)
+        drawn.append(np.array(places)[rng.integers(count, size=(count, draws))])
+    resampled = interquartile_mean(array[np.concatenate(drawn)])
+    tails = [(1 - LEVEL) / 2, (1 + LEVEL) / 2]
+    # a value that was drawn: infinite ones cannot be interpolated
+    low, high = np.quantile(resampled, tails, method="nearest")
     return Mean(float(interquartile_mean(array)), float(low), float(high))
 
 
 def rank_correlation(x: Sequence[float], y: Sequence[float]) -> float | None:
     """Spearman's rank correlation [1], or ``None`` if there are fewer than three values or all are equal."""
-    if len(x) < 3:
+    if len(x) < 3 or len(set(x)) == 1 or len(set(y)) == 1:
         return None
-    a, b = (
-        np.argsort(np.argsort(np.asarray(v, dtype=float))).astype(float) for v in (x, y)
-    )
-    if np.ptp(np.asarray(x)) == 0 or np.ptp(np.asarray(y)) == 0:
-        return None
-    return float(np.corrcoef(a, b)[0, 1])
+    return float(spearmanr(x, y).statistic)

@@ -84,10 +84,8 @@ class ArmModel:
             corrected.value(name, parameter) for name, parameter in STATEFUL.items()
         ]
         self.ahead: np.ndarray = sum(times, np.zeros(corrected.arm.n_joints))
-        self._instant = replace(
-            self._corrected,
-            effects=tuple(e for e in lasting if _instant(e.name, e.effect)),
-        )
+        instant = tuple(e for e in lasting if _instant(e.name, e.effect))
+        self._instant = replace(self._corrected, effects=instant)
 
     @property
     def corrected(self) -> CorrectedArm:
@@ -98,8 +96,10 @@ class ArmModel:
         """Torque to command [N m], shape (n,), of one sample, each (n,)."""
         arm = self._instant
         # two equal samples: a rate exists, and what the network sees of the past is the present
-        motion = Motion(np.array([0.0, 1.0]), *(np.array([x, x]) for x in (q, dq, ddq)))
-        rigid = self._body.torque(arm.true_position(motion.q)[0], dq, ddq)
+        t = np.array([0.0, 1.0])
+        motion = Motion(t, np.array([q, q]), np.array([dq, dq]), np.array([ddq, ddq]))
+        true = arm.true_position(motion.q)[0]
+        rigid = self._body.torque(true, dq, ddq)
         needed = arm.needed_torque(np.array([rigid, rigid]), motion)
         torque = arm.recorded_torque(needed, motion)
         if arm.residual is not None:

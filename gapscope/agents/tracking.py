@@ -55,10 +55,10 @@ class SampledReference:
         held = np.maximum(ticks, 0) * dt
         moving = (ticks >= 0)[:, None]
         motion = Motion(
-            ticks * dt,
-            reference.position(held),
-            np.where(moving, reference.velocity(held), 0.0),
-            np.where(moving, reference.acceleration(held), 0.0),
+            t=ticks * dt,
+            q=reference.position(held),
+            dq=np.where(moving, reference.velocity(held), 0.0),
+            ddq=np.where(moving, reference.acceleration(held), 0.0),
         )
         return cls(motion, first)
 
@@ -111,21 +111,25 @@ def track(
         kick: velocity of the joints at the start [rad/s], a number or shape (n,).
         cutoff: of the differentiator [Hz]; a backward difference if ``None``.
     """
-    motion, n = course.motion, course.motion.q.shape[1]
-    start = np.zeros(n) + kick
-    simulated.start(motion.q[0], start, float(motion.t[0]))
-    rate = VelocityFilter(
-        1.0 / simulated.dt, cutoff, VELOCITY_DAMPING, np.zeros(n), motion.dq[0] - start
+    motion = course.motion
+    n = motion.q.shape[1]
+    start_speed = np.zeros(n) + kick
+    simulated.start(motion.q[0], start_speed, float(motion.t[0]))
+    error_rate = VelocityFilter(
+        1.0 / simulated.dt,
+        cutoff,
+        VELOCITY_DAMPING,
+        np.zeros(n),
+        motion.dq[0] - start_speed,
     )
-    q, tau = np.empty((course.ticks, n)), np.empty((course.ticks, n))
+    q, tau = np.empty((2, course.ticks, n))
     done, ran_away = course.ticks, False
     for i in range(course.ticks):
-        q[i] = now = simulated.encoders()
+        q_ref, dq_ref, ddq_ref = motion.q[i], motion.dq[i], motion.ddq[i]
+        q[i] = simulated.encoders()
+        velocity = dq_ref - error_rate(q_ref - q[i])
         planned = None if course.torque is None else course.torque[i]
-        velocity = motion.dq[i] - rate(motion.q[i] - now)
-        tau[i] = controller.torque(
-            motion.q[i], motion.dq[i], motion.ddq[i], now, velocity, planned
-        )
+        tau[i] = controller.torque(q_ref, dq_ref, ddq_ref, q[i], velocity, planned)
         simulated.step(tau[i])
         if diverged(simulated.dq):
             done, ran_away = i, True

@@ -64,25 +64,40 @@ class TrackingMetrics:
     def __call__(self, track: TrackingRun, dt: float, duration: float) -> Measures:
         """Measure a track with a period of ``dt`` [s] on a course of ``duration`` [s]."""
         every = max(1, round(ACTION / dt))
-        reward = self._rewards(track, every, max(1, round(duration / dt) // every))
+        actions = max(1, round(duration / dt) // every)
+        reward = self._reward_per_action(track, every, actions)
         if track.diverged:
             return Measures(inf, inf, reward, inf, True)
-        joint = float(np.sqrt(np.mean((track.q_ref - track.q) ** 2)))
-        pairs = zip(track.q_ref[::every], track.q[::every], strict=True)
-        ways = [
-            self._kinematics.tool(a).position - self._kinematics.tool(b).position
-            for a, b in pairs
-        ]
-        tool = float(np.sqrt(np.mean(np.sum(np.square(ways), axis=1))))
-        rate = float(np.sqrt(np.mean((np.diff(track.tau, axis=0) / dt) ** 2)))
-        return Measures(joint, tool, reward, rate, False)
+        return Measures(
+            joint_error=_rms(track.q_ref - track.q),
+            tool_error=self._tool_error(track, every),
+            reward=reward,
+            torque_rate=_rms(np.diff(track.tau, axis=0) / dt),
+            diverged=False,
+        )
 
-    def _rewards(self, track: TrackingRun, every: int, actions: int) -> float:
+    def _tool_error(self, track: TrackingRun, every: int) -> float:
+        """RMS distance of the tool between reference and encoders, once per action [m]."""
+        tool = self._kinematics.tool
+        wanted = [tool(q).position for q in track.q_ref[::every]]
+        reached = [tool(q).position for q in track.q[::every]]
+        squares = np.square(np.array(wanted) - np.array(reached)).sum(axis=1)
+        return float(np.sqrt(np.mean(squares)))
+
+    def _reward_per_action(self, track: TrackingRun, every: int, actions: int) -> float:
         """Mean reward of the actions, those that were not done included."""
-        share = track.tau / self._rated
+        effort = track.tau / self._rated
+        last = min(len(track.t), actions * every + 1)
         total = 0.0
-        for i in range(every, min(len(track.t), actions * every + 1), every):
-            jump = share[i - 1] - share[max(i - 1 - every, 0)]
-            load = float(np.mean(share[i - every : i] ** 2))
-            total += self._reward(track.q_ref[i] - track.q[i], load, jump).total
+        for i in range(every, last, every):
+            error = track.q_ref[i] - track.q[i]
+            load = float(np.mean(effort[i - every : i] ** 2))
+            before = max(i - 1 - every, 0)
+            jump = effort[i - 1] - effort[before]
+            total += self._reward(error, load, jump).total
         return total / actions
+
+
+def _rms(x: np.ndarray) -> float:
+    """Root mean square over all numbers."""
+    return float(np.sqrt(np.mean(x**2)))

@@ -55,12 +55,12 @@ class Cells:
         model: TorqueModel | None,
         engine: str,
         seed: int,
-        work: Callable[[], list[Episode]],
+        compute: Callable[[], list[Episode]],
     ) -> list[Episode]:
         """Episodes of a model with one seed, kept or new."""
 
         def plain() -> list[dict[str, Any]]:
-            return [asdict(episode) for episode in work()]
+            return [asdict(episode) for episode in compute()]
 
         rows = self._cell(("episodes", name, engine, str(seed)), model, plain)
         return [
@@ -72,10 +72,10 @@ class Cells:
         name: str,
         model: TorqueModel | None,
         engine: str,
-        work: Callable[[], float],
+        compute: Callable[[], float],
     ) -> float:
         """Largest stable bandwidth [Hz], kept or new."""
-        return float(self._cell(("margin", name, engine), model, work))
+        return float(self._cell(("margin", name, engine), model, compute))
 
     def clear(self) -> None:
         """Remove what is kept, once the results are whole."""
@@ -90,7 +90,10 @@ class Cells:
             ) from None
 
     def _cell(
-        self, key: tuple[str, ...], model: TorqueModel | None, work: Callable[[], Any]
+        self,
+        key: tuple[str, ...],
+        model: TorqueModel | None,
+        compute: Callable[[], Any],
     ) -> Any:
         """What a cell holds. Numbers that are infinite are written as Python reads them."""
         parts = [*self._common, *key, type(model).__name__]
@@ -106,7 +109,7 @@ class Cells:
                 return value
         except (OSError, ValueError, KeyError):
             pass  # not kept, or cut short: made again
-        value = work()
+        value = compute()
         text = to_json({KEY: digest, "cell": key, "value": value}, allow_nan=True)
         with atomic_write(file) as aside:
             aside.write_text(text, encoding="utf-8")
