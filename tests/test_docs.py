@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+import gapscope
+
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(
     [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")]
@@ -65,3 +67,17 @@ def test_lines_of_text_are_of_readable_length(page: Path) -> None:
 def test_readme_is_short() -> None:
     lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
     assert len(lines) <= README_LINES
+
+
+def test_the_python_page_makes_a_case_without_files() -> None:
+    text = (ROOT / "docs/python.md").read_text(encoding="utf-8")
+    example = text.split("```python\n")[2].split("```")[0]
+    names: dict[str, object] = {}
+    exec(compile(example, "docs/python.md", "exec"), names)
+    assert names["case"].arm.n_joints == 7
+
+
+def test_the_python_page_lists_the_interface() -> None:
+    text = (ROOT / "docs/python.md").read_text(encoding="utf-8")
+    listed = set(re.findall(r"^\| `(\w+)\(", text, flags=re.MULTILINE))
+    assert listed | {"Case"} == set(gapscope.__all__)
