@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from gapscope.agents.controllers import ComputedTorque, Feedforward, TrackingController
-from gapscope.agents.disturbances import NAMES as DISTURBANCES
 from gapscope.agents.disturbances import check_disturbance, disturbance
 from gapscope.agents.evaluation_cache import EvaluationCache
+from gapscope.agents.evaluation_plan import MOTIONS, EvaluationPlan
 from gapscope.agents.gains import Tuning, gains, own_inertia
 from gapscope.agents.stability import largest_factor, settles
 from gapscope.agents.torque_model import ArmModel, Gravity, TorqueModel
@@ -22,63 +22,19 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.json_file import plain
 from gapscope.arm.motions.named_motions import check_motion_name, draw_motion, workspace
-from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.gap.torque_gap import torque_scale
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.envs.arguments import positive
-from gapscope.envs.engines import check_engine, default_engine
 from gapscope.envs.simulated_arm import SimulatedArm
 
-LAWS = ("feedforward", "computed")
-"""``gapscope.agents.controllers.Feedforward`` and ``gapscope.agents.controllers.ComputedTorque``."""
-MOTIONS = ("fourier", "pick", "place", "weld_seam")
-"""Motions by default."""
 HELD_OUT = 0x6A95
 """Motions come from seeds behind this number, so that no recording has the same."""
 MARGIN_TIME = 1.5
 """Length of the motion on which gains are raised [s]."""
 DT = 1e-3
 """Period of simulation and controller [s]."""
-
-
-@dataclass(frozen=True)
-class EvaluationPlan:
-    """How models are evaluated.
-
-    Attributes:
-        motions, disturbances: names; each model does each of them.
-        seeds: of the motions.
-        engines: that simulate the arm.
-        duration: of a motion [s].
-        tuning: bandwidth and damping of the loop, on the nominal arm's inertia.
-        law: one of ``LAWS``.
-
-    Raises:
-        InputError: a name that is not known, or nothing to do.
-    """
-
-    motions: tuple[str, ...] = MOTIONS
-    disturbances: tuple[str, ...] = ("none", "push")
-    seeds: tuple[int, ...] = (0, 1, 2)
-    engines: tuple[str, ...] = field(default_factory=lambda: (default_engine(),))
-    duration: float = 4.0
-    tuning: Tuning = Tuning()  # noqa: RUF009 (it is frozen)
-    law: str = "feedforward"
-
-    def __post_init__(self) -> None:
-        """Check names and numbers."""
-        check_known("law", self.law, LAWS, where="law")
-        positive("duration", self.duration, "s")
-        for name in ("motions", "disturbances", "seeds", "engines"):
-            if not getattr(self, name):
-                raise InputError("expected at least one", where=name)
-        for engine in self.engines:
-            check_engine(engine)
-        for name in self.disturbances:
-            check_known("disturbance", name, DISTURBANCES, where="disturbances")
 
 
 @dataclass(frozen=True)

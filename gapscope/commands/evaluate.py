@@ -12,7 +12,7 @@ from gapscope.commands.options import Results, RobotOption, split_names
 from gapscope.terminal import Progress, console, note, say, wrote
 
 if TYPE_CHECKING:
-    from gapscope.agents.evaluation import EvaluationPlan
+    from gapscope.agents.evaluation_plan import EvaluationPlan
     from gapscope.agents.summary import SummaryLine
     from gapscope.arm.nominal import NominalArm
 
@@ -99,7 +99,7 @@ def evaluate(
 
 
 def _plan(options: dict[str, Any]) -> EvaluationPlan:
-    from gapscope.agents.evaluation import EvaluationPlan
+    from gapscope.agents.evaluation_plan import EvaluationPlan
     from gapscope.agents.gains import Tuning
     from gapscope.envs.engines import default_engine
 

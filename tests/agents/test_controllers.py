@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from gapscope.agents.controllers import ComputedTorque, Feedforward
-from gapscope.agents.evaluation import EvaluationPlan, TrackingBench
+from gapscope.agents.evaluation import TrackingBench
+from gapscope.agents.evaluation_plan import EvaluationPlan
 from gapscope.agents.gains import Tuning, gains, own_inertia
 from gapscope.agents.torque_model import ArmModel, Gravity
 from gapscope.agents.tracking import SampledReference, track

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gapscope.agents.evaluation import EvaluationPlan, TrackingBench, evaluate
+from gapscope.agents.evaluation import TrackingBench, evaluate
+from gapscope.agents.evaluation_plan import EvaluationPlan
 from gapscope.agents.gains import Tuning
 from gapscope.agents.model_files import named, read_model, read_models
 from gapscope.agents.summary import relation, summarise

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from gapscope.agents.evaluation import HELD_OUT, MOTIONS
+from gapscope.agents.evaluation import HELD_OUT
+from gapscope.agents.evaluation_plan import MOTIONS
 from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.io.json_file import plain
 from gapscope.arm.motions.named_motions import draw_motion
