@@ -34,29 +34,29 @@ if TYPE_CHECKING:
 
 DiagnosisFolder = Annotated[
     Path | None,
-    typer.Option(
+    typer.MotionOption(
         help="folder that diagnose wrote for this case; default: diagnose it now",
         metavar="DIR",
     ),
 ]
 Payload = Annotated[
     float | None,
-    typer.Option(
+    typer.MotionOption(
         help="mass of a known body that could be mounted; used if it separates better [kg]"
     ),
 ]
 PayloadCom = Annotated[
     str,
-    typer.Option(
+    typer.MotionOption(
         help="its centre in the frame of the joint that moves the last link, x,y,z [m]"
     ),
 ]
 Fastest = Annotated[
-    float, typer.Option(help="highest frequency that the controller follows [Hz]")
+    float, typer.MotionOption(help="highest frequency that the controller follows [Hz]")
 ]
 Evaluations = Annotated[
     int,
-    typer.Option(min=1, help="objective evaluations, over all speeds and loads"),
+    typer.MotionOption(min=1, help="objective evaluations, over all speeds and loads"),
 ]
 
 
@@ -82,7 +82,7 @@ def advise(
     """Design the recording that separates what is still confounded."""
     from gapscope.commands.search_progress import SearchProgress
     from gapscope.diagnosis.advice.advice_wording import lines
-    from gapscope.diagnosis.advice.next_recording import Request
+    from gapscope.diagnosis.advice.next_recording import AdviceRequest
     from gapscope.diagnosis.advice.next_recording import advise as advise_case
     from gapscope.ident.excitation.excitation_plan import LimitPlan
     from gapscope.outputs.folder import make_folder
@@ -94,7 +94,7 @@ def advise(
         velocity, acceleration, torque, margin, singular, clearance, surface, collisions
     )
     load = read_payload(payload, payload_com)
-    request = Request(limits, load, fastest, rate, evaluations, seed)
+    request = AdviceRequest(limits, load, fastest, rate, evaluations, seed)
     label = case.name or str(case)
     with Progress(label) as progress:
         loaded, (document, effects) = read_findings(case, diagnosis, progress)

@@ -15,7 +15,11 @@ from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.json_file import write_json
 from gapscope.commands.diagnose_path import diagnose_path
 from gapscope.diagnosis.document.diagnosis_json import validate
-from gapscope.diagnosis.fleet.confusion import Column, Unit, column
+from gapscope.diagnosis.fleet.confusion import (
+    ConfusionColumn,
+    FleetUnit,
+    confusion_column,
+)
 from gapscope.diagnosis.fleet.fleet_json import grouped, units_document
 from gapscope.outputs.diagnosis import CORRECTED, DOCUMENT, REPORT
 from gapscope.outputs.folder import make_folder
@@ -162,18 +166,18 @@ def _compared(
     cases = dict(zip(_folders(batch.cases), batch.cases, strict=True))
     documents = {row.folder: row.document for row in rows if row.document is not None}
     units = [
-        Unit(name, cases[name].resolve(), (batch.out / name / CORRECTED).resolve())
+        FleetUnit(name, cases[name].resolve(), (batch.out / name / CORRECTED).resolve())
         for name in documents
     ]
     groups, alone = grouped(documents, units)
     if groups:
         progress("compares the units")
     calls = [(unit, group.units) for group in groups for unit in group.units]
-    results = in_order(column, calls, batch.jobs, batch.backend)
-    columns: dict[str, Column] = {}
+    results = in_order(confusion_column, calls, batch.jobs, batch.backend)
+    columns: dict[str, ConfusionColumn] = {}
     for (unit, _), result in zip(calls, results, strict=True):
         if isinstance(result, Exception):
-            result = Column(unit.name, {}, str(result))
+            result = ConfusionColumn(unit.name, {}, str(result))
         columns[unit.name] = result
     with_columns = [
         (group, [columns[unit.name] for unit in group.units]) for group in groups

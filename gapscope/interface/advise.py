@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 from gapscope.diagnosis.advice.advice_wording import lines
-from gapscope.diagnosis.advice.next_recording import Advice, Request
+from gapscope.diagnosis.advice.next_recording import Advice, AdviceRequest
 from gapscope.diagnosis.advice.next_recording import advise as design_recording
 from gapscope.ident.excitation.excitation_plan import LimitPlan
 from gapscope.interface.diagnose import DiagnosisResult, diagnose
@@ -56,7 +56,7 @@ class AdviceResult(Result):
 
 def advise(
     diagnosis: DiagnosisResult | str | Path,
-    request: Request | None = None,
+    request: AdviceRequest | None = None,
     *,
     progress: Callable[[float, float], None] = lambda share, best: None,
 ) -> AdviceResult:
@@ -76,6 +76,6 @@ def advise(
     result = (
         diagnosis if isinstance(diagnosis, DiagnosisResult) else diagnose(diagnosis)
     )
-    asked = request or Request(LimitPlan())
+    asked = request or AdviceRequest(LimitPlan())
     found = (result.document, result.diagnosis.effects)
     return AdviceResult(result, design_recording(result.case, *found, asked, progress))

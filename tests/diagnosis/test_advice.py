@@ -14,13 +14,13 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.trajectory import Fourier
 from gapscope.diagnosis.advice.advice_wording import lines
-from gapscope.diagnosis.advice.contrast import Pair
+from gapscope.diagnosis.advice.contrast import HypothesisContrast
 from gapscope.diagnosis.advice.hypothesis import Hypothesis
-from gapscope.diagnosis.advice.motion_options import Option, options
-from gapscope.diagnosis.advice.next_recording import Advice, Request, advise
+from gapscope.diagnosis.advice.motion_options import MotionOption, options
+from gapscope.diagnosis.advice.next_recording import Advice, AdviceRequest, advise
 from gapscope.diagnosis.advice.parameter_vector import scales, vector, with_values
 from gapscope.diagnosis.advice.questions import Question, open_questions
-from gapscope.diagnosis.advice.recorded_data import Present, fitted
+from gapscope.diagnosis.advice.recorded_data import RecordedData, fitted
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.thresholds import DESIGNED_ALTERNATIVES
 from gapscope.effects.applied import AppliedEffect
@@ -96,7 +96,7 @@ def advised(case: Case, effect: AppliedEffect, rival: str, **request: Any) -> Ad
         case,
         document(effect, rival),
         (effect,),
-        Request(LIMITS, evaluations=150, seed=0, **request),
+        AdviceRequest(LIMITS, evaluations=150, seed=0, **request),
     )
 
 
@@ -107,7 +107,10 @@ def test_a_delay_on_slow_motions_leads_to_a_motion_that_tells_it_from_a_lag() ->
     [question] = open_questions(result.document)
     assert {question.effect, question.rival} == {"actuator_delay", "actuator_lag"}
     advice = advise(
-        case, result.document, result.effects, Request(LIMITS, evaluations=150, seed=0)
+        case,
+        result.document,
+        result.effects,
+        AdviceRequest(LIMITS, evaluations=150, seed=0),
     )
     [pair] = advice.pairs
     assert pair.present < 0.3 and pair.new > 4 * pair.present and pair.joint == 3
@@ -168,7 +171,9 @@ def test_a_payload_to_mount_is_told_as_lines_of_the_case() -> None:
         "coulomb_friction", (2,), 0, "load_friction", (2,), 0.4, "this", "that"
     )
     advice = Advice(
-        (question,), pairs=(Pair(0, 1, 0.1, 3.0, 2),), option=Option("slow", load)
+        (question,),
+        pairs=(HypothesisContrast(0, 1, 0.1, 3.0, 2),),
+        option=MotionOption("slow", load),
     )
     text = lines(advice, document(COULOMB, "load_friction"))
     section = yaml.safe_load("\n".join(text[-2:]))
@@ -178,7 +183,7 @@ def test_a_payload_to_mount_is_told_as_lines_of_the_case() -> None:
 
 
 def test_a_payload_changes_the_bodies_by_its_own_weight() -> None:
-    body = Option("slow", KnownLoad(2.0, (0.1, 0.0, 0.0))).body(synthetic.body())
+    body = MotionOption("slow", KnownLoad(2.0, (0.1, 0.0, 0.0))).body(synthetic.body())
     still = np.zeros((1, 3))
     more = body.inverse_dynamics(
         still, still, still
@@ -192,7 +197,7 @@ def test_nothing_open_needs_nothing() -> None:
     case = slow_case(synthetic.Truth())
     calm = document(DELAY, "actuator_lag")
     calm["effects"][0]["alternatives"][0]["probability"] = 0.01
-    advice = advise(case, calm, (DELAY,), Request(LIMITS))
+    advice = advise(case, calm, (DELAY,), AdviceRequest(LIMITS))
     assert advice == Advice(()) and "Nothing is open" in lines(advice, calm)[0]
 
 
@@ -202,7 +207,10 @@ def test_an_unexplained_gap_gets_a_general_motion() -> None:
     odd = document(DELAY, "none", verdict="unexplained", unexplained=left)
     odd["effects"] = []
     advice = advise(
-        slow_case(synthetic.Truth()), odd, (), Request(LIMITS, evaluations=60, seed=0)
+        slow_case(synthetic.Truth()),
+        odd,
+        (),
+        AdviceRequest(LIMITS, evaluations=60, seed=0),
     )
     assert advice.excitation is not None and all(
         m.kept for m in advice.excitation.margins
@@ -236,7 +244,7 @@ def test_questions_are_few_and_of_physics() -> None:
 
 
 def test_values_are_fitted_to_the_recordings() -> None:
-    present = Present.of(
+    present = RecordedData.of(
         slow_case(synthetic.Truth(coulomb=(0.0, 2.0, 0.0))), np.array(FLOOR)
     )
     wrong = AppliedEffect("coulomb_friction", (2,), {"torque": [0.3]})
@@ -274,5 +282,5 @@ def test_what_cannot_be_is_refused() -> None:
             case,
             document(DELAY, "actuator_lag"),
             (DELAY,),
-            Request(tight, evaluations=150),
+            AdviceRequest(tight, evaluations=150),
         )

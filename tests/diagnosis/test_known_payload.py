@@ -17,7 +17,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
-from gapscope.diagnosis.advice.recorded_data import Present
+from gapscope.diagnosis.advice.recorded_data import RecordedData
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.gap.predict import predict_torque
@@ -272,7 +272,7 @@ class TestSegment:
 
     def test_hypotheses_of_the_next_recording_carry_it(self) -> None:
         for declared, small in ((True, True), (False, False)):
-            present = Present.of(case(declared=declared), np.full(3, 0.02))
+            present = RecordedData.of(case(declared=declared), np.full(3, 0.02))
             nominal = CorrectedArm(synthetic.arm())
             gap = torque_gap(nominal, synthetic.body(), list(present.segments)).nrmse
             assert (gap.max() < 0.02) == small

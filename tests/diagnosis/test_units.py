@@ -25,7 +25,12 @@ from gapscope.diagnosis.fleet.compare_units import (
     compare,
     groups,
 )
-from gapscope.diagnosis.fleet.confusion import NOMINAL, Column, Unit, column
+from gapscope.diagnosis.fleet.confusion import (
+    NOMINAL,
+    ConfusionColumn,
+    FleetUnit,
+    confusion_column,
+)
 from gapscope.diagnosis.fleet.fleet_json import grouped, units_document
 from gapscope.diagnosis.fleet.heterogeneity import pooled
 from gapscope.effects.applied import AppliedEffect
@@ -209,7 +214,7 @@ class TestCompare:
 
 
 @pytest.fixture(scope="module")
-def fleet(tmp_path_factory: pytest.TempPathFactory) -> list[Unit]:
+def fleet(tmp_path_factory: pytest.TempPathFactory) -> list[FleetUnit]:
     """Three units: with friction, like it but for its noise, and with a load; each corrected by the truth."""
     folder = tmp_path_factory.mktemp("fleet")
     friction = AppliedEffect("coulomb_friction", (2,), {"torque": np.array([3.0])})
@@ -226,13 +231,13 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> list[Unit]:
         )
         write_case(case, folder / name)
         write_corrected(name, (effect,), folder / f"{name}.yaml")
-        units.append(Unit(name, folder / name, folder / f"{name}.yaml"))
+        units.append(FleetUnit(name, folder / name, folder / f"{name}.yaml"))
     return units
 
 
 class TestConfusion:
-    def test_each_unit_is_known_but_for_its_twin(self, fleet: list[Unit]) -> None:
-        columns = {u.name: column(u, fleet) for u in fleet}
+    def test_each_unit_is_known_but_for_its_twin(self, fleet: list[FleetUnit]) -> None:
+        columns = {u.name: confusion_column(u, fleet) for u in fleet}
         assert not any(made.problem for made in columns.values())
         assert (
             columns["loaded"].best == "loaded" and columns["loaded"].confused_with == ()
@@ -245,9 +250,11 @@ class TestConfusion:
             assert own is not None and nominal is not None and own < 0.5 * nominal
 
     def test_a_case_that_cannot_be_read_is_a_column_without_values(
-        self, fleet: list[Unit], tmp_path: Path
+        self, fleet: list[FleetUnit], tmp_path: Path
     ) -> None:
-        made = column(Unit("gone", tmp_path / "gone", fleet[0].corrected), fleet)
+        made = confusion_column(
+            FleetUnit("gone", tmp_path / "gone", fleet[0].corrected), fleet
+        )
         assert (
             "no such file" in made.problem
             and made.best is None
@@ -260,10 +267,13 @@ class TestConfusion:
             "a": np.array([0.2, 0.2]),
             "b": np.array([0.3, 0.05]),
         }
-        assert Column("a", rows).best == "b" and Column("a", rows).confused_with == (
-            "b",
+        assert ConfusionColumn("a", rows).best == "b" and ConfusionColumn(
+            "a", rows
+        ).confused_with == ("b",)
+        assert (
+            ConfusionColumn("b", rows).best == "b"
+            and ConfusionColumn("b", rows).confused_with == ()
         )
-        assert Column("b", rows).best == "b" and Column("b", rows).confused_with == ()
 
 
 class TestDocument:
@@ -275,7 +285,8 @@ class TestDocument:
         }
         found["c"] = unit(("sign_flip", [2], {}))
         units = [
-            Unit(name, tmp_path / name, tmp_path / f"{name}.yaml") for name in found
+            FleetUnit(name, tmp_path / name, tmp_path / f"{name}.yaml")
+            for name in found
         ]
         made, alone = grouped(found, units)
         (group,) = made
@@ -289,7 +300,16 @@ class TestDocument:
             "b": np.array([0.1, 0.1]),
         }
         return units_document(
-            [(group, [Column("a", rows), Column("b", {}, "cannot be read")])], ["d"]
+            [
+                (
+                    group,
+                    [
+                        ConfusionColumn("a", rows),
+                        ConfusionColumn("b", {}, "cannot be read"),
+                    ],
+                )
+            ],
+            ["d"],
         )
 
     def test_is_whole_and_plain_json(self, tmp_path: Path) -> None:
@@ -338,9 +358,14 @@ class TestDocument:
         found = {evil: documents.two_effects(), "b": documents.two_effects()}
         for document in found.values():
             document["arm"]["robot"] = evil
-        made, alone = grouped(found, [Unit(name, tmp_path, tmp_path) for name in found])
+        made, alone = grouped(
+            found, [FleetUnit(name, tmp_path, tmp_path) for name in found]
+        )
         rows = {"nominal": np.array([0.5]), evil: np.array([0.1]), "b": np.array([0.3])}
-        columns = [Column(evil, rows), Column("b", rows | {"b": np.array([0.05])})]
+        columns = [
+            ConfusionColumn(evil, rows),
+            ConfusionColumn("b", rows | {"b": np.array([0.05])}),
+        ]
         content = units_document([(made[0], columns)], alone)
         render_summary(
             [SummaryRow(n, n, d) for n, d in found.items()],

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from gapscope.diagnosis.advice.contrast import Pair
+from gapscope.diagnosis.advice.contrast import HypothesisContrast
 from gapscope.diagnosis.advice.next_recording import Advice
 from gapscope.diagnosis.display import percent, significant
 from gapscope.diagnosis.document.wording import listing
@@ -61,7 +61,7 @@ def _questions(advice: Advice) -> Iterable[str]:
             yield f"  {_compared(pair)}"
 
 
-def _compared(pair: Pair) -> str:
+def _compared(pair: HypothesisContrast) -> str:
     times = pair.new / max(pair.present, 1e-9)
     more = f", {significant(times, 2)} times as much" if 1.0 < times < 1e3 else ""
     return (

@@ -22,7 +22,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.advice.hypothesis import Hypothesis
-from gapscope.diagnosis.advice.recorded_data import Present
+from gapscope.diagnosis.advice.recorded_data import RecordedData
 from gapscope.diagnosis.gap.torque_gap import torque_scale
 from gapscope.diagnosis.thresholds import (
     ADVICE_INERTIALS,
@@ -39,7 +39,7 @@ RIDGE = 1e-9
 """Keeps a parameter that the data do not show at its value [1]."""
 
 
-class Weighed(NamedTuple):
+class WeightedPredictions(NamedTuple):
     """Predictions on some data, in floors; H hypotheses.
 
     Attributes:
@@ -53,7 +53,7 @@ class Weighed(NamedTuple):
     samples: float
 
 
-class Pair(NamedTuple):
+class HypothesisContrast(NamedTuple):
     """Contrast of two hypotheses: their places, d on the present recordings and on the new motion [1], joint from 1."""
 
     first: int
@@ -64,15 +64,15 @@ class Pair(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _Normal:
+class _Quadratic:
     """|r + S x|^2 as a function of x: S^T S, S^T r, |r|^2, over independent samples."""
 
     gram: np.ndarray
     slope: np.ndarray
     rest: float
 
-    def plus(self, other: _Normal) -> _Normal:
-        return _Normal(
+    def plus(self, other: _Quadratic) -> _Quadratic:
+        return _Quadratic(
             self.gram + other.gram, self.slope + other.slope, self.rest + other.rest
         )
 
@@ -96,7 +96,7 @@ class Contrast:
         self,
         arm: NominalArm,
         hypotheses: list[Hypothesis],
-        present: Present,
+        present: RecordedData,
         body: RigidBody,
     ) -> None:
         self._hypotheses, self._body, self._floor = hypotheses, body, present.floor
@@ -119,37 +119,39 @@ class Contrast:
             np.vstack(blocks)
             for blocks in zip(*(part.slopes for part in parts), strict=True)
         ]
-        known = Weighed(
+        known = WeightedPredictions(
             np.concatenate([p.torque for p in parts], axis=1),
             slopes,
             band_samples(seconds, TORQUE_CUTOFF),
         )
-        self._known = [self._prior(b).plus(_normal(known, a, b)) for a, b in self.pairs]
+        self._known = [
+            self._prior(b).plus(_following(known, a, b)) for a, b in self.pairs
+        ]
         least = [normal.least()[0] for normal in self._known]
         self._least = least
         self.present = [float(np.sqrt(value / known.samples)) for value in least]
 
-    def on(self, motion: Motion) -> list[Pair]:
+    def on(self, motion: Motion) -> list[HypothesisContrast]:
         """Contrast of each two hypotheses on a new motion; the lesser of both directions."""
         new = self._new(motion)
-        out: dict[tuple[int, int], Pair] = {}
+        out: dict[tuple[int, int], HypothesisContrast] = {}
         for (a, b), known, least, present in zip(
             self.pairs, self._known, self._least, self.present, strict=True
         ):
-            total, x = known.plus(_normal(new, a, b)).least()
+            total, x = known.plus(_following(new, a, b)).least()
             d = float(np.sqrt(max(total - least, 0.0) / new.samples))
             left = new.torque[b] - new.torque[a] + new.slopes[b] @ x
             joint = int((left**2).mean(axis=0).argmax()) + 1
             place = (min(a, b), max(a, b))
             if place not in out or d < out[place].new:
-                out[place] = Pair(*place, present, d, joint)
+                out[place] = HypothesisContrast(*place, present, d, joint)
         return list(out.values())
 
     def separate(self, motion: Motion, matrix: np.ndarray) -> Separated:
         """The least contrast, in the place of what ``gapscope.ident.excitation.separation`` makes large."""
         return Separated(min(pair.new for pair in self.on(motion)), {})
 
-    def _new(self, motion: Motion) -> Weighed:
+    def _new(self, motion: Motion) -> WeightedPredictions:
         """Predictions on a new motion, in floors that grow with its torque and the rate of it."""
         elsewhere = [h.elsewhere() for h in self._hypotheses]
         torque = elsewhere[0].predict(self._body, motion)
@@ -175,7 +177,7 @@ class Contrast:
         rows: slice,
         thin: int,
         new: bool = False,
-    ) -> Weighed:
+    ) -> WeightedPredictions:
         """Predictions and slopes over the floor; if a joint may stick they count less."""
         inner = range(len(motion.t))[rows][::thin]
         inertial = (
@@ -200,9 +202,9 @@ class Contrast:
             slopes.append(
                 np.concatenate([own[inner], inertial], axis=2) * weight[:, :, None]
             )
-        return Weighed(np.array(torque), slopes, float(len(inner)))
+        return WeightedPredictions(np.array(torque), slopes, float(len(inner)))
 
-    def _prior(self, b: int) -> _Normal:
+    def _prior(self, b: int) -> _Quadratic:
         own = len(self._hypotheses[b].lasting)
         size = own + len(self._units)
         gram = np.diag(
@@ -210,15 +212,15 @@ class Contrast:
                 [np.full(own, RIDGE), np.full(len(self._units), ADVICE_INERTIALS**-2)]
             )
         )
-        return _Normal(gram, np.zeros(size), 0.0)
+        return _Quadratic(gram, np.zeros(size), 0.0)
 
 
-def _normal(data: Weighed, a: int, b: int) -> _Normal:
+def _following(data: WeightedPredictions, a: int, b: int) -> _Quadratic:
     """Normal equations of B that follows A, over independent samples."""
     share = data.samples / data.torque.shape[1]
     slopes = data.slopes[b].reshape(-1, data.slopes[b].shape[2])
     residual = (data.torque[b] - data.torque[a]).ravel()
-    return _Normal(
+    return _Quadratic(
         share * slopes.T @ slopes,
         share * slopes.T @ residual,
         share * float(residual @ residual),

@@ -7,7 +7,7 @@ import numpy as np
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.advice.hypothesis import Hypothesis
 from gapscope.diagnosis.advice.questions import Question
-from gapscope.diagnosis.advice.recorded_data import Present, fitted, with_unknown
+from gapscope.diagnosis.advice.recorded_data import RecordedData, fitted, with_unknown
 from gapscope.effects.applied import AppliedEffect
 
 
@@ -15,7 +15,7 @@ def hypotheses(
     arm: NominalArm,
     effects: tuple[AppliedEffect, ...],
     questions: list[Question],
-    present: Present,
+    present: RecordedData,
 ) -> list[Hypothesis]:
     """What was found, then for each question the same with the rival in place; all fitted to the recordings at hand.
 

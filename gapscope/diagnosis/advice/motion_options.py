@@ -19,7 +19,7 @@ SPEEDS = {
 
 
 @dataclass(frozen=True)
-class Option:
+class MotionOption:
     """One way to make the next recording.
 
     Attributes:
@@ -58,7 +58,7 @@ def highest(speed: str) -> float:
     return SPEEDS[speed].order * SPEEDS[speed].frequency
 
 
-def options(payload: KnownLoad | None, fastest: float) -> list[Option]:
+def options(payload: KnownLoad | None, fastest: float) -> list[MotionOption]:
     """All options whose motions hold no frequency above ``fastest`` [Hz].
 
     Raises:
@@ -73,4 +73,4 @@ def options(payload: KnownLoad | None, fastest: float) -> list[Option]:
             where="fastest",
         )
     loads = [None] if payload is None else [None, payload]
-    return [Option(name, load) for name in chosen for load in loads]
+    return [MotionOption(name, load) for name in chosen for load in loads]

@@ -14,12 +14,12 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
-from gapscope.diagnosis.advice.contrast import Contrast, Pair
+from gapscope.diagnosis.advice.contrast import Contrast, HypothesisContrast
 from gapscope.diagnosis.advice.hypotheses import hypotheses
 from gapscope.diagnosis.advice.hypothesis import Hypothesis
-from gapscope.diagnosis.advice.motion_options import SPEEDS, Option, options
+from gapscope.diagnosis.advice.motion_options import SPEEDS, MotionOption, options
 from gapscope.diagnosis.advice.questions import Question, open_questions
-from gapscope.diagnosis.advice.recorded_data import Present
+from gapscope.diagnosis.advice.recorded_data import RecordedData
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.found_fault import repaired
 from gapscope.diagnosis.thresholds import (
@@ -39,7 +39,7 @@ GENERAL = "quick"
 
 
 @dataclass(frozen=True)
-class Request:
+class AdviceRequest:
     """What is asked of the next recording.
 
     Attributes:
@@ -75,9 +75,9 @@ class Advice:
 
     questions: tuple[Question, ...]
     hypotheses: tuple[Hypothesis, ...] = ()
-    pairs: tuple[Pair, ...] = ()
-    tried: tuple[tuple[Option, float | None], ...] = ()
-    option: Option | None = None
+    pairs: tuple[HypothesisContrast, ...] = ()
+    tried: tuple[tuple[MotionOption, float | None], ...] = ()
+    option: MotionOption | None = None
     plan: ExcitationPlan | None = None
     excitation: Excitation | None = None
 
@@ -86,7 +86,7 @@ def advise(
     case: Case,
     document: Mapping[str, Any],
     effects: tuple[AppliedEffect, ...],
-    request: Request,
+    request: AdviceRequest,
     progress: Callable[[float, float], None] = lambda share, best: None,
 ) -> Advice:
     """Design the next recording.
@@ -131,12 +131,12 @@ def _between(
     document: Mapping[str, Any],
     effects: tuple[AppliedEffect, ...],
     questions: list[Question],
-    request: Request,
+    request: AdviceRequest,
     progress: Callable[[float, float], None],
 ) -> Advice:
     if any(entry["effect"] not in CATALOGUE for entry in document["effects"]):
         case = repaired(case, find_setup_faults(case))
-    present = Present.of(
+    present = RecordedData.of(
         case, np.array(document["gap"]["before"]["floor"], dtype=float)
     )
     rivals = hypotheses(case.arm, effects, questions, present)
@@ -171,13 +171,13 @@ def _between(
 
 def _screen(
     arm: NominalArm,
-    offered: list[Option],
+    offered: list[MotionOption],
     contrasts: Mapping[KnownLoad | None, Contrast],
     bodies: Mapping[KnownLoad | None, RigidBody],
-    request: Request,
+    request: AdviceRequest,
     rng: np.random.Generator,
     progress: Callable[[float, float], None],
-) -> list[tuple[Option, float | None]]:
+) -> list[tuple[MotionOption, float | None]]:
     """The least contrast that a short random search reaches with each option, ``None`` if none keeps the limits.
 
     Raises:
@@ -186,7 +186,7 @@ def _screen(
     each = Budget(
         max(LEAST_SCREENING, int(SCREENING_SHARE * request.evaluations / len(offered)))
     )
-    tried: list[tuple[Option, float | None]] = []
+    tried: list[tuple[MotionOption, float | None]] = []
     refused: InputError | None = None
     for k, option in enumerate(offered):
         plan, load = replace(option.plan(request.rate), budget=each), option.payload
@@ -208,7 +208,7 @@ def _screen(
     return tried
 
 
-def _chosen(tried: list[tuple[Option, float | None]]) -> Option:
+def _chosen(tried: list[tuple[MotionOption, float | None]]) -> MotionOption:
     """The option with the largest contrast; a payload must be worth its trouble.
 
     If no short search met the limits, the full one starts at the moderate speed, or the first offered.

@@ -31,7 +31,7 @@ from gapscope.ident.signals.conditioning import (
 
 
 @dataclass(frozen=True)
-class Present:
+class RecordedData:
     """Conditioned recordings of one arm with n joints.
 
     Attributes:
@@ -47,7 +47,7 @@ class Present:
     floor: np.ndarray
 
     @classmethod
-    def of(cls, case: Case, floor: np.ndarray) -> Present:
+    def of(cls, case: Case, floor: np.ndarray) -> RecordedData:
         """Of a case whose floor, as a share of ``gapscope.diagnosis.gap.torque_gap.torque_scale``, is given; (n,).
 
         Raises:
@@ -95,7 +95,7 @@ class Present:
         return np.vstack(parts)
 
 
-def fitted(present: Present, hypothesis: Hypothesis) -> tuple[Hypothesis, float]:
+def fitted(present: RecordedData, hypothesis: Hypothesis) -> tuple[Hypothesis, float]:
     """A hypothesis with the values that explain the recordings best, and the mean square it leaves in floors [1]."""
     effects, scale = hypothesis.effects, scales(hypothesis.effects)
     if not len(scale):
@@ -120,7 +120,7 @@ def fitted(present: Present, hypothesis: Hypothesis) -> tuple[Hypothesis, float]
 
 
 def with_unknown(
-    present: Present,
+    present: RecordedData,
     hypothesis: Hypothesis,
     name: str,
     joints: tuple[int, ...],

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import pi
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,7 +26,7 @@ Document = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
-class Value:
+class SharedParameter:
     """One number of an effect on one place, on the units on which the effect was found.
 
     Attributes:
@@ -47,7 +47,7 @@ class Value:
 
 
 @dataclass(frozen=True)
-class Shared:
+class SharedEffect:
     """An effect on one place, and on which units it was found.
 
     Attributes:
@@ -71,7 +71,7 @@ class Shared:
     shares: Mapping[str, float]
     agree: bool | None
     instead: Mapping[str, str]
-    values: tuple[Value, ...]
+    values: tuple[SharedParameter, ...]
 
 
 def groups(
@@ -86,7 +86,7 @@ def groups(
     return found
 
 
-def compare(documents: Mapping[str, Document]) -> tuple[Shared, ...]:
+def compare(documents: Mapping[str, Document]) -> tuple[SharedEffect, ...]:
     """Compare the diagnoses of units of one type of arm.
 
     Args:
@@ -95,71 +95,77 @@ def compare(documents: Mapping[str, Document]) -> tuple[Shared, ...]:
     Returns:
         Each effect on each place; those on all units first, the largest share first among equals.
     """
-    found: dict[tuple[str, int, int], dict[str, tuple[Document, int]]] = {}
+    found: dict[tuple[str, int, int], dict[str, _Found]] = {}
     for unit, document in documents.items():
         for entry in document["effects"]:
-            for position, place in enumerate(_places(entry)):
-                found.setdefault((entry["effect"], *place), {})[unit] = (
-                    entry,
-                    position,
-                )
+            for position, (joint, link) in enumerate(_places(entry)):
+                by_unit = found.setdefault((entry["effect"], joint, link), {})
+                by_unit[unit] = _Found(entry, position)
     rows = [_shared(*key, entries, documents) for key, entries in found.items()]
-    return tuple(
-        sorted(
-            rows,
-            key=lambda row: (
-                ORDER.index(row.kind),
-                -max(row.shares.values()),
-                row.joint or 0,
-            ),
-        )
-    )
+    return tuple(sorted(rows, key=_rank))
+
+
+def _rank(row: SharedEffect) -> tuple[int, float, int]:
+    """Effects on all units first, then the largest share."""
+    return ORDER.index(row.kind), -max(row.shares.values()), row.joint or 0
 
 
 def _places(entry: Document) -> list[tuple[int, int]]:
     """Pairs of joint and link on which an entry acts, 0 if it does not act on one."""
-    link = (
-        int(entry["parameters"]["link"]["value"])
-        if "link" in entry["parameters"]
-        else 0
-    )
-    return [(joint, 0) for joint in entry["joints"]] or [(0, link)]
+    if entry["joints"]:
+        return [(joint, 0) for joint in entry["joints"]]
+    link = entry["parameters"].get("link")
+    return [(0, int(link["value"]) if link else 0)]
+
+
+class _Found(NamedTuple):
+    """An effect on one place of one unit: its entry in the diagnosis, and the place's position in the entry."""
+
+    entry: Document
+    position: int
 
 
 def _shared(
     effect: str,
     joint: int,
     link: int,
-    entries: Mapping[str, tuple[Document, int]],
+    entries: Mapping[str, _Found],
     documents: Mapping[str, Document],
-) -> Shared:
+) -> SharedEffect:
+    """One effect on one place of the units that have it."""
     values = tuple(_values(entries))
-    agree = None
-    if len(entries) > 1:
-        agree = all(
-            v.pooled is None or v.pooled.p >= FLEET_LEVEL / len(values) for v in values
-        )
-    if len(entries) == len(documents) and agree is not None:
-        kind = SHARED if agree else DIFFERING
-    else:
-        kind = SOME if len(entries) > 1 else ONE
-    instead = {
-        unit: other
-        for unit in documents
-        if unit not in entries and (other := _instead(documents[unit], effect, joint))
-    }
-    shares = {unit: float(entry["share"]) for unit, (entry, _) in entries.items()}
-    return Shared(
+    agree = _agree(values) if len(entries) > 1 else None
+    instead = {}
+    for unit, document in documents.items():
+        other = None if unit in entries else _instead(document, effect, joint)
+        if other:
+            instead[unit] = other
+    return SharedEffect(
         effect,
         joint or None,
         link or None,
-        kind,
+        _kind(agree, on_all=len(entries) == len(documents)),
         tuple(entries),
-        shares,
+        {unit: float(found.entry["share"]) for unit, found in entries.items()},
         agree,
         instead,
         values,
     )
+
+
+def _agree(values: Sequence[SharedParameter]) -> bool:
+    """Whether no value differs between the units; the level is divided by the number of values tested."""
+    level = FLEET_LEVEL / max(len(values), 1)
+    return all(v.pooled is None or v.pooled.p >= level for v in values)
+
+
+def _kind(agree: bool | None, *, on_all: bool) -> str:
+    """The kind of an effect; ``agree`` is ``None`` if one unit has it."""
+    if agree is None:
+        return ONE
+    if not on_all:
+        return SOME
+    return SHARED if agree else DIFFERING
 
 
 def _instead(document: Document, effect: str, joint: int) -> str | None:
@@ -171,45 +177,47 @@ def _instead(document: Document, effect: str, joint: int) -> str | None:
     return None
 
 
-def _values(entries: Mapping[str, tuple[Document, int]]) -> Iterable[Value]:
+def _values(entries: Mapping[str, _Found]) -> Iterable[SharedParameter]:
     """The numbers of an effect on one place; those that only some of the units have are left out."""
-    first = next(iter(entries.values()))[0]
+    first = next(iter(entries.values())).entry
     for name, parameter in first["parameters"].items():
-        if name == "link" or any(
-            name not in entry["parameters"] for entry, _ in entries.values()
-        ):
+        on_all = all(name in found.entry["parameters"] for found in entries.values())
+        if name == "link" or not on_all:
             continue
-        vectors = {
-            unit: _numbers(entry, name, position)
-            for unit, (entry, position) in entries.items()
-        }
-        count = min(len(values) for values, _ in vectors.values())
+        values_of, stds_of = {}, {}
+        for unit, found in entries.items():
+            values_of[unit], stds_of[unit] = _numbers(found, name)
+        count = min(len(values) for values in values_of.values())
         for i in range(count):
-            values = {unit: float(v[i]) for unit, (v, _) in vectors.items()}
-            stds = {unit: s[i] for unit, (_, s) in vectors.items()}
-            together = None
-            if len(entries) > 1:
-                numbers = (
-                    _same_turn(list(values.values()))
-                    if name in ANGLES
-                    else list(values.values())
-                )
-                form = {"form": 0.0} if name in ANGLES else {}
-                together = pooled(numbers, list(stds.values()), **form)
-            yield Value(
+            values = {unit: float(numbers[i]) for unit, numbers in values_of.items()}
+            stds = {unit: numbers[i] for unit, numbers in stds_of.items()}
+            yield SharedParameter(
                 name,
                 "xyz"[i] if count == 3 else "",
                 parameter["unit"],
                 values,
                 stds,
-                together,
+                _pooled(name, list(values.values()), list(stds.values())),
             )
 
 
+def _pooled(
+    name: str, values: Sequence[float], stds: Sequence[float | None]
+) -> Pooled | None:
+    """The values of all units taken together; ``None`` for one unit."""
+    if len(values) < 2:
+        return None
+    if name in ANGLES:
+        # a share of an angle means nothing, so that no error of form is added
+        return pooled(_same_turn(values), stds, form=0.0)
+    return pooled(values, stds)
+
+
 def _numbers(
-    entry: Document, name: str, position: int
+    found: _Found, name: str
 ) -> tuple[Sequence[float], Sequence[float | None]]:
     """Values and deviations of a parameter on one place: one number, or the components of a vector."""
+    entry, position = found
     value, std = entry["parameters"][name]["value"], entry["parameters"][name]["std"]
     if entry["joints"]:
         return [value[position]], [None if std is None else std[position]]
@@ -220,6 +228,5 @@ def _numbers(
 
 def _same_turn(angles: Sequence[float]) -> list[float]:
     """Angles [rad] within half a turn of the first."""
-    return [
-        float(angles[0] + np.remainder(a - angles[0] + pi, 2 * pi) - pi) for a in angles
-    ]
+    first = angles[0]
+    return [float(first + np.remainder(a - first + pi, 2 * pi) - pi) for a in angles]

@@ -24,7 +24,7 @@ NOMINAL = "nominal"
 
 
 @dataclass(frozen=True)
-class Unit:
+class FleetUnit:
     """One unit: its case, and what its diagnosis found.
 
     Attributes:
@@ -39,7 +39,7 @@ class Unit:
 
 
 @dataclass(frozen=True)
-class Column:
+class ConfusionColumn:
     """How well each arm predicts the recordings of one unit, R arms with n joints.
 
     Attributes:
@@ -60,16 +60,11 @@ class Column:
     @property
     def best(self) -> str | None:
         """The unit whose arm leaves least; the unit itself among equals."""
-        means = {
-            row: mean
-            for row in self.torque_nrmse
-            if row != NOMINAL and (mean := self.mean(row)) is not None
-        }
-        return (
-            min(means, key=lambda row: (means[row], row != self.unit))
-            if means
-            else None
-        )
+        means = {row: self.mean(row) for row in self.torque_nrmse if row != NOMINAL}
+        known = {row: mean for row, mean in means.items() if mean is not None}
+        if not known:
+            return None
+        return min(known, key=lambda row: (known[row], row != self.unit))
 
     @property
     def confused_with(self) -> tuple[str, ...]:
@@ -77,19 +72,16 @@ class Column:
         own = self.torque_nrmse.get(self.unit)
         if own is None:
             return ()
-        rows = {
-            r: v
-            for r, v in self.torque_nrmse.items()
-            if r not in (NOMINAL, self.unit) and v is not None
-        }
-        return tuple(
-            r
-            for r, v in rows.items()
-            if v.mean() <= own.mean() or (v - own).max() < ALIKE_NRMSE
-        )
+        alike = []
+        for row, nrmse in self.torque_nrmse.items():
+            if row in (NOMINAL, self.unit) or nrmse is None:
+                continue
+            if nrmse.mean() <= own.mean() or (nrmse - own).max() < ALIKE_NRMSE:
+                alike.append(row)
+        return tuple(alike)
 
 
-def column(unit: Unit, units: Sequence[Unit]) -> Column:
+def confusion_column(unit: FleetUnit, units: Sequence[FleetUnit]) -> ConfusionColumn:
     """Predict the recordings of a unit with the nominal arm and with the corrected arm of every unit.
 
     An arm is the URDF and data sheet of its own case with the effects found there; gravity is that of the unit that was
@@ -99,34 +91,28 @@ def column(unit: Unit, units: Sequence[Unit]) -> Column:
     try:
         case = load_case(unit.case)
         segments = _segments(case)
-        return Column(
-            unit.name,
-            {
-                row: _nrmse(segments, *arm)
-                for row, arm in _arms(case, unit, units).items()
-            },
-        )
+        nrmse = {
+            row: _nrmse(segments, arm, effects)
+            for row, (arm, effects) in _arms(case, unit, units).items()
+        }
     except GapscopeError as error:
-        return Column(unit.name, {}, str(error))
+        return ConfusionColumn(unit.name, {}, str(error))
+    return ConfusionColumn(unit.name, nrmse)
 
 
 def _arms(
-    case: Case, unit: Unit, units: Sequence[Unit]
+    case: Case, unit: FleetUnit, units: Sequence[FleetUnit]
 ) -> dict[str, tuple[NominalArm, tuple[AppliedEffect, ...]]]:
     """Nominal arm and effects of each row."""
     arms: dict[str, tuple[NominalArm, tuple[AppliedEffect, ...]]] = {
         NOMINAL: (case.arm, ())
     }
     for other in units:
-        arm = (
-            case.arm
-            if other.name == unit.name
-            else load_case(other.case, read_recordings=False).arm
-        )
-        arms[other.name] = (
-            replace(arm, gravity=case.arm.gravity),
-            read_corrected(other.corrected),
-        )
+        arm = case.arm
+        if other.name != unit.name:
+            arm = load_case(other.case, read_recordings=False).arm
+        mounted = replace(arm, gravity=case.arm.gravity)
+        arms[other.name] = (mounted, read_corrected(other.corrected))
     return arms
 
 

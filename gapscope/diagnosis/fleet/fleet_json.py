@@ -12,8 +12,13 @@ from gapscope.arm.case import load_case
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import PER_JOINT
-from gapscope.diagnosis.fleet.compare_units import Shared, Value, compare, groups
-from gapscope.diagnosis.fleet.confusion import NOMINAL, Column, Unit
+from gapscope.diagnosis.fleet.compare_units import (
+    SharedEffect,
+    SharedParameter,
+    compare,
+    groups,
+)
+from gapscope.diagnosis.fleet.confusion import NOMINAL, ConfusionColumn, FleetUnit
 
 SPOILS = ("sign_flip", "joint_swap", "unit_mismatch", "shifted_inertials")
 """Faults of a set-up with which the recordings, or the arm believed, are of no use to another unit."""
@@ -22,7 +27,7 @@ Document = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
-class Group:
+class FleetGroup:
     """Units of one type of arm.
 
     Attributes:
@@ -37,14 +42,14 @@ class Group:
     robot: str
     joints: tuple[str, ...]
     documents: Mapping[str, Document]
-    units: tuple[Unit, ...]
+    units: tuple[FleetUnit, ...]
     left_out: Mapping[str, str]
     differ: tuple[str, ...]
 
 
 def grouped(
-    documents: Mapping[str, Document], units: Sequence[Unit]
-) -> tuple[tuple[Group, ...], tuple[str, ...]]:
+    documents: Mapping[str, Document], units: Sequence[FleetUnit]
+) -> tuple[tuple[FleetGroup, ...], tuple[str, ...]]:
     """Groups of two and more units of one type of arm, and the units that are alone.
 
     Args:
@@ -52,29 +57,35 @@ def grouped(
         units: where each unit's case and ``corrected.yaml`` lie.
     """
     made = []
-    together = groups(documents)
-    for (robot, joints), members in together.items():
+    for (robot, joints), members in groups(documents).items():
         if len(members) > 1:
-            spoilt = {unit: _spoilt(document) for unit, document in members.items()}
-            own = [u for u in units if u.name in members]
-            fit = tuple(u for u in own if not spoilt[u.name])
-            left_out = {unit: why for unit, why in spoilt.items() if why}
-            made.append(
-                Group(
-                    robot,
-                    joints,
-                    members,
-                    fit if len(fit) > 1 else (),
-                    left_out,
-                    _differ(own),
-                )
-            )
+            own = [unit for unit in units if unit.name in members]
+            made.append(_fleet_group(robot, joints, members, own))
     compared = {unit for group in made for unit in group.documents}
     return tuple(made), tuple(unit for unit in documents if unit not in compared)
 
 
+def _fleet_group(
+    robot: str,
+    joints: tuple[str, ...],
+    documents: Mapping[str, Document],
+    units: Sequence[FleetUnit],
+) -> FleetGroup:
+    """The group of units of one type of arm; those with a faulty set-up take no part in the confusion."""
+    problems = {unit: _spoilt(document) for unit, document in documents.items()}
+    sound = tuple(unit for unit in units if not problems[unit.name])
+    return FleetGroup(
+        robot,
+        joints,
+        documents,
+        sound if len(sound) > 1 else (),
+        {unit: problem for unit, problem in problems.items() if problem},
+        _differ(units),
+    )
+
+
 def units_document(
-    made: Sequence[tuple[Group, Sequence[Column]]], alone: Sequence[str]
+    made: Sequence[tuple[FleetGroup, Sequence[ConfusionColumn]]], alone: Sequence[str]
 ) -> dict[str, Any]:
     """Content of ``units.json``: per type of arm the effects compared and, with columns, the confusion."""
     return {
@@ -93,36 +104,31 @@ def _spoilt(document: Document) -> str:
     return f"its set-up is at fault: {', '.join(found)}" if found else ""
 
 
-def _differ(units: Sequence[Unit]) -> tuple[str, ...]:
+def _differ(units: Sequence[FleetUnit]) -> tuple[str, ...]:
     """What the nominal arms of units do not have alike."""
     try:
         arms = [load_case(unit.case, read_recordings=False).arm for unit in units]
     except GapscopeError:  # the case was changed since; its column shows it
         return ()
     first, *others = arms
-    found = (
-        ["urdf"]
-        if any(arm.urdf.read_bytes() != first.urdf.read_bytes() for arm in others)
-        else []
-    )
-    return (
-        *found,
-        *(
-            key
-            for key in PER_JOINT
-            if any(not _same(first, arm, key) for arm in others)
-        ),
-    )
+    urdf = first.urdf.read_bytes()
+    differ = []
+    if any(arm.urdf.read_bytes() != urdf for arm in others):
+        differ.append("urdf")
+    for key in PER_JOINT:
+        if not all(_same(first, arm, key) for arm in others):
+            differ.append(key)
+    return tuple(differ)
 
 
 def _same(one: NominalArm, other: NominalArm, key: str) -> bool:
     a, b = getattr(one, key), getattr(other, key)
-    return bool(
-        (a is None) == (b is None) and (a is None or np.allclose(a, b, rtol=1e-6))
-    )
+    if a is None or b is None:
+        return a is b
+    return bool(np.allclose(a, b, rtol=1e-6))
 
 
-def _group(group: Group, columns: Sequence[Column]) -> dict[str, Any]:
+def _group(group: FleetGroup, columns: Sequence[ConfusionColumn]) -> dict[str, Any]:
     return {
         "robot": group.robot,
         "joints": list(group.joints),
@@ -133,7 +139,7 @@ def _group(group: Group, columns: Sequence[Column]) -> dict[str, Any]:
     }
 
 
-def _effect(row: Shared) -> dict[str, Any]:
+def _effect(row: SharedEffect) -> dict[str, Any]:
     return {
         "effect": row.effect,
         "joint": row.joint,
@@ -147,7 +153,7 @@ def _effect(row: Shared) -> dict[str, Any]:
     }
 
 
-def _value(value: Value) -> dict[str, Any]:
+def _value(value: SharedParameter) -> dict[str, Any]:
     together = None if value.pooled is None else asdict(value.pooled)
     return {
         "name": value.name,
@@ -160,7 +166,7 @@ def _value(value: Value) -> dict[str, Any]:
 
 
 def _confusion(
-    columns: Sequence[Column], left_out: Mapping[str, str]
+    columns: Sequence[ConfusionColumn], left_out: Mapping[str, str]
 ) -> dict[str, Any]:
     """Means over the joints and values per joint, rows by columns; problems of columns count as left out."""
     shown = [c for c in columns if not c.problem]

@@ -8,8 +8,8 @@ import numpy as np
 
 from gapscope.arm.case import Case
 from gapscope.diagnosis.assessment.baseline import Baseline
-from gapscope.diagnosis.reference.reference import Reference
-from gapscope.diagnosis.reference.reference_uncertainty import Term
+from gapscope.diagnosis.reference.reference import IdentifiedReference
+from gapscope.diagnosis.reference.reference_uncertainty import EffectColumns
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.effects.applied import AppliedEffect
 from gapscope.ident.identification import Identification
@@ -21,19 +21,19 @@ class Change:
 
     Attributes:
         reference: the identified arm.
-        today: the identification with x as it was on the day of the case, within the leeway.
+        today: the identification with x as it was on the day of the case, within the reference's uncertainty.
         case: the case, its nominal arm that of today.
         baseline: effects that the arm had on the reference already, and what it leaves.
-        leeway: terms that were treated as what the reference leaves open, with what they close beyond it [NRMSE].
-        shift: what the leeway does to the torque of the case, over the joint's torque scale, (n,).
+        left_open: terms that were treated as what the reference leaves open, with what they close beyond it [NRMSE].
+        shift: what that move does to the torque of the case, over the joint's torque scale, (n,).
         diagnosis: of the case against all this.
     """
 
-    reference: Reference
+    reference: IdentifiedReference
     today: Identification
     case: Case
     baseline: Baseline
-    leeway: tuple[tuple[Term, float], ...]
+    left_open: tuple[tuple[EffectColumns, float], ...]
     shift: np.ndarray
     diagnosis: Diagnosis
 

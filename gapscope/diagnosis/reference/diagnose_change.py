@@ -15,15 +15,15 @@ from gapscope.diagnosis.diagnose import Study, conclude, examine
 from gapscope.diagnosis.gap.commanded_torque import with_commanded_torque
 from gapscope.diagnosis.reference.change import Change, combined
 from gapscope.diagnosis.reference.reference import (
-    Reference,
+    IdentifiedReference,
     check_same_arm,
     identify_reference,
 )
 from gapscope.diagnosis.reference.reference_json import comparison_entry
 from gapscope.diagnosis.reference.reference_uncertainty import (
-    Fit,
+    EffectColumns,
+    ReferenceFit,
     ReferenceUncertainty,
-    Term,
 )
 from gapscope.diagnosis.thresholds import (
     REFERENCE_INERTIAL_FACTOR,
@@ -65,66 +65,77 @@ def diagnose_change(
             reference, lambda message: progress(f"reference: {message}")
         )
         urdf = folder / "identified.urdf"
-        begin = _State(identified.result, _inherent(identified, urdf, progress))
-        state, study, leeway = _settled(case, identified, begin, urdf, progress)
-        shift = leeway.does(state.today.physical.value - identified.value)
-        final, baseline = _on(case, state.today, urdf), state.baseline(identified)
-        diagnosis = conclude(study, progress)
+        inherent = _inherent(identified, urdf, progress)
+        begin = _ArmToday(identified.result, inherent)
+        state, study, uncertainty = _settled(case, identified, begin, urdf, progress)
+        moved = state.today.physical.value - identified.value
         change = Change(
-            identified, state.today, final, baseline, state.dropped, shift, diagnosis
+            reference=identified,
+            today=state.today,
+            case=_on(case, state.today, urdf),
+            baseline=state.baseline(identified),
+            left_open=state.dropped,
+            shift=uncertainty.torque_nrmse_of(moved),
+            diagnosis=conclude(study, progress),
         )
-        content = comparison_entry(change, leeway.covariances())
-    return replace(change, diagnosis=replace(diagnosis, document=content))
+        content = comparison_entry(change, uncertainty.covariances())
+    return replace(change, diagnosis=replace(change.diagnosis, document=content))
 
 
 def _settled(
     case: Case,
-    identified: Reference,
-    state: _State,
+    identified: IdentifiedReference,
+    state: _ArmToday,
     urdf: Path,
     progress: Callable[[str], None],
-) -> tuple[_State, Study, ReferenceUncertainty]:
-    """Diagnose, move the arm within the reference uncertainty, and diagnose the rest, until nothing changes."""
+) -> tuple[_ArmToday, Study, ReferenceUncertainty]:
+    """Diagnose, move the arm within the reference's uncertainty, and diagnose the rest, until nothing changes."""
     for turn in range(REFERENCE_ROUNDS + 1):
-        study = examine(
-            _on(case, state.today, urdf), progress, state.baseline(identified)
-        )
-        leeway = ReferenceUncertainty(
+        nominal = _on(case, state.today, urdf)
+        study = examine(nominal, progress, state.baseline(identified))
+        uncertainty = ReferenceUncertainty(
             identified, state.today.physical.value, study.case, study.effects
         )
         if turn == REFERENCE_ROUNDS:
             break
         progress("weighs what the reference leaves open")
-        kept, refused = leeway.news()
-        moved, step = _moved(identified, state.today, leeway.fit(kept), leeway)
+        kept, refused = uncertainty.significant_terms()
+        fit = uncertainty.fit(kept)
+        today = _moved(identified, state.today, fit)
+        step = uncertainty.torque_nrmse_of(
+            today.physical.value - state.today.physical.value
+        )
         if not refused and step.max() < REFERENCE_SETTLED:
             break
-        again = (
-            frozenset((t.effect, t.joint) for t, _ in refused) if turn else frozenset()
-        )
-        state = replace(
-            state,
-            today=moved,
-            dropped=(*state.dropped, *refused),
-            open=state.open | again,
-        )
-    return state, study, leeway
+        # What comes back after the arm was moved once is left open for good.
+        not_named = state.not_named
+        if turn > 0:
+            not_named |= {(term.effect, term.joint) for term, _ in refused}
+        state = _ArmToday(today, state.inherent, (*state.dropped, *refused), not_named)
+    return state, study, uncertainty
 
 
 @dataclass(frozen=True)
-class _State:
-    """The arm of today, effects that it has anyway, terms taken for leeway, and those of them that are not named."""
+class _ArmToday:
+    """The arm on the day of the case.
+
+    Attributes:
+        today: the identification, moved within the reference's uncertainty.
+        inherent: effects that the arm has on the reference as well.
+        dropped: terms within the reference's uncertainty, with what each closes beyond it [NRMSE].
+        not_named: effect and joint of those of them that the diagnosis leaves out.
+    """
 
     today: Identification
     inherent: tuple[AppliedEffect, ...]
-    dropped: tuple[tuple[Term, float], ...] = ()
-    open: frozenset[tuple[str, int]] = frozenset()
+    dropped: tuple[tuple[EffectColumns, float], ...] = ()
+    not_named: frozenset[tuple[str, int]] = frozenset()
 
-    def baseline(self, reference: Reference) -> Baseline:
+    def baseline(self, reference: IdentifiedReference) -> Baseline:
         """What the diagnosis takes as given."""
         given = combined(identified_effects(self.today), self.inherent)
         return Baseline(
-            given, reference.rest, reference.scale, reference.skew, self.open
+            given, reference.rest, reference.scale, reference.skew, self.not_named
         )
 
 
@@ -147,10 +158,10 @@ def _on(case: Case, result: Identification, urdf: Path) -> Case:
 
 
 def _inherent(
-    identified: Reference, urdf: Path, progress: Callable[[str], None]
+    identified: IdentifiedReference, urdf: Path, progress: Callable[[str], None]
 ) -> tuple[AppliedEffect, ...]:
     """What the reference shows of a healthy arm beyond the identified model."""
-    plain = replace(_State(identified.result, ()).baseline(identified), skew=0.0)
+    plain = replace(_ArmToday(identified.result, ()).baseline(identified), skew=0.0)
     progress("reference: looks for what a healthy arm of this kind has")
     study = examine(
         _on(identified.case, identified.result, urdf), lambda message: None, plain
@@ -159,22 +170,28 @@ def _inherent(
 
 
 def _moved(
-    reference: Reference, today: Identification, fit: Fit, leeway: ReferenceUncertainty
-) -> tuple[Identification, np.ndarray]:
-    """The identification with x moved within the leeway, bodies still possible; and torque NRMSE of the step, (n,)."""
-    before, names = (
-        reference.value,
-        reference.result.columns.names(reference.result.choice.law),
-    )
-    links, step, change = reference.result.columns.links, 1.0, fit.change.copy()
-    while (
-        step > SMALLEST_STEP
-        and not is_consistent((before + step * change)[:links].reshape(-1, 10)).all()
-    ):
-        step *= 0.5
-    change[:links] *= step if step > SMALLEST_STEP else 0.0
-    value = before + change
-    bounded = [k for k, name in enumerate(names) if k >= links and name[0] in "Ibc"]
+    reference: IdentifiedReference, today: Identification, fit: ReferenceFit
+) -> Identification:
+    """The identification with x moved by a fit; bodies stay physically consistent, friction and armature above zero."""
+    columns, law = reference.result.columns, reference.result.choice.law
+    links = columns.links
+    change = fit.change.copy()
+    change[:links] *= _consistent_step(reference.value[:links], change[:links])
+    value = reference.value + change
+    own_symbols = ("I", "b", "c")
+    names = columns.names(law)
+    bounded = [
+        k for k, name in enumerate(names) if k >= links and name[0] in own_symbols
+    ]
     value[bounded] = np.maximum(value[bounded], 0.0)
-    moved = replace(today, physical=replace(today.physical, value=value))
-    return moved, leeway.does(value - today.physical.value)
+    return replace(today, physical=replace(today.physical, value=value))
+
+
+def _consistent_step(inertials: np.ndarray, change: np.ndarray) -> float:
+    """Share of a change of the inertials, (10 n,), by halves, with which all bodies are possible; 0 for none [1]."""
+    step = 1.0
+    while step > SMALLEST_STEP:
+        if is_consistent((inertials + step * change).reshape(-1, 10)).all():
+            return step
+        step *= 0.5
+    return 0.0

@@ -10,9 +10,10 @@ import numpy as np
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
+from gapscope.arm.recording import Recording
 from gapscope.diagnosis.assessment.baseline import back_in_time
 from gapscope.diagnosis.gap.torque_gap import torque_scale
-from gapscope.diagnosis.reference.reference_rows import Rows, stack
+from gapscope.diagnosis.reference.reference_rows import ReferenceRows, stack
 from gapscope.diagnosis.thresholds import (
     LEAST_REFERENCE_SKEW,
     MOST_REFERENCE_SKEW,
@@ -27,9 +28,14 @@ from gapscope.ident.identification import (
 from gapscope.ident.signals.conditioning import position_cutoff
 from gapscope.ident.signals.effective_samples import ar1_samples
 
+REWEIGHTINGS = 3
+"""Times that the joints are weighed by what is left on held-out stretches."""
+RANK_TOLERANCE = 1e-4
+"""Singular values below this share of the largest belong to no direction of the model [1]."""
+
 
 @dataclass(frozen=True)
-class Reference:
+class IdentifiedReference:
     """An arm identified on a reference, n joints, p parameters x of the model tau = W x.
 
     Attributes:
@@ -62,92 +68,123 @@ def check_same_arm(case: Case, reference: Case) -> None:
     Raises:
         InputError: another number of joints, other names, another order, or joints in other places.
     """
-    ours, theirs, name = (
-        list(case.arm.joints),
-        list(reference.arm.joints),
-        f"--against {reference.name}",
-    )
-    if len(ours) != len(theirs):
-        raise InputError(
-            f"has {len(theirs)} joints, {case.name} has {len(ours)}: another robot",
-            "give a reference of the same arm",
-            where=name,
-        )
-    if ours != theirs:
-        how = (
-            "in another order" if sorted(ours) == sorted(theirs) else "with other names"
-        )
-        raise InputError(
-            f"has its joints {how}: {', '.join(theirs)}; {case.name} has {', '.join(ours)}",
-            "give a reference of the same arm, with joints: in the order of the case",
-            where=name,
-        )
-    first, second = RigidBody(case.arm).model, RigidBody(reference.arm).model
-    apart = max(
-        max(
-            np.abs(a.translation - b.translation).max(),
-            np.abs(a.rotation - b.rotation).max(),
-        )
-        for a, b in zip(first.jointPlacements, second.jointPlacements, strict=True)
-    )
-    if apart > SAME_JOINT_PLACE:
+    place = f"--against {reference.name}"
+    _check_joints(case, reference, place)
+    if _joint_distance(case, reference) > SAME_JOINT_PLACE:
         raise InputError(
             "has joints of the same names in other places: another robot, or another version of its URDF",
             "give a reference of the same arm, and both cases the same kinematics",
-            where=name,
+            where=place,
         )
     if not np.allclose(case.arm.gravity, reference.arm.gravity, atol=0.05):
         raise InputError(
             f"has gravity {reference.arm.gravity.tolist()}, {case.name} has {case.arm.gravity.tolist()}",
             "give a reference that was recorded in the same mounting, or correct gravity:",
-            where=name,
+            where=place,
         )
+
+
+def _check_joints(case: Case, reference: Case, place: str) -> None:
+    """Check number, names and order of the joints."""
+    ours, theirs = list(case.arm.joints), list(reference.arm.joints)
+    if len(ours) != len(theirs):
+        raise InputError(
+            f"has {len(theirs)} joints, {case.name} has {len(ours)}: another robot",
+            "give a reference of the same arm",
+            where=place,
+        )
+    if ours != theirs:
+        reordered = sorted(ours) == sorted(theirs)
+        how = "in another order" if reordered else "with other names"
+        raise InputError(
+            f"has its joints {how}: {', '.join(theirs)}; {case.name} has {', '.join(ours)}",
+            "give a reference of the same arm, with joints: in the order of the case",
+            where=place,
+        )
+
+
+def _joint_distance(case: Case, reference: Case) -> float:
+    """Largest difference of the joints' places, in any coordinate [m] or entry of the rotation [1]."""
+    ours, theirs = RigidBody(case.arm).model, RigidBody(reference.arm).model
+    largest = 0.0
+    for a, b in zip(ours.jointPlacements, theirs.jointPlacements, strict=True):
+        moved = np.abs(a.translation - b.translation).max()
+        turned = np.abs(a.rotation - b.rotation).max()
+        largest = max(largest, float(moved), float(turned))
+    return largest
 
 
 def identify_reference(
     reference: Case, progress: Callable[[str], None] = lambda message: None
-) -> Reference:
+) -> IdentifiedReference:
     """Identify an arm on all recordings of a reference.
 
     Raises:
         InputError: no torque, no motion, too short, torque in another unit; says what to do.
     """
-    told = tuple(
+    with_torque = tuple(
         r for r in (*reference.recordings, *reference.judged) if r.tau is not None
     )
-    reference = replace(
-        reference,
-        recordings=told or reference.recordings,
-        judged=(told or reference.recordings)[-1:],
-    )
+    # without any torque the identification refuses the recordings, and says so
+    recordings = with_torque or reference.recordings
+    reference = replace(reference, recordings=recordings, judged=recordings[-1:])
     settings = IdentificationSettings(plain=True)
     result = identify(reference, settings, progress)
-    rows = stack(result.columns, result.choice.law, told, position_cutoff(told))
+    rows = _rows(result, with_torque)
     skew = _skew(rows, result.physical.value)
     if abs(skew) > LEAST_REFERENCE_SKEW:
         reference = back_in_time(reference, skew)
-        told, result = reference.recordings, identify(reference, settings, progress)
-        rows = stack(result.columns, result.choice.law, told, position_cutoff(told))
-    law, columns = result.choice.law, result.columns
-    prior = vendor_precision(rows, columns.scale(law))
-    rest = _held_out(rows, columns.nominal(law), prior)
-    left = rows.torque - rows.matrix @ result.physical.value
-    weight = ar1_samples(left) / len(left) / np.maximum(rest, 1e-9) ** 2
-    precision = np.einsum(
-        "mjp,j,mjq->pq", rows.matrix, weight, rows.matrix, optimize=True
-    ) + np.diag(prior)
-    links = columns.links
-    ours, vendor = (
-        rows.matrix[:, :, :links] @ x[:links]
-        for x in (result.physical.value, columns.nominal(law))
-    )
-    ratio = float((ours * vendor).sum() / max(float((vendor**2).sum()), 1e-12))
-    return Reference(
-        reference, result, precision, rest, torque_scale(rows.torque), skew, ratio
+        result = identify(reference, settings, progress)
+        rows = _rows(result, reference.recordings)
+    nominal = result.columns.nominal(result.choice.law)
+    prior = vendor_precision(rows, result.columns.scale(result.choice.law))
+    held_out_rms = _held_out_rms(rows, nominal, prior)
+    return IdentifiedReference(
+        reference,
+        result,
+        _precision(rows, result.physical.value, held_out_rms, prior),
+        held_out_rms,
+        torque_scale(rows.torque),
+        skew,
+        _torque_ratio(rows, result, nominal),
     )
 
 
-def vendor_precision(rows: Rows, scale: np.ndarray) -> np.ndarray:
+def _rows(result: Identification, recordings: tuple[Recording, ...]) -> ReferenceRows:
+    """Rows of recordings with the columns of the identified model."""
+    cutoff = position_cutoff(recordings)
+    return stack(result.columns, result.choice.law, recordings, cutoff)
+
+
+def _precision(
+    rows: ReferenceRows, x: np.ndarray, held_out_rms: np.ndarray, prior: np.ndarray
+) -> np.ndarray:
+    """Precision of x, (p, p): of the independent samples with the held-out error of each joint, and of the prior."""
+    residual = rows.torque - rows.matrix @ x
+    independent_share = ar1_samples(residual) / len(residual)
+    weight = independent_share / np.maximum(held_out_rms, 1e-9) ** 2
+    return _weighted_gram(rows.matrix, weight) + np.diag(prior)
+
+
+def _weighted_gram(matrix: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Sum over rows and joints of w_j W_j^T W_j, (p, p), of W, (M, n, p), and w, (n,)."""
+    gram = np.einsum("mjp,j,mjq->pq", matrix, weight, matrix, optimize=True)
+    return np.asarray(gram)
+
+
+def _torque_ratio(
+    rows: ReferenceRows, result: Identification, nominal: np.ndarray
+) -> float:
+    """Torque of the identified bodies over that of the vendor's, by least squares [1]."""
+    links = result.columns.links
+    inertial = rows.matrix[:, :, :links]
+    identified = inertial @ result.physical.value[:links]
+    vendor = inertial @ nominal[:links]
+    power = max(float((vendor**2).sum()), 1e-12)
+    return float((identified * vendor).sum() / power)
+
+
+def vendor_precision(rows: ReferenceRows, scale: np.ndarray) -> np.ndarray:
     """Diagonal of the prior precision of x, (p,).
 
     Inertials within ``VENDOR_INERTIALS`` of the URDF; for all else, of which a data sheet need not know, as much
@@ -156,68 +193,64 @@ def vendor_precision(rows: Rows, scale: np.ndarray) -> np.ndarray:
     size = np.sqrt((rows.matrix**2).mean(axis=0))
     deviation = torque_scale(rows.torque)[:, None]
     wide = 2.0 / np.maximum((size / deviation).max(axis=0), 1e-9)
-    return (
-        np.where(
-            np.isfinite(scale),
-            VENDOR_INERTIALS * np.where(np.isfinite(scale), scale, 1.0),
-            wide,
-        )
-        ** -2.0
-    )
+    known = np.isfinite(scale)
+    std = np.where(known, VENDOR_INERTIALS * np.where(known, scale, 1.0), wide)
+    return std**-2.0
 
 
-def _held_out(rows: Rows, nominal: np.ndarray, prior: np.ndarray) -> np.ndarray:
+def _held_out_rms(
+    rows: ReferenceRows, nominal: np.ndarray, prior: np.ndarray
+) -> np.ndarray:
     """RMS left on each stretch when it is predicted from all others [N m], (n,)."""
     variance = rows.torque.var(axis=0)
-    squares = np.zeros(rows.torque.shape[1])
-    for _ in range(3):
+    for _ in range(REWEIGHTINGS):
         weight = 1.0 / np.maximum(variance, 1e-12)
         grams, rights = [], []
-        for s in rows.stretches:
-            w = rows.matrix[s]
-            grams.append(np.einsum("mjp,j,mjq->pq", w, weight, w, optimize=True))
-            rights.append(
-                np.einsum("mjp,j,mj->p", w, weight, rows.torque[s] - w @ nominal)
-            )
+        for stretch in rows.stretches:
+            matrix = rows.matrix[stretch]
+            gap = rows.torque[stretch] - matrix @ nominal
+            grams.append(_weighted_gram(matrix, weight))
+            right = np.einsum("mjp,j,mj->p", matrix, weight, gap)
+            rights.append(right)
+        all_grams, all_rights = sum(grams), sum(rights)
         squares = np.zeros_like(variance)
-        for s, gram, right in zip(rows.stretches, grams, rights, strict=True):
-            normal = sum(grams) - gram + np.diag(prior)
-            x = nominal + _solved(normal, sum(rights) - right)
-            squares += ((rows.torque[s] - rows.matrix[s] @ x) ** 2).sum(axis=0)
+        for stretch, gram, right in zip(rows.stretches, grams, rights, strict=True):
+            normal = all_grams - gram + np.diag(prior)
+            x = nominal + _solved(normal, all_rights - right)
+            error = rows.torque[stretch] - rows.matrix[stretch] @ x
+            squares += (error**2).sum(axis=0)
         variance = squares / len(rows.torque)
     return np.asarray(np.sqrt(variance))
 
 
 def _solved(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solution of normal equations, scaled to a diagonal of ones first."""
     unit = 1.0 / np.sqrt(np.diag(normal))
-    return np.asarray(
-        unit * np.linalg.solve(normal * unit[:, None] * unit, unit * right)
-    )
+    scaled = normal * unit[:, None] * unit
+    return np.asarray(unit * np.linalg.solve(scaled, unit * right))
 
 
-def _skew(rows: Rows, x: np.ndarray) -> float:
+def _skew(rows: ReferenceRows, x: np.ndarray) -> float:
     """By how much torque is ahead of the motion [s]: least squares of the residual on the torque's rate and W."""
-    left, n = rows.torque - rows.matrix @ x, rows.torque.shape[1]
-    noise = np.maximum(left.std(axis=0), 1e-9)
-    flat = (rows.matrix / noise[:, None]).reshape(-1, rows.matrix.shape[2])
-    used = flat[:, np.linalg.norm(flat, axis=0) > 0]
-    rate, y = (z.reshape(-1) for z in (rows.rate / noise, left / noise))
-    basis = np.linalg.svd(used / np.linalg.norm(used, axis=0), full_matrices=False)
-    u = basis[0][:, basis[1] > 1e-4 * basis[1][0]]
-    rate = rate - u @ (u.T @ rate)
-    skew = float(rate @ y / max(float(rate @ rate), 1e-12 * n))
+    residual = rows.torque - rows.matrix @ x
+    noise = np.maximum(residual.std(axis=0), 1e-9)
+    columns = (rows.matrix / noise[:, None]).reshape(-1, rows.matrix.shape[2])
+    norms = np.linalg.norm(columns, axis=0)
+    used = columns[:, norms > 0] / norms[norms > 0]
+    u, singular, _ = np.linalg.svd(used, full_matrices=False)
+    basis = u[:, singular > RANK_TOLERANCE * singular[0]]
+    rate, target = (rows.rate / noise).reshape(-1), (residual / noise).reshape(-1)
+    # what W cannot make of the torque's rate shows the skew
+    rate = rate - basis @ (basis.T @ rate)
+    power = max(float(rate @ rate), 1e-12 * residual.shape[1])
+    skew = float(rate @ target / power)
     return float(np.clip(skew, -MOST_REFERENCE_SKEW, MOST_REFERENCE_SKEW))
 
 
 def names_of(result: Identification, symbols: Sequence[str]) -> np.ndarray:
     """Places in x of the joints' own parameters of these symbols, joint by joint, (len(symbols), n)."""
     names = list(result.columns.names(result.choice.law))
-    n = result.columns.arm.n_joints
-    return np.array(
-        [
-            [names.index(f"{s}{j + 1}") for j in range(n)]
-            for s in symbols
-            if f"{s}1" in names
-        ],
-        dtype=int,
-    )
+    joints = range(1, result.columns.arm.n_joints + 1)
+    known = [symbol for symbol in symbols if f"{symbol}1" in names]
+    places = [[names.index(f"{symbol}{j}") for j in joints] for symbol in known]
+    return np.array(places, dtype=int)

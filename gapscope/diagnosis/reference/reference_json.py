@@ -9,7 +9,7 @@ import numpy as np
 
 from gapscope.diagnosis.reference.change import Change
 from gapscope.diagnosis.reference.reference import names_of
-from gapscope.diagnosis.reference.reference_uncertainty import Term
+from gapscope.diagnosis.reference.reference_uncertainty import EffectColumns
 from gapscope.diagnosis.thresholds import FRICTION_DAY_TO_DAY
 
 SCALED = (
@@ -20,7 +20,7 @@ SCALED = (
 
 
 def comparison_entry(
-    change: Change, covariances: Sequence[tuple[Term, np.ndarray]]
+    change: Change, covariances: Sequence[tuple[EffectColumns, np.ndarray]]
 ) -> dict[str, Any]:
     """The document of the diagnosis with the key ``against``, wider deviations, and what must be said with it.
 
@@ -72,7 +72,7 @@ def _against(change: Change) -> dict[str, Any]:
             "friction_allowed": FRICTION_DAY_TO_DAY,
             "left_open": [
                 {"effect": term.effect, "joint": term.joint, "closes": closes}
-                for term, closes in change.leeway
+                for term, closes in change.left_open
             ],
         },
     }
@@ -84,27 +84,26 @@ def _plain(effect: Any) -> dict[str, Any]:
 
 
 def _widened(
-    effect: dict[str, Any], covariances: Sequence[tuple[Term, np.ndarray]]
+    effect: dict[str, Any], covariances: Sequence[tuple[EffectColumns, np.ndarray]]
 ) -> dict[str, Any]:
     """A finding whose standard deviations include the reference uncertainty, if its parameters allow."""
-    mine = {t.joint: c for t, c in covariances if t.effect == effect["effect"]}
+    by_joint = {t.joint: c for t, c in covariances if t.effect == effect["effect"]}
     parameters = dict(effect["parameters"])
-    if effect["effect"] == "payload" and mine:
-        mass, com = (
-            np.asarray(parameters[name]["value"], dtype=float)
-            for name in ("mass", "com")
-        )
-        moment = (
-            np.concatenate([-com[:, None], np.eye(3)], axis=1) / mass
-        )  # d com / d (m, h)
-        spread = np.sqrt(np.diag(moment @ mine[0] @ moment.T))
-        parameters["mass"] = _with(parameters["mass"], float(np.sqrt(mine[0][0, 0])))
-        parameters["com"] = _with(parameters["com"], spread)
-    elif len(parameters) == 1 and set(effect["joints"]) <= set(mine):
+    if effect["effect"] == "payload" and by_joint:
+        covariance = by_joint[0]
+        mass = np.asarray(parameters["mass"]["value"], dtype=float)
+        com = np.asarray(parameters["com"]["value"], dtype=float)
+        # c = h / m, so that dc = (dh - c dm) / m
+        slope = np.concatenate([-com[:, None], np.eye(3)], axis=1) / mass
+        com_std = np.sqrt(np.diag(slope @ covariance @ slope.T))
+        mass_std = float(np.sqrt(covariance[0, 0]))
+        parameters["mass"] = _with(parameters["mass"], mass_std)
+        parameters["com"] = _with(parameters["com"], com_std)
+    elif len(parameters) == 1 and set(effect["joints"]) <= set(by_joint):
         (name,) = parameters
-        factors = np.array([np.sqrt(mine[j][0, 0]) for j in effect["joints"]])
+        factors = [np.sqrt(by_joint[joint][0, 0]) for joint in effect["joints"]]
         values = np.abs(np.asarray(parameters[name]["value"], dtype=float))
-        parameters[name] = _with(parameters[name], values * factors)
+        parameters[name] = _with(parameters[name], values * np.array(factors))
     return {**effect, "parameters": parameters}
 
 
@@ -115,7 +114,7 @@ def _with(parameter: dict[str, Any], more: Any) -> dict[str, Any]:
 
 
 def _inverse(precision: np.ndarray) -> np.ndarray:
+    """Inverse, scaled to a diagonal of ones first."""
     unit = 1.0 / np.sqrt(np.diag(precision))
-    return np.asarray(
-        np.linalg.inv(precision * unit[:, None] * unit) * unit[:, None] * unit
-    )
+    scaled = precision * unit[:, None] * unit
+    return np.asarray(np.linalg.inv(scaled) * unit[:, None] * unit)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,7 +18,7 @@ from gapscope.ident.signals.samples import Band, Samples
 
 
 @dataclass(frozen=True)
-class Rows:
+class ReferenceRows:
     """M samples of n joints, filtered at 12 Hz, trimmed and thinned.
 
     Attributes:
@@ -42,48 +43,51 @@ def stack(
     law: FrictionLaw,
     recordings: Sequence[Recording],
     cutoff: float,
-) -> Rows:
+) -> ReferenceRows:
     """Rows of all recordings with a torque; positions cut at ``cutoff`` [Hz]."""
     segments = [
-        s for r in recordings if r.tau is not None for s in condition(r, cutoff)
+        segment
+        for recording in recordings
+        if recording.tau is not None
+        for segment in condition(recording, cutoff)
     ]
     band = Band(TORQUE_CUTOFF)
     samples = Samples(columns, segments, band)
-    rates = [
-        band.filtered(np.gradient(np.asarray(s.torque), s.motion.t, axis=0), s)[
-            :: band.step(s)
-        ]
-        for s in segments
-    ]
-    edges = np.flatnonzero(np.diff(np.r_[-1, samples.group, samples.group[-1] + 1]))
-    parts = (
-        -(-LEAST_STRETCHES // (len(edges) - 1))
-        if len(edges) - 1 < LEAST_STRETCHES - 1
-        else 1
-    )
-    cuts = sorted(
-        {
-            int(x)
-            for a, b in itertools.pairwise(edges)
-            for x in np.linspace(a, b, parts + 1)
-        }
-    )
-    return Rows(
+    slopes = [np.gradient(np.asarray(s.torque), s.motion.t, axis=0) for s in segments]
+    return ReferenceRows(
         samples.matrix(law),
         samples.torque,
-        np.concatenate(rates),
+        _on_rows(band, segments, slopes),
         tuple(segments),
-        tuple(slice(a, b) for a, b in itertools.pairwise(cuts)),
+        _stretches(samples.group),
         samples,
     )
 
 
-def filtered(rows: Rows, series: Sequence[np.ndarray]) -> np.ndarray:
+def _stretches(group: np.ndarray) -> tuple[slice, ...]:
+    """Rows of each recording, by its number at every row, (M,); few recordings are cut into parts."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[-1], group, [group[-1] + 1]])))
+    count = len(edges) - 1
+    parts = 1
+    if count < LEAST_STRETCHES - 1:
+        parts = math.ceil(LEAST_STRETCHES / count)
+    cuts: set[int] = set()
+    for begin, end in itertools.pairwise(edges):
+        cuts.update(int(cut) for cut in np.linspace(begin, end, parts + 1))
+    return tuple(slice(a, b) for a, b in itertools.pairwise(sorted(cuts)))
+
+
+def filtered(rows: ReferenceRows, series: Sequence[np.ndarray]) -> np.ndarray:
     """One series per segment, (N, ...), on the rows, (M, ...)."""
-    band = rows.samples.band
-    return np.concatenate(
-        [
-            band.filtered(x, s)[:: band.step(s)]
-            for x, s in zip(series, rows.segments, strict=True)
-        ]
-    )
+    return _on_rows(rows.samples.band, rows.segments, series)
+
+
+def _on_rows(
+    band: Band, segments: Sequence[Segment], series: Sequence[np.ndarray]
+) -> np.ndarray:
+    """Series of the segments filtered, trimmed and thinned as the rows are, (M, ...)."""
+    parts = [
+        band.filtered(x, segment)[:: band.step(segment)]
+        for x, segment in zip(series, segments, strict=True)
+    ]
+    return np.concatenate(parts)

@@ -1,4 +1,4 @@
-"""Leeway: what the reference leaves open about the arm on the day of the case, and whether an effect is more than that.
+"""What the reference leaves open about the arm on the day of the case, and whether an effect is more than that.
 
 The gap y of the case against the identified arm, on rows as the torque gap sees them, is taken as
 
@@ -20,7 +20,7 @@ from scipy.optimize import lsq_linear
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.diagnosis.gap.torque_gap import torque_scale
-from gapscope.diagnosis.reference.reference import Reference, names_of
+from gapscope.diagnosis.reference.reference import IdentifiedReference, names_of
 from gapscope.diagnosis.reference.reference_rows import filtered, stack
 from gapscope.diagnosis.thresholds import (
     FRICTION_DAY_TO_DAY,
@@ -38,7 +38,7 @@ FLAT = 1e-6
 
 
 @dataclass(frozen=True)
-class Term:
+class EffectColumns:
     """What one effect does to one joint, or to all if it acts on a link or the arm.
 
     Attributes:
@@ -53,11 +53,11 @@ class Term:
 
 
 @dataclass(frozen=True)
-class Fit:
-    """The gap with leeway and some terms fitted.
+class ReferenceFit:
+    """The gap with the reference's uncertainty and some terms fitted.
 
     Attributes:
-        change: nu + u, change of x within the leeway, (p,).
+        change: nu + u, change of x within that uncertainty, (p,).
         nrmse: torque NRMSE left, (n,).
     """
 
@@ -70,159 +70,150 @@ class ReferenceUncertainty:
 
     Args:
         reference: the identified arm.
-        value: x of the nominal arm of the case, (p,): that of the reference, or moved within the leeway.
+        value: x of the nominal arm of the case, (p,): that of the reference, or moved within its uncertainty.
         case: the case, the baseline's effects taken out of its torque.
         effects: found in it.
     """
 
     def __init__(
         self,
-        reference: Reference,
+        reference: IdentifiedReference,
         value: np.ndarray,
         case: Case,
         effects: tuple[AppliedEffect, ...],
     ) -> None:
         self.reference = reference
-        told = tuple(r for r in (*case.recordings, *case.judged) if r.tau is not None)
+        recordings = tuple(
+            r for r in (*case.recordings, *case.judged) if r.tau is not None
+        )
         result = reference.result
-        self.rows = stack(
-            result.columns, result.choice.law, told, position_cutoff(told)
-        )
+        cutoff = position_cutoff(recordings)
+        self.rows = stack(result.columns, result.choice.law, recordings, cutoff)
         self._body = RigidBody(case.arm)
-        bare = CorrectedArm(case.arm)
-        self.gap = (
-            self.rows.torque
-            - self._predicted(bare)
-            + self.rows.matrix @ (value - reference.value)
-        )
+        nominal = CorrectedArm(case.arm)
+        corrected = replace(nominal, effects=effects)
+        moved = self.rows.matrix @ (value - reference.value)
+        self.gap = self.rows.torque - self._predicted(nominal) + moved
         self.scale = torque_scale(self.rows.torque)
-        whole = replace(bare, effects=effects)
-        self.terms = tuple(self._terms(whole))
+        self.terms = tuple(self._terms(corrected))
         self.friction = names_of(result, ("c", "b", "d")).ravel()
         self._box = FRICTION_DAY_TO_DAY * np.abs(reference.value[self.friction]) + 1e-9
-        self._variance = self._gap_variance(whole)
+        self._variance = self._gap_variance(corrected)
+
+    @property
+    def _blocks(self) -> tuple[slice, slice, int]:
+        """Places in the unknowns: the p errors nu, the changes of friction u, and the skew T; free sizes follow."""
+        p, friction = self.rows.matrix.shape[2], len(self.friction)
+        return slice(0, p), slice(p, p + friction), p + friction
 
     def _predicted(self, arm: CorrectedArm) -> np.ndarray:
         """Torque that an arm predicts on the rows less that of known loads, as the rows' torque is, (M, n)."""
-        parts = [
-            arm.unlimited.predict(s.bodies(self._body), s.motion)
-            - s.known_torque(self._body)
-            for s in self.rows.segments
-        ]
+        parts = []
+        for segment in self.rows.segments:
+            body = segment.bodies(self._body)
+            predicted = arm.unlimited.predict(body, segment.motion)
+            parts.append(predicted - segment.known_torque(self._body))
         return filtered(self.rows, parts)
 
-    def _terms(self, whole: CorrectedArm) -> Iterator[Term]:
+    def _terms(self, whole: CorrectedArm) -> Iterator[EffectColumns]:
         """Each effect on each of its joints; of a body, mass and first moment are free as well."""
         everything = self._predicted(whole)
         for applied in whole.effects:
             others = tuple(e for e in whole.effects if e is not applied)
-            for i, joint in enumerate(applied.joints or (0,)):
-                rest = [k for k in range(len(applied.joints)) if k != i]
-                kept = others
-                if rest:
-                    values = {
-                        name: value[rest] for name, value in applied.parameters.items()
-                    }
-                    kept = (
-                        *others,
-                        AppliedEffect(
-                            applied.name, tuple(applied.joints[k] for k in rest), values
-                        ),
-                    )
-                does = everything - self._predicted(replace(whole, effects=kept))
-                columns = [does[:, :, None]]
+            for index, joint in enumerate(applied.joints or (0,)):
+                kept = (*others, *_without_joint(applied, index))
+                change = everything - self._predicted(replace(whole, effects=kept))
+                columns = [change[:, :, None]]
                 if isinstance(applied.effect, LinkChange):
-                    link = (
-                        int(applied.parameters["link"]) - 1
-                        if "link" in applied.parameters
-                        else self._body.last_link
-                    )
-                    columns.append(self.rows.matrix[:, :, 10 * link : 10 * link + 4])
-                yield Term(applied.name, joint, np.concatenate(columns, axis=2))
+                    columns.append(self._mass_and_moment(applied))
+                yield EffectColumns(
+                    applied.name, joint, np.concatenate(columns, axis=2)
+                )
+
+    def _mass_and_moment(self, applied: AppliedEffect) -> np.ndarray:
+        """Columns of W of the changed link's mass and first moment, (M, n, 4)."""
+        link = self._body.last_link
+        if "link" in applied.parameters:
+            link = int(applied.parameters["link"]) - 1
+        return self.rows.matrix[:, :, 10 * link : 10 * link + 4]
 
     def _gap_variance(self, whole: CorrectedArm) -> np.ndarray:
-        """Mean square of the residual with all effects, no less than the residual on the reference [N^2 m^2], (n,)."""
-        left = self.rows.torque - self._predicted(whole)
-        return np.asarray(np.maximum((left**2).mean(axis=0), self.reference.rest**2))
+        """Mean square of the residual with all effects, no less than the residual on the reference [(N m)^2], (n,)."""
+        residual = self.rows.torque - self._predicted(whole)
+        return np.asarray(
+            np.maximum((residual**2).mean(axis=0), self.reference.rest**2)
+        )
 
-    def fit(self, terms: tuple[Term, ...]) -> Fit:
-        """Fit leeway and terms together; twice, the second time with the weights of the residual."""
-        x = self._design([t.columns for t in terms])
+    def fit(self, terms: tuple[EffectColumns, ...]) -> ReferenceFit:
+        """Fit uncertainty and terms together; twice, the second time with the weights of the residual."""
+        x = self._design([term.columns for term in terms])
         gram = np.einsum("mja,mjb->jab", x, x, optimize=True)
         right = np.einsum("mja,mj->ja", x, self.gap)
-        variance, square = self._variance, (self.gap**2).sum(axis=0)
-        nrmse, u = np.zeros(len(self.scale)), np.zeros(x.shape[2])
+        square = (self.gap**2).sum(axis=0)
+        variance = self._variance
         for _ in range(2):
             u = self._solve(gram, right, variance, len(x))
-            squares = square - 2 * right @ u + np.einsum("a,jab,b->j", u, gram, u)
-            mean = np.maximum(squares, 0.0) / len(x)
-            nrmse, variance = (
-                np.sqrt(mean) / self.scale,
-                np.maximum(mean, self.reference.rest**2),
-            )
-        p, q = self.rows.matrix.shape[2], len(self.friction)
-        change = u[:p].copy()
-        change[self.friction] += u[p : p + q]
-        return Fit(change, nrmse)
+            fitted_square = np.einsum("a,jab,b->j", u, gram, u)
+            squared_error = square - 2 * right @ u + fitted_square
+            mean = np.maximum(squared_error, 0.0) / len(x)
+            variance = np.maximum(mean, self.reference.rest**2)
+        identified, friction, _ = self._blocks
+        change = u[identified].copy()
+        change[self.friction] += u[friction]
+        return ReferenceFit(change, np.sqrt(mean) / self.scale)
 
     def _solve(
         self, gram: np.ndarray, right: np.ndarray, variance: np.ndarray, count: int
     ) -> np.ndarray:
+        """Unknowns of least squares from normal equations per joint; friction stays within its box, (P,)."""
         weight = ar1_samples(self.gap) / count / variance
         target = weight @ right
         normal = self._with_prior(np.tensordot(weight, gram, axes=1))
-        p, q = self.rows.matrix.shape[2], len(self.friction)
-        day = np.arange(p, p + q)
-        unit = 1.0 / np.sqrt(np.diag(normal))
-        root = np.linalg.cholesky(
-            normal * unit[:, None] * unit + 1e-12 * np.eye(len(normal))
-        ).T
+        unit, scaled = _scaled(normal)
+        root = np.linalg.cholesky(scaled + 1e-12 * np.eye(len(normal))).T
         goal = np.linalg.solve(root.T, unit * target)
         u = np.linalg.solve(root, goal)
-        if (np.abs(unit[day] * u[day]) > self._box).any():
-            wide = np.full(len(normal), np.inf)
-            wide[day] = self._box / unit[day]
-            u = lsq_linear(root, goal, (-wide, wide), method="bvls", max_iter=200).x
+        _, friction, _ = self._blocks
+        # The bounded problem is solved only if the free solution leaves the box.
+        if (np.abs(unit[friction] * u[friction]) > self._box).any():
+            bound = np.full(len(normal), np.inf)
+            bound[friction] = self._box / unit[friction]
+            u = lsq_linear(root, goal, (-bound, bound), method="bvls", max_iter=200).x
         return np.asarray(unit * u)
 
     def _with_prior(self, normal: np.ndarray) -> np.ndarray:
         """Normal equations with the precision of nu, that of u (its box as a deviation), of T, and flat ones."""
-        p, q = self.rows.matrix.shape[2], len(self.friction)
-        prior = np.zeros_like(normal)
-        prior[:p, :p] = self.reference.precision
-        day = np.arange(p, p + q)
-        prior[day, day] = 3.0 / self._box**2
-        prior[p + q, p + q] = REFERENCE_SKEW**-2
-        free = np.arange(p + q + 1, len(normal))
-        prior[free, free] = FLAT * np.diag(normal)[free] + 1e-12
+        identified, friction, skew = self._blocks
+        diagonal = np.zeros(len(normal))
+        diagonal[friction] = 3.0 / self._box**2  # a box of half width b has b^2 / 3
+        diagonal[skew] = REFERENCE_SKEW**-2
+        diagonal[skew + 1 :] = FLAT * np.diag(normal)[skew + 1 :] + 1e-12
+        prior = np.diag(diagonal)
+        prior[identified, identified] = self.reference.precision
         return np.asarray(normal + prior)
 
-    def covariances(self) -> tuple[tuple[Term, np.ndarray], ...]:
-        """Covariance of each term's columns' factors, leeway and all, (k, k); of a body mass and first moment alone.
+    def covariances(self) -> tuple[tuple[EffectColumns, np.ndarray], ...]:
+        """Covariance of the factors of each term's columns, (k, k), the reference's uncertainty included.
 
-        The factor of a joint effect counts in its own size.
+        Of a body, mass and first moment alone; the factor of a joint effect counts in its own size.
         """
-        columns = [
-            t.columns[:, :, 1:] if t.columns.shape[2] > 1 else t.columns
-            for t in self.terms
-        ]
+        columns = []
+        for term in self.terms:
+            is_body = term.columns.shape[2] > 1
+            columns.append(term.columns[:, :, 1:] if is_body else term.columns)
         x = self._design(columns)
-        left = self._variance
         gram = np.einsum("mja,mjb->jab", x, x, optimize=True)
-        normal = self._with_prior(
-            np.tensordot(ar1_samples(self.gap) / len(x) / left, gram, axes=1)
-        )
-        unit = 1.0 / np.sqrt(np.diag(normal))
-        covariance = np.linalg.inv(normal * unit[:, None] * unit) * unit[:, None] * unit
-        starts = (
-            len(normal)
-            - sum(c.shape[2] for c in columns)
-            + np.cumsum([0, *(c.shape[2] for c in columns)])
-        )
-        return tuple(
-            (t, covariance[a:b, a:b])
-            for t, a, b in zip(self.terms, starts, starts[1:], strict=False)
-        )
+        weight = ar1_samples(self.gap) / len(x) / self._variance
+        normal = self._with_prior(np.tensordot(weight, gram, axes=1))
+        unit, scaled = _scaled(normal)
+        covariance = np.linalg.inv(scaled) * unit[:, None] * unit
+        _, _, skew = self._blocks
+        begin, found = skew + 1, []
+        for term, block in zip(self.terms, columns, strict=True):
+            end = begin + block.shape[2]
+            found.append((term, covariance[begin:end, begin:end]))
+            begin = end
+        return tuple(found)
 
     def _design(self, columns: list[np.ndarray]) -> np.ndarray:
         """[W, W of friction, d, C], (M, n, ...)."""
@@ -234,27 +225,43 @@ class ReferenceUncertainty:
         ]
         return np.concatenate(parts, axis=2)
 
-    def does(self, change: np.ndarray) -> np.ndarray:
+    def torque_nrmse_of(self, change: np.ndarray) -> np.ndarray:
         """RMS of what a change of x does to the torque of the case, over the joint's torque scale, (n,)."""
-        return np.asarray(
-            np.sqrt(((self.rows.matrix @ change) ** 2).mean(axis=0)) / self.scale
-        )
+        torque = self.rows.matrix @ change
+        return np.asarray(np.sqrt((torque**2).mean(axis=0)) / self.scale)
 
-    def news(self) -> tuple[tuple[Term, ...], tuple[tuple[Term, float], ...]]:
-        """The terms that are more than leeway, and those that are not, each with what it closes beyond it [NRMSE]."""
+    def significant_terms(
+        self,
+    ) -> tuple[tuple[EffectColumns, ...], tuple[tuple[EffectColumns, float], ...]]:
+        """The terms beyond the reference's uncertainty, and the others, each with what it closes beyond it [NRMSE].
+
+        The term that closes least is dropped as long as it closes less than ``MIN_CHANGE``.
+        """
         kept, dropped = list(self.terms), []
         while kept:
             best = self.fit(tuple(kept)).nrmse
-            closes = [
-                float(
-                    (
-                        self.fit(tuple(t for t in kept if t is not term)).nrmse - best
-                    ).max()
-                )
-                for term in kept
-            ]
+            closes = []
+            for term in kept:
+                others = tuple(t for t in kept if t is not term)
+                closes.append(float((self.fit(others).nrmse - best).max()))
             least = int(np.argmin(closes))
             if closes[least] >= MIN_CHANGE:
                 break
             dropped.append((kept.pop(least), closes[least]))
         return tuple(kept), tuple(dropped)
+
+
+def _without_joint(applied: AppliedEffect, index: int) -> tuple[AppliedEffect, ...]:
+    """The effect on its joints but the one of this place; nothing if it has no other."""
+    rest = [k for k in range(len(applied.joints)) if k != index]
+    if not rest:
+        return ()
+    joints = tuple(applied.joints[k] for k in rest)
+    values = {name: value[rest] for name, value in applied.parameters.items()}
+    return (AppliedEffect(applied.name, joints, values),)
+
+
+def _scaled(normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Units of the unknowns in which a normal matrix has a diagonal of ones, (P,), and the matrix in them, (P, P)."""
+    unit = 1.0 / np.sqrt(np.diag(normal))
+    return unit, normal * unit[:, None] * unit
