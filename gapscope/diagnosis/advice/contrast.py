@@ -23,13 +23,12 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.advice.hypothesis import Hypothesis
 from gapscope.diagnosis.advice.recorded_data import RecordedData
+from gapscope.diagnosis.gap.noise_floor import sticking_rms, timing_error
 from gapscope.diagnosis.gap.torque_gap import torque_scale
 from gapscope.diagnosis.thresholds import (
     ADVICE_INERTIALS,
     ADVICE_SAMPLE_STEP,
     MODEL_FORM,
-    STICKING_SPEED,
-    TIMING_SKEW,
 )
 from gapscope.ident.excitation.separation import Separated
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
@@ -100,123 +99,122 @@ class Contrast:
         body: RigidBody,
     ) -> None:
         self._hypotheses, self._body, self._floor = hypotheses, body, present.floor
-        self._dry = np.abs(arm.coulomb)
-        self._units = inertial_scale(present.body)
+        self._coulomb = np.abs(arm.coulomb)
+        self._inertial_scale = inertial_scale(present.body)
         self.pairs = list(itertools.permutations(range(len(hypotheses)), 2))
-        seconds = sum(float(s.motion.t[-1] - s.motion.t[0]) for s in present.segments)
-        parts = [
-            self._weighed(
-                hypotheses,
-                s.bodies(present.body),
-                s.motion,
-                present.floor,
-                s.inner,
-                ADVICE_SAMPLE_STEP,
-            )
-            for s in present.segments
-        ]
-        slopes = [
-            np.vstack(blocks)
-            for blocks in zip(*(part.slopes for part in parts), strict=True)
-        ]
-        known = WeightedPredictions(
-            np.concatenate([p.torque for p in parts], axis=1),
-            slopes,
-            band_samples(seconds, TORQUE_CUTOFF),
-        )
+        known = self._on_recordings(present)
         self._known = [
             self._prior(b).plus(_following(known, a, b)) for a, b in self.pairs
         ]
-        least = [normal.least()[0] for normal in self._known]
-        self._least = least
-        self.present = [float(np.sqrt(value / known.samples)) for value in least]
+        self._least = [quadratic.least()[0] for quadratic in self._known]
+        self.present = [float(np.sqrt(least / known.samples)) for least in self._least]
 
     def on(self, motion: Motion) -> list[HypothesisContrast]:
         """Contrast of each two hypotheses on a new motion; the lesser of both directions."""
-        new = self._new(motion)
+        new = self._on_motion(motion)
         out: dict[tuple[int, int], HypothesisContrast] = {}
-        for (a, b), known, least, present in zip(
-            self.pairs, self._known, self._least, self.present, strict=True
-        ):
-            total, x = known.plus(_following(new, a, b)).least()
-            d = float(np.sqrt(max(total - least, 0.0) / new.samples))
-            left = new.torque[b] - new.torque[a] + new.slopes[b] @ x
-            joint = int((left**2).mean(axis=0).argmax()) + 1
-            place = (min(a, b), max(a, b))
-            if place not in out or d < out[place].new:
-                out[place] = HypothesisContrast(*place, present, d, joint)
+        for index, (a, b) in enumerate(self.pairs):
+            total, x = self._known[index].plus(_following(new, a, b)).least()
+            increase = max(total - self._least[index], 0.0)
+            contrast = float(np.sqrt(increase / new.samples))
+            first, second = min(a, b), max(a, b)
+            known = out.get((first, second))
+            if known is None or contrast < known.new:
+                residual = new.torque[b] - new.torque[a] + new.slopes[b] @ x
+                joint = int((residual**2).mean(axis=0).argmax()) + 1
+                out[first, second] = HypothesisContrast(
+                    first, second, self.present[index], contrast, joint
+                )
         return list(out.values())
 
     def separate(self, motion: Motion, matrix: np.ndarray) -> Separated:
         """The least contrast, in the place of what ``gapscope.ident.excitation.separation`` makes large."""
         return Separated(min(pair.new for pair in self.on(motion)), {})
 
-    def _new(self, motion: Motion) -> WeightedPredictions:
-        """Predictions on a new motion, in floors that grow with its torque and the rate of it."""
-        elsewhere = [h.elsewhere() for h in self._hypotheses]
-        torque = elsewhere[0].predict(self._body, motion)
-        rate = np.sqrt((np.gradient(torque, motion.t, axis=0) ** 2).mean(axis=0))
-        floor = np.sqrt(
-            self._floor**2
-            + (TIMING_SKEW * rate) ** 2
-            + (MODEL_FORM * torque_scale(torque)) ** 2
-        )
-        weighed = self._weighed(
-            self._hypotheses, self._body, motion, floor, slice(None), 1, new=True
-        )
-        return weighed._replace(
-            samples=band_samples(float(motion.t[-1] - motion.t[0]), TORQUE_CUTOFF)
-        )
+    def _on_recordings(self, present: RecordedData) -> WeightedPredictions:
+        """Predictions on all present recordings, thinned."""
+        parts = []
+        for segment in present.segments:
+            body, motion = segment.bodies(present.body), segment.motion
+            rows = np.arange(len(motion.t))[segment.inner][::ADVICE_SAMPLE_STEP]
+            predictions = [_Prediction.of(h, body, motion) for h in self._hypotheses]
+            parts.append(self._weighted(predictions, body, motion, present.floor, rows))
+        slopes = [
+            np.vstack([part.slopes[h] for part in parts])
+            for h in range(len(self._hypotheses))
+        ]
+        torque = np.concatenate([part.torque for part in parts], axis=1)
+        durations = [float(s.motion.t[-1] - s.motion.t[0]) for s in present.segments]
+        samples = band_samples(sum(durations), TORQUE_CUTOFF)
+        return WeightedPredictions(torque, slopes, samples)
 
-    def _weighed(
+    def _on_motion(self, motion: Motion) -> WeightedPredictions:
+        """Predictions on a new motion, in floors that grow with its torque and the rate of it."""
+        predictions = [
+            _Prediction.elsewhere(h, self._body, motion) for h in self._hypotheses
+        ]
+        torque = predictions[0].torque
+        timing = timing_error(torque, motion.t)
+        model_form = MODEL_FORM * torque_scale(torque)
+        floor = np.sqrt(self._floor**2 + timing**2 + model_form**2)
+        rows = np.arange(len(motion.t))
+        weighted = self._weighted(predictions, self._body, motion, floor, rows)
+        seconds = float(motion.t[-1] - motion.t[0])
+        return weighted._replace(samples=band_samples(seconds, TORQUE_CUTOFF))
+
+    def _weighted(
         self,
-        hypotheses: list[Hypothesis],
+        predictions: list[_Prediction],
         body: RigidBody,
         motion: Motion,
         floor: np.ndarray,
-        rows: slice,
-        thin: int,
-        new: bool = False,
+        rows: np.ndarray,
     ) -> WeightedPredictions:
-        """Predictions and slopes over the floor; if a joint may stick they count less."""
-        inner = range(len(motion.t))[rows][::thin]
-        inertial = (
-            body.regressor(motion.q[inner], motion.dq[inner], motion.ddq[inner])
-            * self._units
-        )
-        doubt = (
-            self._dry
-            * (1.0 - np.abs(np.tanh(motion.dq[inner] / STICKING_SPEED)))
-            / np.sqrt(3.0)
-        )
-        weight = 1.0 / np.sqrt(floor**2 + doubt**2)
-        torque, slopes = [], []
-        for hypothesis in hypotheses:
-            told = hypothesis.elsewhere() if new else hypothesis
-            here = told.predict(body, motion)
-            own = np.zeros((*here.shape, len(hypothesis.lasting)))
-            own[:, :, hypothesis.lasting if new else slice(None)] = told.jacobian(
-                body, motion, here
-            )
-            torque.append(here[inner] * weight)
-            slopes.append(
-                np.concatenate([own[inner], inertial], axis=2) * weight[:, :, None]
-            )
-        return WeightedPredictions(np.array(torque), slopes, float(len(inner)))
+        """Predictions and slopes at some rows over the floor; rows at which a joint may stick count less."""
+        q, dq, ddq = motion.q[rows], motion.dq[rows], motion.ddq[rows]
+        inertial = body.regressor(q, dq, ddq) * self._inertial_scale
+        weight = 1.0 / np.sqrt(floor**2 + sticking_rms(self._coulomb, dq) ** 2)
+        torque = np.array([p.torque[rows] * weight for p in predictions])
+        slopes = []
+        for prediction in predictions:
+            columns = np.concatenate([prediction.slopes[rows], inertial], axis=2)
+            slopes.append(columns * weight[:, :, None])
+        return WeightedPredictions(torque, slopes, float(len(rows)))
 
     def _prior(self, b: int) -> _Quadratic:
-        own = len(self._hypotheses[b].lasting)
-        size = own + len(self._units)
-        gram = np.diag(
-            np.concatenate(
-                [np.full(own, RIDGE), np.full(len(self._units), ADVICE_INERTIALS**-2)]
-            )
-        )
-        return _Quadratic(gram, np.zeros(size), 0.0)
+        """The prior of hypothesis b: its own parameters are free, the inertials near the nominal ones."""
+        own = np.full(len(self._hypotheses[b].lasting), RIDGE)
+        inertial = np.full(len(self._inertial_scale), ADVICE_INERTIALS**-2)
+        gram = np.diag(np.concatenate([own, inertial]))
+        return _Quadratic(gram, np.zeros(len(gram)), 0.0)
+
+
+@dataclass(frozen=True)
+class _Prediction:
+    """Torque that a hypothesis predicts [N m], (N, n), and its derivatives by the hypothesis' parameters, (N, n, P)."""
+
+    torque: np.ndarray
+    slopes: np.ndarray
+
+    @classmethod
+    def of(cls, hypothesis: Hypothesis, body: RigidBody, motion: Motion) -> _Prediction:
+        """On a recording that the hypothesis was fitted to."""
+        torque = hypothesis.predict(body, motion)
+        return cls(torque, hypothesis.jacobian(body, motion, torque))
+
+    @classmethod
+    def elsewhere(
+        cls, hypothesis: Hypothesis, body: RigidBody, motion: Motion
+    ) -> _Prediction:
+        """On another motion, on which parameters of what does not last have no effect."""
+        lasting = cls.of(hypothesis.elsewhere(), body, motion)
+        slopes = np.zeros((*lasting.torque.shape, len(hypothesis.lasting)))
+        slopes[:, :, hypothesis.lasting] = lasting.slopes
+        return cls(lasting.torque, slopes)
 
 
 def _following(data: WeightedPredictions, a: int, b: int) -> _Quadratic:
-    """Normal equations of B that follows A, over independent samples."""
+    """Squared distance of B, as its parameters move, from A, over independent samples."""
     share = data.samples / data.torque.shape[1]
     slopes = data.slopes[b].reshape(-1, data.slopes[b].shape[2])
     residual = (data.torque[b] - data.torque[a]).ravel()

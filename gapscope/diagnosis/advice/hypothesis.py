@@ -47,29 +47,26 @@ class Hypothesis:
     def jacobian(self, body: RigidBody, motion: Motion, here: np.ndarray) -> np.ndarray:
         """Derivative of the prediction ``here``, (N, n), by the parameters in units of their scales; (N, n, P)."""
         values, scale = vector(self.effects), scales(self.effects)
-        high = bounds(self.effects)[1]
+        _, highest = bounds(self.effects)
         out = np.zeros((*here.shape, len(values)))
-        for k, unit in enumerate(np.eye(len(values))):
-            step = STEP if values[k] + STEP * scale[k] <= high[k] else -STEP
-            moved = Hypothesis(
-                self.words,
-                self.arm,
-                with_values(self.effects, values + step * scale * unit),
-            )
+        for k in range(len(values)):
+            # a value at its upper bound can only go down
+            step = STEP if values[k] + STEP * scale[k] <= highest[k] else -STEP
+            changed = values.copy()
+            changed[k] += step * scale[k]
+            effects = with_values(self.effects, changed)
+            moved = Hypothesis(self.words, self.arm, effects)
             out[:, :, k] = (moved.predict(body, motion) - here) / step
         return out
 
     @property
     def lasting(self) -> np.ndarray:
         """Which of the parameters act on another recording too, bool, (P,)."""
-        pairs = [
-            (self.effects[index], values) for index, _, values in free(self.effects)
-        ]
-        parts = [
-            np.full(len(values), not isinstance(applied.effect, External))
-            for applied, values in pairs
-        ]
-        return np.concatenate([np.zeros(0, dtype=bool), *parts])
+        parts = [np.zeros(0, dtype=bool)]
+        for index, _, values in free(self.effects):
+            lasts = not isinstance(self.effects[index].effect, External)
+            parts.append(np.full(len(values), lasts))
+        return np.concatenate(parts)
 
     def elsewhere(self) -> Hypothesis:
         """The hypothesis on another recording: an external force does not come again."""

@@ -34,6 +34,8 @@ from gapscope.ident.excitation.excitation_plan import ExcitationPlan, LimitPlan
 from gapscope.ident.excitation.random_search import RandomSearch
 from gapscope.ident.excitation.trajectory_search import Budget
 
+Progress = Callable[[float, float], None]
+"""Called with the share of the budget spent [1] and the best value so far."""
 GENERAL = "quick"
 """Speed of the recording for a gap that nothing explains."""
 
@@ -87,7 +89,7 @@ def advise(
     document: Mapping[str, Any],
     effects: tuple[AppliedEffect, ...],
     request: AdviceRequest,
-    progress: Callable[[float, float], None] = lambda share, best: None,
+    progress: Progress = lambda share, best: None,
 ) -> Advice:
     """Design the next recording.
 
@@ -102,107 +104,130 @@ def advise(
         InputError: the limits allow no trajectory, or none was found within the budget.
     """
     questions = open_questions(document)
+    unexplained = document["verdict"] == "unexplained"
     with threadpool_limits(1):
         if questions:
-            return _between(case, document, effects, questions, request, progress)
-        if (
-            document["unexplained"]["above_floor"]
-            or document["verdict"] == "unexplained"
-        ):
-            plan = replace(
-                SPEEDS[GENERAL],
-                rate=request.rate,
-                criterion="d",
-                budget=Budget(request.evaluations),
-            )
-            found = design(
-                case.arm,
-                plan,
-                request.limits,
-                np.random.default_rng(request.seed),
-                progress,
-            )
-            return Advice((), plan=plan, excitation=found)
+            return _separating(case, document, effects, questions, request, progress)
+        if unexplained or document["unexplained"]["above_floor"]:
+            return _general(case, request, progress)
     return Advice(())
 
 
-def _between(
+def _general(case: Case, request: AdviceRequest, progress: Progress) -> Advice:
+    """A motion that excites all that a model of the arm may hold."""
+    budget = Budget(request.evaluations)
+    plan = replace(SPEEDS[GENERAL], rate=request.rate, criterion="d", budget=budget)
+    rng = np.random.default_rng(request.seed)
+    found = design(case.arm, plan, request.limits, rng, progress)
+    return Advice((), plan=plan, excitation=found)
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """An option with the bodies of the arm in it, and the contrast of the hypotheses on its motions."""
+
+    option: MotionOption
+    body: RigidBody
+    contrast: Contrast
+
+
+def _separating(
     case: Case,
     document: Mapping[str, Any],
     effects: tuple[AppliedEffect, ...],
     questions: list[Question],
     request: AdviceRequest,
-    progress: Callable[[float, float], None],
+    progress: Progress,
 ) -> Advice:
+    """The motion on which the hypotheses of the open questions differ most."""
     if any(entry["effect"] not in CATALOGUE for entry in document["effects"]):
         case = repaired(case, find_setup_faults(case))
-    present = RecordedData.of(
-        case, np.array(document["gap"]["before"]["floor"], dtype=float)
-    )
+    floor = np.array(document["gap"]["before"]["floor"], dtype=float)
+    present = RecordedData.of(case, floor)
     rivals = hypotheses(case.arm, effects, questions, present)
-    offered = options(request.payload, request.fastest)
-    bodies = {option.payload: option.body(present.body) for option in offered}
-    contrasts = {
-        load: Contrast(case.arm, rivals, present, body) for load, body in bodies.items()
-    }
+    candidates = _candidates(case.arm, request, rivals, present)
     rng = np.random.default_rng(request.seed)
-    tried = _screen(
-        case.arm,
-        offered,
-        contrasts,
-        bodies,
-        request,
-        rng,
-        _part(progress, 0.0, SCREENING_SHARE),
-    )
+    screening = _part(progress, 0.0, SCREENING_SHARE)
+    tried = _screened(case.arm, candidates, request, rng, screening)
     option = _chosen(tried)
-    budget = Budget(
-        max(LEAST_SCREENING, round((1 - SCREENING_SHARE) * request.evaluations))
-    )
+    chosen = next(c for c in candidates if c.option == option)
+    evaluations = round((1 - SCREENING_SHARE) * request.evaluations)
+    budget = Budget(max(LEAST_SCREENING, evaluations))
     plan = replace(option.plan(request.rate), budget=budget)
-    contrast, body = contrasts[option.payload], bodies[option.payload]
-    rest = _part(progress, SCREENING_SHARE, 1 - SCREENING_SHARE)
-    excitation = design(case.arm, plan, request.limits, rng, rest, contrast, body)
-    pairs = tuple(contrast.on(excitation.motion))
+    excitation = design(
+        case.arm,
+        plan,
+        request.limits,
+        rng,
+        _part(progress, SCREENING_SHARE, 1 - SCREENING_SHARE),
+        chosen.contrast,
+        chosen.body,
+    )
     return Advice(
-        tuple(questions), tuple(rivals), pairs, tuple(tried), option, plan, excitation
+        tuple(questions),
+        tuple(rivals),
+        tuple(chosen.contrast.on(excitation.motion)),
+        tuple(tried),
+        option,
+        plan,
+        excitation,
     )
 
 
-def _screen(
+def _candidates(
     arm: NominalArm,
-    offered: list[MotionOption],
-    contrasts: Mapping[KnownLoad | None, Contrast],
-    bodies: Mapping[KnownLoad | None, RigidBody],
+    request: AdviceRequest,
+    rivals: list[Hypothesis],
+    present: RecordedData,
+) -> list[_Candidate]:
+    """The options that the request allows; those with the same payload share their contrast."""
+    by_payload: dict[KnownLoad | None, tuple[RigidBody, Contrast]] = {}
+    candidates = []
+    for option in options(request.payload, request.fastest):
+        if option.payload not in by_payload:
+            body = option.body(present.body)
+            contrast = Contrast(arm, rivals, present, body)
+            by_payload[option.payload] = body, contrast
+        candidates.append(_Candidate(option, *by_payload[option.payload]))
+    return candidates
+
+
+def _screened(
+    arm: NominalArm,
+    candidates: list[_Candidate],
     request: AdviceRequest,
     rng: np.random.Generator,
-    progress: Callable[[float, float], None],
+    progress: Progress,
 ) -> list[tuple[MotionOption, float | None]]:
     """The least contrast that a short random search reaches with each option, ``None`` if none keeps the limits.
 
     Raises:
         InputError: the limits allow none of the options.
     """
-    each = Budget(
-        max(LEAST_SCREENING, int(SCREENING_SHARE * request.evaluations / len(offered)))
-    )
+    count = len(candidates)
+    evaluations = int(SCREENING_SHARE * request.evaluations / count)
+    budget = Budget(max(LEAST_SCREENING, evaluations))
     tried: list[tuple[MotionOption, float | None]] = []
     refused: InputError | None = None
-    for k, option in enumerate(offered):
-        plan, load = replace(option.plan(request.rate), budget=each), option.payload
-        part = _part(progress, k / len(offered), 1 / len(offered))
+    for k, candidate in enumerate(candidates):
+        option = candidate.option
         try:
             search = prepare(
-                arm, plan, request.limits, part, contrasts[load], bodies[load]
+                arm,
+                replace(option.plan(request.rate), budget=budget),
+                request.limits,
+                _part(progress, k / count, 1 / count),
+                candidate.contrast,
+                candidate.body,
             ).search
         except InputError as error:
             refused = error
             tried.append((option, None))
             continue
         RandomSearch().run(search, rng)
-        tried.append(
-            (option, float(np.exp(-search.found[-1].value)) if search.found else None)
-        )
+        # the search makes the negative logarithm of the contrast small
+        reached = float(np.exp(-search.found[-1].value)) if search.found else None
+        tried.append((option, reached))
     if refused is not None and all(reached is None for _, reached in tried):
         raise refused
     return tried
@@ -213,20 +238,16 @@ def _chosen(tried: list[tuple[MotionOption, float | None]]) -> MotionOption:
 
     If no short search met the limits, the full one starts at the moderate speed, or the first offered.
     """
-    worth = {
-        option: (reached or 0.0) / (1.0 if option.payload is None else PAYLOAD_WORTH)
-        for option, reached in tried
-    }
+    worth = {}
+    for option, reached in tried:
+        needed = 1.0 if option.payload is None else PAYLOAD_WORTH
+        worth[option] = (reached or 0.0) / needed
     best = max(worth, key=lambda option: worth[option])
-    return (
-        best
-        if worth[best] > 0
-        else next((o for o in worth if o.speed == "moderate"), best)
-    )
+    if worth[best] > 0:
+        return best
+    return next((option for option in worth if option.speed == "moderate"), best)
 
 
-def _part(
-    progress: Callable[[float, float], None], begun: float, share: float
-) -> Callable[[float, float], None]:
+def _part(progress: Progress, begun: float, share: float) -> Progress:
     """The progress of a part of the work."""
     return lambda done, best: progress(begun + share * done, best)

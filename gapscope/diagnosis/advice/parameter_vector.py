@@ -38,40 +38,37 @@ def vector(effects: tuple[AppliedEffect, ...]) -> np.ndarray:
 
 def scales(effects: tuple[AppliedEffect, ...]) -> np.ndarray:
     """Size of each value, for steps and for conditioning, same units, shape (P,)."""
-    parts = [
-        np.maximum(np.abs(v), LEAST_PARAMETER_SCALE * max(abs(x) for x in p.typical))
-        for _, p, v in free(effects)
-    ]
-    return np.concatenate([np.zeros(0), *parts])
+    parts = [np.zeros(0)]
+    for _, parameter, values in free(effects):
+        largest = max(abs(value) for value in parameter.typical)
+        parts.append(np.maximum(np.abs(values), LEAST_PARAMETER_SCALE * largest))
+    return np.concatenate(parts)
 
 
 def bounds(effects: tuple[AppliedEffect, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Lower and upper bounds, each of shape (P,)."""
-    low, high = (
-        np.concatenate(
-            [np.zeros(0), *(np.full(len(v), p.bounds[k]) for _, p, v in free(effects))]
-        )
-        for k in (0, 1)
-    )
+    low, high = [np.zeros(0)], [np.zeros(0)]
+    for _, parameter, values in free(effects):
+        least, most = parameter.bounds
+        low.append(np.full(len(values), least))
+        high.append(np.full(len(values), most))
     far = FARTHEST * scales(effects)
-    return np.maximum(low, -far), np.minimum(high, far)
+    return np.maximum(np.concatenate(low), -far), np.minimum(np.concatenate(high), far)
 
 
 def with_values(
     effects: tuple[AppliedEffect, ...], values: np.ndarray
 ) -> tuple[AppliedEffect, ...]:
     """The effects with other values, shape (P,), moved into their bounds."""
-    changed: list[dict[str, np.ndarray]] = [
-        dict(applied.parameters) for applied in effects
-    ]
+    changed = [dict(applied.parameters) for applied in effects]
     start = 0
     for index, parameter, old in free(effects):
-        new = np.clip(values[start : start + len(old)], *parameter.bounds)
-        changed[index][parameter.name] = new.reshape(
-            np.shape(effects[index].parameters[parameter.name])
-        )
-        start += len(old)
+        end = start + len(old)
+        shape = np.shape(effects[index].parameters[parameter.name])
+        new = np.clip(values[start:end], *parameter.bounds)
+        changed[index][parameter.name] = new.reshape(shape)
+        start = end
     return tuple(
-        replace(applied, parameters=c)
-        for applied, c in zip(effects, changed, strict=True)
+        replace(applied, parameters=parameters)
+        for applied, parameters in zip(effects, changed, strict=True)
     )

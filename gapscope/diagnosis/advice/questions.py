@@ -41,36 +41,34 @@ def open_questions(document: Mapping[str, Any]) -> list[Question]:
     No recording is designed for setup faults, which are not physics of the arm, nor for what a motion alone does not
     predict: how far a command exceeds a limit depends on the controller.
     """
-    designed = {"none", *(e.name for e in explained() if not e.limits)}
-    out = []
+    questions = []
     for entry in document["effects"]:
         for rival in entry["alternatives"]:
-            if (
-                rival["probability"] < OPEN_ALTERNATIVE
-                or not {rival["effect"], entry["effect"]} <= designed
-            ):
-                continue
-            link = (
-                int(entry["parameters"]["link"]["value"])
-                if "link" in entry["parameters"]
-                else 0
-            )
-            joints = tuple(rival.get("joints") or ())
-            out.append(
-                Question(
-                    entry["effect"],
-                    tuple(entry["joints"]),
-                    link,
-                    rival["effect"],
-                    joints,
-                    rival["probability"],
-                    f"{effect_name(entry['effect'])} ({acts_on(entry)})",
-                    _words(rival["effect"], joints),
-                )
-            )
-    return sorted(out, key=lambda question: -question.probability)[
-        :DESIGNED_ALTERNATIVES
-    ]
+            if rival["probability"] >= OPEN_ALTERNATIVE and _designed(entry, rival):
+                questions.append(_question(entry, rival))
+    questions.sort(key=lambda question: -question.probability)
+    return questions[:DESIGNED_ALTERNATIVES]
+
+
+def _designed(entry: Mapping[str, Any], rival: Mapping[str, Any]) -> bool:
+    """Whether a motion can be designed to separate two effects."""
+    designed = {"none", *(e.name for e in explained() if not e.limits)}
+    return {rival["effect"], entry["effect"]} <= designed
+
+
+def _question(entry: Mapping[str, Any], rival: Mapping[str, Any]) -> Question:
+    link = entry["parameters"].get("link")
+    rival_joints = tuple(rival.get("joints") or ())
+    return Question(
+        effect=entry["effect"],
+        joints=tuple(entry["joints"]),
+        link=int(link["value"]) if link else 0,
+        rival=rival["effect"],
+        rival_joints=rival_joints,
+        probability=rival["probability"],
+        found=f"{effect_name(entry['effect'])} ({acts_on(entry)})",
+        other=_words(rival["effect"], rival_joints),
+    )
 
 
 def _words(rival: str, joints: tuple[int, ...]) -> str:

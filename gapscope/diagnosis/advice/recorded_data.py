@@ -73,25 +73,22 @@ class RecordedData:
 
     def residual(self, hypothesis: Hypothesis) -> np.ndarray:
         """Predicted minus recorded torque over the floor [1], all samples and joints in a row."""
-        pairs = zip(self.segments, self.measured, strict=True)
-        parts = [
-            (hypothesis.predict(s.bodies(self.body), s.motion)[s.inner] - m)
-            / self.floor
-            for s, m in pairs
-        ]
-        return np.concatenate([part.ravel() for part in parts])
+        parts = []
+        for segment, measured in zip(self.segments, self.measured, strict=True):
+            body = segment.bodies(self.body)
+            predicted = hypothesis.predict(body, segment.motion)[segment.inner]
+            parts.append(((predicted - measured) / self.floor).ravel())
+        return np.concatenate(parts)
 
     def jacobian(self, hypothesis: Hypothesis) -> np.ndarray:
         """Derivative of ``residual`` by the parameters in units of their scales, (M n, P)."""
         parts = []
-        for s in self.segments:
-            body = s.bodies(self.body)
-            moved = hypothesis.jacobian(
-                body, s.motion, hypothesis.predict(body, s.motion)
-            )
-            parts.append(
-                (moved[s.inner] / self.floor[:, None]).reshape(-1, moved.shape[2])
-            )
+        for segment in self.segments:
+            body = segment.bodies(self.body)
+            here = hypothesis.predict(body, segment.motion)
+            slopes = hypothesis.jacobian(body, segment.motion, here)[segment.inner]
+            in_floors = slopes / self.floor[:, None]
+            parts.append(in_floors.reshape(-1, slopes.shape[2]))
         return np.vstack(parts)
 
 
@@ -110,9 +107,10 @@ def fitted(present: RecordedData, hypothesis: Hypothesis) -> tuple[Hypothesis, f
         here = at(x)
         return present.jacobian(here) * (scale / scales(here.effects))
 
-    low, high = (b / scale for b in bounds(effects))
-    room = 1e-6 * np.minimum(high - low, 1.0)
-    start = np.clip(vector(effects) / scale, low + room, high - room)
+    low, high = (bound / scale for bound in bounds(effects))
+    # least_squares wants a start strictly inside the bounds
+    margin = 1e-6 * np.minimum(high - low, 1.0)
+    start = np.clip(vector(effects) / scale, low + margin, high - margin)
     done = least_squares(
         lambda x: present.residual(at(x)), start, slope, (low, high), max_nfev=FIT_STEPS
     )
@@ -129,11 +127,11 @@ def with_unknown(
     """A hypothesis with one more effect, whose values are found from several starts of the size of real arms'."""
     scale = ArmScale.of(hypothesis.arm)
     tried: list[tuple[float, int, Hypothesis]] = []
-    for k in range(FIT_DRAWS):
+    for number in range(FIT_DRAWS):
         drawn: AppliedEffect = draw(name, rng, scale, joints or None)
-        started = Hypothesis(
-            hypothesis.words, hypothesis.arm, (*hypothesis.effects, drawn)
-        )
-        tried.append((float(np.mean(present.residual(started) ** 2)), k, started))
+        effects = (*hypothesis.effects, drawn)
+        started = Hypothesis(hypothesis.words, hypothesis.arm, effects)
+        mean_square = float(np.mean(present.residual(started) ** 2))
+        tried.append((mean_square, number, started))
     best = [fitted(present, started) for _, _, started in sorted(tried)[:FIT_STARTS]]
     return min(best, key=lambda pair: pair[1])[0]

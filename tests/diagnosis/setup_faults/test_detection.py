@@ -252,5 +252,5 @@ def test_sample_cases_have_no_setup_fault(number: int, sample_cases: Path) -> No
     ["kinova_gen3_current", "kinova_gen3_sensor", "panda", "staubli_tx40", "ur10"],
 )
 def test_real_arms_have_no_setup_fault(name: str, data_root: Path) -> None:
-    path = Path(__file__).parents[2] / "experiments" / "cases" / f"{name}.yaml"
+    path = Path(__file__).parents[3] / "experiments" / "cases" / f"{name}.yaml"
     assert find_setup_faults(load_case(path, data_root=data_root)) == ()

@@ -70,7 +70,7 @@ def test_noise_after_rounding_is_no_lattice() -> None:
 @pytest.mark.shared_data
 def test_a_12_bit_servo_is_known_by_its_positions(data_root: Path) -> None:
     case = load_case(
-        Path(__file__).parents[2] / "experiments" / "cases" / "so101.yaml",
+        Path(__file__).parents[3] / "experiments" / "cases" / "so101.yaml",
         data_root=data_root,
     )
     (found,) = find_quantization(case)
