@@ -3,7 +3,7 @@ PYTHON ?= python3
 PIP_INSTALL := -m pip --disable-pip-version-check install --quiet -c constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-learn demo test lint types wheel check clean
+.PHONY: help setup setup-learn demo test lint types wheel second-python check clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 20
@@ -42,10 +42,14 @@ types: setup ## check types
 wheel: setup ## build the wheel, check what it holds, run it in a fresh environment
 	rm -rf dist out/wheel
 	.venv/bin/python -m build --quiet --outdir dist
-	.venv/bin/python .ci/check_wheel.py dist/gapscope-*.whl
+	.venv/bin/python .ci/check_wheel.py dist/gapscope-*.whl dist/gapscope-*.tar.gz
 	.venv/bin/python -m venv out/wheel/venv
 	out/wheel/venv/bin/python $(PIP_INSTALL) dist/gapscope-*.whl
 	cd out/wheel && venv/bin/gapscope demo --out demo
+	out/wheel/venv/bin/python .ci/beside_others.py
+
+second-python: wheel ## run the demo and a core of the tests on another Python, if there is one
+	.ci/second_python
 
 check: test lint types wheel ## all of these checks
 

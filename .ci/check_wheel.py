@@ -1,45 +1,65 @@
-"""Check that a wheel holds every tracked file of the packages, and nothing else."""
+"""Check that wheel and source distribution hold every tracked file of the package, and no other code."""
 
-import re
 import subprocess
 import sys
+import tarfile
 import zipfile
 
-NOT_PACKAGED = ("experiments", "tests")
+PACKAGE = "gapscope/"
+BESIDE = {
+    "LICENSE",
+    "MANIFEST.in",
+    "PKG-INFO",
+    "README.md",
+    "pyproject.toml",
+    "setup.cfg",
+}
+"""Files of the source distribution outside the package."""
 
 
 def tracked_files() -> set[str]:
-    """Tracked files of the packages; a package is a top-level folder with an ``__init__.py``."""
-    tracked = subprocess.run(
-        ["git", "ls-files", "-z"], check=True, capture_output=True, text=True
-    ).stdout.split("\0")
-    packages = {
-        path.split("/")[0]
-        for path in tracked
-        if re.fullmatch("[^/]+/__init__.py", path)
-    }
-    return {
-        path
-        for path in tracked
-        if path.split("/")[0] in packages.difference(NOT_PACKAGED)
-    }
+    """Tracked files of the package."""
+    command = ["git", "ls-files", "-z", PACKAGE]
+    listed = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    return set(listed.split("\0")) - {""}
 
 
-def main(wheel: str) -> None:
-    """Compare the wheel's files with the tracked ones; exit with 1 where they differ."""
-    held = {
-        name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name
-    }
-    tracked = tracked_files()
-    for path in sorted(tracked - held):
+def wheel_files(path: str) -> set[str]:
+    """Files of a wheel without its metadata."""
+    names = zipfile.ZipFile(path).namelist()
+    return {name for name in names if ".dist-info/" not in name}
+
+
+def source_files(path: str) -> set[str]:
+    """Files of a source distribution without its metadata, below its one folder."""
+    with tarfile.open(path) as archive:
+        members = [member.name for member in archive if member.isfile()]
+    names = {name.split("/", 1)[1] for name in members}
+    return {name for name in names if ".egg-info/" not in name} - BESIDE
+
+
+def check(path: str, held: set[str], tracked: set[str]) -> bool:
+    """Whether a distribution holds the tracked files and nothing else; prints what differs."""
+    for name in sorted(tracked - held):
         print(
-            f"missing in the wheel: {path} (package-data in pyproject.toml, or an __init__.py, is missing)"
+            f"{path}: missing: {name} (package-data in pyproject.toml, or an __init__.py)"
         )
-    for path in sorted(held - tracked):
-        print(f"in the wheel, but not tracked: {path} (git add it, or remove it)")
-    if not tracked or held != tracked:
-        sys.exit(1)
-    print(f"{wheel}: all {len(tracked)} tracked files of the packages")
+    for name in sorted(held - tracked):
+        print(f"{path}: not tracked: {name} (git add it, or remove it)")
+    print(
+        f"{path}: {len(held & tracked)} of {len(tracked)} tracked files of the package"
+    )
+    return bool(tracked) and held == tracked
+
+
+def main(wheel: str, source: str) -> None:
+    """Exit with 1 if a distribution differs from what is tracked."""
+    tracked = tracked_files()
+    right = [
+        check(wheel, wheel_files(wheel), tracked),
+        check(source, source_files(source), tracked),
+    ]
+    sys.exit(not all(right))
 
 
 if __name__ == "__main__":

@@ -42,6 +42,7 @@ def play(
     from gapscope.arm.io.write_case import write_case
     from gapscope.commands.diagnose_path import diagnose_path
     from gapscope.effects.corrected_file import write_corrected
+    from gapscope.envs.engines import default_engine
     from gapscope.envs.mystery_arm import mystery_arm
     from gapscope.outputs.folder import make_folder
     from gapscope.reports.diagnosis.terminal_summary import print_summary
@@ -50,7 +51,8 @@ def play(
     make_folder(out)
     start = monotonic()
     seed = int(np.random.default_rng().integers(2**31)) if seed is None else seed
-    progress("draws one or two effects and records a simulated KUKA iiwa in PyBullet")
+    engine = default_engine()
+    progress(f"draws one or two effects and records a simulated KUKA iiwa in {engine}")
     case, truth = mystery_arm(np.random.default_rng(seed))
     write_case(case, out / "case", overwrite=True)
     progress("diagnoses the recordings; the truth stays closed")
