@@ -122,7 +122,7 @@ def diagnose(
         return DiagnosisResult(loaded, _with_source(found, source))
     reference = against if isinstance(against, Case) else load_case(against)
     _check_other(loaded, reference)
-    # the identified URDF has to be a file as long as the case is predicted with it
+    # the identified URDF must be a file as long as the case is predicted with it
     workspace = tempfile.TemporaryDirectory(prefix="gapscope-")
     change = diagnose_change(loaded, reference, Path(workspace.name), progress)
     found = _with_source(change.diagnosis, source)

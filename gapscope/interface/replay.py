@@ -79,7 +79,7 @@ def replay(
 
     Raises:
         InputError: the case or the model cannot be used.
-        GapscopeError: the arm cannot be simulated, or runs away.
+        GapscopeError: the arm cannot be simulated, or diverges.
 
     >>> import gapscope
     >>> gapscope.replay("my_arm", 0, "out/corrected.yaml").rmse  # doctest: +SKIP

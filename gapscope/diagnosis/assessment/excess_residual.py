@@ -1,7 +1,7 @@
 """The excess residual: what exceeds the noise floor once the effects found are added.
 
 Measured on held-out data with the errors of the nominal inertials taken out. Rows on which a joint may stick count by
-how well dry friction is known there, so that an arm that stands still for long does not dilute the residual.
+how well dry friction is known there, so that an arm at rest for long does not dilute the residual.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def excess_residual(
     Args:
         selection: result of the search.
         gap: RMS of the gap with the effects found on all held-out rows, at the full rate [N m], (n,).
-        least_floor: RMS that is left on this arm in any case [N m], (n,).
+        least_floor: RMS that remains on this arm in any case [N m], (n,).
     """
     evidence, terms = selection.evidence, selection.fit.terms
     rows = evidence.rows

@@ -62,7 +62,7 @@ class Fold:
         gram: X^T W X per piece and joint, shape (B, n, P + K + 2, P + K + 2); W weighs rows down while a joint may
             stick.
         rows: weight of the rows of each piece, decimated to about twice the filter's cut-off, shape (B, n).
-        floor: RMS of a healthy arm on this fold if its friction is not in doubt [N m], (n,).
+        floor: RMS of a healthy arm on this fold where its friction is known [N m], (n,).
         independent: effective number of independent samples, (n,), in the residual when every term is fitted.
         sides: with a joint torque sensor the same of 2 n rows, the actuator side of each joint, then the link side.
     """

@@ -177,7 +177,7 @@ class GapScanner:
         return float(floor2 * scan.noise * len(scan.residual) / power)
 
     def _force_window(self) -> NonlinearParameters | None:
-        """The window in which a force from outside explains most."""
+        """The window in which an external force explains most."""
         force = self._terms.of("external_force")[0]
         scans = self._scans
         if self._theta[list(force.columns)].any():

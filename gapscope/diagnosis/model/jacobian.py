@@ -282,7 +282,7 @@ def _add(
 
 
 def _rest(out: np.ndarray, terms: Terms, theta: np.ndarray) -> None:
-    """The rest of a spring that is not there yet means nothing; its coordinate k q0 is a constant torque."""
+    """The rest of a spring of stiffness zero is undefined; its coordinate k q0 is a constant torque."""
     stiffness, rest = terms.block("parallel_spring")
     unused = theta[stiffness] == 0
     out[:, :, rest[unused]] = out[:, :, terms.block("torque_offset")[0][unused]]

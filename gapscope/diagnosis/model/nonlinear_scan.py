@@ -1,6 +1,6 @@
 """The search for shapes: parameters in which the torque is not linear, scanned over what they can be.
 
-For each candidate of a shape the columns of its linear coordinates are projected on what is left of a joint's gap when
+For each candidate of a shape the columns of its linear coordinates are projected on the residual gap of a joint when
 everything that acts on that joint is taken out; the gain of a candidate is the sum of squares that its columns explain.
 """
 
@@ -45,14 +45,14 @@ class NonlinearParameters:
 
 @dataclass(frozen=True)
 class Scan:
-    """What is left of one joint's gap, and how columns are brought to its rows.
+    """The residual gap of a joint, and how columns are brought to its rows.
 
     Attributes:
         residual: what no column of the basis explains [N m], (M,).
         basis: orthonormal columns taken out of it, (M, K).
         thin: from series on the segments' grids to the rows: filtered, trimmed, decimated and weighed; takes one array
             (N, K) per segment and gives (M, K).
-        noise: variance of what is left, counted per independent sample [N^2 m^2].
+        noise: variance of the residual, counted per independent sample [N^2 m^2].
     """
 
     residual: np.ndarray
@@ -118,7 +118,7 @@ def search_nonlinear(
     known: float | None,
     needed: Sequence[np.ndarray],
 ) -> NonlinearParameters:
-    """The best shape of a joint effect's term; near ``known``, where it has been found before.
+    """The best shape of a joint effect's term; near ``known``, if it has been found before.
 
     ``needed`` is the torque that the arm predicts on the joint [N m], (N,) for each segment.
 
@@ -227,7 +227,7 @@ def _ripple(
 
 
 def cycle_step(q: Sequence[np.ndarray]) -> float:
-    """Cycles per revolution that recordings of a joint's position [rad] can tell apart."""
+    """Cycles per revolution that recordings of a joint's position [rad] can separate."""
     return 0.8 / max(max(float(np.ptp(x)) for x in q), 0.3)
 
 
@@ -259,7 +259,7 @@ def _saturation(
     known: float | None,
     needed: Sequence[np.ndarray],
 ) -> NonlinearParameters:
-    """A limit that the torque seldom exceeds, while about the limit is needed; where there is none, the largest torque.
+    """A limit that the torque seldom exceeds, while about the limit is needed; if there is none, the largest torque.
 
     Without the second, to call most of a torque lost would explain any gap.
     """
@@ -305,11 +305,11 @@ def force_window(
     weight: np.ndarray,
     bases: Sequence[np.ndarray],
 ) -> NonlinearParameters | None:
-    """The window of time in which a constant force explains most of what is left; ``None`` where none helps.
+    """The window of time in which a constant force explains most of the residual; ``None`` if none helps.
 
     Args:
         t: time of the rows since the start of their recording [s], (M,).
-        residual: what is left of the gap of all joints [N m], (M, n).
+        residual: the residual gap of all joints [N m], (M, n).
         force: columns of a unit force on the same rows, (M, n, 3).
         weight: of the joints [1/(N m)^2], (n,).
         bases: per joint what was taken out of the residual, orthonormal columns, (M, K).

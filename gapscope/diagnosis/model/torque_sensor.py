@@ -163,7 +163,7 @@ def link_floor(
 def actuator_floor(
     corrected: CorrectedArm, body: RigidBody, segment: Segment
 ) -> np.ndarray:
-    """RMS that a healthy arm leaves on the actuator side where its friction is not uncertain [N m], (n,)."""
+    """RMS that a healthy arm leaves on the actuator side where its friction is known [N m], (n,)."""
     assert segment.torque is not None and segment.torque_sensor is not None
     motion, body = segment.motion, segment.bodies(body)
 

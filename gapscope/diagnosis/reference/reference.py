@@ -29,7 +29,7 @@ from gapscope.ident.signals.conditioning import position_cutoff
 from gapscope.ident.signals.effective_samples import ar1_samples
 
 REWEIGHTINGS = 3
-"""Times that the joints are weighed by what is left on held-out stretches."""
+"""Times that the joints are weighed by the residual on held-out stretches."""
 RANK_TOLERANCE = 1e-4
 """Singular values below this share of the largest belong to no direction of the model [1]."""
 

@@ -1,4 +1,4 @@
-"""Pieces of the data drawn anew or dealt in two: how far fitted values depend on which data there happen to be."""
+"""Pieces of the data drawn again or divided in two: how far fitted values depend on which data there happen to be."""
 
 from __future__ import annotations
 

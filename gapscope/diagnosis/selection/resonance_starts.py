@@ -130,7 +130,7 @@ class CompliantBodies:
 def _elastic(model: Model, bodies: CompliantBodies, j: int) -> Iterator[Start]:
     """Starts of one joint's elasticity: resonances of what it moves, with some damping ratios."""
     term, mass = model.terms.of("joint_elasticity")[j], bodies.mass[j]
-    # on the way links may be lighter than nothing
+    # intermediate links may have negative mass
     if mass <= 0:
         return
     for resonance in RESONANCES:

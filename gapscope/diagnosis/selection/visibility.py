@@ -24,7 +24,7 @@ def closed_by(model: Model, few: frozenset[Term], many: frozenset[Term]) -> floa
 
     A slow recording alone may fix a delay so badly that any further term seems to help on the fast one left out;
     fitted to all recordings such a term does nothing. If errors of the nominal inertials hide an effect under a
-    wider gap of their own, what it closes once they are taken out counts too.
+    wider gap of their own, what it closes once they are removed counts too.
     """
     evidence = model.evidence
 

@@ -38,7 +38,7 @@ class ConsistentSdp:
         floor: J of a link is at least this times diag(r^2, r^2, r^2, 1) m_0.
 
     Raises:
-        InputError: no standard columns, a prior that is not physical, an entropic pull to nothing.
+        InputError: no standard columns, a prior that is not physical, an entropic pull without a prior.
 
     Source: wensing2018, lee2020.
     """

@@ -116,7 +116,7 @@ def base_parameters(
         Y: stacked regressor, shape (M, p) or (N, n, p); or its triangular factor, shape (p, p).
         names: of the columns.
         tolerance: largest pivot of a dependent unit column.
-        preference: which parameters stand for the combinations.
+        preference: which parameters represent the combinations.
 
     Raises:
         InputError: no such preference, values that are not finite, fewer rows than columns, or a regressor of zeros.
@@ -167,7 +167,7 @@ def structural_base(
         regressor: of the arm, with the columns wanted.
         rng: source of the states.
         samples: number N of states; at least p / n.
-        preference: which parameters stand for the combinations, see ``base_parameters``.
+        preference: which parameters represent the combinations, see ``base_parameters``.
     """
     return base_parameters(
         regressor.matrix(random_states(regressor, rng, samples)),

@@ -128,7 +128,7 @@ def penalties(
     scale = samples.columns.scale(law)
     squares = np.linalg.norm(matrix, axis=0) ** 2 / noise[:, None] ** 2
     rms = np.sqrt(squares.sum(axis=0) / len(matrix))
-    # what the nominal arm need not know is held just enough to keep the system regular
+    # a weak prior on parameters that the nominal arm need not have keeps the system regular
     trace = LOOSE * np.where(rms > 0, rms, 1.0) ** 2
     return np.where(np.isfinite(scale), scale**-2.0, trace)
 

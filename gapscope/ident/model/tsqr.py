@@ -111,7 +111,7 @@ class TriangularFactor:
             f"expected {len(places)} columns, got {other.columns}",
         )
         top = other.columns + 1
-        # the rows of the other triangle stand for all its rows
+        # the rows of the other triangle replace all its rows
         W = np.zeros((top, self._columns))
         W[:, places] = other._stack[:top, : other.columns]
         self._absorb(W, other._stack[:top, other.columns])
