@@ -62,42 +62,38 @@ def run_instability_demo(
         duration: of the motion [s].
     """
     body, tuning = RigidBody(arm), Tuning(bandwidth)
-    space, everywhere = workspace(body), tuple(range(1, arm.n_joints + 1))
-    delay = (
-        AppliedEffect(
-            "actuator_delay", everywhere, {"delay": np.full(arm.n_joints, DELAY)}
-        ),
-    )
-    inertia = own_inertia(arm, space.posture)
-    wrong = (
-        AppliedEffect("armature", everywhere, {"inertia": (ROTORS - 1) * arm.armature}),
-        AppliedEffect(
-            "payload",
-            (),
-            {
-                "mass": np.array(LOAD * ArmScale.of(arm).lift),
-                "com": np.array([0.0, 0.0, 0.1]),
-            },
-        ),
-        *delay,
-    )
+    space = workspace(body)
     metrics = TrackingMetrics(arm, body, space)
+    delay, wrong = _true_and_wrong(arm)
     models = [ArmModel(CorrectedArm(arm, effects)) for effects in (delay, wrong)]
-    controllers: list[TrackingController] = [
-        Feedforward(gains(inertia, tuning), metrics.limit)
-    ]
-    controllers += [
-        Feedforward(gains(inertia, tuning), metrics.limit, model) for model in models
-    ]
-    controllers += [ComputedTorque(tuning, metrics.limit, model) for model in models]
-    course = SampledReference.of(
-        draw_motion("fourier", np.random.default_rng(0), space, duration), duration, DT
-    )
+    loop = gains(own_inertia(arm, space.posture), tuning)
+    limit = metrics.limit
+    controllers: list[TrackingController] = [Feedforward(loop, limit)]
+    controllers += [Feedforward(loop, limit, model) for model in models]
+    controllers += [ComputedTorque(tuning, limit, model) for model in models]
+    reference = draw_motion("fourier", np.random.default_rng(0), space, duration)
+    course = SampledReference.of(reference, duration, DT)
     out = []
     with SimulatedArm(
         arm, delay, DT, engine=engine, encoder_step=arm.encoder_step or 0.0
     ) as simulated:
         for case, controller in zip(CASES, controllers, strict=True):
-            done = track(simulated, controller, course.planned(controller))
-            out.append(InstabilityDemo(case, metrics(done, DT, duration)))
+            run = track(simulated, controller, course.planned(controller))
+            out.append(InstabilityDemo(case, metrics(run, DT, duration)))
     return out
+
+
+def _true_and_wrong(
+    arm: NominalArm,
+) -> tuple[tuple[AppliedEffect, ...], tuple[AppliedEffect, ...]]:
+    """Effects of the true arm, a delay, and of the wrong model, which has too much inertia besides."""
+    joints = tuple(range(1, arm.n_joints + 1))
+    delay = AppliedEffect(
+        "actuator_delay", joints, {"delay": np.full(arm.n_joints, DELAY)}
+    )
+    rotors = AppliedEffect("armature", joints, {"inertia": (ROTORS - 1) * arm.armature})
+    mass = LOAD * ArmScale.of(arm).lift
+    load = AppliedEffect(
+        "payload", (), {"mass": np.array(mass), "com": np.array([0.0, 0.0, 0.1])}
+    )
+    return (delay,), (rotors, load, delay)

@@ -28,16 +28,13 @@ class FilterGains(NamedTuple):
 
 def bilinear(rate: float, cutoff: float, damping: float) -> FilterGains:
     """Gains of w^2 s / (s^2 + 2 zeta w s + w^2), s = 2 rate (z - 1) / (z + 1); delay 2 zeta / w at low frequency."""
-    w, k = 2 * np.pi * cutoff, 2 * rate
+    w = 2 * np.pi * cutoff
+    k = 2 * rate
     lead = k**2 + 2 * damping * w * k + w**2
     gain = w**2 * k / lead
-    return FilterGains(
-        gain,
-        0.0,
-        -gain,
-        2 * (k**2 - w**2) / lead,
-        -(k**2 - 2 * damping * w * k + w**2) / lead,
-    )
+    a1 = 2 * (k**2 - w**2) / lead
+    a2 = -(k**2 - 2 * damping * w * k + w**2) / lead
+    return FilterGains(gain, 0.0, -gain, a1, a2)
 
 
 def semi_implicit(rate: float, cutoff: float, damping: float) -> FilterGains:
@@ -96,11 +93,9 @@ class VelocityFilter:
         rule: str = "bilinear",
         first: np.ndarray | None = None,
     ) -> None:
-        gains = (
-            FilterGains(rate, -rate, 0.0, 0.0, 0.0)
-            if cutoff is None
-            else RULES[rule](rate, cutoff, damping)
-        )
+        gains = FilterGains(rate, -rate, 0.0, 0.0, 0.0)
+        if cutoff is not None:
+            gains = RULES[rule](rate, cutoff, damping)
         self._gains = np.array(gains)
         moved = np.asarray(velocity, dtype=float) / rate
         # rows q[k], q[k-1], q[k-2], v[k-1], v[k-2], as the gains are ordered
@@ -139,7 +134,7 @@ def rule_of(recording: Recording, controller: Controller) -> str:
     t = recording.t[0] + h * np.arange(int(recording.duration / h + 1e-6) + 1)
     q = make_interp_spline(recording.t, recording.q - recording.q[0], k=3)(t)
     settled = recording.t > recording.t[0] + SETTLING
-    miss = {}
+    mean_square = {}
     for name, rule in RULES.items():
         gains = rule(
             controller.rate, controller.velocity_cutoff, controller.velocity_damping
@@ -147,8 +142,7 @@ def rule_of(recording: Recording, controller: Controller) -> str:
         if not stable(gains):
             continue
         b0, b1, b2, a1, a2 = gains
-        v = make_interp_spline(
-            t, lfilter([b0, b1, b2], [1.0, -a1, -a2], q, axis=0), k=1
-        )(recording.t[settled])
-        miss[name] = float(np.mean((v - recording.dq[settled]) ** 2))
-    return min(miss, key=lambda name: miss[name])
+        filtered = lfilter([b0, b1, b2], [1.0, -a1, -a2], q, axis=0)
+        v = make_interp_spline(t, filtered, k=1)(recording.t[settled])
+        mean_square[name] = float(np.mean((v - recording.dq[settled]) ** 2))
+    return min(mean_square, key=lambda name: mean_square[name])

@@ -84,11 +84,13 @@ def judge(
 ) -> AgentScore:
     """The mean score over motions."""
     scores = episodes(env, policy, motions)
-    reward, error, rate = (
-        float(np.mean([getattr(s, name) for s in scores]))
-        for name in ("reward", "joint_error", "torque_rate")
+    return AgentScore(
+        reward=float(np.mean([score.reward for score in scores])),
+        joint_error=float(np.mean([score.joint_error for score in scores])),
+        torque_rate=float(np.mean([score.torque_rate for score in scores])),
+        ended=sum(score.ended for score in scores),
+        episodes=len(scores),
     )
-    return AgentScore(reward, error, rate, sum(s.ended for s in scores), len(scores))
 
 
 def _episode(
@@ -104,8 +106,9 @@ def _episode(
         if terminated or truncated:
             break
     count = round(env.length / env.period)
-    error, rate = (
-        inf if terminated else float(np.sqrt(np.mean(np.square(x))))
-        for x in (errors, rates)
-    )
-    return AgentScore(sum(rewards) / count, error, rate, int(terminated), 1)
+    reward = sum(rewards) / count
+    if terminated:
+        return AgentScore(reward, inf, inf, 1, 1)
+    error = float(np.sqrt(np.mean(np.square(errors))))
+    rate = float(np.sqrt(np.mean(np.square(rates))))
+    return AgentScore(reward, error, rate, 0, 1)

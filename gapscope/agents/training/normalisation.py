@@ -29,6 +29,8 @@ FLOORS = {
     "look_ahead": 0.005,
 }
 """Least scale, in the quantity's unit; a quantity that hardly changes in training may do so elsewhere."""
+OTHER_FLOOR = 0.02
+"""Least scale of the other quantities."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,30 +59,29 @@ class Normalisation:
             tolerance: of the reward [rad]; errors are scaled by twice this at least.
             episodes: how many.
         """
-        slices = env.layout.slices
-        places = [
-            (slices[name].start, slices[name].stop)
-            for name in ("velocity", "reference_rate")
-        ]
-        size = env.layout.size
-        plain = cls(np.zeros(size), np.ones(size), *places)
-        rows, still = [], np.zeros(env.actions)
+        slices, size = env.layout.slices, env.layout.size
+        velocity, rate = slices["velocity"], slices["reference_rate"]
+        places = (velocity.start, velocity.stop), (rate.start, rate.stop)
+        unscaled = cls(np.zeros(size), np.ones(size), *places)
+        rows = []
+        idle = np.zeros(env.actions)
         for number in range(episodes):
-            observation, over = env.reset(seed=seed + number)[0], False
+            observation, _ = env.reset(seed=seed + number)
+            over = False
             while not over:
-                rows.append(plain._features(observation))
-                observation, _, terminated, truncated, _ = env.step(still)
+                rows.append(unscaled._features(observation))
+                observation, _, terminated, truncated, _ = env.step(idle)
                 over = terminated or truncated
-        seen = np.array(rows)
-        mean, floor = seen.mean(axis=0), np.full(size, 0.02)
+        features = np.array(rows)
+        mean = features.mean(axis=0)
+        floors = {**FLOORS, "error": 2 * tolerance, "action": 1.0}
+        floor = np.empty(size)
         for name, part in slices.items():
-            floor[part] = {"error": 2 * tolerance, "action": 1.0}.get(
-                name, FLOORS.get(name, 0.02)
-            )
+            floor[part] = floors.get(name, OTHER_FLOOR)
             if name in CENTRED:
                 mean[part] = 0.0
-        scale = np.maximum(np.sqrt(np.mean((seen - mean) ** 2, axis=0)), floor)
-        return cls(mean, scale, *places)
+        spread = np.sqrt(np.mean((features - mean) ** 2, axis=0))
+        return cls(mean, np.maximum(spread, floor), *places)
 
     def __call__(self, observation: np.ndarray) -> np.ndarray:
         """What the agent sees of an observation, each of shape (m,), float32."""

@@ -105,52 +105,44 @@ class TrainingSettings:
         for name in WHOLE:
             whole(name, getattr(self, name))
         for name in LISTS:
-            if isinstance(getattr(self, name), str) or not isinstance(
-                getattr(self, name), (list, tuple)
-            ):
-                raise InputError(
-                    f"expected a list, got {getattr(self, name)!r}", where=name
-                )
-            object.__setattr__(self, name, tuple(getattr(self, name)))
+            values = getattr(self, name)
+            if not isinstance(values, (list, tuple)):
+                raise InputError(f"expected a list, got {values!r}", where=name)
+            object.__setattr__(self, name, tuple(values))
         for units in self.network:
             whole("network", units)
-        for name in (self.motion, *self.motions):
-            check_known(
-                "motion",
-                name,
-                (*MOTIONS, "random"),
-                where="motion" if name == self.motion else "motions",
-            )
-        if not isinstance(self.parallel, bool):
-            raise InputError(
-                f"expected true or false, got {self.parallel!r}", where="parallel"
-            )
-        if (
-            isinstance(self.seed, bool)
-            or not isinstance(self.seed, int)
-            or self.seed < 0
-        ):
-            raise InputError(
-                f"expected a whole number from 0 on, got {self.seed!r}", where="seed"
-            )
-        if (
-            not isinstance(self.improvement, (int, float))
-            or not 0 <= self.improvement < math.inf
-        ):
-            raise InputError(
-                f"expected a number from 0 on [1], got {self.improvement!r}",
-                where="improvement",
-            )
+        motions = (*MOTIONS, "random")
+        check_known("motion", self.motion, motions, where="motion")
+        for name in self.motions:
+            check_known("motion", name, motions, where="motions")
+        self._check_flags()
         if not isinstance(self.hyperparameters, Mapping):
             raise InputError(
                 "expected names with values",
                 "write learning_rate: 3.0e-4, ...",
                 where="hyperparameters",
             )
-        object.__setattr__(
-            self, "hyperparameters", checked(self.algorithm, self.hyperparameters)
-        )
-        _ = self.reward, self.randomisation
+        hyperparameters = checked(self.algorithm, self.hyperparameters)
+        object.__setattr__(self, "hyperparameters", hyperparameters)
+        _ = self.reward, self.randomisation  # they check their own numbers
+
+    def _check_flags(self) -> None:
+        """Check the values that are no positive numbers, lists or names."""
+        if not isinstance(self.parallel, bool):
+            raise InputError(
+                f"expected true or false, got {self.parallel!r}", where="parallel"
+            )
+        is_whole = isinstance(self.seed, int) and not isinstance(self.seed, bool)
+        if not is_whole or self.seed < 0:
+            raise InputError(
+                f"expected a whole number from 0 on, got {self.seed!r}", where="seed"
+            )
+        is_number = isinstance(self.improvement, (int, float))
+        if not is_number or not 0 <= self.improvement < math.inf:
+            raise InputError(
+                f"expected a number from 0 on [1], got {self.improvement!r}",
+                where="improvement",
+            )
 
     @property
     def reward(self) -> Reward:

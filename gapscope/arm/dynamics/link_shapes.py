@@ -97,16 +97,16 @@ def find_mesh(name: str, urdf: Path) -> Path | None:
     """
     scheme = next((s for s in SCHEMES if name.startswith(s)), "")
     rest = Path(name[len(scheme) :])
-    short = (
-        Path(*rest.parts[1:]) if scheme in SCHEMES[:2] and len(rest.parts) > 1 else rest
-    )
-    folders = (
-        urdf.resolve().parents[:4]
-        if scheme in SCHEMES[:2]
-        else urdf.resolve().parents[:1]
-    )
-    places = [folder / part for part in (rest, short) for folder in folders]
-    return next((place.resolve() for place in places if place.is_file()), None)
+    in_package = scheme in SCHEMES[:2]
+    # the package's folder may have another name than the package
+    without_package = Path(*rest.parts[1:]) if len(rest.parts) > 1 else rest
+    parts = (rest, without_package) if in_package else (rest,)
+    folders = urdf.resolve().parents[: 4 if in_package else 1]
+    for part in parts:
+        for folder in folders:
+            if (folder / part).is_file():
+                return (folder / part).resolve()
+    return None
 
 
 def _shape(

@@ -56,13 +56,12 @@ def moving_links(body: RigidBody) -> tuple[Link, ...]:
     links = []
     lower, upper = (limit[body.order] for limit in body.position_limits())
     for index in range(1, model.njoints):
-        column = pin.getJointJacobian(model, data, index, pin.LOCAL).reshape(6, -1)[
-            :, model.joints[index].idx_v
-        ]
+        jacobian = pin.getJointJacobian(model, data, index, pin.LOCAL).reshape(6, -1)
+        column = jacobian[:, model.joints[index].idx_v]
         turns = np.linalg.norm(column[3:]) > 0.5
         placement, inertia = model.jointPlacements[index], model.inertias[index]
         moments, axes = np.linalg.eigh(inertia.inertia)
-        axes[:, 0] *= np.sign(np.linalg.det(axes))
+        axes[:, 0] *= np.sign(np.linalg.det(axes))  # a rotation, not a reflection
         low, high = float(lower[index - 1]), float(upper[index - 1])
         parent = int(model.parents[index])
         links.append(

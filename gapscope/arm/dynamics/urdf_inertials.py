@@ -23,16 +23,12 @@ def own_parameters(link: ET.Element) -> np.ndarray:
     )
     assert mass is not None and moments is not None  # a URDF that was read has both
     xyz, rpy = (_vector(origin, key) for key in ("xyz", "rpy"))
-    xx, xy, xz, yy, yz, zz = (
-        float(moments.get(k, 0)) for k in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    )
+    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    xx, xy, xz, yy, yz, zz = (float(moments.get(name, 0)) for name in names)
+    own = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     turn = pin.rpy.rpyToMatrix(rpy)
-    about_centre = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
-    return np.asarray(
-        pin.Inertia(
-            float(mass.get("value", 0)), xyz, about_centre
-        ).toDynamicParameters()
-    )
+    inertia = pin.Inertia(float(mass.get("value", 0)), xyz, turn @ own @ turn.T)
+    return np.asarray(inertia.toDynamicParameters())
 
 
 def set_parameters(link: ET.Element, parameters: np.ndarray) -> None:
@@ -66,11 +62,10 @@ def possible(parameters: np.ndarray) -> bool:
     """Whether a body can have these ten parameters: mass above zero, moments not below it and within the triangle."""
     if parameters[0] <= 0:
         return False
-    moments = np.linalg.eigvalsh(
-        pin.Inertia.FromDynamicParameters(np.asarray(parameters, dtype=float)).inertia
-    )
-    slack = 1e-9 * moments[2]
-    return bool(moments[0] >= -slack and moments[2] <= moments[0] + moments[1] + slack)
+    inertia = pin.Inertia.FromDynamicParameters(np.asarray(parameters, dtype=float))
+    least, middle, largest = np.linalg.eigvalsh(inertia.inertia)
+    slack = 1e-9 * largest
+    return bool(least >= -slack and largest <= least + middle + slack)
 
 
 def _vector(origin: ET.Element | None, key: str) -> np.ndarray:
