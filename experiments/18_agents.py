@@ -201,7 +201,7 @@ def draw(cells: Cells, path: Path) -> None:
     from plotly.graph_objects import Scatter
     from plotly.subplots import make_subplots
 
-    from gapscope.reports.trajectory.page import COLOURS
+    from gapscope.reports.plot_page import COLOURS
 
     names = list(dict.fromkeys(key[1] for key in cells))
     figure = make_subplots(

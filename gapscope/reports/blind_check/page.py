@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from dataclasses import asdict
 from pathlib import Path
 
@@ -15,48 +14,46 @@ from gapscope.reports.blind_check.pictures import (
     severity_figure,
 )
 from gapscope.reports.blind_check.tables import Table, tables
+from gapscope.reports.plot_page import PageSection, figure_html, write_plot_page
 
-_STYLE = (
-    "body{font-family:sans-serif;margin:2em auto;max-width:1200px}table{border-collapse:collapse}"
-    "td,th{border:1px solid #bbb;padding:.2em .6em;text-align:left}"
-)
+FIGURES = {
+    "severity": ("Single effects over severity", severity_figure, 460),
+    "reliability": ("Reliability", reliability_figure, 460),
+    "confusion": ("Confusion", confusion_figure, 900),
+}
+"""Figures by name, each with its title, its maker and its height [pixels]."""
 
 
 def write_score(scored: Scored, folder: Path) -> tuple[Path, ...]:
-    """Write the figures, the tables and the pictures; each file whole or not at all."""
-    places = tuple(folder / f"score.{ending}" for ending in ("json", "md", "html"))
-    write_json(
-        {**scored.figures, "verdicts": [asdict(case) for case in scored.cases]},
-        places[0],
+    """Write the figures, the tables and the pictures; each file whole or not at all.
+
+    Returns:
+        ``score.json``, ``score.md`` and ``score.html``.
+
+    Raises:
+        GapscopeError: a file cannot be written.
+    """
+    document, text, page = (
+        folder / f"score.{ending}" for ending in ("json", "md", "html")
     )
+    verdicts = [asdict(case) for case in scored.cases]
+    write_json({**scored.figures, "verdicts": verdicts}, document)
     shown = tables(scored.figures)
-    with atomic_write(places[1]) as aside:
-        aside.write_text(
-            "# Blind check\n\n" + "\n".join(table.markdown() for table in shown),
-            encoding="utf-8",
+    with atomic_write(text) as aside:
+        content = "\n".join(table.markdown() for table in shown)
+        aside.write_text(f"# Blind check\n\n{content}", encoding="utf-8")
+    _write_page(scored, shown, page)
+    return document, text, page
+
+
+def _write_page(scored: Scored, shown: list[Table], path: Path) -> None:
+    sections = [
+        PageSection(
+            title=table.title, heads=table.heads, rows=table.rows, numbers=False
         )
-    with atomic_write(places[2]) as aside:
-        aside.write_text(_page(scored, shown), encoding="utf-8")
-    return places
-
-
-def _page(scored: Scored, shown: list[Table]) -> str:
-    makers = (severity_figure, reliability_figure, confusion_figure)
-    pictures = [
-        maker(scored.figures).to_html(full_html=False, include_plotlyjs=k == 0)
-        for k, maker in enumerate(makers)
+        for table in shown
     ]
-    body = "".join([*map(_table, shown), *pictures])
-    return (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Blind check</title>'
-        f"<style>{_STYLE}</style></head><body><h1>Blind check</h1>{body}</body></html>"
-    )
-
-
-def _table(table: Table) -> str:
-    head = "".join(f"<th>{html.escape(text)}</th>" for text in table.heads)
-    rows = (
-        "".join(f"<td>{html.escape(text)}</td>" for text in row) for row in table.rows
-    )
-    body = "".join(f"<tr>{row}</tr>" for row in rows)
-    return f"<h2>{html.escape(table.title)}</h2><table><tr>{head}</tr>{body}</table>"
+    for name, (title, make_figure, height) in FIGURES.items():
+        figure = figure_html(make_figure(scored.figures), name, height)
+        sections.append(PageSection(title=title, figure=figure))
+    write_plot_page(path, "Blind check", "", sections)

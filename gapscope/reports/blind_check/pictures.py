@@ -6,32 +6,29 @@ from typing import Any
 
 import plotly.graph_objects as go
 
+from gapscope.reports.plot_page import COLOURS
+
 QUANTITIES = (("top", "top-1"), ("exact", "exact set"), ("joints", "joints"))
 
 
 def severity_figure(figures: dict[str, Any]) -> go.Figure:
     """Shares with Wilson's intervals over severity classes of single effects."""
     groups = figures["by_severity"]
-    figure = go.Figure()
+    figure = go.Figure(layout={"colorway": COLOURS})
     for key, name in QUANTITIES:
         shares = [groups[group][key] for group in groups]
         rates = [share["rate"] or 0.0 for share in shares]
+        pairs = list(zip(shares, rates, strict=True))
+        intervals = {
+            "type": "data",
+            "symmetric": False,
+            "array": [share["high"] - rate for share, rate in pairs],
+            "arrayminus": [rate - share["low"] for share, rate in pairs],
+        }
         figure.add_scatter(
-            x=list(groups),
-            y=rates,
-            name=name,
-            mode="lines+markers",
-            error_y={
-                "type": "data",
-                "symmetric": False,
-                "array": [s["high"] - r for s, r in zip(shares, rates, strict=True)],
-                "arrayminus": [
-                    r - s["low"] for s, r in zip(shares, rates, strict=True)
-                ],
-            },
+            x=list(groups), y=rates, name=name, mode="lines+markers", error_y=intervals
         )
     figure.update_layout(
-        title="Single effects over severity",
         xaxis_title="own gap over the floor",
         yaxis_title="share right",
         yaxis_range=[0, 1.02],
@@ -42,7 +39,7 @@ def severity_figure(figures: dict[str, Any]) -> go.Figure:
 def reliability_figure(figures: dict[str, Any]) -> go.Figure:
     """Share of findings that are right over their probability, beside the diagonal."""
     rows = figures["calibration"]["reliability"]
-    figure = go.Figure()
+    figure = go.Figure(layout={"colorway": COLOURS})
     figure.add_scatter(
         x=[0, 1], y=[0, 1], mode="lines", name="calibrated", line={"dash": "dot"}
     )
@@ -53,9 +50,7 @@ def reliability_figure(figures: dict[str, Any]) -> go.Figure:
         name="findings",
         text=[f"{row['count']} findings" for row in rows],
     )
-    figure.update_layout(
-        title="Reliability", xaxis_title="probability", yaxis_title="share right"
-    )
+    figure.update_layout(xaxis_title="probability", yaxis_title="share right")
     return figure
 
 
@@ -70,10 +65,8 @@ def confusion_figure(figures: dict[str, Any]) -> go.Figure:
         )
     )
     figure.update_layout(
-        title="Confusion",
         xaxis_title="first answer",
         yaxis_title="truth",
         yaxis_autorange="reversed",
-        height=900,
     )
     return figure

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.diagnosis.document.wording import (
     VERDICTS,
     acts_on,
@@ -16,7 +15,7 @@ from gapscope.diagnosis.document.wording import (
     gap_closed,
 )
 from gapscope.reports.diagnosis import fleet_section as units_words
-from gapscope.reports.diagnosis.page import environment
+from gapscope.reports.pages import write_html
 
 _COUNTED = {
     "effects_found": "with effects found",
@@ -99,10 +98,11 @@ def render_summary(
         label: sum(row.kind == kind for row in rows) for kind, label in _COUNTED.items()
     }
     compared = units["groups"] if units is not None else []
-    html = (
-        environment()
-        .get_template("summary.html")
-        .render(rows=rows, counts=counts, groups=compared, words=units_words)
+    write_html(
+        "diagnosis/summary.html",
+        path,
+        rows=rows,
+        counts=counts,
+        groups=compared,
+        words=units_words,
     )
-    with atomic_write(path) as aside:
-        aside.write_text(html, encoding="utf-8")

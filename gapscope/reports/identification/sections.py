@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from gapscope.diagnosis.display import MISSING, uncertain
+from gapscope.reports.pages import percent_with_decimal
 
 _FRICTION = (
     ("I", "rotor inertia", "kg m²"),
@@ -13,11 +14,6 @@ _FRICTION = (
     ("d", "Stribeck", "N m"),
     ("o", "offset", "N m"),
 )
-
-
-def percent(fraction: float | None) -> str:
-    """A share with one decimal."""
-    return MISSING if fraction is None else f"{100 * fraction:.1f} %"
 
 
 def heading(document: dict[str, Any]) -> dict[str, Any]:
@@ -30,8 +26,8 @@ def heading(document: dict[str, Any]) -> dict[str, Any]:
         "badge": "unexplained" if asks else "effects_found",
         "sentence": (
             f"{count} base parameters of {total}. On samples that were not fitted the identified arm is off by "
-            f"{percent(judged['every']['overall'])} of the torque, the nominal arm by "
-            f"{percent(judged['nominal']['overall'])}."
+            f"{percent_with_decimal(judged['every']['overall'])} of the torque, the nominal arm by "
+            f"{percent_with_decimal(judged['nominal']['overall'])}."
         ),
         "unseen": judged["every"]["overall"],
         "moving": judged["moving"]["overall"],

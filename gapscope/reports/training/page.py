@@ -2,15 +2,29 @@
 
 from __future__ import annotations
 
-from html import escape
 from math import isfinite
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from gapscope.agents.training.task import Task
 from gapscope.agents.training.training_loop import Trained
 from gapscope.agents.training.training_settings import TrainingSettings
-from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.reports.trajectory.page import COLOURS, FONT, GROUND, INK, LINE
+from gapscope.reports.plot_page import (
+    COLOURS,
+    PageSection,
+    figure_html,
+    write_plot_page,
+)
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure, Scatter
+
+ARMS = {"simulator": "simulator", "hidden": "arm with hidden effects"}
+"""Arms on which an agent is tried, with their names."""
+MEASURES = {"joint_error": 1e3, "reward": 1.0}
+"""Measures, with the factor to the unit of the panel."""
+MARKER, KEPT_MARKER = 6, 13
+"""Sizes of a point, and of the agent that is kept [pixels]."""
 
 
 def write_page(
@@ -27,100 +41,62 @@ def write_page(
     Raises:
         GapscopeError: the file cannot be written.
     """
-    best = trained.curve[trained.best]
-    kept = (
-        "the untrained agent"
-        if trained.best == 0
-        else f"the agent after {best.steps} steps"
+    figure = figure_html(_figure(trained), "training", 460)
+    write_plot_page(
+        path,
+        f"Training on {task.arm.name}",
+        _facts(task, settings, trained),
+        [PageSection(figure=figure)],
     )
-    early = " Training ended early, for want of improvement." if trained.stopped else ""
-    drawn = (
-        f", randomised: {', '.join(settings.randomise)}" if settings.randomise else ""
-    )
+
+
+def _facts(task: Task, settings: TrainingSettings, trained: Trained) -> str:
+    """What was trained and which agent is kept, in sentences."""
+    steps = trained.curve[trained.best].steps
+    kept = "the untrained agent" if steps == 0 else f"the agent after {steps} steps"
+    randomised = ""
+    if settings.randomise:
+        randomised = f", randomised: {', '.join(settings.randomise)}"
     facts = (
-        f"{settings.algorithm.upper()} on top of {task.name}{drawn}; action {settings.action}, seed {settings.seed}. "
-        f"Kept is {kept}, the best in the simulator made from the model.{early}"
+        f"{settings.algorithm.upper()} on top of {task.name}{randomised}; action {settings.action}, seed "
+        f"{settings.seed}. Kept is {kept}, the best in the simulator made from the model."
     )
-    page = _PAGE.format(
-        font=FONT,
-        ink=INK,
-        line=LINE,
-        ground=GROUND,
-        title=escape(f"Training on {task.arm.name}"),
-        facts=escape(facts),
-        figure=_figure(trained),
-    )
-    with atomic_write(path) as aside:
-        aside.write_text(page, encoding="utf-8")
+    if trained.stopped:
+        facts += " Training ended early, for want of improvement."
+    return facts
 
 
-def _figure(trained: Trained) -> str:
-    """Two panels, with plotly's code, as HTML."""
-    from plotly.graph_objects import Scatter
+def _figure(trained: Trained) -> Figure:
+    """Two panels: joint error and reward, each on both arms."""
     from plotly.subplots import make_subplots
 
-    figure = make_subplots(
-        rows=1, cols=2, subplot_titles=("joint error [mrad]", "reward per action")
-    )
-    best = trained.curve[trained.best]
-    for number, (part, name) in enumerate(
-        (("simulator", "simulator"), ("hidden", "arm with hidden effects"))
-    ):
-        points = [
-            (point.steps, getattr(point, part))
-            for point in trained.curve
-            if getattr(point, part) is not None
-        ]
-        for column, (measure, factor) in enumerate(
-            (("joint_error", 1e3), ("reward", 1.0)), 1
-        ):
-            values = [factor * getattr(score, measure) for _, score in points]
-            sizes = [13 if steps == best.steps else 6 for steps, _ in points]
-            figure.add_trace(
-                Scatter(
-                    x=[steps for steps, _ in points],
-                    y=[v if isfinite(v) else None for v in values],
-                    mode="lines+markers",
-                    marker={"size": sizes, "color": COLOURS[number]},
-                    name=name,
-                    line={"color": COLOURS[number]},
-                    legendgroup=name,
-                    showlegend=column == 1,
-                ),
-                row=1,
-                col=column,
-            )
-    figure.update_xaxes(title={"text": "actions of training"}, gridcolor=LINE)
-    figure.update_yaxes(gridcolor=LINE)
+    titles = ("joint error [mrad]", "reward per action")
+    figure = make_subplots(rows=1, cols=2, subplot_titles=titles)
+    for number, arm in enumerate(ARMS):
+        for column, measure in enumerate(MEASURES, 1):
+            curve = _curve(trained, arm, measure, COLOURS[number])
+            curve.showlegend = column == 1
+            figure.add_trace(curve, row=1, col=column)
+    figure.update_xaxes(title={"text": "actions of training"})
     figure.update_yaxes(rangemode="tozero", col=1)
-    figure.update_layout(
-        height=460,
-        font={"family": FONT, "size": 13, "color": INK},
-        paper_bgcolor="#fff",
-        plot_bgcolor="#fff",
-        margin={"l": 62, "r": 14, "t": 64, "b": 46},
-        legend={"orientation": "h", "x": 0, "y": 1.1, "yanchor": "bottom"},
-    )
-    # Buttons named one by one: by default there is one that sends the data to a server.
-    buttons = [["zoom2d", "pan2d", "resetScale2d", "toImage"]]
-    config = {
-        "responsive": True,
-        "displaylogo": False,
-        "plotlyServerURL": "",
-        "modeBarButtons": buttons,
-    }
-    return str(
-        figure.to_html(
-            full_html=False, include_plotlyjs=True, config=config, div_id="training"
-        )
-    )
+    return figure
 
 
-_PAGE = """<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>
-body {{ margin: 0 auto; padding: 20px 28px 48px; max-width: 1200px; color: {ink}; background: {ground};
-  font: 15px/1.5 {font}; }}
-h1 {{ font-size: 23px; font-weight: 600; margin: 6px 0 8px; }}
-section {{ background: #fff; border: 1px solid {line}; border-radius: 10px; padding: 16px 18px; margin-top: 16px; }}
-</style></head><body><h1>{title}</h1><p>{facts}</p><section>{figure}</section></body></html>
-"""
+def _curve(trained: Trained, arm: str, measure: str, colour: str) -> Scatter:
+    """A measure on an arm over the steps, the agent that is kept marked; gaps if an arm was not tracked to the end."""
+    from plotly.graph_objects import Scatter
+
+    points = [point for point in trained.curve if getattr(point, arm) is not None]
+    scores = [getattr(getattr(point, arm), measure) for point in points]
+    factor = MEASURES[measure]
+    best = trained.curve[trained.best].steps
+    sizes = [KEPT_MARKER if point.steps == best else MARKER for point in points]
+    return Scatter(
+        x=[point.steps for point in points],
+        y=[factor * score if isfinite(score) else None for score in scores],
+        mode="lines+markers",
+        marker={"size": sizes, "color": colour},
+        name=ARMS[arm],
+        line={"color": colour},
+        legendgroup=ARMS[arm],
+    )
