@@ -1,0 +1,64 @@
+"""JSON files: converted to plain data, finite, written whole, readable by their owner alone on request."""
+
+from __future__ import annotations
+
+import json
+import stat
+import sys
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+import pytest
+
+from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.io.json_file import plain, read_json, to_json, write_json
+
+
+def test_plain_data_of_numpy_types_tuples_and_mappings() -> None:
+    value = MappingProxyType(
+        {"a": np.arange(2), "b": (np.float64(0.5), "é"), "c": np.bool_(True)}
+    )
+    made = plain(value)
+    assert made == {"a": [0, 1], "b": [0.5, "é"], "c": True}
+    assert type(made["a"][0]) is int and type(made["c"]) is bool
+
+
+def test_numbers_that_are_not_finite_stay_or_become_null() -> None:
+    values = {"a": [np.nan, 1.0], "b": float("inf")}
+    assert plain(values, null_if_not_finite=True) == {"a": [None, 1.0], "b": None}
+    assert plain(values)["b"] == float("inf")
+    with pytest.raises(ValueError, match="JSON compliant"):
+        to_json(values)
+    assert json.loads(to_json(values, allow_nan=True))["b"] == float("inf")
+
+
+def test_text_is_indented_by_two_and_not_escaped() -> None:
+    assert to_json({"name": "é", "n": [1]}) == (
+        '{\n  "name": "é",\n  "n": [\n    1\n  ]\n}\n'
+    )
+
+
+def test_a_value_that_cannot_be_written_leaves_the_file_before(tmp_path: Path) -> None:
+    path = tmp_path / "deep" / "a.json"
+    write_json({"a": 1}, path)
+    with pytest.raises(ValueError, match="JSON compliant"):
+        write_json({"a": np.nan}, path)
+    assert read_json(path, "") == {"a": 1}
+    assert [file.name for file in path.parent.iterdir()] == ["a.json"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="POSIX permissions")
+def test_private_files_are_readable_by_their_owner_alone(tmp_path: Path) -> None:
+    write_json([], tmp_path / "a.json", private=True)
+    assert stat.S_IMODE((tmp_path / "a.json").stat().st_mode) == 0o600
+
+
+def test_faults_name_the_file_and_a_remedy(tmp_path: Path) -> None:
+    (tmp_path / "bad.json").write_text("{")
+    with pytest.raises(InputError, match=r"bad\.json.*not valid JSON"):
+        read_json(tmp_path / "bad.json", "mend it")
+    with pytest.raises(InputError, match=r"none\.json.*cannot be read"):
+        read_json(tmp_path / "none.json", "give it")
+    with pytest.raises(GapscopeError, match="cannot be written"):
+        write_json([], tmp_path / "bad.json" / "below.json")
