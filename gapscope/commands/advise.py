@@ -34,29 +34,29 @@ if TYPE_CHECKING:
 
 DiagnosisFolder = Annotated[
     Path | None,
-    typer.MotionOption(
+    typer.Option(
         help="folder that diagnose wrote for this case; default: diagnose it now",
         metavar="DIR",
     ),
 ]
 Payload = Annotated[
     float | None,
-    typer.MotionOption(
+    typer.Option(
         help="mass of a known body that could be mounted; used if it separates better [kg]"
     ),
 ]
 PayloadCom = Annotated[
     str,
-    typer.MotionOption(
+    typer.Option(
         help="its centre in the frame of the joint that moves the last link, x,y,z [m]"
     ),
 ]
 Fastest = Annotated[
-    float, typer.MotionOption(help="highest frequency that the controller follows [Hz]")
+    float, typer.Option(help="highest frequency that the controller follows [Hz]")
 ]
 Evaluations = Annotated[
     int,
-    typer.MotionOption(min=1, help="objective evaluations, over all speeds and loads"),
+    typer.Option(min=1, help="objective evaluations, over all speeds and loads"),
 ]
 
 
