@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.io.transmission import parse_transmission, per_joint
 from gapscope.arm.recording import CHANNELS
 
 UNITS = {
@@ -164,13 +165,15 @@ def parse_import(section: Mapping[str, Any], n_joints: int, source: Path) -> Imp
     given = {key: section[key] for key in ("topic", "join") if key in section}
     for key in ("signs", "offsets"):
         if key in section:
-            given[key] = _per_joint(section[key], n_joints, source, key)
+            given[key] = per_joint(section[key], n_joints, source, key)
     if "joints" in section:
         given["joints"] = tuple(
-            _per_joint(section["joints"], n_joints, source, "joints", str)
+            per_joint(section["joints"], n_joints, source, "joints", str)
         )
     if "transmission" in section:
-        given["transmission"] = _transmission(section["transmission"], n_joints, source)
+        given["transmission"] = parse_transmission(
+            section["transmission"], n_joints, source
+        )
     if "rows" in section:
         given |= {
             key: _ranges(ranges, source, key) for key, ranges in section["rows"].items()
@@ -195,18 +198,6 @@ def parse_import(section: Mapping[str, Any], n_joints: int, source: Path) -> Imp
     )
 
 
-def _per_joint(
-    values: Any, n_joints: int, source: Path, key: str, kind: type = float
-) -> Any:
-    if len(values) != n_joints:
-        raise InputError(
-            f"expected {n_joints} entries, one per joint, got {len(values)}",
-            file=source,
-            where=f"field import.{key}",
-        )
-    return np.array(values, dtype=float) if kind is float else list(values)
-
-
 def _time(entry: str | Mapping[str, Any], source: Path) -> TimeColumn:
     if isinstance(entry, str):
         return TimeColumn(entry)
@@ -229,71 +220,16 @@ def _channel(name: str, entry: Any, n_joints: int, source: Path) -> Channel | No
         entry = {"column": entry}
     column = entry.get("column", name + "{j}")
     if isinstance(column, list):
-        column = tuple(_per_joint(column, n_joints, source, f"{name}.column", str))
+        column = tuple(per_joint(column, n_joints, source, f"{name}.column", str))
     factor: Any = entry.get("scale", 1.0)
     if isinstance(factor, list):
-        factor = _per_joint(factor, n_joints, source, f"{name}.scale")
+        factor = per_joint(factor, n_joints, source, f"{name}.scale")
     return Channel(
         column,
         factor * UNITS[entry["unit"]] if "unit" in entry else factor,
         entry.get("file"),
         named=True,
     )
-
-
-def _transmission(entry: Mapping[str, Any], n_joints: int, source: Path) -> np.ndarray:
-    """The matrix R of q_motor = R q_joint, (n, n)."""
-    where = "field import.transmission"
-    has_matrix, has_ratios = "matrix" in entry, "ratios" in entry
-    if has_matrix == has_ratios or (has_matrix and "coupling" in entry):
-        raise InputError(
-            "expected either matrix, or ratios with or without coupling",
-            file=source,
-            where=where,
-        )
-    if has_matrix:
-        matrix = _full_matrix(entry["matrix"], n_joints, source, where)
-    else:
-        matrix = _coupled_ratios(entry, n_joints, source, where)
-    if np.linalg.matrix_rank(matrix) < n_joints:
-        raise InputError(
-            "cannot be inverted",
-            "each motor has to move a joint",
-            file=source,
-            where=where,
-        )
-    return matrix
-
-
-def _full_matrix(
-    rows: list[list[float]], n_joints: int, source: Path, where: str
-) -> np.ndarray:
-    """A transmission that is given entry by entry, (n, n)."""
-    if [len(row) for row in rows] != [n_joints] * n_joints:
-        raise InputError(
-            f"expected a matrix of {n_joints} by {n_joints} numbers",
-            file=source,
-            where=f"{where}.matrix",
-        )
-    return np.array(rows, dtype=float)
-
-
-def _coupled_ratios(
-    entry: Mapping[str, Any], n_joints: int, source: Path, where: str
-) -> np.ndarray:
-    """A transmission by gear ratios and the motors that move with another joint, (n, n)."""
-    ratios = _per_joint(entry["ratios"], n_joints, source, "transmission.ratios")
-    matrix = np.diag(ratios)
-    for number, coupling in enumerate(entry.get("coupling", []), start=1):
-        motor, joint = coupling["motor"], coupling["joint"]
-        if max(motor, joint) > n_joints or motor == joint:
-            raise InputError(
-                f"expected two different numbers from 1 to {n_joints}",
-                file=source,
-                where=f"{where}.coupling[{number}]",
-            )
-        matrix[motor - 1, joint - 1] = coupling["ratio"]
-    return matrix
 
 
 def _ranges(entry: list[Any], source: Path, key: str) -> tuple[tuple[int, int], ...]:

@@ -99,7 +99,9 @@ def draw_motion(
     check_motion_name(name, space.kinematics.n_joints)
     if name == "random":
         name = str(rng.choice(motions_for(space.kinematics.n_joints)))
-    return MOTIONS[name](rng, space, duration)
+    if name == "fourier":
+        return _fourier(rng, space, duration)
+    return _fill_with_legs(rng, space, duration, LEGS[name])
 
 
 def check_motion_name(name: str, n_joints: int) -> None:
@@ -141,45 +143,6 @@ def _fourier(
     )
 
 
-def _point_to_point(
-    rng: np.random.Generator, space: Workspace, duration: float
-) -> ReferenceMotion:
-    return _fill_with_legs(rng, space, duration, (_move_to_random_posture,))
-
-
-def _weld_seam(
-    rng: np.random.Generator, space: Workspace, duration: float
-) -> ReferenceMotion:
-    return _fill_with_legs(rng, space, duration, (_weld_random_seam,))
-
-
-def _pick(
-    rng: np.random.Generator, space: Workspace, duration: float
-) -> ReferenceMotion:
-    return _fill_with_legs(rng, space, duration, (_go_down_and_up, _return_to_start))
-
-
-def _place(
-    rng: np.random.Generator, space: Workspace, duration: float
-) -> ReferenceMotion:
-    return _fill_with_legs(
-        rng,
-        space,
-        duration,
-        (_move_to_random_posture, _go_down_and_up, _return_to_start),
-    )
-
-
-MOTIONS: dict[
-    str, Callable[[np.random.Generator, Workspace, float], ReferenceMotion]
-] = {
-    "fourier": _fourier,
-    "point_to_point": _point_to_point,
-    "weld_seam": _weld_seam,
-    "pick": _pick,
-    "place": _place,
-}
-"""Kinds of motion by name."""
 STRAIGHT_LINE_MOTIONS = ("weld_seam", "pick", "place")
 """Those that hold straight lines of the tool."""
 
@@ -304,3 +267,14 @@ def _room_to_limits(space: Workspace) -> np.ndarray:
     limits, posture = space.limits, space.posture
     room = np.minimum(limits.upper - posture, posture - limits.lower)
     return np.minimum(room, 2.0)
+
+
+LEGS: dict[str, tuple[Leg, ...]] = {
+    "point_to_point": (_move_to_random_posture,),
+    "weld_seam": (_weld_random_seam,),
+    "pick": (_go_down_and_up, _return_to_start),
+    "place": (_move_to_random_posture, _go_down_and_up, _return_to_start),
+}
+"""Legs that a motion repeats in turn, by its name."""
+MOTIONS = ("fourier", *LEGS)
+"""Kinds of motion by name."""
