@@ -230,11 +230,13 @@ def _inertial_error_mse(selection: Selection, gap: TorqueGap) -> np.ndarray:
     the other place is ``excess_residual``, which takes the smaller of both.
     """
     evidence, terms = selection.evidence, selection.fit.terms
+
     with_errors = evidence.held_out_mse(terms, corrected=False)
     without_errors = evidence.held_out_mse(terms, corrected=True)
     rows = evidence.rows
     explained = (with_errors * rows).sum(axis=0) - (without_errors * rows).sum(axis=0)
     explained = np.clip(explained, 0.0, None) / rows.sum(axis=0)
+
     full_rate_over_search = torque_scale(gap.measured) / selection.scale
     return np.asarray(explained * full_rate_over_search**2)
 

@@ -56,6 +56,7 @@ class Baseline:
         )
         if terms != selection.fit.terms:
             selection = replace(selection, fit=selection.evidence.fit(terms))
+        # Links seldom change: a payload explains the same unless the evidence is decisive.
         links = frozenset(t for t in terms if t.effect == "link_inertia")
         if not links:
             return selection
@@ -119,6 +120,8 @@ def _without_effects(
     for segment in condition(recording, cutoff):
         motion, laden = segment.motion, segment.bodies(body)
         added = corrected.predict(laden, motion) - nominal.predict(laden, motion)
+
+        # The effects are known on the segment's uniform grid; the recording has its own time stamps.
         inside = (recording.t >= motion.t[0]) & (recording.t <= motion.t[-1])
         t = recording.t[inside]
         tau[inside] -= np.stack([np.interp(t, motion.t, x) for x in added.T], axis=1)
@@ -139,6 +142,8 @@ def _relinearised(selection: Selection, terms: frozenset[Term]) -> Selection:
     linear, known = selection.evidence.linear, selection.evidence.terms
     shapes = {t: known.shapes[t] for t in terms if t in known.shapes}
     theta, scored_mse = np.zeros(known.size), selection.fit.scored_mse
+
+    # Each linearisation is around the values of the one before; the first is around the nominal arm.
     for _ in range(BASELINE_LINEARISATIONS):
         linear = Linearisation(linear.data, theta, Terms(linear.arm.n_joints, shapes))
         evidence = evidences(linear, scored_mse, terms)[0]

@@ -112,10 +112,12 @@ def with_probabilities(
     values = fitted() if values is None else values
     cause_is_known = min(probability / support.evidence, 1.0)
     relative = np.minimum([other.evidence for other in alternatives], 0.0)
+
     odds = np.exp(TEMPER * relative)
     by_evidence = odds / (1.0 + odds.sum())
     milder_odds = np.exp(values["temper"] * relative)
     by_default = milder_odds / (milder_odds.sum() + values["unlisted"])
+
     chances = cause_is_known * by_evidence + (1.0 - cause_is_known) * by_default
     out = [
         replace(other, probability=float(chance))

@@ -93,6 +93,7 @@ def curve_of(variable: Variable, gap: np.ndarray) -> Curve:
     identity = np.eye(len(knots))
     bends = np.diff(identity, 2, axis=0)
     weight = SMOOTH * len(gap) / len(knots)
+
     # The last term decides at knots without samples.
     gram = hats.T @ hats + weight * bends.T @ bends + 1e-9 * len(gap) * identity
     heights = np.linalg.solve(gram, hats.T @ gap)

@@ -95,9 +95,11 @@ def excess_residual(
         """Mean square over all folds, (n,), of those per fold, (F, n)."""
         return np.asarray((mean_square * rows).sum(axis=0) / count)
 
+    # Mean squares [N^2 m^2], (n,).
     before2 = pooled(selection.nominal_mse)
     after2 = np.minimum(pooled(evidence.held_out_mse(terms)), gap**2)
     floor2 = np.maximum(pooled(evidence.floor2), np.square(least_floor))
+
     # If even the quietest joint is above its floor, the floors are too low rather than all joints wrong.
     loudness2 = np.clip((after2 / floor2).min(), 1.0, LOUDEST_FLOOR**2)
     floor2 = floor2 * loudness2

@@ -96,7 +96,9 @@ class HeldOutPredictor:
         worth = {}
         for subset in _subsets(names):
             terms = frozenset(t for t in chosen if t.finding in subset)
-            worth[subset] = -total_nrmse(evidence.held_out_mse(terms, corrected=False))
+            mean_square = evidence.held_out_mse(terms, corrected=False)
+            worth[subset] = -total_nrmse(mean_square)
+
         closed = worth[tuple(names)] - worth[()]
         above_floor = -worth[()] - total_nrmse(evidence.floor2)
         # Effects may close more than lies above an estimated floor: then they share what they close.
@@ -133,7 +135,9 @@ def shapley_value(
     orders = factorial(len(names))
     total = np.zeros_like(worth[()])
     for subset in _subsets(others):
-        before, after = factorial(len(subset)), factorial(len(others) - len(subset))
+        # Orders of adding that have the subset before the name, and the rest after it.
+        before = factorial(len(subset))
+        after = factorial(len(others) - len(subset))
         joined = tuple(sorted((*subset, name)))
         total += before * after / orders * (worth[joined] - worth[subset])
     return total

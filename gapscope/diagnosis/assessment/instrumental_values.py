@@ -39,15 +39,19 @@ def instrumented(
     evidence, terms = selection.evidence, selection.fit.terms
     columns = np.array(sorted(c for t in terms for c in t.columns), dtype=int)
     left, right = _equations(case, selection, folds, columns)
+
     # Errors of the nominal inertials follow the columns of the terms; their prior keeps them small.
     prior = np.zeros(len(right))
     prior[len(columns) :] = 1.0 / evidence.sigma**2
     left += np.diag(prior)
+
+    # Columns differ by orders of magnitude: scaled to a unit diagonal, the system is better conditioned.
     scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(left)), 1e-12))
     try:
         scaled = np.linalg.solve(left * np.outer(scale, scale), scale * right)
     except np.linalg.LinAlgError:
         return None
+
     theta = selection.fit.theta.copy()
     theta[columns] = (scale * scaled)[: len(columns)]
     return evidence.terms.effects(evidence.terms.clipped(theta), terms)
@@ -60,9 +64,12 @@ def _equations(
     linear, evidence = selection.evidence.linear, selection.evidence
     thinned_folds = [[thinned(s, SEARCH_RATE) for s in fold] for fold in folds]
     commanded_data = FitData(case.arm, linear.body, thinned_folds, linear.data.cutoff)
+
+    # Weights of the evidence, the mean over the folds: what is fitted here is all of them at once.
     independent = evidence.torque.independent / np.maximum(evidence.torque.count, 1e-9)
     variance = selection.fit.held_out_mse + evidence.floor2
     weight = (independent / variance).mean(axis=0)
+
     size = len(columns) + len(linear.data.units)
     left, right = np.zeros((size, size)), np.zeros(size)
     for k in range(len(commanded_data.segments)):

@@ -29,12 +29,14 @@ def predict_oscillation(
     out = np.zeros(len(gap))
     if longest <= 0:
         return out
+
     step = 1.0 / (OSCILLATION_GRID * longest)
     frequency = np.arange(LEAST_OSCILLATION, MOST_OSCILLATION, step)
     # The power spectrum of any set of folds follows from the Fourier sums of each.
     sums = {
         f: _fourier(frequency, t[fold == f], gap[fold == f]) for f in np.unique(fold)
     }
+
     for left_out in sums:
         own = fold == left_out
         rest = (segment == segment[own][0]) & ~own

@@ -138,6 +138,7 @@ def _residual(
     j, kept = joint - 1, thinned.kept
     gap = after.error[kept, j]
     power = float(np.mean(gap**2))
+
     # A share of a residual that hardly exceeds the floor would be a share of almost nothing.
     clear = power > (PREDICTABLE_LEAST_RATIO * floor[j]) ** 2
     above_floor = power - float(floor[j]) ** 2 if clear else 0.0
@@ -158,13 +159,17 @@ def _of_joint(residual: _Residual, posture: np.ndarray, p_value: float) -> Predi
         v.name: residual.share(predict_held_out(v.hats(), gap, folds))
         for v in residual.variables
     }
+
     wave = predict_oscillation(residual.t, gap, residual.rows.segment, folds.fold)
     by[OSCILLATION] = residual.share(wave)
     if by[OSCILLATION] == 0.0:
         wave = np.zeros_like(gap)
+
+    # The oscillation is taken out first: features of the motion cannot predict it.
     own = _signal_features(residual.variables, np.random.default_rng(residual.joint))
     features = np.column_stack([own, posture])
     together = wave + predict_held_out(features, gap - wave, folds)
+
     best = max(by, key=lambda name: by[name])
     # One variable alone may predict more than all together, as a model of many features has more to learn.
     share = max(residual.share(together), by[best])
@@ -189,13 +194,16 @@ def _thinned(rows: MotionRows) -> _Thinned:
     for segment, rate in enumerate(rows.rates):
         step = max(1, int(rate / (ROWS_PER_CUTOFF * TORQUE_CUTOFF)))
         own = np.flatnonzero(rows.segment == segment)[::step]
+
         second_half = np.arange(len(own)) >= len(own) / 2
         t = rows.t[own]
         border = t[int(np.argmax(second_half))]
+
         kept.append(own)
         folds.append(2 * segment + second_half)
         # Rows beside the border are nearly those on its other side: fitting them would leak what is held out.
         fitted.append(np.abs(t - border) > FOLD_GUARD)
+
     places = np.concatenate(kept)
     halves = Folds(np.concatenate(folds), np.concatenate(fitted))
     return _Thinned(places, rows.segment[places], halves)

@@ -49,12 +49,14 @@ def _harmful(predictor: HeldOutPredictor) -> Rejection | None:
     joint = int(np.argmax(harm)) + 1
     if harm[joint - 1] <= VISIBLE_EFFECT:
         return None
+
     costs = {}
     for term in sorted(terms, key=lambda t: (t.effect, t.joint)):
         # Terms that act on another joint alone cannot have widened this joint's gap.
         if term.joint == joint or term.definition.reach == "arm":
             without = predictor.gap(terms - {term}).nrmse
             costs[term] = with_all[joint - 1] - without[joint - 1]
+
     worst = max(costs, key=lambda term: costs[term], default=None)
     if worst is None or costs[worst] <= 0:
         return None

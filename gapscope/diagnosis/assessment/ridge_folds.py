@@ -30,11 +30,14 @@ def predict_held_out(x: np.ndarray, y: np.ndarray, folds: Folds) -> np.ndarray:
     """
     rows_of_fold = [folds.fold == fold for fold in np.unique(folds.fold)]
     by_strength = _predictions(x, y, folds.fitted, rows_of_fold)
+
     squares = (y - by_strength) ** 2
     errors = np.column_stack([squares[:, rows].sum(axis=1) for rows in rows_of_fold])
     powers = np.array([(y[rows] ** 2).sum() for rows in rows_of_fold])
+
     out = np.zeros(len(y))
     for k, rows in enumerate(rows_of_fold):
+        # A fold has no say in its own strength: it is chosen by how the others are predicted.
         on_others = errors.sum(axis=1) - errors[:, k]
         best = int(np.argmin(on_others))
         if on_others[best] < powers.sum() - powers[k]:
@@ -51,8 +54,10 @@ def _predictions(
         own = rows & fitted
         grams.append(x[own].T @ x[own])
         rights.append(x[own].T @ y[own])
-    gram, right = np.sum(grams, axis=0), np.sum(rights, axis=0)
+    gram = np.sum(grams, axis=0)
+    right = np.sum(rights, axis=0)
     mean_square = np.trace(gram) / len(gram)
+
     out = np.zeros((len(RIDGE_STRENGTHS), len(y)))
     for rows, own_gram, own_right in zip(rows_of_fold, grams, rights, strict=True):
         # One decomposition serves all strengths: a ridge adds to every eigenvalue.

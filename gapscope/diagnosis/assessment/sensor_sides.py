@@ -113,6 +113,7 @@ def find_sides(
     with_sensor = [s for s in predictor.segments if s.torque_sensor is not None]
     if errors is None or not with_sensor:
         return None
+
     body = predictor.body
     fitted_effects = evidence.terms.effects(predictor.selection.fit.theta, terms)
     fitted_arm = CorrectedArm(predictor.arm, fitted_effects)
@@ -126,9 +127,11 @@ def find_sides(
     def side_gaps(arm: CorrectedArm, segments: list[Segment]) -> TorqueGap:
         return _side_gaps(arm, body, segments, reading_errors)
 
+    # Both sides have the norm of the recorded torque, so that they can be compared.
     scale = torque_scale(np.vstack([filtered_torque(s) for s in with_sensor]))
     before = predictor.measured(frozenset(), side_gaps).rmse.reshape(2, -1) / scale
     after = predictor.measured(terms, side_gaps).rmse.reshape(2, -1) / scale
+
     actuator_floors, link_floors = _floors(fitted_arm, body, with_sensor)
     link_floors = np.hypot(link_floors, inertial_error)
     zero, gain, lag = errors.reshape(3, -1)
@@ -154,12 +157,15 @@ def _side_gaps(
     for s in segments:
         if s.torque is None or s.torque_sensor is None:
             continue
+
+        # Recorded torque less sensor is what rotor and friction took; the sensor is what the link needed.
         laden = s.bodies(body)
         sensor = s.torque_sensor - reading_errors(s)
         link = link_torque(arm, laden, s.motion)
         needed = arm.unlimited.predict(laden, s.motion)
         recorded = np.hstack([arm.delivered(s.torque) - sensor, sensor])
         expected = np.hstack([needed - link, link])
+
         measured.append(low_pass(recorded, s.motion.rate, TORQUE_CUTOFF)[s.inner])
         predicted.append(low_pass(expected, s.motion.rate, TORQUE_CUTOFF)[s.inner])
         edges.append(edges[-1] + len(measured[-1]))

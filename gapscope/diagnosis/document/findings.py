@@ -133,8 +133,12 @@ def _support(
     if not places:
         closing = closed >= CLOSING_JOINTS * closed.max()
         places = [int(j) for j in np.flatnonzero(closing)]
+
     residual = study.excess_residual
+    # A joint with hardly any gap before has no meaningful share of it left.
     before = np.maximum(residual.before[places], ABOVE_FLOOR_NRMSE)
+
+    # Alternatives that are better than the effect count as equals.
     log_odds = [TEMPER * min(other.evidence, 0.0) for other in others]
     return Support(
         margin=float(-np.logaddexp.reduce([-700.0, *log_odds])),

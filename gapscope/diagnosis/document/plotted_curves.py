@@ -93,9 +93,12 @@ def _power_density(
     spans = itertools.pairwise(gap.edges)
     for (start, end), rate in zip(spans, rates, strict=True):
         length = end - start
+
+        # Stretches of 4 s resolve 0.25 Hz.
         window = min(length, int(4 * rate))
         grid, density = welch(gap.error[start:end], rate, nperseg=window, axis=0)
         at_frequency = [np.interp(frequency, grid, column) for column in density.T]
+
         power += length / gap.edges[-1] * np.column_stack(at_frequency)
     return power
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import takewhile
 from typing import Any
 
 import numpy as np
@@ -73,11 +72,14 @@ def joint_ranges(joints: Sequence[int]) -> list[str]:
             runs[-1].append(joint)
         else:
             runs.append([joint])
-    return [
-        part
-        for run in runs
-        for part in ([f"{run[0]}–{run[-1]}"] if len(run) > 2 else [str(j) for j in run])
-    ]
+
+    parts = []
+    for run in runs:
+        if len(run) > 2:
+            parts.append(f"{run[0]}–{run[-1]}")
+        else:
+            parts += [str(joint) for joint in run]
+    return parts
 
 
 def acts_on(entry: Mapping[str, Any]) -> str:
@@ -105,30 +107,29 @@ def short_names(names: Sequence[str]) -> list[str]:
     start = _shared(names)
     end = _shared([name[start:][::-1] for name in names])
     short = [name[start : len(name) - end].strip("_- ") for name in names]
-    counted = all(
-        name.lstrip("0") == str(number) for number, name in enumerate(short, 1)
-    )
-    return [""] * len(names) if counted else short
+
+    numbers = [str(number) for number in range(1, len(names) + 1)]
+    only_numbers = [name.lstrip("0") for name in short] == numbers
+    return [""] * len(names) if only_numbers else short
 
 
 def _shared(names: Sequence[str]) -> int:
     """Number of leading characters that all names share; 0 for a single name."""
     if len(names) < 2:
         return 0
-    return sum(
-        1
-        for _ in takewhile(
-            lambda letters: len(set(letters)) == 1, zip(*names, strict=False)
-        )
-    )
+    count = 0
+    for letters in zip(*names, strict=False):
+        if len(set(letters)) > 1:
+            break
+        count += 1
+    return count
 
 
 def gap_rows(document: Document) -> list[tuple[Any, Any, Any]]:
     """Torque NRMSE [1] per joint: before, after, floor; ``None`` if not known."""
-    before, after = document["gap"]["before"], document["gap"]["after"]
-    return list(
-        zip(before["torque_nrmse"], after["torque_nrmse"], before["floor"], strict=True)
-    )
+    gap = document["gap"]
+    before, after = gap["before"]["torque_nrmse"], gap["after"]["torque_nrmse"]
+    return list(zip(before, after, gap["before"]["floor"], strict=True))
 
 
 def gap_closed(document: Document) -> float | None:
@@ -140,56 +141,63 @@ def gap_closed(document: Document) -> float | None:
     if document["verdict"] == "no_gap":
         return None
     known = [row for row in gap_rows(document) if None not in row]
-    above = sum(b - f for b, _, f in known)
-    return min(sum(b - a for b, a, _ in known) / above, 1.0) if above > 0.0 else None
+    above = sum(before - floor for before, _, floor in known)
+    if above <= 0.0:
+        return None
+    closed = sum(before - after for before, after, _ in known)
+    return min(closed / above, 1.0)
 
 
 def worst_joint(document: Document, stage: str) -> int | None:
     """Joint whose torque gap exceeds the floor most, ``before`` or ``after``; ``None`` if none does."""
-    pairs = zip(
-        document["gap"][stage]["torque_nrmse"],
-        document["gap"]["before"]["floor"],
-        strict=True,
-    )
-    above = [
-        (g - f, joint)
-        for joint, (g, f) in enumerate(pairs, 1)
-        if g is not None and f is not None and g > f
-    ]
+    gaps = document["gap"][stage]["torque_nrmse"]
+    floors = document["gap"]["before"]["floor"]
+    above = []
+    for joint, (gap, floor) in enumerate(zip(gaps, floors, strict=True), 1):
+        if gap is not None and floor is not None and gap > floor:
+            above.append((gap - floor, joint))
     return max(above)[1] if above else None
 
 
 def effects_text(document: Document) -> str:
     """The effects found with what they act on, as in a sentence; of more than four only the largest three."""
-    places = [acts_on(entry) for entry in document["effects"]]
-    names = [effect_name(entry["effect"]) for entry in document["effects"]]
-    pairs = zip(names, places, strict=True)
-    parts = [
-        name if place == "the whole arm" else f"{name} ({place})"
-        for name, place in pairs
-    ]
-    return listing(
-        parts if len(parts) <= 4 else [*parts[:3], f"{len(parts) - 3} more effects"]
-    )
+    parts = []
+    for entry in document["effects"]:
+        name, place = effect_name(entry["effect"]), acts_on(entry)
+        parts.append(name if place == "the whole arm" else f"{name} ({place})")
+    if len(parts) > 4:
+        parts = [*parts[:3], f"{len(parts) - 3} more effects"]
+    return listing(parts)
 
 
 def verdict_sentence(document: Document) -> str:
     """The verdict in one sentence of plain English."""
-    effects, closed = document["effects"], gap_closed(document)
     if document["verdict"] == "no_gap":
         return "The nominal arm predicts every joint's torque as well as a healthy arm of this kind allows."
     if document["verdict"] == "effects_found":
-        verb, them = ("explains", "it") if len(effects) == 1 else ("explain", "them")
-        found = f"{capital(effects_text(document))} {verb} the gap"
-        if closed is None:
-            return f"{found}; the torque gap was at its floor already."
-        return f"{found}: adding {them} to the simulator closes {percent(closed)} of what lies above the floor."
+        return _found_sentence(document)
+    return _open_sentence(document)
+
+
+def _found_sentence(document: Document) -> str:
+    """Effects explain the gap."""
+    single = len(document["effects"]) == 1
+    verb, them = ("explains", "it") if single else ("explain", "them")
+    found = f"{capital(effects_text(document))} {verb} the gap"
+    closed = gap_closed(document)
+    if closed is None:
+        return f"{found}; the torque gap was at its floor already."
+    return f"{found}: adding {them} to the simulator closes {percent(closed)} of what lies above the floor."
+
+
+def _open_sentence(document: Document) -> str:
+    """Effects explain a part of the gap, or none explains it."""
     worst = worst_joint(document, "after")
     most = f", most of it on joint {worst}" if worst else ""
     left = percent(document["unexplained"]["share"])
-    if not effects:
+    if not document["effects"]:
         return f"No effect in the catalogue explains the gap: {left} of it stays open{most}."
-    verb = "explains" if len(effects) == 1 else "explain"
+    verb = "explains" if len(document["effects"]) == 1 else "explain"
     return f"{capital(effects_text(document))} {verb} a part of the gap, but {left} of it stays open{most}."
 
 
@@ -198,17 +206,14 @@ def sides_sentence(document: Document) -> str:
     carried = document["sides"]["carried_by"]
     parts = []
     for side in ("actuator", "link", "both"):
-        joints = [number for number, where in enumerate(carried, 1) if where == side]
+        joints = [joint for joint, where in enumerate(carried, 1) if where == side]
         if joints:
             on = "on both sides" if side == "both" else f"on the {side} side"
-            parts.append(
-                f"{on} of joint{'s' if len(joints) > 1 else ''} {listing(joint_ranges(joints))}"
-            )
-    return (
-        f"The gap lies {listing(parts)}."
-        if parts
-        else "The gap stands above its floor on neither side of any joint."
-    )
+            plural = "s" if len(joints) > 1 else ""
+            parts.append(f"{on} of joint{plural} {listing(joint_ranges(joints))}")
+    if not parts:
+        return "The gap stands above its floor on neither side of any joint."
+    return f"The gap lies {listing(parts)}."
 
 
 def unexplained_sentence(document: Document) -> str:
@@ -225,49 +230,54 @@ def parameter_texts(effect: Mapping[str, Any]) -> list[ParameterText]:
     known = {p.name: p for p in definition.parameters} if definition else {}
     texts = []
     for name, parameter in effect["parameters"].items():
-        value, std = parameter["value"], parameter["std"]
-        values = value if isinstance(value, (list, tuple)) else [value]
-        stds = std if isinstance(std, (list, tuple)) else [std] * len(values)
-        labels = [f"J{joint}" for joint in effect["joints"]] or (
-            list("xyz") if len(values) == 3 else [""] * len(values)
-        )
-        factor, unit = display_unit(
-            parameter["unit"], max((abs(v) for v in values), default=0.0)
-        )
+        values = _as_list(parameter["value"], 1)
+        stds = _as_list(parameter["std"], len(values))
+        largest = max((abs(v) for v in values), default=0.0)
+        factor, unit = display_unit(parameter["unit"], largest)
         signed = name in known and known[name].increment
-        entries = tuple(
-            (label, uncertain(factor * v, None if s is None else factor * s, signed))
-            for label, v, s in zip(labels, values, stds, strict=True)
-        )
-        texts.append(
-            ParameterText(
-                name.replace("_", " "),
-                known[name].symbol if name in known else "",
-                entries,
-                unit,
-            )
-        )
+
+        entries = []
+        labels = _labels(effect["joints"], len(values))
+        for label, value, std in zip(labels, values, stds, strict=True):
+            shown_std = None if std is None else factor * std
+            entries.append((label, uncertain(factor * value, shown_std, signed)))
+
+        symbol = known[name].symbol if name in known else ""
+        words = name.replace("_", " ")
+        texts.append(ParameterText(words, symbol, tuple(entries), unit))
     return texts
 
 
 def pulled_texts(effect: Mapping[str, Any]) -> list[str]:
-    """Values by the commands as instruments that lie two deviations, and a twentieth, off those found."""
+    """Values by the commands as instruments that differ from those found by two deviations and a twentieth."""
     out = []
     for name, parameter in effect["parameters"].items():
         if "by_commands" not in parameter or parameter["std"] is None:
             continue
-        columns = [
-            np.atleast_1d(parameter[key]).tolist()
-            for key in ("value", "std", "by_commands")
-        ]
-        labels = [f"J{joint}" for joint in effect["joints"]] or ["x", "y", "z"][
-            : len(columns[0])
-        ]
-        factor, unit = display_unit(parameter["unit"], max(map(abs, columns[0])))
-        for label, value, std, other in zip(labels, *columns, strict=False):
+        values = np.atleast_1d(parameter["value"]).tolist()
+        stds = np.atleast_1d(parameter["std"]).tolist()
+        by_commands = np.atleast_1d(parameter["by_commands"]).tolist()
+        labels = _labels(effect["joints"], len(values))
+        factor, unit = display_unit(parameter["unit"], max(map(abs, values)))
+        words = name.replace("_", " ")
+
+        for label, value, std, other in zip(
+            labels, values, stds, by_commands, strict=True
+        ):
             if abs(other - value) > max(2 * std, 0.05 * abs(value)):
-                place = f" {label}" if len(columns[0]) > 1 or effect["joints"] else ""
-                out.append(
-                    f"{name.replace('_', ' ')}{place} {significant(factor * other)} {unit}".strip()
-                )
+                place = f" {label}" if label else ""
+                number = significant(factor * other)
+                out.append(f"{words}{place} {number} {unit}".strip())
     return out
+
+
+def _as_list(value: Any, count: int) -> list[Any]:
+    """The entries of a list; a single value as often as there are entries."""
+    return list(value) if isinstance(value, (list, tuple)) else [value] * count
+
+
+def _labels(joints: Sequence[int], count: int) -> list[str]:
+    """What the entries of a parameter belong to: joints, the axes of a vector, or nothing."""
+    if joints:
+        return [f"J{joint}" for joint in joints]
+    return list("xyz") if count == 3 else [""] * count
