@@ -52,6 +52,7 @@ class Baseline:
         terms = frozenset(
             t
             for t in selection.fit.terms
+            # joint 0 of an open effect stands for all joints
             if (t.effect, t.joint) not in self.open and (t.effect, 0) not in self.open
         )
         if terms != selection.fit.terms:
@@ -60,10 +61,13 @@ class Baseline:
         links = frozenset(t for t in terms if t.effect == "link_inertia")
         if not links:
             return selection
+
         payload = frozenset(selection.evidence.terms.of("payload"))
         with_payload = _relinearised(selection, (terms - links) | payload)
         least = selection.fit.score - LINK_OVER_PAYLOAD
-        return with_payload if with_payload.fit.score > least else selection
+        if with_payload.fit.score > least:
+            return with_payload
+        return selection
 
     def adjusted(self, case: Case) -> Case:
         """The case with the skew, and what the baseline's effects do, taken out of the recorded torque.
@@ -77,6 +81,7 @@ class Baseline:
             case = back_in_time(case, self.skew)
         if not self.effects:
             return case
+
         body = RigidBody(case.arm)
         cutoff = position_cutoff((*case.recordings, *case.judged))
         corrected = CorrectedArm(case.arm, self.effects)
@@ -99,8 +104,11 @@ def back_in_time(case: Case, skew: float) -> Case:
         t, first = np.unique(recording.t, return_index=True)
         if recording.tau is None or len(t) < LEAST_SAMPLES:
             return recording
+
         spline = make_interp_spline(t, recording.tau[first], k=3)
-        return replace(recording, tau=spline(np.clip(recording.t - skew, t[0], t[-1])))
+        # A cubic leaves its range fast: the ends keep their values.
+        earlier = np.clip(recording.t - skew, t[0], t[-1])
+        return replace(recording, tau=spline(earlier))
 
     return _each_recording(case, changed)
 
@@ -124,7 +132,8 @@ def _without_effects(
         # The effects are known on the segment's uniform grid; the recording has its own time stamps.
         inside = (recording.t >= motion.t[0]) & (recording.t <= motion.t[-1])
         t = recording.t[inside]
-        tau[inside] -= np.stack([np.interp(t, motion.t, x) for x in added.T], axis=1)
+        interpolated = [np.interp(t, motion.t, column) for column in added.T]
+        tau[inside] -= np.stack(interpolated, axis=1)
     return replace(recording, tau=tau)
 
 
@@ -145,7 +154,8 @@ def _relinearised(selection: Selection, terms: frozenset[Term]) -> Selection:
 
     # Each linearisation is around the values of the one before; the first is around the nominal arm.
     for _ in range(BASELINE_LINEARISATIONS):
-        linear = Linearisation(linear.data, theta, Terms(linear.arm.n_joints, shapes))
+        relinearised = Terms(linear.arm.n_joints, shapes)
+        linear = Linearisation(linear.data, theta, relinearised)
         evidence = evidences(linear, scored_mse, terms)[0]
         fit = evidence.fit(terms)
         theta, scored_mse = fit.theta, fit.scored_mse

@@ -59,12 +59,17 @@ class Support:
 
     def features(self) -> np.ndarray:
         """The numbers that the probability depends on, each about 0 to 3."""
+        # Logarithms of what varies by orders of magnitude; bounds where more of it says nothing new.
         margin = np.log1p(np.clip(self.margin, 0.0, 200.0)) / 2
         closed = np.clip(np.log(max(self.closed, 1e-4) / 0.01), -1.0, 3.0)
+        # What is left speaks for a cause that is missing.
         left = np.clip(self.left, 0.0, 1.0)
         times_floor = np.clip(np.log(max(self.times_floor, 1e-3)), 0.0, 2.0)
+
+        # Many effects may stand in for one that is missing, and poor inertials look like many effects.
         other_effects = min(self.effects - 1, 4)
         poor_inertials = float(self.nominal > 0.02)
+
         return np.array(
             [margin, closed, left, times_floor, other_effects, poor_inertials]
         )
@@ -87,6 +92,8 @@ def probability(
     values = fitted() if values is None else values
     learnt = float(np.dot(values["weights"], support.features()))
     logit = values["intercept"] + learnt + values["effects"].get(effect, 0.0)
+
+    # Both have to hold: the effect beats its alternatives, and the true cause is among them.
     calibrated = support.evidence / (1.0 + np.exp(-logit))
     return float(np.clip(calibrated, LEAST_PROBABILITY, MOST_PROBABILITY))
 
@@ -113,8 +120,10 @@ def with_probabilities(
     cause_is_known = min(probability / support.evidence, 1.0)
     relative = np.minimum([other.evidence for other in alternatives], 0.0)
 
+    # The cause is among those compared: the effect named has odds 1.
     odds = np.exp(TEMPER * relative)
     by_evidence = odds / (1.0 + odds.sum())
+    # The effect named is wrong for another reason: evidence has misled, and says less of the others.
     milder_odds = np.exp(values["temper"] * relative)
     by_default = milder_odds / (milder_odds.sum() + values["unlisted"])
 
@@ -135,9 +144,13 @@ def conformal_set(
     """
     level = fitted()["level"]
     names, total = [effect], probability
+
     for other in alternatives:
         if total >= level or other.probability < LISTED_PROBABILITY:
             break
         names.append(other.effect)
         total += other.probability
-    return names if total >= level else [*names, "unknown"]
+
+    if total < level:
+        names.append("unknown")
+    return names

@@ -43,28 +43,35 @@ class Variable:
     @property
     def knots(self) -> np.ndarray:
         """Knots of a curve over the variable, ascending, (K,)."""
+        # A direction is -1 or 1, hardly ever between.
         if self.name == "direction":
             return np.array([-1.0, 0.0, 1.0])
         low, high = float(self.values.min()), float(self.values.max())
         if low == high:
             return np.array([low - 1.0, low + 1.0])
+
         quantiles = np.quantile(self.values, np.linspace(0.0, 1.0, KNOTS))
+        even = np.linspace(low, high, KNOTS)
         # Even in samples alone, knots would be rare at the ends; even in range alone, some would hold no sample.
-        return np.asarray(0.5 * (quantiles + np.linspace(low, high, KNOTS)))
+        return np.asarray(0.5 * (quantiles + even))
 
     def hats(self) -> np.ndarray:
         """Hat functions over the knots: a curve through values at the knots is linear in them; (M, K)."""
         knots = self.knots
-        unit_heights = np.eye(len(knots))
-        return np.column_stack(
-            [np.interp(self.values, knots, heights) for heights in unit_heights]
-        )
+        columns = []
+        for heights in np.eye(len(knots)):
+            columns.append(np.interp(self.values, knots, heights))
+        return np.column_stack(columns)
 
     def smooth(self) -> list[np.ndarray]:
         """Smooth functions of the variable for a model of many variables; each (M,)."""
+        # Angles repeat after a turn.
         if self.name == "position":
             return [np.sin(self.values), np.cos(self.values)]
-        return [] if self.name == "speed" else [self.values]
+        # A speed is no smooth function of the velocity, and follows from it.
+        if self.name == "speed":
+            return []
+        return [self.values]
 
 
 def variables(
@@ -90,11 +97,14 @@ def variables(
 def curve_of(variable: Variable, gap: np.ndarray) -> Curve:
     """The smooth curve nearest to a gap [N m], (M,): least squares on hats with second differences held small."""
     hats, knots = variable.hats(), variable.knots
+
     identity = np.eye(len(knots))
     bends = np.diff(identity, 2, axis=0)
     weight = SMOOTH * len(gap) / len(knots)
 
     # The last term decides at knots without samples.
-    gram = hats.T @ hats + weight * bends.T @ bends + 1e-9 * len(gap) * identity
+    least = 1e-9 * len(gap) * identity
+    gram = hats.T @ hats + weight * bends.T @ bends + least
+
     heights = np.linalg.solve(gram, hats.T @ gap)
     return Curve(variable.name, variable.unit, knots, heights)

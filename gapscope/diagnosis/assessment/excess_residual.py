@@ -56,11 +56,12 @@ class ExcessResidual:
         """Whether the residual exceeds what effects may leave of a torque NRMSE above the floor, (n,)."""
         residual = (self.after[self.above] ** 2).sum()
         share = EXPLAINED_RESIDUAL_COMPLIANT if self.compliant else EXPLAINED_RESIDUAL
+        too_much = residual > share * (before**2).sum()
+
         # One joint that keeps most of its gap is unexplained, even if it is a small part of the whole.
-        wide = self.after > np.maximum(
-            WIDE_RESIDUAL_NRMSE, WIDE_RESIDUAL_SHARE * before
-        )
-        return bool(residual > share * (before**2).sum() or (self.above & wide).any())
+        least_wide = np.maximum(WIDE_RESIDUAL_NRMSE, WIDE_RESIDUAL_SHARE * before)
+        wide = self.above & (self.after > least_wide)
+        return bool(too_much or wide.any())
 
 
 def elementwise_max(one: ExcessResidual, other: ExcessResidual) -> ExcessResidual:
@@ -103,9 +104,12 @@ def excess_residual(
     # If even the quietest joint is above its floor, the floors are too low rather than all joints wrong.
     loudness2 = np.clip((after2 / floor2).min(), 1.0, LOUDEST_FLOOR**2)
     floor2 = floor2 * loudness2
+
+    above_before = np.sqrt(np.clip(before2 - floor2, 0.0, None))
+    above_after = np.sqrt(np.clip(after2 - floor2, 0.0, None))
     return ExcessResidual(
-        before=np.sqrt(np.clip(before2 - floor2, 0.0, None)) / selection.scale,
-        after=np.sqrt(np.clip(after2 - floor2, 0.0, None)) / selection.scale,
+        before=above_before / selection.scale,
+        after=above_after / selection.scale,
         ratio=np.sqrt(after2 / floor2),
         compliant=_has_compliance(selection),
     )
@@ -118,7 +122,8 @@ def excess_residual_set_aside(
     scale = torque_scale(before.measured)
 
     def above_floor(gap: TorqueGap) -> np.ndarray:
-        return np.asarray(np.sqrt(np.clip(gap.rmse**2 - floor**2, 0.0, None)) / scale)
+        excess2 = np.clip(gap.rmse**2 - floor**2, 0.0, None)
+        return np.asarray(np.sqrt(excess2) / scale)
 
     return ExcessResidual(
         before=above_floor(before),

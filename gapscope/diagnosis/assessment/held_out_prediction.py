@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -62,15 +61,21 @@ class HeldOutPredictor:
     def measured(self, terms: frozenset[Term], gap_of: GapOf) -> TorqueGap:
         """Any gap on held-out data of the nominal arm plus some of the terms, fitted anew."""
         evidence = self.selection.evidence
+
+        # Recordings that are never fitted are held out as they are: no fold has to be left out.
         if self.set_aside:
             corrected = self._corrected(evidence.fit(terms).theta, terms)
             return gap_of(corrected, self.set_aside)
+
         gaps = []
         for values, fold in zip(evidence.left_out(terms), self.folds, strict=True):
-            without_first, without_second = (
-                gap_of(self._corrected(theta, terms), fold) for theta in values
+            # The whole fold is predicted twice, as effects with a state need what came before.
+            without_first = self._corrected(values[0], terms)
+            without_second = self._corrected(values[1], terms)
+            joined = join_halves(
+                gap_of(without_first, fold), gap_of(without_second, fold)
             )
-            gaps.append(join_halves(without_first, without_second))
+            gaps.append(joined)
         return _concatenated(gaps)
 
     def _corrected(self, theta: np.ndarray, terms: frozenset[Term]) -> CorrectedArm:
@@ -91,7 +96,8 @@ class HeldOutPredictor:
             """NRMSE summed over joints, under each draw, (draws + 1,), of mean squares per fold and joint, (F, n)."""
             rows = np.maximum(weights.sum(axis=1), 1e-12)
             mean = (square * weights).sum(axis=1) / rows
-            return np.asarray((np.sqrt(mean) / self.selection.scale).sum(axis=1))
+            nrmse = np.sqrt(mean) / self.selection.scale
+            return np.asarray(nrmse.sum(axis=1))
 
         worth = {}
         for subset in _subsets(names):
@@ -101,11 +107,16 @@ class HeldOutPredictor:
 
         closed = worth[tuple(names)] - worth[()]
         above_floor = -worth[()] - total_nrmse(evidence.floor2)
+
         # Effects may close more than lies above an estimated floor: then they share what they close.
-        whole = np.maximum(np.maximum(above_floor, closed), 1e-12)
-        return {
-            name: Share.of(shapley_value(name, names, worth) / whole) for name in names
-        }
+        whole = np.maximum(above_floor, closed)
+        whole = np.maximum(whole, 1e-12)
+
+        shares = {}
+        for name in names:
+            value = shapley_value(name, names, worth)
+            shares[name] = Share.of(value / whole)
+        return shares
 
 
 @dataclass(frozen=True)
@@ -139,7 +150,8 @@ def shapley_value(
         before = factorial(len(subset))
         after = factorial(len(others) - len(subset))
         joined = tuple(sorted((*subset, name)))
-        total += before * after / orders * (worth[joined] - worth[subset])
+        added = worth[joined] - worth[subset]
+        total += before * after / orders * added
     return total
 
 
@@ -153,11 +165,14 @@ def join_halves(first: TorqueGap, second: TorqueGap) -> TorqueGap:
 
 def _concatenated(gaps: list[TorqueGap]) -> TorqueGap:
     """Gaps of several folds as one."""
-    lengths = [b - a for gap in gaps for a, b in itertools.pairwise(gap.edges)]
+    edges = [0]
+    for gap in gaps:
+        start = edges[-1]
+        edges += [start + edge for edge in gap.edges[1:]]
     return TorqueGap(
-        np.vstack([gap.measured for gap in gaps]),
-        np.vstack([gap.predicted for gap in gaps]),
-        tuple(int(edge) for edge in np.cumsum([0, *lengths])),
+        measured=np.vstack([gap.measured for gap in gaps]),
+        predicted=np.vstack([gap.predicted for gap in gaps]),
+        edges=tuple(edges),
     )
 
 
@@ -170,7 +185,10 @@ def _subsets(names: list[str]) -> list[tuple[str, ...]]:
 def _fold_weights(rows: np.ndarray, draws: int) -> np.ndarray:
     """Rows of each fold, (F, n), as often as each draw holds it; the first draw holds each once: (draws + 1, F, n)."""
     folds = len(rows)
-    rng = np.random.default_rng(0)
-    counts = rng.multinomial(folds, np.full(folds, 1 / folds), size=draws)
+    chance = np.full(folds, 1 / folds)
+    # A fixed seed: the same case has the same intervals.
+    counts = np.random.default_rng(0).multinomial(folds, chance, size=draws)
+
     once = np.ones(folds)
-    return np.asarray(np.vstack([once, counts])[:, :, None] * rows)
+    held = np.vstack([once, counts])
+    return np.asarray(held[:, :, None] * rows)

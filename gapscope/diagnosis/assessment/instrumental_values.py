@@ -52,9 +52,11 @@ def instrumented(
     except np.linalg.LinAlgError:
         return None
 
+    solution = scale * scaled
     theta = selection.fit.theta.copy()
-    theta[columns] = (scale * scaled)[: len(columns)]
-    return evidence.terms.effects(evidence.terms.clipped(theta), terms)
+    theta[columns] = solution[: len(columns)]
+    clipped = evidence.terms.clipped(theta)
+    return evidence.terms.effects(clipped, terms)
 
 
 def _equations(
@@ -66,7 +68,8 @@ def _equations(
     commanded_data = FitData(case.arm, linear.body, thinned_folds, linear.data.cutoff)
 
     # Weights of the evidence, the mean over the folds: what is fitted here is all of them at once.
-    independent = evidence.torque.independent / np.maximum(evidence.torque.count, 1e-9)
+    rows = evidence.torque
+    independent = rows.independent / np.maximum(rows.count, 1e-9)
     variance = selection.fit.held_out_mse + evidence.floor2
     weight = (independent / variance).mean(axis=0)
 
@@ -75,6 +78,8 @@ def _equations(
     for k in range(len(commanded_data.segments)):
         x, y, trust = linear.rows(linear.data, k, columns)
         z, _, _ = linear.rows(commanded_data, k, columns)
+
+        # Rows on which dry friction is not determined count less.
         w = weight * trust**2
         left += np.einsum("mjx,mj,mjy->xy", z, w, x)
         right += np.einsum("mjx,mj,mj->x", z, w, y)
@@ -83,12 +88,16 @@ def _equations(
 
 def commanded(case: Case) -> Case | None:
     """The case with the commanded motion instead of the measured one; ``None`` if it is not known."""
-    recordings = [r for r in case.recordings if r.tau is not None]
     if case.controller is None:
         return None
-    as_commanded = tuple(
-        replace(r, q=r.q_ref, dq=r.dq_ref) for r in recordings if r.q_ref is not None
-    )
-    if len(as_commanded) < len(recordings):
-        return None
-    return replace(case, recordings=as_commanded)
+
+    recordings = []
+    for recording in case.recordings:
+        # Recordings without torque are not fitted: their references do not matter.
+        if recording.tau is None:
+            continue
+        if recording.q_ref is None:
+            return None
+        as_commanded = replace(recording, q=recording.q_ref, dq=recording.dq_ref)
+        recordings.append(as_commanded)
+    return replace(case, recordings=tuple(recordings))

@@ -25,7 +25,8 @@ def predict_oscillation(
         segment: recording of each row, (M,).
         fold: what is left out together, (M,).
     """
-    longest = max(float(np.ptp(t[segment == s])) for s in np.unique(segment))
+    durations = [float(np.ptp(t[segment == s])) for s in np.unique(segment)]
+    longest = max(durations)
     out = np.zeros(len(gap))
     if longest <= 0:
         return out
@@ -39,13 +40,18 @@ def predict_oscillation(
 
     for left_out in sums:
         own = fold == left_out
-        rest = (segment == segment[own][0]) & ~own
-        if rest.any():
-            power = _power_without(left_out, sums, segment, fold)
-            strongest = frequency[int(np.argmax(power))]
-            waves = _waves(strongest, t[rest])
-            amplitude = np.linalg.lstsq(waves, gap[rest], rcond=None)[0]
-            out[own] = _waves(strongest, t[own]) @ amplitude
+        recording = segment[own][0]
+        rest = (segment == recording) & ~own
+
+        # A phase is known within a recording alone.
+        if not rest.any():
+            continue
+        power = _power_without(left_out, sums, segment, fold)
+        strongest = frequency[int(np.argmax(power))]
+
+        waves = _waves(strongest, t[rest])
+        amplitude, *_ = np.linalg.lstsq(waves, gap[rest], rcond=None)
+        out[own] = _waves(strongest, t[own]) @ amplitude
     return out
 
 
@@ -57,6 +63,7 @@ def _power_without(
     for s in np.unique(segment):
         kept = (segment == s) & (fold != left_out)
         parts = [sums[f] for f in np.unique(fold[kept])]
+
         if parts:
             power += np.abs(np.sum(parts, axis=0)) ** 2 / kept.sum()
     return power
@@ -70,16 +77,23 @@ def amplitudes(
     for s in np.unique(segment):
         rows = segment == s
         count = rows.sum()
-        amplitude = np.abs(2.0 / count * _fourier(frequency, t[rows], gap[rows]))
+
+        fourier = _fourier(frequency, t[rows], gap[rows])
+        amplitude = np.abs(2.0 / count * fourier)
         power += count * amplitude**2
     return np.sqrt(power / len(gap))
 
 
 def _fourier(frequency: np.ndarray, t: np.ndarray, series: np.ndarray) -> np.ndarray:
     """Sum of series(t) exp(-2 pi i f t), (K,); to single precision."""
-    angle = (2.0 * np.pi * (np.outer(frequency, t) % 1.0)).astype(np.float32)
-    small = series.astype(np.float32)
-    return np.asarray(np.cos(angle) @ small - 1j * (np.sin(angle) @ small))
+    # Whole turns are taken off before the precision is.
+    turns = np.outer(frequency, t) % 1.0
+    angle = (2.0 * np.pi * turns).astype(np.float32)
+    values = series.astype(np.float32)
+
+    real = np.cos(angle) @ values
+    imaginary = np.sin(angle) @ values
+    return np.asarray(real - 1j * imaginary)
 
 
 def _waves(frequency: float, t: np.ndarray) -> np.ndarray:

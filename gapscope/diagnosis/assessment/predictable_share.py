@@ -83,17 +83,18 @@ def predictable(
     """
     if not joints:
         return []
+
+    # What all joints share is computed once.
     thinned = _thinned(rows)
     posture = _posture_features(rows.q[thinned.kept])
     p_values = _whiteness(after, rows)
-    return [
-        _of_joint(
-            _residual(joint, after, rows, floor, thinned),
-            posture,
-            float(p_values[joint - 1]),
-        )
-        for joint in joints
-    ]
+
+    out = []
+    for joint in joints:
+        residual = _residual(joint, after, rows, floor, thinned)
+        p_value = float(p_values[joint - 1])
+        out.append(_of_joint(residual, posture, p_value))
+    return out
 
 
 @dataclass(frozen=True)
@@ -127,8 +128,9 @@ class _Residual:
 
     def share(self, predicted: np.ndarray) -> float:
         """Share of the squared gap above the floor that a prediction, (K,), takes away [1]."""
+        before = np.mean(self.gap**2)
         remaining = np.mean((self.gap - predicted) ** 2)
-        taken = float(np.mean(self.gap**2) - remaining)
+        taken = float(before - remaining)
         return float(np.clip(taken / self.above_floor, 0.0, 1.0))
 
 
@@ -155,10 +157,12 @@ def _of_joint(residual: _Residual, posture: np.ndarray, p_value: float) -> Predi
         return Predictable(
             residual.joint, 0.0, dict.fromkeys(names, 0.0), p_value, curve
         )
-    by = {
-        v.name: residual.share(predict_held_out(v.hats(), gap, folds))
-        for v in residual.variables
-    }
+
+    # Each variable alone, as a curve of any form.
+    by = {}
+    for variable in residual.variables:
+        alone = predict_held_out(variable.hats(), gap, folds)
+        by[variable.name] = residual.share(alone)
 
     wave = predict_oscillation(residual.t, gap, residual.rows.segment, folds.fold)
     by[OSCILLATION] = residual.share(wave)
@@ -166,7 +170,8 @@ def _of_joint(residual: _Residual, posture: np.ndarray, p_value: float) -> Predi
         wave = np.zeros_like(gap)
 
     # The oscillation is taken out first: features of the motion cannot predict it.
-    own = _signal_features(residual.variables, np.random.default_rng(residual.joint))
+    rng = np.random.default_rng(residual.joint)
+    own = _signal_features(residual.variables, rng)
     features = np.column_stack([own, posture])
     together = wave + predict_held_out(features, gap - wave, folds)
 
@@ -211,9 +216,12 @@ def _thinned(rows: MotionRows) -> _Thinned:
 
 def _signal_features(known: list[Variable], rng: np.random.Generator) -> np.ndarray:
     """A 1, a joint's signals, and random Fourier features of them; (K, 1 + signals + features)."""
-    signals = np.column_stack([column for v in known for column in v.smooth()])
+    columns = [column for variable in known for column in variable.smooth()]
+    signals = np.column_stack(columns)
+
     deviation = np.maximum(signals.std(axis=0), 1e-9)
     normalised = (signals - signals.mean(axis=0)) / deviation
+
     waves = _fourier_features(normalised, FOURIER_FEATURES, rng)
     return np.column_stack([np.ones(len(signals)), normalised, waves])
 
@@ -221,8 +229,10 @@ def _signal_features(known: list[Variable], rng: np.random.Generator) -> np.ndar
 def _posture_features(q: np.ndarray) -> np.ndarray:
     """Random Fourier features of the arm's posture, (K, FOURIER_FEATURES), of positions [rad], (K, n)."""
     angles = np.hstack([np.sin(q), np.cos(q)])
+
     # A joint that hardly moves gives no information: its deviation counts as 0.05 at least.
-    normalised = (angles - angles.mean(axis=0)) / np.maximum(angles.std(axis=0), 0.05)
+    deviation = np.maximum(angles.std(axis=0), 0.05)
+    normalised = (angles - angles.mean(axis=0)) / deviation
     rng = np.random.default_rng(0)
     return _fourier_features(normalised, FOURIER_FEATURES // 2, rng)
 
@@ -231,16 +241,24 @@ def _fourier_features(
     x: np.ndarray, count: int, rng: np.random.Generator
 ) -> np.ndarray:
     """Random Fourier features, sqrt 2 cos(x W + b) with W normal over a length and b uniform. Source: rahimi2007."""
-    lengths = np.repeat(KERNEL_LENGTHS, count) * np.sqrt(2.0 * x.shape[1])
-    weights = rng.standard_normal((x.shape[1], len(lengths))) / lengths
+    dimensions = x.shape[1]
+    # Two normalised samples lie sqrt(2 d) apart on average.
+    distance = np.sqrt(2.0 * dimensions)
+    lengths = np.repeat(KERNEL_LENGTHS, count) * distance
+
+    weights = rng.standard_normal((dimensions, len(lengths))) / lengths
     phases = rng.uniform(0.0, 2.0 * np.pi, len(lengths))
-    return np.asarray(np.sqrt(2.0) * np.cos(x @ weights + phases))
+    waves = np.cos(x @ weights + phases)
+    return np.asarray(np.sqrt(2.0) * waves)
 
 
 def _whiteness(after: TorqueGap, rows: MotionRows) -> np.ndarray:
     """Ljung and Box's p-value of the gap of each joint, sampled at its cut-off, (n,)."""
     rate = float(np.median(rows.rates))
+    # The filter correlates neighbours: rows are thinned to its cut-off, and the rest of the correlation is known.
     cutoff = min(TORQUE_CUTOFF, 0.95 * rate / 2)
     step = max(1, round(rate / cutoff))
     expected = band_correlation(rate, cutoff, step)
-    return whiteness(after.error[::step], rows.segment[::step], expected).p_value
+
+    test = whiteness(after.error[::step], rows.segment[::step], expected)
+    return test.p_value

@@ -45,7 +45,10 @@ def _harmful(predictor: HeldOutPredictor) -> Rejection | None:
     """The term that does most harm on the joint whose gap all terms together widen most."""
     terms = predictor.selection.fit.terms
     with_all = predictor.gap(terms).nrmse
-    harm = with_all - predictor.gap(frozenset()).nrmse
+    without_any = predictor.gap(frozenset()).nrmse
+    harm = with_all - without_any
+
+    # The worst joint first: once its term is rejected, others may be right.
     joint = int(np.argmax(harm)) + 1
     if harm[joint - 1] <= VISIBLE_EFFECT:
         return None

@@ -134,10 +134,15 @@ def _held_out(case: Case, predictor: HeldOutPredictor) -> Recording:
     """A recording, or the last part of a single one, to which values were not fitted."""
     if predictor.set_aside:
         return next(r for r in case.judged if r.tau is not None)
-    recording = [r for r in case.recordings if r.tau is not None][-1]
+
+    # Of several recordings the last fold is all of the last one; of a single one its last block.
+    with_torque = [r for r in case.recordings if r.tau is not None]
+    recording = with_torque[-1]
     last_fold = predictor.folds[-1]
-    start, end = last_fold[0].motion.t[0], last_fold[-1].motion.t[-1]
-    return _rows(recording, (recording.t >= start) & (recording.t <= end))
+    start = last_fold[0].motion.t[0]
+    end = last_fold[-1].motion.t[-1]
+    inside = (recording.t >= start) & (recording.t <= end)
+    return _rows(recording, inside)
 
 
 def _effects(
@@ -152,8 +157,9 @@ def _effects(
 
 def _rows(recording: Recording, kept: np.ndarray) -> Recording:
     """Some rows of a recording, by a mask of shape (N,)."""
-    arrays = {f.name: getattr(recording, f.name) for f in fields(recording)}
-    return replace(
-        recording,
-        **{name: x[kept] for name, x in arrays.items() if isinstance(x, np.ndarray)},
-    )
+    shortened = {}
+    for field in fields(recording):
+        value = getattr(recording, field.name)
+        if isinstance(value, np.ndarray):
+            shortened[field.name] = value[kept]
+    return replace(recording, **shortened)

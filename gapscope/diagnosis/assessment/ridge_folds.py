@@ -31,6 +31,7 @@ def predict_held_out(x: np.ndarray, y: np.ndarray, folds: Folds) -> np.ndarray:
     rows_of_fold = [folds.fold == fold for fold in np.unique(folds.fold)]
     by_strength = _predictions(x, y, folds.fitted, rows_of_fold)
 
+    # Squared errors per strength and fold, and those of predicting 0.
     squares = (y - by_strength) ** 2
     errors = np.column_stack([squares[:, rows].sum(axis=1) for rows in rows_of_fold])
     powers = np.array([(y[rows] ** 2).sum() for rows in rows_of_fold])
@@ -49,11 +50,13 @@ def _predictions(
     x: np.ndarray, y: np.ndarray, fitted: np.ndarray, rows_of_fold: list[np.ndarray]
 ) -> np.ndarray:
     """Prediction of each fold from the others under each strength of the ridge, (strengths, M)."""
+    # Normal equations of each fold: those of all others are sums less its own.
     grams, rights = [], []
     for rows in rows_of_fold:
         own = rows & fitted
-        grams.append(x[own].T @ x[own])
-        rights.append(x[own].T @ y[own])
+        columns = x[own]
+        grams.append(columns.T @ columns)
+        rights.append(columns.T @ y[own])
     gram = np.sum(grams, axis=0)
     right = np.sum(rights, axis=0)
     mean_square = np.trace(gram) / len(gram)
@@ -63,7 +66,9 @@ def _predictions(
         # One decomposition serves all strengths: a ridge adds to every eigenvalue.
         value, vector = np.linalg.eigh(gram - own_gram)
         rotated = vector.T @ (right - own_right)
+
         for k, strength in enumerate(RIDGE_STRENGTHS):
             ridged = np.maximum(value + strength * mean_square, 1e-300)
-            out[k, rows] = x[rows] @ (vector @ (rotated / ridged))
+            coefficients = vector @ (rotated / ridged)
+            out[k, rows] = x[rows] @ coefficients
     return out

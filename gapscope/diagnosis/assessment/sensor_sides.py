@@ -129,8 +129,10 @@ def find_sides(
 
     # Both sides have the norm of the recorded torque, so that they can be compared.
     scale = torque_scale(np.vstack([filtered_torque(s) for s in with_sensor]))
-    before = predictor.measured(frozenset(), side_gaps).rmse.reshape(2, -1) / scale
-    after = predictor.measured(terms, side_gaps).rmse.reshape(2, -1) / scale
+    gap_before = predictor.measured(frozenset(), side_gaps)
+    gap_after = predictor.measured(terms, side_gaps)
+    before = gap_before.rmse.reshape(2, -1) / scale
+    after = gap_after.rmse.reshape(2, -1) / scale
 
     actuator_floors, link_floors = _floors(fitted_arm, body, with_sensor)
     link_floors = np.hypot(link_floors, inertial_error)
@@ -178,8 +180,11 @@ def _floors(
     """RMS that a healthy arm and its sensors leave, actuator side and link side [N m], (n,) each."""
     actuator, link = [], []
     for segment in segments:
-        sticking2 = (noise_floor(arm, body, segment).sticking ** 2).mean(axis=0)
-        actuator.append(np.square(actuator_floor(arm, body, segment)) + sticking2)
+        # Dry friction acts before the sensor: it is not determined on the actuator side alone.
+        sticking = noise_floor(arm, body, segment).sticking
+        sticking2 = (sticking**2).mean(axis=0)
+        steady2 = np.square(actuator_floor(arm, body, segment))
+        actuator.append(steady2 + sticking2)
         link.append(np.square(link_floor(arm, body, segment)))
     return np.sqrt(np.mean(actuator, axis=0)), np.sqrt(np.mean(link, axis=0))
 

@@ -38,12 +38,15 @@ def log_e_values(selection: Selection) -> dict[str, float]:
     def least(total: np.ndarray) -> np.ndarray:
         return NormalEquations(total, evidence.terms.size, evidence.spread).least
 
-    least_first, least_second, least_both = map(least, (first, second, first + second))
+    least_first, least_second = least(first), least(second)
+    least_both = least(first + second)
+
     # Pairs of the half that is fitted, and what the other half adds to it.
     directions = [
         (least_first, least_both - least_first),
         (least_second, least_both - least_second),
     ]
+
     rigid = frozenset(t for t in terms if t.definition.locally_linear)
     out = {}
     for tested_terms in by_finding(rigid):
@@ -51,7 +54,8 @@ def log_e_values(selection: Selection) -> dict[str, float]:
             log_e_value(terms, tested_terms, fitted, tested)
             for fitted, tested in directions
         ]
-        out[next(iter(tested_terms)).finding] = _log_mean(logs)
+        name = next(iter(tested_terms)).finding
+        out[name] = _log_mean(logs)
     return out
 
 
@@ -69,10 +73,14 @@ def false_discovery_rates(
     """
     tried = len(explained()) if tried is None else tried
     ranked = sorted(log_e, key=lambda name: log_e[name], reverse=True)
+
     rates = []
     for k, name in enumerate(ranked, 1):
+        # The bound keeps the inverse finite; the rate is 1 there anyway.
         inverse = float(np.exp(-max(log_e[name], -50.0)))
         rates.append(min(1.0, tried / k * inverse))
+
+    # A larger e is confirmed whenever a smaller one is.
     return {name: min(rates[k:]) for k, name in enumerate(ranked)}
 
 

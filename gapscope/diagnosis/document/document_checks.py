@@ -65,6 +65,7 @@ def _wrong_lengths(content: dict[str, Any]) -> Iterator[Problem]:
     """Arrays over joints that do not fit the number of joints."""
     n = _n_joints(content)
     for field, array in _arrays_over_joints(content):
+        # what is not known is null in place of the array
         if array is not None and len(array) != n:
             problem = f"has {len(array)} entries, but gap.before.torque_nrmse has {n}"
             yield field, problem

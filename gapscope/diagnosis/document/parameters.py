@@ -39,6 +39,7 @@ def parameters(
     terms = [t for t in known.all if t in selection.fit.terms and t.finding == finding]
     nonlinear = terms[0].parametrisation.nonlinear
     samples = _samples(selection, terms, draws)
+
     out: dict[str, Any] = {}
     for parameter in applied.effect.parameters:
         name, value = parameter.name, applied.parameters[parameter.name]
@@ -48,6 +49,7 @@ def parameters(
             std = np.zeros(1)
         else:
             std = _bootstrap_std(parameter, samples)
+
         # A skew of sampling acts as a delay: delays and lags are not known better than it.
         skew = SKEWS[1] if applied.effect.delays else 0.0
         std = np.hypot(std, skew).reshape(value.shape)
@@ -56,7 +58,8 @@ def parameters(
             "value": value.tolist(),
             "std": std.tolist(),
         }
-        if instrumented is not None and name not in (*nonlinear, "link"):
+        fitted_linearly = name not in (*nonlinear, "link")
+        if instrumented is not None and fitted_linearly:
             entry["by_commands"] = instrumented.parameters[name].tolist()
         out[name] = entry
     return out
@@ -74,6 +77,8 @@ def _samples(
     """Parameters of an effect on each draw of the linear coordinates, others at their values."""
     scanned = [selection.evidence.linear.nonlinear(term).values for term in terms]
     nonlinear = np.array(scanned).T
+
+    # Places of the linear coordinates in theta, (linear, m).
     columns = np.array([term.columns for term in terms], dtype=int).T
     to_values = terms[0].parametrisation.values
     return [dict(to_values(draw[columns], nonlinear)) for draw in draws]
@@ -86,6 +91,7 @@ def _bootstrap_std(
 
     Percentiles, because a parameter that is a quotient of coordinates has draws without bound.
     """
-    drawn = np.clip([sample[parameter.name] for sample in samples], *parameter.bounds)
-    low, high = np.percentile(drawn, [15.87, 84.13], axis=0)
+    drawn = [sample[parameter.name] for sample in samples]
+    inside = np.clip(drawn, *parameter.bounds)
+    low, high = np.percentile(inside, [15.87, 84.13], axis=0)
     return np.asarray(0.5 * (high - low))

@@ -40,13 +40,11 @@ class ParameterText:
     @property
     def text(self) -> str:
         """All on one line."""
-        unit = (
-            self.unit if self.unit.startswith("°") or not self.unit else f" {self.unit}"
-        )
-        return (
-            ", ".join(f"{label} {value}".strip() for label, value in self.entries)
-            + unit
-        )
+        values = [f"{label} {value}".strip() for label, value in self.entries]
+        # A degree sign follows its number without a space.
+        no_space = not self.unit or self.unit.startswith("°")
+        unit = self.unit if no_space else f" {self.unit}"
+        return ", ".join(values) + unit
 
 
 def effect_name(name: str) -> str:
@@ -61,7 +59,10 @@ def capital(text: str) -> str:
 
 def listing(parts: Sequence[str]) -> str:
     """Parts joined as in a sentence: ``a, b and c``."""
-    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
+    if len(parts) < 2:
+        return "".join(parts)
+    first = ", ".join(parts[:-1])
+    return f"{first} and {parts[-1]}"
 
 
 def joint_ranges(joints: Sequence[int]) -> list[str]:
@@ -84,16 +85,19 @@ def joint_ranges(joints: Sequence[int]) -> list[str]:
 
 def acts_on(entry: Mapping[str, Any]) -> str:
     """What an effect of the document acts on, as in a sentence: ``joints 4 and 5``, ``link 3``, ``the whole arm``."""
-    if entry["joints"]:
-        return f"joint{'s' if len(entry['joints']) > 1 else ''} {listing(joint_ranges(entry['joints']))}"
-    if "link" in entry.get("parameters", {}):
-        return f"link {entry['parameters']['link']['value']:.0f}"
+    joints = entry["joints"]
+    if joints:
+        plural = "s" if len(joints) > 1 else ""
+        return f"joint{plural} {listing(joint_ranges(joints))}"
+    parameters = entry.get("parameters", {})
+    if "link" in parameters:
+        return f"link {parameters['link']['value']:.0f}"
+
+    # An alternative has no parameters: which link is not said.
     definition = CATALOGUE.get(entry["effect"])
-    return (
-        "one link"
-        if definition is not None and definition.scope == "link"
-        else "the whole arm"
-    )
+    if definition is not None and definition.scope == "link":
+        return "one link"
+    return "the whole arm"
 
 
 def joint_names(document: Document) -> list[str]:
@@ -105,8 +109,10 @@ def joint_names(document: Document) -> list[str]:
 def short_names(names: Sequence[str]) -> list[str]:
     """Names without what they share at both ends; empty strings if only the joint's number is left."""
     start = _shared(names)
-    end = _shared([name[start:][::-1] for name in names])
-    short = [name[start : len(name) - end].strip("_- ") for name in names]
+    reversed_rest = [name[start:][::-1] for name in names]
+    end = _shared(reversed_rest)
+    inner = [name[start : len(name) - end] for name in names]
+    short = [name.strip("_- ") for name in inner]
 
     numbers = [str(number) for number in range(1, len(names) + 1)]
     only_numbers = [name.lstrip("0") for name in short] == numbers
