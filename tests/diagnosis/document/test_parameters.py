@@ -32,7 +32,7 @@ def entries(
 ) -> dict[str, Any]:
     scan = SimpleNamespace(values=tuple(0.5 for _ in std), std=std)
     evidence = TableEvidence()
-    object.__setattr__(evidence, "linear", SimpleNamespace(shape=lambda term: scan))
+    object.__setattr__(evidence, "linear", SimpleNamespace(nonlinear=lambda term: scan))
     found = selections.selection(*terms, evidence=evidence)
     return parameters(found, effect, draws, **more)
 
