@@ -31,8 +31,8 @@ from gapscope.envs.recorder import record
 from gapscope.ident.estimators.wls import WeightedLeastSquares
 from gapscope.ident.kalman.alarm import alarm
 from gapscope.ident.kalman.change_point import (
-    Change,
-    Hypothesis,
+    ChangeHypothesis,
+    ParameterChange,
     find_change,
     friction_hypothesis,
     payload_hypothesis,
@@ -68,7 +68,7 @@ class Run:
     label: str
     moment: float | None
     mass: float
-    change: Change | None
+    change: ParameterChange | None
     heard: float | None
     nearest: float
     agreement: float
@@ -177,7 +177,7 @@ class Bench:
         directions = np.concatenate([np.zeros((2 * n, len(names))), np.eye(len(names))])
         track = filtered.follow(recording, every=5)
         return moment if pickup else None, alarm(
-            track, Hypothesis("payload", names, directions), window=0.3
+            track, ChangeHypothesis("payload", names, directions), window=0.3
         ).time
 
     def warming(self, seed: int) -> list[str]:

@@ -18,10 +18,10 @@ from gapscope.ident.checks.plausible_samples import (
 )
 from gapscope.ident.checks.table_row import Row
 from gapscope.ident.checks.troubleshooting import fill_in
-from gapscope.ident.checks.warnings import doubts
+from gapscope.ident.checks.warnings import identification_warnings
 from gapscope.ident.estimators.by_name import method
 from gapscope.ident.estimators.estimate import Estimate
-from gapscope.ident.kalman.changes import FoundChange, find_changes
+from gapscope.ident.kalman.changes import RecordingChange, find_changes
 from gapscope.ident.model.base_parameters import BaseParameters, base_parameters
 from gapscope.ident.model.friction_law import FrictionLaw
 from gapscope.ident.model.joint_zero import JointZeros, estimate_zeros
@@ -95,7 +95,7 @@ class Identification:
     estimate: Estimate
     uncertainty: Uncertainty
     examined: Examination
-    changes: tuple[FoundChange, ...]
+    changes: tuple[RecordingChange, ...]
     predicted: PredictedTorque | None
     physical: Physical
     recovered: tuple[Recovery, ...]
@@ -151,7 +151,7 @@ def identify(
     table = fill_in(evidence)
     # a change spoils the fit: it is looked for in every recording, fitted or held out
     changes = find_changes((*fit, *held_out), columns, law, base, band)
-    doubtful = doubts(
+    doubtful = identification_warnings(
         evidence, estimate, examined, changes, similarity, table, validation[1]
     )
     return Identification(

@@ -109,7 +109,7 @@ def test_same_seed_same_trajectory_and_effects_are_reported(
         (
             "kuka_iiwa",
             ("--acceleration", 1e-4, *QUICK),
-            ("acceleration starves", "raise --acceleration"),
+            ("acceleration keeps it small", "raise --acceleration"),
         ),
         (
             "kuka_iiwa",
@@ -148,7 +148,7 @@ def test_a_starved_trajectory_is_written_with_a_warning(
             *QUICK,
         )
     assert done.code == 0 and (tmp_path / "x.csv").exists()
-    assert "velocity starves it; raise --velocity" in done.err
+    assert "velocity keeps it small; raise --velocity" in done.err
 
 
 def test_help_names_units_and_fits_a_narrow_terminal(

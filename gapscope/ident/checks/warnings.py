@@ -9,7 +9,7 @@ from gapscope.ident.checks.plausible_samples import resting
 from gapscope.ident.checks.table_row import FOUND, Row
 from gapscope.ident.checks.torque_gain import torque_gain
 from gapscope.ident.estimators.estimate import Estimate
-from gapscope.ident.kalman.changes import FoundChange
+from gapscope.ident.kalman.changes import RecordingChange
 from gapscope.ident.model.physical_parameters import inconsistent
 from gapscope.ident.uncertainty.examination import Examination
 from gapscope.ident.uncertainty.validation import Validation
@@ -18,11 +18,11 @@ SAID_OTHERWISE = ("low_speed_friction", "resting_joint", "torque_gain", "conditi
 """Rows of the troubleshooting table that need no warning, or have a fuller one here."""
 
 
-def doubts(
+def identification_warnings(
     evidence: FitEvidence,
     estimate: Estimate,
     examined: Examination,
-    changes: Sequence[FoundChange],
+    changes: Sequence[RecordingChange],
     similarity: NominalSimilarity,
     table: Sequence[Row],
     held_out: Validation,
@@ -51,7 +51,7 @@ def _torque(similarity: NominalSimilarity, held_out: Validation) -> Iterator[str
         )
 
 
-def _changed(changes: Sequence[FoundChange]) -> Iterator[str]:
+def _changed(changes: Sequence[RecordingChange]) -> Iterator[str]:
     for found in changes:
         yield f"{found}; cut the recording there, and name a known load in payloads:"
 

@@ -14,6 +14,7 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.trajectory import Limits, ReferenceMotion
 from gapscope.arm.nominal import NominalArm
+from gapscope.ident.excitation.binding_limit import check_condition
 from gapscope.ident.excitation.candidate_model import ExcitationModel
 from gapscope.ident.excitation.criteria import CRITERIA, condition_number
 from gapscope.ident.excitation.excitation_plan import (
@@ -23,7 +24,6 @@ from gapscope.ident.excitation.excitation_plan import (
 )
 from gapscope.ident.excitation.limits import Checker, Margin
 from gapscope.ident.excitation.separation import Separated, Separator, Signatures
-from gapscope.ident.excitation.starved import check_condition
 from gapscope.ident.excitation.trajectory_parametrisation import Parametrisation
 from gapscope.ident.excitation.trajectory_search import SAMPLES, TrajectorySearch
 

@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from scipy.stats import f as fisher
 
 from gapscope.arm.errors import InputError
-from gapscope.ident.kalman.change_point import Hypothesis
+from gapscope.ident.kalman.change_point import ChangeHypothesis
 from gapscope.ident.kalman.track import Track
 
 LEVELS = (0.5, 0.9)
@@ -38,7 +38,7 @@ class Alarm:
 
 def alarm(
     track: Track,
-    hypothesis: Hypothesis,
+    hypothesis: ChangeHypothesis,
     *,
     window: float = 0.5,
     false_alarms: float = 1e-3,

@@ -24,7 +24,7 @@ STANDS_OUT = 3.0
 
 
 @dataclass(frozen=True)
-class Hypothesis:
+class ChangeHypothesis:
     """What may change at once, beta' = beta + D delta.
 
     Attributes:
@@ -39,7 +39,7 @@ class Hypothesis:
 
 
 @dataclass(frozen=True)
-class Change:
+class ParameterChange:
     """A change of parameters.
 
     Attributes:
@@ -51,7 +51,7 @@ class Change:
         statistic: twice the log-likelihood ratio against no change, divided by its threshold [1].
     """
 
-    hypothesis: Hypothesis
+    hypothesis: ChangeHypothesis
     time: float
     interval: tuple[float, float]
     size: np.ndarray
@@ -64,7 +64,7 @@ class Change:
         return np.sqrt(np.diag(self.covariance).clip(0.0))
 
 
-def payload_hypothesis(base: BaseParameters, link: int) -> Hypothesis:
+def payload_hypothesis(base: BaseParameters, link: int) -> ChangeHypothesis:
     """A payload picked up or put down: mass [kg] and first moment [kg m] of a link, in the frame of its joint.
 
     Its inertia about that frame, m c^2, is left out: it is small against rotor and link if the load is near.
@@ -75,10 +75,10 @@ def payload_hypothesis(base: BaseParameters, link: int) -> Hypothesis:
     """
     names = tuple(f"{kind}{link}" for kind in ("m", "mx", "my", "mz"))
     places = [base.names.index(name) for name in names]
-    return Hypothesis("payload", names, base.combination[:, places])
+    return ChangeHypothesis("payload", names, base.combination[:, places])
 
 
-def friction_hypothesis(base: BaseParameters, joint: int) -> Hypothesis:
+def friction_hypothesis(base: BaseParameters, joint: int) -> ChangeHypothesis:
     """Viscous [N m s/rad] and Coulomb friction [N m] of a joint, counted from 1, changed."""
     both = (f"b{joint}", f"c{joint}")
     names = tuple(name for name in both if name in base.names)
@@ -88,17 +88,19 @@ def friction_hypothesis(base: BaseParameters, joint: int) -> Hypothesis:
             "give the regressor friction columns",
         )
     places = [base.names.index(name) for name in names]
-    return Hypothesis(f"friction of joint {joint}", names, base.combination[:, places])
+    return ChangeHypothesis(
+        f"friction of joint {joint}", names, base.combination[:, places]
+    )
 
 
 def find_change(
     problem: Problem,
     t: np.ndarray,
-    hypotheses: Sequence[Hypothesis],
+    hypotheses: Sequence[ChangeHypothesis],
     *,
     false_alarms: float = 1e-3,
     margin: float = 0.4,
-) -> Change | None:
+) -> ParameterChange | None:
     """The likeliest change, or ``None`` if none is certain.
 
     For every moment T the model tau = W (beta + 1(t > T) D delta) + noise is fitted to the whole record, beta free, by
@@ -150,7 +152,7 @@ def find_change(
         return None
     # moments whose likelihood ratio is not significantly lower than the best one's
     near = t[moments[best.statistic > best.peak - chi2.ppf(0.95, 1)]]
-    return Change(
+    return ParameterChange(
         best.hypothesis,
         float(t[best.moment]),
         (float(near.min()), float(near.max())),
@@ -163,7 +165,7 @@ def find_change(
 def _best_scan(
     problem: Problem,
     moments: np.ndarray,
-    hypotheses: Sequence[Hypothesis],
+    hypotheses: Sequence[ChangeHypothesis],
 ) -> tuple[Problem, _Scan]:
     """The problem with white noise, and the scan of the likeliest hypothesis; noise and change found in turns."""
     best: _Scan | None = None
@@ -217,7 +219,7 @@ class _Sums:
 class _Scan:
     """One hypothesis at all moments: 2 log L (T,), and at its peak the place, delta and its covariance."""
 
-    hypothesis: Hypothesis
+    hypothesis: ChangeHypothesis
     statistic: np.ndarray
     moment: int
     size: np.ndarray
@@ -233,7 +235,7 @@ class _Scan:
         return -float(chi2.logsf(self.peak, len(self.size)))
 
     @classmethod
-    def over(cls, sums: _Sums, hypothesis: Hypothesis) -> _Scan:
+    def over(cls, sums: _Sums, hypothesis: ChangeHypothesis) -> _Scan:
         D = hypothesis.directions * sums.scale[:, None]
         # A' D and A^-1 A' D of each moment
         after = sums.gram_after @ D
@@ -268,14 +270,16 @@ def _usual(
         )
         # a further change of the same parameters; those of the changes that are fitted stay
         directions = np.concatenate([hypothesis.directions, np.zeros((s, s))])
-        hypothesis = Hypothesis(hypothesis.name, hypothesis.names, directions)
+        hypothesis = ChangeHypothesis(hypothesis.name, hypothesis.names, directions)
         scan = _Scan.over(_Sums.of(problem, moments), hypothesis)
     everywhere = float(np.median(scan.statistic) / chi2.median(s))
     next_peak = STANDS_OUT * scan.peak / threshold
     return max(1.0, everywhere, next_peak)
 
 
-def _with_change(matrix: np.ndarray, moment: int, hypothesis: Hypothesis) -> np.ndarray:
+def _with_change(
+    matrix: np.ndarray, moment: int, hypothesis: ChangeHypothesis
+) -> np.ndarray:
     """W with columns for a change of the hypothesis after a moment, shape (N, n, b + s)."""
     after = (np.arange(len(matrix)) > moment)[:, None, None]
     return np.concatenate([matrix, after * (matrix @ hypothesis.directions)], axis=2)

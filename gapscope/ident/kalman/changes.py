@@ -10,7 +10,7 @@ import numpy as np
 from gapscope.arm.errors import InputError
 from gapscope.arm.recording import Recording
 from gapscope.ident.kalman.change_point import (
-    Change,
+    ParameterChange,
     find_change,
     friction_hypothesis,
     payload_hypothesis,
@@ -31,7 +31,7 @@ more were beyond 20."""
 
 
 @dataclass(frozen=True)
-class FoundChange:
+class RecordingChange:
     """A change during a recording.
 
     Attributes:
@@ -40,7 +40,7 @@ class FoundChange:
     """
 
     recording: str
-    change: Change
+    change: ParameterChange
 
     def __str__(self) -> str:
         """What happened, in words."""
@@ -68,7 +68,7 @@ def find_changes(
     law: FrictionLaw,
     base: BaseParameters,
     band: Band,
-) -> tuple[FoundChange, ...]:
+) -> tuple[RecordingChange, ...]:
     """At most one change in each recording: of a load on the last link, or of a joint's viscous and Coulomb friction.
 
     Each recording is examined alone, all base parameters unknown (``gapscope.ident.kalman.change_point``).
@@ -94,7 +94,7 @@ def _each(
     base: BaseParameters,
     band: Band,
     hypotheses: list,
-) -> Iterator[FoundChange]:
+) -> Iterator[RecordingChange]:
     names = [base.names[k] for k in base.kept]
     for recording in recordings:
         segments = band.segments([recording])
@@ -110,7 +110,7 @@ def _each(
         except InputError:  # too short
             continue
         if change is not None and change.statistic >= PLAIN:
-            yield FoundChange(recording.name, change)
+            yield RecordingChange(recording.name, change)
 
 
 def _moving(samples: Samples, problem: Problem) -> tuple[Problem, np.ndarray]:

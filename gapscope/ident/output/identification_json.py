@@ -14,7 +14,7 @@ from gapscope.arm.io.json_file import plain, write_json
 from gapscope.ident.checks.table_row import Row
 from gapscope.ident.estimators.by_name import method
 from gapscope.ident.identification import Identification
-from gapscope.ident.kalman.changes import FoundChange
+from gapscope.ident.kalman.changes import RecordingChange
 from gapscope.ident.model.law_choice import STRONGEST
 from gapscope.ident.model.physical_parameters import LinkCheck
 from gapscope.ident.output.examination_json import examined_document
@@ -125,7 +125,7 @@ def _base(result: Identification) -> dict[str, Any]:
     }
 
 
-def _change(found: FoundChange) -> dict[str, Any]:
+def _change(found: RecordingChange) -> dict[str, Any]:
     change = found.change
     return {
         "recording": found.recording,

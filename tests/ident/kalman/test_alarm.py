@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from gapscope.ident.kalman.alarm import alarm
-from gapscope.ident.kalman.change_point import Hypothesis, payload_hypothesis
+from gapscope.ident.kalman.change_point import ChangeHypothesis, payload_hypothesis
 from gapscope.ident.kalman.recursive import Recursive
 from gapscope.ident.kalman.unscented import Unscented
 
-LEVEL = Hypothesis("level", ("level",), np.array([[1.0]]))
+LEVEL = ChangeHypothesis("level", ("level",), np.array([[1.0]]))
 RATE = 25.0
 
 
@@ -67,7 +67,7 @@ def test_the_unscented_filter_hears_a_pick_up_too(world):
     filtered = Unscented(
         world.regressor, names, spread, 0.1 * spread, 3e-5, np.full(3, 0.5)
     )
-    hypothesis = Hypothesis("payload", names, np.eye(10)[:, 6:])
+    hypothesis = ChangeHypothesis("payload", names, np.eye(10)[:, 6:])
     still, picked = (
         world.recorded(3, pickup=pickup, duration=6.0) for pickup in (None, (4.0, 2.0))
     )

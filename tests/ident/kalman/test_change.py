@@ -7,7 +7,7 @@ from gapscope.arm.errors import InputError
 from gapscope.effects.applied import AppliedEffect
 from gapscope.ident.kalman.alarm import alarm
 from gapscope.ident.kalman.change_point import (
-    Hypothesis,
+    ChangeHypothesis,
     find_change,
     friction_hypothesis,
     payload_hypothesis,
@@ -16,8 +16,8 @@ from gapscope.ident.kalman.recursive import Recursive
 from gapscope.ident.kalman.whitening import white
 from gapscope.ident.model.linear_problem import Problem
 
-SLOPE = Hypothesis("slope", ("slope",), np.array([[1.0], [0.0]]))
-LEVEL = Hypothesis("level", ("level",), np.array([[0.0], [1.0]]))
+SLOPE = ChangeHypothesis("slope", ("slope",), np.array([[1.0], [0.0]]))
+LEVEL = ChangeHypothesis("level", ("level",), np.array([[0.0], [1.0]]))
 
 
 def line(rng, count=300, step=0.0, colour=0.0):

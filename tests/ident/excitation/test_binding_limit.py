@@ -1,4 +1,4 @@
-"""Trajectories that tell nothing: which limit starves them, a warning, and a refusal."""
+"""Trajectories that determine no parameter: the limit that keeps them small, a warning, and a refusal."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.motions.trajectory import Limits
 from gapscope.arm.nominal import NominalArm
-from gapscope.ident.excitation import starved
+from gapscope.ident.excitation import binding_limit as module
+from gapscope.ident.excitation.binding_limit import binding_limit, check_condition
 from gapscope.ident.excitation.candidate_model import ExcitationModel
 from gapscope.ident.excitation.criteria import CRITERIA, condition_number
 from gapscope.ident.excitation.families import family
 from gapscope.ident.excitation.limits import Allowed, Checker
-from gapscope.ident.excitation.starved import check_condition, starving_limit
 from gapscope.ident.excitation.trajectory_parametrisation import Parametrisation
 from gapscope.ident.excitation.trajectory_search import (
     SAMPLES,
@@ -31,7 +31,7 @@ TINY = {
     "velocity": {"velocity": np.full(3, 1e-3)},
     "position": {"lower": np.full(3, 0.500), "upper": np.full(3, 0.501)},
 }
-"""Limits that starve a motion of the arm, each by itself."""
+"""Limits that keep a motion of the arm small, each alone."""
 
 
 @pytest.fixture
@@ -57,11 +57,11 @@ def candidate(arm: NominalArm, body: RigidBody, limits: Limits) -> Candidate:
 
 
 @pytest.mark.parametrize("name", TINY)
-def test_the_limit_that_starves_a_motion_is_named(
+def test_the_limit_that_keeps_a_motion_small_is_named(
     name: str, candidate: Candidate
 ) -> None:
     search, x, condition = candidate(**TINY[name])
-    found = starving_limit(search, x, condition)
+    found = binding_limit(search, x, condition)
     assert found is not None and found.limit == name and found.condition < condition / 5
 
 
@@ -71,7 +71,8 @@ def test_a_useless_trajectory_is_refused_with_the_option_that_helps(
     search, x, condition = candidate(acceleration=np.full(3, 1e-5))
     assert condition > 1e8
     with pytest.raises(
-        InputError, match="(?s)acceleration starves it.*remedy: raise --acceleration"
+        InputError,
+        match="(?s)acceleration keeps it small.*remedy: raise --acceleration",
     ):
         check_condition(search, x, condition)
 
@@ -79,7 +80,7 @@ def test_a_useless_trajectory_is_refused_with_the_option_that_helps(
 def test_a_poor_trajectory_is_warned_of(candidate: Candidate) -> None:
     search, x, condition = candidate(velocity=np.full(3, 0.01))
     assert 1e3 < condition < 1e8
-    with pytest.warns(ModelWarning, match="velocity starves it; raise --velocity"):
+    with pytest.warns(ModelWarning, match="velocity keeps it small; raise --velocity"):
         check_condition(search, x, condition)
 
 
@@ -87,7 +88,7 @@ def test_where_no_limit_is_to_blame_more_search_is_advised(
     candidate: Candidate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     search, x, _ = candidate()
-    monkeypatch.setattr(starved, "condition_number", lambda matrix: 1999.0)
+    monkeypatch.setattr(module, "condition_number", lambda matrix: 1999.0)
     with pytest.warns(ModelWarning, match="2e\\+03; allow more evaluations"):
         check_condition(search, x, 2000.0)
 

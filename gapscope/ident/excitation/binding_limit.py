@@ -28,16 +28,16 @@ OPTIONS = {
 """Limits of the motion, and what widens each."""
 
 
-class Starved(NamedTuple):
-    """A limit that starves a trajectory, and the condition number that it would have were it ``WIDER`` [1]."""
+class BindingLimit(NamedTuple):
+    """The limit that keeps a motion small, and the condition number that it would have were it ``WIDER`` [1]."""
 
     limit: str
     condition: float
 
 
-def starving_limit(
+def binding_limit(
     search: TrajectorySearch, x: np.ndarray, condition: float
-) -> Starved | None:
+) -> BindingLimit | None:
     """The limit of the motion that costs a candidate most of its condition number; ``None`` if none costs much.
 
     With wider limits the same numbers x are a larger motion, so each limit can be widened alone.
@@ -47,7 +47,7 @@ def starving_limit(
         x: its numbers, shape (d,).
         condition: its condition number [1].
     """
-    widened = [Starved(name, _widened(search, x, name)) for name in OPTIONS]
+    widened = [BindingLimit(name, _widened(search, x, name)) for name in OPTIONS]
     best = min(widened, key=lambda found: found.condition)
     return best if WORTH * best.condition <= condition else None
 
@@ -62,13 +62,13 @@ def check_condition(search: TrajectorySearch, x: np.ndarray, condition: float) -
         return
     problem = f"the motion hardly determines the parameters, its condition number is {condition:.2g}"
     remedy = "allow more evaluations, more harmonics or a longer motion"
-    starved = starving_limit(search, x, condition)
-    if starved is not None:
-        problem += f": the limit of {starved.limit} starves it"
-        remedy = f"{OPTIONS[starved.limit]}; {WIDER:g} times as wide, it would leave {starved.condition:.2g}"
+    binding = binding_limit(search, x, condition)
+    if binding is not None:
+        problem += f": the limit of {binding.limit} keeps it small"
+        remedy = f"{OPTIONS[binding.limit]}; {WIDER:g} times as wide, it would leave {binding.condition:.2g}"
     if condition > USELESS:
         raise InputError(
-            problem, remedy, where="limits" if starved is None else starved.limit
+            problem, remedy, where="limits" if binding is None else binding.limit
         )
     warnings.warn(f"{problem}; {remedy}", ModelWarning, stacklevel=3)
 
