@@ -36,7 +36,7 @@ def unit_triangle(Y: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.n
     rows = np.asarray(Y, dtype=float).reshape(-1, len(names))
     if len(rows) < len(names):
         raise InputError(
-            f"{len(rows)} rows cannot tell {len(names)} parameters apart",
+            f"{len(rows)} rows do not determine {len(names)} parameters",
             "record more samples",
             where="regressor",
         )

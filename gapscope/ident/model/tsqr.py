@@ -144,7 +144,7 @@ class TriangularFactor:
         """Covariance of ``solve`` for white noise, rho^2 / (M - p) (R^T R)^-1, shape (p, p); W of full rank."""
         self._check(
             self.rows > self._columns,
-            f"{self.rows} rows cannot tell {self._columns} parameters apart",
+            f"{self.rows} rows do not determine {self._columns} parameters",
         )
         variance = self.residual_norm**2 / (self.rows - self._columns)
         inverse = solve_triangular(self.triangle, np.eye(self._columns))

@@ -169,7 +169,7 @@ def _warnings(
     if condition > CONDITION_LIMIT:
         out.append(
             f"condition number {condition:.3g} with unit columns is above {CONDITION_LIMIT:g}: "
-            f"{', '.join(weakest)} cannot be told apart; record an optimised exciting motion, or drop what is not "
+            f"{', '.join(weakest)} cannot be separated; record an optimised exciting motion, or drop what is not "
             "essential"
         )
     elif raw > CONDITION_LIMIT:

@@ -1,4 +1,4 @@
-"""Criteria by hand, and effects that can and cannot be told apart."""
+"""Criteria by hand, and effects that can and cannot be separated."""
 
 from __future__ import annotations
 

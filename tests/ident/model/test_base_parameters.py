@@ -217,7 +217,7 @@ NAMES = ("m1", "mx1")
 BAD = {
     "too short": (
         np.ones((1, 2)),
-        "1 rows cannot tell 2 parameters apart.*record more samples",
+        "1 rows do not determine 2 parameters.*record more samples",
     ),
     "NaN": (np.array([[1.0, np.nan], [0, 1]]), "not finite"),
     "zero": (np.zeros((5, 2)), "nothing moves"),

@@ -109,8 +109,7 @@ def test_two_columns_that_nearly_coincide_raise_a_warning_that_names_them():
     assert 1e4 < found.condition < 3e4
     assert set(found.weakest) == {"b", "d"}
     assert (
-        "above 1000" in found.warnings[0]
-        and "cannot be told apart" in found.warnings[0]
+        "above 1000" in found.warnings[0] and "cannot be separated" in found.warnings[0]
     )
 
 
