@@ -137,29 +137,25 @@ def prepare(
     allowed, collision = limits.allowed(arm, body), limits.collision(arm, body)
     final = Checker(arm, body, allowed, collision)
     final.check_static(_postures(allowed.motion))
-    samples = (
-        SAMPLES
-        if separator is None
-        else int(np.ceil(plan.length * SEPARATING_RATE)) + 1
-    )
-    if separator is None and len(plan.effects) > 1:
+    samples = SAMPLES
+    if separator is not None:
+        # a given separator predicts over time, which takes a rate of its own
+        samples = int(np.ceil(plan.length * SEPARATING_RATE)) + 1
+    elif len(plan.effects) > 1:
         separator = Signatures(arm, body, plan.effects)
+    # tighter than the final limits, for what lies between the samples of the search
     tight = allowed.tightened(**TIGHTER)
+    near = None if collision is None else collision.nearby(tight.clearance)
     separating = plan.criterion == "separation"
     search = TrajectorySearch(
-        Parametrisation(plan.family(arm.n_joints), allowed.motion),
-        ExcitationModel(arm, body, () if separating else plan.columns),
-        CRITERIA["condition" if separating else plan.criterion],
-        Checker(
-            arm,
-            body,
-            tight,
-            None if collision is None else collision.nearby(tight.clearance),
-        ),
-        plan.budget,
-        separator if separating else None,
-        progress,
-        samples,
+        parametrisation=Parametrisation(plan.family(arm.n_joints), allowed.motion),
+        model=ExcitationModel(arm, body, () if separating else plan.columns),
+        criterion=CRITERIA["condition" if separating else plan.criterion],
+        checker=Checker(arm, body, tight, near),
+        budget=plan.budget,
+        signatures=separator if separating else None,
+        progress=progress,
+        samples=samples,
     )
     return Prepared(
         search=search,
@@ -191,22 +187,18 @@ def accept(search: TrajectorySearch, final: Checker, plan: ExcitationPlan) -> Ac
         reference = search.parametrisation.reference(found.x)
         motion = sampled(reference, plan.length, plan.rate * parts)
         margins = final.margins(motion, search.model.torque(motion))
-        if all(margin.kept for margin in margins):
+        broken_here = tuple(margin.name for margin in margins if not margin.kept)
+        if not broken_here:
             return Accepted(found.x, reference, margins)
-        broken = tuple(margin.name for margin in margins if not margin.kept)
+        broken = broken_here
+    problem = f"none of {search.judged} candidates keeps all limits; broken most: {', '.join(broken)}"
     if search.found:
         problem = f"the best candidates break {', '.join(broken)} between the samples of the search"
-    else:
-        problem = f"none of {search.judged} candidates keeps all limits; broken most: {', '.join(broken)}"
     postures = _postures(final.allowed.motion)
+    remedies = [final.remedy(name, postures) for name in broken]
     raise InputError(
         f"no trajectory within the limits was found: {problem}",
-        "; ".join(
-            [
-                *(final.remedy(name, postures) for name in broken),
-                "or allow more evaluations",
-            ]
-        ),
+        "; ".join([*remedies, "or allow more evaluations"]),
         where="limits",
     )
 
@@ -228,23 +220,25 @@ def _result(
     accepted: Accepted,
     seconds: float,
 ) -> Excitation:
+    """The trajectory with its margins and criteria, at the rate of the plan."""
     search, final, separator, body = prepared
     motion = sampled(accepted.reference, plan.length, plan.rate)
+    # criteria of long motions are computed from fewer samples
     step = -(-len(motion.t) // JUDGED)
-    few = Motion(*(x[::step] for x in (motion.t, motion.q, motion.dq, motion.ddq)))
-    model, inertial = (
-        ExcitationModel(arm, body, columns) for columns in (plan.columns, ())
+    few = Motion(
+        motion.t[::step], motion.q[::step], motion.dq[::step], motion.ddq[::step]
     )
-    matrix = inertial.matrix(few)
+    model = ExcitationModel(arm, body, plan.columns)
+    inertial = ExcitationModel(arm, body, ()).matrix(few)
     return Excitation(
         reference=accepted.reference,
         motion=motion,
         torque=search.model.torque(motion),
         margins=accepted.margins,
         condition=condition_number(model.matrix(few)),
-        inertial_condition=condition_number(matrix),
+        inertial_condition=condition_number(inertial),
         names=model.names,
-        separated=None if separator is None else separator.separate(few, matrix),
+        separated=None if separator is None else separator.separate(few, inertial),
         evaluations=search.evaluations,
         feasible=search.feasible,
         seconds=seconds,
@@ -253,6 +247,6 @@ def _result(
 
 
 def _postures(limits: Limits) -> np.ndarray:
-    return np.random.default_rng(0).uniform(
-        limits.lower, limits.upper, (POSTURES, len(limits.lower))
-    )
+    """Random postures within the limits of position, shape (POSTURES, n)."""
+    shape = (POSTURES, len(limits.lower))
+    return np.random.default_rng(0).uniform(limits.lower, limits.upper, shape)
