@@ -123,19 +123,32 @@ def torque_limits(root: ET.Element, path: Path) -> dict[str, float]:
     classes = _classes(root)
     for element in root.findall("actuator/*"):
         joint = element.get("joint", "")
-        values = {
-            **classes.get(element.get("class", "main"), {}).get(element.tag, {}),
-            **element.attrib,
-        }
-        place = f"actuator of joint {joint}"
-        gear = abs(numbers(values.get("gear", "1"), None, path, f"{place}, gear")[0])
-        limits.setdefault(joint, []).append(gear * _range(values, "force", path, place))
-        if element.tag in DRIVES and values.get("biastype", "none") == "none":
-            gain = abs(
-                numbers(values.get("gainprm", "1"), None, path, f"{place}, gainprm")[0]
-            )
-            limits[joint].append(gear * gain * _range(values, "ctrl", path, place))
+        of_class = classes.get(element.get("class", "main"), {})
+        values = {**of_class.get(element.tag, {}), **element.attrib}
+        limits.setdefault(joint, []).extend(
+            _actuator_limits(element.tag, values, path, joint)
+        )
     return {joint: min(found) for joint, found in limits.items() if min(found) < np.inf}
+
+
+def _actuator_limits(
+    tag: str, values: Attributes, path: Path, joint: str
+) -> list[float]:
+    """What an actuator allows at its joint to either side [N m]."""
+    place = f"actuator of joint {joint}"
+    gear = _first(values, "gear", path, place)
+    limits = [gear * _range(values, "force", path, place)]
+    # only of a plain motor the control is a torque
+    if tag in DRIVES and values.get("biastype", "none") == "none":
+        gain = _first(values, "gainprm", path, place)
+        limits.append(gear * gain * _range(values, "ctrl", path, place))
+    return limits
+
+
+def _first(values: Attributes, name: str, path: Path, place: str) -> float:
+    """Size of the first number of an attribute, 1 by default."""
+    text = values.get(name, "1")
+    return float(abs(numbers(text, None, path, f"{place}, {name}")[0]))
 
 
 def _range(values: Attributes, of: str, path: Path, place: str) -> float:

@@ -26,6 +26,7 @@ from gapscope.effects.residual.inputs import Inputs
 from gapscope.effects.residual.model import ResidualNetwork
 from gapscope.effects.residual.network import Network
 from gapscope.effects.residual.trust import Trust
+from gapscope.envs.environment import ArmTracking
 
 from .conftest import rod, short
 
@@ -131,13 +132,20 @@ def test_a_model_that_is_wrong_about_the_hidden_arm_leaves_an_error(
 def test_the_network_acts_in_the_simulator(
     files: dict[str, str], arm: NominalArm
 ) -> None:
+    """The arm has the network's torque; feedforward with the network tracks it, feedforward without does not."""
     reference, _ = motion()
-    env = Task.of(files["network"], arm).simulator(short())
+    true = Task.of(files["network"], arm)
     errors = []
-    for feedforward in (env._feedforward, Task.of(files["corrected"], arm).model()):
-        env._feedforward = feedforward
+    for name in ("network", "corrected"):
+        env = ArmTracking(
+            arm,
+            simulated=true.believed,
+            feedforward=ArmModel(Task.of(files[name], arm).believed),
+            episode_length=short().episode_length,
+            engine=short().engine,
+        )
         errors.append(judge(env, idle(env), [("own", reference)]).joint_error)
-    env.close()
+        env.close()
     assert errors[0] < 0.1 * errors[1]
 
 
