@@ -111,6 +111,7 @@ def _arms(
         arm = case.arm
         if other.name != unit.name:
             arm = load_case(other.case, read_recordings=False).arm
+        # the other arm, hung where the recorded unit hangs
         mounted = replace(arm, gravity=case.arm.gravity)
         arms[other.name] = (mounted, read_corrected(other.corrected))
     return arms

@@ -49,6 +49,7 @@ def rule(
         return None
     leaf = hottest_leaf(x[learnt], above[learnt], RULE_CONDITIONS)
     cuts = _worthwhile(tuple(_rounded(cut) for cut in leaf), x[~learnt], above[~learnt])
+    # learnt on one half, tested on the other
     if not cuts or not _holds(cuts, variables, x[~learnt], above[~learnt]):
         return None
     inside = _inside(cuts, values)

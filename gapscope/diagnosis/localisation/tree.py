@@ -61,7 +61,7 @@ def _best_cut(x: np.ndarray, y: np.ndarray, least: int) -> Cut | None:
         for below in counts:
             low_value, high_value = ordered[below - 1], ordered[below]
             if low_value == high_value:
-                continue
+                continue  # no threshold lies between equal values
             above = len(y) - below
             low_mean = total[below - 1] / below
             high_mean = (total[-1] - total[below - 1]) / above

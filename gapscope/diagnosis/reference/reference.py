@@ -132,6 +132,7 @@ def identify_reference(
     result = identify(reference, settings, progress)
     rows = _rows(result, with_torque)
     skew = _skew(rows, result.physical.value)
+    # a skew looks like damping and armature: identify once more without it
     if abs(skew) > LEAST_REFERENCE_SKEW:
         reference = back_in_time(reference, skew)
         result = identify(reference, settings, progress)

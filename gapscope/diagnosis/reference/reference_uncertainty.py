@@ -151,6 +151,7 @@ class ReferenceUncertainty:
         right = np.einsum("mja,mj->ja", x, self.gap)
         square = (self.gap**2).sum(axis=0)
         variance = self._variance
+        # joints that the terms explain better weigh more the second time
         for _ in range(2):
             u = self._solve(gram, right, variance, len(x))
             fitted_square = np.einsum("a,jab,b->j", u, gram, u)

@@ -103,6 +103,7 @@ def unit_candidates(
     single = {(j,) for j in range(n)}
     in_degrees = single | {tuple(range(n))}
     on_motor_side: set[tuple[int, ...]] = set()
+    # joints that travel too far probably share one cause
     if far:
         in_degrees.add(far)
         on_motor_side.add(far)

@@ -58,8 +58,13 @@ def _wander_free(t: np.ndarray, count: np.ndarray) -> np.ndarray:
 
 def _off_line(x: np.ndarray, q: np.ndarray) -> float:
     """Squared distance of samples from the line through their neighbours, over each joint's range, summed."""
-    share = (x[1:-1] - x[:-2]) / (x[2:] - x[:-2])
-    off = q[1:-1] - q[:-2] - share[:, None] * (q[2:] - q[:-2])
+    before, middle, after = x[:-2], x[1:-1], x[2:]
+    share = (middle - before) / (after - before)
+    step = q[2:] - q[:-2]
+    on_line = q[:-2] + share[:, None] * step
+    distance = q[1:-1] - on_line
+    # a joint that hardly moves would show its quantisation
     travel = np.ptp(q, axis=0)
     moving = travel > 1e-2 * max(float(travel.max()), 1e-9)
-    return float(((off[:, moving] / travel[moving]) ** 2).sum())
+    relative = distance[:, moving] / travel[moving]
+    return float((relative**2).sum())

@@ -128,6 +128,7 @@ def _finalists(
     before = fine.score(mapping)
     finalists = []
     for start in candidates:
+        # refined on few samples, compared on all
         candidate, std = refined(coarse, mapping, start)
         score = fine.score(mapping.then(candidate.mapping))
         fitted = bool(start.values and start.variant)
@@ -150,6 +151,7 @@ def _is_accepted(
 def decisive(before: MappingScore, after: MappingScore, share: float = 1.0) -> bool:
     """Whether a fault corrected gains, on all folds, at least a share of what only a fault does."""
     joints, values = after.joint_gain(before), after.penalty_gain(before)
+    # a smaller penalty counts on every fold: the values are fitted to all of them
     folds = after.fold_gain(before) + max(values, 0.0)
     needed = max(min(2, len(folds)), len(folds) / 2)
     gained = joints.sum() + values > share * FAULT_GAIN and joints.sum() > -FAULT_LOSS

@@ -11,6 +11,7 @@ from gapscope.diagnosis.setup_faults.found_fault import FaultParameter, FoundFau
 def merged(faults: Iterable[FoundFault]) -> tuple[FoundFault, ...]:
     """Faults with the same name and variant as one, joints in order; swaps stay apart, and keep all others apart."""
     faults = tuple(faults)
+    # after a swap, joint numbers mean something else
     if any(f.name == "joint_swap" for f in faults):
         return faults
     out: dict[tuple[str, str, tuple[str, ...], bool], FoundFault] = {}

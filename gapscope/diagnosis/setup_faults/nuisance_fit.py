@@ -38,6 +38,7 @@ def held_out_gap(
         mapping.torque_factor
     )
     target, square = _against_nominal(eq, mapping)
+    # cross-validation over the folds
     folds = np.arange(len(eq.rows))
     gap = np.empty((len(folds), len(deviation)))
     for k in folds:
@@ -96,6 +97,7 @@ def _fit(
     weighted_target = precision[:, None] * target
     own_precision = 1.0 / (spread * _own_prior_std(eq, deviation)) ** 2
 
+    # all joints share the inertial errors; their own values meet only through these
     inertial_block = weighted_gram[:, :shared, :shared].sum(axis=0)
     inertial_block += np.eye(shared) / spread**2
     coupling = np.hstack(list(weighted_gram[:, :shared, shared:]))
@@ -105,6 +107,7 @@ def _fit(
     inertial_side = weighted_target[:, :shared].sum(axis=0)
     right_side = np.concatenate([inertial_side, weighted_target[:, shared:].ravel()])
 
+    # scale, rotor, Coulomb and viscous friction have lower bounds; spring and offset have none
     own_lowest = np.full((n, OWN), -np.inf)
     own_lowest[:, 0] = LOWEST_TORQUE_SCALE
     own_lowest[:, 1:4] = eq.lowest.T

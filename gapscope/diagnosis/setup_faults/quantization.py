@@ -61,6 +61,7 @@ def encoder_step(
         return None
     values, stds = np.array(steps).T
     agree = np.abs(values / float(np.median(values)) - 1) <= LATTICE_AGREEMENT
+    # without a majority the lattices are chance
     if agree.mean() <= 0.5:
         return None
     weights = 1.0 / stds[agree] ** 2

@@ -170,6 +170,7 @@ def _velocity_ratio(
     cutoff = min(RATE_BAND / rate, 0.2) if rate > 2 * RATE_BAND else 0.2
     sos = butter(2, cutoff, output="sos", fs=1.0)
     beside_gap = np.diff(recording.t) >= 1.5 / rate
+    # derivatives across a gap are wrong
     usual = np.zeros(len(q), dtype=bool)
     usual[1:-1] = ~(beside_gap[1:] | beside_gap[:-1])
     derivative = np.gradient(q, recording.t, axis=0)
@@ -181,6 +182,7 @@ def _velocity_ratio(
     power = by_stamps_power * recorded_power
     product = (by_stamps * recorded).sum(axis=0)
     agree = (power > 0) & (product > RATE_AGREEMENT * np.sqrt(power))
+    # A joint that follows friction or noise alone does not agree; half of the joints have to.
     if agree.sum() < max(1, recording.n_joints // 2):
         return None
     ratios = np.sqrt(recorded_power[agree] / by_stamps_power[agree])
