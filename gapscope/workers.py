@@ -77,6 +77,7 @@ def _by_ray(
     running = [remote.remote(*call) for call in islice(calls, jobs)]
     results = deque(running)
     while results:
+        # results are given in order, so the first is waited for; calls that end meanwhile make room for others
         while results[0] in running:
             ended, running = ray.wait(running)
             more = [remote.remote(*call) for call in islice(calls, len(ended))]
@@ -89,9 +90,8 @@ def _by_ray(
 
 
 def _ray() -> Any:
-    os.environ.setdefault(
-        "RAY_USAGE_STATS_ENABLED", "0"
-    )  # read on import: nothing is told to anyone unless asked for
+    # Ray reads this on import: it sends no usage data unless the user asks for that
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     try:
         import ray
     except ImportError:

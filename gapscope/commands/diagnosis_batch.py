@@ -20,7 +20,7 @@ from gapscope.diagnosis.fleet.confusion import (
     FleetUnit,
     confusion_column,
 )
-from gapscope.diagnosis.fleet.fleet_json import grouped, units_document
+from gapscope.diagnosis.fleet.fleet_json import FleetGroup, grouped, units_document
 from gapscope.outputs.diagnosis import CORRECTED, DOCUMENT, REPORT
 from gapscope.outputs.folder import make_folder
 from gapscope.provenance import KEY, made_from
@@ -172,17 +172,24 @@ def _compared(
     groups, alone = grouped(documents, units)
     if groups:
         progress("compares the units")
+    columns = _columns(batch, groups)
+    with_columns = [
+        (group, [columns[unit.name] for unit in group.units]) for group in groups
+    ]
+    return units_document(with_columns, alone)
+
+
+def _columns(batch: Batch, groups: Sequence[FleetGroup]) -> dict[str, ConfusionColumn]:
+    """Column of the confusion of each unit: all arms of its group on its recordings."""
     calls = [(unit, group.units) for group in groups for unit in group.units]
     results = in_order(confusion_column, calls, batch.jobs, batch.backend)
     columns: dict[str, ConfusionColumn] = {}
     for (unit, _), result in zip(calls, results, strict=True):
         if isinstance(result, Exception):
+            # a unit whose column fails is left out of the table, with the reason
             result = ConfusionColumn(unit.name, {}, str(result))
         columns[unit.name] = result
-    with_columns = [
-        (group, [columns[unit.name] for unit in group.units]) for group in groups
-    ]
-    return units_document(with_columns, alone)
+    return columns
 
 
 @contextmanager
