@@ -216,6 +216,7 @@ def load_case(
         warnings=_warnings([*recordings, *judged]),
         importing=importing,
         payloads=payloads,
+        file=file,
     )
 
 
