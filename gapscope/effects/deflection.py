@@ -11,9 +11,9 @@ from scipy.linalg import solve_banded
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
 
-FASTEST = 40.0
+FASTEST_FOLLOWED = 40.0
 """A faster resonance is not integrated: the joint deflects at once [Hz]."""
-STEP = 0.2
+PHASE_PER_STEP = 0.2
 """Steps are no longer than this share of a radian of the fastest resonance that is followed."""
 CALM = 0.3
 """For this long the springs are damped critically at first: how they swung before the recording is not known [s]."""
@@ -52,10 +52,10 @@ def behind_elasticity(
     by_position, by_velocity, mass = (matrix[block] for matrix in matrices)
     frequency = _resonances(mass, stiffness[elastic])
     # a resonance too fast to integrate deflects at once: it has neither mass nor damper
-    followed = frequency <= 2 * np.pi * FASTEST
+    followed = frequency <= 2 * np.pi * FASTEST_FOLLOWED
     h = 1.0 / motion.rate
     fastest = max(frequency[followed], default=0.0)
-    parts = int(np.ceil(fastest * h / STEP)) or 1
+    parts = int(np.ceil(fastest * h / PHASE_PER_STEP)) or 1
     k = by_position + np.diag(stiffness[elastic])
     d = by_velocity + np.diag(damping[elastic])
     d = d + _critical_damping(frequency, mass, h)

@@ -17,7 +17,7 @@ from gapscope.effects.parametrisation import Parametrisation, Values
 Law = Callable[..., np.ndarray]
 Side = Literal["actuator", "link", "both"]
 Reach = Literal["joint", "arm"]
-Quantity = Literal[
+PlottedQuantity = Literal[
     "own torque",
     "position",
     "velocity",
@@ -98,7 +98,7 @@ class Effect:
     delays: bool = field(default=False, kw_only=True)
     limits: bool = field(default=False, kw_only=True)
     near_equivalent: str | None = field(default=None, kw_only=True)
-    plotted_against: Quantity = field(default="own torque", kw_only=True)
+    plotted_against: PlottedQuantity = field(default="own torque", kw_only=True)
 
     def parameter(self, name: str) -> Parameter:
         """The parameter called ``name``; raises ``KeyError`` if there is none."""

@@ -8,7 +8,7 @@ from scipy.signal import butter, lfilter, sosfiltfilt
 
 from gapscope.arm.motions.motion import Motion
 
-SLOW = 12.0
+SLOW_DEFLECTION = 12.0
 """Deflections of a transmission are followed up to this frequency [Hz]; their acceleration has no meaning above it."""
 
 
@@ -58,10 +58,10 @@ class MotionSeries:
 def slow_with_rates(
     deflection: np.ndarray, motion: Motion
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The part of a deflection [rad], (N, n), below ``SLOW``, with its first and second derivative by time."""
-    cutoff = min(SLOW, 0.4 * motion.rate)
+    """The part of a deflection [rad], (N, n), below ``SLOW_DEFLECTION``, with two derivatives by time."""
+    cutoff = min(SLOW_DEFLECTION, 0.4 * motion.rate)
     sos = butter(4, cutoff, output="sos", fs=motion.rate)
-    padding = min(len(motion.t) - 1, int(3 * motion.rate / SLOW))
+    padding = min(len(motion.t) - 1, int(3 * motion.rate / SLOW_DEFLECTION))
     slow = sosfiltfilt(sos, deflection, axis=0, padlen=padding)
     rate = np.gradient(slow, motion.t, axis=0)
     return slow, rate, np.gradient(rate, motion.t, axis=0)

@@ -105,7 +105,7 @@ def draw_spring(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Val
     }
 
 
-WIDTH = Parameter("width", "w", "rad", (0.0, 0.5), (0.0017, 0.0175))
+PLAY_WIDTH = Parameter("width", "w", "rad", (0.0, 0.5), (0.0017, 0.0175))
 REST = Parameter("rest", "q0", "rad", (-7.0, 7.0), (-1.0, 1.0))
 COMPLIANCE_STEP = 1e-6
 """Step of compliance [rad/(N m)] and of free play [rad] for finite differences; the torque is far from linear."""
@@ -139,7 +139,7 @@ BACKLASH = Transmission(
     family="transmission",
     scope="joint",
     equation="tau = 0 while |theta - q| < w / 2",
-    parameters=(WIDTH,),
+    parameters=(PLAY_WIDTH,),
     looks_like="free play, then an impact, where the torque changes its sign",
     reference="nordin2002",
     confused_with=(
@@ -151,7 +151,7 @@ BACKLASH = Transmission(
     ),
     deflection=backlash_deflection,
     lag=no_lag,
-    parametrisation=linear_in(WIDTH, step=COMPLIANCE_STEP, lowest=0.0),
+    parametrisation=linear_in(PLAY_WIDTH, step=COMPLIANCE_STEP, lowest=0.0),
     severity=draw_backlash,
 )
 

@@ -12,7 +12,7 @@ from gapscope.arm.motions.named_motions import Workspace
 from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
 
-KINDS = ("residual", "scale", "torque")
+ACTION_KINDS = ("residual", "scale", "torque")
 """``torque``: the action is the commanded torque. ``residual``: it is added to PD and feedforward. ``scale``: it
 multiplies feedforward and gains."""
 SHARES = {"residual": 0.2, "scale": 0.0, "torque": 1.0}
@@ -38,7 +38,7 @@ class Control(NamedTuple):
     """How actions become torque.
 
     Attributes:
-        kind: one of ``KINDS``.
+        kind: one of ``ACTION_KINDS``.
         scale: torque of an action of 1 [N m], shape (n,).
         rated: rated torque, see ``rated_torque`` [N m], shape (n,).
         limit: at which the commanded torque is clipped [N m], shape (n,).
@@ -131,7 +131,7 @@ def control(
         arm: the nominal arm.
         body: its rigid-body model.
         space: where it moves.
-        kind: one of ``KINDS``.
+        kind: one of ``ACTION_KINDS``.
         share: torque of an action of 1 over the rated torque; that of ``SHARES`` if ``None``.
         bandwidth: of the PD loop [Hz].
         reach: with ``residual``, tracking error at which kp alone commands as much as an action of 1 [rad]; then
@@ -140,7 +140,7 @@ def control(
     Raises:
         InputError: unknown kind, or a reach beside a share or without ``residual``.
     """
-    check_known("action", kind, KINDS, where="action")
+    check_known("action", kind, ACTION_KINDS, where="action")
     limit, rated = torque_limit(arm, body), rated_torque(arm, body, space)
     gains = None if kind == "torque" else low_gains(arm, body, space.posture, bandwidth)
     if reach is None:

@@ -18,7 +18,7 @@ from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.envs.course import Feedforward
+from gapscope.envs.course import FeedforwardModel
 
 READ = "read one with gapscope.effects.corrected_file.read_corrected_arm(arm, path)"
 """How to come by an arm to simulate."""
@@ -237,7 +237,7 @@ def checked_motion(
     return motion
 
 
-def chosen_feedforward(feedforward: str | Feedforward) -> str | Feedforward:
+def chosen_feedforward(feedforward: str | FeedforwardModel) -> str | FeedforwardModel:
     """What is fed forward: a name of ``gapscope.arm.dynamics.feedforward.KINDS``, or a model.
 
     Raises:

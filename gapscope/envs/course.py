@@ -14,11 +14,11 @@ from gapscope.arm.motions.trajectory import ReferenceMotion
 from gapscope.arm.nominal import NominalArm
 from gapscope.envs.actions import Control
 
-BEYOND = 0.25
+EXTENSION = 0.25
 """A model is evaluated this far beyond the end, for delays to look ahead [s]."""
 
 
-class Feedforward(Protocol):
+class FeedforwardModel(Protocol):
     """A model whose torque is fed forward."""
 
     def series(self, motion: Motion) -> np.ndarray:
@@ -62,7 +62,7 @@ class Course:
         planned: the planned part of the observation at these times, shape (K + 1, ...).
         step_q, step_dq: reference at each step, and at the end [rad], [rad/s], shape (K S + 1, n).
         step_torque: feedforward at these times [N m], shape (K S + 1, n).
-        motion: the reference at each step, with a model ``BEYOND`` further.
+        motion: the reference at each step, with a model ``EXTENSION`` further.
 
     Args:
         arm: the nominal arm.
@@ -77,7 +77,7 @@ class Course:
         self,
         arm: NominalArm,
         body: RigidBody,
-        model: str | Feedforward,
+        model: str | FeedforwardModel,
         reference: ReferenceMotion,
         timing: Timing,
         control: Control,
@@ -86,7 +86,7 @@ class Course:
         self.motion = sampled(
             reference,
             timing,
-            steps + (0 if isinstance(model, str) else round(BEYOND / timing.dt)),
+            steps + (0 if isinstance(model, str) else round(EXTENSION / timing.dt)),
         )
         chosen = slice(0, steps, timing.sub_steps)
         t, self.q, dq = (

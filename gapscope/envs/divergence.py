@@ -11,7 +11,7 @@ import numpy as np
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.envs.actions import Control, Gains, slower
-from gapscope.envs.observation import FASTEST
+from gapscope.envs.observation import FASTEST_OBSERVED
 from gapscope.envs.velocity_estimate import estimate_gains
 
 SMALLEST = 1e-3
@@ -57,10 +57,10 @@ class Divergence:
 
 
 def diverged(dq: np.ndarray) -> bool:
-    """Whether velocities [rad/s], shape (n,), are not those of an arm: a joint beyond ``FASTEST``, or not finite."""
-    if dq.dot(dq) <= FASTEST**2:  # then no joint can be
+    """Whether velocities [rad/s], shape (n,), are beyond those of an arm: above ``FASTEST_OBSERVED``, or not finite."""
+    if dq.dot(dq) <= FASTEST_OBSERVED**2:  # then no joint can be
         return False
-    return not np.abs(dq).max() <= FASTEST
+    return not np.abs(dq).max() <= FASTEST_OBSERVED
 
 
 def explain(

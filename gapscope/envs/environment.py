@@ -20,12 +20,12 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs import arguments
 from gapscope.envs.actions import control
-from gapscope.envs.course import Course, Feedforward, Timing
+from gapscope.envs.course import Course, FeedforwardModel, Timing
 from gapscope.envs.episode import EpisodeOptions, EpisodeSource
 from gapscope.envs.episode_info import divergence_info, ending, stop_info, title, truth
 from gapscope.envs.given_effects import Effects, chosen_effects
 from gapscope.envs.observation import Layout
-from gapscope.envs.plant import Plant
+from gapscope.envs.plant import ControlledArm
 from gapscope.envs.randomisation import Randomisation, checked_randomisation
 from gapscope.envs.rendering.screen import Screen
 from gapscope.envs.reward import Reward, RewardParts, chosen_reward
@@ -89,7 +89,7 @@ class ArmTracking(gymnasium.Env):
         engine: str | None = None,
         sheet: Mapping[str, Any] | None = None,
         action: str = "residual",
-        feedforward: str | Feedforward = "nominal",
+        feedforward: str | FeedforwardModel = "nominal",
         simulated: CorrectedArm | None = None,
         encoder_noise: float | Sequence[float] = 0.0,
         motion: str | ReferenceMotion = "random",
@@ -134,7 +134,7 @@ class ArmTracking(gymnasium.Env):
         # an arm instead of the nominal one brings its own effects
         own = None if simulated is None else base.effects
         given = chosen_effects(effects, self.arm) if own is None else own
-        self._plant = Plant(
+        self._plant = ControlledArm(
             base,
             self.arm.encoder_step or 0.0,
             arguments.noise("encoder_noise", encoder_noise, n),

@@ -16,7 +16,7 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.envs.actions import Control
 from gapscope.envs.arguments import checked_motion
-from gapscope.envs.course import Course, Feedforward, Timing
+from gapscope.envs.course import Course, FeedforwardModel, Timing
 from gapscope.envs.given_effects import chosen_effects
 from gapscope.envs.randomisation import (
     Randomisation,
@@ -39,7 +39,7 @@ class EpisodeOptions(NamedTuple):
     randomisation: Randomisation | None
 
 
-class Episode(NamedTuple):
+class EpisodePlan(NamedTuple):
     """One episode.
 
     Attributes:
@@ -70,7 +70,7 @@ class EpisodeSource:
         space: Workspace,
         timing: Timing,
         control: Control,
-        feedforward: str | Feedforward,
+        feedforward: str | FeedforwardModel,
         options: EpisodeOptions,
     ) -> None:
         self._arm, self._body, self._space = arm, body, space
@@ -78,7 +78,7 @@ class EpisodeSource:
         self._feedforward, self._options = feedforward, options
         self._scale = ArmScale.of(arm)
 
-    def draw(self, options: Mapping[str, Any], seeds: np.ndarray) -> Episode:
+    def draw(self, options: Mapping[str, Any], seeds: np.ndarray) -> EpisodePlan:
         """An episode.
 
         Args:
@@ -108,7 +108,7 @@ class EpisodeSource:
             self._timing,
             self._control,
         )
-        return Episode(course, effects)
+        return EpisodePlan(course, effects)
 
     def _chosen(self, options: Mapping[str, Any]) -> EpisodeOptions:
         """The options of one episode, checked."""

@@ -12,7 +12,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.actions import Control
 from gapscope.envs.divergence import explain
-from gapscope.envs.plant import Plant
+from gapscope.envs.plant import ControlledArm
 
 
 def title(arm: NominalArm, effects: Sequence[AppliedEffect]) -> str:
@@ -27,7 +27,7 @@ def divergence_info(
     control: Control,
     dt: float,
     steps: int,
-    plant: Plant,
+    plant: ControlledArm,
 ) -> dict[str, Any]:
     """``divergence``: why the arm diverged after some steps of the episode of dt [s] each."""
     velocity = plant.simulated.dq
@@ -36,7 +36,7 @@ def divergence_info(
 
 
 def stop_info(
-    arm: NominalArm, plant: Plant, lowest: np.ndarray, highest: np.ndarray
+    arm: NominalArm, plant: ControlledArm, lowest: np.ndarray, highest: np.ndarray
 ) -> dict[str, str]:
     """``limit``: which joint came to its stop, if one lies outside these positions [rad], shape (n,)."""
     q = plant.simulated.q
@@ -56,7 +56,7 @@ def ending(info: Mapping[str, Any]) -> str:
     return info.get("limit") or divergence.split("\n")[0]
 
 
-def truth(plant: Plant) -> dict[str, Any]:
+def truth(plant: ControlledArm) -> dict[str, Any]:
     """The true motion and torque, and the effects: hidden from controllers."""
     simulated = plant.simulated
     return {

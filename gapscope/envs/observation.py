@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from gymnasium.spaces import Box
 
-FASTEST = 50.0
+FASTEST_OBSERVED = 50.0
 """Bound of observed velocities [rad/s]."""
 FURTHEST = 4 * np.pi
 """Bound of observed positions and errors [rad]."""
@@ -20,7 +20,7 @@ class Layout:
     name           length      unit  quantity
     ============== =========== ===== ==================================================================
     position       n           rad   encoders, with noise, quantised as the data sheet says
-    velocity       n           rad/s estimate from them, see ``gapscope.envs.plant.Plant``
+    velocity       n           rad/s estimate from them, see ``gapscope.envs.plant.ControlledArm``
     error          n           rad   reference minus encoders
     action         n or 2 n    1     the action before
     reference      n           rad   position of the reference
@@ -49,11 +49,11 @@ class Layout:
         n = n_joints
         lengths = {
             "position": (n, FURTHEST),
-            "velocity": (n, FASTEST),
+            "velocity": (n, FASTEST_OBSERVED),
             "error": (n, FURTHEST),
             "action": (n if n_actions is None else n_actions, 1.0),
             "reference": (n, FURTHEST),
-            "reference_rate": (n, FASTEST),
+            "reference_rate": (n, FASTEST_OBSERVED),
             "look_ahead": (n * len(look_ahead), FURTHEST),
             "feedforward": (n, 10.0),
         }

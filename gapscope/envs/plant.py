@@ -21,7 +21,7 @@ SENSOR_PERIOD = 10e-3
 """The encoders are read at least this often [s], and at every step if a PD loop runs."""
 
 
-class Plant:
+class ControlledArm:
     """A simulated arm with effects under its controller, n joints.
 
     If a PD loop runs, the tracking error is differentiated and not the position: dq = dq_ref - D(q_ref - q), so that

@@ -10,6 +10,7 @@ import numpy as np
 from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.feedforward import feedforward
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.dynamics.rollout import UNSTABLE_SPEED, steps_per_tick
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.motions.trajectory import ReferenceMotion
 from gapscope.arm.nominal import NominalArm
@@ -17,11 +18,6 @@ from gapscope.arm.recording import Recording
 from gapscope.arm.velocity_filter import VelocityFilter
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.simulated_arm import SimulatedArm
-
-LONGEST_STEP = 1e-3
-"""The simulation's time step is the controller's period, divided until it is no longer than this [s]."""
-UNSTABLE_SPEED = 50.0
-"""A joint faster than this [rad/s] has lost its controller."""
 
 
 def record(
@@ -75,7 +71,8 @@ def record(
     every = _ticks_per_row(controller, rate)
     command = _Command(arm, reference, controller, duration, settle)
     step = (arm.encoder_step or 0.0) if encoder_step is None else encoder_step
-    dt, steps = _steps(controller)
+    steps = steps_per_tick(controller)
+    dt = 1.0 / (controller.rate * steps)
     simulate = partial(
         SimulatedArm,
         arm,
@@ -153,12 +150,6 @@ class _Command:
         self.torque = feedforward(
             arm, RigidBody(arm), controller.feedforward, self.q, self.dq, ddq
         )
-
-
-def _steps(controller: Controller) -> tuple[float, int]:
-    """Time step of the simulation [s], and steps per tick of the controller."""
-    steps = max(1, int(np.ceil(1.0 / (controller.rate * LONGEST_STEP) - 1e-9)))
-    return 1.0 / (controller.rate * steps), steps
 
 
 def _run(

@@ -17,6 +17,11 @@ from scipy.signal import butter, sosfiltfilt
 from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.feedforward import feedforward
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.dynamics.rollout import (
+    LONGEST_STEP,
+    UNSTABLE_SPEED,
+    steps_per_tick,
+)
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
@@ -28,14 +33,16 @@ TRIM = 0.3
 """Time cut from both ends of a stretch before the gap is measured [s]."""
 HORIZON = 0.2
 """Length of the stretches that are replayed under recorded torque [s]."""
-LONGEST_STEP = 1e-3
-"""Time step of the simulation, at most [s]."""
 CUTOFF = 20.0
 """Cut-off of the measured states from which replays under recorded torque start [Hz]; at most 0.4 of the rate."""
 GAP_STEPS = 4.0
 """A step of time longer than this many median steps is a gap; the replay starts anew behind it."""
-UNSTABLE_SPEED = 50.0
-"""A joint faster than this [rad/s] has diverged."""
+
+CHECK_CONTROLLER = (
+    "check the controller's gains and units, and the effects of the model"
+)
+GIVE_DATA_SHEET = "give armature and friction in nominal:, or a model with them"
+"""What to do if the replayed arm diverges under its controller, and under the recorded torque."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +119,7 @@ def _stretches(recording: Recording) -> list[slice]:
     return [slice(a, b) for a, b in spans if b - a >= 4]
 
 
-class _Commands:
+class _ReplayCommands:
     """Reference and feedforward at every tick of a stretch, K ticks: t (K,), q, dq, torque (K, n)."""
 
     def __init__(
@@ -129,14 +136,16 @@ class _Commands:
             else recording.dq_ref[rows]
         )
         velocity = make_interp_spline(t, dq_ref, k=3)
-        self.q, self.dq = CubicHermiteSpline(t, q_ref, dq_ref)(held), velocity(held)
+        self.q = CubicHermiteSpline(t, q_ref, dq_ref)(held)
+        self.dq = velocity(held)
+        acceleration = velocity(held, 1)
         self.torque = feedforward(
             arm,
             RigidBody(arm),
             controller.feedforward,
             self.q,
             self.dq,
-            velocity(held, 1),
+            acceleration,
         )
 
 
@@ -163,7 +172,7 @@ def _tracked(
     engine: str | None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions [rad] and commanded torques [N m] of a stretch under its controller, each (N, n)."""
-    command = _Commands(arm, recording, rows, controller)
+    command = _ReplayCommands(arm, recording, rows, controller)
     start = recording.q[rows][0]
     velocity = VelocityFilter(
         controller.rate,
@@ -174,25 +183,22 @@ def _tracked(
         rule_of(recording, controller),
         None if recording.dq is None else recording.dq[rows][0],
     )
-    limit = (
-        np.full(arm.n_joints, np.inf) if arm.torque_limit is None else arm.torque_limit
-    )
-    steps = max(1, int(np.ceil(1.0 / (controller.rate * LONGEST_STEP) - 1e-9)))
+    limit = np.full(arm.n_joints, np.inf)
+    if arm.torque_limit is not None:
+        limit = arm.torque_limit
     q, tau = np.empty_like(command.q), np.empty_like(command.q)
+    steps = steps_per_tick(controller)
     dt = 1.0 / (controller.rate * steps)
     with _simulated(arm, effects, recording, dt, engine) as simulated:
         simulated.start(start, command.dq[0], command.t[0])
-        for i in range(len(command.t)):
+        for i, time in enumerate(command.t):
             q[i] = now = simulated.encoders()
             wanted = command.torque[i] + controller.kp * (command.q[i] - now)
             wanted += controller.kd * (command.dq[i] - velocity(now))
             tau[i] = np.minimum(np.maximum(wanted, -limit), limit)
             simulated.step(tau[i], steps)
-            _check(
-                simulated,
-                command.t[i],
-                "check the controller's gains and units, and the effects of the model",
-            )
+            _check(simulated, time, CHECK_CONTROLLER)
+    # a row holds the torque of the last tick before it
     t = recording.t[rows]
     tick = ((t - t[0]) * controller.rate + 1e-6).astype(int)
     return _between(command.t, q, t), tau[tick]
@@ -207,7 +213,8 @@ def _driven(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions [rad] under the recorded torque, from the measured state every ``HORIZON``, and that torque, (N, n)."""
     assert recording.tau is not None
-    t, tau, period = recording.t[rows], recording.tau[rows], 1.0 / recording.rate
+    t, tau = recording.t[rows], recording.tau[rows]
+    period = 1.0 / recording.rate
     smooth = _smooth(recording.q[rows], recording.rate)
     speed = make_interp_spline(t, smooth, k=3)(t, 1)
     q = np.empty_like(tau)
@@ -217,19 +224,13 @@ def _driven(
         for first in range(0, len(t), count):
             window = slice(first, min(first + count, len(t)))
             grid = np.arange(t[window][0], t[window][-1] + dt, dt)
-            torque, positions = (
-                _between(t, tau, grid),
-                np.empty((len(grid), arm.n_joints)),
-            )
+            torque = _between(t, tau, grid)
+            positions = np.empty((len(grid), arm.n_joints))
             simulated.start(smooth[first], speed[first], grid[0])
             for i, held in enumerate(torque):
                 positions[i] = simulated.encoders()
                 simulated.step(held)
-                _check(
-                    simulated,
-                    grid[i],
-                    "give armature and friction in nominal:, or a model with them",
-                )
+                _check(simulated, grid[i], GIVE_DATA_SHEET)
             q[window] = _between(grid, positions, t[window])
     return q, tau
 
@@ -248,9 +249,8 @@ def _smooth(q: np.ndarray, rate: float) -> np.ndarray:
     """Measured positions through a zero-phase low-pass, (N, n)."""
     cutoff = min(CUTOFF, 0.4 * rate)
     sos = butter(2, cutoff, output="sos", fs=rate)
-    smooth: np.ndarray = sosfiltfilt(
-        sos, q, axis=0, padlen=min(len(q) - 1, int(3 * rate / cutoff))
-    )
+    padding = min(len(q) - 1, int(3 * rate / cutoff))
+    smooth: np.ndarray = sosfiltfilt(sos, q, axis=0, padlen=padding)
     return smooth
 
 

@@ -21,7 +21,7 @@ from gapscope.arm.motions.point_to_point import PointToPoint  # noqa: E402
 from gapscope.arm.robots import KNOWN_ROBOTS  # noqa: E402
 from gapscope.effects.applied import AppliedEffect  # noqa: E402
 from gapscope.effects.corrected_file import write_corrected  # noqa: E402
-from gapscope.envs.actions import KINDS  # noqa: E402
+from gapscope.envs.actions import ACTION_KINDS  # noqa: E402
 from gapscope.envs.engines import installed  # noqa: E402
 from gapscope.envs.environment import ArmTracking  # noqa: E402
 from gapscope.envs.reward import Reward  # noqa: E402
@@ -46,7 +46,7 @@ def test_gymnasium_checker_passes(
     assert [str(w.message) for w in recwarn if "gymnasium" in str(w.filename)] == []
 
 
-@pytest.mark.parametrize("action", KINDS)
+@pytest.mark.parametrize("action", ACTION_KINDS)
 def test_stable_baselines_checker(
     action: str, recwarn: pytest.WarningsRecorder
 ) -> None:

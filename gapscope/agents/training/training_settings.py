@@ -14,7 +14,7 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.io.case_file import read_yaml
 from gapscope.arm.motions.named_motions import MOTIONS
 from gapscope.arm.nearest_name import check_known, nearest
-from gapscope.envs.actions import KINDS
+from gapscope.envs.actions import ACTION_KINDS
 from gapscope.envs.arguments import positive, whole
 from gapscope.envs.engines import check_engine, default_engine
 from gapscope.envs.mystery_arm import HIDDEN
@@ -49,7 +49,7 @@ class TrainingSettings:
         hyperparameters: of the algorithm, by the names of stable-baselines3.
         exploration: standard deviation of the untrained agent's actions [1].
         final_rate: learning rate in the last round, over that in the first; it falls from round to round [1].
-        action: one of ``gapscope.envs.actions.KINDS``.
+        action: one of ``gapscope.envs.actions.ACTION_KINDS``.
         action_reach: with ``residual``, tracking error at which kp alone commands as much as an action of 1 [rad].
         bandwidth: of the PD loop [Hz].
         episode_length: of training [s].
@@ -98,7 +98,7 @@ class TrainingSettings:
     def __post_init__(self) -> None:
         """Check every value."""
         check_known("algorithm", self.algorithm, ALGORITHMS, where="algorithm")
-        check_known("action", self.action, KINDS, where="action")
+        check_known("action", self.action, ACTION_KINDS, where="action")
         check_engine(self.engine)
         for name, unit in POSITIVE.items():
             positive(name, getattr(self, name), unit)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gapscope.arm.case import Case
+from gapscope.arm.dynamics.rollout import LONGEST_STEP
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.assessment.held_out_prediction import HeldOutPredictor
@@ -18,7 +19,7 @@ from gapscope.diagnosis.selection.moves import by_finding
 from gapscope.diagnosis.thresholds import REPLAYED_TICKS, REPLAYED_TICKS_COMPLIANT
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.engines import installed
-from gapscope.envs.replay import LONGEST_STEP, replay
+from gapscope.envs.replay import replay
 
 ENGINE, SECOND_OPINIONS = "pybullet", ("mujoco",)
 """The engine that replays, and those that do so as well if they are installed."""

@@ -17,7 +17,7 @@ CHUNK = 1000
 
 
 @dataclass(frozen=True)
-class Prediction:
+class NetworkPrediction:
     """What the network says of N samples of n joints.
 
     Attributes:
@@ -64,7 +64,7 @@ class ResidualNetwork:
         """Residual torque [N m], (N, n); ``load`` is the torque that the corrected arm predicts [N m], (N, n)."""
         return self.predict(motion, load).torque
 
-    def predict(self, motion: Motion, load: np.ndarray) -> Prediction:
+    def predict(self, motion: Motion, load: np.ndarray) -> NetworkPrediction:
         """Residual torque with its standard deviation and trust."""
         self.check(motion.q.shape[1])
         rows = np.array_split(
@@ -73,14 +73,14 @@ class ResidualNetwork:
         parts = [
             self.of_windows(self.inputs.windows(motion, load, chunk)) for chunk in rows
         ]
-        return Prediction(
+        return NetworkPrediction(
             *(
                 np.concatenate([getattr(p, k) for p in parts])
                 for k in ("torque", "std", "trust")
             )
         )
 
-    def of_windows(self, windows: np.ndarray) -> Prediction:
+    def of_windows(self, windows: np.ndarray) -> NetworkPrediction:
         """The same of normalised windows (n, N, taps, C); one sample of a running arm is N = 1."""
         trust = self.trust.factor(windows[:, :, -1]).T
         mean, log_variance = self.network.outputs(windows)
@@ -88,4 +88,6 @@ class ResidualNetwork:
         spread = (
             np.sqrt(mean.var(axis=0) + np.exp(log_variance).mean(axis=0)).T * self.scale
         )
-        return Prediction(np.clip(torque, -self.bound, self.bound), spread, trust)
+        return NetworkPrediction(
+            np.clip(torque, -self.bound, self.bound), spread, trust
+        )

@@ -6,6 +6,7 @@ import numpy as np
 
 from gapscope.arm.errors import InputError
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.friction import COULOMB, DRIFT, LOAD, STRIBECK, VISCOUS
 
 DRIFT_PERIOD = 0.016
 """Drift, whose time constant is seconds and more, is brought up to date this often [s]."""
@@ -49,40 +50,26 @@ class Friction:
 
     def __init__(self, arm: CorrectedArm, order: np.ndarray, dt: float) -> None:
         nominal, value = arm.arm, arm.value
-        coulomb = total(
-            nominal.coulomb + value("coulomb_friction", "torque"),
-            "coulomb_friction",
-            "N m",
-        )
-        viscous = total(
-            nominal.viscous + value("viscous_friction", "coefficient"),
-            "viscous_friction",
-            "N m s/rad",
-        )
-        peak, speed = (
-            value("stribeck_friction", "torque"),
-            value("stribeck_friction", "velocity"),
-        )
-        total(coulomb + peak, "stribeck_friction", "N m")
-        self._coulomb, self._load, self._peak = (
-            coulomb[order],
-            value("load_friction", "coefficient")[order],
-            peak[order],
-        )
-        self._drifted_peak = self._peak
+        coulomb = nominal.coulomb + value(COULOMB.name, "torque")
+        viscous = nominal.viscous + value(VISCOUS.name, "coefficient")
+        peak = value(STRIBECK.name, "torque")
+        speed = value(STRIBECK.name, "velocity")
+        total(coulomb, COULOMB.name, "N m")
+        total(viscous, VISCOUS.name, "N m s/rad")
+        total(coulomb + peak, STRIBECK.name, "N m")
+        self._coulomb = coulomb[order]
+        self._load = value(LOAD.name, "coefficient")[order]
+        self._peak = self._drifted_peak = peak[order]
         self._exponent = -1.0 / np.where(speed > 0, speed, 1.0)[order] ** 2
-        self._amplitude = value("friction_drift", "amplitude")[order]
-        self._time = np.where(
-            self._amplitude != 0, value("friction_drift", "time_constant")[order], 1.0
-        )
+        self._amplitude = value(DRIFT.name, "amplitude")[order]
+        time = value(DRIFT.name, "time_constant")[order]
+        self._time = np.where(self._amplitude != 0, time, 1.0)
         self._base_viscous, self.viscous = viscous[order], viscous[order].copy()
-        self._factor, self._every = (
-            np.ones(len(order)),
-            max(1, round(DRIFT_PERIOD / dt)),
-        )
-        self.drifting, self._loaded, self._stribeck = (
-            bool(x.any()) for x in (self._amplitude, self._load, self._peak)
-        )
+        self._factor = np.ones(len(order))
+        self._every = max(1, round(DRIFT_PERIOD / dt))
+        self.drifting = bool(self._amplitude.any())
+        self._loaded = bool(self._load.any())
+        self._stribeck = bool(self._peak.any())
         self._limit, self._at_rest = np.zeros((2, len(order)))
         self.dry = (self._coulomb > 0) | (self._load > 0) | (self._peak != 0)
         self.present = bool(self.dry.any() or viscous.any())

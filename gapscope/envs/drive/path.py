@@ -39,22 +39,21 @@ class TorquePath:
         ripple: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
     ) -> None:
         steps = np.asarray(delay) / dt
+        self._late = bool(np.any(delay))
         self._whole = np.floor(steps + 1e-9).astype(int)
         self._fraction = np.clip(steps - self._whole, 0.0, 1.0)
-        self._gain, self._offset, self._changes = (
-            1.0 + scale,
-            offset,
-            bool(np.any(scale) or np.any(offset)),
-        )
-        self._columns = np.arange(len(steps))
+        # a ring of the commands held in the last steps, as many as the longest delay needs
         self._length = int(self._whole.max()) + 2
         self._held = np.zeros((self._length, len(steps)))
+        self._columns = np.arange(len(steps))
+        self._gain, self._offset = 1.0 + scale, offset
+        self._changes = bool(np.any(scale) or np.any(offset))
+        # what does nothing is left out of the step
         self._limit = limit if limit is not None and np.any(limit) else None
         self._ripple = ripple if ripple is not None and np.any(ripple[0]) else None
-        self._late = bool(np.any(delay))
-        self._lag = (
-            _Lag(lag, self._fraction, dt) if lag is not None and np.any(lag) else None
-        )
+        self._lag: _Lag | None = None
+        if lag is not None and np.any(lag):
+            self._lag = _Lag(lag, self._fraction, dt)
         self.constant = not self._late and self._lag is None and self._ripple is None
         self.reset()
 
@@ -125,14 +124,10 @@ class _Lag:
     ) -> None:
         # without a lag T is so small that the state follows at once, and no division by 0 occurs
         rate = dt / np.maximum(time_constant, 1e-9 * dt)
-        self._before, self._after = (
-            np.exp(-rate * fraction),
-            np.exp(-rate * (1.0 - fraction)),
-        )
-        self._span_before, self._span_after = (
-            (1.0 - self._before) / rate,
-            (1.0 - self._after) / rate,
-        )
+        self._before = np.exp(-rate * fraction)
+        self._after = np.exp(-rate * (1.0 - fraction))
+        self._span_before = (1.0 - self._before) / rate
+        self._span_after = (1.0 - self._after) / rate
         self._fraction = fraction
         self._state = np.zeros_like(time_constant)
 
@@ -145,7 +140,6 @@ class _Lag:
         start = self._state
         middle = older + (start - older) * self._before
         self._state = newer + (middle - newer) * self._after
-        first = older * self._fraction + (start - older) * self._span_before
-        return (
-            first + newer * (1.0 - self._fraction) + (middle - newer) * self._span_after
-        )
+        mean = older * self._fraction + (start - older) * self._span_before
+        mean = mean + newer * (1.0 - self._fraction)
+        return mean + (middle - newer) * self._span_after

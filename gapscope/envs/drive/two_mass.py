@@ -7,6 +7,8 @@ import numpy as np
 from gapscope.arm.errors import InputError
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.transmission import (
+    BACKLASH,
+    ELASTICITY,
     backlash_deflection,
     elastic_deflection,
     elastic_torque,
@@ -53,32 +55,32 @@ class TwoMass:
         inertia: np.ndarray,
         link_inertia: np.ndarray,
     ) -> None:
-        k, d = (
-            arm.value("joint_elasticity", name)[order]
-            for name in ("stiffness", "damping")
-        )
-        self._width = arm.value("backlash", "width")[order]
+        k = arm.value(ELASTICITY.name, "stiffness")[order]
+        d = arm.value(ELASTICITY.name, "damping")[order]
+        self._width = arm.value(BACKLASH.name, "width")[order]
         self.joints = (k > 0) | (self._width > 0)
-        if (inertia[self.joints] <= 0).any():
-            joint = int(order[self.joints & (inertia <= 0)][0]) + 1
+        without_rotor = self.joints & (inertia <= 0)
+        if without_rotor.any():
+            joint = int(order[without_rotor][0]) + 1
+            elastic = k[without_rotor][0] > 0
             raise InputError(
                 f"joint {joint} has a motor of its own but no rotor inertia",
                 "give nominal.armature in the data sheet, or add the effect armature",
-                where="joint_elasticity"
-                if k[self.joints & (inertia <= 0)][0] > 0
-                else "backlash",
+                where=ELASTICITY.name if elastic else BACKLASH.name,
             )
         rigid_gear = self.joints & (k == 0)
         if rigid_gear.any():
+            # teeth in contact are a stiff spring, since the step knows no impacts
             w = 2 * np.pi * TOOTH_FREQUENCY
-            together = (
-                inertia * link_inertia / np.maximum(inertia + link_inertia, 1e-300)
-            )
-            k = np.where(rigid_gear, w**2 * together, k)
-            d = np.where(rigid_gear, 2 * TOOTH_DAMPING * w * together, d)
-        self.stiffness, self.damping, self._rigid = k, d, ~self.joints
+            total = np.maximum(inertia + link_inertia, 1e-300)
+            reduced = inertia * link_inertia / total
+            k = np.where(rigid_gear, w**2 * reduced, k)
+            d = np.where(rigid_gear, 2 * TOOTH_DAMPING * w * reduced, d)
+        self.stiffness, self.damping = k, d
+        self._rigid = ~self.joints
         self._inertia = np.where(self.joints, inertia, 1.0)
-        self._plays, self._tight = bool(self._width.any()), self._width == 0
+        self._plays = bool(self._width.any())
+        self._tight = self._width == 0
         self.position, self.velocity = np.zeros((2, len(k)))
 
     def reset(self, q: np.ndarray, dq: np.ndarray, load: np.ndarray) -> None:
@@ -88,9 +90,8 @@ class TwoMass:
 
     def deflection(self, load: np.ndarray) -> np.ndarray:
         """Theta - q [rad] under a load [N m], shape (n,)."""
-        return elastic_deflection(
-            load, self.stiffness, self.damping
-        ) + backlash_deflection(load, self._width)
+        bent = elastic_deflection(load, self.stiffness, self.damping)
+        return bent + backlash_deflection(load, self._width)
 
     def torque(self, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
         """Tau [N m] from motors to links at positions q and velocities dq, 0 on rigid joints, shape (n,)."""
@@ -98,10 +99,11 @@ class TwoMass:
         if not self._plays:
             return elastic_torque(twist, rate, self.stiffness, self.damping)
         wound = through_backlash(twist, self._width)
-        torque = elastic_torque(
-            wound, rate * ((wound != 0) | self._tight), self.stiffness, self.damping
-        )
-        return torque * ((torque * wound >= 0) | self._tight)
+        closed = (wound != 0) | self._tight
+        torque = elastic_torque(wound, rate * closed, self.stiffness, self.damping)
+        # the damper may not pull teeth apart
+        pushes = (torque * wound >= 0) | self._tight
+        return torque * pushes
 
     def step(
         self,

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from gapscope.arm.dynamics.link_shapes import Shape
 from gapscope.arm.dynamics.plain_urdf import Link, numbers, rotation
 from gapscope.envs.export.heading import mesh_path
-from gapscope.envs.export.plain_arm import Drive, PlainArm
+from gapscope.envs.export.plain_arm import JointDrive, PlainArm
 
 MESHES = (".stl", ".obj", ".msh")
 """Endings of the meshes that MuJoCo reads."""
@@ -206,7 +206,7 @@ def _exclude_neighbours(root: ET.Element, arm: PlainArm) -> None:
         )
 
 
-def _add_actuator(actuators: ET.Element, joint: str, drive: Drive) -> None:
+def _add_actuator(actuators: ET.Element, joint: str, drive: JointDrive) -> None:
     """Torque arrives as (1 + scale) times the lagged command, plus the offset."""
     actuator = ET.SubElement(
         actuators, "general", name=joint, joint=joint, gainprm=repr(1.0 + drive.scale)

@@ -21,7 +21,7 @@ from gapscope.envs.drive.friction import total
 
 
 @dataclass(frozen=True)
-class Drive:
+class JointDrive:
     """What acts on one joint, nominal values and effects together, joint side.
 
     Attributes:
@@ -70,7 +70,7 @@ class PlainArm:
     nominal: RigidBody
     body: RigidBody
     links: tuple[Link, ...]
-    drives: dict[str, Drive]
+    drives: dict[str, JointDrive]
     mount: np.ndarray
     gravity: float
     frames: dict[str, Frame]
@@ -145,7 +145,7 @@ def upright(gravity: np.ndarray) -> np.ndarray:
     )
 
 
-def _drives(corrected: CorrectedArm, body: RigidBody) -> dict[str, Drive]:
+def _drives(corrected: CorrectedArm, body: RigidBody) -> dict[str, JointDrive]:
     arm, value = corrected.arm, corrected.value
     columns = {
         "damping": total(
@@ -168,7 +168,7 @@ def _drives(corrected: CorrectedArm, body: RigidBody) -> dict[str, Drive]:
     efforts = body.effort_limits() if arm.torque_limit is None else arm.torque_limit
     saturated, velocities = value("torque_saturation", "limit"), body.velocity_limits()
     return {
-        joint: Drive(
+        joint: JointDrive(
             **{name: float(column[j]) for name, column in columns.items()},
             effort=min(
                 (x for x in (efforts[j], saturated[j]) if 0 < x < np.inf), default=None

@@ -16,7 +16,7 @@ from gapscope.arm.dynamics.urdf_inertials import (
     set_parameters,
 )
 from gapscope.envs.export.heading import mesh_path
-from gapscope.envs.export.plain_arm import Drive, PlainArm
+from gapscope.envs.export.plain_arm import JointDrive, PlainArm
 
 MOVABLE = ("revolute", "continuous", "prismatic", "floating", "planar")
 """Types of joints that move."""
@@ -119,7 +119,7 @@ def _set_bodies(root: ET.Element, arm: PlainArm) -> None:
         set_parameters(link, total)
 
 
-def _set_drive(joint: ET.Element, drive: Drive) -> None:
+def _set_drive(joint: ET.Element, drive: JointDrive) -> None:
     """Friction and limits of a joint."""
     dynamics = joint.find("dynamics")
     dynamics = ET.SubElement(joint, "dynamics") if dynamics is None else dynamics
