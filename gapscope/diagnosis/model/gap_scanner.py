@@ -12,13 +12,10 @@ from dataclasses import replace
 import numpy as np
 
 from gapscope.diagnosis.model.fit_data import FitData
+from gapscope.diagnosis.model.force_window import force_window
 from gapscope.diagnosis.model.jacobian import columns
-from gapscope.diagnosis.model.nonlinear_scan import (
-    NonlinearParameters,
-    Scan,
-    force_window,
-    search_nonlinear,
-)
+from gapscope.diagnosis.model.nonlinear_scan import search_nonlinear
+from gapscope.diagnosis.model.scan import NonlinearParameters, Scan
 from gapscope.diagnosis.model.scan_residual import ScanResidual
 from gapscope.diagnosis.model.segment_rows import SegmentRows
 from gapscope.diagnosis.model.terms import Term, Terms

@@ -21,7 +21,7 @@ from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.model.fold import EquationRows, Fold, fold_of
 from gapscope.diagnosis.model.gap_scanner import GapScanner
 from gapscope.diagnosis.model.jacobian import columns, link_tangent
-from gapscope.diagnosis.model.nonlinear_scan import NonlinearParameters
+from gapscope.diagnosis.model.scan import NonlinearParameters
 from gapscope.diagnosis.model.segment_rows import SegmentRows
 from gapscope.diagnosis.model.terms import Term, Terms
 from gapscope.diagnosis.model.torque_sensor import LinkRows, link_rows, two_sides

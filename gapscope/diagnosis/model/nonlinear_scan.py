@@ -1,21 +1,20 @@
-"""The search for shapes: parameters in which the torque is not linear, scanned over what they can be.
+"""The search for parameters in which the torque is not linear, scanned over what they can be.
 
-For each candidate of a shape the columns of its linear coordinates are projected on the residual gap of a joint when
+For each candidate the columns of its linear coordinates are projected on the residual of a joint's gap when
 everything that acts on that joint is taken out; the gain of a candidate is the sum of squares that its columns explain.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from gapscope.diagnosis.model.scan import NonlinearParameters, Scan
 from gapscope.diagnosis.model.terms import Term, parametrisation_of
 from gapscope.diagnosis.thresholds import (
-    FORCE_WINDOW_BIN,
     HELD_NEAR_LIMIT,
-    LEAST_FORCE_WINDOW,
     LEAST_NEED_AT_LIMIT,
     LEAST_RIPPLE_CYCLES,
     LEAST_RIPPLE_PERIODS,
@@ -28,81 +27,6 @@ from gapscope.diagnosis.thresholds import (
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Drift, Path, Signals, TorqueLaw
 from gapscope.ident.signals.conditioning import Segment
-
-
-@dataclass(frozen=True)
-class NonlinearParameters:
-    """A shape found.
-
-    Attributes:
-        values: of the shape's parameters.
-        std: their standard deviations, from the curvature of the gain.
-    """
-
-    values: tuple[float, ...]
-    std: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class Scan:
-    """The residual gap of a joint, and how columns are brought to its rows.
-
-    Attributes:
-        residual: what no column of the basis explains [N m], (M,).
-        basis: orthonormal columns taken out of it, (M, K).
-        thin: from series on the segments' grids to the rows: filtered, trimmed, decimated and weighed; takes one array
-            (N, K) per segment and gives (M, K).
-        noise: variance of the residual, counted per independent sample [N^2 m^2].
-    """
-
-    residual: np.ndarray
-    basis: np.ndarray
-    thin: Callable[[Sequence[np.ndarray]], np.ndarray]
-    noise: float
-
-    def left(self, series: np.ndarray) -> np.ndarray:
-        """What the basis leaves of a series on the rows, (M,)."""
-        return series - self.basis @ (self.basis.T @ series)
-
-    def gains(self, columns: np.ndarray, per_candidate: int) -> np.ndarray:
-        """Sum of squares explained by each candidate's columns, which stand side by side, (M, K per_candidate)."""
-        size2 = (columns**2).sum(axis=0).reshape(-1, per_candidate)
-        within = (self.basis.T @ columns).reshape(
-            self.basis.shape[1], -1, per_candidate
-        )
-        x = columns.reshape(len(columns), -1, per_candidate)
-        gram = np.einsum("mki,mkj->kij", x, x) - np.einsum(
-            "mki,mkj->kij", within, within
-        )
-        right = (columns.T @ self.residual).reshape(-1, per_candidate)
-        least = 1e-4 * size2.max(axis=1) + 1e-12
-        gram += least[:, None, None] * np.eye(per_candidate)
-        return np.einsum(
-            "ki,ki->k", right, np.linalg.solve(gram, right[:, :, None])[:, :, 0]
-        )
-
-    def best(
-        self, candidates: np.ndarray, columns: np.ndarray, per_candidate: int = 1
-    ) -> NonlinearParameters:
-        """The candidate, shape (K,), with the largest gain, refined by a parabola through its neighbours."""
-        gains = self.gains(columns, per_candidate)
-        k = int(np.argmax(gains))
-        if (
-            k in (0, len(candidates) - 1)
-            or not np.diff(candidates[k - 1 : k + 2]).all()
-        ):  # two at a bound
-            return NonlinearParameters(
-                (float(candidates[k]),), (float(np.ptp(candidates) / 2),)
-            )
-        curve = np.polyfit(candidates[k - 1 : k + 2], gains[k - 1 : k + 2], 2)
-        if curve[0] >= 0:
-            return NonlinearParameters(
-                (float(candidates[k]),), (float(np.ptp(candidates[k - 1 : k + 2]) / 2),)
-            )
-        peak = float(
-            np.clip(-curve[1] / (2 * curve[0]), candidates[k - 1], candidates[k + 1])
-        )
-        return NonlinearParameters((peak,), (float(np.sqrt(self.noise / -curve[0])),))
 
 
 def around(value: float, lowest: float, highest: float) -> np.ndarray:
@@ -118,12 +42,12 @@ def search_nonlinear(
     known: float | None,
     needed: Sequence[np.ndarray],
 ) -> NonlinearParameters:
-    """The best shape of a joint effect's term; near ``known``, if it has been found before.
+    """The best nonlinear parameters of a joint effect's term; near ``known`` if it has been found before.
 
     ``needed`` is the torque that the arm predicts on the joint [N m], (N,) for each segment.
 
     Raises:
-        KeyError: the effect has no shape on a joint.
+        KeyError: the effect has no nonlinear parameter on a joint.
     """
     j, effect = term.joint - 1, term.definition
     if effect.limits:
@@ -185,22 +109,15 @@ def _drift(
     scan: Scan,
 ) -> NonlinearParameters:
     """The best time constant of a drift."""
-    arm, series = (
-        replace(
-            arm,
-            effects=tuple(e for e in arm.effects if not isinstance(e.effect, Drift)),
-        ),
-        [],
-    )
+    steady = tuple(e for e in arm.effects if not isinstance(e.effect, Drift))
+    arm = replace(arm, effects=steady)
+    smooth, series = _without_friction(arm), []
     for s in segments:
         motion, none = s.motion, np.zeros_like(s.motion.q)
-        friction = (
-            arm.needed_torque(none, motion)
-            - _without_friction(arm).needed_torque(none, motion)
-        )[:, j, None]
+        friction = arm.needed_torque(none, motion) - smooth.needed_torque(none, motion)
         since_start = (motion.t - motion.t[0])[:, None]
         change = drift.change(since_start, np.ones(len(times)), times)
-        series.append(friction * change)
+        series.append(friction[:, j, None] * change)
     return scan.best(times, scan.thin(series))
 
 
@@ -264,82 +181,44 @@ def _saturation(
     Without the second, to call most of a torque lost would explain any gap.
     """
     torque = [s.torque[:, j, None] for s in segments if s.torque is not None]
-    u, need = np.vstack(torque)[:, 0], np.concatenate(needed)
-    largest = float(np.abs(u).max())
+    recorded = np.vstack(torque)[:, 0]
+    largest = float(np.abs(recorded).max())
     least = max(
         LEAST_TORQUE_LIMIT * largest,
-        float(np.quantile(np.abs(u), 1.0 - LIMITED_TIME_HELD)),
+        float(np.quantile(np.abs(recorded), 1.0 - LIMITED_TIME_HELD)),
     )
-    limits = np.sort(
-        [
-            *np.linspace(least, 0.98 * largest, TORQUE_LIMIT_GRID),
-            *np.geomspace(least, 0.97 * largest, TORQUE_LIMIT_GRID)[1:],
-        ]
-    )
-    if known is not None:
-        limits = np.clip(known * np.linspace(0.9, 1.1, 21), least, 0.999 * largest)
-    beyond = np.abs(u)[:, None] > limits
-    count, along = np.maximum(beyond.sum(axis=0), 1), np.sign(u) * need
-    held = along @ beyond / count
-    apart = np.sqrt(
-        np.maximum(along**2 @ beyond / count - 2 * held * limits + limits**2, 0.0)
-    )
-    seldom = beyond.mean(axis=0) < LIMITED_TIME_TRACKING
-    possible = (held > LEAST_NEED_AT_LIMIT * limits) & (
-        seldom | (apart < HELD_NEAR_LIMIT * limits)
-    )
+    limits = _limits(least, largest, known)
+    limits = limits[_possible(limits, recorded, np.concatenate(needed))]
     none = NonlinearParameters((0.999 * largest,), (0.5 * largest,))
-    if not possible.any():
+    if not len(limits):
         return none
-    limits = limits[possible]
-    found = scan.best(
-        limits, scan.thin([x - np.clip(x, -limits, limits) for x in torque])
-    )
+    lost = [x - np.clip(x, -limits, limits) for x in torque]
+    found = scan.best(limits, scan.thin(lost))
+    # at the lowest limit the scan would go on to call even more of the torque lost
     return found if found.values[0] > 1.02 * least else none
 
 
-def force_window(
-    t: np.ndarray,
-    residual: np.ndarray,
-    force: np.ndarray,
-    weight: np.ndarray,
-    bases: Sequence[np.ndarray],
-) -> NonlinearParameters | None:
-    """The window of time in which a constant force explains most of the residual; ``None`` if none helps.
+def _limits(least: float, largest: float, known: float | None) -> np.ndarray:
+    """Limits to try [N m]: about one that is known, or up to the largest torque in even steps and ratios."""
+    if known is not None:
+        return np.clip(known * np.linspace(0.9, 1.1, 21), least, 0.999 * largest)
+    steps = np.linspace(least, 0.98 * largest, TORQUE_LIMIT_GRID)
+    ratios = np.geomspace(least, 0.97 * largest, TORQUE_LIMIT_GRID)[1:]
+    return np.sort([*steps, *ratios])
 
-    Args:
-        t: time of the rows since the start of their recording [s], (M,).
-        residual: the residual gap of all joints [N m], (M, n).
-        force: columns of a unit force on the same rows, (M, n, 3).
-        weight: of the joints [1/(N m)^2], (n,).
-        bases: per joint what was taken out of the residual, orthonormal columns, (M, K).
-    """
-    count = int(np.ceil((t.max() - t.min()) / FORCE_WINDOW_BIN))
-    least = round(LEAST_FORCE_WINDOW / FORCE_WINDOW_BIN)
-    if count <= least:
-        return None
-    place = np.minimum(((t - t.min()) / FORCE_WINDOW_BIN).astype(int), count - 1)
-    gram: np.ndarray = np.zeros((count + 1, 3, 3))
-    right: np.ndarray = np.zeros((count + 1, 3))
-    np.add.at(gram, place + 1, np.einsum("mji,j,mjk->mik", force, weight, force))
-    np.add.at(right, place + 1, np.einsum("mji,j,mj->mi", force, weight, residual))
-    gram, right = gram.cumsum(axis=0), right.cumsum(axis=0)
-    ridge = 1e-6 * np.trace(gram[-1]) / 3 * np.eye(3)
-    starts, ends = np.triu_indices(count + 1, least)
-    inside, pull = gram[ends] - gram[starts] + ridge, right[ends] - right[starts]
-    for j, basis in enumerate(bases):
-        within = np.zeros((count + 1, basis.shape[1], 3))
-        np.add.at(within, place + 1, basis[:, :, None] * force[:, j, None, :])
-        within = within.cumsum(axis=0)
-        taken = within[ends] - within[starts]
-        inside -= weight[j] * taken.transpose(0, 2, 1) @ taken
-    gains = np.einsum(
-        "wi,wi->w", pull, np.linalg.solve(inside, pull[:, :, None])[:, :, 0]
-    )
-    best = int(np.argmax(gains))
-    start, end = (
-        float(t.min() + FORCE_WINDOW_BIN * edge) for edge in (starts[best], ends[best])
-    )
-    return NonlinearParameters(
-        (start, end), (FORCE_WINDOW_BIN / 2, FORCE_WINDOW_BIN / 2)
-    )
+
+def _possible(
+    limits: np.ndarray, recorded: np.ndarray, needed: np.ndarray
+) -> np.ndarray:
+    """Which limits the motion allows, (L,), by the torque recorded and the torque needed [N m], (N,) each."""
+    beyond = np.abs(recorded)[:, None] > limits
+    count = np.maximum(beyond.sum(axis=0), 1)
+    # needed torque in the direction of the recorded one, while that exceeds the limit: mean and mean square
+    along = np.sign(recorded) * needed
+    mean = along @ beyond / count
+    mean_square = along**2 @ beyond / count
+    apart2 = mean_square - 2 * mean * limits + limits**2
+    apart = np.sqrt(np.maximum(apart2, 0.0))
+    seldom = beyond.mean(axis=0) < LIMITED_TIME_TRACKING
+    held = apart < HELD_NEAR_LIMIT * limits
+    return (mean > LEAST_NEED_AT_LIMIT * limits) & (seldom | held)

@@ -8,8 +8,8 @@ import synthetic
 from synthetic import Truth
 
 from gapscope.diagnosis.model.fit_data import FitData
+from gapscope.diagnosis.model.force_window import force_window
 from gapscope.diagnosis.model.linearisation import Linearisation
-from gapscope.diagnosis.model.nonlinear_scan import force_window
 from gapscope.diagnosis.model.terms import Terms
 from gapscope.ident.signals.conditioning import condition, thinned
 

@@ -1,0 +1,83 @@
+"""One joint's residual, and how candidates of a nonlinear parameter are compared on it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class NonlinearParameters:
+    """Values of a term's nonlinear parameters.
+
+    Attributes:
+        values: of the parameters.
+        std: their standard deviations, from the curvature of the gain.
+    """
+
+    values: tuple[float, ...]
+    std: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Scan:
+    """The residual of one joint's gap, and how columns are brought to its rows.
+
+    Attributes:
+        residual: what no column of the basis explains [N m], (M,).
+        basis: orthonormal columns taken out of it, (M, K).
+        thin: from series on the segments' grids to the rows: filtered, trimmed, decimated and weighted; takes one array
+            (N, K) per segment and gives (M, K).
+        noise: variance of the residual, counted per independent sample [N^2 m^2].
+    """
+
+    residual: np.ndarray
+    basis: np.ndarray
+    thin: Callable[[Sequence[np.ndarray]], np.ndarray]
+    noise: float
+
+    def gains(self, columns: np.ndarray, per_candidate: int) -> np.ndarray:
+        """Sum of squares explained by each candidate's columns, which lie side by side, (M, K per_candidate)."""
+        x = columns.reshape(len(columns), -1, per_candidate)
+        projected = self.basis.T @ columns
+        within = projected.reshape(self.basis.shape[1], -1, per_candidate)
+        # X^T X outside the basis, without forming the columns outside it
+        gram = _gram(x) - _gram(within)
+        right = (columns.T @ self.residual).reshape(-1, per_candidate)
+        # a column within the basis explains nothing: the ridge keeps it from dividing by zero
+        size2 = (columns**2).sum(axis=0).reshape(-1, per_candidate)
+        ridge = 1e-4 * size2.max(axis=1) + 1e-12
+        gram += ridge[:, None, None] * np.eye(per_candidate)
+        coefficients = np.linalg.solve(gram, right[:, :, None])[:, :, 0]
+        return np.einsum("ki,ki->k", right, coefficients)
+
+    def best(
+        self, candidates: np.ndarray, columns: np.ndarray, per_candidate: int = 1
+    ) -> NonlinearParameters:
+        """The candidate, shape (K,), with the largest gain, refined by a parabola through its neighbours."""
+        gains = self.gains(columns, per_candidate)
+        k = int(np.argmax(gains))
+        inside = 0 < k < len(candidates) - 1
+        near = slice(k - 1, k + 2)
+        # clipped candidates may coincide at a bound, where there is no parabola
+        if not inside or not np.diff(candidates[near]).all():
+            return _uncertain(candidates[k], candidates)
+        curvature, slope, _ = np.polyfit(candidates[near], gains[near], 2)
+        if curvature >= 0:
+            return _uncertain(candidates[k], candidates[near])
+        peak = np.clip(-slope / (2 * curvature), candidates[k - 1], candidates[k + 1])
+        # the gain falls by the noise where the parameter is one standard deviation off
+        std = np.sqrt(self.noise / -curvature)
+        return NonlinearParameters((float(peak),), (float(std),))
+
+
+def _gram(x: np.ndarray) -> np.ndarray:
+    """X^T X of each candidate, (K, c, c), from (M, K, c)."""
+    return np.einsum("mki,mkj->kij", x, x)
+
+
+def _uncertain(value: float, among: np.ndarray) -> NonlinearParameters:
+    """A candidate whose neighbours say nothing: uncertain by half the range that was tried."""
+    return NonlinearParameters((float(value),), (float(np.ptp(among) / 2),))
