@@ -116,6 +116,8 @@ LATTICE_SAMPLES = 6000  # Positions of a joint that are looked at, from each rec
 
 # --- model: linearisation
 BACKLASH_START = 0.004  # Free play with which the columns of backlash begin [rad]. (hand)
+LEAST_TORQUE_GAIN = 0.2  # Recorded over needed torque lies between this [1]... (physical)
+MOST_TORQUE_GAIN = 5.0  # ...and this [1]: a wider finite difference crosses a reversal of friction. (physical)
 PIECE_LENGTH = 1.5  # Length of the pieces in which normal equations are kept, for the bootstrap [s]. (hand)
 MOST_PIECES = 40  # Pieces over all folds; on long logs they grow instead. (budget)
 SENSOR_ZERO = 0.1  # Prior of a sensor's zero, over the normalisation of its joint's torque gap [1]. (hand)

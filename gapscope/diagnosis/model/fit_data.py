@@ -8,7 +8,7 @@ from gapscope.arm.dynamics.inertial_scale import inertial_scale
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.gap.torque_gap import filtered_torque, torque_scale
-from gapscope.diagnosis.model.jacobian import Bodies
+from gapscope.diagnosis.model.body_jacobian import Bodies
 from gapscope.diagnosis.model.nonlinear_scan import ripple_candidates, waves
 from gapscope.ident.signals.conditioning import Segment, low_pass
 

@@ -17,10 +17,11 @@ from dataclasses import replace
 import numpy as np
 
 from gapscope.diagnosis.gap.noise_floor import NoiseFloor, noise_floor
+from gapscope.diagnosis.model.body_jacobian import link_tangent
 from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.model.fold import EquationRows, Fold, fold_of
 from gapscope.diagnosis.model.gap_scanner import GapScanner
-from gapscope.diagnosis.model.jacobian import columns, link_tangent
+from gapscope.diagnosis.model.jacobian import columns
 from gapscope.diagnosis.model.scan import NonlinearParameters
 from gapscope.diagnosis.model.segment_rows import SegmentRows
 from gapscope.diagnosis.model.terms import Term, Terms

@@ -26,8 +26,9 @@ from gapscope.diagnosis.gap.noise_floor import (
     simplified_effect_rms,
     steady_floor,
 )
+from gapscope.diagnosis.model.body_jacobian import Bodies, bodily_columns
 from gapscope.diagnosis.model.fold import EquationRows
-from gapscope.diagnosis.model.jacobian import Bodies, bodily_columns, moved_arm
+from gapscope.diagnosis.model.jacobian import moved_arm
 from gapscope.diagnosis.model.terms import Terms, parametrisation_of
 from gapscope.diagnosis.thresholds import (
     EFFECT_FORM,
