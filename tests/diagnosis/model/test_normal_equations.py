@@ -1,0 +1,51 @@
+"""Normal equations with nuisances, on numbers small enough to check by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gapscope.diagnosis.model.normal_equations import NormalEquations
+
+COLUMN = np.array([1.0, 0.0, 1.0])
+NUISANCE = np.array([0.0, 1.0, 1.0])
+GAP = np.array([2.0, 3.0, 5.0])
+"""y = 2 A + 3 N exactly."""
+
+
+def gram(*columns: np.ndarray) -> np.ndarray:
+    x = np.stack(columns, axis=1)
+    return x.T @ x
+
+
+def test_a_free_nuisance_takes_what_is_its_own() -> None:
+    normal = NormalEquations(gram(COLUMN, NUISANCE, GAP), 1, 1e6)
+    theta = normal.solve(np.array([0]))
+    assert theta == pytest.approx([2.0], abs=1e-6)
+    assert normal.nuisance(theta, np.array([0])) == pytest.approx([3.0], abs=1e-6)
+
+
+def test_a_nuisance_with_a_narrow_prior_stays_zero() -> None:
+    """A theta alone: theta = A y / A A = 7 / 2."""
+    normal = NormalEquations(gram(COLUMN, NUISANCE, GAP), 1, 1e-6)
+    theta = normal.solve(np.array([0]))
+    assert theta == pytest.approx([3.5], abs=1e-6)
+    assert normal.nuisance(theta, np.array([0])) == pytest.approx([0.0], abs=1e-6)
+
+
+def test_a_prior_of_the_size_of_the_data_shrinks_a_nuisance() -> None:
+    """Without the term delta = N y / (N N + 1 / sigma^2) = 8 / (2 + 4)."""
+    normal = NormalEquations(gram(COLUMN, NUISANCE, GAP), 1, 0.5)
+    none = np.array([], dtype=int)
+    assert normal.solve(none) == pytest.approx([0.0])
+    assert normal.nuisance(np.zeros(1), none) == pytest.approx([8 / 6])
+
+
+def test_the_rest_is_measured_with_the_nuisance_or_without() -> None:
+    total = gram(COLUMN, NUISANCE, GAP)
+    normal, places = NormalEquations(total, 1, 1e6), np.array([0])
+    theta = normal.solve(places)
+    with_nuisance = normal.rest(total[None], theta, places, corrected=True)
+    without = normal.rest(total[None], theta, places, corrected=False)
+    assert with_nuisance == pytest.approx([0.0], abs=1e-6)
+    assert without == pytest.approx([18.0], abs=1e-4)  # |3 N|^2

@@ -1,0 +1,51 @@
+"""Equations of folds at a skew, and mean squares of what is left of each fold, by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gapscope.diagnosis.model.fold import Fold
+from gapscope.diagnosis.model.normal_equations import NormalEquations
+from gapscope.diagnosis.selection.fold_equations import FoldEquations, with_skew
+
+A, N = np.array([1.0, 2.0, 0.0, 1.0]), np.array([0.0, 1.0, 1.0, 0.0])
+Y, D = np.array([3.0, 5.0, 1.0, 2.0]), np.array([1.0, 0.0, 2.0, 1.0])
+
+
+def gram(*columns: np.ndarray) -> np.ndarray:
+    x = np.stack(columns, axis=1)
+    return x.T @ x
+
+
+def fold(y: np.ndarray) -> Fold:
+    """Two pieces of two rows, one joint."""
+    x = np.stack([A, N, y, D], axis=1)
+    grams = np.array([[x[:2].T @ x[:2]], [x[2:].T @ x[2:]]])
+    return Fold(grams, np.full((2, 1), 2.0), np.array([0.5]), np.array([3.0]))
+
+
+def test_a_skew_takes_its_share_of_the_rate_from_the_gap() -> None:
+    np.testing.assert_allclose(
+        with_skew(gram(A, N, Y, D), 0.25), gram(A, N, Y - 0.25 * D)
+    )
+    np.testing.assert_allclose(with_skew(gram(A, N, Y, D), 0.0), gram(A, N, Y))
+
+
+def test_pieces_are_summed_and_floors_squared() -> None:
+    equations = FoldEquations([fold(Y), fold(2 * Y)], 0.0)
+    np.testing.assert_allclose(equations.gram[0, 0], gram(A, N, Y))
+    np.testing.assert_allclose(equations.gram[1, 0], gram(A, N, 2 * Y))
+    assert equations.count.tolist() == [[4.0], [4.0]]
+    assert equations.floor2.tolist() == [[0.25], [0.25]]
+
+
+def test_a_fold_is_predicted_with_the_values_of_its_own_equations() -> None:
+    """y = 2 A on one fold, 3 A on the other; each predicted with the other's value leaves |A|^2 = 6 over 4 rows."""
+    equations = FoldEquations([fold(2 * A), fold(3 * A)], 0.0)
+    own = [NormalEquations(g[0], 1, 1e-6) for g in equations.gram]
+    columns = np.array([0])
+    exchanged = equations.mean_square(own[::-1], columns, corrected=False)
+    kept = equations.mean_square(own, columns, corrected=False)
+    assert exchanged[:, 0] == pytest.approx([1.5, 1.5], abs=1e-5)
+    assert kept[:, 0] == pytest.approx([0.0, 0.0], abs=1e-5)
