@@ -8,7 +8,8 @@ from __future__ import annotations
 import argparse
 
 from gapscope.effects.catalogue import CATALOGUE
-from gapscope.effects.effect import Effect, Parameter
+from gapscope.effects.effect import Effect
+from gapscope.effects.parameter import Parameter
 from gapscope.effects.setup_faults.fault import Fault
 from gapscope.effects.setup_faults.fault_catalogue import FAULTS
 

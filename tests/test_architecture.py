@@ -74,10 +74,10 @@ FILES = {
 
 @cache
 def imports_of(module: str) -> frozenset[str]:
-    """Dotted names that a module imports, lazy imports included, those for type checking alone left out."""
+    """Dotted names that a module imports, lazy ones and those for type checking included."""
     tree = ast.parse(FILES[module].read_text(encoding="utf-8"))
     names = set()
-    for node in _without_type_checking(tree):
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             names.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
@@ -87,17 +87,6 @@ def imports_of(module: str) -> frozenset[str]:
                 submodules if submodules == whole else {*submodules, node.module}
             )
     return frozenset(names - {module})
-
-
-def _without_type_checking(tree: ast.AST) -> list[ast.AST]:
-    """All nodes of a tree outside ``if TYPE_CHECKING:``."""
-    found, waiting = [], [tree]
-    while waiting:
-        node = waiting.pop()
-        found.append(node)
-        if not (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"):
-            waiting.extend(ast.iter_child_nodes(node))
-    return found
 
 
 def layer_of(name: str, layers: tuple[set[str], ...]) -> int:

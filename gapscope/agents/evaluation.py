@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from gapscope.agents.controllers import ComputedTorque, Feedforward, TrackingController
 from gapscope.agents.disturbances import check_disturbance, disturbance
+from gapscope.agents.episode import Episode
 from gapscope.agents.evaluation_cache import EvaluationCache
 from gapscope.agents.evaluation_plan import MOTIONS, EvaluationPlan
 from gapscope.agents.gains import Tuning, gains, own_inertia
 from gapscope.agents.stability import largest_factor, settles
 from gapscope.agents.torque_model import ArmModel, Gravity, TorqueModel
 from gapscope.agents.tracking import SampledReference, track
-from gapscope.agents.tracking_metrics import Measures, TrackingMetrics
+from gapscope.agents.tracking_metrics import TrackingMetrics
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.json_file import plain
 from gapscope.arm.motions.named_motions import check_motion_name, draw_motion, workspace
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.gap.torque_gap import torque_scale
@@ -35,31 +34,6 @@ MARGIN_TIME = 1.5
 """Length of the motion on which gains are raised [s]."""
 DT = 1e-3
 """Period of simulation and controller [s]."""
-
-
-@dataclass(frozen=True)
-class Episode:
-    """One model on one motion.
-
-    Attributes:
-        model, engine, motion, disturbance, seed: which.
-        measures: how well it was tracked.
-        torque_error: NRMSE of the model's feedforward against the torque that the motion needs, mean over joints [1].
-    """
-
-    model: str
-    engine: str
-    motion: str
-    disturbance: str
-    seed: int
-    measures: Measures
-    torque_error: float
-
-    def row(self) -> dict[str, Any]:
-        """As plain data; numbers that are not finite are ``None``."""
-        row = asdict(self)
-        row |= row.pop("measures")
-        return dict(plain(row, null_if_not_finite=True))
 
 
 class TrackingBench:

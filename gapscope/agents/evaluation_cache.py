@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
+from gapscope.agents.episode import Episode
 from gapscope.agents.torque_model import TorqueModel
-
-if TYPE_CHECKING:
-    from gapscope.agents.evaluation import Episode
 
 
 class EvaluationCache(Protocol):

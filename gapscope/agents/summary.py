@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
-from gapscope.agents.evaluation import Episode, Evaluation
+from gapscope.agents.episode import Episode
+from gapscope.agents.evaluation import Evaluation
 from gapscope.agents.statistics import Mean, mean_of, rank_correlation
 from gapscope.arm.io.json_file import plain
 

@@ -9,7 +9,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from gapscope.agents.evaluation import Episode, TrackingBench
+from gapscope.agents.episode import Episode
+from gapscope.agents.evaluation import TrackingBench
 from gapscope.agents.torque_model import ArmModel, TorqueModel
 from gapscope.agents.tracking_metrics import Measures
 from gapscope.arm.errors import GapscopeError

@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from gapscope.effects.arm_scale import ArmScale
-from gapscope.effects.effect import Parameter, Path, Series
+from gapscope.effects.effect import Path, Series
+from gapscope.effects.parameter import Parameter
 from gapscope.effects.parametrisation import Parametrisation, Values, linear_in
 from gapscope.effects.sampling import log_uniform, random_sign
 

@@ -11,7 +11,8 @@ import numpy as np
 from gapscope.arm.errors import InputError
 from gapscope.arm.nearest_name import nearest
 from gapscope.effects.catalogue import effect as by_name
-from gapscope.effects.effect import Effect, Parameter
+from gapscope.effects.effect import Effect
+from gapscope.effects.parameter import Parameter
 
 
 @dataclass(frozen=True)

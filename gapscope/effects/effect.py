@@ -12,6 +12,7 @@ from typing import Literal, NamedTuple, Protocol
 import numpy as np
 
 from gapscope.effects.arm_scale import ArmScale
+from gapscope.effects.parameter import Parameter
 from gapscope.effects.parametrisation import Parametrisation, Values
 
 Law = Callable[..., np.ndarray]
@@ -28,29 +29,6 @@ PlottedQuantity = Literal[
     "torque rate",
 ]
 Severity = Callable[[np.random.Generator, ArmScale, np.ndarray], Values]
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One parameter of an effect.
-
-    Attributes:
-        name: the key in ``diagnosis.json`` and ``corrected.yaml``.
-        symbol: symbol in equations.
-        unit: SI unit, joint side.
-        bounds: physically possible range.
-        typical: range of severities met on real arms, for drawing at random and for plausibility checks.
-        size: 1 for a scalar, 3 for a vector.
-        increment: whether the value adds to the nominal arm's (friction, armature, mass) or is the value itself.
-    """
-
-    name: str
-    symbol: str
-    unit: str
-    bounds: tuple[float, float]
-    typical: tuple[float, float]
-    size: int = 1
-    increment: bool = False
 
 
 @dataclass(frozen=True)

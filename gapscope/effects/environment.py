@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from gapscope.effects.arm_scale import ArmScale
-from gapscope.effects.effect import External, Inertial, Parameter
+from gapscope.effects.effect import External, Inertial
+from gapscope.effects.parameter import Parameter
 from gapscope.effects.parametrisation import Parametrisation, Values
 
 

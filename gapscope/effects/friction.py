@@ -6,7 +6,8 @@ import numpy as np
 
 from gapscope.arm.nominal import smooth_sign
 from gapscope.effects.arm_scale import ArmScale
-from gapscope.effects.effect import Drift, DryLaw, Parameter, Signals, TorqueLaw
+from gapscope.effects.effect import Drift, DryLaw, Signals, TorqueLaw
+from gapscope.effects.parameter import Parameter
 from gapscope.effects.parametrisation import (
     Grid,
     Values,

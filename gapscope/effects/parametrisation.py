@@ -9,12 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from gapscope.effects.effect import Parameter
+from gapscope.effects.parameter import Parameter
 
 Values = Mapping[str, np.ndarray]
 """Values of parameters by name."""

@@ -6,7 +6,8 @@ import numpy as np
 
 from gapscope.arm.known_load import point_mass_parameters
 from gapscope.effects.arm_scale import ArmScale
-from gapscope.effects.effect import Inertial, LinkChange, Parameter
+from gapscope.effects.effect import Inertial, LinkChange
+from gapscope.effects.parameter import Parameter
 from gapscope.effects.parametrisation import (
     Parametrisation,
     Values,

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from gapscope.effects.arm_scale import ArmScale
-from gapscope.effects.effect import Parameter, Sensing
+from gapscope.effects.effect import Sensing
+from gapscope.effects.parameter import Parameter
 from gapscope.effects.parametrisation import Values, linear_in
 from gapscope.effects.sampling import random_sign
 

@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from gapscope.effects.arm_scale import ArmScale
-from gapscope.effects.effect import Parameter, Signals, TorqueLaw, Transmission
+from gapscope.effects.effect import Signals, TorqueLaw, Transmission
+from gapscope.effects.parameter import Parameter
 from gapscope.effects.parametrisation import (
     Parametrisation,
     Values,

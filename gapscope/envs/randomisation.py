@@ -17,7 +17,8 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.effect import Parameter, Transmission
+from gapscope.effects.effect import Transmission
+from gapscope.effects.parameter import Parameter
 from gapscope.effects.severity import draw
 from gapscope.envs.arguments import record_of
 

@@ -4,20 +4,15 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from gapscope.arm.dynamics.mjcf import NAMELESS, numbers
 from gapscope.arm.errors import InputError
 
-if TYPE_CHECKING:
-    from gapscope.arm.dynamics.rigid_body import RigidBody
-
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 """Attributes of ``<inertia>``."""
-EXCESS = 1e-3
-"""Share by which the largest moment may exceed the sum of the others, for rounding."""
 GIVE = "give mass [kg] and inertia [kg m^2], or leave <inertial> out of a link that has no mass"
 
 
@@ -66,34 +61,11 @@ def check_inertials(root: ET.Element, path: Path) -> None:
         moments = np.linalg.eigvalsh(inertia)
         if moments[0] < -1e-6 * abs(moments[2]):
             raise InputError(
-                f"{words.inertia} has the principal moments {_listed(moments)} kg m^2, expected none below zero",
+                f"{words.inertia} has the principal moments {listed(moments)} kg m^2, expected none below zero",
                 words.remedy,
                 file=path,
                 where=where,
             )
-
-
-def odd_inertials(body: RigidBody) -> tuple[str, ...]:
-    """What is odd about the moving bodies of an arm, merged with what is fixed to them; a sentence each."""
-    notes = []
-    for joint, (name, link) in enumerate(zip(body.joints, body.links, strict=True), 1):
-        inertia = body.model.inertias[int(link)]
-        moments = np.linalg.eigvalsh(inertia.inertia)
-        place = f"{body.file}: the link moved by joint {joint} ({name})"
-        if inertia.mass == 0 and not moments.any():
-            notes.append(
-                f"{place} has no <inertial>: it is simulated without mass; give it one if it has any"
-            )
-        elif inertia.mass == 0:
-            notes.append(
-                f"{place} has moments of inertia but no mass, which no body has; correct <mass>"
-            )
-        elif moments[2] > (1 + EXCESS) * (moments[0] + moments[1]):
-            notes.append(
-                f"{place} has the principal moments of inertia {_listed(moments)} kg m^2, of which no body has one "
-                "above the sum of the others: they are simulated as they are; correct <inertia> if you can"
-            )
-    return tuple(notes)
 
 
 def _of_urdf(inertial: ET.Element, path: Path, where: str) -> tuple[float, np.ndarray]:
@@ -153,5 +125,6 @@ def _number(
     return value
 
 
-def _listed(moments: np.ndarray) -> str:
+def listed(moments: np.ndarray) -> str:
+    """Principal moments as text [kg m^2], shape (3,)."""
     return ", ".join(f"{moment:.4g}" for moment in moments)

@@ -9,7 +9,7 @@ import numpy as np
 
 from gapscope.diagnosis.thresholds import LEAST_PARAMETER_SCALE
 from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.effect import Parameter
+from gapscope.effects.parameter import Parameter
 
 FIXED = ("link", "start", "end", "cycles")
 """Parameters that are not fitted: a name, times that belong to one recording, a count of teeth or poles."""

@@ -18,24 +18,24 @@ from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.moves import by_finding
 from gapscope.diagnosis.thresholds import REPLAYED_TICKS, REPLAYED_TICKS_COMPLIANT
 from gapscope.effects.applied import AppliedEffect
-from gapscope.envs.engines import installed
+from gapscope.envs.engines import default_engine, installed
 from gapscope.envs.replay import replay
 
-ENGINE, SECOND_OPINIONS = "pybullet", ("mujoco",)
-"""The engine that replays, and those that do so as well if they are installed."""
+SECOND_OPINION = "mujoco"
+"""The engine that replays as well, if another is the default."""
 
 
 class ReplayGap(NamedTuple):
     """RMS of replayed minus recorded position [rad], shape (n,), ``None`` if it was not replayed.
 
     Attributes:
-        before, after: of the nominal arm, and of the arm with the effects found, in PyBullet.
+        before, after: of the nominal arm, and of the arm with the effects found, in the default engine.
         by: what moved the simulated arm: the ``controller``, or, if it or the reference is not known, the recorded
             ``torque`` over short horizons; ``None`` if nothing was replayed.
         warnings: why something was not replayed.
         only, without: of the arm with each effect alone, and with all others, by the effect's name in a finding; empty
             for arms with compliant joints, which are slow to simulate.
-        elsewhere: before and after in the other engines that are installed.
+        elsewhere: before and after in another engine, if one is installed.
     """
 
     before: np.ndarray | None = None
@@ -62,7 +62,7 @@ def replay_gap(case: Case, predictor: HeldOutPredictor) -> ReplayGap:
     recording, by = _recording(case, predictor, compliant)
 
     @cache
-    def attempted(terms: frozenset[Term], engine: str = ENGINE) -> Attempt:
+    def attempted(terms: frozenset[Term], engine: str | None = None) -> Attempt:
         return attempt(case, _effects(predictor, terms), recording, engine)
 
     warnings = []
@@ -73,6 +73,8 @@ def replay_gap(case: Case, predictor: HeldOutPredictor) -> ReplayGap:
     # With one effect found, the sets of only and without are those of after and before: the cache replays each once.
     parts = [] if compliant else by_finding(everything)
     named = {next(iter(part)).finding: part for part in parts}
+    differs = default_engine() != SECOND_OPINION and installed(SECOND_OPINION)
+    others = [SECOND_OPINION] if differs else []
     before, after = attempted(nothing).rmse, attempted(everything).rmse
     replayed = before is not None or after is not None
     return ReplayGap(
@@ -89,8 +91,7 @@ def replay_gap(case: Case, predictor: HeldOutPredictor) -> ReplayGap:
                 attempted(nothing, engine).rmse,
                 attempted(everything, engine).rmse,
             )
-            for engine in SECOND_OPINIONS
-            if installed(engine)
+            for engine in others
         },
     )
 
@@ -106,7 +107,7 @@ def attempt(
     case: Case,
     effects: tuple[AppliedEffect, ...],
     recording: Recording,
-    engine: str = ENGINE,
+    engine: str | None = None,
 ) -> Attempt:
     """Replay, which fails with an effect that cannot be simulated or an arm that diverges."""
     try:

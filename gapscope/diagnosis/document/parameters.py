@@ -10,7 +10,7 @@ from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.search import Selection
 from gapscope.diagnosis.thresholds import SKEWS
 from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.effect import Parameter
+from gapscope.effects.parameter import Parameter
 
 
 def finding_of(applied: AppliedEffect) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.recording import CHANNELS, Recording
-from gapscope.effects.effect import Parameter
+from gapscope.effects.parameter import Parameter
 from gapscope.effects.setup_faults.fault import (
     POSITIONS,
     TORQUES,

@@ -18,7 +18,7 @@ import numpy as np
 from gapscope.arm.errors import InputError
 from gapscope.arm.nearest_name import check_known
 from gapscope.arm.recording import Recording
-from gapscope.effects.effect import Parameter
+from gapscope.effects.parameter import Parameter
 
 POSITIONS = ("q", "dq", "q_ref", "dq_ref")
 TORQUES = ("tau", "tau_sensor")

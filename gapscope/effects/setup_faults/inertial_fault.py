@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.arm.recording import Recording
-from gapscope.effects.effect import Parameter
+from gapscope.effects.parameter import Parameter
 from gapscope.effects.setup_faults.fault import Fault
 
 

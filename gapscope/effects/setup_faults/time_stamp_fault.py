@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.recording import CHANNELS, Recording
-from gapscope.effects.effect import Parameter
+from gapscope.effects.parameter import Parameter
 from gapscope.effects.setup_faults.fault import Fault
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gapscope.arm.dynamics.inertials import odd_inertials
+from gapscope.arm.dynamics.odd_inertials import odd_inertials
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.export.plain_arm import PlainArm
 
