@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import cholesky
+from scipy.optimize import least_squares
 
 from gapscope.arm.motions.motion import Motion
 from gapscope.ident.model.friction_law import FrictionLaw
@@ -25,9 +28,14 @@ CERTAIN = 8.0
 """An offset of fewer standard deviations is no reason to ask; model error makes them too small on real arms [1]."""
 WORTH = 0.1
 """Offsets have to lower the cost of the fit by this share [1]."""
-ROUNDS = 8
+LARGEST = np.deg2rad(45.0)
+"""Offsets are sought up to this; one that ends there is not determined [rad]."""
+MAX_EVALUATIONS = 30
+"""Evaluations after which the search gives up; three or four are usual."""
 CLOSE = 1e-4
-"""Gauss-Newton ends when no offset moves by more [rad]."""
+"""The search ends when offsets move by less than this share of their size [1]..."""
+SETTLED = 1e-5
+"""...or the cost falls by less than this share [1]: less than the noise of the data makes of it."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +45,7 @@ class JointZeros:
     Attributes:
         offset: [rad], shape (n,).
         deviation: standard deviation [rad], shape (n,).
-        known: whether data and nominal arm determine it, shape (n,).
+        known: whether data and nominal arm determine it, shape (n,); no joint if the search did not converge.
         value: parameters x estimated with the offsets, shape (p,).
         cost: mean square of the weighted residual, plus the pull, without and with offsets [1].
         impossible: links whose parameters are those of no body, from 1, without and with offsets.
@@ -83,12 +91,12 @@ def estimate_zeros(
     noise: np.ndarray,
     penalty: np.ndarray,
 ) -> JointZeros:
-    """Estimate offsets and parameters by Gauss-Newton on tau = W(q - offset) x.
+    """Estimate offsets and parameters of tau = W(q - offset) x.
 
-    Minimises sum |(tau - W(q - delta) x) / noise|^2 / rows + sum_k w_k (x_k - x0_k)^2 + |delta|^2 / (rows WIDTH^2);
-    the columns of delta are -d tau / d q at the current x. The pull to the nominal arm decides if the links' own
-    parameters could take up an offset: of the first joint about the vertical it leaves the offset open, of the last
-    joint it says how far the nominal link would need to be turned.
+    Minimises sum |(tau - W(q - delta) x) / noise|^2 / rows + sum_k w_k (x_k - x0_k)^2 + |delta|^2 / (rows WIDTH^2)
+    over |delta| <= LARGEST by a trust region; x follows from delta by linear least squares (variable projection). The
+    pull to the nominal arm decides if the links' own parameters could take up an offset: of the first joint about the
+    vertical it leaves the offset open, of the last joint it says how far the nominal link would need to be turned.
 
     Args:
         columns: the model.
@@ -98,68 +106,133 @@ def estimate_zeros(
         noise: RMS residual per joint [N m], shape (n,).
         penalty: w, shape (p,).
 
-    Source: hollerbach2008.
+    Source: hollerbach2008, golub1973.
     """
-    n, nominal = columns.arm.n_joints, columns.nominal(law)
-    rows = sum(len(s.motion.t[band.rows(s)][:: band.step(s)]) for s in segments) * n
-    prior = np.concatenate([nominal, np.zeros(n)])
-    prior_weight = np.concatenate([rows * penalty, np.full(n, WIDTH**-2.0)])
-    x: np.ndarray = nominal
-    offset: np.ndarray = np.zeros(n)
-    costs: list[float] = []
-    impossible: list[tuple[int, ...]] = []
-    for turn in range(ROUNDS):
-        # the first turn holds the offsets at zero: cost and links without offsets
-        gram = np.zeros((len(prior) + 1, len(prior) + 1))
-        for segment in segments:
-            equations = _columns(
-                columns, segment, law, band, x, offset, with_zero=turn > 0
-            )
-            flat = (equations / noise[:, None]).reshape(-1, len(prior) + 1)
-            gram += flat.T @ flat
-        step = _regularised(gram, prior, prior_weight)
-        costs.append(step.cost / rows)
-        largest_change = np.abs(step.solution[-n:] - offset).max()
-        x, offset = step.solution[:-n], step.solution[-n:]
-        wrong_links = inconsistent(check_links(x[: columns.links]))
-        impossible.append(tuple(check.link for check in wrong_links))
-        # undamped: a search that does not converge ends after ROUNDS
-        if turn > 0 and largest_change < CLOSE:
-            break
-    spread = step.spread[-n:]
+    n = columns.arm.n_joints
+    samples = [s.motion.t[band.rows(s)][:: band.step(s)] for s in segments]
+    rows = n * sum(map(len, samples))
+    problem = _ZeroProblem(
+        columns, segments, law, band, noise, columns.nominal(law), rows * penalty
+    )
+
+    # the solver asks for the residual and its derivative at the same offsets
+    @cache
+    def at(offset: tuple[float, ...]) -> _Reduced:
+        return problem.reduced(np.array(offset))
+
+    found = least_squares(
+        lambda offset: at(tuple(offset)).residual,
+        np.zeros(n),
+        jac=lambda offset: at(tuple(offset)).jacobian,
+        bounds=(-LARGEST, LARGEST),
+        xtol=CLOSE,
+        ftol=SETTLED,
+        max_nfev=MAX_EVALUATIONS,
+    )
+    without, final = at((0.0,) * n), at(tuple(found.x))
     # a band of f Hz holds 2 f independent samples a second
-    deviation = spread * np.sqrt(max(costs[-1], 1e-12) * PER_CUTOFF / 2)
+    noise_scale = np.sqrt(max(final.cost / rows, 1e-12) * PER_CUTOFF / 2)
+    determined = (final.spread < KNOWN * WIDTH) & (found.active_mask == 0)
     return JointZeros(
-        offset=offset,
-        deviation=deviation,
-        known=spread < KNOWN * WIDTH,
-        value=x,
-        cost=(costs[0], costs[-1]),
-        impossible=(impossible[0], impossible[-1]),
+        offset=found.x,
+        deviation=final.spread * noise_scale,
+        known=determined & bool(found.success),
+        value=final.value,
+        cost=(without.cost / rows, final.cost / rows),
+        impossible=(
+            _impossible(without.value, columns),
+            _impossible(final.value, columns),
+        ),
     )
 
 
-class _Step(NamedTuple):
-    """Solution of regularised least squares, its sum of squares with the penalty, and deviations at unit noise."""
-
-    solution: np.ndarray
-    cost: float
-    spread: np.ndarray
+def _impossible(value: np.ndarray, columns: ModelColumns) -> tuple[int, ...]:
+    """Links whose parameters are those of no body, from 1."""
+    wrong = inconsistent(check_links(value[: columns.links]))
+    return tuple(check.link for check in wrong)
 
 
-def _regularised(gram: np.ndarray, prior: np.ndarray, weight: np.ndarray) -> _Step:
-    """Minimum of |A z - b|^2 + sum_k w_k (z_k - prior_k)^2, with the Gram matrix of [A, b]."""
-    own, right, square = gram[:-1, :-1], gram[:-1, -1], gram[-1, -1]
-    normal = own + np.diag(weight)
-    # columns differ by orders of magnitude: scaled to a unit diagonal
-    unit = 1.0 / np.sqrt(np.diag(normal))
-    scaled = normal * unit[:, None] * unit
-    change = unit * np.linalg.solve(scaled, unit * (right - own @ prior))
-    solution = prior + change
-    residual = square - 2 * right @ solution + solution @ own @ solution
-    cost = float(residual + change @ (weight * change))
-    spread = unit * np.sqrt(np.diag(np.linalg.inv(scaled)))
-    return _Step(solution, cost, spread)
+class _Reduced(NamedTuple):
+    """The problem at some offsets with x eliminated.
+
+    Attributes:
+        value: the best x, shape (p,).
+        residual: of unit noise, in n + 1 orthonormal directions; its square is the cost.
+        jacobian: its derivative by the offsets, shape (n + 1, n).
+    """
+
+    value: np.ndarray
+    residual: np.ndarray
+    jacobian: np.ndarray
+
+    @property
+    def cost(self) -> float:
+        """Sum of squares at unit noise, penalties included."""
+        return float(self.residual @ self.residual)
+
+    @property
+    def spread(self) -> np.ndarray:
+        """Standard deviation of the offsets at unit noise [rad], shape (n,)."""
+        return np.sqrt(np.diag(np.linalg.inv(self.jacobian.T @ self.jacobian)))
+
+
+@dataclass(frozen=True)
+class _ZeroProblem:
+    """Regularised least squares over parameters and offsets; see ``estimate_zeros``."""
+
+    columns: ModelColumns
+    segments: Sequence[Segment]
+    law: FrictionLaw
+    band: Band
+    noise: np.ndarray
+    nominal: np.ndarray
+    weight: np.ndarray
+
+    def reduced(self, offset: np.ndarray) -> _Reduced:
+        """The problem at some offsets, x eliminated by the triangular factor of [W, S, y]."""
+        p, n = len(self.nominal), len(offset)
+        value = self._best_value(self._gram(offset, None))
+        gram = self._gram(offset, value)
+        # penalties are further rows: sqrt(w) (x - x0), and (delta + step) / WIDTH
+        pull = np.concatenate([self.weight, np.full(n, WIDTH**-2.0), [0.0]])
+        target = np.concatenate([self.nominal, -offset])
+        gram[:-1, :-1] += np.diag(pull[:-1])
+        gram[:-1, -1] += pull[:-1] * target
+        gram[-1, :-1] = gram[:-1, -1]
+        gram[-1, -1] += target @ (pull[:-1] * target)
+        factor = _triangular(gram)
+        # rows below those of x hold what x cannot explain: [S, y] in n + 1 directions
+        rest = factor[p:, p:]
+        return _Reduced(value, rest[:, -1], -rest[:, :-1])
+
+    def _best_value(self, gram: np.ndarray) -> np.ndarray:
+        """The x of the smallest cost, from the Gram matrix of [W, y]."""
+        normal = gram[:-1, :-1] + np.diag(self.weight)
+        right = gram[:-1, -1] - gram[:-1, :-1] @ self.nominal
+        # columns differ by orders of magnitude: scaled to a unit diagonal
+        unit = 1.0 / np.sqrt(np.diag(normal))
+        scaled = normal * unit[:, None] * unit
+        return self.nominal + unit * np.linalg.solve(scaled, unit * right)
+
+    def _gram(self, offset: np.ndarray, value: np.ndarray | None) -> np.ndarray:
+        """Gram matrix of [W, y], or with parameters of [W, S, y], at unit noise."""
+        total: np.ndarray | float = 0.0
+        for segment in self.segments:
+            equations = _columns(
+                self.columns, segment, self.law, self.band, value, offset
+            )
+            weighed = equations / self.noise[:, None]
+            flat = weighed.reshape(-1, equations.shape[2])
+            total = total + flat.T @ flat
+        return np.asarray(total)
+
+
+def _triangular(gram: np.ndarray) -> np.ndarray:
+    """Upper triangular R with R^T R the Gram matrix, of columns that differ by orders of magnitude."""
+    unit = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
+    scaled = gram / unit[:, None] / unit
+    # a little weight keeps the factor real where columns depend on each other to rounding
+    return cholesky(scaled + 1e-13 * np.eye(len(gram))) * unit
 
 
 def _columns(
@@ -167,22 +240,19 @@ def _columns(
     segment: Segment,
     law: FrictionLaw,
     band: Band,
-    x: np.ndarray,
+    value: np.ndarray | None,
     delta: np.ndarray,
-    *,
-    with_zero: bool,
 ) -> np.ndarray:
-    """[W, -d tau / d q, tau + its linearisation point] at the current offsets, shape (M, n, p + n + 1)."""
+    """[W, y], or with parameters [W, S, y] with S = -d tau / d q, at the current offsets, shape (M, n, p + 1 (+ n))."""
     m = segment.motion
     true = Motion(m.t, m.q - delta, m.dq, m.ddq)
-    smooth, dry = columns.smooth(true), columns.dry(m, law)
-    sensitivity = np.zeros((*m.q.shape, m.q.shape[1]))
-    if with_zero:
+    parts = [columns.smooth(true), columns.dry(m, law)]
+    if value is not None:
         # the derivative by q of the torque of the bodies as they are identified now
-        change = x[: columns.links] - columns.body.inertial_parameters()
+        change = value[: columns.links] - columns.body.inertial_parameters()
         bodies = segment.bodies(columns.body).changed(change.reshape(-1, 10))
-        sensitivity = -bodies.sensitivities(true.q, m.dq, m.ddq)[0]
+        parts.append(-bodies.sensitivities(true.q, m.dq, m.ddq)[0])
     known = replace(segment, motion=true).known_torque(columns.body)
-    right = np.asarray(segment.torque) - known + sensitivity @ delta
-    equations = np.concatenate([smooth, dry, sensitivity, right[:, :, None]], axis=2)
+    parts.append((np.asarray(segment.torque) - known)[:, :, None])
+    equations = np.concatenate(parts, axis=2)
     return band.filtered(equations, segment)[:: band.step(segment)]
