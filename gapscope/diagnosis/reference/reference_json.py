@@ -99,7 +99,12 @@ def _widened(
         mass_std = float(np.sqrt(covariance[0, 0]))
         parameters["mass"] = _with(parameters["mass"], mass_std)
         parameters["com"] = _with(parameters["com"], com_std)
-    elif len(parameters) == 1 and set(effect["joints"]) <= set(by_joint):
+    # faults of the set-up, such as wrong time stamps, name no joint and keep their values
+    elif (
+        len(parameters) == 1
+        and effect["joints"]
+        and set(effect["joints"]) <= set(by_joint)
+    ):
         (name,) = parameters
         factors = [np.sqrt(by_joint[joint][0, 0]) for joint in effect["joints"]]
         values = np.abs(np.asarray(parameters[name]["value"], dtype=float))
