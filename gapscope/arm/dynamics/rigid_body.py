@@ -161,7 +161,9 @@ class RigidBody:
         lever = self.unladen.model.inertias[last].lever
         out = np.empty((*q.shape, 3))
         for i in range(len(q)):
-            linear, angular = np.vsplit(pin.computeJointJacobians(model, data, q[i]), 2)
+            # pinocchio gives a single column without its second axis
+            jacobian = pin.computeJointJacobians(model, data, q[i]).reshape(6, -1)
+            linear, angular = jacobian[:3], jacobian[3:]
             place = data.oMi[last].act(lever)
             out[i] = (linear + np.cross(angular, place, axis=0)).T
         return out[:, self._to_arm]

@@ -34,7 +34,7 @@ def warned(result: Identification) -> list[str]:
 def test_healthy_arm_is_told_apart_from_one_with_load_friction() -> None:
     assert not warned(healthy())
     (warning,) = warned(identify(arms.case((LOAD,), count=4), CUTOFF))
-    joints = warning[: warning.index(" is no noise")].split("joint ")[1].split(", ")
+    joints = warning[: warning.index(" is not noise")].split("joint ")[1].split(", ")
     assert {"2", "4"} <= set(joints)
 
 
