@@ -4,26 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import synthetic
+from small_models import model
 from synthetic import Truth
 
-from gapscope.diagnosis.selection.fitted_model import Model, nominal_model
 from gapscope.diagnosis.selection.search import add_pair
-from gapscope.ident.signals.conditioning import (
-    TORQUE_CUTOFF,
-    condition,
-    position_cutoff,
-    thinned,
-)
-
-
-def model(truth: Truth) -> Model:
-    case = synthetic.case(truth, seed=5)
-    cutoff = position_cutoff(case.recordings)
-    folds = [[thinned(s, 100.0) for s in condition(r, cutoff)] for r in case.recordings]
-    return nominal_model(
-        synthetic.arm(), synthetic.body(), folds, min(TORQUE_CUTOFF, cutoff)
-    )
 
 
 def test_both_effects_come_in_one_move() -> None:
