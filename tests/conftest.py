@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import os
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+
+from gapscope.arm.robots import KNOWN_ROBOTS
 
 BESIDE_THE_PROJECT = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -26,3 +29,12 @@ def sample_cases(data_root: Path) -> Path:
     if not (folder / "labels.json").is_file():
         pytest.skip(f"no sample cases in {data_root} (set GAPSCOPE_DATA)")
     return folder
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip what is asked of a robot whose model comes with PyBullet, if that is not installed."""
+    robots = {name for name, robot in KNOWN_ROBOTS.items() if robot.plain is None}
+    callspec = getattr(item, "callspec", None)
+    asked = {str(value) for value in callspec.params.values()} if callspec else set()
+    if asked & robots and find_spec("pybullet_data") is None:
+        pytest.skip(f"the model of {', '.join(asked & robots)} comes with PyBullet")

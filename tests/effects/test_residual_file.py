@@ -65,6 +65,7 @@ def test_it_comes_back_as_it_was_written(tmp_path: Path) -> None:
 
 
 def test_corrected_arm_adds_it_and_a_simulator_leaves_it_out(tmp_path: Path) -> None:
+    pytest.importorskip("pybullet_data")
     arm, residual = load_nominal_arm("xarm6"), network(6)
     write_residual(residual, tmp_path / "nets" / "residual.npz")
     write_corrected(
@@ -90,6 +91,7 @@ def test_faults_are_told(tmp_path: Path) -> None:
     )
     write_residual(network(7), whole)
     part.write_bytes(whole.read_bytes()[:-200])
+    pytest.importorskip("pybullet_data")
     arm = load_nominal_arm("xarm6")
 
     def fault(name: object, message: str) -> None:
