@@ -8,9 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.stats import binomtest
 
-Z95 = 1.959963984540054
-"""Quantile of the normal distribution for intervals of 95 %."""
-
 
 class Proportion(NamedTuple):
     """A count over a number of cases."""
