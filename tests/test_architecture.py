@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from collections import Counter
 from functools import cache
 from pathlib import Path
 
@@ -152,3 +153,14 @@ def test_folders_stay_small():
         for folder in folders
     }
     assert {name: size for name, size in sizes.items() if size > MOST_FILES} == {}
+
+
+def test_names_of_test_modules_are_unique():
+    """Pytest imports them by their bare name: of two, one is not collected."""
+    paths = [
+        path
+        for path in (ROOT / "tests").rglob("*.py")
+        if path.stem not in ("conftest", "__init__")
+    ]
+    names = Counter(path.stem for path in paths)
+    assert [name for name, count in names.items() if count > 1] == []
