@@ -15,7 +15,6 @@ from gapscope.diagnosis.selection.visibility import closed_between, nrmse
 from gapscope.diagnosis.thresholds import (
     DECISIVE_EVIDENCE,
     DECISIVE_NRMSE,
-    LINK_OVER_PAYLOAD,
     UNDECIDED_EVIDENCE,
     VISIBLE_EFFECT,
 )
@@ -71,22 +70,6 @@ def _renamed(model: Model, effect: str, other: str) -> Model:
     joints = {t.joint for t in mine}
     put = {t for t in model.terms.open if t.effect == other and t.joint in joints}
     return fit_terms(model, (model.fit.terms - mine) | put)
-
-
-def prefer_payload(model: Model) -> Comparison:
-    """Take a payload instead of a changed last link, unless the link is far better: loads are common."""
-    last = model.data.body.last_link + 1
-    link = {
-        t for t in model.fit.terms if t.effect == "link_inertia" and t.joint == last
-    }
-    payload = frozenset(model.terms.of("payload"))
-    if not link or payload & model.fit.terms:
-        return Comparison(model, {})
-    loaded = fit_terms(model, (model.fit.terms - link) | payload)
-    gain = loaded.gain_of(model)
-    kept = model if gain > LINK_OVER_PAYLOAD else loaded
-    evidence = min(gain - LINK_OVER_PAYLOAD, 0.0)
-    return Comparison(kept, {("payload", "link_inertia"): evidence})
 
 
 def drop_unneeded_compliance(model: Model) -> Comparison:

@@ -19,11 +19,11 @@ from gapscope.diagnosis.selection.fitted_model import (
     relinearise,
 )
 from gapscope.diagnosis.selection.groups import best_groups
+from gapscope.diagnosis.selection.load_or_link import prefer_payload
 from gapscope.diagnosis.selection.moves import consistent
 from gapscope.diagnosis.selection.near_equivalents import (
     compare_near_equivalents,
     drop_unneeded_compliance,
-    prefer_payload,
 )
 from gapscope.diagnosis.selection.refinement import prune, refine
 from gapscope.diagnosis.selection.resonance_starts import starts
@@ -78,7 +78,6 @@ def search(
     nominal = nominal_model(arm, body, decimated, cutoff)
     model, considered = add_terms(nominal, progress)
     model, replaced = compare_near_equivalents(model)
-    model, loaded = prefer_payload(model)
     model, compliant = drop_unneeded_compliance(model)
     model = relinearise(prune(model))
     return Selection(
@@ -86,7 +85,7 @@ def search(
         model.fit,
         model.evidence,
         considered,
-        {**replaced, **loaded, **compliant},
+        {**replaced, **compliant},
         nominal.fit.held_out_mse,
     )
 
@@ -123,7 +122,7 @@ def add_groups(model: Model, progress: Progress) -> tuple[Model, Considered]:
                 refused.add(group.terms)
         if larger is None:
             break
-        model = refine(larger)
+        model = prefer_payload(refine(larger))
         # refining may lead back to a set that was there before
         if model.fit.terms in visited:
             break
@@ -158,7 +157,7 @@ def add_compliant_joint(model: Model, progress: Progress) -> Model | None:
         )
         if better:
             progress("adds " + _described(frozenset({start.term})))
-            return refine(larger)
+            return prefer_payload(refine(larger))
     return None
 
 
@@ -177,7 +176,7 @@ def add_pair(model: Model, progress: Progress) -> Model | None:
     if not grown or model.gain_of(larger) <= MOVE_GAIN:
         return None
     progress("adds " + _described(larger.fit.terms - model.fit.terms))
-    return refine(larger)
+    return prefer_payload(refine(larger))
 
 
 def _best_pair(model: Model) -> Fit | None:

@@ -8,10 +8,7 @@ from small_models import model, selection, term
 from synthetic import Truth
 
 from gapscope.diagnosis.selection.fitted_model import fit_terms
-from gapscope.diagnosis.selection.near_equivalents import (
-    compare_near_equivalents,
-    prefer_payload,
-)
+from gapscope.diagnosis.selection.near_equivalents import compare_near_equivalents
 
 LATE = Truth(delay=(0.0, 0.012, 0.0))
 LOADED = Truth(mass=1.5, com=(0.1, 0.0, 0.05))
@@ -49,11 +46,3 @@ def test_a_delay_is_kept_and_the_lag_is_its_rival():
     kept, contested = compare_near_equivalents(lagging)
     assert {t.effect for t in kept.fit.terms} == {"actuator_delay"}
     assert contested[("actuator_delay", "actuator_lag")] < 0.0
-
-
-def test_a_payload_takes_the_place_of_a_heavier_last_link():
-    nominal = model(LOADED)
-    link = fit_terms(nominal, frozenset({term(nominal, "link_inertia", 3)}))
-    kept, contested = prefer_payload(link)
-    assert {t.effect for t in kept.fit.terms} == {"payload"}
-    assert contested[("payload", "link_inertia")] <= 0.0
