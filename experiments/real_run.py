@@ -1,0 +1,97 @@
+"""Tasks in processes of their own with a time limit, and the diagnosis of one case; see ``26_real_benchmark.py``."""
+
+from __future__ import annotations
+
+import multiprocessing
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from multiprocessing.connection import wait
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+from real_plan import Planned, reference_of
+
+import gapscope
+from gapscope.arm.case import load_case
+from gapscope.arm.io.json_file import plain, write_json
+
+T = TypeVar("T")
+Ended = Callable[[T, str, float], None]
+"""Called with a task, how its process ended (``ended``, ``timed out`` or ``died``) and its seconds."""
+
+
+class Running(NamedTuple):
+    """A task in its process."""
+
+    task: Any
+    process: BaseProcess
+    started: float
+
+
+def run_tasks(
+    function: Callable[[T], None],
+    tasks: Sequence[T],
+    jobs: int,
+    limit: float,
+    ended: Ended[T],
+) -> None:
+    """Call a function of each task, ``jobs`` at a time, each in its own process that ends after ``limit`` seconds."""
+    context = multiprocessing.get_context("fork")
+    waiting = list(tasks)
+    running: list[Running] = []
+    try:
+        while waiting or running:
+            while waiting and len(running) < jobs:
+                task = waiting.pop(0)
+                process = context.Process(target=function, args=(task,))
+                process.start()
+                running.append(Running(task, process, time.monotonic()))
+            wait([one.process.sentinel for one in running], timeout=0.5)
+            running = [one for one in running if not _over(one, limit, ended)]
+    finally:
+        for one in running:
+            one.process.kill()
+
+
+def _over(one: Running, limit: float, ended: Ended[Any]) -> bool:
+    """Whether a task is over; one beyond its time is ended."""
+    seconds = time.monotonic() - one.started
+    if one.process.exitcode is None:
+        if seconds < limit:
+            return False
+        one.process.kill()
+        one.process.join()
+        ended(one.task, "timed out", seconds)
+        return True
+    ended(one.task, "ended" if one.process.exitcode == 0 else "died", seconds)
+    return True
+
+
+def diagnose_to_file(plan: Planned, out: Path, file: Path) -> None:
+    """Diagnose one case and write what came of it, an error too."""
+    started, cpu = time.monotonic(), time.process_time()
+    result: dict[str, Any] = {"case": plan.name, "status": "done"}
+    try:
+        case = load_case(out / "cases" / plan.name, any_unit=True)
+        reference = None
+        if plan.mode == "against":
+            reference = load_case(reference_of(plan, out))
+        found = gapscope.diagnose(case, against=reference)
+        result["document"] = plain(found.document, null_if_not_finite=True)
+    # whatever a diagnosis raises is a result of the benchmark: it is recorded and counted
+    except Exception as error:
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        place = f"{Path(last.filename).name}:{last.lineno}"
+        result["status"] = "failed"
+        result["error"] = f"{type(error).__name__}: {error} ({place})"
+    result["seconds"] = time.monotonic() - started
+    result["cpu_seconds"] = time.process_time() - cpu
+    write_json(result, file)
+
+
+def write_no_result(plan: Planned, how: str, seconds: float, file: Path) -> None:
+    """Record a diagnosis that did not end by itself."""
+    result = {"case": plan.name, "status": how, "error": how, "seconds": seconds}
+    write_json({**result, "cpu_seconds": seconds}, file)
