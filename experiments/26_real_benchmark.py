@@ -143,7 +143,9 @@ def parsed() -> argparse.Namespace:
     parser.add_argument("--full", action="store_true", help="36 per arm and mode")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--limit", type=float, default=600.0, help="per case [s]")
+    parser.add_argument(
+        "--limit", type=float, default=600.0, help="processor time per case [s]"
+    )
     parser.add_argument("--results", default="results", help="folder in OUT")
     steps = ("make", "check", "run", "score", "all")
     parser.add_argument("--step", choices=steps, default="all")

@@ -116,7 +116,7 @@ def _joints(scene: Scene, law: Law, rng: np.random.Generator) -> np.ndarray:
         # neither an axis along gravity nor the last joint shows its zero
         return np.array([int(rng.integers(1, n - 1))])
     several = law.place == "joint" and rng.random() < SEVERAL
-    return np.sort(rng.choice(n, 2 if several else 1, replace=False))
+    return np.sort(rng.choice(n, min(n, 1 + several), replace=False))
 
 
 def _sized(scene: Scene, one: Injection, size: float) -> Injection | None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import multiprocessing
+import resource
+import signal
 import time
 import traceback
 from collections.abc import Callable, Sequence
@@ -11,6 +13,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
+import numpy as np
 from real_plan import Planned, reference_of
 
 import gapscope
@@ -18,6 +21,8 @@ from gapscope.arm.case import load_case
 from gapscope.arm.io.json_file import plain, write_json
 
 T = TypeVar("T")
+WAITING = 5.0
+"""A task may take so many times its limit of processor time on a busy machine [1]."""
 Ended = Callable[[T, str, float], None]
 """Called with a task, how its process ended (``ended``, ``timed out`` or ``died``) and its seconds."""
 
@@ -37,15 +42,25 @@ def run_tasks(
     limit: float,
     ended: Ended[T],
 ) -> None:
-    """Call a function of each task, ``jobs`` at a time, each in its own process that ends after ``limit`` seconds."""
+    """Call a function of each task, ``jobs`` at a time, each in a process of its own.
+
+    A process ends after ``limit`` seconds of the processor's time, so that a busy machine changes no result, and in any
+    case after ``WAITING`` times as long.
+    """
     context = multiprocessing.get_context("fork")
+
+    def limited(task: T) -> None:
+        seconds = int(np.ceil(limit))
+        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
+        function(task)
+
     waiting = list(tasks)
     running: list[Running] = []
     try:
         while waiting or running:
             while waiting and len(running) < jobs:
                 task = waiting.pop(0)
-                process = context.Process(target=function, args=(task,))
+                process = context.Process(target=limited, args=(task,))
                 process.start()
                 running.append(Running(task, process, time.monotonic()))
             wait([one.process.sentinel for one in running], timeout=0.5)
@@ -59,13 +74,14 @@ def _over(one: Running, limit: float, ended: Ended[Any]) -> bool:
     """Whether a task is over; one beyond its time is ended."""
     seconds = time.monotonic() - one.started
     if one.process.exitcode is None:
-        if seconds < limit:
+        if seconds < WAITING * limit:
             return False
         one.process.kill()
         one.process.join()
         ended(one.task, "timed out", seconds)
         return True
-    ended(one.task, "ended" if one.process.exitcode == 0 else "died", seconds)
+    ways = {0: "ended", -signal.SIGXCPU: "timed out"}
+    ended(one.task, ways.get(one.process.exitcode, "died"), seconds)
     return True
 
 

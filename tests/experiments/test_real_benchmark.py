@@ -1,0 +1,178 @@
+"""Plan, time limit, cuts and scores of the benchmark of real arms."""
+
+import importlib
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gapscope.arm.case import Case
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "experiments"))
+plan, carriers, runner, scoring = (
+    importlib.import_module(f"real_{name}")
+    for name in ("plan", "carriers", "run", "scoring")
+)
+SIZES = [2.5, 4.0, 8.0]
+
+
+def test_a_third_of_the_default_set_is_healthy():
+    cases = plan.planned(list(carriers.ARMS), list(plan.MODES), SIZES, plan.COUNTS)
+    assert len(cases) == len({c.name for c in cases}) == 6 * 2 * 9
+    assert sum(c.kind == "healthy" for c in cases) == 36
+
+
+@pytest.mark.parametrize("per_arm", [1, 3, 9, 20])
+def test_number_of_cases_per_arm_is_what_was_asked_for(per_arm):
+    number = plan.counts(per_arm, full=False)
+    assert sum(number.values()) == per_arm
+    assert 3 * number["healthy"] >= per_arm
+
+
+def test_cases_of_an_arm_do_not_depend_on_the_other_arms():
+    every = plan.planned(list(carriers.ARMS), list(plan.MODES), SIZES, plan.COUNTS)
+    alone = plan.planned(["z1"], ["plain"], SIZES, plan.COUNTS)
+    assert set(alone) <= set(every)
+
+
+def test_five_singles_of_an_arm_try_different_effects_first():
+    singles = [plan.Planned("ur10", "plain", "single", k, 4.0) for k in range(5)]
+    firsts = [plan.order(single, 1)[0] for single in singles]
+    assert len(set(firsts)) == 5
+
+
+def test_all_effects_come_first_somewhere_in_the_default_set():
+    cases = plan.planned(list(carriers.ARMS), list(plan.MODES), SIZES, plan.COUNTS)
+    singles = [c for c in cases if c.kind == "single"]
+    assert {plan.order(c, 1)[0] for c in singles} == set(plan.LAWS)
+
+
+def test_reference_and_piece_share_no_sample(tmp_path):
+    arm = NominalArm("a", tmp_path / "a.urdf", ("j1",))
+    t = np.arange(1000) / 100
+    long = Recording("long", t, t[:, None], t[:, None])
+    short = Recording("short", t[:300], -t[:300, None], t[:300, None])
+    case = Case("a", tmp_path, arm, (long, short))
+    reference, piece = carriers.cut(case, (0.4, 0.7))
+    names = [r.name for r in reference.recordings]
+    assert names == ["before", "after", "short"]
+    inside = piece.recordings[0]
+    assert inside.t[0] == 0
+    assert inside.q.min() > reference.recordings[0].q.max()
+    assert inside.q.max() < reference.recordings[1].q.min()
+    assert len(inside.t) + sum(len(r.t) for r in reference.recordings) == 1300
+
+
+def test_task_beyond_its_time_is_ended_and_one_that_fails_is_told(tmp_path):
+    def work(task):
+        if task == "slow":
+            time.sleep(60)
+        while task == "busy":
+            pass
+        if task == "broken":
+            # a process that dies without a word, as of a fault in C
+            import os
+
+            os._exit(3)
+        (tmp_path / task).touch()
+
+    ended = {}
+    started = time.monotonic()
+    runner.run_tasks(
+        work,
+        ["good", "slow", "busy", "broken"],
+        4,
+        1.0,
+        lambda task, how, seconds: ended.update({task: how}),
+    )
+    assert ended == {
+        "good": "ended",
+        "slow": "timed out",
+        "busy": "timed out",
+        "broken": "died",
+    }
+    assert (tmp_path / "good").exists()
+    assert time.monotonic() - started < 30
+
+
+def truth(kind, *effects):
+    return {
+        "kind": kind,
+        "effects": list(effects),
+        "gap": [0.0] * 6,
+        "motions": ["slow", "slow"],
+        "severity": [4, 4] if effects else None,
+        "measure": "torque",
+        "conditions": {"robot": "ur10"},
+    }
+
+
+def entry(name, joints, value, **more):
+    parameter = "torque" if "torque" in name or "coulomb" in name else "mass"
+    parameters = {parameter: {"unit": "N m", "value": value}}
+    return {"effect": name, "joints": joints, "parameters": parameters, **more}
+
+
+def found(name, joints, value, probability=0.9):
+    return entry(name, joints, value, probability=probability, alternatives=[])
+
+
+def one(kind, effects, reported, number=0, possible=()):
+    case = plan.Planned("ur10", "plain", kind, number, 4.0 if effects else 0.0)
+    document = {
+        "verdict": "effects_found" if reported else "no_gap",
+        "effects": reported,
+        "possible": list(possible),
+    }
+    result = {"status": "done", "document": document, "cpu_seconds": 10.0}
+    return scoring.scored(case, truth(kind, *effects), result)
+
+
+def table(rows, title):
+    tables = {t.title.split(" (")[0]: t for t in scoring.score_tables(rows)}
+    return tables[title]
+
+
+def test_scores_of_right_wrong_and_healthy_cases():
+    offset = entry("torque_offset", [2], [2.0])
+    rows = [
+        one("single", [offset], [found("torque_offset", [2], [2.2])]),
+        one("single", [offset], [found("coulomb_friction", [2], [2.0])], 1),
+        one("healthy", [], []),
+        one("healthy", [], [found("torque_offset", [1], [1.0])], 1),
+    ]
+    (row,) = table(rows, "Total").rows
+    assert row[:7] == (
+        "all",
+        "4",
+        "1/2 (50 %)",
+        "1/2 (50 %)",
+        "1/2 (50 %)",
+        "1/1 (100 %)",
+        "10 %",
+    )
+    wrong = [r[0] for r in table(rows, "Wrong cases").rows]
+    assert wrong == [rows[1].plan.name, rows[3].plan.name]
+    (bin_,) = table(rows, "Calibration").rows
+    assert bin_[1:4] == ("3", "0.90", "0.33")
+
+
+def test_possible_effects_are_listed_and_not_counted_as_named():
+    maybe = found("torque_offset", [1], [1.0], probability=0.3)
+    rows = [one("healthy", [], [], possible=[maybe])]
+    assert table(rows, "Total").rows[0][2] == "0/1 (0 %)"
+    assert table(rows, "Possible effects").rows[0] == ("healthy", "1", "0")
+
+
+def test_failed_case_counts_as_wrong_and_failed():
+    case = plan.Planned("ur10", "plain", "single", 0, 4.0)
+    result = {"status": "failed", "error": "LinAlgError", "cpu_seconds": 3.0}
+    label = truth("single", entry("torque_offset", [2], [2.0]))
+    row = scoring.scored(case, label, result)
+    total = table([row], "Total").rows[0]
+    assert total[3] == "0/1 (0 %)"
+    assert total[-1] == "1"
