@@ -114,6 +114,11 @@ LATTICE_AGREEMENT = 0.1  # Relative deviation from their median up to which step
 LATTICE_LEVELS = 6  # Least number of distinct positions. (hand)
 LATTICE_SAMPLES = 6000  # Positions of a joint that are looked at, from each recording. (budget)
 
+# --- model: discrepancy, what a healthy arm leaves of every model
+RICHEST_TERM = 1.0  # Torque of each term, over the deviation of the joint's torque, when all are fitted [1]. (hand)
+RICHEST_INERTIALS = 0.3  # Relative errors of the inertials then [1]. (physical)
+RICHEST_ROUNDS = 3  # Rounds in which joints are weighed by what is left. (budget)
+
 # --- model: linearisation
 BACKLASH_START = 0.004  # Free play with which the columns of backlash begin [rad]. (hand)
 LEAST_TORQUE_GAIN = 0.2  # Recorded over needed torque lies between this [1]... (physical)
@@ -145,7 +150,7 @@ TORQUE_LIMIT_GRID = 40
 # --- selection: charges of the evidence
 # Charge for each different effect [nats]: the logarithm of the number of ways to name one, and a margin for what
 # the effective number of samples overstates. (hand)
-NEW_EFFECT = 20.0
+NEW_EFFECT = 8.0
 # Relative errors of the nominal inertials that are tried [1], each with its charge [nats]: larger inertial errors
 # cost more evidence. (hand)
 NOMINAL_ERROR = {0.003: 0.0, 0.01: 2.0, 0.03: 8.0, 0.06: 15.0}

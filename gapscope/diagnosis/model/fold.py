@@ -7,8 +7,6 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from gapscope.ident.signals.effective_samples import ar1_samples
-
 
 @dataclass(frozen=True)
 class EquationRows:
@@ -33,6 +31,16 @@ class EquationRows:
     sticking: np.ndarray
     steady2: np.ndarray
     known: np.ndarray
+
+    @property
+    def floor2(self) -> np.ndarray:
+        """Mean square of a healthy arm on these rows [N^2 m^2], (m,)."""
+        return np.asarray(self.steady2.mean(axis=0))
+
+    @property
+    def weight(self) -> np.ndarray:
+        """Weight of each row, less while a joint may stick, (M, m)."""
+        return np.asarray(self.known / (1.0 + self.sticking**2 / self.floor2))
 
     @property
     def stacked(self) -> np.ndarray:
@@ -62,15 +70,13 @@ class Fold:
         gram: X^T W X per piece and joint, shape (B, n, P + K + 2, P + K + 2); W weighs rows down while a joint may
             stick.
         rows: weight of the rows of each piece, decimated to about twice the filter's cut-off, shape (B, n).
-        floor: RMS of a healthy arm on this fold where its friction is known [N m], (n,).
-        independent: effective number of independent samples, (n,), in the residual when every term is fitted.
+        floor: RMS that noise, timing and the form of friction leave on this fold [N m], (n,).
         sides: with a joint torque sensor the same of 2 n rows, the actuator side of each joint, then the link side.
     """
 
     gram: np.ndarray
     rows: np.ndarray
     floor: np.ndarray
-    independent: np.ndarray
     sides: Fold | None = None
 
     @property
@@ -81,8 +87,7 @@ class Fold:
 
 def fold_of(rows: EquationRows, count: int) -> Fold:
     """Normal equations of rows, in ``count`` pieces of equal length."""
-    floor2 = rows.steady2.mean(axis=0)
-    weight = rows.known / (1.0 + rows.sticking**2 / floor2)
+    weight = rows.weight
     # one joint after the other: (m, M, P + K + 2)
     weighted = (rows.stacked * np.sqrt(weight)[:, :, None]).transpose(1, 0, 2)
     grams, weights = [], []
@@ -91,25 +96,4 @@ def fold_of(rows: EquationRows, count: int) -> Fold:
         piece = weighted[:, start:end]
         grams.append(piece.transpose(0, 2, 1) @ piece)
         weights.append(weight[start:end].sum(axis=0))
-    # the nominal inertials are many columns, which would fit noise: they do not count as explaining the gap
-    terms, inertials = rows.terms.shape[2], rows.inertials.shape[2]
-    explaining = np.delete(weighted, np.s_[terms : terms + inertials], axis=2)
-    residual = _richest_residual(explaining[:, :, :-1])
-    independent = ar1_samples(residual) * weight.mean(axis=0)
-    return Fold(np.array(grams), np.array(weights), np.sqrt(floor2), independent)
-
-
-def _richest_residual(equations: np.ndarray) -> np.ndarray:
-    """Residual of y when all its columns are fitted, (M, n), from [columns, y] of shape (n, M, columns + 1).
-
-    A gap that some effect explains leaves noise, many independent samples; one that nothing explains leaves its own
-    slow structure, few samples, and so little evidence for anything.
-    """
-    residual = np.empty(equations.shape[:2])
-    for j, joint in enumerate(equations):
-        columns, y = joint[:, :-1], joint[:, -1]
-        used = columns[:, np.ptp(columns, axis=0) > 0]
-        scaled = used / np.linalg.norm(used, axis=0)
-        coefficients = np.linalg.lstsq(scaled, y, rcond=1e-6)[0]
-        residual[j] = y - scaled @ coefficients
-    return residual.T
+    return Fold(np.array(grams), np.array(weights), np.sqrt(rows.floor2))

@@ -21,7 +21,7 @@ from gapscope.diagnosis.model.segment_rows import SegmentRows
 from gapscope.diagnosis.model.terms import Term, Terms
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Drift
-from gapscope.ident.signals.effective_samples import ar1_samples
+from gapscope.ident.signals.effective_samples import independent_samples
 
 COMMON = (
     "torque_offset",
@@ -114,7 +114,7 @@ class GapScanner:
         inertials = self._weighted([rows[:, j] for rows in self._data.nuisance], j)
         basis = _orthonormal(np.hstack([common, inertials]))
         residual = gap - basis @ (basis.T @ gap)
-        independent = ar1_samples(residual[:, None])[0]
+        independent = independent_samples(residual[:, None])[0]
 
         def thin(series: Sequence[np.ndarray]) -> np.ndarray:
             pairs = zip(series, self._data.segments, strict=True)

@@ -18,6 +18,7 @@ import numpy as np
 
 from gapscope.diagnosis.gap.noise_floor import NoiseFloor, noise_floor
 from gapscope.diagnosis.model.body_jacobian import link_tangent
+from gapscope.diagnosis.model.discrepancy import Discrepancy, discrepancy
 from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.model.fold import EquationRows, Fold, fold_of
 from gapscope.diagnosis.model.gap_scanner import GapScanner
@@ -43,6 +44,7 @@ class Linearisation:
         refined: for the terms used, the nonlinear parameters that now explain most.
         scan_residual: the residual, for effects that no column represents.
         folds: two for each fold of the data, its first and its second half.
+        discrepancy: what a healthy arm leaves of the scored rows, learnt from these.
     """
 
     def __init__(self, data: FitData, theta: np.ndarray, terms: Terms) -> None:
@@ -65,7 +67,11 @@ class Linearisation:
         self._links: list[LinkRows] = []
         if data.sensed:
             self._links = [self._link_rows(k) for k in range(len(data.segments))]
-        self.folds = [half for fold in self._fold_places() for half in self._cut(fold)]
+        cut = [self._cut(places) for places in self._fold_places()]
+        self.folds = [fold for folds, _ in cut for fold in folds]
+        self.discrepancy = self._discrepancy(
+            [half for _, halves in cut for half in halves]
+        )
 
     def nonlinear(self, term: Term) -> NonlinearParameters:
         """The nonlinear parameters of a term in use, with their standard deviations; empty if its effect has none."""
@@ -168,17 +174,31 @@ class Linearisation:
             )
             rows.columns[:, :, places] = data.thin(x[:, :, places], segment)
 
-    def _cut(self, places: list[int]) -> list[Fold]:
-        """The rows of some segments, cut in the middle, as normal equations."""
+    def _cut(
+        self, places: list[int]
+    ) -> tuple[list[Fold], tuple[EquationRows, EquationRows]]:
+        """The rows of some segments, cut in the middle, as normal equations, and the rows that are scored."""
         torque, count = self._equations(places), self._pieces(places)
-        folds = [fold_of(half, count) for half in torque.halves()]
+        halves = torque.halves()
+        folds = [fold_of(half, count) for half in halves]
         if not self._links:
-            return folds
-        both = two_sides(torque, [self._links[k] for k in places], self.theta)
-        sides = [fold_of(half, count) for half in both.halves()]
-        return [
+            return folds, halves
+        both = two_sides(torque, [self._links[k] for k in places], self.theta).halves()
+        sides = [fold_of(half, count) for half in both]
+        sensed = [
             replace(fold, sides=side) for fold, side in zip(folds, sides, strict=True)
         ]
+        return sensed, both
+
+    def _discrepancy(self, halves: list[EquationRows]) -> Discrepancy:
+        """What a healthy arm leaves of the scored rows, from the rows of each half."""
+        deviation = self.data.torque_deviation
+        if self._links:
+            deviation = np.tile(deviation, 2)
+        scored = [fold.scored for fold in self.folds]
+        return discrepancy(
+            scored, halves, deviation, self.theta, self.arm.inertial_error_factor
+        )
 
     def _pieces(self, places: list[int]) -> int:
         """Number of pieces of half a fold: two at least."""

@@ -94,7 +94,7 @@ class Evidence:
         self.terms = linearisation.terms
         self.lowest = _lowest(linearisation)
         samples_per_row = scored.independent / np.maximum(scored.count, 1e-9)
-        self.weights = samples_per_row / (scored_mse + scored.floor2)
+        self.weights = samples_per_row / (scored_mse + scored.expected2)
         self.spread = self._prior_spread()
         by_fold = [
             np.tensordot(weights, gram, axes=1)
@@ -142,7 +142,7 @@ class Evidence:
                 self._without_fold, columns, corrected=True
             )
         cost = self._cost(terms, self._all.nuisance(theta, columns))
-        relative = np.log1p(scored_mse / self.scored.floor2)
+        relative = np.log1p(scored_mse / self.scored.expected2)
         score = -0.5 * float((self.scored.independent * relative).sum()) - cost
         impossible = self._impossible(theta, terms)
         return Fit(
@@ -290,7 +290,9 @@ def _equations(
     linearisation: Linearisation, skew: float
 ) -> tuple[FoldEquations, FoldEquations]:
     """Equations of the recorded torque, and those that are scored: the same without sensors."""
-    torque = FoldEquations(linearisation.folds, skew)
+    healthy = linearisation.discrepancy
+    torque = FoldEquations(linearisation.folds, skew, healthy)
     if not linearisation.data.sensed:
         return torque, torque
-    return torque, FoldEquations([fold.scored for fold in linearisation.folds], skew)
+    sides = [fold.scored for fold in linearisation.folds]
+    return torque, FoldEquations(sides, skew, healthy)

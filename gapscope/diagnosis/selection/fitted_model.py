@@ -61,13 +61,14 @@ class Model:
     def gain_of(self, other: Model) -> float:
         """Evidence of another model less that of this one [nats], each around its own values.
 
-        Floors and samples, which differ between linearisations, count with their mean.
+        Samples, which differ between linearisations, count with their mean; of what is expected to be left the less:
+        a healthy arm is no worse than the better model shows.
         """
         mine, its = self.evidence.scored, other.evidence.scored
         samples = 0.5 * (mine.independent + its.independent)
-        floor2 = 0.5 * (mine.floor2 + its.floor2)
+        expected2 = np.minimum(mine.expected2, its.expected2)
         my_misfit, its_misfit = (
-            float((samples * np.log1p(model.fit.scored_mse / floor2)).sum())
+            float((samples * np.log1p(model.fit.scored_mse / expected2)).sum())
             for model in (self, other)
         )
         return 0.5 * (my_misfit - its_misfit) - other.fit.cost + self.fit.cost

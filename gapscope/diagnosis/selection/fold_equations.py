@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from gapscope.diagnosis.model.discrepancy import Discrepancy
 from gapscope.diagnosis.model.fold import Fold
 from gapscope.diagnosis.model.normal_equations import NormalEquations
 
@@ -20,16 +21,21 @@ class FoldEquations:
         count: weight of the rows, (F, m).
         floor2: mean square of a healthy arm [N^2 m^2], (F, m).
         independent: effective number of independent samples, (F, m).
+        expected2: mean square that a model is expected to leave, the floor's or the discrepancy's [N^2 m^2], (F, m).
     """
 
-    def __init__(self, folds: Sequence[Fold], skew: float) -> None:
+    def __init__(
+        self, folds: Sequence[Fold], skew: float, healthy: Discrepancy
+    ) -> None:
         self.skew = skew
         gram = np.array([fold.gram.sum(axis=0) for fold in folds])
         self.gram = with_skew(gram, skew)
         self.without_skew = with_skew(gram, 0.0)
         self.count = np.array([fold.rows.sum(axis=0) for fold in folds])
         self.floor2 = np.array([fold.floor for fold in folds]) ** 2
-        self.independent = np.array([fold.independent for fold in folds])
+        joints = self.floor2.shape[1]
+        self.independent = self.count / healthy.inflation[:joints]
+        self.expected2 = np.maximum(self.floor2, healthy.mean_square[:joints])
 
     def mean_square(
         self,

@@ -27,6 +27,8 @@ import numpy as np
 
 LARGEST_LAG_ONE = 0.98
 """Lag-one autocorrelations above this [1] would leave almost no samples."""
+FEWEST_SAMPLES = 4.0
+"""Least result of ``independent_samples`` [1]."""
 FEWEST_AR1_SAMPLES = 8.0
 """Least result of ``ar1_samples`` [1]."""
 
@@ -47,6 +49,23 @@ def ar1_samples(series: np.ndarray) -> np.ndarray:
     product = (centred[1:] * centred[:-1]).sum(axis=0)
     rho = np.clip(product / np.where(power > 0, power, 1.0), 0.0, LARGEST_LAG_ONE)
     return np.maximum(len(series) * (1 - rho) / (1 + rho), FEWEST_AR1_SAMPLES)
+
+
+def independent_samples(
+    series: np.ndarray, group: np.ndarray | None = None
+) -> np.ndarray:
+    """M / (1 + 2 sum_k rho_k) independent samples of each column, at least ``FEWEST_SAMPLES``; shape (n,).
+
+    Args:
+        series: shape (M, n); its mean is subtracted.
+        group: shape (M,), integers in non-decreasing order; one group if ``None``.
+
+    Source: bayley1946.
+    """
+    group = np.zeros(len(series), dtype=int) if group is None else group
+    centred = series - series.mean(axis=0)
+    count = len(series) / variance_inflation(centred, group)
+    return np.maximum(count, FEWEST_SAMPLES)
 
 
 def motion_samples(seconds: float, rate: float) -> float:
