@@ -28,8 +28,6 @@ class NominalArm:
         torque_limit: [N m], (n,), or ``None``.
         encoder: side of the transmission on which q is measured, ``motor`` or ``joint``.
         encoder_step: quantisation step of q that the data sheet admits [rad], or ``None``.
-        inertial_error_factor: scales the standard deviation of its inertials' errors [1]; 1 for those of a data
-            sheet, less if they were identified on recordings of the arm itself.
 
     Raises:
         InputError: a data sheet list does not have one number per joint.
@@ -45,7 +43,6 @@ class NominalArm:
     torque_limit: np.ndarray | None = None
     encoder: str = "motor"
     encoder_step: float | None = None
-    inertial_error_factor: float = 1.0
 
     def __post_init__(self) -> None:
         """Fill in zeros if the data sheet is silent and freeze the arrays."""

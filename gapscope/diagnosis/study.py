@@ -191,12 +191,11 @@ def _select(
     ]
     folds = _folds(case, cutoff)
     progress("searches for effects")
-    found = search(case.arm, body, folds, min(TORQUE_CUTOFF, cutoff), progress)
+    errors = baseline.errors if baseline else None
+    found = search(case.arm, body, folds, min(TORQUE_CUTOFF, cutoff), progress, errors)
     progress("predicts held-out data")
     predictor = HeldOutPredictor(case.arm, body, found, folds, set_aside)
     selection, rejections = reject(predictor)
-    if baseline is not None:
-        selection = baseline.kept(selection)
     return predictor.of(selection), rejections
 
 

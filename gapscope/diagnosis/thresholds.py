@@ -151,10 +151,19 @@ TORQUE_LIMIT_GRID = 40
 # Charge for each different effect [nats]: the logarithm of the number of ways to name one, and a margin for what
 # the effective number of samples overstates. (hand)
 NEW_EFFECT = 8.0
+# More of it, against a reference, for what belongs to how an arm was built [nats]: it does not change by itself. (hand)
+BUILT_IN_CHANGE = 10.0
+# Exponent of the prior of an effect's values: it falls as a Gaussian of the usual size at first, then as a power [1]:
+# what no one has met yet is improbable, not impossible. (hand)
+PRIOR_EXPONENT = 6.0
 # Relative errors of the nominal inertials that are tried [1], each with its charge [nats]: larger inertial errors
 # cost more evidence. (hand)
 NOMINAL_ERROR = {0.003: 0.0, 0.01: 2.0, 0.03: 8.0, 0.06: 15.0}
-FIRST_NOMINAL_ERROR = 0.01  # The one under which skews are compared [1]. (hand)
+# Factors on the uncertainty that a reference states of its arm that are tried [1], each with its charge [nats].
+REFERENCE_ERROR = {1.0: 0.0, 2.0: 3.0, 4.0: 8.0}
+# Error of the gain by which a joint's torque is recorded [1]: the masses identified hold its mean over the joints.
+# (physical, torque constants)
+REFERENCE_GAIN = 0.1
 SKEWS = (0.0, 2.5e-4, 5e-4)  # Skews of sampling that are tried [s]; half a tick is 0.5 ms at 1 kHz. (physical)
 SKEW_CHARGE = 3.0  # Charge for a skew [nats]. (hand)
 LEAST_DELAY = 1e-3  # Delays shorter than this count as a skew of sampling and are not named [s]. (hand)
@@ -241,7 +250,6 @@ LISTED_PROBABILITY = 0.01  # Names less probable than this are not listed in a s
 LEAST_PROBABILITY = 0.02
 MOST_PROBABILITY = 0.995  # ...nor above this [1]. (statistics)
 REFERENCE_GAP_GROWTH = 2.0  # What the reference leaves is taken to grow with the torque up to this factor [1]. (hand)
-BASELINE_LINEARISATIONS = 3  # Linearisations of a baseline: around no effect, then around the values found. (budget)
 # Ticks of the controller that are replayed: 12 s at 1 kHz, which takes a second or two... (budget)
 REPLAYED_TICKS = 12_000
 # ...and of an arm with compliant joints, which takes steps as small as its resonance asks for. (budget)
@@ -291,15 +299,6 @@ LEAST_BAND_POWER = 0.02  # A band counts as this share of the torque's power at 
 # Share by which Coulomb and viscous friction may differ from day to day, as temperature does [bittencourt2012]:
 # changes beyond it are reported. (physical, the value by choice)
 FRICTION_DAY_TO_DAY = 0.15
-# A change must widen the torque NRMSE of some joint by this much if it is left out [1]. (definition)
-MIN_CHANGE = VISIBLE_EFFECT
-REFERENCE_SKEW = 3e-4  # Prior of the skew of sampling [s]. (physical)
-# Most rounds in which the reference's uncertainty is used and the residual diagnosed anew. (budget)
-REFERENCE_ROUNDS = 3
-REFERENCE_SETTLED = 0.002  # A round that changes no joint's torque NRMSE by more than this is the last [1]. (hand)
-# Factor on the prior of inertial errors, identified over those of a data sheet [1]: the reference's uncertainty
-# counts what it leaves open, and a wide prior would take a load on the last link for an error of that link. (hand)
-REFERENCE_INERTIAL_FACTOR = 0.15
 VENDOR_INERTIALS = 0.3  # Prior of relative errors of the inertials of a vendor's URDF [1]. (hand)
 LEAST_REFERENCE_SKEW = 1e-4  # Skews of sampling below this are not corrected [s]... (hand)
 MOST_REFERENCE_SKEW = 1.5e-3  # ...and none by more than this [s]. (hand)

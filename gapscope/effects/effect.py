@@ -54,6 +54,7 @@ class Effect:
         locally_linear: whether a linearisation around its values says what the torque would be without it.
         delays: whether it makes the torque late by its first parameter, a time [s].
         limits: whether it cuts the recorded torque off at its first parameter [N m].
+        built_in: whether it belongs to how the arm was built, so that it does not change from one day to another.
         near_equivalent: the more common effect that it equals to first order, if any.
         plotted_against: the quantity over which a report draws it.
     """
@@ -75,6 +76,7 @@ class Effect:
     locally_linear: bool = field(default=True, kw_only=True)
     delays: bool = field(default=False, kw_only=True)
     limits: bool = field(default=False, kw_only=True)
+    built_in: bool = field(default=False, kw_only=True)
     near_equivalent: str | None = field(default=None, kw_only=True)
     plotted_against: PlottedQuantity = field(default="own torque", kw_only=True)
 

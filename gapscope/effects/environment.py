@@ -69,7 +69,7 @@ BASE_TILT = Inertial(
         ("encoder_offset", "static poses turned about the first joint"),
         ("torque_offset", "static poses turned about the first joint"),
     ),
-    parametrisation=Parametrisation(tilt_values, linear=2),
+    parametrisation=Parametrisation(tilt_values, linear=2, usual=0.0873),
     severity=draw_tilt,
 )
 

@@ -46,6 +46,8 @@ class Parametrisation:
         nonlinear: names of the parameters that are searched.
         step: step of the linear coordinates for finite differences.
         lowest: least value of the first linear coordinate.
+        usual: size of the linear coordinates that is usual on real arms, the width of their prior; infinite if the
+            recorded torque alone bounds them.
         data_sheet: quantity of the nominal arm to which the first linear coordinate adds, by its name in
             ``NominalArm``; the sum may not be negative.
         clip: moves linear coordinates, shape (linear, m), into the bounds of the parameters; ``None`` for no bounds.
@@ -57,6 +59,7 @@ class Parametrisation:
     nonlinear: tuple[str, ...] = ()
     step: float = 1.0
     lowest: float = -np.inf
+    usual: float = np.inf
     data_sheet: str | None = None
     clip: Callable[[np.ndarray], np.ndarray] | None = None
     grid: Grid | None = None
@@ -74,11 +77,16 @@ def linear_in(
     lowest: float = -np.inf,
     data_sheet: str | None = None,
 ) -> Parametrisation:
-    """The parametrisation of an effect whose torque is linear in its only parameter; see ``Parametrisation``."""
+    """The parametrisation of an effect whose torque is linear in its only parameter; see ``Parametrisation``.
+
+    What multiplies speed, or is a torque itself, has no usual size: arms differ by orders of magnitude.
+    """
+    sized = parameter.unit not in ("N m", "N m s/rad")
     return Parametrisation(
         partial(_only, parameter.name),
         step=step,
         lowest=lowest,
+        usual=max(map(abs, parameter.typical)) if sized else np.inf,
         data_sheet=data_sheet,
         clip=partial(_within, parameter.bounds),
     )

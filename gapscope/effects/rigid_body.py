@@ -108,6 +108,7 @@ ARMATURE = Inertial(
         ("payload", "fast motion of this joint alone, arm stretched and folded"),
     ),
     parametrisation=linear_in(ROTOR_INERTIA, data_sheet="armature"),
+    built_in=True,
     severity=draw_armature,
     side="actuator",
     reach="joint",
@@ -149,5 +150,6 @@ LINK_INERTIA = LinkChange(
     ),
     change=link_change,
     parametrisation=Parametrisation(link_values, linear=4, clip=clip_link),
+    built_in=True,
     severity=draw_link,
 )

@@ -48,7 +48,7 @@ def write_change(change: Change, case_file: Path, folder: Path) -> tuple[Path, .
     Raises:
         GapscopeError: the document is not valid, or a file cannot be written.
     """
-    identified = replace(change.today, case=change.case)
+    identified = replace(change.reference.result, case=change.case)
     write_case_beside(identified, case_file, folder / CASE, URDF)
     paths = _write(change.diagnosis, change.corrected, folder)
     return (*paths, folder / CASE, folder / URDF)

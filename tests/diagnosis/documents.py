@@ -149,10 +149,6 @@ def changed() -> dict[str, Any]:
             "coulomb": [2.2] * 7,
             "torque_nrmse": [0.017] * 7,
             "friction_allowed": 0.15,
-            "left_open": [
-                {"effect": "viscous_friction", "joint": j, "closes": 0.004}
-                for j in (5, 2)
-            ],
         },
     }
     return document

@@ -12,15 +12,8 @@ from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.gap.torque_gap import TorqueGap, torque_scale
-from gapscope.diagnosis.model.linearisation import Linearisation
-from gapscope.diagnosis.model.terms import Term, Terms
-from gapscope.diagnosis.selection.evidence import evidences
-from gapscope.diagnosis.selection.search import Selection
-from gapscope.diagnosis.thresholds import (
-    BASELINE_LINEARISATIONS,
-    LINK_OVER_PAYLOAD,
-    REFERENCE_GAP_GROWTH,
-)
+from gapscope.diagnosis.model.nuisance_prior import ReferenceErrors
+from gapscope.diagnosis.thresholds import REFERENCE_GAP_GROWTH
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import condition, position_cutoff
@@ -38,36 +31,14 @@ class Baseline:
         rest: RMS that the identified arm leaves on stretches of the reference it was not fitted to [N m], (n,).
         scale: normalisation of the torque gap on the reference [N m], (n,).
         skew: by which the recorded torque is ahead of the motion [s].
-        open: effects with their joint, 0 for any, that the reference leaves open: they are not named.
+        errors: what the reference leaves open of the arm, if that counts.
     """
 
     effects: tuple[AppliedEffect, ...]
     rest: np.ndarray
     scale: np.ndarray
     skew: float = 0.0
-    open: frozenset[tuple[str, int]] = frozenset()
-
-    def kept(self, selection: Selection) -> Selection:
-        """A selection less what the reference leaves open, with a payload instead of changed links if as good."""
-        terms = frozenset(
-            t
-            for t in selection.fit.terms
-            # joint 0 of an open effect stands for all joints
-            if (t.effect, t.joint) not in self.open and (t.effect, 0) not in self.open
-        )
-        if terms != selection.fit.terms:
-            selection = replace(selection, fit=selection.evidence.fit(terms))
-        # Links seldom change: a payload explains the same unless the evidence is decisive.
-        links = frozenset(t for t in terms if t.effect == "link_inertia")
-        if not links:
-            return selection
-
-        payload = frozenset(selection.evidence.terms.of("payload"))
-        with_payload = _relinearised(selection, (terms - links) | payload)
-        least = selection.fit.score - LINK_OVER_PAYLOAD
-        if with_payload.fit.score > least:
-            return with_payload
-        return selection
+    errors: ReferenceErrors | None = None
 
     def adjusted(self, case: Case) -> Case:
         """The case with the skew, and what the baseline's effects do, taken out of the recorded torque.
@@ -144,19 +115,3 @@ def _each_recording(case: Case, changed: Callable[[Recording], Recording]) -> Ca
         recordings=tuple(map(changed, case.recordings)),
         judged=tuple(map(changed, case.judged)),
     )
-
-
-def _relinearised(selection: Selection, terms: frozenset[Term]) -> Selection:
-    """The selection with other terms, linearised around their values."""
-    linear, known = selection.evidence.linear, selection.evidence.terms
-    shapes = {t: known.shapes[t] for t in terms if t in known.shapes}
-    theta, scored_mse = np.zeros(known.size), selection.fit.scored_mse
-
-    # Each linearisation is around the values of the one before; the first is around the nominal arm.
-    for _ in range(BASELINE_LINEARISATIONS):
-        relinearised = Terms(linear.arm.n_joints, shapes)
-        linear = Linearisation(linear.data, theta, relinearised)
-        evidence = evidences(linear, scored_mse, terms)[0]
-        fit = evidence.fit(terms)
-        theta, scored_mse = fit.theta, fit.scored_mse
-    return replace(selection, fit=fit, evidence=evidence)

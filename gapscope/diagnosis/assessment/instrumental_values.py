@@ -41,9 +41,8 @@ def instrumented(
     left, right = _equations(case, selection, folds, columns)
 
     # Errors of the nominal inertials follow the columns of the terms; their prior keeps them small.
-    prior = np.zeros(len(right))
-    prior[len(columns) :] = 1.0 / evidence.sigma**2
-    left += np.diag(prior)
+    inertials = len(right) - len(columns)
+    left[len(columns) :, len(columns) :] += evidence.prior[:inertials, :inertials]
 
     # Columns differ by orders of magnitude: scaled to a unit diagonal, the system is better conditioned.
     scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(left)), 1e-12))
@@ -70,7 +69,7 @@ def _equations(
     # Weights of the evidence, the mean over the folds: what is fitted here is all of them at once.
     rows = evidence.torque
     independent = rows.independent / np.maximum(rows.count, 1e-9)
-    variance = selection.fit.held_out_mse + evidence.floor2
+    variance = selection.fit.held_out_mse + rows.expected2
     weight = (independent / variance).mean(axis=0)
 
     size = len(columns) + len(linear.data.units)

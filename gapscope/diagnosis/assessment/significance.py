@@ -36,7 +36,7 @@ def log_e_values(selection: Selection) -> dict[str, float]:
     first, second = alternate_pieces(evidence)
 
     def least(total: np.ndarray) -> np.ndarray:
-        return NormalEquations(total, evidence.terms.size, evidence.spread).least
+        return NormalEquations(total, evidence.terms.size, evidence.prior).least
 
     least_first, least_second = least(first), least(second)
     least_both = least(first + second)

@@ -38,7 +38,7 @@ def context(study: Study) -> dict[str, Any]:
             "torque_cutoff": TORQUE_CUTOFF,
             "how": "zero-phase Butterworth, order 4, on both sides; positions cut at twice the frequency where their "
             "spectrum meets its noise; floor from the gap's power density above the band, timing and form of friction",
-            "nominal_inertials_std": study.selection.evidence.sigma,
+            "nominal_inertials_std": study.selection.evidence.inertial_error,
             "sampling_skew": study.selection.evidence.skew,
         },
         "judged_on": _judged_on(study, inferred),

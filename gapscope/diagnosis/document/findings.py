@@ -146,7 +146,7 @@ def _support(
         left=float((residual.after[places] / before).max()),
         times_floor=float(residual.ratio[places].max()),
         effects=len(study.effects),
-        nominal=float(study.selection.evidence.sigma),
+        nominal=study.selection.evidence.inertial_error,
     )
 
 

@@ -1,7 +1,7 @@
 """Discrepancy: how far a healthy arm differs from every model of it, learnt from the data itself.
 
-All terms, the nominal inertials and the sensors' errors are fitted at once, under wide priors, to all folds but one, and
-predict that one. What they leave is smooth and repeatable on a real arm, 4 to 23 % of the torque's deviation, and
+All terms, the nominal inertials and the sensors' errors are fitted at once, under wide priors, to all folds but one,
+and predict that one. What they leave is smooth and repeatable on a real arm, 4 to 23 % of the torque's deviation, and
 about 1 % on a simulated one. No single effect can be expected to predict better than this, and no residual of this
 size speaks for an effect; its autocorrelation says how many independent samples there are.
 
@@ -29,7 +29,7 @@ class Discrepancy:
     """What a healthy arm leaves of m rows: joints, or with joint torque sensors both sides of each.
 
     Attributes:
-        mean_square: of the residual on held-out folds [N^2 m^2], (m,).
+        mean_square: of the residual on held-out folds, or on the reference [N^2 m^2], (m,).
         inflation: rows that count as one independent sample [1], (m,).
     """
 
@@ -42,7 +42,6 @@ def discrepancy(
     halves: Sequence[EquationRows],
     deviation: np.ndarray,
     theta: np.ndarray,
-    inertial_error_factor: float,
 ) -> Discrepancy:
     """Discrepancy of the folds.
 
@@ -51,11 +50,10 @@ def discrepancy(
         halves: the rows that they were made of.
         deviation: of the torque, (m,) [N m].
         theta: parameters of the model so far, (P,).
-        inertial_error_factor: factor on the prior of the inertials' errors, which their columns hold.
     """
     gram = np.array([fold.gram.sum(axis=0)[:, :-1, :-1] for fold in folds])
     count = np.array([fold.rows.sum(axis=0) for fold in folds])
-    precision = _precision(gram, count, deviation, halves[0], inertial_error_factor)
+    precision = _precision(gram, count, deviation, halves[0])
     values = _held_out_values(gram, count, precision)
 
     so_far = np.zeros_like(values[0])
@@ -78,7 +76,6 @@ def _precision(
     count: np.ndarray,
     deviation: np.ndarray,
     rows: EquationRows,
-    inertial_error_factor: float,
 ) -> np.ndarray:
     """Prior precision of all columns, (P + K,).
 
@@ -92,8 +89,9 @@ def _precision(
     size = (np.sqrt(squares) / deviation[:, None]).max(axis=0)
     terms, inertials = rows.terms.shape[2], rows.inertials.shape[2]
     spread = RICHEST_TERM / np.maximum(size, 1e-9)
-    spread[terms : terms + inertials] = RICHEST_INERTIALS / inertial_error_factor
-    spread[terms + inertials :] = 1.0
+    spread[terms : terms + inertials] = RICHEST_INERTIALS
+    others = slice(terms + inertials, None)
+    spread[others] = np.minimum(spread[others], 1.0)
     # columns that do nothing stay at zero
     return np.asarray(np.where(size > 1e-9, spread**-2.0, 1e18))
 
@@ -101,7 +99,7 @@ def _precision(
 def _held_out_values(
     gram: np.ndarray, count: np.ndarray, precision: np.ndarray
 ) -> list[np.ndarray]:
-    """Values of all columns fitted to all folds but each, (P + K,), joints weighed by what is left on held-out folds."""
+    """Values of all columns fitted to all folds but each, (P + K,); joints are weighed by what is left on that fold."""
     total = np.maximum(count.sum(axis=0), 1e-9)
     mean_square = gram[..., -1, -1].sum(axis=0) / total
     for _ in range(RICHEST_ROUNDS):
@@ -135,7 +133,7 @@ def _weighted_residuals(
             half.y
             - half.terms @ parts[0]
             - half.inertials @ parts[1]
-            - half.sensors @ parts[2]
+            - half.others @ parts[2]
         )
         residuals.append(residual * np.sqrt(half.weight))
     return np.vstack(residuals)

@@ -10,6 +10,12 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.gap.torque_gap import filtered_torque, torque_scale
 from gapscope.diagnosis.model.body_jacobian import Bodies
 from gapscope.diagnosis.model.nonlinear_scan import ripple_candidates, waves
+from gapscope.diagnosis.model.nuisance_prior import (
+    NuisancePrior,
+    ReferenceErrors,
+    data_sheet_prior,
+    reference_prior,
+)
 from gapscope.ident.signals.conditioning import Segment, low_pass
 
 
@@ -20,12 +26,15 @@ class FitData:
         arm, body: the nominal arm and its dynamics.
         folds: segments per fold.
         cutoff: cut-off of the fit's filter, on both sides [Hz].
+        reference: what a reference leaves open of the arm; ``None`` if the arm is that of a data sheet.
 
     Attributes:
         torque_deviation: normalisation of the torque gap over all folds [N m], (n,).
         sensed: whether some segment carries a joint torque sensor.
         units: what a relative error of each inertial parameter would change it by, (10 n,).
         nuisance: the filtered inertial regressor of each segment, per unit.
+        own: of each segment the filtered columns of the joints' parameters that a reference leaves open, (M, n, q).
+        prior: of the nuisances.
         bodies: what the columns need of each segment's bodies.
     """
 
@@ -35,6 +44,7 @@ class FitData:
         body: RigidBody,
         folds: list[list[Segment]],
         cutoff: float,
+        reference: ReferenceErrors | None = None,
     ) -> None:
         self.arm, self.body, self.folds, self.cutoff = arm, body, folds, cutoff
         self.segments = [s for fold in folds for s in fold]
@@ -42,13 +52,23 @@ class FitData:
         self.torque_deviation = torque_scale(
             np.vstack([filtered_torque(s) for s in self.segments])
         )
-        self.units = arm.inertial_error_factor * inertial_scale(body)
-        self.nuisance, self.bodies = [], []
+        self.units, self.reference = inertial_scale(body), reference
+        self.prior = self._prior()
+        self.nuisance, self.own, self.bodies = [], [], []
         for s in self.segments:
             regressor = body.regressor(s.motion.q, s.motion.dq, s.motion.ddq)
             self.bodies.append(Bodies.of(s.bodies(body), s, regressor))
             self.nuisance.append(self.thin(regressor * self.units, s))
+            if reference is not None:
+                self.own.append(self.thin(reference.columns(s.motion), s))
         self._ripples: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+
+    def _prior(self) -> NuisancePrior:
+        """What is believed of the nuisances: of the inertials, then of the sensors or of the reference."""
+        joints, inertials = self.arm.n_joints, len(self.units)
+        if self.reference is None:
+            return data_sheet_prior(inertials, 3 * joints if self.sensed else 0)
+        return reference_prior(self.reference, self.units, joints)
 
     def thin(self, series: np.ndarray, segment: Segment) -> np.ndarray:
         """Series of a segment, filtered, trimmed, and decimated to about twice the filter's cut-off."""

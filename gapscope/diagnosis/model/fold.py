@@ -15,7 +15,8 @@ class EquationRows:
     Attributes:
         terms: A, derivatives by the terms' coordinates, (M, m, P).
         inertials: N, the nominal inertial regressor in units of its errors, (M, m, 10 n).
-        sensors: E, derivatives by the sensors' errors in units of their spread, (M, m, 3 n), or (M, m, 0).
+        others: E, derivatives by further nuisances: errors of the joint torque sensors in units of their spread,
+            (M, m, 3 n), or what a reference leaves open of the joints' parameters and of their gains, (M, m, q + n).
         y: gap plus A theta_0 [N m], (M, m).
         rate: d, what a skew of sampling adds [N m/s], (M, m).
         sticking: RMS that dry friction may leave beyond the floor while the joint may stick [N m], (M, m).
@@ -25,7 +26,7 @@ class EquationRows:
 
     terms: np.ndarray
     inertials: np.ndarray
-    sensors: np.ndarray
+    others: np.ndarray
     y: np.ndarray
     rate: np.ndarray
     sticking: np.ndarray
@@ -45,7 +46,7 @@ class EquationRows:
     @property
     def stacked(self) -> np.ndarray:
         """X, (M, m, P + K + 2)."""
-        blocks = [self.terms, self.inertials, self.sensors]
+        blocks = [self.terms, self.inertials, self.others]
         return np.concatenate(
             [*blocks, self.y[:, :, None], self.rate[:, :, None]], axis=2
         )

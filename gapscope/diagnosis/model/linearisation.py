@@ -29,6 +29,7 @@ from gapscope.diagnosis.model.terms import Term, Terms
 from gapscope.diagnosis.model.torque_sensor import LinkRows, link_rows, two_sides
 from gapscope.diagnosis.thresholds import MOST_PIECES, PIECE_LENGTH, SENSOR_ZERO
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.ident.signals.conditioning import Segment
 
 
 class Linearisation:
@@ -121,7 +122,15 @@ class Linearisation:
             data.thin(rate, segment),
             NoiseFloor(floor.steady, sticking),
             predicted,
+            data.thin(self._bodily_change(segment), segment),
         )
+
+    def _bodily_change(self, segment: Segment) -> np.ndarray:
+        """What the effects on bodies add to the torque of the nominal arm's [N m], (N, n)."""
+        bodies = segment.bodies(self.body)
+        nominal = CorrectedArm(self.arm).unlimited.rigid_torque(bodies, segment.motion)
+        changed = self._corrected.unlimited.rigid_torque(bodies, segment.motion)
+        return np.asarray(changed - nominal)
 
     def _link_rows(self, k: int) -> LinkRows:
         """What the joint torque sensors measured on a segment; all zero if it has none."""
@@ -196,9 +205,22 @@ class Linearisation:
         if self._links:
             deviation = np.tile(deviation, 2)
         scored = [fold.scored for fold in self.folds]
-        return discrepancy(
-            scored, halves, deviation, self.theta, self.arm.inertial_error_factor
-        )
+        learnt = discrepancy(scored, halves, deviation, self.theta)
+        if self.data.reference is None:
+            return learnt
+        least = self.data.reference.rest**2
+        return replace(learnt, mean_square=np.maximum(learnt.mean_square, least))
+
+    def _other_nuisances(self, places: list[int], rows: int) -> np.ndarray:
+        """Columns of the nuisances beside the inertials on the rows of some segments, (M, n, K - 10 n)."""
+        joints = self.arm.n_joints
+        if self.data.reference is None:
+            return np.zeros((rows, joints, 3 * joints if self._links else 0))
+        own = np.vstack([self.data.own[k] for k in places])
+        gains = np.zeros((rows, joints, joints))
+        each = np.arange(joints)
+        gains[:, each, each] = np.vstack([self._rows[k].bodily for k in places])
+        return np.concatenate([own, gains], axis=2)
 
     def _pieces(self, places: list[int]) -> int:
         """Number of pieces of half a fold: two at least."""
@@ -213,11 +235,10 @@ class Linearisation:
         gap = np.vstack([part.gap for part in parts])
         terms = np.vstack([part.columns for part in parts])
         steady2 = [np.broadcast_to(p.floor.steady**2, p.gap.shape) for p in parts]
-        errors = 3 * self.arm.n_joints if self._links else 0
         return EquationRows(
             terms=terms,
             inertials=np.vstack([self.data.nuisance[k] for k in places]),
-            sensors=np.zeros((*gap.shape, errors)),
+            others=self._other_nuisances(places, len(gap)),
             y=gap + terms @ self.theta,
             rate=np.vstack([part.rate for part in parts]),
             sticking=np.vstack([part.floor.sticking for part in parts]),

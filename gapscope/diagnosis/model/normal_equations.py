@@ -15,18 +15,16 @@ class NormalEquations:
     Args:
         total: X^T W X of X = [A, N, y], shape (P + K + 1, P + K + 1).
         size: P.
-        sigma: standard deviation of the nuisances, in their units, one number or shape (K,).
+        prior: precision of the nuisances, in their units, (K, K).
 
     Attributes:
         delta: D, shape (K, P + 1).
         least: L, with |[theta; -1]|^2_L the least sum of squares over all nuisances, theirs included, (P + 1, P + 1).
     """
 
-    def __init__(self, total: np.ndarray, size: int, sigma: float | np.ndarray) -> None:
+    def __init__(self, total: np.ndarray, size: int, prior: np.ndarray) -> None:
         self.size = size
-        nuisance = total[size:-1, size:-1] + np.eye(len(total) - 1 - size) / np.square(
-            sigma
-        )
+        nuisance = total[size:-1, size:-1] + prior
         cross, right = total[size:-1, :size], total[size:-1, -1]
         reduced = cho_solve(
             cho_factor(nuisance, lower=True), np.column_stack([cross, right])

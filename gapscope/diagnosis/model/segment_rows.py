@@ -19,6 +19,7 @@ class SegmentRows:
         rate: d, the rate of the predicted torque [N m/s], (M, n).
         floor: what a healthy arm leaves on these rows.
         predicted: predicted torque at every sample [N m], (N, n).
+        bodily: what the effects on bodies add to the nominal arm's torque [N m], (M, n).
     """
 
     gap: np.ndarray
@@ -26,6 +27,7 @@ class SegmentRows:
     rate: np.ndarray
     floor: NoiseFloor
     predicted: np.ndarray
+    bodily: np.ndarray
 
     @property
     def trust(self) -> np.ndarray:

@@ -211,7 +211,7 @@ def two_sides(
     return EquationRows(
         terms=np.concatenate([torque.terms - terms, terms], axis=1),
         inertials=np.concatenate([torque.inertials - inertials, inertials], axis=1),
-        sensors=np.concatenate([torque.sensors - errors, errors], axis=1),
+        others=np.concatenate([torque.others - errors, errors], axis=1),
         y=np.hstack([torque.y - y, y]),
         # the skew lies between motion and recorded torque: on the actuator side alone
         rate=np.hstack([torque.rate, np.zeros_like(gap)]),

@@ -9,10 +9,9 @@ import numpy as np
 from gapscope.arm.case import Case
 from gapscope.diagnosis.assessment.baseline import Baseline
 from gapscope.diagnosis.reference.reference import IdentifiedReference
-from gapscope.diagnosis.reference.reference_uncertainty import EffectColumns
 from gapscope.diagnosis.result import Diagnosis
+from gapscope.diagnosis.study import Study
 from gapscope.effects.applied import AppliedEffect
-from gapscope.ident.identification import Identification
 
 
 @dataclass(frozen=True)
@@ -21,21 +20,39 @@ class Change:
 
     Attributes:
         reference: the identified arm.
-        today: the identification with x as it was on the day of the case, within the reference's uncertainty.
-        case: the case, its nominal arm that of today.
+        case: the case, its nominal arm the identified one.
         baseline: effects that the arm had on the reference already, and what it leaves.
-        left_open: terms that were treated as what the reference leaves open, with what they close beyond it [NRMSE].
-        shift: what that move does to the torque of the case, over the joint's torque scale, (n,).
-        diagnosis: of the case against all this.
+        study: of the case against all this.
+        diagnosis: written from it.
     """
 
     reference: IdentifiedReference
-    today: Identification
     case: Case
     baseline: Baseline
-    left_open: tuple[tuple[EffectColumns, float], ...]
-    shift: np.ndarray
+    study: Study
     diagnosis: Diagnosis
+
+    @property
+    def error(self) -> np.ndarray:
+        """Likeliest error of the identified parameters on the day of the case, (p,)."""
+        evidence, fit = self.study.selection.evidence, self.study.selection.fit
+        delta = evidence.nuisances(fit.terms)
+        units = evidence.linear.data.units
+        size = len(self.reference.value)
+        return np.concatenate([units * delta[: len(units)], delta[len(units) : size]])
+
+    @property
+    def shift(self) -> np.ndarray:
+        """What that error does to the torque of the case, over the joint's torque scale, (n,)."""
+        data = self.study.selection.evidence.linear.data
+        inertials = len(data.units)
+        delta = self.study.selection.evidence.nuisances(self.study.selection.fit.terms)
+        torque = [
+            n @ delta[:inertials] + own @ delta[inertials : inertials + own.shape[2]]
+            for n, own in zip(data.nuisance, data.own, strict=True)
+        ]
+        rms = np.sqrt((np.vstack(torque) ** 2).mean(axis=0))
+        return np.asarray(rms / data.torque_deviation)
 
     @property
     def corrected(self) -> tuple[AppliedEffect, ...]:

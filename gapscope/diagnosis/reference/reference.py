@@ -26,7 +26,7 @@ from gapscope.ident.identification import (
     identify,
 )
 from gapscope.ident.signals.conditioning import position_cutoff
-from gapscope.ident.signals.effective_samples import ar1_samples
+from gapscope.ident.signals.effective_samples import independent_samples
 
 REWEIGHTINGS = 3
 """Times that the joints are weighed by the residual on held-out stretches."""
@@ -162,7 +162,8 @@ def _precision(
 ) -> np.ndarray:
     """Precision of x, (p, p): of the independent samples with the held-out error of each joint, and of the prior."""
     residual = rows.torque - rows.matrix @ x
-    independent_share = ar1_samples(residual) / len(residual)
+    # neighbours resemble each other: few rows of a smooth residual are independent
+    independent_share = independent_samples(residual) / len(residual)
     weight = independent_share / np.maximum(held_out_rms, 1e-9) ** 2
     return _weighted_gram(rows.matrix, weight) + np.diag(prior)
 

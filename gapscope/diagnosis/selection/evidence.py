@@ -2,10 +2,11 @@
 
 Score of a set S, in nats, over folds f (half a recording left out each) and joints j:
 
-    score = -1/2 sum_fj n_fj log(1 + mse_fj / floor_fj^2) - charge(S) - 1/2 (|delta / sigma|^2 + log det)
+    score = -1/2 sum_fj n_fj log(1 + mse_fj / e_fj^2) - charge(S) - 1/2 (delta^T Q delta + log det)
 
-with n the effective number of samples, mse the mean square of the held-out gap, and delta the errors of the nominal
-inertials, a nuisance of every model, charged by its size relative to sigma. A second nuisance is the skew
+with n the effective number of samples, mse the mean square of the held-out gap, e what a healthy arm leaves (noise, or
+the discrepancy learnt from the data), and delta the errors of the nominal inertials, or of an arm identified on a
+reference, a nuisance of every model with the prior precision Q. A second nuisance is the skew
 between torque and motion that sampling leaves, the same on all joints: a torque held from one tick of the controller to
 the next acts half a tick late on average.
 
@@ -24,17 +25,18 @@ from gapscope.diagnosis.model.linearisation import Linearisation
 from gapscope.diagnosis.model.normal_equations import NormalEquations
 from gapscope.diagnosis.model.terms import (
     Term,
+    Terms,
     cost,
     count_findings,
     parametrisation_of,
 )
 from gapscope.diagnosis.selection.fold_equations import FoldEquations
 from gapscope.diagnosis.thresholds import (
-    FIRST_NOMINAL_ERROR,
+    BUILT_IN_CHANGE,
     LEAST_DELAY,
     LEAST_LINK_MASS,
     NEW_EFFECT,
-    NOMINAL_ERROR,
+    PRIOR_EXPONENT,
     SKEW_CHARGE,
     SKEWS,
 )
@@ -70,14 +72,14 @@ class Evidence:
     Args:
         linearisation: normal equations per fold and joint.
         scored_mse: mean square of the scored rows under the model so far, for the weights, (F, m).
-        sigma: relative error of the nominal inertials.
+        level: of the nuisances' prior: relative error of the nominal inertials, or a factor on what a reference says.
         torque: equations of the recorded torque, in which gaps are measured.
         scored: equations that values and scores come from: ``torque`` itself, or with joint torque sensors those of
             both sides of each joint.
 
     Attributes:
         weights: of the scored rows [1/(N m)^2], (F, m): independent samples per row over the expected mean square.
-        spread: standard deviation of each nuisance, in its unit, (K,).
+        prior: precision of the nuisances, in their units, (K, K).
         lowest: lowest value that each coordinate may have, (P,).
     """
 
@@ -85,17 +87,18 @@ class Evidence:
         self,
         linearisation: Linearisation,
         scored_mse: np.ndarray,
-        sigma: float,
+        level: float,
         torque: FoldEquations,
         scored: FoldEquations,
     ) -> None:
-        self.linear, self.sigma = linearisation, sigma
+        self.linear, self.level = linearisation, level
         self.torque, self.scored = torque, scored
         self.terms = linearisation.terms
         self.lowest = _lowest(linearisation)
         samples_per_row = scored.independent / np.maximum(scored.count, 1e-9)
         self.weights = samples_per_row / (scored_mse + scored.expected2)
-        self.spread = self._prior_spread()
+        self.prior = linearisation.data.prior.at(level)
+        self._usual = _usual(self.terms)
         by_fold = [
             np.tensordot(weights, gram, axes=1)
             for weights, gram in zip(self.weights, scored.gram, strict=True)
@@ -111,6 +114,11 @@ class Evidence:
     def skew(self) -> float:
         """Skew of sampling [s]."""
         return self.torque.skew
+
+    @property
+    def inertial_error(self) -> float:
+        """Relative error of the nominal inertials that is allowed for [1]."""
+        return self.level * self.linear.data.prior.unit
 
     @property
     def sensed(self) -> bool:
@@ -129,7 +137,7 @@ class Evidence:
 
     def normal_equations(self, total: np.ndarray) -> NormalEquations:
         """Normal equations with the nuisances' prior from weighted X^T X, (P + K + 1, P + K + 1)."""
-        return NormalEquations(total, self.terms.size, self.spread)
+        return NormalEquations(total, self.terms.size, self.prior)
 
     def fit(self, terms: frozenset[Term]) -> Fit:
         """Fit and score a set of terms; the score is minus infinity if a value could not be."""
@@ -141,7 +149,7 @@ class Evidence:
             scored_mse = self.scored.mean_square(
                 self._without_fold, columns, corrected=True
             )
-        cost = self._cost(terms, self._all.nuisance(theta, columns))
+        cost = self._cost(terms, theta, self._all.nuisance(theta, columns))
         relative = np.log1p(scored_mse / self.scored.expected2)
         score = -0.5 * float((self.scored.independent * relative).sum()) - cost
         impossible = self._impossible(theta, terms)
@@ -157,7 +165,11 @@ class Evidence:
 
     def charge(self, terms: frozenset[Term]) -> float:
         """What a set costs [nats]: half the logarithm of the samples per parameter, and so much per effect named."""
-        return self._per_parameter * cost(terms) + NEW_EFFECT * count_findings(terms)
+        charge = self._per_parameter * cost(terms) + NEW_EFFECT * count_findings(terms)
+        if self.linear.data.reference is None:
+            return charge
+        built_in = frozenset(t for t in terms if t.definition.built_in)
+        return charge + BUILT_IN_CHANGE * count_findings(built_in)
 
     def held_out_mse(
         self, terms: frozenset[Term], *, corrected: bool = True
@@ -190,36 +202,37 @@ class Evidence:
         values = [normal.solve(columns) for normal in self._without_fold]
         return list(zip(values[::2], values[1::2], strict=True))
 
+    def nuisances(self, terms: frozenset[Term]) -> np.ndarray:
+        """Likeliest nuisances with a set of terms, (K,)."""
+        columns = columns_of(terms)
+        return self._all.nuisance(self._all.solve(columns), columns)
+
     def sensor_errors(self, terms: frozenset[Term]) -> np.ndarray | None:
         """Zero, scale and lag of each joint's torque sensor with a set of terms, over their spread, (3 n,)."""
         if not self.sensed:
             return None
-        columns = columns_of(terms)
-        delta = self._all.nuisance(self._all.solve(columns), columns)
-        return delta[len(self.linear.data.units) :]
-
-    def _prior_spread(self) -> np.ndarray:
-        """Sigma for the inertials; 1 for the sensors' errors, whose columns are in units of their spread."""
-        nuisances = self.scored.gram.shape[-1] - 1 - self.terms.size
-        inertials = len(self.linear.data.units)
-        return np.where(np.arange(nuisances) < inertials, self.sigma, 1.0)
+        return self.nuisances(terms)[len(self.linear.data.units) :]
 
     def _occam_factor(self, total: np.ndarray) -> float:
-        """1/2 log det(1 + S N^T W N S): the nuisances' prior volume over the posterior one [nats]."""
+        """1/2 log det(1 + Q^-1 N^T W N): the nuisances' prior volume over the posterior one [nats]."""
         nuisances = slice(self.terms.size, -1)
-        scale = np.outer(self.spread, self.spread)
-        information = np.eye(len(self.spread)) + total[nuisances, nuisances] * scale
-        return 0.5 * float(np.linalg.slogdet(information)[1])
+        posterior = np.linalg.slogdet(self.prior + total[nuisances, nuisances])[1]
+        return 0.5 * float(posterior - np.linalg.slogdet(self.prior)[1])
 
-    def _cost(self, terms: frozenset[Term], delta: np.ndarray) -> float:
-        """Charges of a set and of its nuisances delta, (K,), [nats]."""
+    def _cost(
+        self, terms: frozenset[Term], theta: np.ndarray, delta: np.ndarray
+    ) -> float:
+        """Charges of a set, of its values theta, (P,), and of its nuisances delta, (K,), [nats]."""
         charges = (
             self.charge(terms)
             + SKEW_CHARGE * (self.skew > 0)
-            + NOMINAL_ERROR[self.sigma]
+            + self.linear.data.prior.levels[self.level]
         )
-        prior = 0.5 * float(((delta / self.spread) ** 2).sum())
-        return charges + (prior + self._log_det)
+        columns = columns_of(terms)
+        squared = (theta[columns] / self._usual[columns]) ** 2
+        unusual = float(np.log1p(0.5 * squared / PRIOR_EXPONENT).sum())
+        prior = 0.5 * float(delta @ self.prior @ delta)
+        return charges + PRIOR_EXPONENT * unusual + (prior + self._log_det)
 
     def _impossible(self, theta: np.ndarray, terms: frozenset[Term]) -> frozenset[Term]:
         """Terms whose values cannot be, or that say the same as others of the set."""
@@ -255,10 +268,18 @@ def _lowest(linearisation: Linearisation) -> np.ndarray:
     return lowest
 
 
+def _usual(terms: Terms) -> np.ndarray:
+    """Usual sizes of the coordinates, (P,), infinite for those that the torque alone bounds."""
+    usual = np.full(terms.size, np.inf)
+    for effect in explained():
+        usual[terms.block(effect.name)] = parametrisation_of(effect).usual
+    return usual
+
+
 def evidences(
     linearisation: Linearisation, scored_mse: np.ndarray, terms: frozenset[Term]
 ) -> tuple[Evidence, ...]:
-    """The evidence under each error of the nominal inertials, best first, with the skew that explains the data best.
+    """The evidence at each level of the nuisances' prior, best first, with the skew that explains the data best.
 
     Args:
         linearisation: normal equations per fold and joint.
@@ -269,19 +290,22 @@ def evidences(
     def score(evidence: Evidence) -> float:
         return evidence.fit(terms).score
 
+    levels = list(linearisation.data.prior.levels)
+    # the second level suits most arms: skews are compared under it
+    first = levels[1]
     by_skew = [
         Evidence(
             linearisation,
             scored_mse,
-            FIRST_NOMINAL_ERROR,
+            first,
             *_equations(linearisation, s),
         )
         for s in SKEWS
     ]
     best = max(by_skew, key=score)
     by_error = [
-        Evidence(linearisation, scored_mse, sigma, best.torque, best.scored)
-        for sigma in NOMINAL_ERROR
+        Evidence(linearisation, scored_mse, level, best.torque, best.scored)
+        for level in levels
     ]
     return tuple(sorted(by_error, key=score, reverse=True))
 

@@ -11,6 +11,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.model.linearisation import Linearisation
+from gapscope.diagnosis.model.nuisance_prior import ReferenceErrors
 from gapscope.diagnosis.model.terms import Term, Terms
 from gapscope.diagnosis.selection.evidence import Evidence, Fit, evidences
 from gapscope.diagnosis.thresholds import (
@@ -27,7 +28,7 @@ class Model:
 
     Attributes:
         linear: the linearisation around the values.
-        evidences: the evidence on it under each error of the nominal inertials, best first.
+        evidences: the evidence on it at each level of the nuisances' prior, best first.
         fit: the terms and their values.
     """
 
@@ -75,7 +76,11 @@ class Model:
 
 
 def nominal_model(
-    arm: NominalArm, body: RigidBody, folds: list[list[Segment]], cutoff: float
+    arm: NominalArm,
+    body: RigidBody,
+    folds: list[list[Segment]],
+    cutoff: float,
+    reference: ReferenceErrors | None = None,
 ) -> Model:
     """The model without any term.
 
@@ -83,8 +88,10 @@ def nominal_model(
         arm, body: the nominal arm and its dynamics.
         folds: segments per fold.
         cutoff: cut-off of the fit's filter [Hz].
+        reference: what a reference leaves open of the arm, if it was identified on one.
     """
-    data, terms = FitData(arm, body, folds, cutoff), Terms(arm.n_joints)
+    data = FitData(arm, body, folds, cutoff, reference)
+    terms = Terms(arm.n_joints)
     linear = Linearisation(data, np.zeros(terms.size), terms)
     mean_squares = [
         fold.gram[:, :, -2, -2].sum(axis=0) / np.maximum(fold.rows.sum(axis=0), 1e-9)

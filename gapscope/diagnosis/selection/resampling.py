@@ -30,7 +30,7 @@ def bootstrap(
         drawn = rng.integers(len(pieces), size=len(pieces))
         counts = np.bincount(drawn, minlength=len(pieces)).astype(float)
         total = np.tensordot(counts, pieces, axes=1)
-        normal = NormalEquations(total, len(columns), evidence.spread)
+        normal = NormalEquations(total, len(columns), evidence.prior)
         values[draw, columns] = normal.solve(np.arange(len(columns)))
     return values + rng.normal(size=values.shape) * _systematic(evidence)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
+from gapscope.diagnosis.model.nuisance_prior import ReferenceErrors
 from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.evidence import Evidence, Fit
 from gapscope.diagnosis.selection.fitted_model import (
@@ -72,10 +73,11 @@ def search(
     folds: list[list[Segment]],
     cutoff: float,
     progress: Progress = lambda message: None,
+    reference: ReferenceErrors | None = None,
 ) -> Selection:
     """Find the terms that explain the gap of recordings, by evidence on halves of recordings left out of the fit."""
     decimated = [[thinned(s, SEARCH_RATE) for s in fold] for fold in folds]
-    nominal = nominal_model(arm, body, decimated, cutoff)
+    nominal = nominal_model(arm, body, decimated, cutoff, reference)
     model, considered = add_terms(nominal, progress)
     model, replaced = compare_near_equivalents(model)
     model, compliant = drop_unneeded_compliance(model)

@@ -64,7 +64,6 @@ def against(diagnosis: Diagnosis) -> dict[str, Any] | None:
         "inherent": [
             _with_joints(e["effect"], e["joints"]) for e in content["inherent"]
         ],
-        "left_open": _left_open(today["left_open"]),
     }
 
 
@@ -111,17 +110,6 @@ def _changed(before: float, after: float) -> str:
         if share
         else f"{significant(after)} (same)"
     )
-
-
-def _left_open(entries: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Effects within the reference uncertainty, each once with all its joints."""
-    joints: dict[str, list[int]] = {}
-    for entry in entries:
-        joints.setdefault(entry["effect"], []).append(entry["joint"])
-    return [
-        _with_joints(name, sorted({j for j in found if j}))
-        for name, found in joints.items()
-    ]
 
 
 def _with_joints(name: str, joints: Sequence[int]) -> str:

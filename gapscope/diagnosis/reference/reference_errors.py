@@ -1,0 +1,38 @@
+"""What a reference leaves open of an arm on another day: errors of what was identified, and of friction."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gapscope.arm.motions.motion import Motion
+from gapscope.diagnosis.model.nuisance_prior import ReferenceErrors
+from gapscope.diagnosis.reference.reference import IdentifiedReference, names_of
+from gapscope.diagnosis.thresholds import FRICTION_DAY_TO_DAY
+
+FRICTION = ("c", "b", "d")
+"""Symbols of friction in x."""
+
+
+def reference_errors(reference: IdentifiedReference) -> ReferenceErrors:
+    """Covariance of the errors of x on another day than the reference's, and the columns of the joints' parameters.
+
+    Friction differs by a share evenly distributed up to ``FRICTION_DAY_TO_DAY``, which has a third of its square as
+    variance, beside the error of what was identified.
+    """
+    covariance = inverse(reference.precision)
+    friction = names_of(reference.result, FRICTION).ravel()
+    day_to_day = FRICTION_DAY_TO_DAY * reference.value[friction]
+    covariance[friction, friction] += day_to_day**2 / 3.0
+    columns, law = reference.result.columns, reference.result.choice.law
+
+    def own(motion: Motion) -> np.ndarray:
+        return np.asarray(columns.matrix(motion, law)[:, :, columns.links :])
+
+    return ReferenceErrors(covariance, own, reference.rest)
+
+
+def inverse(precision: np.ndarray) -> np.ndarray:
+    """Inverse of a precision, scaled to a diagonal of ones first."""
+    unit = 1.0 / np.sqrt(np.diag(precision))
+    scaled = precision * unit[:, None] * unit
+    return np.asarray(np.linalg.inv(scaled) * unit[:, None] * unit)
