@@ -173,6 +173,8 @@ def _repair(
         case = baseline.adjusted(case)
     # A wrong unit scales the step of an encoder: quantisation is measured after the repair.
     faults = (*setup_faults, *find_quantization(case))
+    if baseline is not None:
+        faults = tuple(f for f in faults if (f.name, f.variant) not in baseline.faults)
     for fault in faults:
         progress(f"finds {fault}")
     return case, faults

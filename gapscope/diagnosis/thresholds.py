@@ -204,6 +204,8 @@ DAMPING_RATIOS = (0.02, 0.12)  # ...with these damping ratios [1]. (physical)
 PLAY_WIDTHS = np.geomspace(4e-4, 6e-2, 11)  # Widths of free play to try [rad]. (physical)
 
 # --- assessment: excess residual, what exceeds the floor
+# A healthy arm's residual is called above the floor on any joint in no more than this share of cases [1]. (statistics)
+FALSE_ALARM_RATE = 0.01
 ABOVE_FLOOR_RATIO = 1.6  # Without effects a gap is above the floor if it exceeds it by this factor [1]... (hand)
 RESIDUAL_ABOVE_FLOOR_RATIO = 1.3  # ...with effects by this one [1]... (hand)
 ABOVE_FLOOR_NRMSE = 0.012  # ...and by this much torque NRMSE, in squares [1]. (hand)
@@ -241,7 +243,7 @@ OSCILLATION_GRID = 8
 
 # --- assessment: probabilities, replay
 # Evidence counts this much in probabilities [1]: folds of the same few motions say less than their nats. (hand)
-TEMPER = 0.2
+TEMPER = 1.0
 OPEN_ALTERNATIVE = 0.05  # An alternative with this probability leaves the question open [1]. (hand)
 NAMED_PROBABILITY = 0.5  # An effect less probable than this is not named [1]. (definition)
 FALSE_DISCOVERY_RATE = 0.05  # Share of the effects confirmed that may be there by chance [1]. (statistics)

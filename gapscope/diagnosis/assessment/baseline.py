@@ -32,6 +32,7 @@ class Baseline:
         scale: normalisation of the torque gap on the reference [N m], (n,).
         skew: by which the recorded torque is ahead of the motion [s].
         errors: what the reference leaves open of the arm, if that counts.
+        faults: name and variant of those that show in the reference's recordings as well: they are no change.
     """
 
     effects: tuple[AppliedEffect, ...]
@@ -39,6 +40,7 @@ class Baseline:
     scale: np.ndarray
     skew: float = 0.0
     errors: ReferenceErrors | None = None
+    faults: frozenset[tuple[str, str]] = frozenset()
 
     def adjusted(self, case: Case) -> Case:
         """The case with the skew, and what the baseline's effects do, taken out of the recorded torque.

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import f as f_distribution
 
 from gapscope.diagnosis.gap.torque_gap import TorqueGap, torque_scale
 from gapscope.diagnosis.selection.search import Selection
@@ -17,6 +18,7 @@ from gapscope.diagnosis.thresholds import (
     ABOVE_FLOOR_RATIO,
     EXPLAINED_RESIDUAL,
     EXPLAINED_RESIDUAL_COMPLIANT,
+    FALSE_ALARM_RATE,
     LOUDEST_FLOOR,
     RESIDUAL_ABOVE_FLOOR_RATIO,
     WIDE_RESIDUAL_NRMSE,
@@ -32,12 +34,14 @@ class ExcessResidual:
         before: torque NRMSE of the nominal arm above the floor, in squares: sqrt(gap^2 - floor^2) / scale, (n,).
         after: the same with the effects found, (n,).
         ratio: RMS with the effects found over the floor's, (n,).
+        by_chance: ratio that chance exceeds on any joint at the false-alarm rate, (n,).
         compliant: whether a compliant joint is among the effects found.
     """
 
     before: np.ndarray
     after: np.ndarray
     ratio: np.ndarray
+    by_chance: np.ndarray
     compliant: bool
 
     @property
@@ -45,6 +49,7 @@ class ExcessResidual:
         """Joints above the floor, (n,)."""
         improved = self.before > self.after + 1e-9
         least = np.where(improved, RESIDUAL_ABOVE_FLOOR_RATIO, ABOVE_FLOOR_RATIO)
+        least = np.maximum(least, self.by_chance)
         return (self.ratio > least) & (self.after > ABOVE_FLOOR_NRMSE)
 
     @property
@@ -70,6 +75,7 @@ def elementwise_max(one: ExcessResidual, other: ExcessResidual) -> ExcessResidua
         before=np.maximum(one.before, other.before),
         after=np.maximum(one.after, other.after),
         ratio=np.maximum(one.ratio, other.ratio),
+        by_chance=np.maximum(one.by_chance, other.by_chance),
         compliant=one.compliant,
     )
 
@@ -111,6 +117,7 @@ def excess_residual(
         before=above_before / selection.scale,
         after=above_after / selection.scale,
         ratio=np.sqrt(after2 / floor2),
+        by_chance=ratio_by_chance(selection),
         compliant=_has_compliance(selection),
     )
 
@@ -129,8 +136,24 @@ def excess_residual_set_aside(
         before=above_floor(before),
         after=above_floor(after),
         ratio=after.rmse / floor,
+        by_chance=ratio_by_chance(selection),
         compliant=_has_compliance(selection),
     )
+
+
+def ratio_by_chance(selection: Selection) -> np.ndarray:
+    """Ratio of RMS to floor that healthy arms exceed on one of n joints in ``FALSE_ALARM_RATE`` of cases, (n,).
+
+    Of independent samples with the floor's variance, which is known of a data sheet and estimated on a reference from
+    as many samples as it has: sqrt of the quantile of F. Source: bendat2010.
+    """
+    evidence = selection.evidence
+    joints = evidence.linear.arm.n_joints
+    samples = evidence.scored.independent.sum(axis=0)[:joints]
+    reference = evidence.linear.data.reference
+    known = np.inf if reference is None else reference.samples
+    level = FALSE_ALARM_RATE / joints
+    return np.asarray(np.sqrt(f_distribution.isf(level, samples, known)))
 
 
 def _has_compliance(selection: Selection) -> bool:

@@ -24,11 +24,13 @@ class ReferenceErrors:
         columns: derivatives of the torque by the joint parameters, (N, n, q), on a motion of N samples: friction as
             it was identified, rotors, offsets.
         rest: RMS that the arm identified leaves on data that it was not fitted to [N m], (n,).
+        samples: independent samples of it, (n,).
     """
 
     covariance: np.ndarray
     columns: Callable[[Motion], np.ndarray]
     rest: np.ndarray
+    samples: np.ndarray
 
 
 @dataclass(frozen=True)

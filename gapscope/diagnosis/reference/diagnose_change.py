@@ -106,5 +106,9 @@ def _given(
     inherent: tuple[AppliedEffect, ...] = tuple(
         e for e in study.effects if e.effect.inherent
     )
-    effects = combined(plain.effects, inherent)
-    return replace(plain, effects=effects, skew=identified.skew)
+    return replace(
+        plain,
+        effects=combined(plain.effects, inherent),
+        skew=identified.skew,
+        faults=frozenset((fault.name, fault.variant) for fault in study.faults),
+    )

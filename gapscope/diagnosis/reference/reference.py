@@ -43,6 +43,7 @@ class IdentifiedReference:
         result: the identification on all its recordings.
         precision: inverse covariance of x, what the recordings and the vendor's URDF say together, (p, p).
         rest: RMS left on stretches of the reference predicted from the others [N m], (n,).
+        samples: independent samples of it, (n,).
         scale: normalisation of the torque gap on the reference [N m], (n,).
         skew: by which torque is ahead of the motion [s].
         torque_ratio: torque of the identified bodies over that of the vendor's [1].
@@ -52,6 +53,7 @@ class IdentifiedReference:
     result: Identification
     precision: np.ndarray
     rest: np.ndarray
+    samples: np.ndarray
     scale: np.ndarray
     skew: float
     torque_ratio: float
@@ -140,11 +142,15 @@ def identify_reference(
     nominal = result.columns.nominal(result.choice.law)
     prior = vendor_precision(rows, result.columns.scale(result.choice.law))
     held_out_rms = _held_out_rms(rows, nominal, prior)
+    residual = rows.torque - rows.matrix @ result.physical.value
+    # neighbours resemble each other: few rows of a smooth residual are independent
+    samples = independent_samples(residual)
     return IdentifiedReference(
         reference,
         result,
-        _precision(rows, result.physical.value, held_out_rms, prior),
+        _precision(rows, samples / len(residual), held_out_rms, prior),
         held_out_rms,
+        samples,
         torque_scale(rows.torque),
         skew,
         _torque_ratio(rows, result, nominal),
@@ -158,12 +164,12 @@ def _rows(result: Identification, recordings: tuple[Recording, ...]) -> Referenc
 
 
 def _precision(
-    rows: ReferenceRows, x: np.ndarray, held_out_rms: np.ndarray, prior: np.ndarray
+    rows: ReferenceRows,
+    independent_share: np.ndarray,
+    held_out_rms: np.ndarray,
+    prior: np.ndarray,
 ) -> np.ndarray:
     """Precision of x, (p, p): of the independent samples with the held-out error of each joint, and of the prior."""
-    residual = rows.torque - rows.matrix @ x
-    # neighbours resemble each other: few rows of a smooth residual are independent
-    independent_share = independent_samples(residual) / len(residual)
     weight = independent_share / np.maximum(held_out_rms, 1e-9) ** 2
     return _weighted_gram(rows.matrix, weight) + np.diag(prior)
 

@@ -28,7 +28,7 @@ def reference_errors(reference: IdentifiedReference) -> ReferenceErrors:
     def own(motion: Motion) -> np.ndarray:
         return np.asarray(columns.matrix(motion, law)[:, :, columns.links :])
 
-    return ReferenceErrors(covariance, own, reference.rest)
+    return ReferenceErrors(covariance, own, reference.rest, reference.samples)
 
 
 def inverse(precision: np.ndarray) -> np.ndarray:
