@@ -23,7 +23,6 @@ import pandas as pd
 from PIL import Image
 
 from gapscope.arm.case import load_case
-from gapscope.diagnosis.document.wording import gap_closed
 
 CASE = Path(__file__).parent / "cases" / "ur10.yaml"
 RECORDING = "ur10/ur10_exciting.db3"
@@ -90,7 +89,7 @@ def draw_overview(work: Path) -> str:
         *panel(320, 440, "Diagnosis", "where, which, how far"),
         *where(before, after, 340, 112),
         *which(diagnosis["effects"], 520, 112),
-        *how_far(gap_closed(diagnosis), 340, 285),
+        *how_far(diagnosis["closed"], 340, 285),
         arrow(766),
         *panel(790, 280, "Corrected arm", "predicts, simulates, can be exported"),
         polyline(curves["recorded"], (810, 110, 240, 150), (low, high), INK),

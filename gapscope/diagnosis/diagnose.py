@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case
@@ -15,6 +17,7 @@ from gapscope.diagnosis.document.plotted_curves import (
 )
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.diagnosis.study import Progress, Study, examine
+from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 
 
@@ -47,16 +50,23 @@ def conclude(study: Study, progress: Progress = lambda message: None) -> Diagnos
     content = diagnosis_content(study)
     segments = study.predictor.segments
     corrected = CorrectedArm(study.case.arm, study.effects)
-    # Set-up faults are listed in the content, too, but are no part of the corrected arm.
-    order = [finding["effect"] for finding in content["effects"]]
-    effects = sorted(study.effects, key=lambda effect: order.index(effect.name))
     rates = tuple(segment.motion.rate for segment in segments)
     gaps = {"before": study.gap_before, "after": study.gap_after}
     return Diagnosis(
         document=content,
-        effects=tuple(effects),
+        effects=_in_order(study.effects, content["effects"]),
         traces=traces(corrected, study.body, segments),
         signatures=signatures(corrected, study.body, segments),
         spectrum=spectrum(study.gap_before, study.gap_after, rates),
         located=located(content, gaps, study.floor, segments),
+        possible=_in_order(study.possible, content["possible"]),
     )
+
+
+def _in_order(
+    effects: tuple[AppliedEffect, ...], findings: list[dict[str, Any]]
+) -> tuple[AppliedEffect, ...]:
+    """Effects in the order of the findings."""
+    # Set-up faults are among the findings, too, but are no part of the corrected arm.
+    order = [finding["effect"] for finding in findings]
+    return tuple(sorted(effects, key=lambda effect: order.index(effect.name)))

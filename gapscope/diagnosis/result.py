@@ -77,11 +77,12 @@ class Diagnosis:
 
     Attributes:
         document: content of ``diagnosis.json``; follows ``gapscope/diagnosis/document/diagnosis.schema.json``.
-        effects: the effects found, with values, ordered by share.
+        effects: the effects named, with values, ordered by share.
         traces: measured, nominal and corrected torque, one per recording.
         signatures: the shapes that gave the effects away.
         spectrum: where in frequency the gap lies.
         located: where the gap of the worst joint lies, before and, if it stays above the floor, after.
+        possible: the effects that are possible and not confirmed, with values beside all others, ordered by share.
     """
 
     document: Mapping[str, Any]
@@ -90,3 +91,4 @@ class Diagnosis:
     signatures: tuple[Signature, ...]
     spectrum: Spectrum
     located: tuple[Located, ...] = ()
+    possible: tuple[AppliedEffect, ...] = ()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,14 +11,12 @@ from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.diagnosis.assessment.baseline import Baseline
-from gapscope.diagnosis.assessment.excess_residual import (
-    ExcessResidual,
-    elementwise_max,
-    excess_residual,
-    excess_residual_set_aside,
-)
+from gapscope.diagnosis.assessment.confidence import Confidence
+from gapscope.diagnosis.assessment.excess_residual import ExcessResidual
 from gapscope.diagnosis.assessment.held_out_prediction import HeldOutPredictor
 from gapscope.diagnosis.assessment.instrumental_values import commanded, instrumented
+from gapscope.diagnosis.assessment.measured_gap import measured_gap
+from gapscope.diagnosis.assessment.naming import divide
 from gapscope.diagnosis.assessment.rejection import Rejection, reject
 from gapscope.diagnosis.assessment.replay_gap import ReplayGap, replay_gap
 from gapscope.diagnosis.assessment.sensor_sides import SensorSides, find_sides
@@ -26,19 +24,14 @@ from gapscope.diagnosis.gap.commanded_torque import (
     with_commanded_torque,
     with_likelier_rule,
 )
-from gapscope.diagnosis.gap.noise_floor import noise_floor
-from gapscope.diagnosis.gap.torque_gap import (
-    TorqueGap,
-    torque_gap,
-    torque_scale,
-)
+from gapscope.diagnosis.gap.torque_gap import TorqueGap
+from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.search import Selection, search
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.diagnosis.setup_faults.quantization import find_quantization
 from gapscope.diagnosis.thresholds import SINGLE_RECORDING_FOLDS
 from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import (
     TORQUE_CUTOFF,
     Segment,
@@ -59,17 +52,20 @@ class Study:
         case: the case, with the set-up faults repaired and a torque in its recordings.
         body: dynamics of its nominal arm.
         position_cutoff: cut-off of the positions [Hz].
-        selection: result of the search, less what was rejected.
-        rejections: effects that the search found and held-out data does not bear out.
-        effects: the effects found, with values fitted to all recordings that may be fitted.
-        predictor: predicts held-out data.
-        gap_before, gap_after: gap on held-out data of the nominal arm, and with the effects.
+        selection: result of the search, less what was rejected and what is possible only.
+        rejections: terms that the search found and held-out data does not bear out.
+        effects: the effects named, with values fitted to all recordings that may be fitted.
+        predictor: predicts held-out data with what is named.
+        found: the same with what is possible as well.
+        possible: the effects that are possible only, with values beside all others.
+        confidences: how sure each finding is, named or possible, by its name.
+        gap_before, gap_after: gap on held-out data of the nominal arm, and with the effects named.
         floor: RMS that a healthy arm of this kind would leave [N m], (n,).
         excess_residual: what exceeds the floor, before and after.
         replay_gap: replay gap, before and after.
         faults: set-up faults, which are repaired in ``case``, and what shows in the recordings themselves.
         sensor_sides: the gap on either side of the joint torque sensors; ``None`` without sensors.
-        instrumented_effects: the effects with values by the commands as instruments; empty if these are not known.
+        instrumented_effects: all effects found with values by the commands as instruments; empty if these are not known.
     """
 
     case: Case
@@ -79,6 +75,9 @@ class Study:
     rejections: list[Rejection]
     effects: tuple[AppliedEffect, ...]
     predictor: HeldOutPredictor
+    found: HeldOutPredictor
+    possible: tuple[AppliedEffect, ...]
+    confidences: Mapping[str, Confidence]
     gap_before: TorqueGap
     gap_after: TorqueGap
     floor: np.ndarray
@@ -117,26 +116,12 @@ def _examine(case: Case, progress: Progress, baseline: Baseline | None) -> Study
     case, faults = _repair(case, progress, baseline)
     progress("conditions the signals")
     cutoff = position_cutoff(case.recordings)
-    predictor, rejections = _select(case, cutoff, progress, baseline)
-    selection, terms = predictor.selection, predictor.selection.fit.terms
-    effects = selection.evidence.terms.effects(selection.fit.theta, terms)
-
-    gap_before = predictor.gap(frozenset())
-    gap_after = predictor.gap(terms)
-    corrected = CorrectedArm(case.arm, effects)
-    fitted_gap = torque_gap(corrected, predictor.body, predictor.segments)
-    noise_mse = _noise_mse(predictor, corrected, fitted_gap)
-    inertial_mse = _inertial_error_mse(selection, fitted_gap)
-    floor = np.sqrt(noise_mse + inertial_mse)
-    least_floor = baseline.floor(gap_after) if baseline else np.zeros_like(floor)
-    floor = np.maximum(floor, least_floor)
-
-    residual = excess_residual(selection, gap_after.rmse, least_floor)
-    if predictor.set_aside:
-        on_set_aside = excess_residual_set_aside(
-            selection, gap_before, gap_after, floor
-        )
-        residual = elementwise_max(residual, on_set_aside)
+    found, rejections = _select(case, cutoff, progress, baseline)
+    measured = measured_gap(found, baseline)
+    naming = divide(found, measured.residual)
+    selection, predictor = naming.selection, found.of(naming.selection)
+    if naming.possible:
+        measured = measured_gap(predictor, baseline)
 
     replay = ReplayGap()
     # Against a reference, the effects act on the arm identified there: they close nothing of the nominal arm's replay.
@@ -149,17 +134,30 @@ def _examine(case: Case, progress: Progress, baseline: Baseline | None) -> Study
         position_cutoff=cutoff,
         selection=selection,
         rejections=rejections,
-        effects=effects,
+        effects=_effects(selection, selection.fit.terms),
         predictor=predictor,
-        gap_before=gap_before,
-        gap_after=gap_after,
-        floor=floor,
-        excess_residual=residual,
+        found=found,
+        possible=_effects(found.selection, _unnamed(found.selection, selection)),
+        confidences={**naming.named, **naming.possible},
+        gap_before=predictor.gap(frozenset()),
+        gap_after=measured.gap_after,
+        floor=measured.floor,
+        excess_residual=measured.residual,
         replay_gap=replay,
         faults=faults,
-        sensor_sides=find_sides(predictor, np.sqrt(inertial_mse)),
-        instrumented_effects=_instrumented_effects(case, selection, cutoff),
+        sensor_sides=find_sides(predictor, np.sqrt(measured.inertial_mse)),
+        instrumented_effects=_instrumented_effects(case, found.selection, cutoff),
     )
+
+
+def _effects(selection: Selection, terms: frozenset[Term]) -> tuple[AppliedEffect, ...]:
+    """Some of a selection's terms as effects with values."""
+    return selection.evidence.terms.effects(selection.fit.theta, terms)
+
+
+def _unnamed(found: Selection, named: Selection) -> frozenset[Term]:
+    """Terms that were found and are not named."""
+    return found.fit.terms - named.fit.terms
 
 
 def _repair(
@@ -212,34 +210,6 @@ def _folds(case: Case, cutoff: float) -> list[list[Segment]]:
         for segment in folds[0]
         for block in blocks(segment, SINGLE_RECORDING_FOLDS)
     ]
-
-
-def _noise_mse(
-    predictor: HeldOutPredictor, corrected: CorrectedArm, gap: TorqueGap
-) -> np.ndarray:
-    """Mean square that noise, timing and form leave on a healthy arm, over all segments [N^2 m^2], (n,)."""
-    segments, lengths = predictor.segments, np.diff(gap.edges)
-    floors = [noise_floor(corrected, predictor.body, s).floor for s in segments]
-    return np.average(np.square(floors), axis=0, weights=lengths)
-
-
-def _inertial_error_mse(selection: Selection, gap: TorqueGap) -> np.ndarray:
-    """Mean square that likely errors of the nominal inertials explain [N^2 m^2], (n,).
-
-    The gap is measured twice: by the evidence, on the decimated rows of the search, and by ``torque_gap`` at the full
-    rate. Inertial errors are known to the former only, hence the rescaling to the deviation of the latter's torque;
-    the other place is ``excess_residual``, which takes the smaller of both.
-    """
-    evidence, terms = selection.evidence, selection.fit.terms
-
-    with_errors = evidence.held_out_mse(terms, corrected=False)
-    without_errors = evidence.held_out_mse(terms, corrected=True)
-    rows = evidence.rows
-    explained = (with_errors * rows).sum(axis=0) - (without_errors * rows).sum(axis=0)
-    explained = np.clip(explained, 0.0, None) / rows.sum(axis=0)
-
-    full_rate_over_search = torque_scale(gap.measured) / selection.scale
-    return np.asarray(explained * full_rate_over_search**2)
 
 
 def _instrumented_effects(

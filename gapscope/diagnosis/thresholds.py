@@ -244,6 +244,10 @@ OSCILLATION_GRID = 8
 # --- assessment: probabilities, replay
 # Evidence counts this much in probabilities [1]: folds of the same few motions say less than their nats. (hand)
 TEMPER = 1.0
+# Odds of a changed last link against a load that is the same body [1]: what an arm carries changes often. (hand)
+LAST_LINK_ODDS = 0.1
+# Odds of a load against a changed last link whose form fits far better [1]: a load is no point mass. (hand)
+LOAD_FORM_ODDS = 0.8
 OPEN_ALTERNATIVE = 0.05  # An alternative with this probability leaves the question open [1]. (hand)
 NAMED_PROBABILITY = 0.5  # An effect less probable than this is not named [1]. (definition)
 FALSE_DISCOVERY_RATE = 0.05  # Share of the effects confirmed that may be there by chance [1]. (statistics)

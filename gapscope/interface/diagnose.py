@@ -57,8 +57,13 @@ class DiagnosisResult(Result):
 
     @property
     def effects(self) -> tuple[AppliedEffect, ...]:
-        """The effects found, the one with the largest share first."""
+        """The effects named, the one with the largest share first."""
         return self.change.corrected if self.change else self.diagnosis.effects
+
+    @property
+    def possible(self) -> tuple[AppliedEffect, ...]:
+        """The effects that are possible and not confirmed, by share; none of them is part of ``corrected``."""
+        return self.diagnosis.possible
 
     @property
     def corrected(self) -> CorrectedArm:
@@ -82,14 +87,19 @@ class DiagnosisResult(Result):
         return write_change(change, case_file(self.case, out), out)
 
     def summary(self) -> str:
-        """Verdict, effects, gap per joint, what is open and the warnings."""
+        """Verdict, effects, gap per joint, what is possible, what is open and the warnings."""
         return as_text(partial(print_summary, self.document))
 
     def to_frame(self) -> pd.DataFrame:
-        """A row for each parameter of each effect and joint: value, standard deviation, probability and share."""
-        rows = [row for effect in self.document["effects"] for row in _rows(effect)]
+        """A row for each parameter of each effect and joint: value, standard deviation, probability, share, named."""
+        rows = [
+            {**row, "named": section == "effects"}
+            for section in ("effects", "possible")
+            for effect in self.document[section]
+            for row in _rows(effect)
+        ]
         columns = ["effect", "joint", "parameter", "unit", "value", "std"]
-        return pd.DataFrame(rows, columns=[*columns, "probability", "share"])
+        return pd.DataFrame(rows, columns=[*columns, "probability", "share", "named"])
 
 
 def diagnose(

@@ -14,6 +14,8 @@ JOINTS = [f"panda_joint{number}" for number in range(1, 8)]
 BEFORE = [0.062, 0.181, 0.094, 0.412, 0.655, 0.071, 0.058]
 AFTER = [0.031, 0.029, 0.041, 0.052, 0.066, 0.043, 0.055]
 FLOOR = [0.028, 0.024, 0.035, 0.038, 0.047, 0.041, 0.052]
+CLOSED = 1 - 0.052 / 1.268
+"""By hand: 0.052 are left above the floor of 1.268 in the sum over the joints."""
 
 
 def two_effects() -> dict[str, Any]:
@@ -34,7 +36,9 @@ def two_effects() -> dict[str, Any]:
             },
         },
         "effects": [_delay(), _payload()],
-        "unexplained": {"share": 0.03, "above_floor": False, "where": []},
+        "possible": [],
+        "closed": CLOSED,
+        "unexplained": {"share": 1.0 - CLOSED, "above_floor": False, "where": []},
         "next_recording": "a chirp on joints 4 and 5 up to 15 Hz, amplitude 0.02 rad, to settle delay against lag",
         "arm": {"robot": "Franka Panda", "joints": list(JOINTS)},
         "recordings": [
@@ -101,6 +105,7 @@ def no_gap() -> dict[str, Any]:
         "case": "healthy",
         "verdict": "no_gap",
         "effects": [],
+        "closed": None,
         "next_recording": None,
         "warnings": [],
         "where": [],
@@ -116,9 +121,21 @@ def unexplained() -> dict[str, Any]:
     """A gap on joint 4 that no effect explains."""
     document = two_effects()
     document |= {"case": "riddle", "verdict": "unexplained", "effects": []}
+    document["closed"] = 0.0
     document["gap"]["after"] = copy.deepcopy(document["gap"]["before"])
     region = _region(4, "between 3.1 and 4.6 s", 0.64, 0.08, "time")
-    document["unexplained"] = {"share": 0.97, "above_floor": True, "where": [region]}
+    document["unexplained"] = {"share": 1.0, "above_floor": True, "where": [region]}
+    return document
+
+
+def one_possible() -> dict[str, Any]:
+    """A delay that is named, and a payload that is possible only."""
+    document = two_effects()
+    delay, payload = document["effects"]
+    document["effects"] = [delay]
+    rival = {"effect": "torque_offset", "probability": 0.3, "separated_by": "a rest"}
+    payload |= {"probability": 0.31, "alternatives": [rival], "settled_by": "a rest"}
+    document["possible"] = [payload]
     return document
 
 

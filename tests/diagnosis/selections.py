@@ -41,6 +41,7 @@ class TableEvidence:
         mse: held-out mean square of a set of terms, (F, n).
         rows: weight of the rows, (F, n).
         floor2: mean square of a healthy arm, (F, n).
+        inertial_error: relative error of the nominal inertials.
     """
 
     score: Sets = lambda terms: 0.0
@@ -48,6 +49,7 @@ class TableEvidence:
     rows: np.ndarray = field(default_factory=lambda: np.ones((1, JOINTS)))
     floor2: np.ndarray = field(default_factory=lambda: np.ones((1, JOINTS)))
     terms: Terms = TERMS
+    inertial_error: float = 0.01
 
     def fit(self, terms: frozenset[Term]) -> TableFit:
         """A fit with the given score."""
@@ -76,4 +78,5 @@ def selection(
         considered=(),
         contested=contested or {},
         nominal_mse=np.ones((1, JOINTS)) if nominal_mse is None else nominal_mse,
+        last_link=JOINTS,
     )

@@ -16,7 +16,7 @@ import documents
 import numpy as np
 import pytest
 
-from gapscope.diagnosis.document.wording import verdict_sentence
+from gapscope.diagnosis.document.sentences import verdict_sentence
 from gapscope.diagnosis.localisation.locate import locate
 from gapscope.diagnosis.localisation.stacked_rows import MotionRows
 from gapscope.diagnosis.result import Located, Spectrum
@@ -340,6 +340,7 @@ def test_a_joint_left_above_its_floor_is_said_on_the_first_screen(
     document = documents.two_effects()
     assert "Not all is explained" not in rendered(document, tmp_path).text
     times_floor = [0.7, 0.7, 0.7, 10.0, 0.7, 0.7, 0.7]
+    document["verdict"] = "unexplained"
     document["unexplained"] |= {
         "above_floor": True,
         "joints": [4],
@@ -351,3 +352,13 @@ def test_a_joint_left_above_its_floor_is_said_on_the_first_screen(
         and "Joint 4 is left at 10 times its floor" in text
     )
     assert "actuator delay may only stand for something else" in text
+
+
+def test_what_is_possible_has_its_own_block(tmp_path: Path) -> None:
+    assert (
+        "Possible, not confirmed"
+        not in rendered(documents.two_effects(), tmp_path).text
+    )
+    page = rendered(documents.one_possible(), tmp_path)
+    assert "Possible, not confirmed" in page.text
+    assert "would be settled by a rest" in page.text and "#possible" in page.addresses

@@ -17,13 +17,17 @@ from gapscope.diagnosis.display import (
     significant,
     uncertain,
 )
+from gapscope.diagnosis.document.sentences import (
+    possible_texts,
+    unexplained_sentence,
+    verdict_sentence,
+    with_amount,
+)
 from gapscope.diagnosis.document.wording import (
     acts_on,
-    gap_closed,
     joint_ranges,
     parameter_texts,
     short_names,
-    verdict_sentence,
 )
 from gapscope.reports.diagnosis.terminal_summary import print_summary
 
@@ -69,7 +73,7 @@ def test_the_summary_says_what_was_found() -> None:
             "96 % of the gap",
             "Next recording: a chirp",
         ),
-        *("Warning: excitation", "Unexplained: 3 %"),
+        *("Warning: excitation", "Unexplained: 4 %"),
     ):
         assert expected in text
 
@@ -88,10 +92,7 @@ def test_the_other_verdicts() -> None:
         and "Prob." not in healthy
         and "Unexplained" not in healthy
     )
-    assert (
-        "riddle: Unexplained gap" in riddle
-        and "97 % of the gap stays unexplained" in riddle
-    )
+    assert "riddle: Unexplained gap" in riddle and "100 % stay unexplained" in riddle
 
 
 def test_names_are_not_read_as_markup() -> None:
@@ -101,42 +102,70 @@ def test_names_are_not_read_as_markup() -> None:
     assert "[red]line[/red] 4" in text and "[/] odd" in text
 
 
-def test_share_of_the_gap_closed() -> None:
+def test_the_first_line_says_main_cause_share_and_what_stays() -> None:
     document = documents.two_effects()
-    before, after, floor = (
-        sum(values) for values in (documents.BEFORE, documents.AFTER, documents.FLOOR)
+    assert verdict_sentence(document) == (
+        "Actuator delay (joints 4 and 5) explains 78 % of the gap and payload of 1.05 kg 19 %; "
+        "4 % stay unexplained, most of it on joint 5."
     )
-    assert gap_closed(document) == pytest.approx((before - after) / (before - floor))
-    assert gap_closed(documents.no_gap()) is None
-    assert gap_closed(document | {"verdict": "no_gap"}) is None
-    assert gap_closed(documents.unexplained()) == 0.0
+    document["effects"] *= 2
+    assert "of the gap, payload of 1.05 kg 19 % and 2 more effects 97 %; " in (
+        verdict_sentence(document)
+    )
 
 
-def test_joints_that_are_not_known_do_not_count_as_closed() -> None:
+def test_one_open_joint_holds_all_that_stays() -> None:
     document = documents.two_effects()
-    document["gap"]["after"]["torque_nrmse"] = [None] * 4 + documents.AFTER[4:]
-    document["gap"]["after"]["torque_nrmse"][4] = documents.BEFORE[4]
-    closed = (
-        documents.BEFORE[5]
-        - documents.AFTER[5]
-        + documents.BEFORE[6]
-        - documents.AFTER[6]
-    ) / (sum(documents.BEFORE[4:]) - sum(documents.FLOOR[4:]))
-    assert gap_closed(document) == pytest.approx(closed)
+    document["gap"]["after"]["torque_nrmse"] = [*documents.FLOOR[:4], 0.066, 0.04, 0.05]
+    assert verdict_sentence(document).endswith("; 4 % stay unexplained, on joint 5.")
 
 
-def test_verdicts_in_words() -> None:
+def test_nothing_stays_if_every_joint_is_at_its_floor() -> None:
     document = documents.two_effects()
-    assert verdict_sentence(document).startswith(
-        "Actuator delay (joints 4 and 5) and payload explain the gap"
+    document["closed"] = 1.0
+    document["unexplained"]["share"] = 0.0
+    assert verdict_sentence(document).endswith("; nothing stays unexplained.")
+
+
+def test_effects_without_a_torque_gap_are_found_all_the_same() -> None:
+    document = documents.two_effects() | {"closed": None}
+    assert verdict_sentence(document) == (
+        "Actuator delay (joints 4 and 5) and payload of 1.05 kg are found; "
+        "no joint's torque gap stands above its floor."
     )
-    document["verdict"] = "unexplained"
-    assert (
-        "explain a part of the gap, but 3 % of it stays open, most of it on joint 5"
-        in verdict_sentence(document)
+
+
+def test_a_gap_without_a_cause_says_so() -> None:
+    document = documents.unexplained()
+    assert verdict_sentence(document) == (
+        "No effect in the catalogue explains the gap: 100 % stay unexplained, most of it on joint 5."
     )
-    document["effects"] *= 3
-    assert "and 3 more effects" in verdict_sentence(document)
+    document["possible"] = documents.one_possible()["possible"]
+    assert verdict_sentence(document).startswith("No effect is sure enough to be named")
+    assert "something real is still missing" in unexplained_sentence(document)
+
+
+def test_what_is_possible_stands_apart_with_what_would_settle_it() -> None:
+    document = documents.one_possible()
+    assert possible_texts(document) == [
+        "payload of 1.05 kg, 31 %; would be settled by a rest"
+    ]
+    text = printed(document)
+    assert "Possible, not confirmed: payload of 1.05 kg, 31 %;" in text
+    assert "payload" not in verdict_sentence(document)
+
+
+def test_an_amount_is_given_if_one_number_says_it() -> None:
+    delay, payload = documents.two_effects()["effects"]
+    assert with_amount(payload) == "payload of 1.05 kg"
+    assert with_amount(delay) == "actuator delay (joints 4 and 5)"
+    one = {"unit": "s", "value": [0.0088], "std": [0.0002]}
+    single = delay | {"joints": [4], "parameters": {"delay": one}}
+    assert with_amount(single) == "actuator delay of 8.80 ms (joint 4)"
+    angle = {"unit": "rad", "value": 0.02, "std": 0.001}
+    tilt = {"effect": "base_tilt", "joints": []}
+    tilt["parameters"] = {"roll": angle, "pitch": angle}
+    assert with_amount(tilt) == "base tilt"
 
 
 def test_what_an_effect_acts_on() -> None:

@@ -39,7 +39,7 @@ def open_questions(document: Mapping[str, Any]) -> list[Question]:
     """The open questions of ``diagnosis.json``, the most probable rival first, at most ``DESIGNED_ALTERNATIVES``.
 
     No recording is designed for setup faults, which are not physics of the arm, nor for what a motion alone does not
-    predict: how far a command exceeds a limit depends on the controller.
+    predict: how far a command exceeds a limit depends on the controller. None tells two names of one cause apart.
     """
     questions = []
     for entry in document["effects"]:
@@ -52,6 +52,8 @@ def open_questions(document: Mapping[str, Any]) -> list[Question]:
 
 def _designed(entry: Mapping[str, Any], rival: Mapping[str, Any]) -> bool:
     """Whether a motion can be designed to separate two effects."""
+    if rival.get("equivalent"):
+        return False
     designed = {"none", *(e.name for e in explained() if not e.limits)}
     return {rival["effect"], entry["effect"]} <= designed
 

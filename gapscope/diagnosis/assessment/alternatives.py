@@ -1,4 +1,8 @@
-"""What else could explain the gap: alternatives to each effect found, with probabilities."""
+"""What else could explain the gap: alternatives to each effect found, with probabilities.
+
+Most alternatives are other causes, weighed by evidence. An exact equivalent is the same cause by another name: a load
+on the last link, or that link changed, are one body. No data tell them apart, and what is common decides.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.diagnosis.model.terms import Term
+from gapscope.diagnosis.selection.load_or_link import LINK, LOAD
 from gapscope.diagnosis.selection.search import Selection
-from gapscope.diagnosis.thresholds import TEMPER
+from gapscope.diagnosis.thresholds import LAST_LINK_ODDS, LOAD_FORM_ODDS, TEMPER
 from gapscope.effects.catalogue import CATALOGUE, explained
 
 NONE = "none"
 """Name of the alternative that nothing takes the effect's place."""
+
+LONGER_RECORDING = "a longer recording with more of the motion on which the effect acts"
+"""What separates an effect from none."""
 
 
 @dataclass(frozen=True)
@@ -25,23 +33,25 @@ class Alternative:
         joints: its joints.
         probability: probability that it, and not the effect named, is the cause.
         evidence: its evidence less that of the effect named [nats].
+        equivalent: whether it is the same cause by another name.
     """
 
     effect: str
     joints: tuple[int, ...]
     probability: float
     evidence: float
+    equivalent: bool = False
 
 
-def alternatives(selection: Selection, finding: str) -> tuple[float, list[Alternative]]:
-    """Probability of an effect found by evidence alone, and its alternatives in falling order of probability."""
+def alternatives(selection: Selection, finding: str) -> list[Alternative]:
+    """Other causes in the place of an effect found, by evidence alone, in falling order of probability."""
     mine = frozenset(t for t in selection.fit.terms if t.finding == finding)
     options = _options(selection, mine)
     evidence = _relative_evidence(selection, finding, mine, options)
     weights = _odds(evidence)
     total = 1.0 + sum(weights.values())
     ranked = sorted(evidence, key=lambda name: evidence[name], reverse=True)
-    return 1.0 / total, [
+    return [
         Alternative(
             effect=name,
             joints=_joints(options.get(name, frozenset())),
@@ -52,15 +62,40 @@ def alternatives(selection: Selection, finding: str) -> tuple[float, list[Altern
     ]
 
 
+def equivalents(selection: Selection, finding: str) -> list[Alternative]:
+    """Other names of an effect found, each with its odds against the name given.
+
+    A load is far more common than a changed last link. That link is named only if the motion speaks against a load of
+    this form, which a real load need not have, or if mass is missing, which is a load only if the URDF contains one.
+    """
+    if finding == LOAD:
+        return [_equivalent(LINK, LAST_LINK_ODDS)]
+    if finding != f"{LINK} {selection.last_link}":
+        return []
+    link = next(t for t in selection.fit.terms if t.finding == finding)
+    mass_is_missing = selection.fit.theta[link.columns[0]] <= 0
+    return [_equivalent(LOAD, LAST_LINK_ODDS if mass_is_missing else LOAD_FORM_ODDS)]
+
+
+def _equivalent(effect: str, odds: float) -> Alternative:
+    evidence = float(np.log(odds)) / TEMPER
+    return Alternative(effect, (), odds / (1.0 + odds), evidence, equivalent=True)
+
+
 def _options(selection: Selection, mine: frozenset[Term]) -> dict[str, frozenset[Term]]:
     """Terms by which each effect of the catalogue could take the place of an effect's terms; empty sets left out."""
     found = selection.fit.terms
+    last_link = f"{LINK} {selection.last_link}"
+    is_last_link = any(t.finding == last_link for t in mine)
     joints = {t.joint for t in mine} - {0}
     named = {t.effect for t in found}
     options: dict[str, frozenset[Term]] = {NONE: frozenset()}
     for effect in explained():
-        # The joints do not say which link; and an effect that is named already explains its part.
+        # The joints do not say which link; an effect that is named already explains its part.
         if effect.scope == "link" or effect.name in named:
+            continue
+        # A load is the last link's other name, see equivalents.
+        if effect.name == LOAD and is_last_link:
             continue
         terms = frozenset(
             t
@@ -109,10 +144,18 @@ def _joints(terms: frozenset[Term]) -> tuple[int, ...]:
     return tuple(sorted(t.joint for t in terms if t.joint))
 
 
-def separated_by(effect: str, alternative: str) -> str:
-    """The recording that separates two effects, in words."""
+def separated_by(effect: str, alternative: Alternative) -> str:
+    """What separates an effect found from an alternative, in words."""
+    if alternative.equivalent:
+        return (
+            "no motion, as both are the same body: by looking at what the arm carries"
+        )
+    return _recording_between(effect, alternative.effect)
+
+
+def _recording_between(effect: str, alternative: str) -> str:
     if alternative == NONE:
-        return "a longer recording with more of the motion on which the effect acts"
+        return LONGER_RECORDING
     for one, other in ((effect, alternative), (alternative, effect)):
         for name, recording in CATALOGUE[one].confused_with:
             if name == other:

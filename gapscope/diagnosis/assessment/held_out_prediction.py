@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from math import factorial
 
@@ -42,10 +42,13 @@ class HeldOutPredictor:
     selection: Selection
     folds: list[list[Segment]]
     set_aside: list[Segment]
+    _gaps: dict[frozenset[Term], TorqueGap] = field(default_factory=dict, repr=False)
 
     def of(self, selection: Selection) -> HeldOutPredictor:
         """The same with another result of the search."""
-        return replace(self, selection=selection)
+        # gaps that are known depend on the evidence that fits the values, not on the terms chosen
+        same = selection.evidence is self.selection.evidence
+        return replace(self, selection=selection, _gaps=self._gaps if same else {})
 
     @property
     def segments(self) -> list[Segment]:
@@ -54,9 +57,11 @@ class HeldOutPredictor:
 
     def gap(self, terms: frozenset[Term]) -> TorqueGap:
         """Torque gap on held-out data of the nominal arm plus some of the terms, fitted anew."""
-        return self.measured(
-            terms, lambda arm, segments: torque_gap(arm, self.body, segments)
-        )
+        if terms not in self._gaps:
+            self._gaps[terms] = self.measured(
+                terms, lambda arm, segments: torque_gap(arm, self.body, segments)
+            )
+        return self._gaps[terms]
 
     def measured(self, terms: frozenset[Term], gap_of: GapOf) -> TorqueGap:
         """Any gap on held-out data of the nominal arm plus some of the terms, fitted anew."""

@@ -1,4 +1,4 @@
-"""Rejection: effects that the search found and held-out data does not bear out."""
+"""Rejection: terms that the search found and that widen the gap on held-out data."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gapscope.diagnosis.assessment.alternatives import alternatives
 from gapscope.diagnosis.assessment.held_out_prediction import HeldOutPredictor
 from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.search import Selection
-from gapscope.diagnosis.thresholds import NAMED_PROBABILITY, VISIBLE_EFFECT
+from gapscope.diagnosis.thresholds import VISIBLE_EFFECT
 
 
 @dataclass(frozen=True)
@@ -20,7 +19,7 @@ class Rejection:
     Attributes:
         terms: the terms.
         reason: why, in words.
-        cost: torque NRMSE that they add, or fail to take away, on the joint where they do most harm.
+        cost: torque NRMSE that they add on the joint where they do most harm.
     """
 
     terms: frozenset[Term]
@@ -29,10 +28,10 @@ class Rejection:
 
 
 def reject(predictor: HeldOutPredictor) -> tuple[Selection, list[Rejection]]:
-    """Reject terms that widen a joint's held-out gap beyond the nominal arm's, and improbable effects."""
+    """Reject terms that widen a joint's held-out gap beyond the nominal arm's."""
     selection, rejections = predictor.selection, []
     while selection.fit.terms:
-        rejection = _harmful(predictor.of(selection)) or _improbable(selection)
+        rejection = _harmful(predictor.of(selection))
         if rejection is None:
             break
         rejections.append(rejection)
@@ -65,16 +64,3 @@ def _harmful(predictor: HeldOutPredictor) -> Rejection | None:
         return None
     reason = f"widens the gap of joint {joint} on unseen data"
     return Rejection(frozenset({worst}), reason, float(costs[worst]))
-
-
-def _improbable(selection: Selection) -> Rejection | None:
-    """The first effect whose alternatives together are more probable than it."""
-    for finding in sorted({t.finding for t in selection.fit.terms}):
-        probability, others = alternatives(selection, finding)
-        if probability < NAMED_PROBABILITY:
-            terms = frozenset(t for t in selection.fit.terms if t.finding == finding)
-            reason = (
-                f"is improbable ({probability:.0%}); {others[0].effect} does as well"
-            )
-            return Rejection(terms, reason, 0.0)
-    return None

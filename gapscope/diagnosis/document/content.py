@@ -11,7 +11,7 @@ from gapscope.diagnosis.assessment.sensor_sides import sides_entry
 from gapscope.diagnosis.document.context import context
 from gapscope.diagnosis.document.entries import known_numbers, numbers, region_entry
 from gapscope.diagnosis.document.fault_findings import GapStages, with_faults
-from gapscope.diagnosis.document.findings import effect_findings
+from gapscope.diagnosis.document.findings import effect_findings, possible_findings
 from gapscope.diagnosis.document.suggested_recording import suggested_recording
 from gapscope.diagnosis.document.verdict import verdict
 from gapscope.diagnosis.gap.torque_gap import torque_scale
@@ -29,21 +29,29 @@ def diagnosis_content(study: Study) -> dict[str, Any]:
     gap = _gap_stages(study)
     rows = stack(study.predictor.segments)
     effects = with_faults(effect_findings(study, rows), study.faults, gap)
+    possible = with_faults(possible_findings(study, rows), (), gap)
     open_joints = [int(j) + 1 for j in np.flatnonzero(study.excess_residual.above)]
     predictions = predictable(study.gap_after, rows, study.floor, open_joints)
+    reached = verdict(
+        found=bool(effects),
+        explained=_explained(study, gap),
+        significant=_significant(study, predictions),
+        rejected=bool(study.rejections),
+    )
     content: dict[str, Any] = {
         "schema": 1,
         "case": study.case.name,
-        "verdict": verdict(
-            found=bool(effects),
-            explained=_explained(study, gap),
-            significant=_significant(study, predictions),
-            rejected=bool(study.rejections),
-        ),
+        "verdict": reached,
         "gap": _gap_entry(study, gap),
         "effects": effects,
-        "unexplained": _unexplained_entry(study, rows, open_joints, predictions),
-        "next_recording": suggested_recording(effects, open_joints),
+        "possible": possible,
+        "closed": gap.closed,
+        "unexplained": {
+            "share": 0.0 if gap.closed is None else 1.0 - gap.closed,
+            "above_floor": reached == "unexplained" and bool(open_joints),
+            **_unexplained_entry(study, rows, open_joints, predictions),
+        },
+        "next_recording": suggested_recording(effects, possible, open_joints),
         "where": _where_before(study, rows, gap),
     }
     if study.sensor_sides is not None:
@@ -109,14 +117,9 @@ def _unexplained_entry(
     open_joints: list[int],
     predictions: list[Predictable],
 ) -> dict[str, Any]:
-    residual = study.excess_residual
-    before2 = max((study.gap_before.nrmse**2).sum(), 1e-12)
-    share = (residual.after**2).sum() / before2
     return {
-        "share": float(np.clip(share, 0, 1)),
-        "above_floor": bool(residual.above.any()),
         "joints": open_joints,
-        "times_floor": numbers(residual.ratio),
+        "times_floor": numbers(study.excess_residual.ratio),
         "where": _where(study, study.gap_after.error, rows, open_joints),
         "predictable": [p.document() for p in predictions],
     }

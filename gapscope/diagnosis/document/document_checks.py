@@ -24,14 +24,22 @@ def not_finite(value: Any, field: str = "") -> Iterator[Problem]:
 
 def inconsistencies(content: dict[str, Any]) -> Iterator[Problem]:
     """Fields of a document that fits its schema, but contradict each other."""
-    for index, effect in enumerate(content["effects"]):
-        yield from _wrong_parameters(effect, f"effects[{index}]")
+    for field, effect in _findings(content):
+        yield from _wrong_parameters(effect, field)
     yield from _wrong_lengths(content)
     yield from _unknown_joints(content)
     yield from _wrong_verdict(content)
-    shares = [effect["share"] for effect in content["effects"]]
-    if shares != sorted(shares, reverse=True):
-        yield "effects", f"are not ordered by share: {shares}"
+    for section in ("effects", "possible"):
+        shares = [effect["share"] for effect in content[section]]
+        if shares != sorted(shares, reverse=True):
+            yield section, f"are not ordered by share: {shares}"
+
+
+def _findings(content: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """All findings, named and possible, each with its field."""
+    for section in ("effects", "possible"):
+        for index, effect in enumerate(content[section]):
+            yield f"{section}[{index}]", effect
 
 
 def _wrong_verdict(content: dict[str, Any]) -> Iterator[Problem]:
@@ -40,6 +48,8 @@ def _wrong_verdict(content: dict[str, Any]) -> Iterator[Problem]:
     found_some = verdict == "no_gap" and count > 0
     if found_none or found_some:
         yield "verdict", f"is {verdict}, but effects lists {count}"
+    if content["unexplained"]["above_floor"] and verdict != "unexplained":
+        yield "unexplained.above_floor", f"is true, but the verdict is {verdict}"
 
 
 def _wrong_parameters(effect: dict[str, Any], field: str) -> Iterator[Problem]:
@@ -97,10 +107,9 @@ def _arrays_over_joints(
         yield "arm.joints", content["arm"]["joints"]
     if content.get("against") is not None:
         yield from _arrays_of_reference(content["against"])
-    for index, effect in enumerate(content["effects"]):
+    for field, effect in _findings(content):
         for key in ("gap_with_only_this", "gap_without_this"):
-            field = f"effects[{index}].{key}.torque_nrmse"
-            yield field, effect[key]["torque_nrmse"]
+            yield f"{field}.{key}.torque_nrmse", effect[key]["torque_nrmse"]
     if content.get("sides") is not None:
         yield from _arrays_of_sides(content["sides"])
 
@@ -129,9 +138,9 @@ def _joint_numbers(content: dict[str, Any]) -> Iterator[tuple[str, list[int]]]:
     """All lists of joints by their numbers."""
     yield "unexplained.where", _joints_of(content["unexplained"]["where"])
     yield "where", _joints_of(content.get("where", []))
-    for index, effect in enumerate(content["effects"]):
-        yield f"effects[{index}].joints", effect["joints"]
-        yield f"effects[{index}].where", _joints_of(effect["where"])
+    for field, effect in _findings(content):
+        yield f"{field}.joints", effect["joints"]
+        yield f"{field}.where", _joints_of(effect["where"])
     for index, entry in enumerate(content.get("considered", [])):
         yield f"considered[{index}].joints", entry["joints"]
 

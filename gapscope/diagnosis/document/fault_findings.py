@@ -33,6 +33,17 @@ class GapStages:
         return max(self._closable(self.recorded), 1e-9)
 
     @property
+    def closed(self) -> float | None:
+        """Share of the gap above the floor that is closed, ``None`` if no joint stands above its floor [1].
+
+        1 - sum_j max(after_j - floor_j, 0) / sum_j max(before_j - floor_j, 0), at least 0: a joint below its floor pays
+        for no other.
+        """
+        above = (self.recorded - self.floor).clip(0).sum()
+        left = (self.corrected - self.floor).clip(0).sum()
+        return max(0.0, float(1.0 - left / above)) if above > 0 else None
+
+    @property
     def physical_share(self) -> float:
         """Share of the whole gap that remains for effects once the set-up is repaired [1]."""
         return min(self._closable(self.repaired) / self.whole, 1.0)

@@ -9,17 +9,22 @@ from gapscope.diagnosis.thresholds import OPEN_ALTERNATIVE
 
 
 def suggested_recording(
-    effects: list[dict[str, Any]], open_joints: list[int]
+    effects: list[dict[str, Any]],
+    possible: list[dict[str, Any]],
+    open_joints: list[int],
 ) -> str | None:
     """What to record to settle what is still open, or ``None``.
 
     Args:
-        effects: findings, the one with the largest share first.
+        effects: findings that are named, the one with the largest share first.
+        possible: findings that are possible only, likewise.
         open_joints: joints whose residual is above the floor, from 1.
     """
-    for effect in effects:
+    for effect in (*effects, *possible):
         for alternative in effect["alternatives"]:
-            if alternative["probability"] >= OPEN_ALTERNATIVE:
+            # no recording tells two names of one cause apart
+            separable = not alternative.get("equivalent")
+            if separable and alternative["probability"] >= OPEN_ALTERNATIVE:
                 return _to_tell_apart(effect["effect"], alternative)
     if not open_joints:
         return None

@@ -1,4 +1,4 @@
-"""A diagnosis in words: the verdict as a sentence, effects, joints and parameters by their readable names."""
+"""Effects, joints and parameters of a diagnosis by their readable names."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gapscope.diagnosis.display import display_unit, percent, significant, uncertain
+from gapscope.diagnosis.display import display_unit, significant, uncertain
 from gapscope.effects.catalogue import CATALOGUE
 
 Document = Mapping[str, Any]
@@ -138,22 +138,6 @@ def gap_rows(document: Document) -> list[tuple[Any, Any, Any]]:
     return list(zip(before, after, gap["before"]["floor"], strict=True))
 
 
-def gap_closed(document: Document) -> float | None:
-    """Share of the gap above the floor that the effects close, sum(before - after) / sum(before - floor) [1].
-
-    Sums run over the joints whose three values are known. ``None`` if no gap was above the floor, or
-    if the verdict is that there is none.
-    """
-    if document["verdict"] == "no_gap":
-        return None
-    known = [row for row in gap_rows(document) if None not in row]
-    above = sum(before - floor for before, _, floor in known)
-    if above <= 0.0:
-        return None
-    closed = sum(before - after for before, after, _ in known)
-    return min(closed / above, 1.0)
-
-
 def worst_joint(document: Document, stage: str) -> int | None:
     """Joint whose torque gap exceeds the floor most, ``before`` or ``after``; ``None`` if none does."""
     gaps = document["gap"][stage]["torque_nrmse"]
@@ -163,71 +147,6 @@ def worst_joint(document: Document, stage: str) -> int | None:
         if gap is not None and floor is not None and gap > floor:
             above.append((gap - floor, joint))
     return max(above)[1] if above else None
-
-
-def effects_text(document: Document) -> str:
-    """The effects found with what they act on, as in a sentence; of more than four only the largest three."""
-    parts = []
-    for entry in document["effects"]:
-        name, place = effect_name(entry["effect"]), acts_on(entry)
-        parts.append(name if place == "the whole arm" else f"{name} ({place})")
-    if len(parts) > 4:
-        parts = [*parts[:3], f"{len(parts) - 3} more effects"]
-    return listing(parts)
-
-
-def verdict_sentence(document: Document) -> str:
-    """The verdict in one sentence of plain English."""
-    if document["verdict"] == "no_gap":
-        return "The nominal arm predicts every joint's torque as well as a healthy arm of this kind allows."
-    if document["verdict"] == "effects_found":
-        return _found_sentence(document)
-    return _open_sentence(document)
-
-
-def _found_sentence(document: Document) -> str:
-    """Effects explain the gap."""
-    single = len(document["effects"]) == 1
-    verb, them = ("explains", "it") if single else ("explain", "them")
-    found = f"{capital(effects_text(document))} {verb} the gap"
-    closed = gap_closed(document)
-    if closed is None:
-        return f"{found}; the torque gap was at its floor already."
-    return f"{found}: adding {them} to the simulator closes {percent(closed)} of what lies above the floor."
-
-
-def _open_sentence(document: Document) -> str:
-    """Effects explain a part of the gap, or none explains it."""
-    worst = worst_joint(document, "after")
-    most = f", most of it on joint {worst}" if worst else ""
-    left = percent(document["unexplained"]["share"])
-    if not document["effects"]:
-        return f"No effect in the catalogue explains the gap: {left} of it stays open{most}."
-    verb = "explains" if len(document["effects"]) == 1 else "explain"
-    return f"{capital(effects_text(document))} {verb} a part of the gap, but {left} of it stays open{most}."
-
-
-def sides_sentence(document: Document) -> str:
-    """On which side of the joint torque sensors the nominal arm's gap lies, in one sentence."""
-    carried = document["sides"]["carried_by"]
-    parts = []
-    for side in ("actuator", "link", "both"):
-        joints = [joint for joint, where in enumerate(carried, 1) if where == side]
-        if joints:
-            on = "on both sides" if side == "both" else f"on the {side} side"
-            plural = "s" if len(joints) > 1 else ""
-            parts.append(f"{on} of joint{plural} {listing(joint_ranges(joints))}")
-    if not parts:
-        return "The gap stands above its floor on neither side of any joint."
-    return f"The gap lies {listing(parts)}."
-
-
-def unexplained_sentence(document: Document) -> str:
-    """The unexplained part of the gap, in one sentence."""
-    share = percent(document["unexplained"]["share"])
-    if document["unexplained"]["above_floor"]:
-        return f"{share} of the gap stays unexplained and lies above the floor: something real is still missing."
-    return f"{share} of the gap stays unexplained, within the floor of what a healthy arm leaves."
 
 
 def parameter_texts(effect: Mapping[str, Any]) -> list[ParameterText]:

@@ -57,6 +57,7 @@ class Selection:
         contested: by effect found and its rival, the evidence of the rival less that of the effect [nats], each
             around its own values.
         nominal_mse: mean square of the gap per fold and joint without any effect [N^2 m^2], (F, n).
+        last_link: the joint that moves the last link, from 1.
     """
 
     scale: np.ndarray
@@ -65,6 +66,7 @@ class Selection:
     considered: Considered
     contested: Mapping[tuple[str, str], float]
     nominal_mse: np.ndarray
+    last_link: int
 
 
 def search(
@@ -89,6 +91,7 @@ def search(
         considered,
         {**replaced, **compliant},
         nominal.fit.held_out_mse,
+        body.last_link + 1,
     )
 
 

@@ -9,18 +9,19 @@ from typing import Any
 import numpy as np
 
 from gapscope.diagnosis.display import MISSING, display_unit, significant
+from gapscope.diagnosis.document.sentences import (
+    unexplained_sentence,
+    verdict_sentence,
+)
 from gapscope.diagnosis.document.wording import (
     VERDICTS,
     ParameterText,
     effect_name,
-    gap_closed,
     gap_rows,
     joint_names,
     parameter_texts,
     pulled_texts,
     short_names,
-    unexplained_sentence,
-    verdict_sentence,
 )
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.effects.catalogue import CATALOGUE
@@ -119,11 +120,15 @@ def where(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def which(diagnosis: Diagnosis) -> dict[str, Any]:
-    """The effects found, ordered by share; without any, what came closest to explaining the gap."""
-    effects = [_found(entry, diagnosis) for entry in diagnosis.document["effects"]]
+    """The effects named and the possible ones, by share; without any, what came closest to explaining the gap."""
+    effects, possible = (
+        [_found(entry, diagnosis) for entry in diagnosis.document[section]]
+        for section in ("effects", "possible")
+    )
     unexplained = diagnosis.document["verdict"] == "unexplained"
     return {
         "effects": effects,
+        "possible": possible,
         "first": effects[:FIRST_SCREEN_EFFECTS],
         "more": len(effects) - FIRST_SCREEN_EFFECTS,
         "closest": diagnosis.document.get("considered", [])[:3] if unexplained else [],
@@ -135,13 +140,12 @@ def how_far(diagnosis: Diagnosis) -> dict[str, Any]:
     document = diagnosis.document
     before, after = document["gap"]["before"], document["gap"]["after"]
     rows = [row for row in gap_rows(document) if None not in row]
-    closed = gap_closed(document)
+    closed = None if document["verdict"] == "no_gap" else document["closed"]
     [replay_before], [replay_after] = _angles(
         [_mean(before["replay_rmse"])], [_mean(after["replay_rmse"])]
     )
     return {
         "closed": closed,
-        "bar": None if closed is None else max(0.0, closed),
         "mean": {
             name: _mean([row[i] for row in rows])
             for i, name in enumerate(("before", "after", "floor"))

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from gapscope.diagnosis.display import significant
+from gapscope.diagnosis.document.sentences import sides_sentence
 from gapscope.diagnosis.document.wording import (
     acts_on,
     effect_name,
     joint_names,
     short_names,
-    sides_sentence,
 )
 from gapscope.diagnosis.result import Diagnosis
 

@@ -12,7 +12,6 @@ from gapscope.diagnosis.document.wording import (
     VERDICTS,
     acts_on,
     effect_name,
-    gap_closed,
 )
 from gapscope.reports.diagnosis import fleet_section as units_words
 from gapscope.reports.pages import write_html
@@ -68,9 +67,17 @@ class SummaryRow:
         return [(effect_name(entry["effect"]), acts_on(entry)) for entry in found]
 
     @property
+    def possible(self) -> list[tuple[str, str]]:
+        """Effects that are possible and not confirmed, each with what it acts on."""
+        found = [] if self.document is None else self.document["possible"]
+        return [(effect_name(entry["effect"]), acts_on(entry)) for entry in found]
+
+    @property
     def closed(self) -> float | None:
-        """Share of the gap above the floor that is closed [1]."""
-        return None if self.document is None else gap_closed(self.document)
+        """Share of the gap above the floor that is closed [1]; ``None`` if there is no gap."""
+        if self.document is None or self.document["verdict"] == "no_gap":
+            return None
+        return self.document["closed"]
 
     def mean_gap(self, stage: str) -> float | None:
         """Torque NRMSE ``before`` or ``after``, mean over the joints [1]."""

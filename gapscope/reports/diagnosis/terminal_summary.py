@@ -10,19 +10,21 @@ from rich.table import Table
 from rich.text import Text
 
 from gapscope.diagnosis.display import nrmse, percent
+from gapscope.diagnosis.document.sentences import (
+    possible_texts,
+    sides_sentence,
+    unexplained_sentence,
+    verdict_sentence,
+)
 from gapscope.diagnosis.document.wording import (
     VERDICTS,
     acts_on,
     capital,
     effect_name,
-    gap_closed,
     gap_rows,
     joint_names,
     joint_ranges,
     parameter_texts,
-    sides_sentence,
-    unexplained_sentence,
-    verdict_sentence,
 )
 
 _COLOURS = {
@@ -33,7 +35,7 @@ _COLOURS = {
 
 
 def print_summary(document: Mapping[str, Any], console: Console) -> None:
-    """Print verdict, effects, gap per joint, what is open and the warnings."""
+    """Print verdict, effects, gap per joint, what is possible, what is open and the warnings."""
     label = Text(VERDICTS[document["verdict"]], style=_COLOURS[document["verdict"]])
     console.print(Text.assemble((document["case"], "bold"), ": ", label))
     console.print(Text(verdict_sentence(document)))
@@ -52,6 +54,10 @@ def print_summary(document: Mapping[str, Any], console: Console) -> None:
     if "sides" in document:
         console.print()
         _labelled(console, "By the torque sensors", sides_sentence(document))
+    if document["possible"]:
+        console.print()
+    for text in possible_texts(document):
+        _labelled(console, "Possible, not confirmed", text)
     if document["verdict"] != "no_gap":
         console.print()
         _labelled(console, "Unexplained", unexplained_sentence(document))
@@ -101,8 +107,8 @@ def _joints(document: Mapping[str, Any]) -> Table:
             str(joint), Text(name, overflow="ellipsis"), *(nrmse(gap) for gap in gaps)
         )
     table.title = Text("Torque gap (NRMSE, on data not used to fit)", style="bold")
-    closed = gap_closed(document)
-    if closed is not None:
+    closed = document["closed"]
+    if closed is not None and document["verdict"] != "no_gap":
         table.caption = Text(f"{percent(closed)} of the gap above the floor is closed")
     return table
 

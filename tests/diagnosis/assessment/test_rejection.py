@@ -1,4 +1,4 @@
-"""Rejection: terms that do harm on held-out data, effects that are improbable, and those that stay."""
+"""Rejection: terms that do harm on held-out data, and those that stay."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import selections
-from selections import TableEvidence, term
+from selections import term
 
 from gapscope.diagnosis.assessment.rejection import reject
 from gapscope.diagnosis.model.terms import Term
@@ -36,11 +36,8 @@ class TablePredictor:
         return SimpleNamespace(nrmse=np.array(self.gaps.get(terms, [0.5, 0.5])))
 
 
-def rejected(
-    gaps: Gaps, *terms: Term, evidence: Any = None
-) -> tuple[frozenset[Term], list[Any]]:
-    sure = TableEvidence(score=lambda chosen: 100.0 * len(chosen & set(terms)))
-    found = selections.selection(*terms, evidence=evidence or sure)
+def rejected(gaps: Gaps, *terms: Term) -> tuple[frozenset[Term], list[Any]]:
+    found = selections.selection(*terms)
     selection, rejections = reject(TablePredictor(found, gaps))  # type: ignore[arg-type]
     return selection.fit.terms, rejections
 
@@ -76,11 +73,3 @@ def test_a_term_of_another_joint_goes_only_if_it_reaches_it() -> None:
 def test_a_widening_too_small_to_see_is_let_pass() -> None:
     terms = frozenset({FRICTION})
     assert rejected({terms: [0.509, 0.5]}, FRICTION)[1] == []
-
-
-def test_an_effect_with_alternatives_as_good_is_improbable() -> None:
-    """All sets are equally good: the effect is one of many."""
-    alike = TableEvidence(score=lambda terms: 0.0)
-    kept, (rejection,) = rejected({}, FRICTION, evidence=alike)
-    assert kept == frozenset()
-    assert rejection.reason.startswith("is improbable (") and rejection.cost == 0.0

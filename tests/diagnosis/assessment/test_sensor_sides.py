@@ -20,7 +20,7 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.diagnosis.assessment.sensor_sides import SensorSides, SideGap
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import validate
-from gapscope.diagnosis.document.wording import sides_sentence
+from gapscope.diagnosis.document.sentences import sides_sentence
 from gapscope.diagnosis.model.torque_sensor import link_torque
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.effects.applied import AppliedEffect

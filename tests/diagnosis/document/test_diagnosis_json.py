@@ -22,7 +22,13 @@ Change = Callable[[dict[str, Any]], Any]
 
 @pytest.mark.parametrize(
     "make",
-    [documents.two_effects, documents.no_gap, documents.unexplained, documents.changed],
+    [
+        documents.two_effects,
+        documents.no_gap,
+        documents.unexplained,
+        documents.changed,
+        documents.one_possible,
+    ],
 )
 def test_good_documents_are_accepted(make: Callable[[], dict[str, Any]]) -> None:
     validate(make())
@@ -101,6 +107,19 @@ BROKEN: dict[str, tuple[Change, str]] = {
     "no next_recording": (
         lambda d: d.pop("next_recording"),
         "'next_recording' is a required property",
+    ),
+    "no possible": (
+        lambda d: d.pop("possible"),
+        "'possible' is a required property",
+    ),
+    "closed": (lambda d: d.update(closed=1.2), "field closed"),
+    "possible without a share": (
+        lambda d: d.update(possible=[{"effect": "payload"}]),
+        "field possible[0]",
+    ),
+    "above the floor": (
+        lambda d: d["unexplained"].update(above_floor=True),
+        "unexplained.above_floor: is true, but the verdict is effects_found",
     ),
     "no floor": (lambda d: d["gap"]["before"].pop("floor"), "field gap.before"),
     "no probability": (

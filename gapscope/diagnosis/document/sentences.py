@@ -1,0 +1,139 @@
+"""A diagnosis in sentences: the main cause, its share and what stays; what is possible; what is unexplained."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from gapscope.diagnosis.display import display_unit, percent, significant
+from gapscope.diagnosis.document.wording import (
+    Document,
+    acts_on,
+    capital,
+    effect_name,
+    gap_rows,
+    joint_ranges,
+    listing,
+    worst_joint,
+)
+from gapscope.effects.catalogue import CATALOGUE
+
+MOST_CAUSES = 3
+"""Effects that a sentence names."""
+
+
+def verdict_sentence(document: Document) -> str:
+    """The main cause, its share of the gap, and what stays, in one sentence of plain English."""
+    if document["verdict"] == "no_gap":
+        return "The nominal arm predicts every joint's torque as well as a healthy arm of this kind allows."
+    if document["effects"]:
+        return f"{capital(_causes(document))}; {_left(document)}."
+    if document["possible"]:
+        return f"No effect is sure enough to be named as the cause: {_left(document)}."
+    return f"No effect in the catalogue explains the gap: {_left(document)}."
+
+
+def _causes(document: Document) -> str:
+    """The effects named with their shares; of more than three the largest two and the sum of the others."""
+    effects = list(document["effects"])
+    if document["closed"] is None:
+        names = [with_amount(entry) for entry in effects[:MOST_CAUSES]]
+        more = len(effects) - len(names)
+        names += [f"{more} more effects"] if more else []
+        verb = "is" if len(effects) == 1 else "are"
+        return f"{listing(names)} {verb} found"
+
+    shown = effects if len(effects) <= MOST_CAUSES else effects[: MOST_CAUSES - 1]
+    first, *others = shown
+    main = f"{with_amount(first)} explains {percent(first['share'])} of the gap"
+    parts = [f"{with_amount(entry)} {percent(entry['share'])}" for entry in others]
+    if len(shown) < len(effects):
+        rest = effects[len(shown) :]
+        share = sum(entry["share"] for entry in rest)
+        parts.append(f"{len(rest)} more effects {percent(share)}")
+    return listing([main, *parts])
+
+
+def _left(document: Document) -> str:
+    """How much of the gap stays unexplained, and where."""
+    if document["closed"] is None:
+        if not document["unexplained"]["above_floor"]:
+            return "no joint's torque gap stands above its floor"
+        joints = joint_ranges(document["unexplained"]["joints"])
+        return (
+            f"what stands above the floor on joint {listing(joints)} stays unexplained"
+        )
+    share = document["unexplained"]["share"]
+    if share == 0.0:
+        return "nothing stays unexplained"
+    worst = worst_joint(document, "after")
+    above = [
+        after > floor
+        for _, after, floor in gap_rows(document)
+        if None not in (after, floor)
+    ]
+    place = "on" if sum(above) == 1 else "most of it on"
+    where = f", {place} joint {worst}" if worst else ""
+    return f"{percent(share)} stay unexplained{where}"
+
+
+def with_amount(entry: Mapping[str, Any]) -> str:
+    """An effect with its size, if one number says it, and what it acts on: ``payload of 2.80 kg``."""
+    amount, place = _amount(entry), acts_on(entry)
+    size = f" of {amount}" if amount else ""
+    on = "" if place == "the whole arm" else f" ({place})"
+    return f"{effect_name(entry['effect'])}{size}{on}"
+
+
+def _amount(entry: Mapping[str, Any]) -> str:
+    """The first parameter of an effect that the torque shows; nothing for several joints, axes or angles."""
+    definition = CATALOGUE.get(entry["effect"])
+    if definition is None or definition.parametrisation is None:
+        return ""
+    known = [values for name, values in entry["parameters"].items() if name != "link"]
+    if not known:
+        return ""
+    first, *others = known
+    values = first["value"] if isinstance(first["value"], list) else [first["value"]]
+    alike = any(other["unit"] == first["unit"] for other in others)
+    if len(values) != 1 or alike:
+        return ""
+    factor, unit = display_unit(first["unit"], abs(values[0]))
+    return f"{significant(factor * values[0])} {unit}".strip()
+
+
+def possible_texts(document: Document) -> list[str]:
+    """What is possible and not confirmed, each with its probability and what would settle it."""
+    return [
+        f"{with_amount(entry)}, {percent(entry['probability'])}; would be settled by {entry['settled_by']}"
+        for entry in document["possible"]
+    ]
+
+
+def unexplained_sentence(document: Document) -> str:
+    """The unexplained part of the gap, in one sentence."""
+    if document["verdict"] == "no_gap":
+        return (
+            "Nothing needs an explanation: a healthy arm of this kind leaves as much."
+        )
+    left = _left(document)
+    if document["unexplained"]["above_floor"]:
+        return f"{capital(left)}: something real is still missing."
+    if document["unexplained"]["share"] == 0.0:
+        return f"{capital(left)}."
+    return f"{capital(left)}: no more than named effects may leave."
+
+
+def sides_sentence(document: Document) -> str:
+    """On which side of the joint torque sensors the nominal arm's gap lies, in one sentence."""
+    carried = document["sides"]["carried_by"]
+    parts = []
+    for side in ("actuator", "link", "both"):
+        joints = [joint for joint, where in enumerate(carried, 1) if where == side]
+        if joints:
+            on = "on both sides" if side == "both" else f"on the {side} side"
+            plural = "s" if len(joints) > 1 else ""
+            parts.append(f"{on} of joint{plural} {listing(joint_ranges(joints))}")
+    if not parts:
+        return "The gap stands above its floor on neither side of any joint."
+    return f"The gap lies {listing(parts)}."
