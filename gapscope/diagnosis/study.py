@@ -65,7 +65,7 @@ class Study:
         replay_gap: replay gap, before and after.
         faults: set-up faults, which are repaired in ``case``, and what shows in the recordings themselves.
         sensor_sides: the gap on either side of the joint torque sensors; ``None`` without sensors.
-        instrumented_effects: all effects found with values by the commands as instruments; empty if these are not known.
+        instrumented_effects: all effects found with values by the commands as instruments; empty if not known.
     """
 
     case: Case
