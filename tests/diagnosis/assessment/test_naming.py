@@ -18,7 +18,11 @@ from gapscope.diagnosis.selection.search import Selection
 
 FRICTION, ROTOR = term("coulomb_friction", 1), term("armature", 2)
 ALL_EXPLAINED = ExcessResidual(
-    before=np.full(2, 0.5), after=np.zeros(2), ratio=np.ones(2), compliant=False
+    before=np.full(2, 0.5),
+    after=np.zeros(2),
+    ratio=np.ones(2),
+    by_chance=np.ones(2),
+    compliant=False,
 )
 
 
@@ -64,6 +68,7 @@ def test_what_is_left_on_its_joint_makes_an_effect_doubtful() -> None:
         before=np.full(2, 0.5),
         after=np.array([0.5, 0.0]),
         ratio=np.array([7.0, 1.0]),
+        by_chance=np.ones(2),
         compliant=False,
     )
     score = lambda terms: 100.0 * len(terms & {FRICTION, ROTOR})  # noqa: E731
