@@ -13,6 +13,7 @@ from zlib import crc32
 
 import numpy as np
 import yaml
+from real_case_files import write_piece
 from real_identified import identified, left, model_residual
 from scipy.signal import butter, sosfiltfilt
 
@@ -20,7 +21,6 @@ from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import read_json, write_json
-from gapscope.arm.io.write_case import write_case
 from gapscope.arm.recording import Recording
 
 CASES = Path(__file__).parent / "cases"
@@ -35,20 +35,18 @@ ARMS = {
 """Carriers by their short names, each with its file in ``experiments/cases``."""
 FASTEST = 1000.0
 """Recordings sampled faster are decimated towards this rate [Hz]; a diagnosis needs no more than 250 Hz."""
-REGULAR_WINDOWS = ((0.55, 1.0), (0.0, 0.45))
-"""The piece that carries the effect in the first two cuts, as shares of the recording [1]."""
-WINDOW = (0.3, 0.5)
-"""Share of the recording that this piece is in all other cuts [1]."""
-SHORTEST_PIECE = 2.0
-"""A piece of a recording is no shorter than this [s]."""
+PIECES = (0.45, 0.3, 0.5)
+"""Share of the recording that carries the effect: in the first two cuts, and the range in all others [1]."""
+SHORTEST_PIECE = 1.55
+"""A piece of a recording is no shorter than this [s]; the diagnosis needs 1.5 s."""
 HEALTHY = 2.5
 """The arm identified on the reference leaves at most so many times what a model of the whole motion does [1]."""
-CANDIDATES = 8
+CANDIDATES = 5
 """Cuts that are tried for a healthy one; if none is, the best is taken."""
 MOVED, REST = 0.02, 1.0
 """An arm rests that moved by less than this [rad]; so much of its rests before and after the motion is kept [s]."""
 UNIDENTIFIED = 1e6
-"""Ratio of a cut from whose reference nothing can be identified [1]."""
+"""RMS that stands for a reference from which nothing can be identified [N m]."""
 WINDOW_FILE = "window.json"
 """Says which piece was cut out."""
 CUT_FILES = ("reference", "identified")
@@ -108,19 +106,18 @@ Window = tuple[float, float]
 def windows(case: Case, number: int, seed: int) -> list[Window]:
     """Candidates for a cut of the longest recording: the pieces that may carry the effect.
 
-    The first two cuts try the end and the beginning first; all else is drawn.
+    Cuts take by turns a piece at the end, at the beginning, and in the middle, so that no two are the same.
     """
     rng = np.random.default_rng([seed, crc32(case.name.encode()), number])
-    length = max(r.duration for r in case.recordings)
-    least = SHORTEST_PIECE / length
-    out = list(REGULAR_WINDOWS[number : number + 1])
+    least = SHORTEST_PIECE / max(r.duration for r in case.recordings)
+    out: list[Window] = []
     while len(out) < CANDIDATES:
-        share = max(float(rng.uniform(*WINDOW)), least)
-        start = float(rng.uniform(0.0, 1.0 - share))
-        # what is left at either end is long enough for a piece, or belongs to this one
-        start = 0.0 if start < least else start
-        end = 1.0 if start + share > 1.0 - least else start + share
-        out.append((start, end))
+        drawn = float(rng.uniform(*PIECES[1:]))
+        regular = number < 2 and not out
+        share = max(PIECES[0] if regular else drawn, least)
+        middle = float(rng.uniform(least, max(1.0 - share - least, least)))
+        places = ((1.0 - share, 1.0), (0.0, share), (middle, middle + share))
+        out.append(places[number % 3])
     return out
 
 
@@ -160,7 +157,8 @@ class Prepared:
         carrier: the whole carrier.
         whole: the whole carrier with the arm identified on all of it as the nominal one.
         reference, case: the two pieces with the published arm.
-        identified: the second piece with the arm identified on the first.
+        identified: the second piece with the arm identified on the first, or, if that is far off, on the whole carrier.
+        reference_leaves: RMS that the arm identified on the first leaves on the second [N m], (n,).
     """
 
     carrier: Case
@@ -168,6 +166,7 @@ class Prepared:
     reference: Case
     case: Case
     identified: Case
+    reference_leaves: np.ndarray
 
 
 def prepare_arm(arm: str, out: Path) -> None:
@@ -185,31 +184,33 @@ def prepare_cut(arm: str, number: int, seed: int, out: Path) -> None:
         return
     carrier = load_carrier(arm, out / "carriers" / arm)
     least = model_residual(carrier)
-    tried: list[tuple[float, Window]] = []
+    tried: list[tuple[float, Window, np.ndarray]] = []
     for window in windows(carrier, number, seed):
-        ratio = _write_cut(carrier, number, window, least, folder)
-        tried.append((ratio, window))
-        if ratio <= HEALTHY:
+        rest = _write_cut(carrier, number, window, folder)
+        tried.append((float((rest / least).max()), window, rest))
+        if tried[-1][0] <= HEALTHY:
             break
-    ratio, window = min(tried)
-    if tried[-1] != (ratio, window):
-        _write_cut(carrier, number, window, least, folder)
-    write_json({"window": window, "ratio": ratio}, folder / WINDOW_FILE)
+    ratio, window, rest = min(tried, key=lambda one: one[0])
+    if window != tried[-1][1]:
+        _write_cut(carrier, number, window, folder)
+    if ratio > HEALTHY:
+        # the reference is too poor for a healthy arm: that of all recordings is the nominal one
+        identified(carrier, cut(carrier, window)[1], folder / CUT_FILES[1])
+    content = {"window": window, "ratio": ratio, "reference_leaves": rest}
+    write_json(content, folder / WINDOW_FILE)
 
 
-def _write_cut(
-    carrier: Case, number: int, window: Window, least: np.ndarray, folder: Path
-) -> float:
-    """Write the cases of a cut, and how far its piece is from healthy: largest ratio over the joints [1]."""
+def _write_cut(carrier: Case, number: int, window: Window, folder: Path) -> np.ndarray:
+    """Write the cases of a cut; RMS that the arm identified on the reference leaves on the piece [N m], (n,)."""
     reference, piece = cut(carrier, window)
     named = replace(reference, name=f"{carrier.name}_reference_{number}")
-    write_case(named, folder / CUT_FILES[0], overwrite=True)
+    write_piece(named, folder / CUT_FILES[0])
     try:
         identified(reference, piece, folder / CUT_FILES[1])
     except GapscopeError:
         # nothing can be identified from this reference
-        return UNIDENTIFIED
-    return float((left(load_case(folder / CUT_FILES[1])) / least).max())
+        return np.full(carrier.arm.n_joints, UNIDENTIFIED)
+    return left(load_case(folder / CUT_FILES[1]))
 
 
 def cut_folder(arm: str, number: int, out: Path) -> Path:
@@ -228,12 +229,14 @@ def load_prepared(arm: str, number: int, out: Path) -> Prepared:
         reference,
         case,
         load_case(cut_folder(arm, number, out) / CUT_FILES[1]),
+        np.array(chosen["reference_leaves"]),
     )
 
 
-def cut_residual(prepared: Prepared) -> np.ndarray:
+def cut_residual(prepared: Prepared, against: bool) -> np.ndarray:
     """RMS that full models leave on the piece that carries the effect [N m], (n,).
 
-    The larger one, joint by joint, of a model of the whole motion, and of the arm identified on the other piece.
+    The larger one, joint by joint, of a model of the whole motion, and of the arm that the case is compared with.
     """
-    return np.maximum(model_residual(prepared.carrier), left(prepared.identified))
+    rest = prepared.reference_leaves if against else left(prepared.identified)
+    return np.maximum(model_residual(prepared.carrier), rest)

@@ -6,13 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from real_case_files import write_piece
 from real_motion import at_samples, smooth_motion
 
 import gapscope
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.arm.io.write_case import write_case
 from gapscope.arm.nominal import smooth_sign
 from gapscope.diagnosis.gap.torque_gap import torque_gap, torque_scale
 from gapscope.effects.corrected import CorrectedArm
@@ -59,7 +59,7 @@ def identified(case: Case, other: Case, folder: Path) -> None:
         torque = np.asarray(recording.tau) - at_samples(extra, motion, recording.t)
         recordings.append(replace(recording, tau=torque))
     healthy = replace(other, arm=arm, recordings=tuple(recordings))
-    write_case(healthy, folder, overwrite=True)
+    write_piece(healthy, folder)
     urdf.unlink()
 
 

@@ -13,11 +13,11 @@ from zlib import crc32
 
 import numpy as np
 from real_carriers import ARMS, CUT_FILES, cut_folder, cut_residual, load_prepared
+from real_case_files import write_piece
 from real_injections import LAWS, Injection, compatible, draw, inject
 from real_scene import Scene
 
 from gapscope.arm.io.json_file import read_json, write_json
-from gapscope.arm.io.write_case import write_case
 
 MODES = ("against", "plain")
 SIZES = (2.5, 4.0, 8.0)
@@ -98,13 +98,13 @@ def make_case(plan: Planned, seed: int, out: Path) -> None:
         prepared.whole.arm if plan.mode == "against" else base.arm,
         prepared.whole.arm,
         prepared.carrier.arm,
-        cut_residual(prepared),
+        cut_residual(prepared, plan.mode == "against"),
     )
     injections = drawn(plan, seed, healthy)
     recording, entries = inject(healthy, injections)
     recording = replace(recording, name="recording")
     case = replace(base, name=plan.name, recordings=(recording,))
-    write_case(case, folder, overwrite=True)
+    write_piece(case, folder)
     write_json(label(plan, healthy, injections, entries), truth)
 
 

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from gapscope.arm.case import Case
+from gapscope.arm.io.import_section import Import
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "experiments"))
-plan, carriers, runner, scoring = (
+plan, carriers, runner, scoring, case_files = (
     importlib.import_module(f"real_{name}")
-    for name in ("plan", "carriers", "run", "scoring")
+    for name in ("plan", "carriers", "run", "scoring", "case_files")
 )
 SIZES = [2.5, 4.0, 8.0]
 
@@ -65,6 +66,19 @@ def test_reference_and_piece_share_no_sample(tmp_path):
     assert inside.q.min() > reference.recordings[0].q.max()
     assert inside.q.max() < reference.recordings[1].q.min()
     assert len(inside.t) + sum(len(r.t) for r in reference.recordings) == 1300
+
+
+def test_coupled_motors_stay_declared(tmp_path):
+    # motor 2 turns twice for joint 2 and once for joint 1: 3 and 2 rad are 3 and 7 rad of the motors
+    coupled = np.array([[1.0, 0.0], [1.0, 2.0]])
+    recording = Recording("r", np.arange(2.0), [[3.0, 2.0]] * 2, [[5.0, 4.0]] * 2)
+    moved = case_files.on_motor_side(recording, coupled)
+    assert moved.q[0].tolist() == [3.0, 7.0]
+    # power is the same: 5 w1 + 4 w2 = 3 u1 + 2 u2 with u1 = w1, u2 = w1 + 2 w2
+    assert moved.tau[0].tolist() == [3.0, 2.0]
+    back = Import(transmission=coupled).to_joint_side({"q": moved.q, "tau": moved.tau})
+    assert back["q"] == pytest.approx(recording.q)
+    assert back["tau"] == pytest.approx(recording.tau)
 
 
 def test_task_beyond_its_time_is_ended_and_one_that_fails_is_told(tmp_path):
