@@ -23,7 +23,7 @@ class NormalEquations:
     """
 
     def __init__(self, total: np.ndarray, size: int, prior: np.ndarray) -> None:
-        self.size = size
+        self.size, self.prior = size, prior
         nuisance = total[size:-1, size:-1] + prior
         cross, right = total[size:-1, :size], total[size:-1, -1]
         reduced = cho_solve(
@@ -38,6 +38,21 @@ class NormalEquations:
     def solve(self, columns: np.ndarray) -> np.ndarray:
         """Values of the terms in ``columns``, zeros elsewhere, shape (P,)."""
         return solve(self.least, columns)
+
+    def spread_by_nuisances(self, columns: np.ndarray) -> np.ndarray:
+        """Root R of the covariance R R^T that the nuisances add to values of the terms in ``columns``, (C, K).
+
+        Nuisances delta that are as large as the prior says, covariance Q^-1, move the values by
+        L_cc^-1 A^T W N (N^T W N + Q)^-1 Q delta = - L_cc^-1 D_c^T Q delta: little if the data tell them from the terms,
+        however many samples there are if not.
+        """
+        block = self.least[np.ix_(columns, columns)]
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(block), 1e-12))
+        scaled = block * scale[:, None] * scale + 1e-9 * np.eye(len(columns))
+        pull = self.delta[:, columns].T @ np.linalg.cholesky(self.prior)
+        return np.asarray(
+            scale[:, None] * np.linalg.solve(scaled, scale[:, None] * pull)
+        )
 
     def rest(
         self,

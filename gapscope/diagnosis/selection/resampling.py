@@ -19,8 +19,9 @@ def bootstrap(
 ) -> np.ndarray:
     """Values of the terms on pieces of the data drawn with replacement, shape (draws, P): a block bootstrap.
 
-    To each draw an error is added that pieces of the same data cannot show: what the form of the model, wrong by
-    ``MODEL_FORM``, may shift a value by, were half of it proportional to the term's own column.
+    To each draw errors are added that pieces of the same data cannot show: what the nuisances, as large as their prior
+    says, shift the values by; and what the form of the model, wrong by ``MODEL_FORM``, may shift a value by, were half
+    of it proportional to the term's own column.
     """
     columns, size = columns_of(terms), evidence.terms.size
     last = evidence.scored.gram.shape[-1] - 1
@@ -32,6 +33,9 @@ def bootstrap(
         total = np.tensordot(counts, pieces, axes=1)
         normal = NormalEquations(total, len(columns), evidence.prior)
         values[draw, columns] = normal.solve(np.arange(len(columns)))
+    whole = NormalEquations(pieces.sum(axis=0), len(columns), evidence.prior)
+    root = whole.spread_by_nuisances(np.arange(len(columns)))
+    values[:, columns] += rng.normal(size=(draws, root.shape[1])) @ root.T
     return values + rng.normal(size=values.shape) * _systematic(evidence)
 
 
