@@ -58,14 +58,17 @@ def findings(cases: Path, results: Path, labels: Path) -> list[Finding]:
         if label["kind"] == "ladder" or not file.is_file():
             continue
         document = json.loads(file.read_text(encoding="utf-8"))
-        named = {entry["effect"] for entry in document["effects"]}
+        # what is possible was weighed as well: without it only the likely findings would be learnt from
+        weighed = [*document["effects"], *document["possible"]]
+        named = {entry["effect"] for entry in weighed}
         missed = frozenset(entry["effect"] for entry in label["effects"]) - named
-        judged = compare(name, label, document).findings
-        for entry, finding in zip(document["effects"], judged, strict=True):
+        judged = compare(name, label, {**document, "effects": weighed}).findings
+        for entry, finding in zip(weighed, judged, strict=True):
             if "support" in entry:
                 alternatives = tuple(
                     Alternative(r["effect"], (), 0.0, r["evidence"])
                     for r in entry["alternatives"]
+                    if not r["equivalent"]
                 )
                 support = Support(**entry["support"])
                 out.append(

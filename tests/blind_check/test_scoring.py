@@ -158,6 +158,15 @@ def test_one_effect_too_many_is_not_exact() -> None:
     assert [finding.right for finding in case.findings] == [True, False]
 
 
+def test_what_is_possible_does_not_count_as_named() -> None:
+    payload = effect("payload", [], 0.3, mass=2.0)
+    document = said(verdict="no_gap") | {"possible": [payload]}
+    healthy = compare("healthy", label(kind="healthy"), document)
+    assert not healthy.found and not healthy.findings and healthy.jaccard == 1.0
+    loaded = compare("loaded", label(effect("payload", [], mass=2.0)), document)
+    assert not loaded.top and not loaded.exact
+
+
 def test_a_class_counts_but_not_strictly() -> None:
     case = compare(
         "c",
