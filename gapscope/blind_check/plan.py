@@ -23,7 +23,14 @@ from gapscope.blind_check.generator.conditions import (
 from gapscope.blind_check.generator.laws import BEYOND, INSIDE, LAWS, SETUP
 
 TOGETHER = (
-    {"coulomb_friction", "stribeck_friction", "load_friction", "friction_drift"},
+    {
+        "coulomb_friction",
+        "stribeck_friction",
+        "saturating_friction",
+        "load_friction",
+        "friction_drift",
+    },
+    {"viscous_friction", "saturating_friction"},
     {"actuator_lag", "actuator_delay"},
     {"payload", "link_inertia"},
     {"joint_elasticity", "backlash"},

@@ -144,6 +144,8 @@ LIMITED_TIME_TRACKING = 0.4
 # ...or for this one, if the arm hardly holds [1]: what is needed keeps to the limit meanwhile... (hand)
 LIMITED_TIME_HELD = 0.85
 HELD_NEAR_LIMIT = 0.15  # ...within this share of it [1]. (hand)
+# Quantile of a joint's speed that counts as its largest [1]: the last percent is noise and single peaks. (statistics)
+FASTEST = 0.99
 # Limits that are tried in even steps up to the largest torque, and as many in even ratios. (budget)
 TORQUE_LIMIT_GRID = 40
 

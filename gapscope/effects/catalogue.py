@@ -8,7 +8,14 @@ from gapscope.arm.errors import InputError
 from gapscope.effects.actuation import DELAY, LAG, OFFSET, RIPPLE, SATURATION, SCALE
 from gapscope.effects.effect import Effect
 from gapscope.effects.environment import BASE_TILT, EXTERNAL_FORCE
-from gapscope.effects.friction import COULOMB, DRIFT, LOAD, STRIBECK, VISCOUS
+from gapscope.effects.friction import (
+    COULOMB,
+    DRIFT,
+    LOAD,
+    SATURATING,
+    STRIBECK,
+    VISCOUS,
+)
 from gapscope.effects.rigid_body import ARMATURE, LINK_INERTIA, PAYLOAD
 from gapscope.effects.sensing import ENCODER_OFFSET, ENCODER_QUANTIZATION
 from gapscope.effects.transmission import BACKLASH, ELASTICITY, SPRING
@@ -16,7 +23,7 @@ from gapscope.effects.transmission import BACKLASH, ELASTICITY, SPRING
 CATALOGUE: dict[str, Effect] = {
     effect.name: effect
     for effect in (
-        *(COULOMB, VISCOUS, STRIBECK, LOAD, DRIFT),
+        *(COULOMB, VISCOUS, STRIBECK, SATURATING, LOAD, DRIFT),
         *(PAYLOAD, LINK_INERTIA, ARMATURE, BASE_TILT),
         *(ELASTICITY, BACKLASH, RIPPLE, SPRING),
         *(SCALE, OFFSET, SATURATION, LAG, DELAY),

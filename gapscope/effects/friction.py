@@ -48,6 +48,26 @@ def stribeck(signals: Signals, torque: np.ndarray, speed: np.ndarray) -> np.ndar
     ) * smooth_sign(signals.velocity)
 
 
+def saturating_amplitude(
+    velocity: np.ndarray, load: np.ndarray, torque: np.ndarray, speed: np.ndarray
+) -> np.ndarray:
+    r"""d tanh(\|v\| / vs) [N m]; d in N m, v and vs in rad/s. If vs is 0 the effect is off.
+
+    Concave in the speed: b v with b = d / vs at low speed, d from about 2 vs on; none at rest. It is the symmetric part
+    of the sigmoid phi1 / (1 + exp(-phi2 (v + phi3))) of gaz2019, with d = phi1 / 2 and vs = 2 / phi2.
+    """
+    present = speed > 0
+    relative = np.abs(velocity) / np.where(present, speed, 1.0)
+    return np.where(present, torque, 0.0) * np.tanh(relative)
+
+
+def saturating(signals: Signals, torque: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    r"""d tanh(\|v\| / vs) sgn v [N m]."""
+    return saturating_amplitude(
+        signals.velocity, signals.load, torque, speed
+    ) * smooth_sign(signals.velocity)
+
+
 def load_amplitude(
     velocity: np.ndarray, load: np.ndarray, coefficient: np.ndarray
 ) -> np.ndarray:
@@ -89,6 +109,14 @@ def draw_stribeck(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> V
     return {
         "torque": scale.torque[j] * rng.uniform(0.05, 0.2),
         "velocity": log_uniform(rng, 0.02, 2.9, len(j)),
+    }
+
+
+def draw_saturating(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
+    """5 to 30 % of the torque of each joint, that it reaches between a tenth and a half of its velocity limit."""
+    return {
+        "torque": scale.torque[j] * rng.uniform(0.05, 0.3),
+        "velocity": scale.speed[j] * rng.uniform(0.05, 0.25, len(j)),
     }
 
 
@@ -153,7 +181,7 @@ STRIBECK = DryLaw(
     scope="joint",
     equation="d exp(-(v / vs)^2) sgn v",
     parameters=(
-        Parameter("torque", "d", "N m", (-200.0, 200.0), (0.1, 5.0), increment=True),
+        Parameter("torque", "d", "N m", (0.0, 200.0), (0.1, 5.0), increment=True),
         Parameter("velocity", "vs", "rad/s", (1e-4, 20.0), (0.02, 2.9)),
     ),
     looks_like="friction that falls as the joint begins to move",
@@ -165,11 +193,42 @@ STRIBECK = DryLaw(
     law=stribeck,
     amplitude=stribeck_amplitude,
     parametrisation=amplitude_and_searched(
-        "torque", "velocity", Grid(0.01, 3.0, (5e-3, 10.0))
+        "torque", "velocity", Grid(0.01, 3.0, (5e-3, 10.0)), lowest=0.0
     ),
     severity=draw_stribeck,
     inherent=True,
     simplified=True,
+)
+
+SATURATING = DryLaw(
+    name="saturating_friction",
+    family="friction",
+    scope="joint",
+    equation="d tanh(|v| / vs) sgn v",
+    parameters=(
+        Parameter("torque", "d", "N m", (0.0, 200.0), (0.2, 20.0), increment=True),
+        Parameter("velocity", "vs", "rad/s", (1e-3, 20.0), (0.05, 2.0)),
+    ),
+    looks_like="friction that grows with speed, less and less",
+    reference="gaz2019",
+    confused_with=(
+        ("viscous_friction", "the same path at half and at full speed"),
+        ("coulomb_friction", "the same path at a tenth of the speed"),
+        ("stribeck_friction", "the same path at a tenth of the speed"),
+    ),
+    law=saturating,
+    amplitude=saturating_amplitude,
+    parametrisation=amplitude_and_searched(
+        "torque",
+        "velocity",
+        # below a tenth of the largest speed it cannot be told from Coulomb friction, far above from viscous friction
+        Grid(0.1, 0.7, (0.1, 0.7), unit="largest speed", points=10),
+        lowest=0.0,
+    ),
+    severity=draw_saturating,
+    inherent=True,
+    simplified=True,
+    plotted_against="velocity",
 )
 
 LOAD = DryLaw(
@@ -210,7 +269,7 @@ DRIFT = Drift(
     parametrisation=amplitude_and_searched(
         "amplitude",
         "time_constant",
-        Grid(0.05, 20.0, (0.02, 1e4), in_durations=True),
+        Grid(0.05, 20.0, (0.001, 1e3), unit="duration"),
         step=1e-3,
         lowest=-1.0,
     ),

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from typing import Literal
 
 import numpy as np
 
@@ -16,6 +17,8 @@ from gapscope.effects.parameter import Parameter
 
 Values = Mapping[str, np.ndarray]
 """Values of parameters by name."""
+GridUnit = Literal["own", "duration", "largest speed"]
+"""What the values of a grid count in."""
 
 
 @dataclass(frozen=True)
@@ -23,16 +26,17 @@ class Grid:
     """Values of a nonlinear parameter that a diagnosis tries first, in equal ratios.
 
     Attributes:
-        lowest, highest: ends of the grid, in the parameter's unit, or in lengths of the longest recording.
-        bounds: of the values tried later, about the best one, in the parameter's unit.
-        in_durations: whether the ends are lengths of the longest recording.
+        lowest, highest: ends of the grid, in ``unit``.
+        bounds: of the values tried later, about the best one, in ``unit``.
+        unit: what the values count in: the parameter's own unit, the length of the longest recording [s], or the
+            largest speed of the joint [rad/s].
         points: number of values.
     """
 
     lowest: float
     highest: float
     bounds: tuple[float, float]
-    in_durations: bool = False
+    unit: GridUnit = "own"
     points: int = 16
 
 

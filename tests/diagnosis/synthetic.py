@@ -111,6 +111,7 @@ class Truth:
     Attributes:
         coulomb, viscous, load, armature, scale, offset, delay, lag, encoder: one value per joint, SI.
         stribeck, stribeck_speed: torque per joint [N m], and the speed at which it has fallen to 1 / e [rad/s].
+        saturation, saturation_speed: friction at high speed [N m], and the speed at which it is tanh 1 of that [rad/s].
         drift, drift_time: share per joint by which friction is larger at first, and its time constant [s].
         ripple, cycles, phase: amplitude per joint [N m], periods per revolution, phase [rad].
         spring, rest: stiffness per joint [N m/rad], and where it rests [rad].
@@ -135,6 +136,8 @@ class Truth:
     encoder: Joints = NOTHING
     stribeck: Joints = NOTHING
     stribeck_speed: float = 0.2
+    saturation: Joints = NOTHING
+    saturation_speed: float = 0.3
     drift: Joints = NOTHING
     drift_time: float = 3.0
     ripple: Joints = NOTHING
@@ -221,10 +224,11 @@ def needed(truth: Truth, motion: Fourier, t: np.ndarray) -> np.ndarray:
 
 
 def friction(truth: Truth, dq: np.ndarray) -> np.ndarray:
-    """Coulomb, Stribeck and viscous friction [N m], of the shape of dq [rad/s]."""
+    """Coulomb, Stribeck, saturating and viscous friction [N m], of the shape of dq [rad/s]."""
     dry = COULOMB + np.array(truth.coulomb)
     dry = dry + np.array(truth.stribeck) * np.exp(-((dq / truth.stribeck_speed) ** 2))
-    return dry * np.tanh(dq / 0.005) + (VISCOUS + np.array(truth.viscous)) * dq
+    level = np.array(truth.saturation) * np.tanh(dq / truth.saturation_speed)
+    return dry * np.tanh(dq / 0.005) + level + (VISCOUS + np.array(truth.viscous)) * dq
 
 
 def recording(

@@ -50,6 +50,9 @@ EVERY = {
     "stribeck_friction": Entry(
         Truth(stribeck=(0.0, 3.0, 0.0), stribeck_speed=0.2), (2,), [3.0]
     ),
+    "saturating_friction": Entry(
+        Truth(saturation=(0.0, 6.0, 2.0), saturation_speed=0.3), (2, 3), [6.0, 2.0]
+    ),
     "friction_drift": Entry(Truth(drift=(0.0, 0.8, 0.0), drift_time=3.0), (2,), [0.8]),
     "payload": Entry(Truth(mass=1.5, com=(0.2, 0.03, 0.02)), (), [1.5]),
     "link_inertia": Entry(
@@ -89,6 +92,7 @@ EVERY = {
 PARAMETER = {"link_inertia": "mass"}
 OTHERS: dict[str, dict[str, tuple[list[float], float]]] = {
     "stribeck_friction": {"velocity": ([0.2], 0.02)},
+    "saturating_friction": {"velocity": ([0.3, 0.3], 0.05)},
     "friction_drift": {"time_constant": ([3.0], 0.3)},
     "payload": {"com": ([0.2, 0.03, 0.02], 0.01)},
     "link_inertia": {"link": ([2.0], 0.0), "com": ([0.03, 0.0, 0.0], 0.01)},

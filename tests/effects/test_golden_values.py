@@ -49,6 +49,12 @@ GOLDEN = [
     ("coulomb_friction", {"torque": 2.0}, one(UPRIGHT), 0.0),
     ("viscous_friction", {"coefficient": 3.0}, one(UPRIGHT, dq=-0.5), -1.5),
     (
+        "saturating_friction",
+        {"torque": 2.0, "velocity": 0.5},
+        one(UPRIGHT, dq=0.25),
+        2.0 * 0.46211715726000973,
+    ),  # tanh 0.5
+    (
         "load_friction",
         {"coefficient": 0.25},
         one(0.0, dq=1.0),

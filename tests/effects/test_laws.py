@@ -53,6 +53,27 @@ GOLDEN = [
         friction.stribeck(_signals(velocity=2.0), np.array([3.0]), np.array([0.2])),
         0.0,
     ),
+    # at v = vs tanh 1 = 0.761594 of the level, far above all of it, at a tenth of vs about a tenth (tanh 0.1)
+    (
+        "saturating",
+        friction.saturating(_signals(velocity=-0.5), np.array([4.0]), np.array([0.5])),
+        -3.046377,
+    ),
+    (
+        "saturating, fast",
+        friction.saturating(_signals(velocity=9.0), np.array([4.0]), np.array([0.5])),
+        4.0,
+    ),
+    (
+        "saturating, slow",
+        friction.saturating(_signals(velocity=0.1), np.array([4.0]), np.array([1.0])),
+        0.398672,
+    ),
+    (
+        "saturating, off",
+        friction.saturating(_signals(velocity=1.0), np.array([4.0]), np.array([0.0])),
+        0.0,
+    ),
     # tau = 10 + 0.2 tau: 12.5 when driving; tau = 10 - 0.2 tau: 8.333 when driven
     (
         "load, driving",
@@ -253,6 +274,18 @@ def test_unknown_name_offers_the_nearest() -> None:
     [
         ("backlash", (1,), {"width": [-0.1]}, r"value \[-0.1\] outside 0 .. 0.5 rad"),
         (
+            "stribeck_friction",
+            (1,),
+            {"torque": [-1.0], "velocity": [0.1]},
+            r"value \[-1.0\] outside 0 .. 200 N m",
+        ),
+        (
+            "saturating_friction",
+            (1,),
+            {"torque": [-1.0], "velocity": [0.1]},
+            r"value \[-1.0\] outside 0 .. 200 N m",
+        ),
+        (
             "link_inertia",
             (),
             {"link": 2.5, "mass": 1.0, "com": [0, 0, 0]},
@@ -305,4 +338,4 @@ def test_definition_is_complete(definition) -> None:
 
 
 def test_the_catalogue_is_whole() -> None:
-    assert len(CATALOGUE) == 21
+    assert len(CATALOGUE) == 22

@@ -22,6 +22,7 @@ TORQUE = np.array([20.0, -60.0, 15.0, 25.0, -4.0, 2.0, 1.5])
 OFF: dict[str, dict[str, float]] = {
     "torque_saturation": {"limit": 1e4},
     "stribeck_friction": {"torque": 0.0, "velocity": 0.1},
+    "saturating_friction": {"torque": 0.0, "velocity": 0.5},
     "friction_drift": {"amplitude": 0.0, "time_constant": 10.0},
     "link_inertia": {"link": 3.0},
 }
@@ -40,7 +41,6 @@ SIGNED = {
     "torque_scale": "scale",
     "torque_offset": "torque",
     "friction_drift": "amplitude",
-    "stribeck_friction": "torque",
     "external_force": "force",
     "encoder_offset": "offset",
 }

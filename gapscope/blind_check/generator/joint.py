@@ -3,7 +3,8 @@
 The laws are not those of the project's catalogue:
 
 - dry friction is LuGre, dz = v - s0 |v| z / g(v), with g = (c + mu |load|) (1 + s exp(-(v/vs)^2)) + d exp(-(|v|/w)^p)
-  [canudas1995, armstrong1994]; viscous friction is b |v|^a sgn v;
+  [canudas1995, armstrong1994]; viscous friction is b |v|^a sgn v, friction
+  that saturates d v / (|v|^p + w^p)^(1 / p);
 - a cold joint, x = 1, warms by its own losses: x' = -x / T (1 + r (P / P0 - 1)), friction times
   1 + a x (0.85 + 0.15 x) [bittencourt2012];
 - the motor: current clamp that falls with speed, dead time, current loop of first or second order, torque constant
@@ -50,6 +51,9 @@ FIELDS = (
     "fall",  # Stribeck friction: rise at rest, its speed, its exponent
     "fall_speed",
     "fall_power",
+    "level",  # friction that saturates: its level, its speed, its exponent
+    "level_speed",
+    "level_power",
     "bristle",  # LuGre: stiffness and damping of the bristles
     "bristle_damping",
     "drift",  # a cold joint: rise, time constant, share and reference of the losses
@@ -170,6 +174,10 @@ def resistance(p, s, i, v, q, load):  # type: ignore[no-untyped-def]
         speedup = 1.0 + p.drift_share[i] * (min(lost, 4.0) - 1.0)
         s.cold[i] -= p.h * s.cold[i] / p.drift_time[i] * speedup
     out += smooth * v * max(abs(v), 1e-3) ** (p.bend[i] - 1.0)
+    if p.level[i] != 0.0:
+        power = p.level_power[i]
+        size = abs(v) ** power + p.level_speed[i] ** power
+        out += warm * p.level[i] * v / size ** (1.0 / power)
     if v > 0:
         out += p.one_sided[i] * v * v
     if p.hysteresis[i] != 0.0:

@@ -14,6 +14,7 @@ import numpy as np
 from gapscope.diagnosis.model.scan import NonlinearParameters, Scan
 from gapscope.diagnosis.model.terms import Term, parametrisation_of
 from gapscope.diagnosis.thresholds import (
+    FASTEST,
     HELD_NEAR_LIMIT,
     LEAST_NEED_AT_LIMIT,
     LEAST_RIPPLE_CYCLES,
@@ -26,6 +27,7 @@ from gapscope.diagnosis.thresholds import (
 )
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Drift, Path, Signals, TorqueLaw
+from gapscope.effects.parametrisation import Grid
 from gapscope.ident.signals.conditioning import Segment
 
 
@@ -70,12 +72,22 @@ def _candidates(term: Term, segments: list[Segment], known: float | None) -> np.
     grid = term.parametrisation.grid
     if grid is None:
         raise KeyError(f"{term.effect} says no grid for its nonlinear parameter")
-    if known is not None:
-        return around(known, *grid.bounds)
-    values = np.geomspace(grid.lowest, grid.highest, grid.points)
-    if not grid.in_durations:
-        return values
-    return max(float(s.motion.t[-1] - s.motion.t[0]) for s in segments) * values
+    unit = _grid_unit(grid, term.joint - 1, segments)
+    if known is None:
+        return unit * np.geomspace(grid.lowest, grid.highest, grid.points)
+    lowest, highest = grid.bounds
+    return around(known, unit * lowest, unit * highest)
+
+
+def _grid_unit(grid: Grid, j: int, segments: list[Segment]) -> float:
+    """What the values of a grid count in, in the parameter's own unit: 1, a time [s], or a speed [rad/s]."""
+    if grid.unit == "duration":
+        return max(float(s.motion.t[-1] - s.motion.t[0]) for s in segments)
+    if grid.unit == "largest speed":
+        speeds = [np.abs(s.motion.dq[:, j]) for s in segments]
+        # a joint that never moves still needs a unit; nothing is found on it
+        return max(float(np.quantile(np.concatenate(speeds), FASTEST)), 1e-3)
+    return 1.0
 
 
 def _law_columns(

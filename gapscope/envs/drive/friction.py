@@ -6,7 +6,14 @@ import numpy as np
 
 from gapscope.arm.errors import InputError
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.friction import COULOMB, DRIFT, LOAD, STRIBECK, VISCOUS
+from gapscope.effects.friction import (
+    COULOMB,
+    DRIFT,
+    LOAD,
+    SATURATING,
+    STRIBECK,
+    VISCOUS,
+)
 
 DRIFT_PERIOD = 0.016
 """Drift, whose time constant is seconds and more, is brought up to date this often [s]."""
@@ -29,7 +36,9 @@ def total(values: np.ndarray, name: str, unit: str) -> np.ndarray:
 
 
 class Friction:
-    """(c + d exp(-(v / vs)^2) + mu |applied|) F and b F, with F = 1 + a exp(-t / T); nominal values included.
+    """Limit of dry friction, and b F, with F = 1 + a exp(-t / T) and nominal values included. The limit is
+
+        (c + d exp(-(v / vs)^2) + s tanh(|v| / vt) + mu |applied|) F
 
     The formulas are those of ``gapscope.effects.friction``, arranged such that a step allocates no memory.
 
@@ -54,13 +63,16 @@ class Friction:
         viscous = nominal.viscous + value(VISCOUS.name, "coefficient")
         peak = value(STRIBECK.name, "torque")
         speed = value(STRIBECK.name, "velocity")
+        saturation = value(SATURATING.name, "torque")
+        saturation_speed = value(SATURATING.name, "velocity")
         total(coulomb, COULOMB.name, "N m")
         total(viscous, VISCOUS.name, "N m s/rad")
-        total(coulomb + peak, STRIBECK.name, "N m")
         self._coulomb = coulomb[order]
         self._load = value(LOAD.name, "coefficient")[order]
         self._peak = self._drifted_peak = peak[order]
         self._exponent = -1.0 / np.where(speed > 0, speed, 1.0)[order] ** 2
+        self._saturation = self._drifted_saturation = saturation[order]
+        self._per_speed = 1.0 / np.where(saturation > 0, saturation_speed, 1.0)[order]
         self._amplitude = value(DRIFT.name, "amplitude")[order]
         time = value(DRIFT.name, "time_constant")[order]
         self._time = np.where(self._amplitude != 0, time, 1.0)
@@ -70,8 +82,10 @@ class Friction:
         self.drifting = bool(self._amplitude.any())
         self._loaded = bool(self._load.any())
         self._stribeck = bool(self._peak.any())
-        self._limit, self._at_rest = np.zeros((2, len(order)))
-        self.dry = (self._coulomb > 0) | (self._load > 0) | (self._peak != 0)
+        self._saturates = bool(self._saturation.any())
+        self._limit, self._at_rest, self._work = np.zeros((3, len(order)))
+        dry = self._coulomb + self._load + self._peak + self._saturation
+        self.dry = dry > 0
         self.present = bool(self.dry.any() or viscous.any())
 
     def drifts(self, step: int) -> bool:
@@ -83,6 +97,7 @@ class Friction:
         self._factor = 1.0 + self._amplitude * np.exp(-t / self._time)
         self.viscous = self._factor * self._base_viscous
         self._drifted_peak = self._factor * self._peak
+        self._drifted_saturation = self._factor * self._saturation
 
     def load(self, applied: np.ndarray) -> None:
         """Take over the applied motor torque [N m], shape (n,)."""
@@ -97,7 +112,7 @@ class Friction:
 
     def limit(self, velocity: np.ndarray) -> np.ndarray:
         """Limit of dry friction [N m] at velocities [rad/s], shape (n,); valid until the next call."""
-        if not self._stribeck:
+        if not (self._stribeck or self._saturates):
             return self._at_rest
         limit = self._limit
         np.multiply(velocity, velocity, limit)
@@ -105,4 +120,10 @@ class Friction:
         np.exp(limit, limit)
         limit *= self._drifted_peak
         limit += self._at_rest
+        if self._saturates:
+            work = np.abs(velocity, self._work)
+            work *= self._per_speed
+            np.tanh(work, work)
+            work *= self._drifted_saturation
+            limit += work
         return limit

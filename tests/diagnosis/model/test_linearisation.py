@@ -33,7 +33,8 @@ LINEAR = {
     "coulomb_friction": [[0.5, -1.0, 0.3]],
     "viscous_friction": [[1.0, 0.5, -0.4]],
     "load_friction": [[0.1, 0.05, 0.15]],
-    "stribeck_friction": [[1.0, -0.8, 0.5]],
+    "stribeck_friction": [[1.0, 0.8, 0.5]],
+    "saturating_friction": [[1.5, 0.8, 0.6]],
     "friction_drift": [[0.4, 0.3, -0.2]],
     "payload": [[1.5], [0.3], [-0.075], [0.15]],
     "link_inertia": [
@@ -58,6 +59,7 @@ LINEAR = {
 """Linear coordinates of each effect around which to differentiate, (linear, places)."""
 SHAPES = {
     "stribeck_friction": [(0.2,), (0.4,), (0.3,)],
+    "saturating_friction": [(0.3,), (0.5,), (0.2,)],
     "friction_drift": [(2.0,), (3.0,), (1.5,)],
     "torque_ripple": [(11.0,), (17.0,), (23.0,)],
     "external_force": [(1.5, 3.5)],

@@ -22,6 +22,13 @@ CASES = {
         0.26,
         0.1,
     ),
+    "saturating_friction": (
+        Truth(saturation=(0.0, 6.0, 0.0), saturation_speed=0.4),
+        [6.0],
+        0.4,
+        0.5,
+        0.1,
+    ),
     "friction_drift": (
         Truth(drift=(0.0, 0.8, 0.0), drift_time=3.0),
         [0.8],

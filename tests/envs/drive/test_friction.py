@@ -31,6 +31,11 @@ def test_formulas_are_those_of_the_catalogue(data_sheet_arm: NominalArm) -> None
                 {"torque": rng.uniform(0, 3, 2), "velocity": rng.uniform(0.01, 2, 2)},
             ),
             AppliedEffect(
+                "saturating_friction",
+                (1, 2),
+                {"torque": rng.uniform(0, 3, 2), "velocity": rng.uniform(0.1, 2, 2)},
+            ),
+            AppliedEffect(
                 "load_friction", ALL, {"coefficient": rng.uniform(0, 0.5, 7)}
             ),
             AppliedEffect(
@@ -114,6 +119,7 @@ def test_drift_fades_with_the_time_of_the_recording(pendulum) -> None:
         "coulomb_friction",
         "viscous_friction",
         "stribeck_friction",
+        "saturating_friction",
         "load_friction",
         "friction_drift",
     ],
@@ -134,6 +140,10 @@ def test_friction_takes_energy_out(
         "coulomb_friction": {"torque": np.full(7, 1.0)},
         "viscous_friction": {"coefficient": np.full(7, 1.0)},
         "stribeck_friction": {"torque": np.full(7, 2.0), "velocity": np.full(7, 2.0)},
+        "saturating_friction": {
+            "torque": np.full(7, 2.0),
+            "velocity": np.full(7, 0.5),
+        },
         "load_friction": {"coefficient": np.full(7, 0.3)},
         "friction_drift": {
             "amplitude": np.full(7, 2.0),
@@ -167,7 +177,6 @@ def _kinetic(simulated: SimulatedArm) -> float:
     [
         ("coulomb_friction", {"torque": [-9.0]}),
         ("viscous_friction", {"coefficient": [-9.0]}),
-        ("stribeck_friction", {"torque": [-9.0], "velocity": [0.1]}),
         ("armature", {"inertia": [-0.9]}),
     ],
 )

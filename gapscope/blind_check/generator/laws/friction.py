@@ -47,6 +47,23 @@ def _apply_stribeck(plant: TrueArm, joints: np.ndarray, values: LawValues) -> No
     plant.put("fall_power", joints, values["power"])
 
 
+def _draw_saturating(
+    rng: np.random.Generator, context: LawContext, joints: np.ndarray
+) -> LawValues:
+    count = len(joints)
+    return {
+        "torque": context.arm.coulomb[joints] * rng.uniform(0.8, 2.0, count),
+        "velocity": context.speed[joints] * rng.uniform(0.3, 0.8, count),
+        "power": rng.uniform(1.4, 3.0, count),
+    }
+
+
+def _apply_saturating(plant: TrueArm, joints: np.ndarray, values: LawValues) -> None:
+    plant.put("level", joints, values["torque"])
+    plant.put("level_speed", joints, values["velocity"])
+    plant.put("level_power", joints, values["power"])
+
+
 def _draw_load(
     rng: np.random.Generator, context: LawContext, joints: np.ndarray
 ) -> LawValues:
@@ -103,6 +120,14 @@ FRICTION = (
         times("torque"),
         {"torque": "N m", "velocity": "rad/s"},
         form="inside LuGre, exp(-(|v| / vs)^p) with p in 1.8 .. 2.2",
+    ),
+    Law(
+        "saturating_friction",
+        _draw_saturating,
+        _apply_saturating,
+        times("torque"),
+        {"torque": "N m", "velocity": "rad/s"},
+        form="d v / (|v|^p + w^p)^(1 / p) with p in 1.4 .. 3",
     ),
     Law(
         "load_friction",
