@@ -37,6 +37,7 @@ INCIDENTAL = {
     ),
     *(
         ("stribeck_friction", "velocity"),
+        ("saturating_friction", "velocity"),
         ("friction_drift", "time_constant"),
         ("link_inertia", "link"),
     ),

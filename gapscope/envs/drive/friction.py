@@ -36,7 +36,9 @@ def total(values: np.ndarray, name: str, unit: str) -> np.ndarray:
 
 
 class Friction:
-    """Limit of dry friction, and b F, with F = 1 + a exp(-t / T) and nominal values included. The limit is
+    """Limit of dry friction, and b F, with F = 1 + a exp(-t / T) and nominal values included.
+
+    The limit is
 
         (c + d exp(-(v / vs)^2) + s tanh(|v| / vt) + mu |applied|) F
 

@@ -31,6 +31,7 @@ HINTS = {
     "friction_drift": "friction of the file is that without drift",
     "external_force": "it belongs to the recording in which it acted",
     "stribeck_friction": "friction of the file at rest is lower by it",
+    "saturating_friction": "friction of the file in motion is lower by it",
 }
 """Remarks on effects that are left out."""
 

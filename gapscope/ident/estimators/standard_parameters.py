@@ -20,7 +20,7 @@ from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.pseudo_inertia import is_consistent, pseudo_inertia
 from gapscope.ident.model.solvable import check_samples, unit_warnings
 
-NOT_NEGATIVE = re.compile(r"[Ibc]\d+")
+NOT_NEGATIVE = re.compile(r"[Ibcds]\d+")
 """Names of rotor inertia, viscous and Coulomb friction, which take energy or store it and cannot be negative."""
 REFERENCE_MASS = 1.0
 """Mass of the body that replaces a link if there is no prior [kg]."""

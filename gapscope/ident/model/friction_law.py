@@ -1,4 +1,4 @@
-"""Dry friction as columns: the sign of motion, its memory at rest, and what it loses as the joint begins to move."""
+"""Friction of drives as columns: direction of motion, its memory at rest, Stribeck and saturating friction."""
 
 from __future__ import annotations
 
@@ -11,53 +11,68 @@ from gapscope.arm.nominal import smooth_sign
 
 STRIBECK_SPEEDS = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0)
 """Speeds vs tried for d exp(-(v / vs)^2) [rad/s]."""
-PRESLIDING_DISTANCES = (1e-4, 2e-4, 5e-4, 1e-3)
+SATURATION_SHARES = (0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.7)
+"""Speeds vt tried for s tanh(|v| / vt), over the largest speed of each drive [1]."""
+PRESLIDING_DISTANCES = (2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3)
 """Distances tried over which dry friction turns round at a reversal [rad]."""
 
 
 @dataclass(frozen=True)
 class FrictionLaw:
-    """Form of the dry friction of every drive: c s + d exp(-(v / vs)^2) s, s the direction of motion.
+    r"""Friction of every drive beside b v: (c + d exp(-(v / vs)^2) + s tanh(\|v\| / vt)) e, e the direction of motion.
 
     Attributes:
         stribeck_speed: vs [rad/s]; ``None``: no such term.
-        presliding: distance over which s turns from -1 to 1 [rad], so that it keeps its value at rest; ``None``: s is
-            the smoothed sign of the velocity, as in the effects' catalogue.
+        saturation_speeds: vt of each drive [rad/s]; ``None``: no such term.
+        presliding: distance of each drive over which e turns from -1 to 1 [rad], so that it keeps its value at rest;
+            0 or ``None``: e is the smoothed sign of the velocity, as in the effects' catalogue.
     """
 
     stribeck_speed: float | None = None
-    presliding: float | None = None
+    saturation_speeds: tuple[float, ...] | None = None
+    presliding: tuple[float, ...] | None = None
 
     @property
     def shapes(self) -> tuple[str, ...]:
-        """Symbols of the columns per drive: c, and d if there is a Stribeck term."""
-        return ("c",) if self.stribeck_speed is None else ("c", "d")
+        """Symbols of the columns per drive: c, d if there is a Stribeck term, s if there is one that saturates."""
+        stribeck = () if self.stribeck_speed is None else ("d",)
+        saturating = () if self.saturation_speeds is None else ("s",)
+        return ("c", *stribeck, *saturating)
 
     def columns(self, position: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
-        """What c and d multiply [1], from position [rad] and velocity [rad/s] of shape (N, k); each (N, k)."""
-        sign = (
-            smooth_sign(velocity)
-            if self.presliding is None
-            else direction(position, velocity, self.presliding)
-        )
-        if self.stribeck_speed is None:
-            return [sign]
-        return [sign, sign * np.exp(-((velocity / self.stribeck_speed) ** 2))]
+        """What c, d and s multiply [1], from position [rad] and velocity [rad/s] of shape (N, k); each (N, k)."""
+        sign = smooth_sign(velocity)
+        if self.presliding is not None:
+            distance = np.array(self.presliding)
+            keeps = distance > 0
+            state = direction(position, velocity, np.where(keeps, distance, 1.0))
+            sign = np.where(keeps, state, sign)
+        columns = [sign]
+        if self.stribeck_speed is not None:
+            columns.append(sign * np.exp(-((velocity / self.stribeck_speed) ** 2)))
+        if self.saturation_speeds is not None:
+            relative = np.abs(velocity) / np.array(self.saturation_speeds)
+            columns.append(sign * np.tanh(relative))
+        return columns
 
     def __str__(self) -> str:
         """In words, for the report."""
         parts = ["Coulomb and viscous"]
         if self.stribeck_speed is not None:
             parts.append(f"Stribeck below {self.stribeck_speed:g} rad/s")
+        if self.saturation_speeds is not None:
+            speeds = ", ".join(f"{speed:.2g}" for speed in self.saturation_speeds)
+            parts.append(f"saturating above {speeds} rad/s")
         if self.presliding is not None:
+            distances = ", ".join(f"{1e3 * x:g}" for x in self.presliding)
             parts.append(
-                f"direction kept at rest, turned round within {1e3 * self.presliding:g} mrad"
+                f"direction kept at rest, turned round within {distances} mrad"
             )
         return ", ".join(parts)
 
 
 def direction(
-    position: np.ndarray, velocity: np.ndarray, distance: float
+    position: np.ndarray, velocity: np.ndarray, distance: np.ndarray | float
 ) -> np.ndarray:
     r"""State s of ds/dq = (1 - s sgn(dq)) / d, in [-1, 1], shape (N, k): Dahl's model with exponent 1.
 
@@ -66,7 +81,7 @@ def direction(
     Args:
         position: q [rad], shape (N, k).
         velocity: dq [rad/s], shape (N, k); its first sign is the first direction.
-        distance: d [rad].
+        distance: d [rad], one for all or one per column, (k,).
 
     Source: dahl1976.
     """

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from gapscope.ident.model.friction_law import (
     PRESLIDING_DISTANCES,
+    SATURATION_SHARES,
     STRIBECK_SPEEDS,
     FrictionLaw,
 )
 from gapscope.ident.signals.effective_samples import group_slices
 from gapscope.ident.signals.samples import Samples
 
+Change = dict[str, Any]
+"""Attributes of a friction law, with the values to try."""
 FOLDS = 5
 """Least number of stretches of time, each predicted from all others."""
 WORTH = 0.02
@@ -48,30 +52,28 @@ class Choice:
 
 
 def choose(
-    samples: Samples, *, stribeck: bool = True, presliding: bool = True
+    samples: Samples, *, nonlinear: bool = True, presliding: bool = True
 ) -> Choice:
     """Choose the friction law, then the pull; the simpler one unless the richer one is clearly better.
 
     Args:
         samples: what may be fitted.
-        stribeck: whether a Stribeck term may be chosen.
+        nonlinear: whether a Stribeck term, or one that saturates with speed, may be chosen.
         presliding: whether friction that keeps its direction at rest may be chosen.
     """
     law, pull = FrictionLaw(), PULLS[1]
     noise = joint_noise(samples, law, pull)
     best = held_out_error(samples, law, pull, noise)
     tried = [(f"{law}; pull {pull:g}", best)]
-    speeds = _speeds(samples) if stribeck else []
-    for changes, worth in _ladder(speeds, presliding):
-        errors: dict[FrictionLaw, float] = {}
-        for change in changes:
-            candidate = replace(law, **change)
-            error = held_out_error(samples, candidate, pull, noise)
-            errors[candidate] = error
-            tried.append((f"{candidate}; pull {pull:g}", error))
-        winner = min(errors, key=lambda c: errors[c])
+    for law_of, worth in _ladder(samples, pull, noise, nonlinear, presliding):
+        errors = {
+            candidate: held_out_error(samples, candidate, pull, noise)
+            for candidate in law_of(law)
+        }
+        tried += [(f"{each}; pull {pull:g}", error) for each, error in errors.items()]
+        winner = min(errors, key=lambda c: errors[c], default=law)
         # the simpler law stays unless the richer one is worth its parameters
-        if errors[winner] < (1 - worth) * best:
+        if errors.get(winner, np.inf) < (1 - worth) * best:
             law, best = winner, errors[winner]
     # the pull is chosen last: it depends little on the form of the friction
     noise = joint_noise(samples, law, pull)
@@ -100,25 +102,77 @@ def _errors_by_pull(
         errors[stronger] = held_out_error(samples, law, stronger, noise)
 
 
-def _speeds(samples: Samples) -> list[float]:
-    """Stribeck speeds that every moving drive exceeds by far: beyond the recorded speeds the law is extrapolated."""
+def _nonlinear_terms(samples: Samples) -> list[Change]:
+    """Stribeck terms, and terms that saturate with speed, as far as the recorded speeds can show them."""
     speeds = np.abs(samples.velocity @ samples.columns.drives.T)
     fastest = speeds.max(axis=0)
     moving = fastest[fastest > STRIBECK_SPEEDS[0]]
     if not len(moving):
         return []
+    # every moving drive exceeds a Stribeck speed by far: beyond the recorded speeds the law is extrapolated
     slowest = moving.min()
-    return [speed for speed in STRIBECK_SPEEDS if EXCEEDED * speed <= slowest]
+    terms: list[Change] = [
+        {"stribeck_speed": speed}
+        for speed in STRIBECK_SPEEDS
+        if EXCEEDED * speed <= slowest
+    ]
+    for share in SATURATION_SHARES:
+        scaled = share * np.maximum(fastest, STRIBECK_SPEEDS[0])
+        terms.append({"saturation_speeds": tuple(scaled.tolist())})
+    return terms
+
+
+def _takes_energy(
+    samples: Samples, law: FrictionLaw, pull: float, noise: np.ndarray
+) -> bool:
+    """Whether the terms of a law beyond c are positive on the whole; a negative one stands for another law."""
+    extra = [shape for shape in law.shapes if shape != "c"]
+    if not extra:
+        return True
+    matrix, torque = samples.matrix(law), samples.torque
+    penalty = pull * penalties(samples, law, matrix, noise)
+    gram = _gram(matrix, torque, noise)
+    x = pulled_solution(gram, torque.size, penalty, samples.columns.nominal(law))
+    count = len(extra) * len(samples.columns.labels)
+    return bool(x[-count:].sum() > 0)
 
 
 def _ladder(
-    speeds: list[float], presliding: bool
-) -> Iterator[tuple[list[dict[str, float]], float]]:
-    """Changes of the law to try, and by which share they have to lower the error: 0 without further parameters."""
-    if speeds:
-        yield [{"stribeck_speed": speed} for speed in speeds], WORTH
+    samples: Samples, pull: float, noise: np.ndarray, nonlinear: bool, presliding: bool
+) -> Iterator[tuple[Callable[[FrictionLaw], list[FrictionLaw]], float]]:
+    """Laws to try instead of one, and by which share they have to lower the error: 0 without further parameters."""
+
+    def with_nonlinear_term(law: FrictionLaw) -> list[FrictionLaw]:
+        laws = [replace(law, **change) for change in _nonlinear_terms(samples)]
+        return [each for each in laws if _takes_energy(samples, each, pull, noise)]
+
+    def with_presliding(law: FrictionLaw) -> list[FrictionLaw]:
+        distances = _presliding_distances(samples, law, pull, noise)
+        return [replace(law, presliding=distances)] if any(distances) else []
+
+    if nonlinear:
+        yield with_nonlinear_term, WORTH
     if presliding:
-        yield [{"presliding": distance} for distance in PRESLIDING_DISTANCES], 0.0
+        yield with_presliding, 0.0
+
+
+def _presliding_distances(
+    samples: Samples, law: FrictionLaw, pull: float, noise: np.ndarray
+) -> tuple[float, ...]:
+    """Per drive the distance that predicts the torque of its joints best [rad]; 0 if the smoothed sign is better.
+
+    Friction that holds a joint at rest is the rule [dahl1976], so the smoothed sign has to be worth it.
+    """
+    drives = samples.columns.drives
+    distances = (0.0, *PRESLIDING_DISTANCES)
+    errors = []
+    for distance in distances:
+        same = replace(law, presliding=(distance,) * len(drives))
+        errors.append(held_out_mse(samples, same, pull, noise))
+    turned = np.abs(drives) / np.abs(drives).sum(axis=1, keepdims=True)
+    by_drive = np.array(errors) @ turned.T
+    by_drive[0] *= (1.0 + WORTH) ** 2
+    return tuple(distances[k] for k in by_drive.argmin(axis=0))
 
 
 def penalties(
@@ -169,6 +223,13 @@ def held_out_error(
     samples: Samples, law: FrictionLaw, pull: float, noise: np.ndarray
 ) -> float:
     """RMS of residual over noise on stretches of time predicted from all others [1]."""
+    return float(np.sqrt(held_out_mse(samples, law, pull, noise).mean()))
+
+
+def held_out_mse(
+    samples: Samples, law: FrictionLaw, pull: float, noise: np.ndarray
+) -> np.ndarray:
+    """Mean square of residual over noise on stretches of time predicted from all others [1], per joint (n,)."""
     matrix, nominal = samples.matrix(law), samples.columns.nominal(law)
     torque = samples.torque
     penalty = pull * penalties(samples, law, matrix, noise)
@@ -176,14 +237,14 @@ def held_out_error(
     grams = [_gram(matrix[rows], torque[rows], noise) for rows in stretches]
     total = np.array(grams).sum(axis=0)
     count = sum(torque[rows].size for rows in stretches)
-    squares = 0.0
+    squares = np.zeros(torque.shape[1])
     for rows, gram in zip(stretches, grams, strict=True):
         others = count - torque[rows].size
         # the Gram matrix of all other stretches, without forming their equations again
         x = pulled_solution(total - gram, others, penalty, nominal)
         residual = (torque[rows] - matrix[rows] @ x) / noise
-        squares += float((residual**2).sum())
-    return float(np.sqrt(squares / count))
+        squares += (residual**2).sum(axis=0)
+    return np.asarray(squares * torque.shape[1] / count)
 
 
 def _gram(matrix: np.ndarray, torque: np.ndarray, noise: np.ndarray) -> np.ndarray:

@@ -22,8 +22,8 @@ LENGTH = 0.1
 """Length by which pseudo-inertias are made comparable with masses [m]."""
 FLOOR = 1e-4
 """Least eigenvalue of the scaled pseudo-inertia over the link's nominal mass [1]: a radius of gyration of 1 mm."""
-NOT_NEGATIVE = ("I", "b", "c")
-"""Symbols of rotor inertia, viscous and Coulomb friction, none of which can be negative."""
+NOT_NEGATIVE = ("I", "b", "c", "d", "s")
+"""Symbols of rotor inertia and of viscous, Coulomb, Stribeck and saturating friction: none can be negative."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Physical:
     """Physically consistent parameters for estimated base parameters.
 
     Attributes:
-        value: x, shape (p,); links consistent, rotors, viscous and Coulomb friction not negative.
+        value: x, shape (p,); links consistent, rotors and friction not negative.
         before: the links' checks for the x nearest to the nominal one that gives beta exactly.
         after: the links' checks for ``value``.
         distance: (C x - beta)^T cov^-1 (C x - beta) over the number of base parameters: what consistency costs [1].
@@ -107,7 +107,7 @@ def consistent(
     """Consistent x that explains beta best, and lies nearest to the nominal one if beta leaves it open.
 
     Minimises (C x - beta)^T H (C x - beta) + sum_k w_k (x_k - x0_k)^2 subject to J(pi_l) >= floor for every link l, and
-    to rotor inertia, viscous and Coulomb friction >= 0. With H = W^T W / sigma^2 this is the constrained weighted
+    to rotor inertia and friction >= 0. With H = W^T W / sigma^2 this is the constrained weighted
     least-squares fit itself.
 
     Args:

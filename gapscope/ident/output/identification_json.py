@@ -81,6 +81,7 @@ def _settings(result: Identification) -> dict[str, Any]:
         "moving": MOVING,
         "friction": str(law),
         "stribeck_speed": law.stribeck_speed,
+        "saturation_speeds": law.saturation_speeds,
         "presliding": law.presliding,
         "pull": choice.pull,
         "strongest_pull": choice.pull >= STRONGEST,

@@ -79,18 +79,29 @@ def sheet(result: Identification) -> dict[str, Any]:
 
 
 def effects(result: Identification) -> tuple[AppliedEffect, ...]:
-    """Offsets and Stribeck friction as effects of the catalogue."""
+    """Offsets, Stribeck and saturating friction as effects of the catalogue."""
     found = []
     joints, offset = _noticed(result, "o")
     if joints:
         found.append(AppliedEffect("torque_offset", joints, {"torque": offset}))
-    speed = result.choice.law.stribeck_speed
+    law = result.choice.law
     joints, drop = _noticed(result, "d")
-    if joints and speed is not None:
-        velocity = np.full(len(joints), speed)
-        values = {"torque": drop, "velocity": velocity}
-        found.append(AppliedEffect("stribeck_friction", joints, values))
+    if joints and law.stribeck_speed is not None:
+        velocity = np.full(len(joints), law.stribeck_speed)
+        found.append(_friction("stribeck_friction", joints, drop, velocity))
+    joints, level = _noticed(result, "s")
+    if joints and law.saturation_speeds is not None:
+        velocity = np.array(law.saturation_speeds)[np.array(joints) - 1]
+        found.append(_friction("saturating_friction", joints, level, velocity))
     return tuple(found)
+
+
+def _friction(
+    name: str, joints: tuple[int, ...], torque: np.ndarray, velocity: np.ndarray
+) -> AppliedEffect:
+    """Friction of a torque [N m] and a speed [rad/s]; the solver's bound at zero holds to its tolerance only."""
+    values = {"torque": np.maximum(torque, 0.0), "velocity": velocity}
+    return AppliedEffect(name, joints, values)
 
 
 def _noticed(result: Identification, symbol: str) -> tuple[tuple[int, ...], np.ndarray]:

@@ -12,6 +12,7 @@ _FRICTION = (
     ("b", "viscous", "N m s/rad"),
     ("c", "Coulomb", "N m"),
     ("d", "Stribeck", "N m"),
+    ("s", "saturating", "N m"),
     ("o", "offset", "N m"),
 )
 

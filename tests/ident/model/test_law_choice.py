@@ -18,7 +18,7 @@ def chosen(case: Case) -> tuple[Choice, list[float]]:
     band = Band(20.0)
     choice = choose(
         Samples(ModelColumns(case.arm), band.segments(fit), band),
-        stribeck=False,
+        nonlinear=False,
         presliding=False,
     )
     return choice, [float(what.split("pull ")[1]) for what, _ in choice.tried[1:]]

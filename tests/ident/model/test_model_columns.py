@@ -76,12 +76,15 @@ class TestDrives:
 
 
 def test_columns_give_the_torque_of_the_corrected_arm() -> None:
-    """Randomised: nominal arm with offsets and Stribeck friction by the catalogue, and by the columns."""
+    """Randomised: nominal arm with offsets, Stribeck and saturating friction by the catalogue, and by the columns."""
     rng = np.random.default_rng(2)
-    motion, law = random_motion(rng), FrictionLaw(stribeck_speed=0.3)
+    speeds = rng.uniform(0.1, 1.0, arms.N)
+    law = FrictionLaw(stribeck_speed=0.3, saturation_speeds=tuple(speeds.tolist()))
+    motion = random_motion(rng)
     columns = ModelColumns(arms.arm(), None, arms.body())
     joints = tuple(range(1, arms.N + 1))
-    offset, drop = rng.uniform(-1, 1, (2, arms.N))
+    offset = rng.uniform(-1, 1, arms.N)
+    drop, level = rng.uniform(0, 1, (2, arms.N))
     effects = (
         AppliedEffect("torque_offset", joints, {"torque": offset}),
         AppliedEffect(
@@ -89,11 +92,15 @@ def test_columns_give_the_torque_of_the_corrected_arm() -> None:
             joints,
             {"torque": drop, "velocity": np.full(arms.N, 0.3)},
         ),
+        AppliedEffect(
+            "saturating_friction", joints, {"torque": level, "velocity": speeds}
+        ),
     )
     x = columns.nominal(law)
     names = columns.names(law)
     for j in range(arms.N):
-        x[names.index(f"o{j + 1}")], x[names.index(f"d{j + 1}")] = offset[j], drop[j]
+        for symbol, values in (("o", offset), ("d", drop), ("s", level)):
+            x[names.index(f"{symbol}{j + 1}")] = values[j]
     expected = CorrectedArm(arms.arm(), effects).predict(arms.body(), motion)
     np.testing.assert_allclose(columns.matrix(motion, law) @ x, expected, atol=1e-8)
     assert (
