@@ -92,7 +92,7 @@ def run(
     def ended(plan: Planned, how: str, seconds: float) -> None:
         file = result_file(plan, results)
         if how != "ended" or not file.is_file():
-            write_no_result(plan, how, seconds, file)
+            write_no_result(plan, how, seconds, limit, file)
         result = read_json(file, "")
         document = result.get("document") or {}
         found = [effect["effect"] for effect in document.get("effects", [])]

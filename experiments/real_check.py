@@ -92,8 +92,7 @@ def _row(plan: Planned, truth: dict[str, Any], gap: dict[str, Any]) -> tuple[str
     if not gap:
         return (plan.name, f"{plan.size:g}", names, *["–"] * 5)
     healthy, before, after = (np.array(gap[k]) for k in ("healthy", "before", "after"))
-    residual = np.array(truth["residual"])
-    joint = int(((before - healthy) / residual).argmax())
+    joint = int(np.argmax(truth["gap"]))
     power = before[joint] ** 2 - healthy[joint] ** 2
     closed = (before[joint] ** 2 - after[joint] ** 2) / max(power, 1e-12)
     figures = [f"{x[joint]:.3g}" for x in (healthy, before, after)]

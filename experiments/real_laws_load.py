@@ -12,6 +12,8 @@ from scipy.optimize import curve_fit
 
 from gapscope.arm.recording import Recording
 
+LOAD_ROUNDS = 60
+"""Times that friction and the torque which overcomes it are put into each other."""
 BODY_SIZE = (0.03, 0.1)
 """Radius of gyration of an added body [m]."""
 
@@ -86,14 +88,18 @@ def stribeck(
 def load_friction(
     scene: Scene, recording: Recording, joints: np.ndarray, x: np.ndarray, drawn: Values
 ) -> tuple[Recording, Values]:
-    """Mu T (abs tau / T)^p tanh(v / w), T the mean load."""
-    load, v = np.abs(scene.torque[:, joints]), scene.dq[:, joints]
-    mean = load.mean(axis=0)
+    """Mu T (abs tau / T)^p tanh(v / w), T the mean load; tau, the motor's torque, overcomes this friction too."""
+    without, v = scene.torque[:, joints], scene.dq[:, joints]
+    mean = np.abs(without).mean(axis=0)
+    direction = np.tanh(v / (0.02 * scene.speed[joints]))
+    motor = without
+    for _ in range(LOAD_ROUNDS):
+        law = x * mean * (np.abs(motor) / mean) ** drawn["power"] * direction
+        motor = without + law
     torque = np.zeros_like(scene.dq)
-    shape = mean * (load / mean) ** drawn["power"]
-    torque[:, joints] = x * shape * np.tanh(v / (0.02 * scene.speed[joints]))
-    form = load * sign(v)
-    return added(recording, torque), {"coefficient": amount(form, torque[:, joints])}
+    torque[:, joints] = law
+    form = np.abs(motor) * sign(v)
+    return added(recording, torque), {"coefficient": amount(form, law)}
 
 
 def draw_drift(scene: Scene, rng: np.random.Generator, joints: np.ndarray) -> Values:

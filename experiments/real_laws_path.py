@@ -20,7 +20,6 @@ from real_scene import (
     shortened,
 )
 
-from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.recording import Recording
 
 CURVATURE = 0.15
@@ -109,8 +108,7 @@ def external_force(
     inside = (t >= start) & (t <= end)
     force = float(x) * drawn["direction"]
     position = np.asarray(scene.recording.q)
-    # at the last link's centre of mass as the manufacturer has it
-    torque = RigidBody(scene.published).force_torque(position, force)
+    torque = scene.nominal_body.force_torque(position, force)
     mean = (shape[inside] * (torque[inside] ** 2).sum(axis=1)).sum()
     share = float(mean / (torque[inside] ** 2).sum())
     truth = {"force": share * force, "start": start, "end": end}
@@ -186,9 +184,12 @@ def draw_lag(scene: Scene, rng: np.random.Generator, joints: np.ndarray) -> Valu
 def lag(
     scene: Scene, recording: Recording, joints: np.ndarray, x: np.ndarray, drawn: Values
 ) -> tuple[Recording, Values]:
-    """Two lags one after the other, inverted below 15 Hz; the sum of their time constants."""
+    """Two lags one after the other, inverted below 15 Hz; the sum of their time constants.
+
+    Of the torque that the identified arm predicts: the noise of what was recorded did not pass the lags.
+    """
     first, second = x * (1 - drawn["second"]), x * drawn["second"]
-    torque = filtered(np.asarray(recording.tau), scene.rate, LAG_BAND)
+    torque = filtered(scene.healthy_torque, scene.rate, LAG_BAND)
     rate = np.gradient(torque, recording.t, axis=0, edge_order=2)
     bend = np.gradient(rate, recording.t, axis=0, edge_order=2)
     extra = np.zeros_like(torque)

@@ -14,6 +14,8 @@ LOAD_BAND = 8.0
 """The torque through a transmission is taken below this frequency [Hz]."""
 HARDENING = 0.25
 """Share by which a spring of a gear is stiffer at the largest torque [1]."""
+DAMPING = 0.1
+"""Damping ratio of a joint's inertia on its spring [1]."""
 SOFT_FLANK = 0.04
 """Torque over the largest at which free play is closed to three quarters [1]."""
 DITHER = 0.15
@@ -58,10 +60,15 @@ def elasticity(
     """A spring that hardens by a quarter; x is the compliance [rad/kN m], the stiffness that of least squares."""
     torque = load(scene)[:, joints]
     largest = np.abs(torque).max(axis=0)
+    spring = 1e-3 * x * torque / (1 + HARDENING * (torque / largest) ** 2)
+    compliance = (spring * torque).sum(axis=0) / (torque**2).sum(axis=0)
+    inertia = scene.inertia[joints]
+    damping = 2 * DAMPING * np.sqrt(inertia / compliance)
+    # with the damper beside it the spring follows its torque late, by so little that the first order does
+    rate = np.gradient(spring, recording.t, axis=0, edge_order=2)
     twist = np.zeros_like(scene.dq)
-    twist[:, joints] = 1e-3 * x * torque / (1 + HARDENING * (torque / largest) ** 2)
-    compliance = (twist[:, joints] * torque).sum(axis=0) / (torque**2).sum(axis=0)
-    truth = {"stiffness": 1 / compliance, "damping": np.zeros(len(joints))}
+    twist[:, joints] = spring - damping * compliance * rate
+    truth = {"stiffness": 1 / compliance, "damping": damping}
     return motor_moved(scene, recording, joints, twist), truth
 
 

@@ -97,7 +97,6 @@ def make_case(plan: Planned, seed: int, out: Path) -> None:
         # a comparison identifies the arm itself
         prepared.whole.arm if plan.mode == "against" else base.arm,
         prepared.whole.arm,
-        prepared.carrier.arm,
         cut_residual(prepared, plan.mode == "against"),
     )
     injections = drawn(plan, seed, healthy)

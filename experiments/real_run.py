@@ -107,7 +107,9 @@ def diagnose_to_file(plan: Planned, out: Path, file: Path) -> None:
     write_json(result, file)
 
 
-def write_no_result(plan: Planned, how: str, seconds: float, file: Path) -> None:
+def write_no_result(
+    plan: Planned, how: str, seconds: float, limit: float, file: Path
+) -> None:
     """Record a diagnosis that did not end by itself."""
     result = {"case": plan.name, "status": how, "error": how, "seconds": seconds}
-    write_json({**result, "cpu_seconds": seconds}, file)
+    write_json({**result, "cpu_seconds": min(seconds, limit)}, file)

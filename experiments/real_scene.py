@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -29,16 +29,13 @@ class Scene:
         recording: the piece.
         nominal: the arm that a diagnosis starts from: the identified one.
         truth: the arm identified on all recordings of the carrier: its friction, rotors and bodies.
-        published: the arm of the published URDF.
         residual: RMS that a full model leaves on this arm [N m], (n,).
     """
 
     recording: Recording
     nominal: NominalArm
     truth: NominalArm
-    published: NominalArm
     residual: np.ndarray
-    cache: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @property
     def n(self) -> int:
@@ -66,6 +63,11 @@ class Scene:
         return filtered(np.asarray(self.recording.tau), self.rate, TORQUE_CUTOFF)
 
     @cached_property
+    def healthy_torque(self) -> np.ndarray:
+        """Torque that the identified arm needs for the recorded positions [N m], (N, n)."""
+        return self.predicted(self.recording)
+
+    @cached_property
     def speed(self) -> np.ndarray:
         """RMS speed of each joint [rad/s], (n,)."""
         return np.sqrt((self.dq**2).mean(axis=0))
@@ -79,6 +81,11 @@ class Scene:
     def nominal_body(self) -> RigidBody:
         """Bodies that a diagnosis starts from."""
         return RigidBody(self.nominal)
+
+    @cached_property
+    def inertia(self) -> np.ndarray:
+        """Diagonal of the mass matrix at the first sample [kg m^2], (n,)."""
+        return np.diag(self.true_body.mass_matrix(self.motion.q[0]))
 
     @cached_property
     def true_body(self) -> RigidBody:
@@ -105,9 +112,7 @@ class Scene:
         count = len(changed.t)
         change = np.asarray(changed.tau) - np.asarray(self.recording.tau)[:count]
         if not np.array_equal(changed.q, self.recording.q[:count]):
-            if "healthy" not in self.cache:
-                self.cache["healthy"] = self.predicted(self.recording)
-            change = change - self.predicted(changed) + self.cache["healthy"][:count]
+            change = change - self.predicted(changed) + self.healthy_torque[:count]
         edge = int(np.ceil(TRIM * self.rate))
         kept = low_pass(change, self.rate, TORQUE_CUTOFF)[edge:-edge]
         return np.sqrt((kept**2).mean(axis=0))

@@ -42,7 +42,7 @@ def arm(tmp_path) -> NominalArm:
 def scene_of(arm, q, tau, rate=100.0):
     t = np.arange(len(q)) / rate
     recording = Recording("r", t, np.reshape(q, (-1, 1)), np.reshape(tau, (-1, 1)))
-    return scenes.Scene(recording, arm, arm, arm, np.ones(1))
+    return scenes.Scene(recording, arm, arm, np.ones(1))
 
 
 def ramp(arm, speed=1.0, tau=0.0, seconds=4.0):
@@ -85,6 +85,14 @@ def test_stribeck_friction_is_halved_at_its_velocity(arm):
     scene = ramp(arm, 0.5)
     recording, _ = changed(loads.stribeck, scene, 4.0, velocity=np.array([0.5]))
     assert middle(recording) == pytest.approx(2.0, abs=0.02)
+
+
+def test_load_friction_is_overcome_by_the_motor_too(arm):
+    scene = ramp(arm, 1.0, 8.0)
+    recording, values = changed(loads.load_friction, scene, 0.2, power=1.0)
+    # 8 = (1 - 0.2) tau against the motion, so 10 N m of which 2 are friction
+    assert middle(recording) == pytest.approx(10.0)
+    assert values["coefficient"] == pytest.approx(0.2)
 
 
 def test_armature_is_inertia_times_acceleration(arm):
@@ -169,8 +177,11 @@ def test_delayed_torque_is_commanded_earlier_and_lagging_torque_by_its_rate(arm)
     recording, _ = changed(paths.delay, scene, 0.02)
     assert middle(recording) == pytest.approx(3 * 2.02)
     assert len(recording.t) == 398
-    recording, _ = changed(paths.lag, scene, 0.05, second=0.2)
-    assert middle(recording) == pytest.approx(3 * 2.0 + 3 * 0.05, abs=1e-6)
+    scene = swing(arm)
+    recording, _ = changed(paths.lag, scene, 0.05, second=0.0)
+    # at 2 s it passes q = 0 at pi rad/s: the rate of the torque is -0.51 pi^3 N m/s
+    extra = middle(recording) - middle(scene.recording)
+    assert extra == pytest.approx(-0.05 * 0.51 * np.pi**3, rel=0.01)
 
 
 def test_motor_leads_the_joint_by_twist_and_free_play(arm):
