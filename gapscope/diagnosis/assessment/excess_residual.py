@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
 from gapscope.diagnosis.gap.torque_gap import TorqueGap, torque_scale
@@ -151,9 +152,11 @@ def ratio_by_chance(selection: Selection) -> np.ndarray:
     joints = evidence.linear.arm.n_joints
     samples = evidence.scored.independent.sum(axis=0)[:joints]
     reference = evidence.linear.data.reference
-    known = np.inf if reference is None else reference.samples
     level = FALSE_ALARM_RATE / joints
-    return np.asarray(np.sqrt(f_distribution.isf(level, samples, known)))
+    if reference is None:
+        # of infinitely many samples F is chi2 over its degrees of freedom, which scipy's F does not cover
+        return np.asarray(np.sqrt(chi2.isf(level, samples) / samples))
+    return np.asarray(np.sqrt(f_distribution.isf(level, samples, reference.samples)))
 
 
 def _has_compliance(selection: Selection) -> bool:
