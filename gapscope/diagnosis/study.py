@@ -9,7 +9,6 @@ import numpy as np
 
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.errors import GapscopeError
 from gapscope.diagnosis.assessment.baseline import Baseline
 from gapscope.diagnosis.assessment.confidence import Confidence
 from gapscope.diagnosis.assessment.excess_residual import ExcessResidual
@@ -24,6 +23,7 @@ from gapscope.diagnosis.gap.commanded_torque import (
     with_commanded_torque,
     with_likelier_rule,
 )
+from gapscope.diagnosis.gap.plausible_data import check_stamps, check_torque
 from gapscope.diagnosis.gap.torque_gap import TorqueGap
 from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.search import Selection, search
@@ -99,10 +99,11 @@ def examine(case: Case, progress: Progress, baseline: Baseline | None = None) ->
     Raises:
         GapscopeError: no recording carries a torque that can be trusted, nor is there a known controller with its
             reference that determines it.
-        InputError: a recording has no stretch without gaps that is long enough.
+        InputError: a recording has no stretch without gaps that is long enough, or holds what no arm can have.
     """
+    check_stamps(case)
     case = with_commanded_torque(case)
-    _check_torque(case)
+    check_torque(case)
     study = _examine(case, progress, baseline)
     # A torque computed by the controller's rule may be explained better by another rule: then once more by that one.
     likelier_case = with_likelier_rule(case, study.effects)
@@ -220,17 +221,3 @@ def _instrumented_effects(
     if commanded_case is None or not selection.fit.terms:
         return ()
     return instrumented(case, selection, _folds(commanded_case, cutoff)) or ()
-
-
-def _check_torque(case: Case) -> None:
-    """Raise if no recording of the case carries a torque."""
-    if any(recording.tau is not None for recording in case.recordings):
-        return
-    notes = [note for recording in case.recordings for note in recording.notes]
-    reasons = dict.fromkeys((*case.warnings, *notes))
-    why = "; ".join(reasons) or "none has a torque column"
-    raise GapscopeError(
-        f"{case.name}: no recording carries a torque that can be trusted ({why})",
-        "give torque with its sign in column tau1.., or map it in the case's import: section; positions are enough "
-        "where controller: is known and the recordings have its reference in columns q_ref1..",
-    )

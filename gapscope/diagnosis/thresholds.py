@@ -28,6 +28,13 @@ MODEL_FORM = 0.004  # Share of the torque's deviation that a healthy arm leaves 
 FRICTION_FORM = 0.03  # Share by which healthy dry friction differs from c sgn v when it slides [1]. (hand)
 EFFECT_FORM = 0.03  # Share of its torque by which a real effect differs from the catalogue's form [1]. (hand)
 
+# --- gap: recordings that hold what no arm can have
+LARGEST_POSITION = 1e5  # Degrees of a motor behind a gear of 1 : 500 stay below [rad]. (physical)
+LARGEST_TORQUE = 1e6  # The largest industrial arms hold some 1e5 N m [N m]. (physical)
+LEAST_TORQUE_CHANGE = 1e-9  # A torque that changes by less over a case is constant [N m]. (physical)
+# A healthy arm leaves no less than this [N m]: keeps a joint without any torque from dividing by zero. (physical)
+LEAST_FLOOR = 1e-9
+
 # --- setup_faults: folds and samples
 SINGLE_RECORDING_FOLDS = 4  # Folds into which a single recording is cut. (hand)
 FAULT_SAMPLES = 640  # Samples over all recordings; faults are gross, so that few suffice. (budget)
@@ -76,6 +83,7 @@ WORST_GAP = 1e3  # Gaps beyond this many deviations are all alike [1]. (hand)
 
 # --- setup_faults: priors of an ordinary arm (standard deviations, relative unless a unit is given)
 ORDINARY_INERTIALS = 0.3  # Errors of the nominal inertials [1]. (hand)
+ORDINARY_TILT = 0.1  # Tilt of the base [rad]. (hand)
 ORDINARY_LOAD = 0.6  # Mass of a load, in masses of the arm [1]. (hand)
 ORDINARY_LEVER = 0.3  # Lever of a load, in lengths of the arm [1]. (hand)
 ORDINARY_TORQUE_SCALE = 0.3  # Error of a torque's scale [1]... (hand)
@@ -177,6 +185,9 @@ MOVE_GAIN = 3.0  # A move must raise the evidence by this much [nats]. (hand)
 FORWARD_STEPS = 12  # Forward steps before the search gives up. (budget)
 GROUPS_TRIED = 3  # Groups that are tried around their own values at each step. (budget)
 PAIRED_GROUPS = 6  # Best groups of which all pairs are tried once none alone raises the evidence. (budget)
+# An arm that hangs or is mounted sideways is tried first if that lowers the squared gap by this share [1]: nothing
+# else comes near. (hand)
+TURNED_BASE_FALL = 0.6
 COMPLIANCE_STARTS_TRIED = 3  # Starts of compliant joints that are fitted. (budget)
 RELINEARISATIONS = 3  # Linearisations around the values of one set of terms. (budget)
 SETTLED_RELATIVE = 0.01  # Values have settled if they change by less than this share [1]... (budget)

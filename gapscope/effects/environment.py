@@ -26,8 +26,18 @@ def acts(t: np.ndarray | float, start: np.ndarray, end: np.ndarray) -> np.ndarra
 
 
 def tilt_values(x: np.ndarray, nonlinear: np.ndarray) -> Values:
-    """Roll = x0, pitch = x1."""
-    return {"roll": x[0], "pitch": x[1]}
+    """Roll = x0, pitch = x1, within a turn."""
+    roll = np.where(
+        np.abs(x[0]) > np.pi, np.remainder(x[0] + np.pi, 2 * np.pi) - np.pi, x[0]
+    )
+    return {"roll": roll, "pitch": x[1]}
+
+
+def clip_tilt(x: np.ndarray) -> np.ndarray:
+    """Roll within a turn either way, pitch in its bounds: a fit may pass from an arm that hangs to the other side."""
+    return np.vstack(
+        [np.clip(x[0], -2 * np.pi, 2 * np.pi), np.clip(x[1], *PITCH.bounds)]
+    )
 
 
 def force_values(x: np.ndarray, nonlinear: np.ndarray) -> Values:
@@ -54,6 +64,8 @@ def draw_force(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Valu
     }
 
 
+PITCH = Parameter("pitch", "theta", "rad", (-1.58, 1.58), (-0.0873, 0.0873))
+
 BASE_TILT = Inertial(
     name="base_tilt",
     family="environment",
@@ -61,7 +73,7 @@ BASE_TILT = Inertial(
     equation="gravity in the base frame = R^T g, R = Ry(pitch) Rx(roll)",
     parameters=(
         Parameter("roll", "phi", "rad", (-3.15, 3.15), (-0.0873, 0.0873)),
-        Parameter("pitch", "theta", "rad", (-1.58, 1.58), (-0.0873, 0.0873)),
+        PITCH,
     ),
     looks_like="a gravity torque on a joint with a vertical axis",
     reference="hollerbach2008",
@@ -69,7 +81,9 @@ BASE_TILT = Inertial(
         ("encoder_offset", "static poses turned about the first joint"),
         ("torque_offset", "static poses turned about the first joint"),
     ),
-    parametrisation=Parametrisation(tilt_values, linear=2, usual=0.0873),
+    parametrisation=Parametrisation(
+        tilt_values, linear=2, clip=clip_tilt, usual=0.0873
+    ),
     severity=draw_tilt,
 )
 

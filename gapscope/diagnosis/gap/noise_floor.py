@@ -13,6 +13,7 @@ from gapscope.diagnosis.gap.torque_gap import filtered_torque, torque_scale
 from gapscope.diagnosis.thresholds import (
     EFFECT_FORM,
     FRICTION_FORM,
+    LEAST_FLOOR,
     MODEL_FORM,
     STICKING_SPEED,
     TIMING_SKEW,
@@ -92,7 +93,8 @@ def steady_floor(
     torque = low_pass(torque, rate, TORQUE_CUTOFF)[inner]
     timing = timing_error(torque, 1 / rate)
     model_form = MODEL_FORM * torque_scale(torque)
-    return np.sqrt(noise_power + timing**2 + model_form**2 + np.square(form))
+    floor = np.sqrt(noise_power + timing**2 + model_form**2 + np.square(form))
+    return np.maximum(floor, LEAST_FLOOR)
 
 
 def timing_error(torque: np.ndarray, spacing: float | np.ndarray) -> np.ndarray:

@@ -30,6 +30,9 @@ from gapscope.effects.effect import Drift, Path, Signals, TorqueLaw
 from gapscope.effects.parametrisation import Grid
 from gapscope.ident.signals.conditioning import Segment
 
+LEAST_TRAVEL = 1e-6
+"""Travel below which a joint stands still [rad]."""
+
 
 def around(value: float, lowest: float, highest: float) -> np.ndarray:
     """Candidates about a value, in equal ratios."""
@@ -170,15 +173,11 @@ def waves(cycles: np.ndarray, q: np.ndarray) -> np.ndarray:
 def ripple_candidates(q: Sequence[np.ndarray], dq: np.ndarray) -> np.ndarray:
     """Cycles per revolution to look for on a joint, as far as its slow motion keeps them within the filter's band."""
     speed = float(np.quantile(np.abs(dq), 0.3))
-    least = max(
-        LEAST_RIPPLE_CYCLES,
-        LEAST_RIPPLE_PERIODS * 2 * np.pi / max(float(np.ptp(x)) for x in q),
-    )
-    return np.arange(
-        least,
-        least + max(min(MOST_RIPPLE_CYCLES, 75.0 / max(speed, 1e-3)), 30.0),
-        cycle_step(q),
-    )
+    # a joint that stands still shows no ripple; its columns are constant then, whatever the cycles
+    travel = max(max(float(np.ptp(x)) for x in q), LEAST_TRAVEL)
+    least = max(LEAST_RIPPLE_CYCLES, LEAST_RIPPLE_PERIODS * 2 * np.pi / travel)
+    band = max(min(MOST_RIPPLE_CYCLES, 75.0 / max(speed, 1e-3)), 30.0)
+    return np.arange(least, least + band, cycle_step(q))
 
 
 def _saturation(
@@ -195,6 +194,9 @@ def _saturation(
     torque = [s.torque[:, j, None] for s in segments if s.torque is not None]
     recorded = np.vstack(torque)[:, 0]
     largest = float(np.abs(recorded).max())
+    if largest == 0:
+        # any limit lets a torque of zero through
+        return NonlinearParameters((1.0,), (1.0,))
     least = max(
         LEAST_TORQUE_LIMIT * largest,
         float(np.quantile(np.abs(recorded), 1.0 - LIMITED_TIME_HELD)),

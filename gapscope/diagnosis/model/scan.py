@@ -64,13 +64,31 @@ class Scan:
         # clipped candidates may coincide at a bound, where there is no parabola
         if not inside or not np.diff(candidates[near]).all():
             return _uncertain(candidates[k], candidates)
-        curvature, slope, _ = np.polyfit(candidates[near], gains[near], 2)
+        offset, curvature = _parabola(candidates[near], gains[near])
         if curvature >= 0:
             return _uncertain(candidates[k], candidates[near])
-        peak = np.clip(-slope / (2 * curvature), candidates[k - 1], candidates[k + 1])
+        peak = candidates[k] + offset
         # the gain falls by the noise where the parameter is one standard deviation off
-        std = np.sqrt(self.noise / -curvature)
+        std = np.sqrt(self.noise) / np.sqrt(-curvature)
         return NonlinearParameters((float(peak),), (float(std),))
+
+
+def _parabola(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    """Where the parabola through three points has its peak, from the middle one, and its curvature y'' / 2.
+
+    By divided differences about the middle point, which lose no digits however close together the points are. The
+    peak is moved to the outer points if it lies beyond them; of a parabola without one it is the middle point.
+    """
+    left, right = x[1] - x[0], x[2] - x[1]
+    slope_left, slope_right = (y[1] - y[0]) / left, (y[2] - y[1]) / right
+    curvature = (slope_right - slope_left) / (left + right)
+    if curvature >= 0:
+        return 0.0, float(curvature)
+    slope = (slope_left * right + slope_right * left) / (left + right)
+    farthest = right if slope > 0 else left
+    if abs(slope) >= -2 * curvature * farthest:
+        return float(np.sign(slope) * farthest), float(curvature)
+    return float(-slope / (2 * curvature)), float(curvature)
 
 
 def _gram(x: np.ndarray) -> np.ndarray:

@@ -28,6 +28,7 @@ from gapscope.diagnosis.selection.near_equivalents import (
 )
 from gapscope.diagnosis.selection.refinement import prune, refine
 from gapscope.diagnosis.selection.resonance_starts import starts
+from gapscope.diagnosis.selection.turned_base import add_turned_base
 from gapscope.diagnosis.selection.visibility import closed_between, visible
 from gapscope.diagnosis.thresholds import (
     COMPLIANCE_STARTS_TRIED,
@@ -80,7 +81,7 @@ def search(
     """Find the terms that explain the gap of recordings, by evidence on halves of recordings left out of the fit."""
     decimated = [[thinned(s, SEARCH_RATE) for s in fold] for fold in folds]
     nominal = nominal_model(arm, body, decimated, cutoff, reference)
-    model, considered = add_terms(nominal, progress)
+    model, considered = add_terms(add_turned_base(nominal), progress)
     model, replaced = compare_near_equivalents(model)
     model, compliant = drop_unneeded_compliance(model)
     model = relinearise(prune(model))

@@ -17,6 +17,7 @@ from gapscope.diagnosis.setup_faults.channel_mapping import (
     shifted,
     swapped,
     timed,
+    turned,
 )
 from gapscope.diagnosis.setup_faults.fault_samples import FaultSamples
 from gapscope.diagnosis.thresholds import (
@@ -27,6 +28,8 @@ from gapscope.diagnosis.thresholds import (
 
 DEGREE = np.pi / 180
 TURN = 2 * np.pi
+TURNED_BASE = "base_tilt"
+"""Name of the effect that competes with faults."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +78,26 @@ def motion_candidates(n: int) -> list[FaultCandidate]:
 
 
 def arm_candidates(n: int) -> list[FaultCandidate]:
-    """Shifted inertials and wrong rates."""
-    return [*inertial_candidates(n), *(wrong_rate(n, amount) for amount in RATE_STARTS)]
+    """Shifted inertials, wrong rates, and bases turned."""
+    rates = [wrong_rate(n, amount) for amount in RATE_STARTS]
+    return [*inertial_candidates(n), *rates, *turned_bases(n)]
+
+
+def turned_bases(n: int) -> list[FaultCandidate]:
+    """Arms that hang, or are mounted sideways.
+
+    No faults: a turned base is an effect, ``base_tilt``, which the search finds. Here it competes with the faults that
+    look like it: all torques turned are gravity turned, but for friction and inertia.
+    """
+    half, quarter = np.pi, np.pi / 2
+    turns = [
+        (half, 0.0),
+        (quarter, 0.0),
+        (-quarter, 0.0),
+        (0.0, quarter),
+        (0.0, -quarter),
+    ]
+    return [FaultCandidate(TURNED_BASE, (), "", turned(n, *turn)) for turn in turns]
 
 
 def inertial_candidates(n: int) -> list[FaultCandidate]:

@@ -21,6 +21,7 @@ class ChannelMapping:
         time_factor: true over recorded period [1].
         link_shift: links by which the inertials of the URDF have to move...
         moved_only: ...among those that a joint moves, or among all.
+        turn: roll and pitch by which the base is turned against the nominal arm's gravity [rad].
     """
 
     motion_source: tuple[int, ...]
@@ -30,6 +31,7 @@ class ChannelMapping:
     time_factor: float = 1.0
     link_shift: int = 0
     moved_only: bool = False
+    turn: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
     def identity(cls, n: int) -> ChannelMapping:
@@ -46,6 +48,7 @@ class ChannelMapping:
             self.time_factor,
             self.link_shift,
             self.moved_only,
+            self.turn,
         )
 
     def then(self, other: ChannelMapping) -> ChannelMapping:
@@ -58,6 +61,8 @@ class ChannelMapping:
             self.time_factor * other.time_factor,
             self.link_shift + other.link_shift,
             self.moved_only or other.moved_only,
+            # a base is turned once
+            other.turn if any(other.turn) else self.turn,
         )
 
     def motion(
@@ -122,3 +127,8 @@ def timed(n: int, factor: float) -> ChannelMapping:
 def shifted(n: int, links: int, moved_only: bool = False) -> ChannelMapping:
     """The URDF's inertials moved by ``links`` links."""
     return replace(ChannelMapping.identity(n), link_shift=links, moved_only=moved_only)
+
+
+def turned(n: int, roll: float, pitch: float) -> ChannelMapping:
+    """The base turned by roll and pitch [rad] against the nominal arm's gravity."""
+    return replace(ChannelMapping.identity(n), turn=(roll, pitch))

@@ -15,6 +15,7 @@ from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.plausibility import PLAUSIBLE_RATES
+from gapscope.diagnosis.gap.plausible_data import check_rates
 from gapscope.diagnosis.gap.torque_gap import torque_gap
 from gapscope.diagnosis.setup_faults.candidates import inertial_candidates
 from gapscope.diagnosis.setup_faults.fault_search import faults_by_torque, found_fault
@@ -38,11 +39,15 @@ def find_setup_faults(case: Case) -> tuple[FoundFault, ...]:
 
     Args:
         case: the case as it was read.
+
+    Raises:
+        InputError: time stamps cannot be put right.
     """
     if not case.recordings:
         return ()
     stamps = find_stamps((*case.recordings, *case.judged))
     even = repaired(case, stamps)
+    check_rates(even)
     alone = sum(r.tau is not None for r in case.recordings) == 1
     # Shifted inertials are looked for by themselves only if the torque shows no fault.
     for search in (faults_by_torque, _shifted_inertials):
@@ -84,8 +89,11 @@ def _lowers_gap(fault: FoundFault, alone: bool) -> bool:
     """
     without, after = fault.gap_without_this, fault.gap_after
     shown_by_torque = fault.mapping is not None and not fault.recordings
-    if not shown_by_torque or without is None or after is None:
+    if not shown_by_torque or without is None:
         return True
+    # read that way the recordings leave no gap to look at: too short, or no arm
+    if after is None:
+        return False
     least_fall = -np.inf
     if fault.name == "shifted_inertials":
         least_fall = SHIFTED_INERTIALS_FALL

@@ -11,6 +11,7 @@ from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.diagnosis.setup_faults.candidates import (
+    TURNED_BASE,
     FaultCandidate,
     arm_candidates,
     joints_beyond_range,
@@ -45,6 +46,9 @@ from gapscope.ident.signals.conditioning import (
     position_cutoff,
 )
 
+_Kind = tuple[str, str, int]
+"""Name and variant of a candidate, and the number of its joints."""
+
 
 @dataclass(frozen=True)
 class _Finalist:
@@ -75,13 +79,15 @@ def faults_by_torque(case: Case) -> list[FoundFault]:
     mapping, found = ChannelMapping.identity(case.arm.n_joints), []
     for _ in range(case.arm.n_joints):
         candidates = _candidates(fine, mapping, rate_is_known)
-        screened = _screened(coarse, mapping, candidates)
-        finalists = _finalists(coarse, fine, mapping, screened)
+        charges = _choice_charges(candidates)
+        screened = _screened(coarse, mapping, candidates, charges)
+        finalists = _finalists(coarse, fine, mapping, screened, charges)
         best = max(finalists, key=lambda finalist: finalist.gain, default=None)
         if best is None or not _is_accepted(best, fine, mapping, strictness):
             break
         probability = _probability(best, finalists)
-        found.append(found_fault(best.candidate, best.std, probability))
+        if best.candidate.name != TURNED_BASE:
+            found.append(found_fault(best.candidate, best.std, probability))
         mapping = mapping.then(best.candidate.mapping)
     return found
 
@@ -89,7 +95,7 @@ def faults_by_torque(case: Case) -> list[FoundFault]:
 def _candidates(
     scorer: MappingScorer, mapping: ChannelMapping, rate_is_known: bool
 ) -> list[FaultCandidate]:
-    """Faults that may come on top of a mapping."""
+    """Faults that may come on top of a mapping, and turned bases, which compete with them."""
     n = scorer.arm.n_joints
     candidates = [
         *torque_candidates(n),
@@ -100,15 +106,42 @@ def _candidates(
     # Recorded velocities, or a time scale that was corrected already, settle the rate.
     if rate_is_known or mapping.time_factor != 1.0:
         candidates = [c for c in candidates if c.name != "time_stamps"]
+    # a turned base does not turn once more, nor is it right while torques are turned as well
+    if any(mapping.turn):
+        candidates = [c for c in candidates if c.name != TURNED_BASE]
     return candidates
 
 
+def _choice_charges(candidates: list[FaultCandidate]) -> dict[_Kind, float]:
+    """Gain that candidates owe to the choice of their joints, of as many as there are of their kind [1].
+
+    All torques turned is one convention; two of seven joints are one of 21 pairs.
+    """
+    joints: dict[_Kind, set[tuple[int, ...]]] = {}
+    for candidate in candidates:
+        joints.setdefault(_kind(candidate), set()).add(candidate.joints)
+    return {
+        kind: float(np.log(len(sets))) / FAULT_SHARPNESS
+        for kind, sets in joints.items()
+    }
+
+
+def _kind(candidate: FaultCandidate) -> _Kind:
+    return candidate.name, candidate.variant, len(candidate.joints)
+
+
 def _screened(
-    coarse: MappingScorer, mapping: ChannelMapping, candidates: list[FaultCandidate]
+    coarse: MappingScorer,
+    mapping: ChannelMapping,
+    candidates: list[FaultCandidate],
+    charges: dict[_Kind, float],
 ) -> list[FaultCandidate]:
     """The best few candidates that gain anything, one of each fault, variant and set of joints."""
     before = coarse.score(mapping)
-    gains = [coarse.score(mapping.then(c.mapping)).gain(before) for c in candidates]
+    gains = []
+    for candidate in candidates:
+        score = coarse.score(mapping.then(candidate.mapping))
+        gains.append(score.gain(before) - charges[_kind(candidate)])
     kept: dict[tuple[str, str, tuple[int, ...]], FaultCandidate] = {}
     for index in np.argsort(gains)[::-1][:FAULT_FINALISTS]:
         candidate = candidates[index]
@@ -124,7 +157,9 @@ def _finalists(
     fine: MappingScorer,
     mapping: ChannelMapping,
     candidates: list[FaultCandidate],
+    charges: dict[_Kind, float],
 ) -> list[_Finalist]:
+    """The candidates refined, each with its gain less what its values and the choice of its joints owe."""
     before = fine.score(mapping)
     finalists = []
     for start in candidates:
@@ -132,7 +167,8 @@ def _finalists(
         candidate, std = refined(coarse, mapping, start)
         score = fine.score(mapping.then(candidate.mapping))
         fitted = bool(start.values and start.variant)
-        gain = score.gain(before) - (FAULT_VALUE_CHARGE if fitted else 0.0)
+        charge = charges[_kind(start)] + (FAULT_VALUE_CHARGE if fitted else 0.0)
+        gain = score.gain(before) - charge
         finalists.append(_Finalist(candidate, std, score, gain))
     return finalists
 

@@ -25,6 +25,7 @@ from gapscope.diagnosis.thresholds import (
     ORDINARY_PENALTY,
     WORST_GAP,
 )
+from gapscope.effects.environment import tilt
 
 KEPT_EQUATIONS = 8
 """Motions beyond the present one of which equations are kept."""
@@ -77,7 +78,7 @@ class MappingScorer:
     body: RigidBody
     samples: FaultSamples
     _equations: dict[tuple[object, ...], FoldEquations] = field(default_factory=dict)
-    _bodies: dict[tuple[int, bool], RigidBody | None] = field(default_factory=dict)
+    _bodies: dict[tuple[object, ...], RigidBody | None] = field(default_factory=dict)
 
     def score(self, mapping: ChannelMapping, spread: float = 1.0) -> MappingScore:
         """Score of a mapping; the worst possible for an arm that cannot be.
@@ -105,7 +106,7 @@ class MappingScorer:
         """Equations under a mapping; ``None`` if its inertials leave no arm."""
         key = mapping.motion_key
         if key not in self._equations:
-            body = self._shifted_body(mapping.link_shift, mapping.moved_only)
+            body = self._body(mapping)
             if body is None:
                 return None
             if len(self._equations) > KEPT_EQUATIONS:
@@ -114,14 +115,18 @@ class MappingScorer:
             self._equations[key] = fold_equations(self.arm, body, self.samples, mapping)
         return self._equations[key]
 
-    def _shifted_body(self, shift: int, moved_only: bool) -> RigidBody | None:
-        """Dynamics with the inertials moved; ``None`` if a joint is then without a body."""
-        key = (shift, moved_only)
+    def _body(self, mapping: ChannelMapping) -> RigidBody | None:
+        """Dynamics with the inertials moved and the base turned; ``None`` if a joint is then without a body."""
+        key = (mapping.link_shift, mapping.moved_only, mapping.turn)
         if key not in self._bodies:
             try:
-                changed = shifted_arm(self.arm, shift, moved_only)
+                changed = shifted_arm(self.arm, mapping.link_shift, mapping.moved_only)
                 unchanged = changed is self.arm
-                self._bodies[key] = self.body if unchanged else RigidBody(changed)
+                body = self.body if unchanged else RigidBody(changed)
+                if any(mapping.turn):
+                    gravity = tilt(*mapping.turn).T @ body.gravity
+                    body = body.changed(np.zeros((self.arm.n_joints, 10)), gravity)
+                self._bodies[key] = body
             except InputError:
                 self._bodies[key] = None
         return self._bodies[key]

@@ -64,20 +64,23 @@ def held_out_gap(
 def _against_nominal(
     eq: FoldEquations, mapping: ChannelMapping
 ) -> tuple[np.ndarray, np.ndarray]:
-    """X_j^T (tau_j - p_j), (K, n, D), and the sum of (tau_j - p_j)^2, (K, n), with tau as the mapping reads it."""
+    """X_j^T (tau_j - f_j), (K, n, D), and the sum of (tau_j - f_j)^2, (K, n), with tau as the mapping reads it.
+
+    f is the nominal arm's torque, friction included.
+    """
     source, factor = list(mapping.torque_source), np.array(mapping.torque_factor)
     joints = np.arange(len(source))
     # two index arrays with a slice between them: numpy puts their axis first
     by_joint = eq.cross[:, joints, :, source]
     cross = by_joint.transpose(1, 0, 2) * factor[:, None]
-    prediction = eq.shared  # the column of p
-    target = cross - eq.gram[:, :, :, prediction]
+    nominal = eq.nominal
+    predicted = np.einsum("kjde,je->kjd", eq.gram, nominal)
     square = (
         eq.power[:, source] * factor**2
-        - 2 * cross[:, :, prediction]
-        + eq.gram[:, :, prediction, prediction]
+        - 2 * np.einsum("kjd,jd->kj", cross, nominal)
+        + np.einsum("kjd,jd->kj", predicted, nominal)
     )
-    return target, square
+    return cross - predicted, square
 
 
 def _fit(
@@ -111,7 +114,10 @@ def _fit(
     own_lowest = np.full((n, OWN), -np.inf)
     own_lowest[:, 0] = LOWEST_TORQUE_SCALE
     own_lowest[:, 1:4] = eq.lowest.T
-    lowest = np.concatenate([np.full(shared, -np.inf), own_lowest.ravel()])
+    # and no link weighs less than nothing
+    shared_lowest = np.full(shared, -np.inf)
+    shared_lowest[: 10 * n : 10] = eq.lowest_mass
+    lowest = np.concatenate([shared_lowest, own_lowest.ravel()])
     solved = bounded_minimum(matrix, right_side, lowest)
     own = solved[shared:].reshape(n, OWN)
     return np.hstack([np.tile(solved[:shared], (n, 1)), own])
@@ -121,12 +127,14 @@ def _own_prior_std(eq: FoldEquations, deviation: np.ndarray) -> np.ndarray:
     """Prior standard deviations of each joint's own values, (n, 6)."""
     speed_square = eq.gram[:, :, eq.shared + VISCOUS, eq.shared + VISCOUS]
     speed = np.sqrt(speed_square.sum(axis=0) / eq.rows.sum())
+    coulomb, viscous = -eq.lowest[1:]
     return np.column_stack(
         [
             np.full(len(deviation), ORDINARY_TORQUE_SCALE),
             eq.inertia,
-            ORDINARY_FRICTION * deviation,
-            ORDINARY_FRICTION * deviation / np.maximum(speed, 1e-3),
+            # nominal friction may be a placeholder: an arm without any of it is ordinary
+            np.hypot(ORDINARY_FRICTION * deviation, coulomb),
+            np.hypot(ORDINARY_FRICTION * deviation / np.maximum(speed, 1e-3), viscous),
             ORDINARY_SPRING * deviation / np.maximum(eq.travel, 1e-2),
             ORDINARY_OFFSET * deviation,
         ]

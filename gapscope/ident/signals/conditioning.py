@@ -31,6 +31,10 @@ LEAST_CUTOFF, LARGEST_CUTOFF = 5.0, 40.0
 GAP_STEPS = 4.0
 """A step of time longer than this many median steps is a gap, and the recording is cut there."""
 
+BRIDGED_GAP = 0.04
+"""Longest step of time [s] over which a log that is all gaps is interpolated: samples so far apart still show the band
+of the torque gap, 12 Hz."""
+
 
 @dataclass(frozen=True)
 class Segment:
@@ -118,9 +122,19 @@ def uniform(
 
 
 def pieces(recording: Recording) -> list[slice]:
-    """Slices of a recording between its gaps, those of at least ``SHORTEST`` seconds."""
-    t = recording.t
+    """Slices of a recording between its gaps, those of at least ``SHORTEST`` seconds.
+
+    A log that loses rows all over has no such piece; then only steps longer than ``BRIDGED_GAP`` count as gaps.
+    """
     longest_step = GAP_STEPS / recording.rate
+    found = _pieces(recording.t, longest_step)
+    if not found and longest_step < BRIDGED_GAP:
+        found = _pieces(recording.t, BRIDGED_GAP)
+    return found
+
+
+def _pieces(t: np.ndarray, longest_step: float) -> list[slice]:
+    """Slices of stamps t [s] between steps longer than one given [s], those of at least ``SHORTEST`` seconds."""
     first_after_gap = np.flatnonzero(np.diff(t) > longest_step) + 1
     edges = [0, *first_after_gap.tolist(), len(t)]
     spans = [slice(start, stop) for start, stop in itertools.pairwise(edges)]

@@ -120,6 +120,35 @@ def test_unknown_friction_and_wrong_inertials_are_no_setup_fault(
     assert find_setup_faults(replace(case, arm=replace(case.arm, urdf=urdf))) == ()
 
 
+HUNG = Truth(tilt=(np.pi, 0.0))
+ON_A_WALL = Truth(tilt=(np.pi / 2, 0.0))
+
+
+@pytest.mark.parametrize("truth", [HUNG, ON_A_WALL], ids=["hung", "on a wall"])
+def test_an_arm_that_is_mounted_otherwise_has_no_torque_turned(truth: Truth) -> None:
+    """Gravity turned looks like all torques turned, but friction then keeps its sign."""
+    assert find_setup_faults(synthetic.case(truth, seed=3)) == ()
+
+
+@pytest.mark.parametrize("placeholder", [0.0, 20.0])
+def test_all_torques_turned_are_found_whatever_friction_the_data_sheet_claims(
+    placeholder: float,
+) -> None:
+    case = sound("healthy")
+    friction = {
+        "coulomb": case.arm.coulomb + placeholder / 4,
+        "viscous": case.arm.viscous + placeholder,
+    }
+    claimed = replace(case, arm=replace(case.arm, **friction))
+    assert find_setup_faults(claimed) == ()
+    (found,) = find_setup_faults(spoilt(claimed, SignFlip((1, 2, 3))))
+    assert (found.name, found.joints, found.variant) == (
+        "sign_flip",
+        (1, 2, 3),
+        "torque",
+    )
+
+
 @pytest.mark.parametrize("label", FAULTS)
 def test_fault_is_found_and_put_right(label: str) -> None:
     fault, joints, variant = FAULTS[label]

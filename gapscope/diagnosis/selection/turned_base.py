@@ -1,0 +1,51 @@
+"""Arms that hang or are mounted sideways: too far from the nominal arm's gravity for its linearisation."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gapscope.diagnosis.selection.fitted_model import Model, fit_terms
+from gapscope.diagnosis.thresholds import TURNED_BASE_FALL
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.environment import BASE_TILT, tilt
+
+ON_SIDE = 1.35
+"""Pitch of an arm on a wall [rad], short of a right angle, at which roll changes nothing."""
+TURNS = tuple(
+    np.array(turn)
+    for turn in (
+        (np.pi, 0.0),
+        (np.pi / 2, 0.0),
+        (-np.pi / 2, 0.0),
+        (0.0, ON_SIDE),
+        (0.0, -ON_SIDE),
+    )
+)
+"""Roll and pitch of an arm that hangs, and of arms on a wall [rad]."""
+
+
+def add_turned_base(nominal: Model) -> Model:
+    """The model with ``base_tilt`` from the turn that takes most of the gap away, if it takes most of it."""
+    gaps = [_gap_square(nominal, turn) for turn in TURNS]
+    best = int(np.argmin(gaps))
+    if gaps[best] > (1.0 - TURNED_BASE_FALL) * _gap_square(nominal, np.zeros(2)):
+        return nominal
+    (term,) = nominal.terms.of(BASE_TILT.name)
+    turned = fit_terms(nominal, frozenset({term}), {term: TURNS[best]})
+    return turned if nominal.gain_of(turned) > 0 else nominal
+
+
+def _gap_square(model: Model, turn: np.ndarray) -> float:
+    """Squared gap of the nominal arm with its base turned, over that of the torques, summed over rows [1]."""
+    data = model.data
+    arm = CorrectedArm(data.arm)
+    gravity = data.body.gravity
+    change = tilt(*turn).T @ gravity - gravity
+    total = 0.0
+    for segment, bodies in zip(data.segments, data.bodies, strict=True):
+        assert segment.torque is not None
+        predicted = arm.predict(segment.bodies(data.body), segment.motion)
+        gap = segment.torque - predicted - bodies.gravity @ change
+        scaled = data.thin(gap, segment) / data.torque_deviation
+        total += float((scaled**2).sum())
+    return total

@@ -1,0 +1,125 @@
+"""Recordings as bad as logs can be: each ends with a diagnosis or with an error that says what to do, never otherwise.
+
+Warnings of numpy and scipy count as failures: they would reach the terminal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import synthetic
+from synthetic import Truth
+
+from gapscope.arm.case import Case
+from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.recording import Recording
+from gapscope.diagnosis.diagnose import diagnose
+from gapscope.diagnosis.document.diagnosis_json import validate
+
+pytestmark = pytest.mark.filterwarnings(
+    "error::RuntimeWarning",
+    "error::scipy.linalg.LinAlgWarning",
+)
+Change = Callable[[np.ndarray], np.ndarray]
+
+SOUND = synthetic.case(Truth(coulomb=(0.0, 2.0, 0.0)), seed=3, duration=4.0)
+
+
+def changed(
+    rows: np.ndarray | None = None,
+    *,
+    t: Change | None = None,
+    q: Change | None = None,
+    tau: Change | None = None,
+) -> Case:
+    """Two recordings of the sound case, some rows or some channels of each."""
+
+    def one(recording: Recording) -> Recording:
+        channels = {"t": recording.t, "q": recording.q, "tau": recording.tau}
+        kept = {name: np.array(x) for name, x in channels.items()}
+        if rows is not None:
+            kept = {name: x[rows] for name, x in kept.items()}
+        for name, change in (("t", t), ("q", q), ("tau", tau)):
+            if change is not None:
+                kept[name] = change(kept[name])
+        return replace(recording, **kept)
+
+    return replace(SOUND, recordings=tuple(one(r) for r in SOUND.recordings[1:]))
+
+
+def column(j: int, value: float) -> Change:
+    """A channel with the value on one joint, from 0."""
+
+    def change(series: np.ndarray) -> np.ndarray:
+        series[:, j] = value
+        return series
+
+    return change
+
+
+def noisy(deviation: float) -> Change:
+    rng = np.random.default_rng(0)
+    return lambda series: series + deviation * rng.standard_normal(series.shape)
+
+
+def kept(share: float) -> np.ndarray:
+    """Rows of a log that loses the others at random."""
+    return np.flatnonzero(np.random.default_rng(1).random(1001) < share)
+
+
+def spiky(tau: np.ndarray) -> np.ndarray:
+    """A torque with one row that is nonsense."""
+    tau[100] = 1e5
+    return tau
+
+
+DIAGNOSED: dict[str, Callable[[], Case]] = {
+    "1.6 s": lambda: changed(np.arange(401)),
+    "30 Hz": lambda: changed(np.arange(0, 1001, 8)),
+    "noise five times as loud": lambda: changed(tau=noisy(0.6)),
+    "a third of the rows lost": lambda: changed(kept(0.67)),
+    "a joint that never moves": lambda: changed(q=column(2, 0.3)),
+    "no torque on a joint": lambda: changed(tau=column(0, 0.0)),
+    "a constant torque": lambda: changed(tau=column(2, 4.0)),
+    "positions in steps of 0.1 rad": lambda: changed(q=lambda q: np.round(q, 1)),
+    "a spike in the torque": lambda: changed(tau=spiky),
+    "torque in thousandths": lambda: changed(tau=lambda tau: 1e-3 * tau),
+}
+
+
+@pytest.mark.parametrize("label", DIAGNOSED)
+def test_it_is_diagnosed(label: str) -> None:
+    validate(diagnose(DIAGNOSED[label]()).document)
+
+
+REFUSED: dict[str, tuple[Callable[[], Case], str]] = {
+    "1 s": (lambda: changed(np.arange(251)), "lasts 1 s"),
+    "no torque": (lambda: changed(tau=lambda tau: 0.0 * tau), "of no joint changes"),
+    "torque of 10^12": (lambda: changed(tau=lambda tau: 1e12 * tau), "column tau"),
+    "positions of 10^12": (lambda: changed(q=lambda q: 1e12 * q), "column q"),
+    "years between samples": (lambda: changed(t=lambda t: 1e12 * t), "column t"),
+    "time in a millionth": (lambda: changed(t=lambda t: 1e-6 * t), "the rate is"),
+    "time that stands still": (lambda: changed(t=lambda t: 0.0 * t), "column t"),
+    "a stamp twice": (
+        lambda: changed(t=lambda t: np.where(np.arange(len(t)) == 99, t[98], t)),
+        "row 100, column t",
+    ),
+    "stamps too large for their steps": (
+        lambda: changed(t=lambda t: t + 1e15),
+        "column t",
+    ),
+}
+
+
+@pytest.mark.parametrize("label", REFUSED)
+def test_it_is_refused_with_place_and_remedy(label: str) -> None:
+    build, says = REFUSED[label]
+    with pytest.raises(GapscopeError) as caught:
+        diagnose(build())
+    assert says in str(caught.value) and "remedy" in str(caught.value)
+    if "column" in says:
+        assert isinstance(caught.value, InputError)
+        assert "recording_1.csv" in str(caught.value)
