@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -42,6 +43,7 @@ class TableEvidence:
         rows: weight of the rows, (F, n).
         floor2: mean square of a healthy arm, (F, n).
         inertial_error: relative error of the nominal inertials.
+        samples: independent samples of each joint.
     """
 
     score: Sets = lambda terms: 0.0
@@ -50,6 +52,18 @@ class TableEvidence:
     floor2: np.ndarray = field(default_factory=lambda: np.ones((1, JOINTS)))
     terms: Terms = TERMS
     inertial_error: float = 0.01
+    samples: float = 1e3
+
+    @property
+    def scored(self) -> Any:
+        """Rows that are scored: one fold of two joints."""
+        return SimpleNamespace(independent=np.full((1, JOINTS), self.samples))
+
+    @property
+    def linear(self) -> Any:
+        """An arm of two joints that is compared with its data sheet."""
+        data = SimpleNamespace(reference=None)
+        return SimpleNamespace(arm=SimpleNamespace(n_joints=JOINTS), data=data)
 
     def fit(self, terms: frozenset[Term]) -> TableFit:
         """A fit with the given score."""

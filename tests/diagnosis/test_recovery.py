@@ -186,10 +186,10 @@ class TestVerdict:
         truth = Truth(coulomb=(0.0, 4.0, 2.0), extra=self.little)
         document = diagnose(synthetic.case(truth, seed=4)).document
         assert document["verdict"] == "effects_found"
-        assert (
-            document["unexplained"]["above_floor"]
-            and 0.0 < document["unexplained"]["share"] < 0.3
-        )
+        # joint 2 stays above its floor, but no more than named effects may leave
+        assert not document["unexplained"]["above_floor"]
+        assert document["unexplained"]["joints"] == [2]
+        assert 0.0 < document["unexplained"]["share"] < 0.3
 
     def test_large_effect_and_a_little_on_another_joint_that_nothing_explains(
         self,

@@ -14,9 +14,11 @@ from gapscope.diagnosis.assessment.excess_residual import (
     elementwise_max,
     excess_residual,
     excess_residual_set_aside,
+    ratio_by_chance,
 )
 from gapscope.diagnosis.gap.torque_gap import TorqueGap
 from gapscope.diagnosis.selection.search import Selection
+from gapscope.diagnosis.thresholds import FALSE_ALARM_RATE
 
 FRICTION = term("coulomb_friction", 1)
 
@@ -24,7 +26,10 @@ FRICTION = term("coulomb_friction", 1)
 def residual(
     before: Any, after: Any, ratio: Any, compliant: bool = False
 ) -> ExcessResidual:
-    return ExcessResidual(np.array(before), np.array(after), np.array(ratio), compliant)
+    by_chance = np.ones(len(ratio))
+    return ExcessResidual(
+        np.array(before), np.array(after), np.array(ratio), by_chance, compliant
+    )
 
 
 class TestAbove:
@@ -144,3 +149,14 @@ def test_of_two_the_larger_counts_on_each_joint() -> None:
     assert both.before.tolist() == [1.0, 2.0]
     assert both.after.tolist() == [0.4, 0.1]
     assert both.ratio.tolist() == [2.0, 3.0]
+
+
+def test_chance_exceeds_the_floor_by_more_the_fewer_samples_there_are() -> None:
+    """chi2 of 40 degrees of freedom exceeds 66.77 in half a percent: sqrt(66.77 / 40) = 1.292."""
+    assert pytest.approx(0.005) == FALSE_ALARM_RATE / selections.JOINTS
+    few, many = (
+        ratio_by_chance(selections.selection(evidence=TableEvidence(samples=samples)))
+        for samples in (40.0, 4000.0)
+    )
+    assert few == pytest.approx(1.292, abs=1e-3)
+    assert (few > many).all() and (many > 1.0).all()
