@@ -12,6 +12,8 @@ from scipy.optimize import curve_fit
 
 from gapscope.arm.recording import Recording
 
+SELF_LOCKED = 1e4
+"""Torque at which a joint counts as locked by its own friction [N m]."""
 LOAD_ROUNDS = 60
 """Times that friction and the torque which overcomes it are put into each other."""
 BODY_SIZE = (0.03, 0.1)
@@ -95,7 +97,8 @@ def load_friction(
     motor = without
     for _ in range(LOAD_ROUNDS):
         law = x * mean * (np.abs(motor) / mean) ** drawn["power"] * direction
-        motor = without + law
+        # a joint that locks itself has no finite torque, and is no case
+        motor = np.clip(without + law, -SELF_LOCKED, SELF_LOCKED)
     torque = np.zeros_like(scene.dq)
     torque[:, joints] = law
     form = np.abs(motor) * sign(v)

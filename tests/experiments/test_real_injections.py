@@ -95,6 +95,13 @@ def test_load_friction_is_overcome_by_the_motor_too(arm):
     assert values["coefficient"] == pytest.approx(0.2)
 
 
+def test_joint_that_locks_itself_has_no_believable_coefficient(arm):
+    scene = ramp(arm, 1.0, 8.0)
+    recording, values = changed(loads.load_friction, scene, 1.5, power=1.2)
+    assert np.isfinite(recording.tau).all()
+    assert values["coefficient"] > 0.8
+
+
 def test_armature_is_inertia_times_acceleration(arm):
     scene = swing(arm)
     recording, values = changed(loads.armature, scene, 0.4)
