@@ -50,6 +50,7 @@ class TableEvidence:
     mse: Sets = lambda terms: np.ones((1, JOINTS))
     rows: np.ndarray = field(default_factory=lambda: np.ones((1, JOINTS)))
     floor2: np.ndarray = field(default_factory=lambda: np.ones((1, JOINTS)))
+    ratio_by_chance: np.ndarray = field(default_factory=lambda: np.zeros(JOINTS))
     terms: Terms = TERMS
     inertial_error: float = 0.01
     samples: float = 1e3

@@ -9,8 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
-from scipy.stats import f as f_distribution
 
 from gapscope.diagnosis.gap.torque_gap import TorqueGap, torque_scale
 from gapscope.diagnosis.selection.search import Selection
@@ -19,7 +17,6 @@ from gapscope.diagnosis.thresholds import (
     ABOVE_FLOOR_RATIO,
     EXPLAINED_RESIDUAL,
     EXPLAINED_RESIDUAL_COMPLIANT,
-    FALSE_ALARM_RATE,
     LOUDEST_FLOOR,
     RESIDUAL_ABOVE_FLOOR_RATIO,
     WIDE_RESIDUAL_NRMSE,
@@ -118,7 +115,7 @@ def excess_residual(
         before=above_before / selection.scale,
         after=above_after / selection.scale,
         ratio=np.sqrt(after2 / floor2),
-        by_chance=ratio_by_chance(selection),
+        by_chance=selection.evidence.ratio_by_chance,
         compliant=_has_compliance(selection),
     )
 
@@ -137,26 +134,9 @@ def excess_residual_set_aside(
         before=above_floor(before),
         after=above_floor(after),
         ratio=after.rmse / floor,
-        by_chance=ratio_by_chance(selection),
+        by_chance=selection.evidence.ratio_by_chance,
         compliant=_has_compliance(selection),
     )
-
-
-def ratio_by_chance(selection: Selection) -> np.ndarray:
-    """Ratio of RMS to floor that healthy arms exceed on one of n joints in ``FALSE_ALARM_RATE`` of cases, (n,).
-
-    Of independent samples with the floor's variance, which is known of a data sheet and estimated on a reference from
-    as many samples as it has: sqrt of the quantile of F. Source: bendat2010.
-    """
-    evidence = selection.evidence
-    joints = evidence.linear.arm.n_joints
-    samples = evidence.scored.independent.sum(axis=0)[:joints]
-    reference = evidence.linear.data.reference
-    level = FALSE_ALARM_RATE / joints
-    if reference is None:
-        # of infinitely many samples F is chi2 over its degrees of freedom, which scipy's F does not cover
-        return np.asarray(np.sqrt(chi2.isf(level, samples) / samples))
-    return np.asarray(np.sqrt(f_distribution.isf(level, samples, reference.samples)))
 
 
 def _has_compliance(selection: Selection) -> bool:

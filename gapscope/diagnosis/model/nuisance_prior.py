@@ -76,12 +76,19 @@ def reference_prior(
     scale = np.concatenate([units, np.ones(own)])
     # a link without mass has no error
     known = scale > 0
-    inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=known)
-    covariance = errors.covariance * np.outer(inverse, inverse)
+    per_unit = np.divide(1.0, scale, out=np.zeros_like(scale), where=known)
+    covariance = errors.covariance * np.outer(per_unit, per_unit)
     covariance[~known, ~known] = 1e-12
-    precision = np.linalg.pinv(covariance, rcond=1e-12, hermitian=True)
+    precision = inverse(covariance)
     size = len(scale)
     whole = np.zeros((size + joints, size + joints))
     whole[:size, :size] = precision
     whole[size:, size:] = np.eye(joints) / REFERENCE_GAIN**2
     return NuisancePrior(whole, size, REFERENCE_ERROR, 0.003)
+
+
+def inverse(matrix: np.ndarray) -> np.ndarray:
+    """Inverse of a covariance or a precision, scaled to a diagonal of ones first."""
+    unit = 1.0 / np.sqrt(np.diag(matrix))
+    scaled = matrix * unit[:, None] * unit
+    return np.asarray(np.linalg.inv(scaled) * unit[:, None] * unit)

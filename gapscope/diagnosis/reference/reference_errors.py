@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gapscope.arm.motions.motion import Motion
-from gapscope.diagnosis.model.nuisance_prior import ReferenceErrors
+from gapscope.diagnosis.model.nuisance_prior import ReferenceErrors, inverse
 from gapscope.diagnosis.reference.reference import IdentifiedReference, names_of
 from gapscope.diagnosis.thresholds import FRICTION_DAY_TO_DAY
 
@@ -29,10 +29,3 @@ def reference_errors(reference: IdentifiedReference) -> ReferenceErrors:
         return np.asarray(columns.matrix(motion, law)[:, :, columns.links :])
 
     return ReferenceErrors(covariance, own, reference.rest, reference.samples)
-
-
-def inverse(precision: np.ndarray) -> np.ndarray:
-    """Inverse of a precision, scaled to a diagonal of ones first."""
-    unit = 1.0 / np.sqrt(np.diag(precision))
-    scaled = precision * unit[:, None] * unit
-    return np.asarray(np.linalg.inv(scaled) * unit[:, None] * unit)

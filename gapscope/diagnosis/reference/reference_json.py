@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from gapscope.diagnosis.model.nuisance_prior import inverse
 from gapscope.diagnosis.reference.change import Change
 from gapscope.diagnosis.reference.reference import names_of
-from gapscope.diagnosis.reference.reference_errors import inverse
 from gapscope.diagnosis.thresholds import FRICTION_DAY_TO_DAY
 
 SCALED = (

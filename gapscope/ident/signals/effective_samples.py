@@ -1,22 +1,13 @@
-"""Effective number of independent samples: every way of counting that the project uses.
+"""Effective number of independent samples: M / (1 + 2 sum_k rho_k), from what a model leaves.
 
 Samples of a filtered recording resemble their neighbours, so that M of them hold less information than M independent
-ones. Five ways of counting are in use; they answer different questions and give different numbers:
+ones; the residual of a real arm is smooth, and few of its samples are independent. The autocorrelation rho_k at lag k
+says how few (``independent_samples``, and ``variance_inflation``, its reciprocal per sample), wherever there is a
+residual: in the evidence of the diagnosis, its reference, error bars of parameters, tests of the residual network.
 
-=======================  ==================================  ====================================================
-function                 formula                             used for
-=======================  ==================================  ====================================================
-`ar1_samples`            M (1 - rho_1) / (1 + rho_1)         evidence of the diagnosis: its linearisation and
-                                                             its reference
-`motion_samples`         r T, r = 3 /s set by hand           the test for setup faults
-`variance_inflation`     M / (1 + 2 sum_k rho_k)             error bars of parameters: partial update, essential
-                                                             parameters, orthogonality of the residual network
-`band_samples`           2 B T, B the bandwidth of torque    sample count of an identification
-`band_samples`           2 f T, f the cut-off of the filter  advice (24 samples/s at 12 Hz), and the least length
-                                                             of a recording to identify
-=======================  ==================================  ====================================================
-
-T is the length of the recording [s], rho_k the autocorrelation at lag k.
+Before a recording exists, or where its content does not matter, the band says how many there can be at most:
+``band_samples``, 2 B T over T seconds with bandwidth B, in the advice, the least length of a recording, and the sample
+count of an identification; ``motion_samples``, r T at a fixed rate, in the test for setup faults, which are gross.
 """
 
 from __future__ import annotations
@@ -25,30 +16,8 @@ import itertools
 
 import numpy as np
 
-LARGEST_LAG_ONE = 0.98
-"""Lag-one autocorrelations above this [1] would leave almost no samples."""
 FEWEST_SAMPLES = 4.0
 """Least result of ``independent_samples`` [1]."""
-FEWEST_AR1_SAMPLES = 8.0
-"""Least result of ``ar1_samples`` [1]."""
-
-
-def ar1_samples(series: np.ndarray) -> np.ndarray:
-    """M (1 - rho) / (1 + rho) independent samples of each column, rho its lag-one autocorrelation; shape (n,).
-
-    This holds for the mean of an autoregression of order one. rho is limited to 0 ... ``LARGEST_LAG_ONE``, the result
-    is at least ``FEWEST_AR1_SAMPLES``.
-
-    Args:
-        series: shape (M, n); its mean is subtracted.
-
-    Source: bayley1946.
-    """
-    centred = series - series.mean(axis=0)
-    power = (centred**2).sum(axis=0)
-    product = (centred[1:] * centred[:-1]).sum(axis=0)
-    rho = np.clip(product / np.where(power > 0, power, 1.0), 0.0, LARGEST_LAG_ONE)
-    return np.maximum(len(series) * (1 - rho) / (1 + rho), FEWEST_AR1_SAMPLES)
 
 
 def independent_samples(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -46,6 +47,12 @@ class TestAbove:
             False,
             True,
         ]
+
+    def test_a_ratio_that_chance_reaches_is_none(self) -> None:
+        """Of few independent samples."""
+        one = residual([0.5, 0.5], [0.4, 0.4], [1.7, 2.1])
+        few = replace(one, by_chance=np.array([1.9, 1.9]))
+        assert few.above.tolist() == [False, True]
 
 
 class TestOpen:

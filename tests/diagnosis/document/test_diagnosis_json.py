@@ -84,10 +84,6 @@ def test_unknown_values_are_null() -> None:
             "field against.held_out.torque_nrmse[0]",
         ),
         (
-            lambda a: a["today"]["left_open"][0].update(joint=-1),
-            "field against.today.left_open[0].joint",
-        ),
-        (
             lambda a: a["held_out"].update(rmse=[0.1]),
             "against.held_out.rmse: has 1 entries",
         ),

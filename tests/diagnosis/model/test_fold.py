@@ -17,7 +17,7 @@ def equations(rows: int = 40) -> EquationRows:
     return EquationRows(
         terms=rng.normal(size=(rows, 1, 2)),
         inertials=rng.normal(size=(rows, 1, 1)),
-        sensors=np.zeros((rows, 1, 0)),
+        others=np.zeros((rows, 1, 0)),
         y=rng.normal(size=(rows, 1)),
         rate=rng.normal(size=(rows, 1)),
         sticking=flat,

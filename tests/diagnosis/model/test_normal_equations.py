@@ -19,7 +19,7 @@ def gram(*columns: np.ndarray) -> np.ndarray:
 
 
 def test_a_free_nuisance_takes_what_is_its_own() -> None:
-    normal = NormalEquations(gram(COLUMN, NUISANCE, GAP), 1, 1e6)
+    normal = NormalEquations(gram(COLUMN, NUISANCE, GAP), 1, np.array([[1e-12]]))
     theta = normal.solve(np.array([0]))
     assert theta == pytest.approx([2.0], abs=1e-6)
     assert normal.nuisance(theta, np.array([0])) == pytest.approx([3.0], abs=1e-6)
@@ -27,15 +27,15 @@ def test_a_free_nuisance_takes_what_is_its_own() -> None:
 
 def test_a_nuisance_with_a_narrow_prior_stays_zero() -> None:
     """A theta alone: theta = A y / A A = 7 / 2."""
-    normal = NormalEquations(gram(COLUMN, NUISANCE, GAP), 1, 1e-6)
+    normal = NormalEquations(gram(COLUMN, NUISANCE, GAP), 1, np.array([[1e12]]))
     theta = normal.solve(np.array([0]))
     assert theta == pytest.approx([3.5], abs=1e-6)
     assert normal.nuisance(theta, np.array([0])) == pytest.approx([0.0], abs=1e-6)
 
 
 def test_a_prior_of_the_size_of_the_data_shrinks_a_nuisance() -> None:
-    """Without the term delta = N y / (N N + 1 / sigma^2) = 8 / (2 + 4)."""
-    normal = NormalEquations(gram(COLUMN, NUISANCE, GAP), 1, 0.5)
+    """Without the term delta = N y / (N N + Q) = 8 / (2 + 4)."""
+    normal = NormalEquations(gram(COLUMN, NUISANCE, GAP), 1, np.array([[4.0]]))
     none = np.array([], dtype=int)
     assert normal.solve(none) == pytest.approx([0.0])
     assert normal.nuisance(np.zeros(1), none) == pytest.approx([8 / 6])
@@ -43,7 +43,7 @@ def test_a_prior_of_the_size_of_the_data_shrinks_a_nuisance() -> None:
 
 def test_the_rest_is_measured_with_the_nuisance_or_without() -> None:
     total = gram(COLUMN, NUISANCE, GAP)
-    normal, places = NormalEquations(total, 1, 1e6), np.array([0])
+    normal, places = NormalEquations(total, 1, np.array([[1e-12]])), np.array([0])
     theta = normal.solve(places)
     with_nuisance = normal.rest(total[None], theta, places, corrected=True)
     without = normal.rest(total[None], theta, places, corrected=False)

@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from gapscope.diagnosis.model.discrepancy import Discrepancy
 from gapscope.diagnosis.model.fold import Fold
 from gapscope.diagnosis.model.normal_equations import NormalEquations
 from gapscope.diagnosis.selection.fold_equations import FoldEquations, with_skew
 
 A, N = np.array([1.0, 2.0, 0.0, 1.0]), np.array([0.0, 1.0, 1.0, 0.0])
+HEALTHY = Discrepancy(np.array([0.36]), np.array([2.0]))
 Y, D = np.array([3.0, 5.0, 1.0, 2.0]), np.array([1.0, 0.0, 2.0, 1.0])
 
 
@@ -22,7 +24,7 @@ def fold(y: np.ndarray) -> Fold:
     """Two pieces of two rows, one joint."""
     x = np.stack([A, N, y, D], axis=1)
     grams = np.array([[x[:2].T @ x[:2]], [x[2:].T @ x[2:]]])
-    return Fold(grams, np.full((2, 1), 2.0), np.array([0.5]), np.array([3.0]))
+    return Fold(grams, np.full((2, 1), 2.0), np.array([0.5]))
 
 
 def test_a_skew_takes_its_share_of_the_rate_from_the_gap() -> None:
@@ -33,17 +35,24 @@ def test_a_skew_takes_its_share_of_the_rate_from_the_gap() -> None:
 
 
 def test_pieces_are_summed_and_floors_squared() -> None:
-    equations = FoldEquations([fold(Y), fold(2 * Y)], 0.0)
+    equations = FoldEquations([fold(Y), fold(2 * Y)], 0.0, HEALTHY)
     np.testing.assert_allclose(equations.gram[0, 0], gram(A, N, Y))
     np.testing.assert_allclose(equations.gram[1, 0], gram(A, N, 2 * Y))
     assert equations.count.tolist() == [[4.0], [4.0]]
     assert equations.floor2.tolist() == [[0.25], [0.25]]
 
 
+def test_rows_count_by_the_discrepancy_and_it_is_what_is_expected_to_be_left() -> None:
+    """Two rows count as one sample; a mean square of 0.36 is left where noise explains 0.25."""
+    equations = FoldEquations([fold(Y)], 0.0, HEALTHY)
+    assert equations.independent.tolist() == [[2.0]]
+    assert equations.expected2.tolist() == [[0.36]]
+
+
 def test_a_fold_is_predicted_with_the_values_of_its_own_equations() -> None:
     """y = 2 A on one fold, 3 A on the other; each predicted with the other's value leaves |A|^2 = 6 over 4 rows."""
-    equations = FoldEquations([fold(2 * A), fold(3 * A)], 0.0)
-    own = [NormalEquations(g[0], 1, 1e-6) for g in equations.gram]
+    equations = FoldEquations([fold(2 * A), fold(3 * A)], 0.0, HEALTHY)
+    own = [NormalEquations(g[0], 1, np.array([[1e12]])) for g in equations.gram]
     columns = np.array([0])
     exchanged = equations.mean_square(own[::-1], columns, corrected=False)
     kept = equations.mean_square(own, columns, corrected=False)
