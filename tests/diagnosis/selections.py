@@ -44,13 +44,14 @@ class TableEvidence:
         floor2: mean square of a healthy arm, (F, n).
         inertial_error: relative error of the nominal inertials.
         samples: independent samples of each joint.
+        expected2: mean square that a healthy arm leaves of every model, (F, n).
     """
 
     score: Sets = lambda terms: 0.0
     mse: Sets = lambda terms: np.ones((1, JOINTS))
     rows: np.ndarray = field(default_factory=lambda: np.ones((1, JOINTS)))
     floor2: np.ndarray = field(default_factory=lambda: np.ones((1, JOINTS)))
-    ratio_by_chance: np.ndarray = field(default_factory=lambda: np.zeros(JOINTS))
+    expected2: np.ndarray = field(default_factory=lambda: np.ones((1, JOINTS)))
     terms: Terms = TERMS
     inertial_error: float = 0.01
     samples: float = 1e3

@@ -41,6 +41,7 @@ class Support:
         closed: torque NRMSE that it closes on the joint where it closes most.
         left: share of the gap above the floor that remains on its joints, the largest of them.
         times_floor: what remains there over the floor, the largest of them.
+        times_expected: the same over what a healthy arm of this kind leaves, learnt from the data.
         effects: number of effects named.
         nominal: relative error of the nominal inertials.
     """
@@ -49,6 +50,7 @@ class Support:
     closed: float
     left: float
     times_floor: float
+    times_expected: float
     effects: int
     nominal: float
 
@@ -62,17 +64,15 @@ class Support:
         # Logarithms of what varies by orders of magnitude; bounds where more of it says nothing new.
         margin = np.log1p(np.clip(self.margin, 0.0, 200.0)) / 2
         closed = np.clip(np.log(max(self.closed, 1e-4) / 0.01), -1.0, 3.0)
-        # What is left speaks for a cause that is missing.
+        # What is left speaks for a cause that is missing, if it is more than a healthy arm of this kind leaves.
         left = np.clip(self.left, 0.0, 1.0)
-        times_floor = np.clip(np.log(max(self.times_floor, 1e-3)), 0.0, 2.0)
+        times = np.clip(np.log(max(self.times_expected, 1e-3)), 0.0, 2.0)
 
         # Many effects may stand in for one that is missing, and poor inertials look like many effects.
         other_effects = min(self.effects - 1, 4)
         poor_inertials = float(self.nominal > 0.02)
 
-        return np.array(
-            [margin, closed, left, times_floor, other_effects, poor_inertials]
-        )
+        return np.array([margin, closed, left, times, other_effects, poor_inertials])
 
     def plain(self) -> dict[str, float]:
         """As plain numbers for JSON."""

@@ -108,6 +108,7 @@ def _support(
         closed=float(closed.max()),
         left=float((residual.after[places] / before).max()),
         times_floor=float(residual.ratio[places].max()),
+        times_expected=float(residual.ratio_expected[places].max()),
         effects=count_findings(terms),
         nominal=float(found.selection.evidence.inertial_error),
     )

@@ -32,6 +32,7 @@ class ExcessResidual:
         before: torque NRMSE of the nominal arm above the floor, in squares: sqrt(gap^2 - floor^2) / scale, (n,).
         after: the same with the effects found, (n,).
         ratio: RMS with the effects found over the floor's, (n,).
+        ratio_expected: RMS with the effects found over what a healthy arm leaves of every model, (n,).
         by_chance: ratio that chance exceeds on any joint at the false-alarm rate, (n,).
         compliant: whether a compliant joint is among the effects found.
     """
@@ -39,6 +40,7 @@ class ExcessResidual:
     before: np.ndarray
     after: np.ndarray
     ratio: np.ndarray
+    ratio_expected: np.ndarray
     by_chance: np.ndarray
     compliant: bool
 
@@ -73,6 +75,7 @@ def elementwise_max(one: ExcessResidual, other: ExcessResidual) -> ExcessResidua
         before=np.maximum(one.before, other.before),
         after=np.maximum(one.after, other.after),
         ratio=np.maximum(one.ratio, other.ratio),
+        ratio_expected=np.maximum(one.ratio_expected, other.ratio_expected),
         by_chance=np.maximum(one.by_chance, other.by_chance),
         compliant=one.compliant,
     )
@@ -105,6 +108,8 @@ def excess_residual(
     after2 = np.minimum(pooled(evidence.held_out_mse(terms)), gap**2)
     floor2 = np.maximum(pooled(evidence.floor2), np.square(least_floor))
 
+    expected2 = pooled(evidence.expected2)
+
     # If even the quietest joint is above its floor, the floors are too low rather than all joints wrong.
     loudness2 = np.clip((after2 / floor2).min(), 1.0, LOUDEST_FLOOR**2)
     floor2 = floor2 * loudness2
@@ -115,6 +120,7 @@ def excess_residual(
         before=above_before / selection.scale,
         after=above_after / selection.scale,
         ratio=np.sqrt(after2 / floor2),
+        ratio_expected=np.sqrt(after2 / np.maximum(floor2, expected2)),
         by_chance=selection.evidence.ratio_by_chance,
         compliant=_has_compliance(selection),
     )
@@ -125,6 +131,7 @@ def excess_residual_set_aside(
 ) -> ExcessResidual:
     """What is above the floor [N m], (n,), on recordings that are never fitted."""
     scale = torque_scale(before.measured)
+    healthy = np.sqrt(selection.evidence.expected2.mean(axis=0))
 
     def above_floor(gap: TorqueGap) -> np.ndarray:
         excess2 = np.clip(gap.rmse**2 - floor**2, 0.0, None)
@@ -134,6 +141,7 @@ def excess_residual_set_aside(
         before=above_floor(before),
         after=above_floor(after),
         ratio=after.rmse / floor,
+        ratio_expected=after.rmse / np.maximum(floor, healthy),
         by_chance=selection.evidence.ratio_by_chance,
         compliant=_has_compliance(selection),
     )

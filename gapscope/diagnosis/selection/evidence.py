@@ -150,6 +150,11 @@ class Evidence:
         """Mean square of a healthy arm's torque gap [N^2 m^2], (F, n)."""
         return self.torque.floor2
 
+    @property
+    def expected2(self) -> np.ndarray:
+        """Mean square of the torque gap that a healthy arm leaves of every model [N^2 m^2], (F, n)."""
+        return self.torque.expected2
+
     def normal_equations(self, total: np.ndarray) -> NormalEquations:
         """Normal equations with the nuisances' prior from weighted X^T X, (P + K + 1, P + K + 1)."""
         return NormalEquations(total, self.terms.size, self.prior)

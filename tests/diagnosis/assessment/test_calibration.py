@@ -22,10 +22,22 @@ from gapscope.diagnosis.thresholds import (
 )
 
 SURE = Support(
-    margin=50.0, closed=0.01, left=0.0, times_floor=1.0, effects=1, nominal=0.01
+    margin=50.0,
+    closed=0.01,
+    left=0.0,
+    times_floor=1.0,
+    times_expected=1.0,
+    effects=1,
+    nominal=0.01,
 )
 EVEN = Support(
-    margin=0.0, closed=0.01, left=0.0, times_floor=1.0, effects=1, nominal=0.01
+    margin=0.0,
+    closed=0.01,
+    left=0.0,
+    times_floor=1.0,
+    times_expected=1.0,
+    effects=1,
+    nominal=0.01,
 )
 NEUTRAL = {
     "intercept": 0.0,
@@ -53,8 +65,8 @@ class TestProbability:
         assert probability("backlash", SURE, low) == LEAST_PROBABILITY
 
     def test_the_fitted_values_know_more_with_more_support(self) -> None:
-        strong = Support(100.0, 0.3, 0.02, 1.0, 1, 0.01)
-        weak = Support(2.0, 0.012, 0.9, 3.0, 4, 0.06)
+        strong = Support(100.0, 0.3, 0.02, 1.0, 1.0, 1, 0.01)
+        weak = Support(2.0, 0.012, 0.9, 3.0, 3.0, 4, 0.06)
         assert probability("armature", strong) > probability("armature", weak)
 
 
@@ -63,7 +75,8 @@ def test_features_by_hand() -> None:
         margin=np.e - 1.0,
         closed=0.01 * np.e,
         left=1.7,
-        times_floor=np.e,
+        times_floor=99.0,
+        times_expected=np.e,
         effects=9,
         nominal=0.03,
     )

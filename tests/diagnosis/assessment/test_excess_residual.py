@@ -27,9 +27,10 @@ FRICTION = term("coulomb_friction", 1)
 def residual(
     before: Any, after: Any, ratio: Any, compliant: bool = False
 ) -> ExcessResidual:
-    by_chance = np.ones(len(ratio))
+    chance = np.zeros(len(before))
+    ratio = np.array(ratio)
     return ExcessResidual(
-        np.array(before), np.array(after), np.array(ratio), by_chance, compliant
+        np.array(before), np.array(after), ratio, ratio, chance, compliant
     )
 
 

@@ -21,6 +21,7 @@ ALL_EXPLAINED = ExcessResidual(
     before=np.full(2, 0.5),
     after=np.zeros(2),
     ratio=np.ones(2),
+    ratio_expected=np.ones(2),
     by_chance=np.ones(2),
     compliant=False,
 )
@@ -68,6 +69,7 @@ def test_what_is_left_on_its_joint_makes_an_effect_doubtful() -> None:
         before=np.full(2, 0.5),
         after=np.array([0.5, 0.0]),
         ratio=np.array([7.0, 1.0]),
+        ratio_expected=np.array([7.0, 1.0]),
         by_chance=np.ones(2),
         compliant=False,
     )
