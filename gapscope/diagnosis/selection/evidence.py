@@ -20,6 +20,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
 from gapscope.diagnosis.model.linearisation import Linearisation
@@ -131,9 +132,12 @@ class Evidence:
         """
         joints, reference = self.linear.arm.n_joints, self.linear.data.reference
         samples = self.scored.independent.sum(axis=0)[:joints]
-        known = np.inf if reference is None else reference.samples
         level = FALSE_ALARM_RATE / joints
-        return np.asarray(np.sqrt(f_distribution.isf(level, samples, known)))
+        if reference is None:
+            # of infinitely many samples F is chi2 over its degrees of freedom, which scipy's F does not cover
+            return np.asarray(np.sqrt(chi2.isf(level, samples) / samples))
+        quantile = f_distribution.isf(level, samples, reference.samples)
+        return np.asarray(np.sqrt(quantile))
 
     @property
     def sensed(self) -> bool:
