@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
+from scipy.stats import f as f_distribution
 
 from gapscope.diagnosis.gap.torque_gap import TorqueGap, torque_scale
 from gapscope.diagnosis.selection.search import Selection
@@ -17,6 +19,7 @@ from gapscope.diagnosis.thresholds import (
     ABOVE_FLOOR_RATIO,
     EXPLAINED_RESIDUAL,
     EXPLAINED_RESIDUAL_COMPLIANT,
+    FALSE_ALARM_RATE,
     LOUDEST_FLOOR,
     RESIDUAL_ABOVE_FLOOR_RATIO,
     WIDE_RESIDUAL_NRMSE,
@@ -121,7 +124,7 @@ def excess_residual(
         after=above_after / selection.scale,
         ratio=np.sqrt(after2 / floor2),
         ratio_expected=np.sqrt(after2 / np.maximum(floor2, expected2)),
-        by_chance=selection.evidence.ratio_by_chance,
+        by_chance=ratio_by_chance(selection),
         compliant=_has_compliance(selection),
     )
 
@@ -142,9 +145,26 @@ def excess_residual_set_aside(
         after=above_floor(after),
         ratio=after.rmse / floor,
         ratio_expected=after.rmse / np.maximum(floor, healthy),
-        by_chance=selection.evidence.ratio_by_chance,
+        by_chance=ratio_by_chance(selection),
         compliant=_has_compliance(selection),
     )
+
+
+def ratio_by_chance(selection: Selection) -> np.ndarray:
+    """Ratio of RMS to floor that healthy arms exceed on one of n joints in ``FALSE_ALARM_RATE`` of cases, (n,).
+
+    Of independent samples with the floor's variance, which is known of a data sheet and estimated on a reference from
+    as many samples as it has: the root of a quantile of F. Source: bendat2010.
+    """
+    evidence = selection.evidence
+    joints = evidence.linear.arm.n_joints
+    samples = evidence.scored.independent.sum(axis=0)[:joints]
+    reference = evidence.linear.data.reference
+    level = FALSE_ALARM_RATE / joints
+    if reference is None:
+        # of infinitely many samples F is chi2 over its degrees of freedom, which scipy's F does not cover
+        return np.asarray(np.sqrt(chi2.isf(level, samples) / samples))
+    return np.asarray(np.sqrt(f_distribution.isf(level, samples, reference.samples)))
 
 
 def _has_compliance(selection: Selection) -> bool:

@@ -20,8 +20,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
-from scipy.stats import f as f_distribution
 
 from gapscope.diagnosis.model.linearisation import Linearisation
 from gapscope.diagnosis.model.normal_equations import NormalEquations
@@ -35,7 +33,6 @@ from gapscope.diagnosis.model.terms import (
 from gapscope.diagnosis.selection.fold_equations import FoldEquations
 from gapscope.diagnosis.thresholds import (
     BUILT_IN_CHANGE,
-    FALSE_ALARM_RATE,
     LEAST_DELAY,
     LEAST_LINK_MASS,
     NEW_EFFECT,
@@ -122,22 +119,6 @@ class Evidence:
     def inertial_error(self) -> float:
         """Relative error of the nominal inertials that is allowed for [1]."""
         return self.level * self.linear.data.prior.unit
-
-    @property
-    def ratio_by_chance(self) -> np.ndarray:
-        """RMS over its expected value that a healthy arm exceeds on one of n joints by chance, (n,).
-
-        At ``FALSE_ALARM_RATE``; the expected value is known of a data sheet, and estimated on a reference from as many
-        samples as that has: the root of a quantile of F. Source: bendat2010.
-        """
-        joints, reference = self.linear.arm.n_joints, self.linear.data.reference
-        samples = self.scored.independent.sum(axis=0)[:joints]
-        level = FALSE_ALARM_RATE / joints
-        if reference is None:
-            # of infinitely many samples F is chi2 over its degrees of freedom, which scipy's F does not cover
-            return np.asarray(np.sqrt(chi2.isf(level, samples) / samples))
-        quantile = f_distribution.isf(level, samples, reference.samples)
-        return np.asarray(np.sqrt(quantile))
 
     @property
     def sensed(self) -> bool:
