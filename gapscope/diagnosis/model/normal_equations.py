@@ -16,19 +16,24 @@ class NormalEquations:
         total: X^T W X of X = [A, N, y], shape (P + K + 1, P + K + 1).
         size: P.
         prior: precision of the nuisances, in their units, (K, K).
+        bounds: lower bounds of the parameters at which values stop, (P,); ``None`` for none.
 
     Attributes:
         delta: D, shape (K, P + 1).
         least: L, with |[theta; -1]|^2_L the least sum of squares over all nuisances, theirs included, (P + 1, P + 1).
     """
 
-    def __init__(self, total: np.ndarray, size: int, prior: np.ndarray) -> None:
-        self.size, self.prior = size, prior
+    def __init__(
+        self,
+        total: np.ndarray,
+        size: int,
+        prior: np.ndarray,
+        bounds: np.ndarray | None = None,
+    ) -> None:
+        self.size, self.prior, self.bounds = size, prior, bounds
         nuisance = total[size:-1, size:-1] + prior
         cross, right = total[size:-1, :size], total[size:-1, -1]
-        reduced = cho_solve(
-            cho_factor(nuisance, lower=True), np.column_stack([cross, right])
-        )
+        reduced = _solve_positive(nuisance, np.column_stack([cross, right]))
         self.delta = reduced * np.append(-np.ones(size), 1.0)
         own = np.delete(
             np.delete(total, np.s_[size:-1], axis=0), np.s_[size:-1], axis=1
@@ -37,7 +42,7 @@ class NormalEquations:
 
     def solve(self, columns: np.ndarray) -> np.ndarray:
         """Values of the terms in ``columns``, zeros elsewhere, shape (P,)."""
-        return solve(self.least, columns)
+        return solve(self.least, columns, self.bounds)
 
     def spread_by_nuisances(self, columns: np.ndarray) -> np.ndarray:
         """Root R of the covariance R R^T that the nuisances add to values of the terms in ``columns``, (C, K).
@@ -87,12 +92,39 @@ class NormalEquations:
         return self.delta[:, columns] @ theta[columns] + self.delta[:, -1]
 
 
-def solve(least: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Where |[theta; -1]|^2_L is least over the terms in ``columns``, others zero; (P,) from L of (P + 1, P + 1)."""
+def solve(
+    least: np.ndarray, columns: np.ndarray, bounds: np.ndarray | None = None
+) -> np.ndarray:
+    """Where |[theta; -1]|^2_L is least over the terms in ``columns``, others zero; (P,) from L of (P + 1, P + 1).
+
+    Values that fall below their lower bounds, (P,), are fixed there, and the others fitted again.
+    """
     theta = np.zeros(len(least) - 1)
-    if len(columns):
-        block = least[np.ix_(columns, columns)]
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(block), 1e-12))
-        scaled = block * scale[:, None] * scale + 1e-9 * np.eye(len(columns))
-        theta[columns] = scale * np.linalg.solve(scaled, scale * least[columns, -1])
+    free, fixed = np.asarray(columns, dtype=int), np.array([], dtype=int)
+    while len(free):
+        right = least[free, -1] - least[np.ix_(free, fixed)] @ theta[fixed]
+        theta[free] = _least_squares(least[np.ix_(free, free)], right)
+        if bounds is None:
+            break
+        below = free[theta[free] < bounds[free]]
+        if not len(below):
+            break
+        theta[below] = bounds[below]
+        free, fixed = np.setdiff1d(free, below), np.concatenate([fixed, below])
     return theta
+
+
+def _least_squares(block: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solution of normal equations whose columns are brought to one size; a column that does nothing gets zero."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(block), 1e-12))
+    scaled = block * scale[:, None] * scale + 1e-9 * np.eye(len(block))
+    return np.asarray(scale * np.linalg.solve(scaled, scale * right))
+
+
+def _solve_positive(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """A^-1 B of a positive definite A, its columns brought to one size, so that units of any size may meet in it."""
+    scale = 1.0 / np.sqrt(np.diag(matrix))
+    # rounding must not take the least eigenvalue below zero
+    scaled = matrix * scale[:, None] * scale + 1e-13 * np.eye(len(matrix))
+    factor = cho_factor(scaled, lower=True)
+    return np.asarray(scale[:, None] * cho_solve(factor, scale[:, None] * right))

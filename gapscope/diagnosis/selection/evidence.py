@@ -95,6 +95,7 @@ class Evidence:
         self.torque, self.scored = torque, scored
         self.terms = linearisation.terms
         self.lowest = _lowest(linearisation)
+        self._bounds = _stated(linearisation)
         samples_per_row = scored.independent / np.maximum(scored.count, 1e-9)
         self.weights = samples_per_row / (scored_mse + scored.expected2)
         self.prior = linearisation.data.prior.at(level)
@@ -142,7 +143,7 @@ class Evidence:
 
     def normal_equations(self, total: np.ndarray) -> NormalEquations:
         """Normal equations with the nuisances' prior from weighted X^T X, (P + K + 1, P + K + 1)."""
-        return NormalEquations(total, self.terms.size, self.prior)
+        return NormalEquations(total, self.terms.size, self.prior, self._bounds)
 
     def fit(self, terms: frozenset[Term]) -> Fit:
         """Fit and score a set of terms; the score is minus infinity if a value could not be."""
@@ -271,6 +272,22 @@ def _lowest(linearisation: Linearisation) -> np.ndarray:
     lowest[terms.block("payload")[0]] = -masses[linearisation.body.last_link]
     lowest[terms.block("link_inertia")[0]] = (LEAST_LINK_MASS - 1.0) * masses
     return lowest
+
+
+def _stated(linearisation: Linearisation) -> np.ndarray:
+    """Lower bounds at which values stop, (P,): what the data sheet or the URDF states may be gone altogether.
+
+    Others have none: a value that cannot be speaks against its term, the absence of what is stated does not.
+    """
+    arm, terms = linearisation.arm, linearisation.terms
+    bounds = np.full(terms.size, -np.inf)
+    for effect in explained():
+        stated = parametrisation_of(effect).data_sheet
+        if stated is not None:
+            nominal = getattr(arm, stated)
+            places = terms.block(effect.name)[0]
+            bounds[places] = np.where(nominal > 0, -nominal, -np.inf)
+    return bounds
 
 
 def _usual(terms: Terms) -> np.ndarray:
