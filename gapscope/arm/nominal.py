@@ -28,6 +28,7 @@ class NominalArm:
         torque_limit: [N m], (n,), or ``None``.
         encoder: side of the transmission on which q is measured, ``motor`` or ``joint``.
         encoder_step: quantisation step of q that the data sheet admits [rad], or ``None``.
+        friction_source: where ``coulomb`` and ``viscous`` come from, in words; empty if nothing states them.
 
     Raises:
         InputError: a data sheet list does not have one number per joint.
@@ -43,6 +44,7 @@ class NominalArm:
     torque_limit: np.ndarray | None = None
     encoder: str = "motor"
     encoder_step: float | None = None
+    friction_source: str = ""
 
     def __post_init__(self) -> None:
         """Fill in zeros if the data sheet is silent and freeze the arrays."""

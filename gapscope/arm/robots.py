@@ -97,7 +97,30 @@ def load_nominal_arm(
     values.setdefault("coulomb", _dynamics(urdf, names, "friction"))
     if gravity is not None:
         values["gravity"] = np.asarray(gravity, dtype=float)
-    return NominalArm(name=_robot_name(urdf), urdf=urdf, joints=names, **values)
+    return NominalArm(
+        name=_robot_name(urdf),
+        urdf=urdf,
+        joints=names,
+        friction_source=_friction_source(urdf, given, values),
+        **values,
+    )
+
+
+def _friction_source(
+    urdf: Path, sheet: Mapping[str, Any], values: Mapping[str, Any]
+) -> str:
+    """Where the friction of an arm comes from, in words; empty if it has none."""
+    from_file = f"{urdf.name} <dynamics>"
+    if ET.parse(urdf).getroot().tag == "mujoco":
+        from_file = f"{urdf.name} frictionloss and damping"
+    sources = {
+        name: "data sheet" if name in sheet else from_file
+        for name in ("coulomb", "viscous")
+        if np.any(values[name])
+    }
+    if len(set(sources.values())) < 2:
+        return "".join(set(sources.values()))
+    return ", ".join(f"{name} from {source}" for name, source in sources.items())
 
 
 def _locate(robot: str | Path, folder: Path) -> tuple[Path, tuple[str, ...] | None]:

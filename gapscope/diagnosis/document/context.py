@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.assessment.rejection import Rejection
 from gapscope.diagnosis.document.wording import effect_name
@@ -28,6 +29,7 @@ def context(study: Study) -> dict[str, Any]:
     inferred = WARNING in case.warnings
     return {
         "arm": {"robot": case.arm.name, "joints": list(case.arm.joints)},
+        "nominal": {"friction": _nominal_friction(case.arm)},
         "recordings": [
             *(_recording_entry(r, "fit") for r in case.recordings),
             *(_recording_entry(r, "judge") for r in case.judged),
@@ -48,6 +50,15 @@ def context(study: Study) -> dict[str, Any]:
             *(_rejection_entry(rejection) for rejection in study.rejections),
             *_runners_up(study.selection),
         ],
+    }
+
+
+def _nominal_friction(arm: NominalArm) -> dict[str, Any]:
+    """The friction that the nominal arm has, and where it comes from."""
+    return {
+        "source": arm.friction_source or None,
+        "coulomb": arm.coulomb.tolist(),
+        "viscous": arm.viscous.tolist(),
     }
 
 

@@ -137,3 +137,24 @@ def sides_sentence(document: Document) -> str:
     if not parts:
         return "The gap stands above its floor on neither side of any joint."
     return f"The gap lies {listing(parts)}."
+
+
+def nominal_friction_sentence(document: Document) -> str | None:
+    """The nominal arm's friction and where it comes from; ``None`` for a document that does not say."""
+    if "nominal" not in document:
+        return None
+    friction = document["nominal"]["friction"]
+    if not any((*friction["coulomb"], *friction["viscous"])):
+        return "none stated"
+    parts = [
+        f"Coulomb {_from_to(friction['coulomb'], 'N m')}",
+        f"viscous {_from_to(friction['viscous'], 'N m s/rad')}",
+    ]
+    source = friction["source"]
+    return listing(parts) + (f" (from {source})" if source else "")
+
+
+def _from_to(values: list[float], unit: str) -> str:
+    """The range of the joints' values, or the value that all have."""
+    low, high = significant(min(values)), significant(max(values))
+    return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"

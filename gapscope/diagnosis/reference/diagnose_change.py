@@ -85,7 +85,12 @@ def _on(case: Case, result: Identification, urdf: Path) -> Case:
         np.array(section[name]) for name in ("armature", "coulomb", "viscous")
     )
     arm = replace(
-        case.arm, urdf=urdf, armature=armature, coulomb=coulomb, viscous=viscous
+        case.arm,
+        urdf=urdf,
+        armature=armature,
+        coulomb=coulomb,
+        viscous=viscous,
+        friction_source="the reference, identified",
     )
     return replace(case, arm=arm)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from gapscope.diagnosis.display import MISSING, display_unit, significant
 from gapscope.diagnosis.document.sentences import (
+    nominal_friction_sentence,
     unexplained_sentence,
     verdict_sentence,
 )
@@ -196,6 +197,7 @@ def inputs(diagnosis: Diagnosis) -> dict[str, Any]:
         "recordings": document.get("recordings", []),
         "conditioning": document.get("conditioning"),
         "warnings": document.get("warnings", []),
+        "nominal_friction": nominal_friction_sentence(document),
         "inferred": document.get("torque_from") == "controller",
         "traces": len(diagnosis.traces),
         "spectrum": diagnosis.spectrum.frequency.size > 0,

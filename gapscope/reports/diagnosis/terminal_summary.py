@@ -11,6 +11,7 @@ from rich.text import Text
 
 from gapscope.diagnosis.display import nrmse, percent
 from gapscope.diagnosis.document.sentences import (
+    nominal_friction_sentence,
     possible_texts,
     sides_sentence,
     unexplained_sentence,
@@ -61,6 +62,9 @@ def print_summary(document: Mapping[str, Any], console: Console) -> None:
     if document["verdict"] != "no_gap":
         console.print()
         _labelled(console, "Unexplained", unexplained_sentence(document))
+    friction = nominal_friction_sentence(document)
+    if friction is not None:
+        _labelled(console, "Nominal friction", friction)
     if document["next_recording"]:
         _labelled(console, "Next recording", document["next_recording"])
     for warning in document.get("warnings", []):

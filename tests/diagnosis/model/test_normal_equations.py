@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gapscope.diagnosis.model.normal_equations import NormalEquations
+from gapscope.diagnosis.model.normal_equations import NormalEquations, solve
 
 COLUMN = np.array([1.0, 0.0, 1.0])
 NUISANCE = np.array([0.0, 1.0, 1.0])
@@ -49,3 +49,23 @@ def test_the_rest_is_measured_with_the_nuisance_or_without() -> None:
     without = normal.rest(total[None], theta, places, corrected=False)
     assert with_nuisance == pytest.approx([0.0], abs=1e-6)
     assert without == pytest.approx([18.0], abs=1e-4)  # |3 N|^2
+
+
+def test_a_value_below_its_bound_stays_there_and_the_other_is_fitted_again() -> None:
+    """|x + y - 1|^2 + |y - 3|^2 with x >= -1: by hand x = -2, y = 3 without the bound; with x = -1, y = 2.5."""
+    columns = np.array([[1.0, 1.0, 1.0], [0.0, 1.0, 3.0]])
+    least = columns.T @ columns
+    places = np.array([0, 1])
+    np.testing.assert_allclose(solve(least, places), [-2.0, 3.0], rtol=1e-6)
+    bounds = np.array([-1.0, -np.inf])
+    np.testing.assert_allclose(solve(least, places, bounds), [-1.0, 2.5], rtol=1e-6)
+
+
+def test_nuisances_of_very_different_size_are_eliminated() -> None:
+    """Columns 10^9 apart in size: their normal equations are singular to rounding unless they are scaled."""
+    rng = np.random.default_rng(0)
+    x = rng.normal(size=(30, 4)) * np.array([1.0, 1e9, 1e-9, 1.0])
+    normal = NormalEquations(x.T @ x, 1, np.diag([1e-12, 1e-12]))
+    theta = normal.solve(np.array([0]))
+    direct = np.linalg.lstsq(x[:, :2] / [1.0, 1e9], x[:, 3], rcond=None)[0]
+    np.testing.assert_allclose(theta, direct[:1], rtol=1e-5)

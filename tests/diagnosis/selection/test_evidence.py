@@ -51,10 +51,19 @@ def test_a_term_of_nothing_lowers_the_evidence():
     assert nominal.evidence.fit(useless).score < nominal.evidence.fit(NONE).score
 
 
-def test_friction_below_zero_in_total_cannot_be():
+def test_friction_stops_where_nothing_is_left_of_what_the_data_sheet_states():
     slippery = Truth(coulomb=(0.0, -COULOMB[1] - 1.0, 0.0))
     nominal = model(slippery)
-    terms = frozenset({term(nominal, "coulomb_friction", 2)})
+    friction = term(nominal, "coulomb_friction", 2)
+    fit = nominal.evidence.fit(frozenset({friction}))
+    assert fit.theta[friction.columns[0]] == -COULOMB[1]
+    assert not fit.impossible
+    assert fit.score > nominal.evidence.fit(NONE).score
+
+
+def test_friction_below_zero_cannot_be_if_none_is_stated():
+    nominal = model(Truth(scale=(0.0, 0.0, 0.0), stribeck=(0.0, -2.0, 0.0)))
+    terms = frozenset({term(nominal, "stribeck_friction", 2)})
     fit = nominal.evidence.fit(terms)
     assert fit.impossible == terms
     assert fit.score == -np.inf
