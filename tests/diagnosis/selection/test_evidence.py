@@ -62,7 +62,7 @@ def test_friction_stops_where_nothing_is_left_of_what_the_data_sheet_states():
 
 
 def test_friction_below_zero_cannot_be_if_none_is_stated():
-    nominal = model(Truth(scale=(0.0, 0.0, 0.0), stribeck=(0.0, -2.0, 0.0)))
+    nominal = model(Truth(stribeck=(0.0, -2.0, 0.0)))
     terms = frozenset({term(nominal, "stribeck_friction", 2)})
     fit = nominal.evidence.fit(terms)
     assert fit.impossible == terms
