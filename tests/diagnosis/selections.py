@@ -71,6 +71,8 @@ class TableEvidence:
         """A fit with the given score."""
         return TableFit(terms, self.score(terms))
 
+    fit_possible = fit
+
     def held_out_mse(
         self, terms: frozenset[Term], *, corrected: bool = True
     ) -> np.ndarray:

@@ -49,4 +49,4 @@ def divide(found: HeldOutPredictor, residual: ExcessResidual) -> Naming:
             return Naming(selection, sure, possible)
         possible[least] = sure[least]
         kept = selection.fit.terms - terms_of(selection, least)
-        selection = replace(selection, fit=selection.evidence.fit(kept))
+        selection = replace(selection, fit=selection.evidence.fit_possible(kept))

@@ -36,7 +36,7 @@ def reject(predictor: HeldOutPredictor) -> tuple[Selection, list[Rejection]]:
             break
         rejections.append(rejection)
         kept = selection.fit.terms - rejection.terms
-        selection = replace(selection, fit=selection.evidence.fit(kept))
+        selection = replace(selection, fit=selection.evidence.fit_possible(kept))
     return selection, rejections
 
 

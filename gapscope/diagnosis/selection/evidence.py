@@ -169,6 +169,13 @@ class Evidence:
             impossible,
         )
 
+    def fit_possible(self, terms: frozenset[Term]) -> Fit:
+        """Fit of a set of terms, less those whose values are impossible."""
+        fit = self.fit(terms)
+        while fit.impossible:
+            fit = self.fit(fit.terms - fit.impossible)
+        return fit
+
     def charge(self, terms: frozenset[Term]) -> float:
         """What a set costs [nats]: half the logarithm of the samples per parameter, and so much per effect named."""
         charge = self._per_parameter * cost(terms) + NEW_EFFECT * count_findings(terms)

@@ -137,28 +137,20 @@ def _linearised_around(model: Model, fit: Fit) -> Model:
     terms = Terms(model.terms.n_joints, {**model.terms.shapes, **refined})
     linear = Linearisation(model.data, _expansion_point(fit), terms)
     ranked = evidences(linear, fit.scored_mse, fit.terms)
-    return Model(linear, ranked, _possible(ranked[0], fit.terms))
+    return Model(linear, ranked, ranked[0].fit_possible(fit.terms))
 
 
 def _fit_from(
     model: Model, terms: frozenset[Term], starts: Mapping[Term, np.ndarray]
 ) -> Fit:
     """Fit of a set of terms without those that start at given values, then set to these."""
-    fit = _possible(model.evidence, terms - frozenset(starts))
+    fit = model.evidence.fit_possible(terms - frozenset(starts))
     if not starts:
         return fit
     theta = fit.theta.copy()
     for term, values in starts.items():
         theta[list(term.columns)] = values
     return replace(fit, terms=fit.terms | frozenset(starts), theta=theta)
-
-
-def _possible(evidence: Evidence, terms: frozenset[Term]) -> Fit:
-    """Fit of a set of terms, less those whose values are impossible."""
-    fit = evidence.fit(terms)
-    while fit.impossible:
-        fit = evidence.fit(fit.terms - fit.impossible)
-    return fit
 
 
 def _expansion_point(fit: Fit) -> np.ndarray:
