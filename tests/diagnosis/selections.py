@@ -15,6 +15,9 @@ from gapscope.diagnosis.selection.search import Selection
 JOINTS = 2
 TERMS = Terms(JOINTS)
 """The terms of an arm with two joints."""
+DATA_SHEET_ARM = SimpleNamespace(
+    arm=SimpleNamespace(n_joints=JOINTS), data=SimpleNamespace(reference=None)
+)
 Sets = Callable[[frozenset[Term]], Any]
 
 
@@ -45,6 +48,7 @@ class TableEvidence:
         inertial_error: relative error of the nominal inertials.
         samples: independent samples of each joint.
         expected2: mean square that a healthy arm leaves of every model, (F, n).
+        linear: the arm, compared with its data sheet.
     """
 
     score: Sets = lambda terms: 0.0
@@ -55,17 +59,12 @@ class TableEvidence:
     terms: Terms = TERMS
     inertial_error: float = 0.01
     samples: float = 1e3
+    linear: Any = field(default_factory=lambda: DATA_SHEET_ARM)
 
     @property
     def scored(self) -> Any:
         """Rows that are scored: one fold of two joints."""
         return SimpleNamespace(independent=np.full((1, JOINTS), self.samples))
-
-    @property
-    def linear(self) -> Any:
-        """An arm of two joints that is compared with its data sheet."""
-        data = SimpleNamespace(reference=None)
-        return SimpleNamespace(arm=SimpleNamespace(n_joints=JOINTS), data=data)
 
     def fit(self, terms: frozenset[Term]) -> TableFit:
         """A fit with the given score."""

@@ -29,7 +29,7 @@ def diagnosis_content(study: Study) -> dict[str, Any]:
     gap = _gap_stages(study)
     rows = stack(study.predictor.segments)
     effects = with_faults(effect_findings(study, rows), study.faults, gap)
-    possible = with_faults(possible_findings(study, rows), (), gap)
+    possible = possible_findings(study, rows)
     open_joints = [int(j) + 1 for j in np.flatnonzero(study.excess_residual.above)]
     predictions = predictable(study.gap_after, rows, study.floor, open_joints)
     reached = verdict(

@@ -59,16 +59,23 @@ def with_faults(
 ) -> list[dict[str, Any]]:
     """Findings on effects and faults together, those with the largest share first.
 
-    A fault's share is what repairing it takes from the whole gap; the effects share the rest.
+    A fault's share is what repairing it takes from the whole gap; the effects share the rest. All together are what is
+    closed.
     """
     rescaled = [_with_share_times(gap.physical_share, effect) for effect in effects]
     findings = rescaled + [_fault_finding(fault, gap) for fault in faults]
+    total = sum(finding["share"] for finding in findings)
+    if gap.closed is not None and total > 0:
+        factor = gap.closed / total
+        findings = [_with_share_times(factor, finding) for finding in findings]
     return sorted(findings, key=lambda finding: finding["share"], reverse=True)
 
 
-def _with_share_times(factor: float, effect: dict[str, Any]) -> dict[str, Any]:
-    interval = [bound * factor for bound in effect["share_interval"]]
-    return {**effect, "share": effect["share"] * factor, "share_interval": interval}
+def _with_share_times(factor: float, finding: dict[str, Any]) -> dict[str, Any]:
+    interval = finding.get("share_interval", [])
+    scaled = [min(bound * factor, 1.0) for bound in interval]
+    entry = {**finding, "share": min(finding["share"] * factor, 1.0)}
+    return entry | {"share_interval": scaled} if scaled else entry
 
 
 def _fault_finding(fault: FoundFault, gap: GapStages) -> dict[str, Any]:
