@@ -121,6 +121,8 @@ def _examine(case: Case, progress: Progress, baseline: Baseline | None) -> Study
     measured = measured_gap(found, baseline)
     naming = divide(found, measured.residual)
     selection, predictor = naming.selection, found.of(naming.selection)
+    terms = found.selection.fit.terms
+    possible = frozenset(t for t in terms if t.finding in naming.possible)
     if naming.possible:
         measured = measured_gap(predictor, baseline)
 
@@ -138,7 +140,7 @@ def _examine(case: Case, progress: Progress, baseline: Baseline | None) -> Study
         effects=_effects(selection, selection.fit.terms),
         predictor=predictor,
         found=found,
-        possible=_effects(found.selection, _unnamed(found.selection, selection)),
+        possible=_effects(found.selection, possible),
         confidences={**naming.named, **naming.possible},
         gap_before=predictor.gap(frozenset()),
         gap_after=measured.gap_after,
@@ -154,11 +156,6 @@ def _examine(case: Case, progress: Progress, baseline: Baseline | None) -> Study
 def _effects(selection: Selection, terms: frozenset[Term]) -> tuple[AppliedEffect, ...]:
     """Some of a selection's terms as effects with values."""
     return selection.evidence.terms.effects(selection.fit.theta, terms)
-
-
-def _unnamed(found: Selection, named: Selection) -> frozenset[Term]:
-    """Terms that were found and are not named."""
-    return found.fit.terms - named.fit.terms
 
 
 def _repair(

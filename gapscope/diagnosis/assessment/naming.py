@@ -50,3 +50,8 @@ def divide(found: HeldOutPredictor, residual: ExcessResidual) -> Naming:
         possible[least] = sure[least]
         kept = selection.fit.terms - terms_of(selection, least)
         selection = replace(selection, fit=selection.evidence.fit_possible(kept))
+        # what cannot be without it is no surer
+        remaining = {t.finding for t in selection.fit.terms}
+        for finding in sure.keys() - remaining - {least}:
+            most = min(sure[finding].probability, sure[least].probability)
+            possible[finding] = replace(sure[finding], probability=most)

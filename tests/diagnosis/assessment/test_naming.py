@@ -87,6 +87,24 @@ def test_of_two_that_do_as_well_without_each_other_one_stays() -> None:
     assert len(naming.named) == 1 and len(naming.possible) == 1
 
 
+def test_what_cannot_be_without_a_doubtful_one_is_no_surer() -> None:
+    """Without friction, which others explain as well, the rotor's value is impossible."""
+
+    @dataclass(frozen=True)
+    class Needing(TableEvidence):
+        def fit_possible(self, terms: frozenset[Term]) -> Any:
+            return self.fit(terms if FRICTION in terms else frozenset())
+
+    evidence = Needing(score=lambda terms: 100.0 * (ROTOR in terms))
+    found = selections.selection(FRICTION, ROTOR, evidence=evidence)
+    naming = divide(HalvingPredictor(found), ALL_EXPLAINED)  # type: ignore[arg-type]
+    assert naming.named == {} and set(naming.possible) == {
+        "coulomb_friction",
+        "armature",
+    }
+    assert all(sure.probability < 0.5 for sure in naming.possible.values())
+
+
 def test_nothing_found_is_nothing_named() -> None:
     naming = divided(score=lambda terms: 0.0)
     assert naming.named == {} and naming.possible == {}
