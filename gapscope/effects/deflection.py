@@ -15,6 +15,10 @@ FASTEST_FOLLOWED = 40.0
 """A faster resonance is not integrated: the joint deflects at once [Hz]."""
 PHASE_PER_STEP = 0.2
 """Steps are no longer than this share of a radian of the fastest resonance that is followed."""
+FARTHEST = 1e3
+"""Links that lag farther than this have run away [rad]."""
+LIGHTEST = 1e-9
+"""Least inertia about a joint [kg m^2]."""
 CALM = 0.3
 """For this long the springs are damped critically at first: how they swung before the recording is not known [s]."""
 CONTACT = 30.0
@@ -76,7 +80,7 @@ def _resonances(mass: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
     """Highest resonance of each link on its spring over the motion [rad/s], shape (e,); mass (N, e, e)."""
     lightest = np.diagonal(mass, axis1=1, axis2=2).min(axis=0)
     # bodies of no or negative mass, on the way of a search, follow at once
-    return np.sqrt(stiffness / np.maximum(lightest, 1e-9))
+    return np.sqrt(stiffness / np.maximum(lightest, LIGHTEST))
 
 
 def _critical_damping(frequency: np.ndarray, mass: np.ndarray, h: float) -> np.ndarray:
@@ -100,12 +104,21 @@ def _followed(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Delta and its first two derivatives by time, (N, e) each, under a torque (N, e); step h [s]."""
     delta = _recursion(m / h**2, d / (2 * h), k, torque)
+    if delta is None:
+        delta = _at_once(k, torque)
     rate = np.gradient(delta, h, axis=0)
     acceleration = np.gradient(rate, h, axis=0)
     # the differences of the recursion itself, except at the ends
     after, before = delta[2:], delta[:-2]
     acceleration[1:-1] = (after - 2 * delta[1:-1] + before) / h**2
     return delta, rate, acceleration
+
+
+def _at_once(k: np.ndarray, torque: np.ndarray) -> np.ndarray:
+    """Delta (N, e) of springs k (N, e, e) that follow a torque (N, e) without mass, within ``FARTHEST``."""
+    inverse = np.linalg.pinv(k, rcond=1e-9)
+    delta = np.einsum("nij,nj->ni", inverse, torque)
+    return np.clip(delta, -FARTHEST, FARTHEST)
 
 
 def behind_play(
@@ -164,13 +177,18 @@ def _deflections(
     h = 1.0 / motion.rate
     delta = np.zeros_like(torque)
     for j in np.flatnonzero(width):
-        m = mass[:, j, j]
+        # bodies of no or negative mass, on the way of a search, are light ones here
+        m = np.maximum(mass[:, j, j], LIGHTEST)
         k, d = stiffness[j], damping[j]
         if not k:
             k = float(m.mean()) * (2 * np.pi * CONTACT) ** 2
             d = 2 * CONTACT_DAMPING * float(np.sqrt(k * m.mean()))
         own = _OwnJoint(m, by_velocity[:, j, j], by_position[:, j, j], k, d)
-        delta[:, j] = _play(torque[:, j], own, 0.5 * width[j], h)
+        half = 0.5 * width[j]
+        delta[:, j] = _play(torque[:, j], own, half, h)
+        held = np.isfinite(delta[:, j]).all()
+        if not held or np.abs(delta[:, j]).max() > half + FARTHEST:
+            delta[:, j] = half * np.sign(torque[:, j])
     rate = np.gradient(delta, h, axis=0)
     return delta, rate, np.gradient(rate, h, axis=0)
 
@@ -228,10 +246,11 @@ def _of_bodies(
 
 def _recursion(
     m: np.ndarray, d: np.ndarray, k: np.ndarray, torque: np.ndarray
-) -> np.ndarray:
+) -> np.ndarray | None:
     """Delta (N, e) with (m + d) x[i+1] + (k - 2 m) x[i] + (m - d) x[i-1] = torque[i], from its static value.
 
-    Joints with m = d = 0 follow k x[i] = torque[i]. All of m, d, k have shape (N, e, e).
+    Joints with m = d = 0 follow k x[i] = torque[i]. All of m, d, k have shape (N, e, e). ``None`` if the links run away
+    from their motors, as on springs too soft to hold them, or with negative masses on the way of a search.
     """
     count, e = torque.shape
     moving = np.diagonal(m, axis1=1, axis2=2)[0] > 0
@@ -257,6 +276,11 @@ def _recursion(
     put(np.broadcast_to(np.eye(e), (2, e, e)), first, 0)
     right = np.empty((count, e))
     right[2:] = np.where(moving, torque[1:-1], torque[2:])
-    right[:2] = np.linalg.solve(k[0], torque[0])
-    x = solve_banded((below, above), band, right.ravel())
-    return x.reshape(count, e)
+    right[:2] = np.linalg.lstsq(k[0], torque[0], rcond=1e-9)[0]
+    try:
+        x = solve_banded((below, above), band, right.ravel())
+    except np.linalg.LinAlgError:
+        # a motion that grows beyond all numbers takes the last pivots to zero
+        return None
+    held = np.isfinite(x).all() and np.abs(x).max() <= FARTHEST
+    return x.reshape(count, e) if held else None

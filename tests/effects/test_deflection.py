@@ -349,3 +349,25 @@ class TestPlay:
         )
         np.testing.assert_allclose(width * columns[:, :, 1], whole, atol=1e-9)
         assert np.abs(columns[:, 0, 1]).max() > 0 < np.abs(columns[:, 1, 1]).max()
+
+
+@pytest.mark.parametrize("seconds", [20.0, 200.0])
+def test_links_that_run_away_from_a_soft_spring_leave_a_finite_torque(
+    swing: RigidBody, seconds: float
+) -> None:
+    """An inverted pendulum of 19.6 N m/rad on a spring of 1 N m/rad falls; after 200 s beyond all numbers."""
+    t = np.arange(0.0, seconds, 0.01)
+    upright = np.full((len(t), 1), np.sign(_stiffness(swing, 1.0)) * -np.pi / 2)
+    motion = Motion(t, upright, 0.0 * upright, 0.0 * upright)
+    torque = np.full((len(t), 1), 0.1)
+    found = behind_elasticity(
+        body=swing, motion=motion, torque=torque, stiffness=np.ones(1), damping=NONE
+    )
+    assert np.isfinite(found).all()
+    assert np.abs(found).max() < 1e4
+
+
+def _stiffness(body: RigidBody, q: float) -> float:
+    """Gravity's stiffness at a position [N m/rad]."""
+    still = np.zeros((1, 1))
+    return float(body.sensitivities(np.full((1, 1), q), still, still)[0][0, 0, 0])

@@ -43,7 +43,8 @@ def force_window(
     inside = grams[ends] - grams[starts]
     pull = rights[ends] - rights[starts]
     # a short window may hardly determine some direction
-    inside += 1e-6 * np.trace(grams[-1]) / 3 * np.eye(3)
+    # nor need a force act on any joint at all, as on a wheel's axis
+    inside += max(1e-6 * np.trace(grams[-1]) / 3, 1e-30) * np.eye(3)
     for j, basis in enumerate(bases):
         # what the basis can explain of the force in the window does not count: less (B^T F)^T (B^T F)
         products = basis[:, :, None] * force[:, j, None, :]
