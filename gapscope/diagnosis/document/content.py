@@ -10,7 +10,11 @@ from gapscope.diagnosis.assessment.predictable_share import Predictable, predict
 from gapscope.diagnosis.assessment.sensor_sides import sides_entry
 from gapscope.diagnosis.document.context import context
 from gapscope.diagnosis.document.entries import known_numbers, numbers, region_entry
-from gapscope.diagnosis.document.fault_findings import GapStages, with_faults
+from gapscope.diagnosis.document.fault_findings import (
+    GapStages,
+    with_faults,
+    with_torques_turned,
+)
 from gapscope.diagnosis.document.findings import effect_findings, possible_findings
 from gapscope.diagnosis.document.suggested_recording import suggested_recording
 from gapscope.diagnosis.document.verdict import verdict
@@ -28,7 +32,8 @@ def diagnosis_content(study: Study) -> dict[str, Any]:
     """``diagnosis.json`` of a study, without NaN, as plain Python values."""
     gap = _gap_stages(study)
     rows = stack(study.predictor.segments)
-    effects = with_faults(effect_findings(study, rows), study.faults, gap)
+    named = with_torques_turned(effect_findings(study, rows), study.case.arm.n_joints)
+    effects = with_faults(named, study.faults, gap)
     possible = possible_findings(study, rows)
     open_joints = [int(j) + 1 for j in np.flatnonzero(study.excess_residual.above)]
     predictions = predictable(study.gap_after, rows, study.floor, open_joints)

@@ -9,6 +9,10 @@ import numpy as np
 
 from gapscope.diagnosis.document.entries import numbers
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault
+from gapscope.diagnosis.thresholds import LEAST_PROBABILITY
+
+HANGING = -0.5
+"""Gravity along the upright axis of the base, over the whole, of an arm that hangs, at most [1]."""
 
 
 @dataclass(frozen=True)
@@ -95,5 +99,41 @@ def _fault_finding(fault: FoundFault, gap: GapStages) -> dict[str, Any]:
         "gap_with_only_this": {"torque_nrmse": numbers(only)},
         "gap_without_this": {"torque_nrmse": numbers(without)},
         "where": [],
-        "alternatives": [],
+        "alternatives": _alternatives(fault),
+    }
+
+
+def _alternatives(fault: FoundFault) -> list[dict[str, Any]]:
+    """All torques turned are gravity turned, but for what does not turn with gravity."""
+    if fault.turned_base is None:
+        return []
+    return [_other_sign("base_tilt", [], fault.turned_base)]
+
+
+def with_torques_turned(
+    effects: list[dict[str, Any]], n_joints: int
+) -> list[dict[str, Any]]:
+    """Findings on effects; a base that hangs has all torques turned as its alternative."""
+    return [_with_its_equivalent(effect, n_joints) for effect in effects]
+
+
+def _with_its_equivalent(effect: dict[str, Any], n_joints: int) -> dict[str, Any]:
+    if effect["effect"] != "base_tilt":
+        return effect
+    angles = [effect["parameters"][name]["value"] for name in ("roll", "pitch")]
+    # gravity along the base's axis that was upright, over the whole [1]
+    if np.prod(np.cos(np.array(angles, dtype=float))) > HANGING:
+        return effect
+    joints = list(range(1, n_joints + 1))
+    other = _other_sign("sign_flip", joints, LEAST_PROBABILITY)
+    return {**effect, "alternatives": [*effect["alternatives"], other]}
+
+
+def _other_sign(name: str, joints: list[int], probability: float) -> dict[str, Any]:
+    return {
+        "effect": name,
+        "joints": joints,
+        "probability": probability,
+        "separated_by": "a look at how the arm is mounted; or one joint moved slowly to and fro: friction opposes the "
+        "motion if the base is turned, and would drive it if the torques were",
     }

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_solve
+from scipy.linalg.lapack import dpotrf
+
+LIFTS = (1e-13, 1e-11, 1e-9, 1e-7, 1e-5)
+"""What is added to a unit diagonal until a matrix is positive definite in spite of rounding [1]."""
 
 
 class NormalEquations:
@@ -54,7 +58,8 @@ class NormalEquations:
         block = self.least[np.ix_(columns, columns)]
         scale = 1.0 / np.sqrt(np.maximum(np.diag(block), 1e-12))
         scaled = block * scale[:, None] * scale + 1e-9 * np.eye(len(columns))
-        pull = self.delta[:, columns].T @ np.linalg.cholesky(self.prior)
+        size, root = positive_root(self.prior)
+        pull = self.delta[:, columns].T @ (root / size[:, None])
         return np.asarray(
             scale[:, None] * np.linalg.solve(scaled, scale[:, None] * pull)
         )
@@ -123,8 +128,23 @@ def _least_squares(block: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 def _solve_positive(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     """A^-1 B of a positive definite A, its columns brought to one size, so that units of any size may meet in it."""
-    scale = 1.0 / np.sqrt(np.diag(matrix))
-    # rounding must not take the least eigenvalue below zero
-    scaled = matrix * scale[:, None] * scale + 1e-13 * np.eye(len(matrix))
-    factor = cho_factor(scaled, lower=True)
-    return np.asarray(scale[:, None] * cho_solve(factor, scale[:, None] * right))
+    scale, root = positive_root(matrix)
+    solved = cho_solve((root, True), scale[:, None] * right)
+    return np.asarray(scale[:, None] * solved)
+
+
+def positive_root(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """S and the lower triangle R with S^-1 R R^T S^-1 = A for a positive definite A, (K,) and (K, K).
+
+    Where rounding takes eigenvalues of A below zero, A is lifted by as little of its diagonal as makes it definite.
+
+    Raises:
+        numpy.linalg.LinAlgError: A is far from positive definite.
+    """
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    scaled = matrix * scale[:, None] * scale
+    for lift in LIFTS:
+        root, failed = dpotrf(scaled + lift * np.eye(len(matrix)), lower=1)
+        if not failed:
+            return scale, np.tril(root)
+    raise np.linalg.LinAlgError("normal equations are not positive definite")

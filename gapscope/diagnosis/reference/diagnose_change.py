@@ -23,6 +23,11 @@ from gapscope.arm.case import Case
 from gapscope.diagnosis.assessment.baseline import Baseline
 from gapscope.diagnosis.diagnose import conclude, examine
 from gapscope.diagnosis.gap.commanded_torque import with_commanded_torque
+from gapscope.diagnosis.gap.plausible_data import (
+    check_rates,
+    check_stamps,
+    check_torque,
+)
 from gapscope.diagnosis.reference.change import Change, combined
 from gapscope.diagnosis.reference.reference import (
     IdentifiedReference,
@@ -57,6 +62,9 @@ def diagnose_change(
     """
     case, reference = with_commanded_torque(case), with_commanded_torque(reference)
     check_same_arm(case, reference)
+    check_stamps(reference)
+    check_torque(reference)
+    check_rates(reference)
     with threadpool_limits(1):
         identified = identify_reference(
             reference, lambda message: progress(f"reference: {message}")

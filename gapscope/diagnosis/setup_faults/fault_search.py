@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from gapscope.diagnosis.setup_faults.candidates import (
     joints_beyond_range,
     motion_candidates,
     torque_candidates,
+    turned_bases,
     unit_candidates,
 )
 from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
@@ -87,7 +88,9 @@ def faults_by_torque(case: Case) -> list[FoundFault]:
             break
         probability = _probability(best, finalists)
         if best.candidate.name != TURNED_BASE:
-            found.append(found_fault(best.candidate, best.std, probability))
+            fault = found_fault(best.candidate, best.std, probability)
+            turned = _turned_base(best, fine, mapping, probability)
+            found.append(replace(fault, turned_base=turned))
         mapping = mapping.then(best.candidate.mapping)
     return found
 
@@ -204,6 +207,21 @@ def _probability(best: _Finalist, finalists: Sequence[_Finalist]) -> float:
     others = sum(np.exp(FAULT_SHARPNESS * (f.gain - best.gain)) for f in finalists)
     no_fault = np.exp(-FAULT_SHARPNESS * best.gain) / FAULT_PRIOR_ODDS
     return float(1.0 / (others + no_fault))
+
+
+def _turned_base(
+    best: _Finalist, fine: MappingScorer, mapping: ChannelMapping, probability: float
+) -> float | None:
+    """Probability of a turned base in the place of all torques turned; ``None`` for other faults."""
+    n, candidate = fine.arm.n_joints, best.candidate
+    if candidate.variant != "torque" or len(candidate.joints) < n:
+        return None
+    before = fine.score(mapping)
+    gains = [
+        fine.score(mapping.then(base.mapping)).gain(before) for base in turned_bases(n)
+    ]
+    odds = np.exp(FAULT_SHARPNESS * min(max(gains) - best.gain, 0.0))
+    return probability * float(odds)
 
 
 def found_fault(

@@ -46,6 +46,7 @@ class FoundFault:
             ``motor_side``) or kind (``gaps``, ``repeats``, ``jitter``, ``wrong_rate``); empty if there is one only.
         parameters: by the names of ``gapscope.effects.setup_faults``.
         probability: that it is this fault.
+        turned_base: probability that the base is turned instead, ``base_tilt``; ``None`` if that looks different.
         recordings: names of the recordings that have it; empty: all.
         mapping: how its recordings must be read; ``None`` if it asks for no other mapping.
         gap_with_only_this, gap_without_this: torque NRMSE, (n,), with this fault alone corrected, and with all others
@@ -60,6 +61,7 @@ class FoundFault:
     probability: float
     recordings: tuple[str, ...] = ()
     mapping: ChannelMapping | None = None
+    turned_base: float | None = None
     gap_with_only_this: np.ndarray | None = field(default=None, repr=False)
     gap_without_this: np.ndarray | None = field(default=None, repr=False)
     gap_before: np.ndarray | None = field(default=None, repr=False)

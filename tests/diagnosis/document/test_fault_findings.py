@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gapscope.diagnosis.document.fault_findings import GapStages, with_faults
+from gapscope.diagnosis.document.fault_findings import (
+    GapStages,
+    with_faults,
+    with_torques_turned,
+)
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault
 
 EFFECT = {"effect": "armature", "share": 0.5, "share_interval": [0.4, 0.6]}
@@ -76,3 +80,21 @@ def test_a_fault_without_a_gap_of_its_own_has_no_share() -> None:
 def test_the_whole_is_what_is_closed_if_the_floor_is_estimated_too_high() -> None:
     gap = stages(recorded=0.12, repaired=0.12, corrected=0.02)
     assert gap.whole == pytest.approx(0.1)
+
+
+def test_all_torques_turned_and_a_base_that_hangs_are_each_others_alternative() -> None:
+    turned = FoundFault("sign_flip", (1, 2), "torque", {}, 0.9, turned_base=0.1)
+    gap = stages(recorded=0.6, repaired=0.1, corrected=0.1)
+    (flip,) = with_faults([], (turned,), gap)
+    (other,) = flip["alternatives"]
+    assert (other["effect"], other["probability"]) == ("base_tilt", 0.1)
+    assert "friction" in other["separated_by"]
+
+    def tilt(roll: float) -> dict[str, object]:
+        angles = {"roll": {"value": roll}, "pitch": {"value": 0.1}}
+        return {"effect": "base_tilt", "parameters": angles, "alternatives": []}
+
+    (hung, tilted) = with_torques_turned([tilt(3.0), tilt(0.1)], 2)
+    assert [o["effect"] for o in hung["alternatives"]] == ["sign_flip"]
+    assert hung["alternatives"][0]["joints"] == [1, 2]
+    assert tilted["alternatives"] == []
