@@ -34,6 +34,7 @@ from gapscope.blind_check.generator.laws import LAWS
 from gapscope.blind_check.generator.true_arm import Columns, TrueArm
 from gapscope.blind_check.scoring.statistics import wilson
 from gapscope.diagnosis.reference.diagnose_change import diagnose_change
+from gapscope.diagnosis.reference.identify_reference import identify_reference
 
 DAY = 0.12
 """Change of friction from day to day, at most [1]."""
@@ -103,9 +104,8 @@ def judged(robot: str, loaded: bool, seed: tuple[int, ...]) -> dict[str, Any]:
         folder = Path(name)
         truth = make_pair(robot, loaded, seed, folder)
         started = time.perf_counter()
-        change = diagnose_change(
-            load_case(folder / "case"), load_case(folder / "reference"), folder
-        )
+        reference = identify_reference(load_case(folder / "reference"))
+        change = diagnose_change(load_case(folder / "case"), reference, folder)
         document = change.diagnosis.document
     found = {effect["effect"]: effect["parameters"] for effect in document["effects"]}
     out: dict[str, Any] = {

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gapscope.arm.errors import InputError
 from gapscope.commands.options import Results
 from gapscope.terminal import Progress, console, say, wrote
+
+if TYPE_CHECKING:
+    from gapscope.commands.diagnosis_batch import Batch
 
 Cases = Annotated[
     list[Path],
@@ -29,7 +31,8 @@ Again = Annotated[
 Against = Annotated[
     Path | None,
     typer.Option(
-        help="case of the same arm, known healthy and without load: what changed?",
+        help="case of the same arm, known healthy and without load, or the folder identified/ of an earlier "
+        "comparison with it: what changed?",
         metavar="REFERENCE",
     ),
 ]
@@ -44,12 +47,14 @@ def diagnose(
     against: Against = None,
 ) -> None:
     """Find where the gap lies, what causes it, and how far it closes."""
-    if against is not None:
-        _against(cases, against, out)
-    elif len(cases) == 1:
+    if len(cases) > 1:
+        from gapscope.commands.diagnosis_batch import Batch
+
+        _several(Batch(tuple(cases), out, jobs, backend, again, against))
+    elif against is None:
         _one(cases[0], out)
     else:
-        _several(cases, out, jobs, backend, again)
+        _against(cases[0], against, out)
 
 
 def _one(case: Path, out: Path) -> None:
@@ -62,31 +67,21 @@ def _one(case: Path, out: Path) -> None:
     wrote(*paths)
 
 
-def _several(
-    cases: list[Path], out: Path, jobs: int, backend: str, again: bool
-) -> None:
-    from gapscope.commands.diagnosis_batch import SUMMARY, UNITS, Batch, diagnose_all
+def _several(batch: Batch) -> None:
+    from gapscope.commands.diagnosis_batch import SUMMARY, UNITS, diagnose_all
 
-    batch = Batch(tuple(cases), out, jobs, backend, again)
-    with Progress(f"{len(cases)} cases") as progress:
+    with Progress(f"{len(batch.cases)} cases") as progress:
         code = diagnose_all(batch, progress)
-    paths = (out / SUMMARY, out / UNITS)
+    paths = (batch.out / SUMMARY, batch.out / UNITS)
     wrote(*(path for path in paths if path.is_file()))
     raise typer.Exit(code)
 
 
-def _against(cases: list[Path], reference: Path, out: Path) -> None:
+def _against(case: Path, reference: Path, out: Path) -> None:
     from gapscope.commands.diagnose_path import diagnose_path
     from gapscope.outputs.diagnosis import CASE, CORRECTED
     from gapscope.reports.diagnosis.terminal_summary import print_summary
 
-    if len(cases) > 1:
-        raise InputError(
-            "takes one case at a time",
-            "run the command once for each case",
-            where="--against",
-        )
-    case = cases[0]
     with Progress(case.name or str(case)) as progress:
         result, paths = diagnose_path(case, out, progress, against=reference)
     print_summary(result.document, console)

@@ -23,7 +23,7 @@ def diagnose_path(
         path: the case.
         out: folder of the results, which is tried before the work starts.
         progress: called with a few words at each step.
-        against: case of the same arm that it is compared with.
+        against: case of the same arm that it is compared with, or the folder of what was identified on one.
 
     Returns:
         The diagnosis and its files.

@@ -21,7 +21,9 @@ from gapscope.diagnosis.fleet.confusion import (
     confusion_column,
 )
 from gapscope.diagnosis.fleet.fleet_json import FleetGroup, grouped, units_document
-from gapscope.outputs.diagnosis import CORRECTED, DOCUMENT, REPORT
+from gapscope.diagnosis.reference.reference_file import FOLDER
+from gapscope.interface.reference import kept_reference
+from gapscope.outputs.diagnosis import CASE, CORRECTED, DOCUMENT, REPORT
 from gapscope.outputs.folder import make_folder
 from gapscope.provenance import KEY, made_from
 from gapscope.reports.diagnosis.fleet_tables import fleet_tables
@@ -48,6 +50,7 @@ class Batch:
         jobs: cases at a time.
         backend: ``local`` or ``ray``.
         again: whether to diagnose what has been diagnosed as well.
+        against: reference of all cases, or the folder of what was identified on it; ``None``: no comparison.
     """
 
     cases: tuple[Path, ...]
@@ -55,16 +58,37 @@ class Batch:
     jobs: int = 1
     backend: str = "local"
     again: bool = False
+    against: Path | None = None
 
 
-def finished(case: Path, folder: Path) -> dict[str, Any] | None:
-    """The diagnosis in a folder, if it is complete and made from this case as it is now, by this program."""
+@dataclass(frozen=True)
+class KeptReference:
+    """The reference of all cases, identified once.
+
+    Attributes:
+        folder: that holds it.
+        made_from: hashes of what it was identified from.
+    """
+
+    folder: Path
+    made_from: Mapping[str, str]
+
+
+def finished(
+    case: Path, folder: Path, reference: KeptReference | None = None
+) -> dict[str, Any] | None:
+    """The diagnosis in a folder, if it is complete and made from this case as it is now, by this program.
+
+    Against a reference it has to be made from that very reference.
+    """
     try:
         content = json.loads((folder / DOCUMENT).read_text(encoding="utf-8"))
         validate(content)
         others = (folder / CORRECTED, folder / REPORT)
         complete = all(path.is_file() for path in others)
-        unchanged = content.get(KEY) == made_from(case)
+        source = content.get("against", {}).get(KEY)
+        compared_alike = source == (reference.made_from if reference else None)
+        unchanged = compared_alike and content.get(KEY) == made_from(case)
     except (OSError, ValueError, GapscopeError):
         return None
     return content if complete and unchanged else None
@@ -90,7 +114,8 @@ def diagnose_all(batch: Batch, progress: Callable[[str], None]) -> int:
     rows: list[SummaryRow] = []
     codes = [0]
     with _resume_hint():
-        for row, code, note in _diagnosed(batch, folders):
+        reference = _reference(batch, progress)
+        for row, code, note in _diagnosed(batch, folders, reference):
             rows.append(row)
             codes.append(code)
             progress(
@@ -105,16 +130,25 @@ def diagnose_all(batch: Batch, progress: Callable[[str], None]) -> int:
     return max(codes)
 
 
+def _reference(batch: Batch, progress: Callable[[str], None]) -> KeptReference | None:
+    """The reference of all cases, identified if it is not yet."""
+    if batch.against is None:
+        return None
+    folder, reference = kept_reference(batch.against, batch.out, progress)
+    return KeptReference(folder, reference.made_from)
+
+
 def _diagnosed(
-    batch: Batch, folders: Sequence[str]
+    batch: Batch, folders: Sequence[str], reference: KeptReference | None
 ) -> Iterator[tuple[SummaryRow, int, str]]:
     """Row of the summary, exit code and a note of each case, in their order."""
     cases = dict(zip(folders, batch.cases, strict=True))
-    kept = {} if batch.again else _kept(batch, cases)
+    kept = {} if batch.again else _kept(batch, cases, reference)
     # with Ray, other machines have another current folder
     place = Path.resolve if batch.backend == RAY else Path
+    against = place(reference.folder) if reference else None
     calls = [
-        (str(place(case)), place(batch.out), folder)
+        (str(place(case)), place(batch.out), folder, against)
         for folder, case in cases.items()
         if folder not in kept
     ]
@@ -132,20 +166,25 @@ def _diagnosed(
             yield *result, ""
 
 
-def _kept(batch: Batch, cases: Mapping[str, Path]) -> dict[str, dict[str, Any]]:
+def _kept(
+    batch: Batch, cases: Mapping[str, Path], reference: KeptReference | None
+) -> dict[str, dict[str, Any]]:
     """Diagnoses of an earlier run that need not be made again, by folder."""
     found = {
-        folder: finished(case, batch.out / folder) for folder, case in cases.items()
+        folder: finished(case, batch.out / folder, reference)
+        for folder, case in cases.items()
     }
     return {
         folder: document for folder, document in found.items() if document is not None
     }
 
 
-def diagnose_one_of_many(path: str, out: Path, folder: str) -> tuple[SummaryRow, int]:
+def diagnose_one_of_many(
+    path: str, out: Path, folder: str, against: Path | None = None
+) -> tuple[SummaryRow, int]:
     """Diagnose the case at a path as one of several: its row of the summary, and its exit code."""
     try:
-        result, _ = diagnose_path(Path(path), out / folder)
+        result, _ = diagnose_path(Path(path), out / folder, against=against)
     except GapscopeError as error:
         return SummaryRow(folder, folder, failure=str(error)), error.exit_code
     except Exception as error:
@@ -165,6 +204,9 @@ def _compared(
     """Content of ``units.json``; units go by the folders of their results, which occur once."""
     cases = dict(zip(_folders(batch.cases), batch.cases, strict=True))
     documents = {row.folder: row.document for row in rows if row.document is not None}
+    if batch.against is not None:
+        # what was found corrects the identified arm
+        cases = {name: batch.out / name / CASE for name in documents}
     units = [
         FleetUnit(name, cases[name].resolve(), (batch.out / name / CORRECTED).resolve())
         for name in documents
@@ -215,10 +257,12 @@ def _line(row: SummaryRow) -> str:
 
 
 def _folders(cases: Sequence[Path]) -> list[str]:
-    """A name for the results of each case: that of its folder or file, numbered if it repeats."""
+    """A name for the results of each case: that of its folder or file, numbered if it repeats or is ``identified``."""
     names: list[str] = []
     for case in cases:
         path = case.resolve()
         name = path.parent.name if path.name == "case.yaml" else path.stem
-        names.append(name if name not in names else f"{name}-{len(names) + 1}")
+        names.append(
+            name if name not in (*names, FOLDER) else f"{name}-{len(names) + 1}"
+        )
     return names

@@ -322,6 +322,7 @@ VENDOR_INERTIALS = 0.3  # Prior of relative errors of the inertials of a vendor'
 LEAST_REFERENCE_SKEW = 1e-4  # Skews of sampling below this are not corrected [s]... (hand)
 MOST_REFERENCE_SKEW = 1.5e-3  # ...and none by more than this [s]. (hand)
 SAME_JOINT_PLACE = 2e-3  # Joints of the same arm lie in the same place in both URDFs, to this much [m, rad]. (hand)
+SAME_GRAVITY = 0.05  # Gravity of the same mounting differs by no more in any component [m/s^2]. (hand)
 LEAST_STRETCHES = 4  # Least stretches of time, each predicted from all others. (statistics)
 
 # --- fleet: several units

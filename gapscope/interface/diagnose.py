@@ -13,7 +13,6 @@ from typing import Any
 import pandas as pd
 
 from gapscope.arm.case import Case, load_case
-from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.diagnosis.diagnose import diagnose as diagnose_case
 from gapscope.diagnosis.reference.change import Change
@@ -22,6 +21,12 @@ from gapscope.diagnosis.result import Diagnosis
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.interface.models import case_file
+from gapscope.interface.reference import (
+    Reference,
+    check_reference,
+    identified,
+    known_reference,
+)
 from gapscope.interface.result import Result, as_text
 from gapscope.outputs.diagnosis import DOCUMENT, URDF, write_change, write_diagnosis
 from gapscope.outputs.folder import begin_results
@@ -75,7 +80,8 @@ class DiagnosisResult(Result):
         """Write ``corrected.yaml``, ``report.html`` and, as the last, ``diagnosis.json``.
 
         After a comparison with a reference also ``identified_case.yaml`` and ``identified.urdf``: the case with the
-        identified arm as its nominal one, which ``corrected.yaml`` corrects.
+        identified arm as its nominal one, which ``corrected.yaml`` corrects; and, if the reference was identified in
+        this run, ``identified``, the folder that a later comparison takes as ``against``.
         """
         out = Path(folder)
         begin_results(out, DOCUMENT)
@@ -105,14 +111,15 @@ class DiagnosisResult(Result):
 def diagnose(
     case: Case | str | Path,
     *,
-    against: Case | str | Path | None = None,
+    against: Reference | None = None,
     progress: Callable[[str], None] = lambda message: None,
 ) -> DiagnosisResult:
     """Find where the gap of a case lies, which effects cause it, and how far it shrinks with them.
 
     Args:
         case: the nominal arm and its recordings; or the folder of a case.
-        against: a case of the same arm, known healthy and without load: what changed since then?
+        against: a case of the same arm, known healthy and without load: what changed since then? Or what an earlier
+            comparison with it has identified: the folder ``identified`` of its results, or ``change.reference``.
         progress: called with a few words at each step.
 
     Raises:
@@ -130,8 +137,9 @@ def diagnose(
     if against is None:
         found = diagnose_case(loaded, progress)
         return DiagnosisResult(loaded, _with_source(found, source))
-    reference = against if isinstance(against, Case) else load_case(against)
-    _check_other(loaded, reference)
+    known = known_reference(against)
+    check_reference(loaded, known)
+    reference = identified(known, progress)
     # the identified URDF must be a file as long as the case is predicted with it
     workspace = tempfile.TemporaryDirectory(prefix="gapscope-")
     change = diagnose_change(loaded, reference, Path(workspace.name), progress)
@@ -141,18 +149,6 @@ def diagnose(
 
 def _with_source(diagnosis: Diagnosis, source: Mapping[str, str]) -> Diagnosis:
     return replace(diagnosis, document={**diagnosis.document, KEY: source})
-
-
-def _check_other(case: Case, reference: Case) -> None:
-    same_file = case.file is not None and reference.file is not None
-    if case is reference or (
-        same_file and case.file.resolve() == reference.file.resolve()  # type: ignore[union-attr]
-    ):
-        raise InputError(
-            "is the case itself",
-            "give recordings of the same arm from a day on which it was healthy",
-            where=f"--against {reference.file or reference.name}",
-        )
 
 
 def _rows(effect: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from gapscope.diagnosis.document.diagnosis_json import write_document
 from gapscope.diagnosis.reference.change import Change
+from gapscope.diagnosis.reference.reference_file import FOLDER, write_reference
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected_file import write_corrected
@@ -35,7 +35,8 @@ def write_change(change: Change, case_file: Path, folder: Path) -> tuple[Path, .
     """Write what ``write_diagnosis`` writes and the arm identified on the reference.
 
     ``identified_case.yaml`` is the case with the identified arm as its nominal one; with ``corrected.yaml`` as model it
-    predicts the torque recorded in the case. Its URDF is written while the reference is identified.
+    predicts the torque recorded in the case. Its URDF is there already. A reference that was identified in this run is
+    kept in the folder ``identified``.
 
     Args:
         change: what changed since the reference.
@@ -48,10 +49,12 @@ def write_change(change: Change, case_file: Path, folder: Path) -> tuple[Path, .
     Raises:
         GapscopeError: the document is not valid, or a file cannot be written.
     """
-    identified = replace(change.reference.result, case=change.case)
-    write_case_beside(identified, case_file, folder / CASE, URDF)
+    write_case_beside(change.case.arm, case_file, folder / CASE, URDF)
+    kept = []
+    if change.reference.file is None:
+        kept.append(write_reference(change.reference, folder / FOLDER))
     paths = _write(change.diagnosis, change.corrected, folder)
-    return (*paths, folder / CASE, folder / URDF)
+    return (*paths, folder / CASE, folder / URDF, *kept)
 
 
 def _write(

@@ -15,6 +15,7 @@ from gapscope.ident.output.identified_arm import (
     effects,
     expressible,
     urdf_text,
+    with_sheet,
     write_case_beside,
 )
 from gapscope.reports.identification import render
@@ -94,7 +95,7 @@ def _write_arm(result: Identification, case_file: Path, folder: Path) -> None:
     text = urdf_text(result)
     with atomic_write(folder / URDF) as aside:
         aside.write_text(text, encoding="utf-8")
-    write_case_beside(result, case_file, folder / CASE, URDF)
+    write_case_beside(with_sheet(result), case_file, folder / CASE, URDF)
     write_corrected(result.case.name, effects(result), folder / EFFECTS)
 
 

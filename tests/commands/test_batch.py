@@ -17,7 +17,9 @@ from typing import Any
 import pytest
 
 from gapscope.arm.errors import GapscopeError
-from gapscope.commands.diagnosis_batch import _resume_hint, finished
+from gapscope.commands.diagnosis_batch import KeptReference, _resume_hint, finished
+from gapscope.diagnosis.reference.identify_reference import identify_reference
+from gapscope.interface.reference import kept_reference
 from gapscope.provenance import made_from
 from gapscope.workers import in_order
 
@@ -60,6 +62,52 @@ def test_units_are_compared(
     assert "on 2 of 3 units, alike" in summary and "Which unit is this?" in summary
     assert "sick and other cannot be told apart" in done.out
     assert "sick (other): Effects found" in done.out and "sick (other)" in summary
+
+
+def test_cases_are_compared_with_a_reference_that_is_identified_once(
+    gapscope: Command,
+    sick: Path,
+    healthy: Path,
+    other: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    identified = []
+
+    def counted(*arguments: Any) -> Any:
+        identified.append(arguments)
+        return identify_reference(*arguments)
+
+    monkeypatch.setattr("gapscope.interface.reference.identify_reference", counted)
+    out = tmp_path / "out"
+    arguments = ("diagnose", sick, other, "--against", healthy, "--out", out)
+    assert gapscope(*arguments).code == 0
+    assert len(identified) == 1
+    assert (out / "identified" / "reference.json").is_file()
+    for name in ("sick", "other"):
+        document = json.loads((out / name / "diagnosis.json").read_text("utf-8"))
+        assert document["against"]["reference"] == "healthy"
+        assert [e["effect"] for e in document["effects"]] == ["viscous_friction"]
+        assert (out / name / "identified_case.yaml").is_file()
+    units = json.loads((out / "units.json").read_text(encoding="utf-8"))
+    assert units["groups"][0]["confusion"]["confused_with"] == {
+        "sick": ["other"],
+        "other": ["sick"],
+    }
+
+    done = gapscope(*arguments)
+    assert done.code == 0 and done.out.count("kept from an earlier run") == 2
+    assert len(identified) == 1
+    # without the reference, or with another one, it is another diagnosis
+    reference = KeptReference(out / "identified", {"case_sha256": "another"})
+    assert finished(sick, out / "sick") is None
+    assert finished(sick, out / "sick", reference) is None
+
+    # a reference whose files changed is identified again
+    with (healthy / "recording_1.csv").open("a", encoding="utf-8") as file:
+        file.write("\n")
+    kept_reference(healthy, out)
+    assert len(identified) == 2
 
 
 def test_what_is_whole_and_unchanged_is_kept(

@@ -26,7 +26,9 @@ from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.model.jacobian import columns
 from gapscope.diagnosis.model.terms import Terms
 from gapscope.diagnosis.model.torque_sensor import link_torque
+from gapscope.diagnosis.reference.change import Change
 from gapscope.diagnosis.reference.diagnose_change import diagnose_change
+from gapscope.diagnosis.reference.identify_reference import identify_reference
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.diagnosis.selection.fitted_model import nominal_model
 from gapscope.diagnosis.selection.resonance_starts import CompliantBodies
@@ -322,6 +324,10 @@ class TestDiagnosis:
         )
 
 
+def compared(today: Case, before: Case, folder: Path) -> Change:
+    return diagnose_change(today, identify_reference(before), folder)
+
+
 class TestAgainst:
     """What changed since a reference."""
 
@@ -329,11 +335,11 @@ class TestAgainst:
     def test_a_declared_load_is_no_news(self, known: str, tmp_path: Path) -> None:
         plain, carried = synthetic.case(seed=4), case()
         today, before = (carried, plain) if known == "case" else (plain, carried)
-        document = diagnose_change(today, before, tmp_path).diagnosis.document
+        document = compared(today, before, tmp_path).diagnosis.document
         assert document["verdict"] == "no_gap"
 
     def test_one_that_is_not_declared_is(self, tmp_path: Path) -> None:
-        change = diagnose_change(case(declared=False), synthetic.case(seed=4), tmp_path)
+        change = compared(case(declared=False), synthetic.case(seed=4), tmp_path)
         assert change.diagnosis.document["verdict"] != "no_gap"
 
 

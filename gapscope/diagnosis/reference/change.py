@@ -8,7 +8,7 @@ import numpy as np
 
 from gapscope.arm.case import Case
 from gapscope.diagnosis.assessment.baseline import Baseline
-from gapscope.diagnosis.reference.reference import IdentifiedReference
+from gapscope.diagnosis.reference.identified_reference import IdentifiedReference
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.diagnosis.study import Study
 from gapscope.effects.applied import AppliedEffect

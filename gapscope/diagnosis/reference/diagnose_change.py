@@ -16,66 +16,56 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
 from gapscope.arm.case import Case
 from gapscope.diagnosis.assessment.baseline import Baseline
 from gapscope.diagnosis.diagnose import conclude, examine
 from gapscope.diagnosis.gap.commanded_torque import with_commanded_torque
-from gapscope.diagnosis.gap.plausible_data import (
-    check_rates,
-    check_stamps,
-    check_torque,
-)
-from gapscope.diagnosis.reference.change import Change, combined
-from gapscope.diagnosis.reference.reference import (
-    IdentifiedReference,
-    check_same_arm,
-    identify_reference,
-)
+from gapscope.diagnosis.reference.change import Change
+from gapscope.diagnosis.reference.identified_reference import IdentifiedReference
 from gapscope.diagnosis.reference.reference_errors import reference_errors
 from gapscope.diagnosis.reference.reference_json import comparison_entry
-from gapscope.effects.applied import AppliedEffect
-from gapscope.ident.identification import Identification
-from gapscope.ident.output.identified_arm import effects as identified_effects
-from gapscope.ident.output.identified_arm import sheet, urdf_text
+from gapscope.diagnosis.reference.same_arm import (
+    check_same_joints,
+    check_same_places,
+    place_of,
+)
 
 
 def diagnose_change(
     case: Case,
-    reference: Case,
+    reference: IdentifiedReference,
     folder: Path,
     progress: Callable[[str], None] = lambda message: None,
 ) -> Change:
-    """Identify the arm on the reference and attribute the gap of the case against it.
+    """Attribute the gap of a case against the arm identified on a reference.
 
     Args:
         case: the case.
-        reference: the same arm, known healthy and without load.
+        reference: the same arm, identified when it was known to be healthy and without load.
         folder: where the URDF of the identified arm is written, ``identified.urdf``.
         progress: called with a few words at each step.
 
     Raises:
-        InputError: the reference is another robot, or nothing can be identified from its recordings.
-        GapscopeError: no physically consistent parameters were found, or the case cannot be diagnosed.
+        InputError: the reference is another robot, or in another mounting.
+        GapscopeError: the case cannot be diagnosed.
     """
-    case, reference = with_commanded_torque(case), with_commanded_torque(reference)
-    check_same_arm(case, reference)
-    check_stamps(reference)
-    check_torque(reference)
-    check_rates(reference)
+    check_same_joints(case, reference)
+    nominal = reference.on(with_commanded_torque(case), folder)
+    check_same_places(case, nominal.arm, place_of(reference))
     with threadpool_limits(1):
-        identified = identify_reference(
-            reference, lambda message: progress(f"reference: {message}")
+        baseline = Baseline(
+            reference.effects,
+            reference.rest,
+            reference.scale,
+            reference.skew,
+            reference_errors(reference, nominal.arm),
+            reference.faults,
         )
-        urdf = folder / "identified.urdf"
-        given = _given(identified, urdf, progress)
-        baseline = replace(given, errors=reference_errors(identified))
-        nominal = _on(case, identified.result, urdf)
         study = examine(nominal, progress, baseline)
         change = Change(
-            reference=identified,
+            reference=reference,
             case=nominal,
             baseline=baseline,
             study=study,
@@ -83,45 +73,3 @@ def diagnose_change(
         )
         content = comparison_entry(change)
     return replace(change, diagnosis=replace(change.diagnosis, document=content))
-
-
-def _on(case: Case, result: Identification, urdf: Path) -> Case:
-    """The case with the identified arm as its nominal one; nothing is replayed, see ``docs/reference_case.md``."""
-    urdf.write_text(urdf_text(result), encoding="utf-8")
-    section = sheet(result)
-    armature, coulomb, viscous = (
-        np.array(section[name]) for name in ("armature", "coulomb", "viscous")
-    )
-    arm = replace(
-        case.arm,
-        urdf=urdf,
-        armature=armature,
-        coulomb=coulomb,
-        viscous=viscous,
-        friction_source="the reference, identified",
-    )
-    return replace(case, arm=arm)
-
-
-def _given(
-    identified: IdentifiedReference, urdf: Path, progress: Callable[[str], None]
-) -> Baseline:
-    """The arm on the reference: as identified, and what it shows of a healthy arm beyond the identified model."""
-    plain = Baseline(
-        tuple(identified_effects(identified.result)),
-        identified.rest,
-        identified.scale,
-    )
-    progress("reference: looks for what a healthy arm of this kind has")
-    study = examine(
-        _on(identified.case, identified.result, urdf), lambda message: None, plain
-    )
-    inherent: tuple[AppliedEffect, ...] = tuple(
-        e for e in study.effects if e.effect.inherent
-    )
-    return replace(
-        plain,
-        effects=combined(plain.effects, inherent),
-        skew=identified.skew,
-        faults=frozenset((fault.name, fault.variant) for fault in study.faults),
-    )

@@ -5,25 +5,33 @@ from __future__ import annotations
 import numpy as np
 
 from gapscope.arm.motions.motion import Motion
+from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.model.nuisance_prior import ReferenceErrors, inverse
-from gapscope.diagnosis.reference.reference import IdentifiedReference, names_of
+from gapscope.diagnosis.reference.identified_reference import IdentifiedReference
 from gapscope.diagnosis.thresholds import FRICTION_DAY_TO_DAY
+from gapscope.ident.model.model_columns import ModelColumns
 
 FRICTION = ("c", "b", "d")
 """Symbols of friction in x."""
 
 
-def reference_errors(reference: IdentifiedReference) -> ReferenceErrors:
+def reference_errors(
+    reference: IdentifiedReference, arm: NominalArm
+) -> ReferenceErrors:
     """Covariance of the errors of x on another day than the reference's, and the columns of the joints' parameters.
 
     Friction differs by a share evenly distributed up to ``FRICTION_DAY_TO_DAY``, which has a third of its square as
     variance, beside the error of what was identified.
+
+    Args:
+        reference: the identified arm.
+        arm: the same with its URDF in a file.
     """
     covariance = inverse(reference.precision)
-    friction = names_of(reference.result, FRICTION).ravel()
+    friction = reference.places(FRICTION).ravel()
     day_to_day = FRICTION_DAY_TO_DAY * reference.value[friction]
     covariance[friction, friction] += day_to_day**2 / 3.0
-    columns, law = reference.result.columns, reference.result.choice.law
+    columns, law = ModelColumns(arm), reference.law
 
     def own(motion: Motion) -> np.ndarray:
         return np.asarray(columns.matrix(motion, law)[:, :, columns.links :])

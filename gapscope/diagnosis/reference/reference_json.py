@@ -8,7 +8,6 @@ import numpy as np
 
 from gapscope.diagnosis.model.nuisance_prior import inverse
 from gapscope.diagnosis.reference.change import Change
-from gapscope.diagnosis.reference.reference import names_of
 from gapscope.diagnosis.thresholds import FRICTION_DAY_TO_DAY
 
 SCALED = (
@@ -22,7 +21,7 @@ def comparison_entry(change: Change) -> dict[str, Any]:
     """The document of the diagnosis with the key ``against``, and what must be said with it."""
     content = dict(change.diagnosis.document)
     content["against"] = _against(change)
-    notes = [f"reference: {text}" for text in change.reference.result.warnings]
+    notes = [f"reference: {text}" for text in change.reference.warnings]
     if any(
         effect["effect"] in ("payload", "link_inertia") for effect in content["effects"]
     ):
@@ -33,8 +32,8 @@ def comparison_entry(change: Change) -> dict[str, Any]:
 
 def _against(change: Change) -> dict[str, Any]:
     """What was identified on the reference, per joint, and what was allowed for on the day of the case."""
-    reference, result = change.reference, change.reference.result
-    places = names_of(result, ("I", "c", "b"))
+    reference = change.reference
+    places = reference.places(("I", "c", "b"))
 
     def of_value(value: np.ndarray) -> dict[str, Any]:
         names = ("armature", "coulomb", "viscous")
@@ -43,12 +42,13 @@ def _against(change: Change) -> dict[str, Any]:
     deviation = np.sqrt(np.diag(inverse(reference.precision)))
     today = reference.value + change.error
     return {
-        "reference": reference.case.name,
-        "recordings": [r.name for r in reference.case.recordings],
+        "reference": reference.name,
+        "recordings": list(reference.recordings),
+        "made_from": dict(reference.made_from),
         "identified": of_value(reference.value),
         "identified_std": of_value(deviation),
-        "friction_law": str(result.choice.law),
-        "base_parameters": result.base.count,
+        "friction_law": str(reference.law),
+        "base_parameters": reference.base_parameters,
         "torque_ratio_to_nominal": reference.torque_ratio,
         "sampling_skew": reference.skew,
         "held_out": {

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ import yaml
 from gapscope.arm.dynamics.plain_urdf import moving_links, numbers, plain_urdf
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.case_file import read_case_file
+from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.ident.identification import Identification
 
@@ -63,13 +65,29 @@ def urdf_text(result: Identification) -> str:
     return ET.tostring(root, encoding="unicode") + "\n"
 
 
-def sheet(result: Identification) -> dict[str, Any]:
-    """The ``nominal:`` section: rotor inertia [kg m^2], Coulomb [N m] and viscous friction [N m s/rad]."""
+def with_sheet(result: Identification) -> NominalArm:
+    """The nominal arm with rotor inertia [kg m^2], Coulomb [N m] and viscous friction [N m s/rad] as identified."""
     arm, named = result.case.arm, _named(result)
-    section: dict[str, Any] = {}
-    for name, symbol in (("armature", "I"), ("coulomb", "c"), ("viscous", "b")):
+
+    def joints(symbol: str) -> np.ndarray:
         values = [named.get(f"{symbol}{j + 1}", 0.0) for j in range(arm.n_joints)]
-        section[name] = [round(max(value, 0.0), 9) for value in values]
+        return np.array([round(max(value, 0.0), 9) for value in values])
+
+    return replace(arm, armature=joints("I"), coulomb=joints("c"), viscous=joints("b"))
+
+
+def sheet(result: Identification) -> dict[str, Any]:
+    """The ``nominal:`` section of an identified arm."""
+    return data_sheet(with_sheet(result))
+
+
+def data_sheet(arm: NominalArm) -> dict[str, Any]:
+    """The ``nominal:`` section of an arm: rotors, friction, torque limits, encoders."""
+    section: dict[str, Any] = {
+        "armature": arm.armature.tolist(),
+        "coulomb": arm.coulomb.tolist(),
+        "viscous": arm.viscous.tolist(),
+    }
     if arm.torque_limit is not None:
         section["torque_limit"] = arm.torque_limit.tolist()
     section["encoder"] = arm.encoder
@@ -115,13 +133,11 @@ def _noticed(result: Identification, symbol: str) -> tuple[tuple[int, ...], np.n
     return joints, np.array([values[j] for j in joints])
 
 
-def write_case_beside(
-    result: Identification, source: Path, path: Path, urdf: str
-) -> None:
+def write_case_beside(arm: NominalArm, source: Path, path: Path, urdf: str) -> None:
     """Write a case like the one at ``source`` whose nominal arm is the identified one.
 
     Args:
-        result: what was identified.
+        arm: the identified arm.
         source: the case file.
         path: the case file to write; the recordings stay where they are.
         urdf: name of the URDF beside it.
@@ -130,13 +146,12 @@ def write_case_beside(
         GapscopeError: the file cannot be written.
     """
     content = read_case_file(source)
-    arm = result.case.arm
     content |= {
         "name": f"{content['name']} identified",
         "robot": urdf,
         "joints": list(arm.joints),
         "gravity": arm.gravity.tolist(),
-        "nominal": sheet(result),
+        "nominal": data_sheet(arm),
     }
     for key in ("recordings", "judge"):
         if key in content:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from synthetic import COULOMB, ENCODER_STEP, URDF, VISCOUS, Truth, arm, recordings
 
+import gapscope
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.write_case import write_case
@@ -20,8 +21,10 @@ from gapscope.cli import main
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.reference.change import combined
 from gapscope.diagnosis.reference.diagnose_change import diagnose_change
-from gapscope.diagnosis.reference.reference import check_same_arm, identify_reference
+from gapscope.diagnosis.reference.identified_reference import IdentifiedReference
+from gapscope.diagnosis.reference.identify_reference import identify_reference
 from gapscope.diagnosis.reference.reference_json import SCALED
+from gapscope.diagnosis.reference.same_arm import check_same_arm
 from gapscope.effects.applied import AppliedEffect
 
 OFFSET = (0.6, -0.5, 0.2)
@@ -62,8 +65,14 @@ def reference() -> Case:
     return case(HEALTHY, 1, "reference")
 
 
+@cache
+def identified() -> IdentifiedReference:
+    return identify_reference(reference())
+
+
 def changed(truth: Truth, tmp_path: Path, healthy: Case | None = None):
-    return diagnose_change(case(truth, 2), healthy or reference(), tmp_path)
+    known = identify_reference(healthy) if healthy else identified()
+    return diagnose_change(case(truth, 2), known, tmp_path)
 
 
 def warm(share: float) -> dict[str, tuple[float, ...]]:
@@ -124,7 +133,9 @@ def test_torque_constant_wrong_on_both_days_is_no_load(tmp_path):
     assert change.diagnosis.document["verdict"] == "no_gap"
 
 
-def test_load_with_intervals_and_files_that_predict_what_was_recorded(tmp_path):
+def test_load_with_intervals_and_files_that_predict_what_was_recorded(
+    tmp_path, monkeypatch
+):
     loaded = replace(HEALTHY, mass=1.2, com=(0.1, 0.02, 0.05))
     write_case(reference(), tmp_path / "reference")
     write_case(case(loaded, 2), tmp_path / "case")
@@ -170,6 +181,17 @@ def test_load_with_intervals_and_files_that_predict_what_was_recorded(tmp_path):
     recorded = case(loaded, 2).recordings[2].tau
     left = (predicted - recorded)[100:-100].std(axis=0) / recorded.std(axis=0)
     assert (left < 0.08).all()
+
+    def never(*arguments):
+        raise AssertionError("the reference was identified again")
+
+    monkeypatch.setattr("gapscope.interface.reference.identify_reference", never)
+    again = gapscope.diagnose(tmp_path / "case", against=out / "identified")
+    again.save(tmp_path / "again")
+    assert json.loads((tmp_path / "again" / "diagnosis.json").read_text()) == document
+    for name in ("identified.urdf", "corrected.yaml"):
+        assert (tmp_path / "again" / name).read_bytes() == (out / name).read_bytes()
+    assert not (tmp_path / "again" / "identified").exists()
 
 
 @pytest.mark.parametrize(

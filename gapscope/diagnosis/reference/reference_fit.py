@@ -1,15 +1,13 @@
-"""The reference: the same arm, known to be healthy and without load, identified on its recordings."""
+"""The fit to a reference: the same arm, known to be healthy and without load, identified on its recordings."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gapscope.arm.case import Case
-from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.errors import InputError
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.assessment.baseline import back_in_time
 from gapscope.diagnosis.gap.torque_gap import torque_scale
@@ -17,7 +15,6 @@ from gapscope.diagnosis.reference.reference_rows import ReferenceRows, stack
 from gapscope.diagnosis.thresholds import (
     LEAST_REFERENCE_SKEW,
     MOST_REFERENCE_SKEW,
-    SAME_JOINT_PLACE,
     VENDOR_INERTIALS,
 )
 from gapscope.ident.identification import (
@@ -35,8 +32,8 @@ RANK_TOLERANCE = 1e-4
 
 
 @dataclass(frozen=True)
-class IdentifiedReference:
-    """An arm identified on a reference, n joints, p parameters x of the model tau = W x.
+class ReferenceFit:
+    """The fit to a reference, n joints, p parameters x of the model tau = W x.
 
     Attributes:
         case: the reference, its torque put back by the skew.
@@ -58,68 +55,11 @@ class IdentifiedReference:
     skew: float
     torque_ratio: float
 
-    @property
-    def value(self) -> np.ndarray:
-        """X of the identified arm, (p,)."""
-        return self.result.physical.value
 
-
-def check_same_arm(case: Case, reference: Case) -> None:
-    """Check that two cases are of the same arm, joint by joint.
-
-    Raises:
-        InputError: another number of joints, other names, another order, or joints in other places.
-    """
-    place = f"--against {reference.name}"
-    _check_joints(case, reference, place)
-    if _joint_distance(case, reference) > SAME_JOINT_PLACE:
-        raise InputError(
-            "has joints of the same names in other places: another robot, or another version of its URDF",
-            "give a reference of the same arm, and both cases the same kinematics",
-            where=place,
-        )
-    if not np.allclose(case.arm.gravity, reference.arm.gravity, atol=0.05):
-        raise InputError(
-            f"has gravity {reference.arm.gravity.tolist()}, {case.name} has {case.arm.gravity.tolist()}",
-            "give a reference that was recorded in the same mounting, or correct gravity:",
-            where=place,
-        )
-
-
-def _check_joints(case: Case, reference: Case, place: str) -> None:
-    """Check number, names and order of the joints."""
-    ours, theirs = list(case.arm.joints), list(reference.arm.joints)
-    if len(ours) != len(theirs):
-        raise InputError(
-            f"has {len(theirs)} joints, {case.name} has {len(ours)}: another robot",
-            "give a reference of the same arm",
-            where=place,
-        )
-    if ours != theirs:
-        reordered = sorted(ours) == sorted(theirs)
-        how = "in another order" if reordered else "with other names"
-        raise InputError(
-            f"has its joints {how}: {', '.join(theirs)}; {case.name} has {', '.join(ours)}",
-            "give a reference of the same arm, with joints: in the order of the case",
-            where=place,
-        )
-
-
-def _joint_distance(case: Case, reference: Case) -> float:
-    """Largest difference of the joints' places, in any coordinate [m] or entry of the rotation [1]."""
-    ours, theirs = RigidBody(case.arm).model, RigidBody(reference.arm).model
-    largest = 0.0
-    for a, b in zip(ours.jointPlacements, theirs.jointPlacements, strict=True):
-        moved = np.abs(a.translation - b.translation).max()
-        turned = np.abs(a.rotation - b.rotation).max()
-        largest = max(largest, float(moved), float(turned))
-    return largest
-
-
-def identify_reference(
+def fit_reference(
     reference: Case, progress: Callable[[str], None] = lambda message: None
-) -> IdentifiedReference:
-    """Identify an arm on all recordings of a reference.
+) -> ReferenceFit:
+    """Identify an arm on all recordings of a reference with a torque.
 
     Raises:
         InputError: no torque, no motion, too short, torque in another unit; says what to do.
@@ -145,7 +85,7 @@ def identify_reference(
     residual = rows.torque - rows.matrix @ result.physical.value
     # neighbours resemble each other: few rows of a smooth residual are independent
     samples = independent_samples(residual)
-    return IdentifiedReference(
+    return ReferenceFit(
         reference,
         result,
         _precision(rows, samples / len(residual), held_out_rms, prior),
@@ -253,12 +193,3 @@ def _skew(rows: ReferenceRows, x: np.ndarray) -> float:
     power = max(float(rate @ rate), 1e-12 * residual.shape[1])
     skew = float(rate @ target / power)
     return float(np.clip(skew, -MOST_REFERENCE_SKEW, MOST_REFERENCE_SKEW))
-
-
-def names_of(result: Identification, symbols: Sequence[str]) -> np.ndarray:
-    """Places in x of the joints' own parameters of these symbols, joint by joint, (len(symbols), n)."""
-    names = list(result.columns.names(result.choice.law))
-    joints = range(1, result.columns.arm.n_joints + 1)
-    known = [symbol for symbol in symbols if f"{symbol}1" in names]
-    places = [[names.index(f"{symbol}{j}") for j in joints] for symbol in known]
-    return np.array(places, dtype=int)

@@ -1,0 +1,214 @@
+"""An identified reference in a folder: what is written comes back, and what is not whole or not its own is refused."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import synthetic
+
+import gapscope
+from gapscope.arm.errors import InputError
+from gapscope.diagnosis.reference.diagnose_change import diagnose_change
+from gapscope.diagnosis.reference.identified_reference import IdentifiedReference
+from gapscope.diagnosis.reference.reference_file import (
+    identified_folder,
+    read_reference,
+    write_reference,
+)
+from gapscope.effects.applied import AppliedEffect
+from gapscope.ident.model.friction_law import FrictionLaw
+from gapscope.provenance import made_from
+
+OFFSET = AppliedEffect("torque_offset", (1, 3), {"torque": np.array([0.1, -0.7])})
+STIFF = AppliedEffect(
+    "joint_elasticity",
+    (2,),
+    {"stiffness": np.array([1e4 / 3.0]), "damping": np.array([0.3])},
+)
+
+
+def reference(**changes: Any) -> IdentifiedReference:
+    """A reference of the three-joint arm with made-up figures, some without a short decimal form."""
+    rng = np.random.default_rng(5)
+    names = tuple(f"{symbol}{j}" for symbol in "Icb" for j in (1, 2, 3))
+    root = rng.standard_normal((9, 9))
+    values: dict[str, Any] = {
+        "name": "friday",
+        "recordings": ("a.csv", "b.csv"),
+        "joints": synthetic.arm().joints,
+        "gravity": synthetic.arm().gravity,
+        "urdf": synthetic.URDF,
+        "armature": np.array([0.1, 0.2, 1.0 / 3.0]),
+        "coulomb": np.array([1.0, 2.0, 3.0]),
+        "viscous": np.array([0.5, 0.0, 0.7]),
+        "parameters": names,
+        "law": FrictionLaw(0.1, (0.2, 0.3, 2.0 / 3.0)),
+        "base_parameters": 7,
+        "value": rng.standard_normal(9),
+        "precision": root @ root.T,
+        "rest": np.array([0.1, 0.2, 0.3]),
+        "samples": np.array([100.0, 50.5, 20.0]),
+        "scale": np.array([3.0, 4.0, 5.0]),
+        "skew": -1e-4 / 3.0,
+        "torque_ratio": 0.97,
+        "effects": (OFFSET, STIFF),
+        "faults": frozenset({("dropped_samples", ""), ("time_stamps", "rounded")}),
+        "warnings": ("joint 2 hardly moves",),
+        "made_from": {"case_sha256": "12", "program_sha256": "34"},
+    }
+    return IdentifiedReference(**{**values, **changes})
+
+
+def same(a: Any, b: Any) -> bool:
+    """Whether two values are equal to the last bit."""
+    if isinstance(a, tuple) and a and isinstance(a[0], AppliedEffect):
+        return all(
+            one.name == two.name
+            and one.joints == two.joints
+            and all(
+                map(np.array_equal, *map(dict.values, (one.parameters, two.parameters)))
+            )
+            for one, two in zip(a, b, strict=True)
+        )
+    return np.array_equal(a, b) if isinstance(a, np.ndarray) else bool(a == b)
+
+
+@pytest.mark.parametrize(
+    "law", [FrictionLaw(), FrictionLaw(0.1, (0.2, 0.3, 2.0 / 3.0))]
+)
+def test_what_is_written_comes_back_to_the_last_bit(law, tmp_path):
+    written = reference(law=law)
+    path = write_reference(written, tmp_path / "identified")
+    assert path == tmp_path / "identified" / "reference.json"
+    found = read_reference(tmp_path / "identified")
+    assert found.file == path
+    for field in fields(IdentifiedReference):
+        if field.name != "file":
+            a, b = getattr(written, field.name), getattr(found, field.name)
+            assert same(a, b), field.name
+    assert {file.name for file in path.parent.iterdir()} == {
+        "reference.json",
+        "reference.npz",
+        "identified.urdf",
+    }
+
+
+def changed_document(change: Callable[[dict[str, Any]], Any]) -> Callable[[Path], None]:
+    def apply(folder: Path) -> None:
+        path = folder / "reference.json"
+        content = json.loads(path.read_text())
+        change(content)
+        path.write_text(json.dumps(content))
+
+    return apply
+
+
+def half_arrays(folder: Path) -> None:
+    path = folder / "reference.npz"
+    path.write_bytes(path.read_bytes()[:100])
+
+
+@pytest.mark.parametrize(
+    ("damage", "says"),
+    [
+        (lambda f: (f / "reference.json").unlink(), "reference.json: is missing.*end"),
+        (lambda f: (f / "reference.npz").unlink(), "reference.npz: cannot be read"),
+        (lambda f: (f / "identified.urdf").unlink(), "identified.urdf: cannot be read"),
+        (half_arrays, "reference.npz, field files.reference.npz"),
+        (
+            lambda f: (f / "identified.urdf").write_text("<robot/>"),
+            "identified.urdf, field files.identified.urdf of reference.json: is not the",
+        ),
+        (lambda f: (f / "reference.json").write_text("{"), "is not valid JSON"),
+        (
+            changed_document(lambda c: c.update(schema=2)),
+            "field schema: is of schema 2",
+        ),
+        (changed_document(lambda c: c.pop("coulomb")), "'coulomb' is a required"),
+        (
+            changed_document(lambda c: c["coulomb"].pop()),
+            "field coulomb: has 2 numbers, the arm has 3 joints",
+        ),
+        (
+            changed_document(lambda c: c["parameters"].pop()),
+            "reference.npz, value: expected finite numbers of shape \\(8,\\)",
+        ),
+        (
+            changed_document(lambda c: c["effects"][0].update(joints=[1, 9])),
+            "reference.json, effects.0., torque_offset",
+        ),
+        (
+            changed_document(lambda c: c["friction_law"].update(stribeck_speed="slow")),
+            "field friction_law.stribeck_speed: 'slow'",
+        ),
+    ],
+)
+def test_what_is_not_whole_is_refused_with_file_field_and_remedy(
+    damage, says, tmp_path
+):
+    write_reference(reference(), tmp_path)
+    damage(tmp_path)
+    folder = identified_folder(tmp_path)
+    assert folder == tmp_path
+    with pytest.raises(InputError, match=says) as error:
+        read_reference(folder)
+    assert error.value.file.parent == tmp_path
+    assert error.value.remedy
+
+
+def test_arrays_of_another_reference_are_refused(tmp_path):
+    write_reference(reference(), tmp_path / "one")
+    write_reference(reference(rest=np.full(3, 0.4)), tmp_path / "two")
+    (tmp_path / "two" / "reference.npz").replace(tmp_path / "one" / "reference.npz")
+    with pytest.raises(InputError, match=r"reference\.npz.*is not the file"):
+        read_reference(tmp_path / "one")
+
+
+def test_numbers_that_are_not_finite_are_refused(tmp_path):
+    write_reference(reference(rest=np.array([0.1, np.nan, 0.3])), tmp_path)
+    with pytest.raises(InputError, match=r"reference\.npz, rest: expected finite"):
+        read_reference(tmp_path)
+
+
+def test_a_case_is_told_from_an_identified_reference(tmp_path):
+    write_reference(reference(), tmp_path / "out" / "identified")
+    assert identified_folder(tmp_path / "out") == tmp_path / "out" / "identified"
+    (tmp_path / "case").mkdir()
+    (tmp_path / "case" / "case.yaml").touch()
+    assert identified_folder(tmp_path / "case") is None
+    assert identified_folder(tmp_path / "case" / "case.yaml") is None
+    assert identified_folder(tmp_path / "nowhere") is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"joints": ("joint_2", "joint_1", "joint_3")}, "another order"),
+        ({"joints": ("a", "b", "c")}, "other names: a, b, c"),
+        ({"joints": ("a", "b")}, "has 2 joints"),
+        ({"gravity": np.array([0.0, 0.0, 9.81])}, "has gravity"),
+        (
+            {"urdf": synthetic.URDF.replace('xyz="0.45 0 0"', 'xyz="0.5 0 0"')},
+            "other places",
+        ),
+    ],
+)
+def test_another_robot_or_mounting_is_refused(changes, says, tmp_path):
+    other = reference(**changes, file=tmp_path / "reference.json")
+    with pytest.raises(InputError, match=f"--against {tmp_path}.*{says}") as error:
+        diagnose_change(synthetic.case(seed=4), other, tmp_path)
+    assert error.value.remedy
+
+
+def test_the_case_that_it_was_identified_on_is_refused(tmp_path):
+    case = synthetic.case(seed=4)
+    own = replace(reference(), made_from=made_from(case))
+    write_reference(own, tmp_path)
+    with pytest.raises(InputError, match="is the case itself"):
+        gapscope.diagnose(case, against=tmp_path)
