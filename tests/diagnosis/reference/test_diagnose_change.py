@@ -14,7 +14,7 @@ from synthetic import COULOMB, ENCODER_STEP, URDF, VISCOUS, Truth, arm, recordin
 
 import gapscope
 from gapscope.arm.case import Case, load_case
-from gapscope.arm.errors import InputError
+from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.write_case import write_case
 from gapscope.arm.nominal import NominalArm
 from gapscope.cli import main
@@ -227,7 +227,7 @@ def test_reference_without_torque_or_too_short_is_refused():
         reference(),
         recordings=tuple(replace(r, tau=None) for r in reference().recordings),
     )
-    with pytest.raises(InputError, match="no recording holds a torque"):
+    with pytest.raises(GapscopeError, match="no recording carries a torque"):
         identify_reference(silent)
     only = reference().recordings[0]
     rows = slice(0, 300)
