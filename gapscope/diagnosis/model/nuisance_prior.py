@@ -56,6 +56,10 @@ class NuisancePrior:
         return self.precision * np.outer(scale, scale)
 
 
+LEAST_EIGENVALUE = 1e-11
+"""Least eigenvalue of a covariance of unit diagonal that double precision resolves [1]."""
+
+
 def data_sheet_prior(inertials: int, others: int) -> NuisancePrior:
     """Independent relative errors of the inertials, and of others in units of their spread."""
     precision = np.eye(inertials + others)
@@ -88,7 +92,13 @@ def reference_prior(
 
 
 def inverse(matrix: np.ndarray) -> np.ndarray:
-    """Inverse of a covariance or a precision, scaled to a diagonal of ones first."""
+    """Inverse of a covariance or a precision, scaled to a diagonal of ones first; positive definite in any case.
+
+    Eigenvalues that rounding has made less than ``LEAST_EIGENVALUE`` count as that.
+    """
     unit = 1.0 / np.sqrt(np.diag(matrix))
     scaled = matrix * unit[:, None] * unit
-    return np.asarray(np.linalg.inv(scaled) * unit[:, None] * unit)
+    values, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
+    kept = np.maximum(values, LEAST_EIGENVALUE)
+    inverted = (vectors / kept) @ vectors.T
+    return np.asarray(inverted * unit[:, None] * unit)
