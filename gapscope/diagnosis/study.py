@@ -190,7 +190,10 @@ def _select(
     folds = _folds(case, cutoff)
     progress("searches for effects")
     errors = baseline.errors if baseline else None
-    found = search(case.arm, body, folds, min(TORQUE_CUTOFF, cutoff), progress, errors)
+    # of a reference itself only what a healthy arm has counts, neither compliance nor pairs
+    is_reference = baseline is not None and errors is None
+    band = min(TORQUE_CUTOFF, cutoff)
+    found = search(case.arm, body, folds, band, progress, errors, quick=is_reference)
     progress("predicts held-out data")
     predictor = HeldOutPredictor(case.arm, body, found, folds, set_aside)
     selection, rejections = reject(predictor)

@@ -59,8 +59,10 @@ def starts(model: Model) -> list[Start]:
 
 
 def _above_floor(model: Model) -> bool:
-    """Whether some joint's residual exceeds its floor by enough to look for compliance."""
+    """Whether some joint's residual exceeds its floor, or what a reference leaves, by enough to look for compliance."""
     rows, floor2 = model.evidence.rows, model.evidence.floor2
+    if model.data.reference is not None:
+        floor2 = np.maximum(floor2, model.data.reference.rest**2)
     residual2 = (model.fit.held_out_mse * rows).sum(axis=0)
     ratio2 = residual2 / (floor2 * rows).sum(axis=0)
     return bool(ratio2.max() >= COMPLIANCE_RATIO**2)

@@ -77,11 +77,23 @@ def search(
     cutoff: float,
     progress: Progress = lambda message: None,
     reference: ReferenceErrors | None = None,
+    *,
+    quick: bool = False,
 ) -> Selection:
-    """Find the terms that explain the gap of recordings, by evidence on halves of recordings left out of the fit."""
+    """Find the terms that explain the gap of recordings, by evidence on halves of recordings left out of the fit.
+
+    Args:
+        arm, body: the nominal arm and its dynamics.
+        folds: segments per fold.
+        cutoff: cut-off of the fit's filter [Hz].
+        progress: called with a few words at each step.
+        reference: what a reference leaves open of the arm, if it was identified on one.
+        quick: leave out compliant joints and pairs of effects, which are costly to try.
+    """
     decimated = [[thinned(s, SEARCH_RATE) for s in fold] for fold in folds]
     nominal = nominal_model(arm, body, decimated, cutoff, reference)
-    model, considered = add_terms(add_turned_base(nominal), progress)
+    add = add_groups if quick else add_terms
+    model, considered = add(add_turned_base(nominal), progress)
     model, replaced = compare_near_equivalents(model)
     model, compliant = drop_unneeded_compliance(model)
     model = relinearise(prune(model))
