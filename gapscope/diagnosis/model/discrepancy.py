@@ -21,7 +21,7 @@ from gapscope.diagnosis.thresholds import (
     RICHEST_ROUNDS,
     RICHEST_TERM,
 )
-from gapscope.ident.signals.effective_samples import variance_inflation
+from gapscope.ident.signals.effective_samples import group_slices, variance_inflation
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Discrepancy:
     """What a healthy arm leaves of m rows: joints, or with joint torque sensors both sides of each.
 
     Attributes:
-        mean_square: of the residual on held-out folds, or on the reference [N^2 m^2], (m,).
+        mean_square: of the residual on a typical held-out fold, or on the reference [N^2 m^2], (m,).
         inflation: rows that count as one independent sample [1], (m,).
     """
 
@@ -62,13 +62,20 @@ def discrepancy(
         _weighted_residuals(halves, values),
         _weighted_residuals(halves, [so_far] * len(halves)),
     ]
-    total = np.maximum(count.sum(axis=0), 1e-9)
-    squares = np.array([(r**2).sum(axis=0) / total for r in residuals])
+    group = np.repeat(np.arange(len(halves)), [len(half.y) for half in halves])
+    squares = np.array([_typical_square(r, group, count) for r in residuals])
 
     better = np.argmin(squares, axis=0)
     residual = np.where(better == 0, residuals[0], residuals[1])
-    group = np.repeat(np.arange(len(halves)), [len(half.y) for half in halves])
     return Discrepancy(squares.min(axis=0), variance_inflation(residual, group))
+
+
+def _typical_square(
+    residual: np.ndarray, group: np.ndarray, count: np.ndarray
+) -> np.ndarray:
+    """Median over the folds of the mean square, (m,): what happens once, such as a contact, is no discrepancy."""
+    squares = [(residual[rows] ** 2).sum(axis=0) for rows in group_slices(group)]
+    return np.asarray(np.median(squares / np.maximum(count, 1e-9), axis=0))
 
 
 def _precision(
