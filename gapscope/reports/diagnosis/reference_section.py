@@ -34,7 +34,7 @@ class ReferenceJoint:
         identified: ``value ± std`` of each entry of ``SHEET``.
         today: Coulomb and viscous friction on the day of the case, each with its change in percent.
         held_out: torque NRMSE on stretches of the reference that were not fitted [1].
-        leeway: torque NRMSE that the leeway used comes to [1].
+        errors: torque NRMSE that the likeliest errors of the identified arm come to [1].
     """
 
     label: str
@@ -42,7 +42,7 @@ class ReferenceJoint:
     identified: tuple[str, ...]
     today: tuple[str, ...]
     held_out: float | None
-    leeway: float | None
+    errors: float | None
 
 
 def against(diagnosis: Diagnosis) -> dict[str, Any] | None:
@@ -94,7 +94,7 @@ def _joints(content: Mapping[str, Any], names: Sequence[str]) -> list[ReferenceJ
                 for key in ("coulomb", "viscous")
             ),
             held_out=content["held_out"]["torque_nrmse"][j],
-            leeway=today["torque_nrmse"][j],
+            errors=today["torque_nrmse"][j],
         )
         for j, name in enumerate(names)
     ]
