@@ -184,7 +184,6 @@ def test_what_it_was_compared_with_is_told(tmp_path: Path) -> None:
             "3.00 (same)",
             "0.017",
             "up to 15 %",
-            "viscous friction (joints 2 and 5)",
         ),
         *(
             "torque offset (joints 1–3)",
