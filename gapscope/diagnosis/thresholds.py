@@ -144,6 +144,8 @@ MOST_RIPPLE_CYCLES = 200.0  # Ripples with more periods per revolution are not l
 # Periods of a ripple that some recording must show; less is a bend that much else explains. (hand)
 LEAST_RIPPLE_PERIODS = 1.5
 FORCE_WINDOW_BIN = 0.1  # Resolution of the windows in which a force may act [s]. (budget)
+# Share of a force's effect that always counts beside what the errors of the arm could explain of it [1]. (hand)
+FORCE_WINDOW_RIDGE = 0.05
 LEAST_FORCE_WINDOW = 0.3  # Shortest such window [s]. (hand)
 LEAST_TORQUE_LIMIT = 0.01  # Saturation lets at least this share of the largest recorded torque through [1]. (hand)
 LEAST_NEED_AT_LIMIT = 0.7  # While it acts this share of the limit is needed on average [1]. (hand)

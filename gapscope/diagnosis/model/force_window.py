@@ -7,7 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from gapscope.diagnosis.model.scan import NonlinearParameters
-from gapscope.diagnosis.thresholds import FORCE_WINDOW_BIN, LEAST_FORCE_WINDOW
+from gapscope.diagnosis.thresholds import (
+    FORCE_WINDOW_BIN,
+    FORCE_WINDOW_RIDGE,
+    LEAST_FORCE_WINDOW,
+)
 
 
 def force_window(
@@ -44,6 +48,8 @@ def force_window(
     pull = rights[ends] - rights[starts]
     # a short window may hardly determine some direction
     # nor need a force act on any joint at all, as on a wheel's axis
+    # the basis of a short recording explains almost any force: what is left of it must not be amplified
+    inside += FORCE_WINDOW_RIDGE * inside
     inside += max(1e-6 * np.trace(grams[-1]) / 3, 1e-30) * np.eye(3)
     for j, basis in enumerate(bases):
         # what the basis can explain of the force in the window does not count: less (B^T F)^T (B^T F)
