@@ -19,6 +19,7 @@ from gapscope.envs.registration import register_environment
 if TYPE_CHECKING:
     from gapscope.arm.case import Case, load_case
     from gapscope.interface.advise import advise
+    from gapscope.interface.agree import agree
     from gapscope.interface.diagnose import diagnose
     from gapscope.interface.excite import excite
     from gapscope.interface.export import export
@@ -32,6 +33,7 @@ __version__ = version("gapscope")
 __all__ = [
     "Case",
     "advise",
+    "agree",
     "diagnose",
     "excite",
     "export",
@@ -53,6 +55,7 @@ _MODULES = {
         name: f"interface.{name}"
         for name in (
             "advise",
+            "agree",
             "diagnose",
             "excite",
             "export",

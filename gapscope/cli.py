@@ -10,6 +10,7 @@ import typer
 
 from gapscope.arm.errors import EngineWarning, GapscopeError, ModelWarning
 from gapscope.commands.advise import advise
+from gapscope.commands.agree import agree
 from gapscope.commands.blind import blind
 from gapscope.commands.demo import demo
 from gapscope.commands.diagnose import diagnose
@@ -30,6 +31,7 @@ COMMANDS = (
     replay,
     gap,
     identify,
+    agree,
     record,
     excite,
     advise,

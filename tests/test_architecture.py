@@ -40,7 +40,7 @@ DIAGNOSIS_LAYERS: tuple[set[str], ...] = (
     {"study"},
     {"document"},
     {"diagnose"},
-    {"reference", "fleet", "advice"},
+    {"reference", "fleet", "agreement", "advice"},
 )
 """The same inside ``diagnosis``."""
 

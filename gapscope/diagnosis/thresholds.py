@@ -334,6 +334,19 @@ FLEET_LEVEL = 0.01
 # Two arms predict a unit alike if no joint's torque NRMSE differs by this much [1]. (definition)
 ALIKE_NRMSE = VISIBLE_EFFECT
 
+# --- agreement: whether recordings agree
+AGREEMENT_STRETCH = 2.5  # Length of the stretches whose scatter recordings are compared with [s]... (hand)
+MOST_STRETCHES = 8  # ...of which a recording has at least LEAST_STRETCHES and at most this many. (budget)
+AGREEMENT_SAMPLES = 6000  # Samples over all recordings. (budget)
+MOST_DIFFERENCES = 20  # Parameters that may differ; two recordings that differ in more are of two arms. (budget)
+# Two hypotheses explain a difference alike if one reaches this share of the other's evidence [1]. (hand)
+ALIKE_EVIDENCE = 0.9
+# A quantity goes with a difference if it explains this share of the squared deviations [1]... (hand)
+COVARIATE_SHARE = 0.8
+# ...and differs between the recordings by this share of its mean [1]... (hand)
+COVARIATE_CHANGE = 0.1
+COVARIATE_TEMPERATURE = 2.0  # ...or, a temperature, by this much [K]. (physical)
+
 # --- advice: the next recording
 ADVICE_INERTIALS = 0.01  # Prior of relative errors of the nominal inertials that every hypothesis may have [1]. (hand)
 ADVICE_SAMPLE_STEP = 4  # Of the present recordings every so many samples are compared. (budget)

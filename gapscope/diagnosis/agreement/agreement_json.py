@@ -1,0 +1,72 @@
+"""The document of an agreement, ``agreement.json``."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from gapscope.arm.io.json_file import plain
+from gapscope.diagnosis.agreement.agreement import Agreement, ParameterAgreement
+from gapscope.diagnosis.agreement.wording import goes_with, settles
+from gapscope.diagnosis.thresholds import FALSE_ALARM_RATE
+
+
+def document(found: Agreement) -> dict[str, Any]:
+    """An agreement as plain data; numbers that are not known are null.
+
+    ``parameters`` has one entry per parameter, what differs first. ``values``, ``std`` and ``information`` have one
+    number per recording, in the order of ``recordings``. ``covariates`` are those of the recordings as that parameter
+    sees them.
+    """
+    content = {
+        "schema": 1,
+        "case": found.case.name,
+        "joints": list(found.case.arm.joints),
+        "recordings": list(found.labels),
+        "friction_law": found.law,
+        "false_alarm_rate": FALSE_ALARM_RATE,
+        "level": found.level,
+        "parameters": [_parameter(line, found) for line in found.parameters],
+    }
+    result: dict[str, Any] = plain(content, null_if_not_finite=True)
+    return result
+
+
+def _parameter(line: ParameterAgreement, found: Agreement) -> dict[str, Any]:
+    """One parameter."""
+    trusted = line.trusted
+    names = {one.quantity.key: one.quantity.name for one in found.parameters}
+    return {
+        "key": line.quantity.key,
+        "name": line.quantity.name,
+        "unit": line.quantity.unit,
+        "joint": line.quantity.joint,
+        "verdict": line.verdict,
+        "p": line.p,
+        "values": line.values.value,
+        "std": line.values.std,
+        "information": line.information,
+        "birge": line.birge,
+        "trusted": None
+        if trusted is None
+        else {"value": trusted[0], "std": trusted[1]},
+        "goes_with": None if line.explanation is None else _explanation(line, found),
+        "settled_by": settles(line, found.labels) or None,
+        "alternatives": [names[key] for key in line.alternatives],
+        "covariates": {
+            one.name: {"unit": one.unit, "values": one.value} for one in line.covariates
+        },
+    }
+
+
+def _explanation(line: ParameterAgreement, found: Agreement) -> dict[str, Any]:
+    """What a difference goes with."""
+    explanation = line.explanation
+    assert explanation is not None
+    alone = explanation.alone
+    return {
+        "text": goes_with(line, found.labels),
+        "covariates": list(explanation.goes_with),
+        "recording": None if alone is None else found.labels[alone],
+        "shares": explanation.shares,
+        "differ": list(explanation.changed),
+    }

@@ -1,0 +1,83 @@
+"""Compare the recordings of a case: which parameters agree, which differ, and which value to trust."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from rich.console import Console
+
+from gapscope.arm.case import Case, load_case
+from gapscope.diagnosis.agreement.agreement import Agreement, agreement
+from gapscope.diagnosis.agreement.agreement_json import document
+from gapscope.interface.result import Result, as_text
+from gapscope.outputs.agreement import write_agreement
+from gapscope.reports.agreement.terminal_summary import summary
+
+
+@dataclass(frozen=True)
+class AgreementResult(Result):
+    """Whether recordings agree.
+
+    Attributes:
+        agreement: verdict, values and deviations of each parameter.
+    """
+
+    agreement: Agreement
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The content of ``agreement.json``."""
+        return document(self.agreement)
+
+    def save(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write ``agreement.html`` and, as the last, ``agreement.json``."""
+        return write_agreement(self.agreement, Path(folder))
+
+    def summary(self) -> str:
+        """One line per parameter, and what the differences go with."""
+
+        def show(console: Console) -> None:
+            console.print(summary(self.document))
+
+        return as_text(show)
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row for each parameter and recording: verdict, value and standard deviation."""
+        content = self.document
+        rows = [
+            {
+                "parameter": line["key"],
+                "unit": line["unit"],
+                "verdict": line["verdict"],
+                "recording": recording,
+                "value": line["values"][k],
+                "std": line["std"][k],
+            }
+            for line in content["parameters"]
+            for k, recording in enumerate(content["recordings"])
+        ]
+        return pd.DataFrame(rows)
+
+
+def agree(
+    case: Case | str | Path, *, progress: Callable[[str], None] = lambda message: None
+) -> AgreementResult:
+    """Compare the recordings of a case, parameter by parameter.
+
+    Args:
+        case: the case, or its folder; held-out recordings are compared too.
+        progress: called with a few words at each step.
+
+    Raises:
+        InputError: the case cannot be used, or has fewer than two recordings with torque.
+
+    >>> import gapscope
+    >>> gapscope.agree("my_arm").to_frame()  # doctest: +SKIP
+    """
+    progress("reads the case")
+    loaded = case if isinstance(case, Case) else load_case(case)
+    return AgreementResult(agreement(loaded, progress))

@@ -1,0 +1,260 @@
+"""Recordings of one arm compared: what is the same, what differs, with what it goes, and what would settle it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from synthetic import COULOMB, RATE, Truth, arm, motion, needed, recording, recordings
+
+from gapscope.arm.case import Case
+from gapscope.arm.errors import InputError
+from gapscope.arm.known_load import KnownLoad
+from gapscope.arm.motions.trajectory import Fourier
+from gapscope.arm.recording import Recording
+from gapscope.diagnosis.agreement.agreement import (
+    AGREES,
+    DIFFERS,
+    NOT_DETERMINED,
+    Agreement,
+    ParameterAgreement,
+    agreement,
+)
+from gapscope.diagnosis.agreement.agreement_json import document
+from gapscope.diagnosis.agreement.covariates import Covariate, explain
+from gapscope.diagnosis.thresholds import FALSE_ALARM_RATE
+
+DRAWS = 20
+"""Healthy arms that are compared."""
+FREQUENCIES = (0.1, 0.2, 0.3)
+"""Base frequency of the motions [Hz]."""
+
+
+def recorded(truth: Truth, number: int, seed: int = 0) -> Recording:
+    """Recording ``number`` of an arm; its motion does not depend on the arm."""
+    rng = np.random.default_rng(77 + number + 10 * seed)
+    moved = motion(10 * seed + number, FREQUENCIES[number], 8.0)
+    return recording(truth, moved, rng, f"recording_{number}.csv")
+
+
+def compared(found: Sequence[Recording]) -> Agreement:
+    return agreement(Case("arm", arm().urdf.parent, arm(), tuple(found)))
+
+
+def line(found: Agreement, key: str) -> ParameterAgreement:
+    return next(one for one in found.parameters if one.quantity.key == key)
+
+
+def differing(found: Agreement) -> list[str]:
+    return [one.quantity.key for one in found.having(DIFFERS)]
+
+
+@dataclass(frozen=True)
+class Held:
+    """A motion with one joint, from 0, held still."""
+
+    moved: Fourier
+    joint: int
+
+    def _held(self, series: np.ndarray, value: float) -> np.ndarray:
+        out = np.array(series)
+        out[:, self.joint] = value
+        return out
+
+    def position(self, t: np.ndarray) -> np.ndarray:
+        return self._held(self.moved.position(t), 0.4)
+
+    def velocity(self, t: np.ndarray) -> np.ndarray:
+        return self._held(self.moved.velocity(t), 0.0)
+
+    def acceleration(self, t: np.ndarray) -> np.ndarray:
+        return self._held(self.moved.acceleration(t), 0.0)
+
+
+@pytest.fixture(scope="module")
+def same() -> Agreement:
+    return compared([recorded(Truth(), k) for k in range(3)])
+
+
+@pytest.fixture(scope="module")
+def rubbing() -> Agreement:
+    """Coulomb friction of joint 2 is 30 % higher in the second of three recordings."""
+    more = Truth(coulomb=(0.0, 0.3 * COULOMB[1], 0.0))
+    return compared([recorded(more if k == 1 else Truth(), k) for k in range(3)])
+
+
+def test_the_same_arm_agrees_with_values_to_trust(same: Agreement) -> None:
+    assert differing(same) == [] and same.having(NOT_DETERMINED) == ()
+    for joint, truth in enumerate(COULOMB, 1):
+        one = line(same, f"c{joint}")
+        assert one.trusted is not None
+        value, std = one.trusted
+        assert value == pytest.approx(truth, abs=0.03)
+        # the deviation of the mean, which scatter beyond the stated deviations widens
+        precision = (one.values.std**-2.0).sum()
+        assert std == pytest.approx(max(one.birge, 1.0) / np.sqrt(precision))
+
+
+def test_more_friction_in_one_recording_differs_alone(rubbing: Agreement) -> None:
+    assert differing(rubbing) == ["c2"]
+    one = line(rubbing, "c2")
+    low, high = COULOMB[1], 1.3 * COULOMB[1]
+    assert one.values.value == pytest.approx([low, high, low], abs=0.05)
+    assert one.trusted is None
+    assert one.explanation is not None
+    assert one.explanation.goes_with == () and one.explanation.alone == 1
+
+
+def test_document_says_what_settles_a_difference(rubbing: Agreement) -> None:
+    content = document(rubbing)
+    first = content["parameters"][0]
+    assert (first["key"], first["verdict"], first["trusted"]) == ("c2", DIFFERS, None)
+    assert first["name"] == "Coulomb friction of joint 2"
+    assert first["goes_with"]["recording"] == "recording_1.csv"
+    assert first["settled_by"].startswith("repeat recording_1.csv")
+    assert all(one["settled_by"] is None for one in content["parameters"][1:])
+    assert content["false_alarm_rate"] == FALSE_ALARM_RATE
+    assert content["level"] < FALSE_ALARM_RATE / 20
+
+
+def test_friction_that_falls_with_temperature_goes_with_it() -> None:
+    found = []
+    for number, warmth in enumerate((35.0, 20.0, 50.0)):
+        less = Truth(coulomb=(0.0, 0.04 * (35.0 - warmth), 0.0))
+        one = recorded(less, number)
+        found.append(replace(one, temperature=np.full(one.q.shape, warmth)))
+    result = compared(found)
+    assert differing(result) == ["c2"]
+    entry = document(result)["parameters"][0]
+    assert entry["goes_with"]["covariates"] == ["temperature"]
+    assert entry["goes_with"]["shares"]["temperature"] > 0.95
+    assert entry["covariates"]["temperature"]["values"] == [35.0, 20.0, 50.0]
+    assert "the motion of recording_1.csv" in entry["settled_by"]
+    assert "as warm as recording_2.csv" in entry["settled_by"]
+
+
+class TestLoad:
+    LOADED = Truth(mass=1.5, com=(0.2, 0.0, 0.05))
+
+    def test_a_load_in_one_recording_is_a_load(self) -> None:
+        loads = (Truth(), Truth(), self.LOADED)
+        result = compared([recorded(truth, k) for k, truth in enumerate(loads)])
+        assert differing(result) == ["load"]
+        one = line(result, "load")
+        assert one.values.value == pytest.approx([0.0, 0.0, 1.5], abs=0.05)
+        settled = document(result)["parameters"][0]["settled_by"]
+        assert settled.startswith("repeat recording_2.csv with the empty flange")
+
+    def test_a_load_that_is_known_agrees(self) -> None:
+        loaded = recorded(self.LOADED, 2)
+        known = replace(loaded, payload=KnownLoad(1.5, (0.2, 0.0, 0.05)))
+        result = compared([recorded(Truth(), 0), recorded(Truth(), 1), known])
+        assert differing(result) == []
+
+
+def test_another_torque_constant_is_a_gain() -> None:
+    scaled = Truth(scale=(0.0, 0.1, 0.0))
+    result = compared([recorded(scaled if k == 2 else Truth(), k) for k in range(3)])
+    assert differing(result) == ["gain2"]
+    value = line(result, "gain2").values.value
+    # the recorded torque is the needed one over 1 + s
+    assert value == pytest.approx([1.0, 1.0, 1.0 / 1.1], abs=0.01)
+
+
+def test_a_joint_that_rests_is_not_determined() -> None:
+    held = Held(motion(2, FREQUENCIES[2], 8.0), 2)
+    t = np.arange(round(8.0 * RATE) + 1) / RATE
+    torque = needed(Truth(), held, t)
+    torque += 0.1 * np.random.default_rng(5).standard_normal(torque.shape)
+    still = Recording("still.csv", t, held.position(t), torque)
+    result = compared([recorded(Truth(), 0), still])
+    assert differing(result) == []
+    for key in ("c3", "b3", "I3", "gain3"):
+        one = line(result, key)
+        assert one.verdict == NOT_DETERMINED and one.trusted is None
+        assert one.information[0] >= 1.0 > one.information[1]
+    assert line(result, "c2").verdict == AGREES
+    entry = next(p for p in document(result)["parameters"] if p["key"] == "c3")
+    assert entry["values"] == [None, None] and entry["p"] is None
+
+
+def test_two_recordings_cannot_say_with_what_a_difference_goes() -> None:
+    more = Truth(viscous=(0.0, 1.0, 0.0))
+    result = compared([recorded(Truth(), 0), recorded(more, 2)])
+    assert differing(result) == ["b2"]
+    entry = document(result)["parameters"][0]
+    assert entry["goes_with"]["covariates"] == []
+    assert "two recordings cannot say" in entry["goes_with"]["text"]
+    assert "mean speed" in entry["goes_with"]["text"]
+    assert entry["settled_by"]
+
+
+def test_healthy_arms_differ_no_more_often_than_stated() -> None:
+    alarms = 0
+    for seed in range(DRAWS):
+        found = compared(recordings(Truth(), seed=100 + seed, duration=5.0))
+        alarms += bool(differing(found))
+    # at the stated rate, two alarms among so many happen in one series of fifty
+    assert alarms <= 1
+
+
+class TestExplanation:
+    STD = np.full(4, 0.01)
+    ALL = np.arange(4)
+
+    @staticmethod
+    def covariates(speed: Sequence[float], order: Sequence[float]) -> list[Covariate]:
+        return [
+            Covariate("speed", "rad/s", np.array(speed)),
+            Covariate("order", "1", np.array(order)),
+        ]
+
+    def test_speed_is_named_if_values_lie_on_a_line_over_it(self) -> None:
+        value = np.array([1.0, 3.0, 2.0, 4.0])
+        given = self.covariates((0.1, 0.3, 0.2, 0.4), (1, 2, 3, 4))
+        found = explain(value, self.STD, self.ALL, given)
+        assert found.goes_with == ("speed",) and found.alone is None
+        # over the order 1..4 the line 1.3 + 0.8 k leaves 1.8 of 5
+        assert found.shares["order"] == pytest.approx(0.64)
+
+    def test_covariates_that_change_together_are_not_told_apart(self) -> None:
+        value = np.array([1.0, 2.0, 3.0, 4.0])
+        given = self.covariates((0.1, 0.2, 0.3, 0.4), (1, 2, 3, 4))
+        found = explain(value, self.STD, self.ALL, given)
+        assert set(found.goes_with) == {"speed", "order"}
+
+    def test_nothing_is_named_if_nothing_fits(self) -> None:
+        value = np.array([1.0, 2.0, 2.0, 1.0])
+        given = self.covariates((0.1, 0.2, 0.3, 0.4), (1, 2, 3, 4))
+        found = explain(value, self.STD, self.ALL, given)
+        assert found.goes_with == () and found.alone is None
+
+    def test_a_speed_that_hardly_differs_is_no_candidate(self) -> None:
+        value = np.array([1.0, 2.0, 3.0, 4.0])
+        given = self.covariates((0.30, 0.301, 0.302, 0.303), (1, 2, 3, 4))
+        found = explain(value, self.STD, self.ALL, given)
+        assert found.changed == ("order",)
+
+
+class TestBadInput:
+    def test_one_recording(self) -> None:
+        with pytest.raises(InputError, match="one recording agrees with itself"):
+            compared([recorded(Truth(), 0)])
+
+    def test_one_recording_with_torque(self) -> None:
+        silent = replace(recorded(Truth(), 1), tau=None)
+        with pytest.raises(InputError, match=r"only recording_0\.csv has torque"):
+            compared([recorded(Truth(), 0), silent])
+
+    def test_no_torque(self) -> None:
+        silent = [replace(recorded(Truth(), k), tau=None) for k in range(2)]
+        with pytest.raises(InputError, match="no recording holds a torque"):
+            compared(silent)
+
+    def test_no_motion(self) -> None:
+        one = recorded(Truth(), 0)
+        still = replace(one, q=np.full_like(one.q, 0.3))
+        with pytest.raises(InputError, match="trajectory is constant"):
+            compared([still, still])
