@@ -41,10 +41,12 @@ def changed(
     return replace(recording, tau=change(np.array(recording.tau)))
 
 
-def values(result: Diagnosis) -> list[tuple[str, tuple[int, ...], list[list[float]]]]:
+def values(result: Diagnosis) -> list[tuple[str, list[int], list[object]]]:
+    """Name, joints and values of what is named or possible."""
+    found = (*result.document["effects"], *result.document["possible"])
     return [
-        (e.name, e.joints, [np.atleast_1d(v).tolist() for v in e.parameters.values()])
-        for e in result.effects
+        (e["effect"], e["joints"], [p["value"] for p in e["parameters"].values()])
+        for e in found
     ]
 
 

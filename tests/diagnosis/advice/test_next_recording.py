@@ -36,7 +36,7 @@ COULOMB = AppliedEffect("coulomb_friction", (2,), {"torque": [2.0]})
 def slow_case(truth: synthetic.Truth) -> Case:
     rng = np.random.default_rng(1)
     motions = [
-        synthetic.motion(k, frequency, 20.0) for k, frequency in enumerate((0.05, 0.06))
+        synthetic.motion(k, frequency, 20.0) for k, frequency in enumerate((0.04, 0.05))
     ]
     recordings = tuple(
         synthetic.recording(truth, m, rng, f"slow_{k}.csv")
