@@ -77,6 +77,8 @@ def spiky(tau: np.ndarray) -> np.ndarray:
 
 
 DIAGNOSED: dict[str, Callable[[], Case]] = {
+    "1 s": lambda: changed(np.arange(251)),
+    "1 s at 30 Hz": lambda: changed(np.arange(0, 265, 8)),
     "1.6 s": lambda: changed(np.arange(401)),
     "30 Hz": lambda: changed(np.arange(0, 1001, 8)),
     "noise five times as loud": lambda: changed(tau=noisy(0.6)),
@@ -96,7 +98,7 @@ def test_it_is_diagnosed(label: str) -> None:
 
 
 REFUSED: dict[str, tuple[Callable[[], Case], str]] = {
-    "1 s": (lambda: changed(np.arange(251)), "lasts 1 s"),
+    "0.9 s": (lambda: changed(np.arange(226)), "lasts 0.9 s"),
     "no torque": (lambda: changed(tau=lambda tau: 0.0 * tau), "of no joint changes"),
     "torque of 10^12": (lambda: changed(tau=lambda tau: 1e12 * tau), "column tau"),
     "positions of 10^12": (lambda: changed(q=lambda q: 1e12 * q), "column q"),

@@ -25,8 +25,8 @@ TRIM = 0.3
 """Time cut from both ends of a filtered segment [s], by definition of ``torque_nrmse``."""
 WORKING_RATE = 250.0
 """Recordings sampled at twice this rate or faster are decimated to no less than it [Hz]."""
-SHORTEST = 1.5
-"""Segments shorter than this [s] are left out."""
+SHORTEST = 1.0
+"""Segments shorter than this [s] are left out; what is trimmed leaves 0.4 s."""
 LEAST_CUTOFF, LARGEST_CUTOFF = 5.0, 40.0
 """Limits of the cut-off for positions [Hz]."""
 GAP_STEPS = 4.0
@@ -145,7 +145,9 @@ def _pieces(t: np.ndarray, longest_step: float) -> list[slice]:
     first_after_gap = np.flatnonzero(np.diff(t) > longest_step) + 1
     edges = [0, *first_after_gap.tolist(), len(t)]
     spans = [slice(start, stop) for start, stop in itertools.pairwise(edges)]
-    return [span for span in spans if t[span.stop - 1] - t[span.start] >= SHORTEST]
+    # stamps of one second may differ from it by rounding
+    shortest = SHORTEST - 1e-6
+    return [span for span in spans if t[span.stop - 1] - t[span.start] >= shortest]
 
 
 def condition(recording: Recording, cutoff: float) -> list[Segment]:
@@ -167,8 +169,8 @@ def condition(recording: Recording, cutoff: float) -> list[Segment]:
 def _too_short(recording: Recording) -> str:
     whole = recording.t[-1] - recording.t[0]
     if whole >= SHORTEST:
-        return f"no stretch without a gap lasts {SHORTEST} s"
-    return f"lasts {whole:.3g} s, at least {SHORTEST} s is needed"
+        return f"no stretch without a gap lasts {SHORTEST:g} s"
+    return f"lasts {whole:.3g} s, at least {SHORTEST:g} s is needed"
 
 
 def thinned(segment: Segment, rate: float) -> Segment:
