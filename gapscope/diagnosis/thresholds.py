@@ -144,6 +144,7 @@ MOST_RIPPLE_CYCLES = 200.0  # Ripples with more periods per revolution are not l
 # Periods of a ripple that some recording must show; less is a bend that much else explains. (hand)
 LEAST_RIPPLE_PERIODS = 1.5
 FORCE_WINDOW_BIN = 0.1  # Resolution of the windows in which a force may act [s]. (budget)
+FORCE_WINDOW_EDGES = 80  # Edges of windows that are compared at first. (budget)
 # Share of a force's effect that always counts beside what the errors of the arm could explain of it [1]. (hand)
 FORCE_WINDOW_RIDGE = 0.05
 LEAST_FORCE_WINDOW = 0.3  # Shortest such window [s]. (hand)
@@ -192,8 +193,8 @@ PAIRED_GROUPS = 6  # Best groups of which all pairs are tried once none alone ra
 TURNED_BASE_FALL = 0.6
 COMPLIANCE_STARTS_TRIED = 3  # Starts of compliant joints that are fitted. (budget)
 RELINEARISATIONS = 3  # Linearisations around the values of one set of terms. (budget)
-SETTLED_RELATIVE = 0.01  # Values have settled if they change by less than this share [1]... (budget)
-SETTLED_ABSOLUTE = 1e-4  # ...or by less than this [unit of the coordinate]. (budget)
+# A linearisation holds where the torque departs from it by this share of what a healthy arm leaves [1]. (hand)
+LINEAR_ENOUGH = 0.05
 REFUSED_MOVES = 3  # Stop after this many moves fail on relinearisation. (budget)
 REFINE_GAIN = 0.5  # A removal or a swap must promise to raise the evidence by this much [nats]. (hand)
 REFINE_STEPS = 20  # Most removals and swaps in a row. (budget)

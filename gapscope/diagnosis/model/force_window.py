@@ -9,6 +9,7 @@ import numpy as np
 from gapscope.diagnosis.model.scan import NonlinearParameters
 from gapscope.diagnosis.thresholds import (
     FORCE_WINDOW_BIN,
+    FORCE_WINDOW_EDGES,
     FORCE_WINDOW_RIDGE,
     LEAST_FORCE_WINDOW,
 )
@@ -23,8 +24,9 @@ def force_window(
 ) -> NonlinearParameters | None:
     """Start and end of the window [s]; ``None`` if recordings are too short for one.
 
-    All pairs of edges between bins of ``FORCE_WINDOW_BIN`` are compared. What a window needs, sums over its rows, is
-    the difference of two cumulative sums over the bins, so that a window costs the same however long it is.
+    What a window needs, sums over its rows, is the difference of two cumulative sums over bins of
+    ``FORCE_WINDOW_BIN``, so that a window costs the same however long it is. All pairs of every so many edges are
+    compared, ``FORCE_WINDOW_EDGES`` at most, and then all pairs of edges near the best one's.
 
     Args:
         t: time of the rows since the start of their recording [s], (M,).
@@ -39,32 +41,70 @@ def force_window(
     if bins <= least:
         return None
     of_row = np.minimum(((t - first) / FORCE_WINDOW_BIN).astype(int), bins - 1)
-    gram = np.einsum("mji,j,mjk->mik", force, weight, force)
-    right = np.einsum("mji,j,mj->mi", force, weight, residual)
-    grams, rights = _up_to_edge(gram, of_row, bins), _up_to_edge(right, of_row, bins)
-    starts, ends = np.triu_indices(bins + 1, least)
-    # F^T W F and F^T W r of each window, (windows, 3, 3) and (windows, 3)
-    inside = grams[ends] - grams[starts]
-    pull = rights[ends] - rights[starts]
-    # a short window may hardly determine some direction
-    # nor need a force act on any joint at all, as on a wheel's axis
-    # the basis of a short recording explains almost any force: what is left of it must not be amplified
-    inside += FORCE_WINDOW_RIDGE * inside
-    inside += max(1e-6 * np.trace(grams[-1]) / 3, 1e-30) * np.eye(3)
-    for j, basis in enumerate(bases):
-        # what the basis can explain of the force in the window does not count: less (B^T F)^T (B^T F)
-        products = basis[:, :, None] * force[:, j, None, :]
-        within = _up_to_edge(products, of_row, bins)
-        taken = within[ends] - within[starts]
-        inside -= weight[j] * taken.transpose(0, 2, 1) @ taken
-    best_force = np.linalg.solve(inside, pull[:, :, None])[:, :, 0]
-    gains = np.einsum("wi,wi->w", pull, best_force)
-    best = int(np.argmax(gains))
-    start = float(first + FORCE_WINDOW_BIN * starts[best])
-    end = float(first + FORCE_WINDOW_BIN * ends[best])
+    windows = _Windows(of_row, bins, residual, force, weight, bases)
+
+    stride = -(-bins // FORCE_WINDOW_EDGES)
+    coarse = np.append(np.arange(0, bins, stride), bins)
+    start, end = windows.best(coarse, coarse, least)
+    if stride > 1:
+        near = np.arange(-stride, stride + 1)
+        starts, ends = (np.clip(edge + near, 0, bins) for edge in (start, end))
+        start, end = windows.best(np.unique(starts), np.unique(ends), least)
+    seconds = (float(first + FORCE_WINDOW_BIN * edge) for edge in (start, end))
     return NonlinearParameters(
-        (start, end), (FORCE_WINDOW_BIN / 2, FORCE_WINDOW_BIN / 2)
+        tuple(seconds), (FORCE_WINDOW_BIN / 2, FORCE_WINDOW_BIN / 2)
     )
+
+
+class _Windows:
+    """Gains of a force in windows between edges of bins."""
+
+    def __init__(
+        self,
+        of_row: np.ndarray,
+        bins: int,
+        residual: np.ndarray,
+        force: np.ndarray,
+        weight: np.ndarray,
+        bases: Sequence[np.ndarray],
+    ) -> None:
+        """Sums up to each edge: F^T W F, (bins + 1, 3, 3), F^T W r, (bins + 1, 3), and B^T F of each joint."""
+        weighted = force * weight[:, None]
+        gram = np.einsum("mji,mjk->mik", weighted, force)
+        right = np.einsum("mji,mj->mi", weighted, residual)
+        self._grams = _up_to_edge(gram, of_row, bins)
+        self._rights = _up_to_edge(right, of_row, bins)
+        self._within = []
+        for j, basis in enumerate(bases):
+            product = basis[:, :, None] * force[:, j, None, :] * np.sqrt(weight[j])
+            self._within.append(_up_to_edge(product, of_row, bins))
+
+    def best(
+        self, starts: np.ndarray, ends: np.ndarray, least: int
+    ) -> tuple[int, int]:
+        """The edges between which a force explains most, of all pairs at least so many bins apart."""
+        first, last = (x.ravel() for x in np.meshgrid(starts, ends))
+        apart = last - first >= least
+        first, last = first[apart], last[apart]
+        pull = self._rights[last] - self._rights[first]
+        force = np.linalg.solve(self._inside(first, last), pull[:, :, None])
+        gains = np.einsum("wi,wi->w", pull, force[:, :, 0])
+        k = int(np.argmax(gains))
+        return int(first[k]), int(last[k])
+
+    def _inside(self, first: np.ndarray, last: np.ndarray) -> np.ndarray:
+        """F^T W F in each window, what the bases can explain of the force taken out, (windows, 3, 3)."""
+        inside = self._grams[last] - self._grams[first]
+        # a short window may hardly determine some direction
+        # nor need a force act on any joint at all, as on a wheel's axis
+        # the basis of a short recording explains almost any force: what is left of it must not be amplified
+        inside += FORCE_WINDOW_RIDGE * inside
+        inside += max(1e-6 * np.trace(self._grams[-1]) / 3, 1e-30) * np.eye(3)
+        for within in self._within:
+            # what the basis can explain of the force in the window does not count: less (B^T F)^T (B^T F)
+            taken = within[last] - within[first]
+            inside -= taken.transpose(0, 2, 1) @ taken
+        return inside
 
 
 def _up_to_edge(of_rows: np.ndarray, place: np.ndarray, bins: int) -> np.ndarray:

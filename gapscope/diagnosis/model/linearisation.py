@@ -81,6 +81,25 @@ class Linearisation:
             return NonlinearParameters(values, self.refined[term].std)
         return NonlinearParameters(values, (0.0,) * len(values))
 
+    def departure(self, theta: np.ndarray) -> np.ndarray:
+        """How far the torque at other values departs from the linearisation, RMS over what a healthy arm leaves, (n,).
+
+        Args:
+            theta: the values, (P,), of terms whose torque is smooth in them; those used may have a refined shape.
+        """
+        refined = {t: shape.values for t, shape in self.refined.items()}
+        terms = Terms(self.arm.n_joints, {**self.terms.shapes, **refined})
+        moved = CorrectedArm(self.arm, terms.effects(theta))
+        squares = []
+        for part, segment in zip(self._rows, self.data.segments, strict=True):
+            assert segment.torque is not None
+            predicted = moved.predict(segment.bodies(self.body), segment.motion)
+            gap = self.data.thin(segment.torque - predicted, segment)
+            tangent = part.gap - part.columns @ (theta - self.theta)
+            squares.append(part.trust**2 * (gap - tangent) ** 2)
+        healthy = self.discrepancy.mean_square[: self.arm.n_joints]
+        return np.sqrt(np.vstack(squares).mean(axis=0) / healthy)
+
     def rows(
         self, data: FitData, k: int, places: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -80,17 +80,16 @@ class NormalEquations:
             columns: places of the terms.
             corrected: whether the nuisances are taken out; otherwise delta counts as zero.
         """
-        last = gram.shape[-1] - 1
-        nuisances = np.arange(self.size, last) if corrected else np.array([], dtype=int)
-        places = np.concatenate([columns, nuisances, [last]]).astype(int)
-        z = np.concatenate(
-            [
-                -theta[columns],
-                -self.nuisance(theta, columns) if corrected else [],
-                [1.0],
-            ]
-        )
-        return np.maximum(gram[:, places[:, None], places] @ z @ z, 0.0)
+        own = np.append(columns, gram.shape[-1] - 1).astype(int)
+        z = np.append(-theta[columns], 1.0)
+        squares = gram[:, own[:, None], own] @ z @ z
+        if corrected:
+            nuisances = slice(self.size, -1)
+            delta = self.nuisance(theta, columns)
+            cross = gram[:, own, nuisances] @ delta @ z
+            within = gram[:, nuisances, nuisances] @ delta @ delta
+            squares += within - 2 * cross
+        return np.maximum(squares, 0.0)
 
     def nuisance(self, theta: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """The best nuisances delta for given values of the terms, shape (K,)."""

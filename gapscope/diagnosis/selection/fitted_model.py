@@ -14,11 +14,7 @@ from gapscope.diagnosis.model.linearisation import Linearisation
 from gapscope.diagnosis.model.nuisance_prior import ReferenceErrors
 from gapscope.diagnosis.model.terms import Term, Terms
 from gapscope.diagnosis.selection.evidence import Evidence, Fit, evidences
-from gapscope.diagnosis.thresholds import (
-    RELINEARISATIONS,
-    SETTLED_ABSOLUTE,
-    SETTLED_RELATIVE,
-)
+from gapscope.diagnosis.thresholds import LINEAR_ENOUGH, RELINEARISATIONS
 from gapscope.ident.signals.conditioning import Segment
 
 
@@ -108,7 +104,7 @@ def fit_terms(
 ) -> Model:
     """A model with a set of terms, less those whose values turn out impossible.
 
-    Linearises around the values until they settle, and weighs the data anew each time.
+    Linearises around the values until the torque there is what the linearisation says, and weighs the data anew.
 
     Args:
         model: the model to begin from.
@@ -117,18 +113,30 @@ def fit_terms(
     """
     for _ in range(RELINEARISATIONS):
         fit = _fit_from(model, terms, starts or {})
+        if not starts and _nearly_linear(model.linear, fit):
+            return _weighed_anew(model.linear, fit)
         model = _linearised_around(model, fit)
         terms, starts = model.fit.terms, None
-        if np.allclose(
-            fit.theta, model.fit.theta, rtol=SETTLED_RELATIVE, atol=SETTLED_ABSOLUTE
-        ):
-            break
     return model
 
 
 def relinearise(model: Model) -> Model:
-    """The same terms, linearised once more around their values."""
-    return fit_terms(model, model.fit.terms) if model.fit.terms else model
+    """The same terms, linearised around their values, so that what could be added is looked for in what is left."""
+    if np.array_equal(model.linear.theta, _expansion_point(model.fit)):
+        return model
+    return _linearised_around(model, model.fit)
+
+
+def _nearly_linear(linear: Linearisation, fit: Fit) -> bool:
+    """Whether the torque at the values of a fit is what its linearisation says, so that no new one is needed."""
+    for term in fit.terms:
+        effect, shaped = term.definition, bool(term.parametrisation.nonlinear)
+        # a shape is refined only once its term is in use
+        if effect.limits or not effect.locally_linear:
+            return False
+        if shaped and term not in linear.refined:
+            return False
+    return bool(linear.departure(fit.theta).max() < LINEAR_ENOUGH)
 
 
 def _linearised_around(model: Model, fit: Fit) -> Model:
@@ -136,6 +144,11 @@ def _linearised_around(model: Model, fit: Fit) -> Model:
     refined = {t: shape.values for t, shape in model.linear.refined.items()}
     terms = Terms(model.terms.n_joints, {**model.terms.shapes, **refined})
     linear = Linearisation(model.data, _expansion_point(fit), terms)
+    return _weighed_anew(linear, fit)
+
+
+def _weighed_anew(linear: Linearisation, fit: Fit) -> Model:
+    """The terms of a fit, fitted on a linearisation with rows weighed by what the fit leaves."""
     ranked = evidences(linear, fit.scored_mse, fit.terms)
     return Model(linear, ranked, ranked[0].fit_possible(fit.terms))
 

@@ -140,7 +140,7 @@ def add_groups(model: Model, progress: Progress) -> tuple[Model, Considered]:
                 refused.add(group.terms)
         if larger is None:
             break
-        model = prefer_payload(refine(larger))
+        model = relinearise(prefer_payload(refine(larger)))
         # refining may lead back to a set that was there before
         if model.fit.terms in visited:
             break
@@ -175,7 +175,7 @@ def add_compliant_joint(model: Model, progress: Progress) -> Model | None:
         )
         if better:
             progress("adds " + _described(frozenset({start.term})))
-            return prefer_payload(refine(larger))
+            return relinearise(prefer_payload(refine(larger)))
     return None
 
 
@@ -194,7 +194,7 @@ def add_pair(model: Model, progress: Progress) -> Model | None:
     if not grown or model.gain_of(larger) <= MOVE_GAIN:
         return None
     progress("adds " + _described(larger.fit.terms - model.fit.terms))
-    return prefer_payload(refine(larger))
+    return relinearise(prefer_payload(refine(larger)))
 
 
 def _best_pair(model: Model) -> Fit | None:
