@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.controller import Controller
+from gapscope.arm.coupling import coupling_of_transmission
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.arrays import Samples, frames_of_arrays
 from gapscope.arm.io.case_file import read_case_file
@@ -198,6 +199,7 @@ def load_case(
     )
     section = content.get("import")
     importing = parse_import(section, arm.n_joints, file) if section else None
+    arm = _with_coupling(arm, importing)
     payloads = known_loads(content, paths)
     recordings: list[Recording] = []
     judged: list[Recording] = []
@@ -218,6 +220,14 @@ def load_case(
         payloads=payloads,
         file=file,
     )
+
+
+def _with_coupling(arm: NominalArm, importing: Import | None) -> NominalArm:
+    """The arm with the coupled motors that the transmission of its logs shows, unless its data sheet says which."""
+    if arm.coupling is not None or importing is None or importing.transmission is None:
+        return arm
+    matrix = coupling_of_transmission(importing.transmission, importing.signs)
+    return replace(arm, coupling=matrix)
 
 
 def _read_all(

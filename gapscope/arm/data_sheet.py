@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from gapscope.arm.coupling import coupling_of_entries
 from gapscope.arm.errors import InputError
 from gapscope.arm.nearest_name import check_known
 
@@ -19,7 +20,7 @@ UNITS = {
     "torque_limit": "N m",
 }
 """Entries with one value per joint, and their units."""
-KNOWN = (*UNITS, "encoder", "encoder_step")
+KNOWN = (*UNITS, "encoder", "encoder_step", "coupling")
 """Entries that a data sheet may have; ``encoder`` is checked by the nominal arm."""
 
 
@@ -30,7 +31,8 @@ def checked_sheet(
 
     Args:
         sheet: armature [kg m^2], coulomb [N m], viscous [N m s/rad] and torque_limit [N m], each of shape (n,);
-            encoder, encoder_step [rad]. An entry that is ``None`` is absent.
+            encoder, encoder_step [rad]; coupling, a list of motors that turn with a further joint, returned as the
+            matrix D, (n, n). An entry that is ``None`` is absent.
         n_joints: n.
         where: the argument or field that holds the sheet.
 
@@ -51,6 +53,11 @@ def checked_sheet(
         if key in UNITS:
             _check_numbers(key, value, n_joints, f"{where}.{key}")
     _check_step(sheet.get("encoder_step"), f"{where}.encoder_step")
+    if "coupling" in sheet:
+        entries, place = sheet["coupling"], f"{where}.coupling"
+        if not isinstance(entries, list | tuple):
+            raise InputError(f"expected a list, got {entries!r}", where=place)
+        sheet["coupling"] = coupling_of_entries(entries, n_joints, place)
     return sheet
 
 

@@ -28,6 +28,8 @@ class NominalArm:
         torque_limit: [N m], (n,), or ``None``.
         encoder: side of the transmission on which q is measured, ``motor`` or ``joint``.
         encoder_step: quantisation step of q that the data sheet admits [rad], or ``None``.
+        coupling: D [1] with the motors' speeds D dq, (n, n), ones on the diagonal; ``None``: each motor turns its own
+            joint alone.
         friction_source: where ``coulomb`` and ``viscous`` come from, in words; empty if nothing states them.
 
     Raises:
@@ -44,6 +46,7 @@ class NominalArm:
     torque_limit: np.ndarray | None = None
     encoder: str = "motor"
     encoder_step: float | None = None
+    coupling: np.ndarray | None = None
     friction_source: str = ""
 
     def __post_init__(self) -> None:
@@ -82,6 +85,8 @@ class NominalArm:
                 )
             array.setflags(write=False)
             object.__setattr__(self, name, array)
+        if self.coupling is not None:
+            object.__setattr__(self, "coupling", _checked_coupling(self.coupling, n))
         if self.encoder not in ("motor", "joint"):
             raise InputError(
                 f"expected motor or joint, got {self.encoder!r}",
@@ -92,6 +97,36 @@ class NominalArm:
     def n_joints(self) -> int:
         """Number of joints n."""
         return len(self.joints)
+
+    @property
+    def coupled_motors(self) -> tuple[int, ...]:
+        """Numbers from 1 of the motors that turn several joints."""
+        if self.coupling is None:
+            return ()
+        several = np.count_nonzero(self.coupling, axis=1) > 1
+        return tuple(int(m) + 1 for m in np.flatnonzero(several))
+
+    def turned_by(self, motor: int) -> tuple[int, ...]:
+        """Numbers from 1 of the joints that turn with a motor."""
+        if self.coupling is None:
+            return (motor,)
+        return tuple(int(j) + 1 for j in np.flatnonzero(self.coupling[motor - 1]))
+
+
+def _checked_coupling(coupling: np.ndarray, n_joints: int) -> np.ndarray:
+    """D as a read-only array of the right shape, with ones on the diagonal."""
+    matrix = np.array(coupling, dtype=float)
+    if matrix.shape != (n_joints, n_joints) or not np.isfinite(matrix).all():
+        raise InputError(
+            f"expected {n_joints} by {n_joints} numbers", where="nominal.coupling"
+        )
+    if not np.allclose(np.diag(matrix), 1.0):
+        raise InputError(
+            "a motor's speed counts on the side of its own joint: expected ones on the diagonal",
+            where="nominal.coupling",
+        )
+    matrix.setflags(write=False)
+    return matrix
 
 
 def smooth_sign(velocity: np.ndarray, scale: float = FRICTION_SMOOTHING) -> np.ndarray:

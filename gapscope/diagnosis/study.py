@@ -27,6 +27,10 @@ from gapscope.diagnosis.gap.plausible_data import check_stamps, check_torque
 from gapscope.diagnosis.gap.torque_gap import TorqueGap
 from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.search import Selection, search
+from gapscope.diagnosis.selection.undeclared_coupling import (
+    UndeclaredCoupling,
+    undeclared_coupling,
+)
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.diagnosis.setup_faults.quantization import find_quantization
@@ -65,6 +69,7 @@ class Study:
         replay_gap: replay gap, before and after.
         faults: set-up faults, which are repaired in ``case``, and what shows in the recordings themselves.
         sensor_sides: the gap on either side of the joint torque sensors; ``None`` without sensors.
+        undeclared_coupling: two joints that seem to be turned by one motor of which the case says nothing, or ``None``.
         instrumented_effects: all effects found with values by the commands as instruments; empty if not known.
     """
 
@@ -85,6 +90,7 @@ class Study:
     replay_gap: ReplayGap
     faults: tuple[FoundFault, ...]
     sensor_sides: SensorSides | None
+    undeclared_coupling: UndeclaredCoupling | None
     instrumented_effects: tuple[AppliedEffect, ...]
 
 
@@ -126,6 +132,7 @@ def _examine(case: Case, progress: Progress, baseline: Baseline | None) -> Study
     if naming.possible:
         measured = measured_gap(predictor, baseline)
 
+    above = np.flatnonzero(measured.residual.above) + 1
     replay = ReplayGap()
     # Against a reference, the effects act on the arm identified there: they close nothing of the nominal arm's replay.
     if baseline is None:
@@ -149,6 +156,7 @@ def _examine(case: Case, progress: Progress, baseline: Baseline | None) -> Study
         replay_gap=replay,
         faults=faults,
         sensor_sides=find_sides(predictor, np.sqrt(measured.inertial_mse)),
+        undeclared_coupling=undeclared_coupling(found.selection, above.tolist()),
         instrumented_effects=_instrumented_effects(case, found.selection, cutoff),
     )
 

@@ -6,6 +6,7 @@ from difflib import get_close_matches
 
 from gapscope.arm.errors import InputError
 from gapscope.effects.actuation import DELAY, LAG, OFFSET, RIPPLE, SATURATION, SCALE
+from gapscope.effects.coupled_motors import COUPLED_MOTORS
 from gapscope.effects.effect import Effect
 from gapscope.effects.environment import BASE_TILT, EXTERNAL_FORCE
 from gapscope.effects.friction import (
@@ -32,7 +33,7 @@ CATALOGUE: dict[str, Effect] = {
 }
 
 
-SHIPPED = frozenset(CATALOGUE)
+SHIPPED = frozenset(CATALOGUE) | frozenset(COUPLED_MOTORS)
 """Names of the effects that come with the package."""
 
 
@@ -47,7 +48,7 @@ def register(new: Effect) -> Effect:
     Raises:
         InputError: the catalogue has an effect of this name.
     """
-    if new.name in CATALOGUE:
+    if new.name in CATALOGUE or new.name in COUPLED_MOTORS:
         raise InputError(
             f"the catalogue has an effect called {new.name!r}",
             "give the effect another name, or remove the other one first",
@@ -63,12 +64,14 @@ def remove(name: str) -> Effect:
         InputError: the catalogue has no such effect.
     """
     removed = effect(name)
-    del CATALOGUE[name]
+    CATALOGUE.pop(name, None)
     return removed
 
 
-def explained() -> list[Effect]:
+def explained(*, coupled: bool = False) -> list[Effect]:
     """Effects that a diagnosis can find by the torque gap, in the order of their terms.
+
+    ``coupled`` says whether the arm has motors that turn several joints; their effects come last.
 
     The order is the catalogue's, but for load friction, which comes before Stribeck friction: random numbers of the
     reported standard deviations depend on it.
@@ -77,21 +80,29 @@ def explained() -> list[Effect]:
     if {LOAD.name, STRIBECK.name} <= CATALOGUE.keys():
         names.remove(LOAD.name)
         names.insert(names.index(STRIBECK.name), LOAD.name)
-    shown = (CATALOGUE[name] for name in names)
+    shown = [CATALOGUE[name] for name in names]
+    if coupled:
+        shown += COUPLED_MOTORS.values()
     return [each for each in shown if each.parametrisation is not None]
 
 
+def known_effect(name: str) -> Effect | None:
+    """The effect called ``name``; ``None`` for a fault of the set-up, or an effect that this process does not know."""
+    return CATALOGUE.get(name) or COUPLED_MOTORS.get(name)
+
+
 def effect(name: str) -> Effect:
-    """The effect called ``name``.
+    """The effect called ``name``, of the catalogue or of coupled motors.
 
     Raises:
         InputError: the catalogue has no such effect; offers the nearest name.
     """
-    if name not in CATALOGUE:
-        near = get_close_matches(name, CATALOGUE, n=1, cutoff=0.5)
-        known = f"use one of {', '.join(sorted(CATALOGUE))}"
+    known = known_effect(name)
+    if known is None:
+        near = get_close_matches(name, [*CATALOGUE, *COUPLED_MOTORS], n=1, cutoff=0.5)
+        names = f"use one of {', '.join(sorted(CATALOGUE))}"
         raise InputError(
             f"unknown effect {name!r}",
-            f"did you mean {near[0]}? Or {known}" if near else known,
+            f"did you mean {near[0]}? Or {names}" if near else names,
         )
-    return CATALOGUE[name]
+    return known

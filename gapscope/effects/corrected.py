@@ -18,6 +18,7 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm, smooth_sign
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.coupled_motors import COUPLED_ARMATURE
 from gapscope.effects.deflection import behind_elasticity, behind_play
 from gapscope.effects.effect import (
     Drift,
@@ -56,16 +57,17 @@ class CorrectedArm:
     residual: ResidualNetwork | None = None
 
     def check(self) -> None:
-        """Check that every joint and link named exists, and that no effect contradicts itself.
+        """Check that every joint, coupled motor and link named exists, and that no effect contradicts itself.
 
         Raises:
-            InputError: a joint or link does not exist, or an effect that cannot add occurs twice at one place.
+            InputError: a joint, motor or link does not exist, or an effect that cannot add occurs twice at one place.
         """
         if self.residual is not None:
             self.residual.check(self.arm.n_joints)
         places: set[tuple[str, int]] = set()
         for applied in self.effects:
             applied.check(self.arm.n_joints)
+            self._check_motors(applied)
             if isinstance(applied.effect, LinkChange | External):
                 continue
             here = {(applied.name, joint) for joint in applied.joints or (0,)}
@@ -78,6 +80,18 @@ class CorrectedArm:
                     where=applied.name,
                 )
             places |= here
+
+    def _check_motors(self, applied: AppliedEffect) -> None:
+        """Check that an effect of coupled motors is on motors that are declared as coupled."""
+        if applied.effect.reach != "motor":
+            return
+        for motor in applied.joints:
+            if motor not in self.arm.coupled_motors:
+                raise InputError(
+                    f"motor {motor} is not declared to turn several joints",
+                    "say so in the case: nominal: {coupling: [{motor: 6, joint: 5, ratio: 1}]}",
+                    where=applied.name,
+                )
 
     def value(self, name: str, parameter: str) -> np.ndarray:
         """Values of a joint effect's parameter over all joints, zeros if it does not act; shape (n,)."""
@@ -216,6 +230,8 @@ class CorrectedArm:
             rigid + (arm.armature + self.value(ARMATURE.name, "inertia")) * motor.ddq
         )
         for law, values in self.of_kind(TorqueLaw):
+            if law.reach == "motor":
+                continue
             if law.family == "friction":
                 friction.append((law, values))
                 continue
@@ -227,7 +243,24 @@ class CorrectedArm:
         for law, values in sorted(friction, key=lambda item: item[0].name == LOAD.name):
             signals = Signals(t, position, motor.dq, torque)
             torque = torque + factor * law.law(signals, *values)
-        return torque
+        return torque + self._coupled_torque(motor)
+
+    def _coupled_torque(self, motion: Motion) -> np.ndarray | float:
+        """Torque that the rotors and the friction of coupled motors need on the joints [N m], (N, n); 0 without any.
+
+        Their friction does not drift.
+        """
+        drives = self.arm.coupling
+        laws = [item for item in self.of_kind(TorqueLaw) if item[0].reach == "motor"]
+        inertia = self.value(COUPLED_ARMATURE.name, "inertia")
+        if drives is None or not (laws or inertia.any()):
+            return 0.0
+        position, speed = motion.q @ drives.T, motion.dq @ drives.T
+        torque = inertia * (motion.ddq @ drives.T)
+        for law, values in laws:
+            signals = Signals(motion.t[:, None], position, speed, torque)
+            torque = torque + law.law(signals, *values)
+        return np.asarray(torque @ drives)
 
     def drift(self, t: np.ndarray) -> np.ndarray | float:
         """Factor of all friction at times t [s] of shape (N,); 1 or shape (N, n)."""

@@ -17,7 +17,7 @@ from gapscope.effects.parametrisation import Parametrisation, Values
 
 Law = Callable[..., np.ndarray]
 Side = Literal["actuator", "link", "both"]
-Reach = Literal["joint", "arm"]
+Reach = Literal["joint", "motor", "arm"]
 PlottedQuantity = Literal[
     "own torque",
     "position",
@@ -48,7 +48,8 @@ class Effect:
         severity: values drawn at random on some joints from 0, of the size met on an arm; ``None`` for values drawn
             evenly from the typical range.
         side: side of a torque sensor behind the gear on which it acts.
-        reach: ``joint`` if it changes the torque of its own joint alone, ``arm`` if that of the others too.
+        reach: ``joint`` if it changes the torque of its own joint alone, ``motor`` if that of all joints that one motor
+            turns, ``arm`` if that of others too.
         inherent: whether a healthy arm may have it beyond bodies, rotors and plain friction.
         simplified: whether the form in nature is more complicated than that of the catalogue.
         locally_linear: whether a linearisation around its values says what the torque would be without it.

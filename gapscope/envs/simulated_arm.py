@@ -16,6 +16,7 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import LinkChange
 from gapscope.effects.rigid_body import ARMATURE
+from gapscope.envs.drive.coupled_motors import CoupledMotors
 from gapscope.envs.drive.encoders import Encoders
 from gapscope.envs.drive.friction import Friction, total
 from gapscope.envs.drive.loads import Loads, check_simulated
@@ -115,7 +116,8 @@ class SimulatedArm:
         self._two_mass = bool(self._motors.joints.any())
         # with nothing between torque and bodies the engine steps on its own
         between = self._friction.present or rotors.any() or self._loads.present
-        self._direct = not (between or self._two_mass)
+        self._coupled = CoupledMotors(with_effects, self.body, self._h)
+        self._direct = not (between or self._two_mass or self._coupled.present)
         return rotors
 
     def _set_engine(self, name: str | None, rotors: np.ndarray) -> None:
@@ -137,6 +139,8 @@ class SimulatedArm:
         else:
             limits = np.array([link.limits or (-np.inf, np.inf) for link in links]).T
             self._step = Predicted(self._engine, *stepped, limits)
+        if self._coupled.present:
+            self._step.coupled = self._coupled
 
     def __enter__(self) -> SimulatedArm:
         """Use as a context that closes the world at its end."""

@@ -49,8 +49,7 @@ class IdentificationSettings:
         judge: names of recordings to hold out; if empty those that the case holds out, else the last one.
         any_torque: continue if the torque seems to be in another unit.
         trim: leave out both ends of a segment, where the filter settles.
-        plain: only what URDF, data sheet and the catalogue's effects can express: no coupled motors, no friction that
-            keeps its direction at rest.
+        plain: only what URDF, data sheet and effects can express: no friction that keeps its direction at rest.
     """
 
     cutoff: float | None = None
@@ -132,7 +131,7 @@ def identify(
         settings = replace(settings, cutoff=position_cutoff(tuple(fit)))
     assert settings.cutoff is not None
     band = Band(settings.cutoff, settings.trim)
-    columns = ModelColumns(case.arm, None if settings.plain else case.importing)
+    columns = ModelColumns(case.arm)
     segments = band.segments(fit)
     samples = Samples(columns, segments, band.bounded(segments))
     similarity = nominal_similarity(samples)

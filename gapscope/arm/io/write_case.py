@@ -15,6 +15,7 @@ import yaml
 
 from gapscope.arm.case import Case
 from gapscope.arm.controller import Controller
+from gapscope.arm.coupling import coupling_entries
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.nominal import NominalArm
@@ -199,6 +200,8 @@ def _sheet(arm: NominalArm) -> dict[str, Any]:
     sheet["encoder"] = arm.encoder
     if arm.encoder_step is not None:
         sheet["encoder_step"] = arm.encoder_step
+    if arm.coupled_motors and arm.coupling is not None:
+        sheet["coupling"] = coupling_entries(arm.coupling)
     return sheet
 
 

@@ -135,7 +135,7 @@ def _samples(case: Case, recordings: Sequence[Recording]) -> tuple[Samples, np.n
         own = band.segments([recording])
         segments += own
         owner += [number] * len(own)
-    columns = ModelColumns(case.arm, case.importing)
+    columns = ModelColumns(case.arm)
     bounded = band.bounded(segments, AGREEMENT_SAMPLES)
     return Samples(columns, segments, bounded), np.array(owner)
 

@@ -15,7 +15,7 @@ from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.load_or_link import LINK, LOAD
 from gapscope.diagnosis.selection.search import Selection
 from gapscope.diagnosis.thresholds import LAST_LINK_ODDS, LOAD_FORM_ODDS, TEMPER
-from gapscope.effects.catalogue import CATALOGUE, explained
+from gapscope.effects.catalogue import effect as by_name
 
 NONE = "none"
 """Name of the alternative that nothing takes the effect's place."""
@@ -90,7 +90,7 @@ def _options(selection: Selection, mine: frozenset[Term]) -> dict[str, frozenset
     joints = {t.joint for t in mine} - {0}
     named = {t.effect for t in found}
     options: dict[str, frozenset[Term]] = {NONE: frozenset()}
-    for effect in explained():
+    for effect in selection.evidence.terms.definitions:
         # The joints do not say which link; an effect that is named already explains its part.
         if effect.scope == "link" or effect.name in named:
             continue
@@ -157,7 +157,7 @@ def _recording_between(effect: str, alternative: str) -> str:
     if alternative == NONE:
         return LONGER_RECORDING
     for one, other in ((effect, alternative), (alternative, effect)):
-        for name, recording in CATALOGUE[one].confused_with:
+        for name, recording in by_name(one).confused_with:
             if name == other:
                 return recording
     return "the same path at half and at double speed, and with a known payload"

@@ -89,11 +89,12 @@ def _support(
     finding: str,
     others: Sequence[Alternative],
 ) -> Support:
-    """What supports a finding, on its joints; if it acts on the arm or a link, on those where it closes the gap."""
+    """What supports a finding, on its joints; if it acts on more, on those where it closes the gap."""
     terms = found.selection.fit.terms
     mine = terms_of(found.selection, finding)
     closed = found.gap(terms - mine).nrmse - found.gap(terms).nrmse
-    places = sorted(t.joint - 1 for t in mine if t.definition.scope == "joint")
+    on_joints = [t for t in mine if t.definition.scope == "joint"]
+    places = sorted(t.joint - 1 for t in on_joints if t.definition.reach != "motor")
     if not places:
         closing = closed >= CLOSING_JOINTS * closed.max()
         places = [int(j) for j in np.flatnonzero(closing)]

@@ -55,7 +55,7 @@ def _harmful(predictor: HeldOutPredictor) -> Rejection | None:
     costs = {}
     for term in sorted(terms, key=lambda t: (t.effect, t.joint)):
         # Terms that act on another joint alone cannot have widened this joint's gap.
-        if term.joint == joint or term.definition.reach == "arm":
+        if term.joint == joint or term.definition.reach != "joint":
             without = predictor.gap(terms - {term}).nrmse
             costs[term] = with_all[joint - 1] - without[joint - 1]
 

@@ -29,7 +29,7 @@ from gapscope.diagnosis.thresholds import (
     SENSOR_SCALE,
     SENSOR_ZERO,
 )
-from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.catalogue import known_effect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, Segment, low_pass
 
@@ -210,9 +210,10 @@ def sides_entry(sides: SensorSides, found: list[dict[str, Any]]) -> dict[str, An
             {
                 "effect": finding["effect"],
                 "joints": finding["joints"],
-                "side": CATALOGUE[finding["effect"]].side,
+                "side": definition.side,
             }
             for finding in found
-            if finding["effect"] in CATALOGUE
+            for definition in [known_effect(finding["effect"])]
+            if definition is not None
         ],
     }

@@ -56,7 +56,9 @@ def diagnosis_content(study: Study) -> dict[str, Any]:
             "above_floor": reached == "unexplained" and bool(open_joints),
             **_unexplained_entry(study, rows, open_joints, predictions),
         },
-        "next_recording": suggested_recording(effects, possible, open_joints),
+        "next_recording": suggested_recording(
+            effects, possible, open_joints, study.undeclared_coupling
+        ),
         "where": _where_before(study, rows, gap),
     }
     if study.sensor_sides is not None:
@@ -127,6 +129,19 @@ def _unexplained_entry(
         "times_floor": numbers(study.excess_residual.ratio),
         "where": _where(study, study.gap_after.error, rows, open_joints),
         "predictable": [p.document() for p in predictions],
+        "coupling": _coupling_entry(study),
+    }
+
+
+def _coupling_entry(study: Study) -> dict[str, Any] | None:
+    """Two joints that seem to be turned by one motor, and the coupling to declare; ``None`` if no two do."""
+    found = study.undeclared_coupling
+    if found is None:
+        return None
+    return {
+        "joints": [found.joint, found.motor],
+        "declare": found.declaration,
+        "log_evidence": found.gain,
     }
 
 

@@ -10,13 +10,14 @@ from gapscope.diagnosis.document.wording import (
     Document,
     acts_on,
     capital,
+    coupling_text,
     effect_name,
     gap_rows,
     joint_ranges,
     listing,
     worst_joint,
 )
-from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.catalogue import known_effect
 
 MOST_CAUSES = 3
 """Effects that a sentence names."""
@@ -87,7 +88,7 @@ def with_amount(entry: Mapping[str, Any]) -> str:
 
 def _amount(entry: Mapping[str, Any]) -> str:
     """The first parameter of an effect that the torque shows; nothing for several joints, axes or angles."""
-    definition = CATALOGUE.get(entry["effect"])
+    definition = known_effect(entry["effect"])
     if definition is None or definition.parametrisation is None:
         return ""
     known = [values for name, values in entry["parameters"].items() if name != "link"]
@@ -117,6 +118,13 @@ def unexplained_sentence(document: Document) -> str:
             "Nothing needs an explanation: a healthy arm of this kind leaves as much."
         )
     left = _left(document)
+    coupling = document["unexplained"].get("coupling")
+    if coupling is not None:
+        one, other = coupling["joints"]
+        return (
+            f"{capital(left)}. The residuals of joints {one} and {other} share friction as the joints of one motor do: "
+            f"if a motor turns both, declare {coupling_text(coupling['declare'])}."
+        )
     if document["unexplained"]["above_floor"]:
         return f"{capital(left)}: something real is still missing."
     if document["unexplained"]["share"] == 0.0:

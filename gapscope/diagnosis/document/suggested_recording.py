@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from gapscope.diagnosis.document.wording import effect_name
+from gapscope.diagnosis.document.wording import coupling_text, effect_name
+from gapscope.diagnosis.selection.undeclared_coupling import UndeclaredCoupling
 from gapscope.diagnosis.thresholds import OPEN_ALTERNATIVE
 
 
@@ -12,14 +13,21 @@ def suggested_recording(
     effects: list[dict[str, Any]],
     possible: list[dict[str, Any]],
     open_joints: list[int],
+    coupling: UndeclaredCoupling | None = None,
 ) -> str | None:
-    """What to record to settle what is still open, or ``None``.
+    """What to record, or to declare first, to settle what is still open, or ``None``.
 
     Args:
         effects: findings that are named, the one with the largest share first.
         possible: findings that are possible only, likewise.
         open_joints: joints whose residual is above the floor, from 1.
+        coupling: two joints that seem to be turned by one motor.
     """
+    if coupling is not None:
+        return (
+            f"none yet: first look whether one motor turns joints {coupling.joint} and {coupling.motor}, declare it in "
+            f"the case as {coupling_text(coupling.declaration)}, and diagnose again"
+        )
     for effect in (*effects, *possible):
         for alternative in effect["alternatives"]:
             # no recording tells two names of one cause apart

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from gapscope.diagnosis.display import display_unit, significant, uncertain
-from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.catalogue import known_effect
+from gapscope.effects.coupled_motors import COUPLED_MOTORS
 
 Document = Mapping[str, Any]
 
@@ -57,6 +58,12 @@ def capital(text: str) -> str:
     return text if text[1:3] in (" <", " >") else text[:1].upper() + text[1:]
 
 
+def coupling_text(entry: Mapping[str, Any]) -> str:
+    """How a case declares a coupled motor: ``nominal: {coupling: [{motor: 6, joint: 5, ratio: 1}]}``."""
+    values = ", ".join(f"{key}: {value:g}" for key, value in entry.items())
+    return f"nominal: {{coupling: [{{{values}}}]}}"
+
+
 def listing(parts: Sequence[str]) -> str:
     """Parts joined as in a sentence: ``a, b and c``."""
     if len(parts) < 2:
@@ -87,14 +94,15 @@ def acts_on(entry: Mapping[str, Any]) -> str:
     """What an effect of the document acts on, as in a sentence: ``joints 4 and 5``, ``link 3``, ``the whole arm``."""
     joints = entry["joints"]
     if joints:
+        part = "motor" if entry["effect"] in COUPLED_MOTORS else "joint"
         plural = "s" if len(joints) > 1 else ""
-        return f"joint{plural} {listing(joint_ranges(joints))}"
+        return f"{part}{plural} {listing(joint_ranges(joints))}"
     parameters = entry.get("parameters", {})
     if "link" in parameters:
         return f"link {parameters['link']['value']:.0f}"
 
     # An alternative has no parameters: which link is not said.
-    definition = CATALOGUE.get(entry["effect"])
+    definition = known_effect(entry["effect"])
     if definition is not None and definition.scope == "link":
         return "one link"
     return "the whole arm"
@@ -151,7 +159,7 @@ def worst_joint(document: Document, stage: str) -> int | None:
 
 def parameter_texts(effect: Mapping[str, Any]) -> list[ParameterText]:
     """Parameters of one entry of ``effects``, in readable units, signed if they add to the nominal arm."""
-    definition = CATALOGUE.get(effect["effect"])
+    definition = known_effect(effect["effect"])
     known = {p.name: p for p in definition.parameters} if definition else {}
     texts = []
     for name, parameter in effect["parameters"].items():
@@ -162,7 +170,7 @@ def parameter_texts(effect: Mapping[str, Any]) -> list[ParameterText]:
         signed = name in known and known[name].increment
 
         entries = []
-        labels = _labels(effect["joints"], len(values))
+        labels = _labels(effect, len(values))
         for label, value, std in zip(labels, values, stds, strict=True):
             shown_std = None if std is None else factor * std
             entries.append((label, uncertain(factor * value, shown_std, signed)))
@@ -182,7 +190,7 @@ def pulled_texts(effect: Mapping[str, Any]) -> list[str]:
         values = np.atleast_1d(parameter["value"]).tolist()
         stds = np.atleast_1d(parameter["std"]).tolist()
         by_commands = np.atleast_1d(parameter["by_commands"]).tolist()
-        labels = _labels(effect["joints"], len(values))
+        labels = _labels(effect, len(values))
         factor, unit = display_unit(parameter["unit"], max(map(abs, values)))
         words = name.replace("_", " ")
 
@@ -201,8 +209,9 @@ def _as_list(value: Any, count: int) -> list[Any]:
     return list(value) if isinstance(value, (list, tuple)) else [value] * count
 
 
-def _labels(joints: Sequence[int], count: int) -> list[str]:
-    """What the entries of a parameter belong to: joints, the axes of a vector, or nothing."""
-    if joints:
-        return [f"J{joint}" for joint in joints]
+def _labels(effect: Mapping[str, Any], count: int) -> list[str]:
+    """What the entries of an effect's parameter belong to: joints, motors, the axes of a vector, or nothing."""
+    letter = "M" if effect["effect"] in COUPLED_MOTORS else "J"
+    if effect["joints"]:
+        return [f"{letter}{joint}" for joint in effect["joints"]]
     return list("xyz") if count == 3 else [""] * count

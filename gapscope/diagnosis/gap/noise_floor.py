@@ -125,8 +125,12 @@ def dry_friction(corrected: CorrectedArm, segment: Segment) -> np.ndarray:
     nominal = corrected.arm.coulomb + corrected.value(COULOMB.name, "torque")
     dry = np.abs(nominal) + still
     for law, values in corrected.of_kind(DryLaw):
-        if law is not COULOMB:  # already in the nominal arm's
-            dry = dry + np.abs(law.amplitude(still, load, *values))
+        if law is COULOMB:  # already in the nominal arm's
+            continue
+        amplitude = np.abs(law.amplitude(still, load, *values))
+        if law.reach == "motor" and corrected.arm.coupling is not None:
+            amplitude = amplitude @ np.abs(corrected.arm.coupling)
+        dry = dry + amplitude
     return np.asarray(dry * corrected.drift(segment.motion.t[segment.inner]))
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 
 from gapscope.arm.dynamics.inertial_scale import inertial_scale
@@ -69,6 +71,12 @@ class FitData:
         if self.reference is None:
             return data_sheet_prior(inertials, 3 * joints if self.sensed else 0)
         return reference_prior(self.reference, self.units, joints)
+
+    def on(self, arm: NominalArm) -> FitData:
+        """The same data of an arm of the same bodies."""
+        other = copy(self)
+        other.arm = arm
+        return other
 
     def thin(self, series: np.ndarray, segment: Segment) -> np.ndarray:
         """Series of a segment, filtered, trimmed, and decimated to about twice the filter's cut-off."""

@@ -20,7 +20,6 @@ from gapscope.diagnosis.model.body_jacobian import (
 from gapscope.diagnosis.model.terms import Terms, parametrisation_of
 from gapscope.diagnosis.thresholds import LEAST_TORQUE_GAIN, MOST_TORQUE_GAIN
 from gapscope.effects.catalogue import effect as by_name
-from gapscope.effects.catalogue import explained
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Effect, Path, Transmission
 from gapscope.ident.signals.conditioning import Segment
@@ -53,9 +52,13 @@ def columns(
     rigid = arm.rigid_torque(body, motion)
     base = _recorded(arm, rigid, motion)
     out = np.zeros((len(motion.t), arm.arm.n_joints, terms.size))
-    for effect in explained():
-        if _acts_on_its_joint(effect, arm) and (not only or effect.name in only):
+    for effect in terms.definitions:
+        if only and effect.name not in only:
+            continue
+        if _acts_on_its_joint(effect, arm):
             _add_differences(out, effect, arm, terms, theta, rigid, base, motion)
+        elif effect.reach == "motor":
+            _add_motors(out, effect, arm, terms, theta, rigid, base, motion)
     _rest(out, terms, theta)
     _saturate(out, segment, terms)
     # of the effects that reach other joints only a force has a nonlinear parameter, and is asked for alone
@@ -98,6 +101,28 @@ def _add_differences(
         if moved is not None:
             change = (_recorded(moved, rigid, motion) - base) / step
             out[:, np.arange(len(places)), places] = change
+
+
+def _add_motors(
+    out: np.ndarray,
+    effect: Effect,
+    arm: CorrectedArm,
+    terms: Terms,
+    theta: np.ndarray,
+    rigid: np.ndarray,
+    base: np.ndarray,
+    motion: Motion,
+) -> None:
+    """Finite differences by the coordinate of an effect on coupled motors, one motor at a time, into (N, n, P)."""
+    step = parametrisation_of(effect).step
+    known = terms.of(effect.name)
+    for term in known:
+        moved = theta.copy()
+        moved[term.columns[0]] += step
+        others = tuple(e for e in arm.effects if e.name != effect.name)
+        changed = replace(arm, effects=(*others, *terms.effects(moved, known)))
+        change = _recorded(changed, rigid, motion) - base
+        out[:, :, term.columns[0]] = change / step
 
 
 def moved_arm(

@@ -55,7 +55,8 @@ class Linearisation:
             for term, values in terms.shapes.items()
             if theta[list(term.columns)].any()
         }
-        self.terms = Terms(data.arm.n_joints, used)
+        motors = data.arm.coupled_motors
+        self.terms = Terms(data.arm.n_joints, used, motors)
         self._corrected = CorrectedArm(self.arm, self.terms.effects(theta))
         self._rows = [self._segment_rows(data, k) for k in range(len(data.segments))]
         scanner = GapScanner(data, self._corrected, self.terms, theta, self._rows)
@@ -63,7 +64,7 @@ class Linearisation:
         self.scan_residual = scanner.residual()
         self.refined: Mapping[Term, NonlinearParameters] = {t: found[t] for t in used}
         proposed = {t: best.values for t, best in found.items() if t not in used}
-        self.terms = Terms(data.arm.n_joints, {**used, **proposed})
+        self.terms = Terms(data.arm.n_joints, {**used, **proposed}, motors)
         self._add_proposed(list(proposed))
         self._links: list[LinkRows] = []
         if data.sensed:

@@ -20,7 +20,7 @@ class Term:
 
     Attributes:
         effect: name of the effect.
-        joint: joint, or the joint that moves the link, from 1; 0 for the arm.
+        joint: joint, coupled motor, or the joint that moves the link, from 1; 0 for the arm.
         columns: its places in the parameter vector.
     """
 
@@ -55,6 +55,7 @@ class Terms:
     Attributes:
         n_joints: n.
         shapes: per term with a shape its values; a term without one in the table cannot be chosen.
+        motors: numbers of the motors that turn several joints.
         all: all terms, effect by effect.
         size: length of theta.
         open: the terms that can be chosen.
@@ -62,16 +63,17 @@ class Terms:
 
     n_joints: int
     shapes: Mapping[Term, tuple[float, ...]] = field(default_factory=dict)
+    motors: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         """Lay out theta: effect by effect, coordinate by coordinate, joint by joint."""
         terms, start = [], 0
-        for effect in explained():
+        for effect in self.definitions:
             linear = parametrisation_of(effect).linear
-            places = 1 if effect.scope == "arm" else self.n_joints
-            for k in range(places):
+            joints = self._places(effect)
+            places = len(joints)
+            for k, joint in enumerate(joints):
                 columns = tuple(start + i * places + k for i in range(linear))
-                joint = 0 if effect.scope == "arm" else k + 1
                 terms.append(Term(effect.name, joint, columns))
             start += places * linear
         object.__setattr__(self, "all", tuple(terms))
@@ -85,12 +87,25 @@ class Terms:
     size: int = field(init=False, compare=False)
     open: tuple[Term, ...] = field(init=False, compare=False)
 
+    @property
+    def definitions(self) -> list[Effect]:
+        """The effects that the terms are of, in their order."""
+        return explained(coupled=bool(self.motors))
+
+    def _places(self, effect: Effect) -> tuple[int, ...]:
+        """What an effect may be placed on: joints, links or motors by their numbers, 0 for the arm."""
+        if effect.scope == "arm":
+            return (0,)
+        if effect.reach == "motor":
+            return self.motors
+        return tuple(range(1, self.n_joints + 1))
+
     def of(self, effect: str) -> tuple[Term, ...]:
         """The terms of an effect, in joint order."""
         return tuple(t for t in self.all if t.effect == effect)
 
     def block(self, effect: str) -> np.ndarray:
-        """Places of an effect's linear coordinates in theta, shape (linear, joints, links or 1)."""
+        """Places of an effect's linear coordinates in theta, shape (linear, joints, links, motors or 1)."""
         return np.array([t.columns for t in self.of(effect)]).T
 
     def effects(
@@ -144,7 +159,7 @@ class Terms:
         """Theta with the coordinates of every effect that has bounds, or of those named, moved into them."""
         out = theta.copy()
         named = None if effects is None else frozenset(effects)
-        for effect in explained():
+        for effect in self.definitions:
             clip = parametrisation_of(effect).clip
             if clip is not None and (named is None or effect.name in named):
                 block = self.block(effect.name)

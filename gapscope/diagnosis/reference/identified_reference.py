@@ -89,6 +89,12 @@ class IdentifiedReference:
         )
         return replace(case, arm=arm)
 
+    @property
+    def coupled_motors(self) -> tuple[int, ...]:
+        """Numbers from 1 of the motors that turn several joints."""
+        rotors = (x for x in self.parameters if x.startswith("I") and x.endswith("m"))
+        return tuple(int(name[1:-1]) for name in rotors)
+
     def places(self, symbols: Sequence[str]) -> np.ndarray:
         """Places in x of the joints' own parameters of these symbols, joint by joint, (len(symbols), n)."""
         names = list(self.parameters)

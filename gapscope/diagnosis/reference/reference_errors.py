@@ -28,7 +28,7 @@ def reference_errors(
         arm: the same with its URDF in a file.
     """
     covariance = inverse(reference.precision)
-    friction = reference.places(FRICTION).ravel()
+    friction = [*reference.places(FRICTION).ravel(), *_of_motors(reference)]
     day_to_day = FRICTION_DAY_TO_DAY * reference.value[friction]
     covariance[friction, friction] += day_to_day**2 / 3.0
     columns, law = ModelColumns(arm), reference.law
@@ -37,3 +37,9 @@ def reference_errors(
         return np.asarray(columns.matrix(motion, law)[:, :, columns.links :])
 
     return ReferenceErrors(covariance, own, reference.rest, reference.samples)
+
+
+def _of_motors(reference: IdentifiedReference) -> list[int]:
+    """Places in x of the friction of coupled motors."""
+    motors = [f"{s}{m}m" for s in FRICTION for m in reference.coupled_motors]
+    return [k for k, name in enumerate(reference.parameters) if name in motors]

@@ -18,7 +18,7 @@ def place_of(reference: Case | IdentifiedReference) -> str:
 
 
 def check_same_joints(case: Case, reference: Case | IdentifiedReference) -> None:
-    """Check that number, names and order of the joints, and gravity, agree.
+    """Check that number, names and order of the joints, coupled motors, and gravity, agree.
 
     Raises:
         InputError: they do not.
@@ -38,6 +38,12 @@ def check_same_joints(case: Case, reference: Case | IdentifiedReference) -> None
         raise InputError(
             f"has its joints {how}: {', '.join(theirs)}; {case.name} has {', '.join(ours)}",
             "give a reference of the same arm, with joints: in the order of the case",
+            where=place,
+        )
+    if case.arm.coupled_motors != arm.coupled_motors:
+        raise InputError(
+            f"has coupled motors {list(arm.coupled_motors)}, {case.name} has {list(case.arm.coupled_motors)}",
+            "declare the same coupling in both cases, and identify the reference again",
             where=place,
         )
     if not np.allclose(case.arm.gravity, arm.gravity, atol=SAME_GRAVITY):

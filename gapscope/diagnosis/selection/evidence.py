@@ -40,7 +40,6 @@ from gapscope.diagnosis.thresholds import (
     SKEW_CHARGE,
     SKEWS,
 )
-from gapscope.effects.catalogue import explained
 
 
 @dataclass(frozen=True)
@@ -270,7 +269,7 @@ def _lowest(linearisation: Linearisation) -> np.ndarray:
     """
     arm, terms = linearisation.arm, linearisation.terms
     lowest = np.full(terms.size, -np.inf)
-    for effect in explained():
+    for effect in terms.definitions:
         fitted, places = parametrisation_of(effect), terms.block(effect.name)[0]
         lowest[places] = LEAST_DELAY if effect.delays else fitted.lowest
         if fitted.data_sheet is not None:
@@ -288,7 +287,7 @@ def _stated(linearisation: Linearisation) -> np.ndarray:
     """
     arm, terms = linearisation.arm, linearisation.terms
     bounds = np.full(terms.size, -np.inf)
-    for effect in explained():
+    for effect in terms.definitions:
         stated = parametrisation_of(effect).data_sheet
         if stated is not None:
             nominal = getattr(arm, stated)
@@ -300,7 +299,7 @@ def _stated(linearisation: Linearisation) -> np.ndarray:
 def _usual(terms: Terms) -> np.ndarray:
     """Usual sizes of the coordinates, (P,), infinite for those that the torque alone bounds."""
     usual = np.full(terms.size, np.inf)
-    for effect in explained():
+    for effect in terms.definitions:
         usual[terms.block(effect.name)] = parametrisation_of(effect).usual
     return usual
 

@@ -87,7 +87,7 @@ def nominal_model(
         reference: what a reference leaves open of the arm, if it was identified on one.
     """
     data = FitData(arm, body, folds, cutoff, reference)
-    terms = Terms(arm.n_joints)
+    terms = Terms(arm.n_joints, motors=arm.coupled_motors)
     linear = Linearisation(data, np.zeros(terms.size), terms)
     mean_squares = [
         fold.gram[:, :, -2, -2].sum(axis=0) / np.maximum(fold.rows.sum(axis=0), 1e-9)
@@ -142,7 +142,8 @@ def _nearly_linear(linear: Linearisation, fit: Fit) -> bool:
 def _linearised_around(model: Model, fit: Fit) -> Model:
     """The terms of a fit, fitted on a linearisation around its values."""
     refined = {t: shape.values for t, shape in model.linear.refined.items()}
-    terms = Terms(model.terms.n_joints, {**model.terms.shapes, **refined})
+    shapes = {**model.terms.shapes, **refined}
+    terms = replace(model.terms, shapes=shapes)
     linear = Linearisation(model.data, _expansion_point(fit), terms)
     return _weighed_anew(linear, fit)
 

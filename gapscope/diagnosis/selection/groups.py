@@ -5,13 +5,12 @@ from __future__ import annotations
 from gapscope.diagnosis.selection.evidence import Fit
 from gapscope.diagnosis.selection.fitted_model import Model
 from gapscope.diagnosis.selection.moves import clashes
-from gapscope.effects.catalogue import explained
 from gapscope.effects.effect import Effect
 
 
 def best_groups(model: Model) -> list[Fit]:
     """For each effect that can be added, the model with it on its best group of joints."""
-    groups = (_best_group(model, effect) for effect in explained())
+    groups = (_best_group(model, effect) for effect in model.terms.definitions)
     return [group for group in groups if group is not None]
 
 

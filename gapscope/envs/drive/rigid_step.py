@@ -18,6 +18,7 @@ from numpy import multiply, sign, subtract
 
 from gapscope.arm.dynamics.forward_dynamics import ForwardDynamics
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.envs.drive.coupled_motors import CoupledMotors
 from gapscope.envs.drive.dry_friction import DryFriction
 
 HOLD = 1e10
@@ -42,6 +43,7 @@ class RigidStep(ABC):
         dt: time step [s].
 
     Attributes:
+        coupled: motors that turn several joints, if there are any.
         q, dq: present positions [rad] and velocities [rad/s]; the arrays are updated in place.
     """
 
@@ -54,6 +56,7 @@ class RigidStep(ABC):
         dt: float,
     ) -> None:
         n = len(rotors)
+        self.coupled: CoupledMotors | None = None
         self.q, self.dq = np.zeros((2, n))
         self._forward = ForwardDynamics(body, rotors)
         self._rotors, self._dt, self._any_dry = rotors, dt, bool(dry.any())
@@ -88,6 +91,8 @@ class RigidStep(ABC):
     def reset(self) -> None:
         """Forget the step before: all joints rest."""
         self._friction.reset()
+        if self.coupled is not None:
+            self.coupled.reset()
         self._assume(np.zeros(len(self._rotors)))
 
     def set_viscous(self, viscous: np.ndarray) -> None:
@@ -111,6 +116,9 @@ class RigidStep(ABC):
 
     def advance(self, torque: np.ndarray, limit: np.ndarray) -> None:
         """One step under u [N m], all that acts on the joints but friction and rotors; limit of dry friction [N m]."""
+        if self.coupled is not None:
+            own = self._rotors, self._viscous, limit
+            torque = torque - self.coupled(self.q, self.dq, torque, *own)
         if not self._any_dry:
             multiply(self._viscous, self.dq, self._work)
             subtract(torque, self._work, self._out)

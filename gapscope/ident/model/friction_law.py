@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gapscope.arm.io.import_section import Import
-from gapscope.arm.nominal import smooth_sign
+from gapscope.arm.nominal import NominalArm, smooth_sign
 
 STRIBECK_SPEEDS = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0)
 """Speeds vs tried for d exp(-(v / vs)^2) [rad/s]."""
@@ -98,26 +97,18 @@ def direction(
     return states
 
 
-def drives(
-    n_joints: int, importing: Import | None
-) -> tuple[np.ndarray, tuple[str, ...]]:
+def drives(arm: NominalArm) -> tuple[np.ndarray, tuple[str, ...]]:
     """What turns: D with speeds D dq [1], shape (n + k, n): the joints, then the k motors that move several of them.
 
-    A motor's row of the transmission matrix is divided by the ratio to the joint of its own number, so that its speed
-    and the friction along D^T count on that joint's side.
+    The speed of a motor, and the friction along D^T, count on the side of the joint of its own number.
 
     Returns:
         D, and labels: ``1`` to ``n``, and ``6m`` for motor 6.
     """
-    rows = [np.eye(n_joints)]
-    labels = [str(j + 1) for j in range(n_joints)]
-    if importing is None or importing.transmission is None:
-        return rows[0], tuple(labels)
-    # the matrix has the log's directions, the columns those of the URDF
-    signs = np.ones(n_joints) if importing.signs is None else importing.signs
-    for motor, row in enumerate(importing.transmission * signs):
-        moves_several = np.count_nonzero(row) > 1
-        if moves_several and row[motor] != 0:
-            rows.append(row[None] / row[motor])
-            labels.append(f"{motor + 1}m")
-    return np.concatenate(rows), tuple(labels)
+    joints = np.eye(arm.n_joints)
+    labels = tuple(str(j + 1) for j in range(arm.n_joints))
+    if arm.coupling is None or not arm.coupled_motors:
+        return joints, labels
+    rows = arm.coupling[[motor - 1 for motor in arm.coupled_motors]]
+    motors = tuple(f"{motor}m" for motor in arm.coupled_motors)
+    return np.vstack([joints, rows]), (*labels, *motors)

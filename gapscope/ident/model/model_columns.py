@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.io.import_section import Import
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.ident.model.friction_law import FrictionLaw, drives
@@ -25,19 +24,17 @@ class ModelColumns:
     6); then dry friction by a ``FrictionLaw``: c and d [N m] of joints and coupled motors.
 
     Args:
-        arm: the nominal arm.
-        importing: how its logs are read; its transmission says which motors are coupled.
+        arm: the nominal arm; its coupling says which motors move several joints.
         body: rigid bodies of the arm; built if ``None``.
     """
 
     def __init__(
         self,
         arm: NominalArm,
-        importing: Import | None = None,
         body: RigidBody | None = None,
     ) -> None:
         self.arm, self.body = arm, body or RigidBody(arm)
-        self.drives, self.labels = drives(arm.n_joints, importing)
+        self.drives, self.labels = drives(arm)
         self.regressor = Regressor(arm, self.body, SMOOTH)
         self.links = 10 * arm.n_joints
 

@@ -1,8 +1,8 @@
 """The identified arm as files that other tools read: a URDF of consistent bodies, a data sheet, effects.
 
 Any ten parameters per link need a URDF, which ``link_inertia`` of the catalogue (mass and centre of mass alone) cannot
-replace; rotor inertia, Coulomb and viscous friction go into the data sheet; offsets and a Stribeck term are
-effects of the catalogue. Friction of coupled motors and friction that keeps its direction at rest have no place there.
+replace; rotor inertia, Coulomb and viscous friction go into the data sheet; offsets, a Stribeck term, and rotor and
+friction of coupled motors are effects. Friction that keeps its direction at rest has no place there.
 """
 
 from __future__ import annotations
@@ -16,20 +16,36 @@ from typing import Any
 import numpy as np
 import yaml
 
+from gapscope.arm.coupling import coupling_entries
 from gapscope.arm.dynamics.plain_urdf import moving_links, numbers, plain_urdf
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.case_file import read_case_file
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.coupled_motors import (
+    COUPLED_ARMATURE,
+    COUPLED_COULOMB,
+    COUPLED_SATURATING,
+    COUPLED_STRIBECK,
+    COUPLED_VISCOUS,
+)
 from gapscope.ident.identification import Identification
 
 UNNOTICED = 1e-9
 """Offsets and friction below this are not written [N m]."""
+COUPLED = {
+    "I": (COUPLED_ARMATURE.name, "inertia"),
+    "b": (COUPLED_VISCOUS.name, "coefficient"),
+    "c": (COUPLED_COULOMB.name, "torque"),
+    "d": (COUPLED_STRIBECK.name, "torque"),
+    "s": (COUPLED_SATURATING.name, "torque"),
+}
+"""Effect and parameter of a coupled motor by the symbol of its column."""
 
 
 def expressible(result: Identification) -> bool:
     """Whether URDF, data sheet and the catalogue's effects can express the whole model."""
-    return not result.columns.coupled and result.choice.law.presliding is None
+    return result.choice.law.presliding is None
 
 
 def urdf_text(result: Identification) -> str:
@@ -93,12 +109,14 @@ def data_sheet(arm: NominalArm) -> dict[str, Any]:
     section["encoder"] = arm.encoder
     if arm.encoder_step is not None:
         section["encoder_step"] = arm.encoder_step
+    if arm.coupled_motors and arm.coupling is not None:
+        section["coupling"] = coupling_entries(arm.coupling)
     return section
 
 
 def effects(result: Identification) -> tuple[AppliedEffect, ...]:
-    """Offsets, Stribeck and saturating friction as effects of the catalogue."""
-    found = []
+    """Offsets, Stribeck and saturating friction, rotors and friction of coupled motors as effects."""
+    found = _of_coupled_motors(result)
     joints, offset = _noticed(result, "o")
     if joints:
         found.append(AppliedEffect("torque_offset", joints, {"torque": offset}))
@@ -112,6 +130,27 @@ def effects(result: Identification) -> tuple[AppliedEffect, ...]:
         velocity = np.array(law.saturation_speeds)[np.array(joints) - 1]
         found.append(_friction("saturating_friction", joints, level, velocity))
     return tuple(found)
+
+
+def _of_coupled_motors(result: Identification) -> list[AppliedEffect]:
+    """Rotor, viscous and dry friction of each coupled motor, by the columns of its own."""
+    named, law = _named(result), result.choice.law
+    motors = [int(label.removesuffix("m")) for label in result.columns.coupled]
+    first = len(result.case.arm.joints)
+    found = []
+    for symbol, (name, parameter) in COUPLED.items():
+        for k, motor in enumerate(motors):
+            value = named.get(f"{symbol}{motor}m", 0.0)
+            # the solver's bound at zero holds to its tolerance only
+            if value <= UNNOTICED:
+                continue
+            values = {parameter: np.array([value])}
+            if symbol == "d":
+                values["velocity"] = np.array([law.stribeck_speed])
+            if symbol == "s" and law.saturation_speeds is not None:
+                values["velocity"] = np.array([law.saturation_speeds[first + k]])
+            found.append(AppliedEffect(name, (motor,), values))
+    return found
 
 
 def _friction(

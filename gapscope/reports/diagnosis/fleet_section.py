@@ -17,7 +17,7 @@ from gapscope.diagnosis.document.wording import (
 from gapscope.diagnosis.fleet.compare_units import DIFFERING, ONE, SHARED, SOME
 from gapscope.diagnosis.fleet.confusion import NOMINAL
 from gapscope.diagnosis.thresholds import ALIKE_NRMSE, FLEET_LEVEL
-from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.catalogue import known_effect
 
 Content = Mapping[str, Any]
 
@@ -136,7 +136,7 @@ def _finding(group: Content, rows: Sequence[Content]) -> Finding:
 
 def _lines(units: Sequence[str], rows: Sequence[Content]) -> Iterable[Line]:
     for row in rows:
-        definition = CATALOGUE.get(row["effect"])
+        definition = known_effect(row["effect"])
         added = (
             {p.name for p in definition.parameters if p.increment}
             if definition

@@ -25,7 +25,7 @@ from gapscope.diagnosis.document.wording import (
     short_names,
 )
 from gapscope.diagnosis.result import Diagnosis
-from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.catalogue import known_effect
 from gapscope.reports.diagnosis.guesses import guesses
 from gapscope.reports.diagnosis.places import pictures
 from gapscope.reports.diagnosis.reference_section import against
@@ -216,7 +216,7 @@ SECTIONS: tuple[Callable[[Diagnosis], dict[str, Any] | None], ...] = (
 
 
 def _found(entry: Mapping[str, Any], diagnosis: Diagnosis) -> FoundEffect:
-    definition = CATALOGUE.get(entry["effect"])
+    definition = known_effect(entry["effect"])
     own = [
         index
         for index, signature in enumerate(diagnosis.signatures)

@@ -80,9 +80,10 @@ def _effects(document: Mapping[str, Any]) -> Table:
     table.add_column("Prob.", justify="right", no_wrap=True)
     table.add_column("Share", justify="right", no_wrap=True)
     for effect in document["effects"]:
-        joints = ", ".join(joint_ranges(effect["joints"])) or acts_on(
-            effect
-        ).removeprefix("the whole ")
+        place = acts_on(effect).removeprefix("the whole ")
+        joints = ", ".join(joint_ranges(effect["joints"]))
+        if not joints or place.startswith("motor"):
+            joints = place
         values = "\n".join(
             f"{parameter.name} {parameter.text}"
             for parameter in parameter_texts(effect)

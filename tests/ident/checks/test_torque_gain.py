@@ -43,7 +43,7 @@ def compared(case: Case) -> NominalSimilarity:
     fit, _ = split(case)
     band, columns = (
         Band(position_cutoff(tuple(fit))),
-        ModelColumns(case.arm, case.importing),
+        ModelColumns(case.arm),
     )
     return nominal_similarity(Samples(columns, band.segments(fit), band))
 

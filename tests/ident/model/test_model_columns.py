@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import arms
 import numpy as np
 import pytest
 
-from gapscope.arm.io.import_section import Import
+from gapscope.arm.coupling import coupling_of_transmission
 from gapscope.arm.motions.motion import Motion
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
@@ -46,27 +47,26 @@ class TestDirection:
 
 class TestDrives:
     def test_uncoupled_arm_has_its_joints(self) -> None:
-        matrix, labels = drives(3, Import(transmission=np.diag([10.0, -20.0, 30.0])))
-        np.testing.assert_array_equal(matrix, np.eye(3))
-        assert labels == ("1", "2", "3")
+        ratios = np.diag([10.0, -20.0] * 3 + [30.0])
+        arm = replace(arms.arm(), coupling=coupling_of_transmission(ratios, None))
+        matrix, labels = drives(arm)
+        np.testing.assert_array_equal(matrix, np.eye(arms.N))
+        assert labels == tuple("1234567")
 
     def test_coupled_motor_turns_with_both_joints(self) -> None:
         """Motor 3 turns 40 times for one turn of joint 3 and 20 times for one of joint 2, joint 2 counted backwards."""
         transmission = np.array([[10.0, 0, 0], [0, 20.0, 0], [0, 20.0, 40.0]])
-        matrix, labels = drives(
-            3, Import(transmission=transmission, signs=np.array([1.0, -1.0, 1.0]))
-        )
-        assert labels == ("1", "2", "3", "3m")
-        np.testing.assert_allclose(matrix[3], [0, -0.5, 1.0])
+        signs = np.array([1.0, -1.0, 1.0])
+        matrix = coupling_of_transmission(transmission, signs)
+        np.testing.assert_allclose(matrix, [[1, 0, 0], [0, 1, 0], [0, -0.5, 1]])
 
     def test_friction_of_a_coupled_motor_takes_power(self) -> None:
         """The torque of motor friction times joint speeds is b times the motor's speed squared, on joint 3's side."""
         rng = np.random.default_rng(1)
-        transmission = np.diag([10.0] * arms.N)
-        transmission[6, 5] = 5.0
-        columns = ModelColumns(
-            arms.arm(), Import(transmission=transmission), arms.body()
-        )
+        coupling = np.eye(arms.N)
+        coupling[6, 5] = 0.5
+        columns = ModelColumns(replace(arms.arm(), coupling=coupling), body=arms.body())
+        assert columns.coupled == ("7m",)
         motion, law = random_motion(rng), FrictionLaw()
         place = columns.names(law).index("b7m")
         power = (columns.matrix(motion, law)[:, :, place] * motion.dq).sum(axis=1)
@@ -81,7 +81,7 @@ def test_columns_give_the_torque_of_the_corrected_arm() -> None:
     speeds = rng.uniform(0.1, 1.0, arms.N)
     law = FrictionLaw(stribeck_speed=0.3, saturation_speeds=tuple(speeds.tolist()))
     motion = random_motion(rng)
-    columns = ModelColumns(arms.arm(), None, arms.body())
+    columns = ModelColumns(arms.arm(), arms.body())
     joints = tuple(range(1, arms.N + 1))
     offset = rng.uniform(-1, 1, arms.N)
     drop, level = rng.uniform(0, 1, (2, arms.N))
@@ -112,7 +112,7 @@ def test_columns_give_the_torque_of_the_corrected_arm() -> None:
 
 
 def test_scale_is_the_size_of_each_body() -> None:
-    columns = ModelColumns(arms.arm(), None, arms.body())
+    columns = ModelColumns(arms.arm(), arms.body())
     scale, law = columns.scale(FrictionLaw()), FrictionLaw()
     assert (scale > 0).all() and np.isfinite(scale[: 10 * arms.N]).all()
     assert np.isinf(scale[10 * arms.N :]).all()
