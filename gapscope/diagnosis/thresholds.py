@@ -129,6 +129,9 @@ RICHEST_ROUNDS = 3  # Rounds in which joints are weighed by what is left. (budge
 
 # --- model: linearisation
 BACKLASH_START = 0.004  # Free play with which the columns of backlash begin [rad]. (hand)
+# Step of free play, over its width, for the difference by it [1]: a link that rebounds once more or less takes
+# another course, so that a small step measures single impacts, not the width. (hand)
+PLAY_STEP = 0.15
 LEAST_TORQUE_GAIN = 0.2  # Recorded over needed torque lies between this [1]... (physical)
 MOST_TORQUE_GAIN = 5.0  # ...and this [1]: a wider finite difference crosses a reversal of friction. (physical)
 PIECE_LENGTH = 1.5  # Length of the pieces in which normal equations are kept, for the bootstrap [s]. (hand)
@@ -221,6 +224,8 @@ COMPLIANCE_RATIO = 1.2  # Skip the compliance search if no joint's gap exceeds t
 COMPLIANCE_START_GAIN = 5.0  # What a start has to explain before its fit [nats]. (hand)
 RESONANCES = np.geomspace(1.2, 20.0, 12)  # Resonances to try [Hz]... (physical)
 DAMPING_RATIOS = (0.02, 0.12)  # ...with these damping ratios [1]. (physical)
+# A start is fitted if it explains this share of what the best one explains [1]. (budget)
+COMPLIANCE_START_SHARE = 0.4
 PLAY_WIDTHS = np.geomspace(4e-4, 6e-2, 11)  # Widths of free play to try [rad]. (physical)
 
 # --- assessment: excess residual, what exceeds the floor

@@ -19,7 +19,7 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm, smooth_sign
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.coupled_motors import COUPLED_ARMATURE
-from gapscope.effects.deflection import behind_elasticity, behind_play
+from gapscope.effects.deflection import behind_elasticity
 from gapscope.effects.effect import (
     Drift,
     Effect,
@@ -32,6 +32,7 @@ from gapscope.effects.effect import (
     Transmission,
 )
 from gapscope.effects.environment import BASE_TILT, tilt
+from gapscope.effects.free_play import behind_play
 from gapscope.effects.friction import LOAD
 from gapscope.effects.residual.model import ResidualNetwork
 from gapscope.effects.rigid_body import ARMATURE

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.linalg import solve_banded
@@ -11,6 +9,8 @@ from scipy.linalg import solve_banded
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
 
+Matrices = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Derivatives of the bodies' torque by position, velocity and acceleration, (N, n, n) each."""
 FASTEST_FOLLOWED = 40.0
 """A faster resonance is not integrated: the joint deflects at once [Hz]."""
 PHASE_PER_STEP = 0.2
@@ -21,10 +21,6 @@ LIGHTEST = 1e-9
 """Least inertia about a joint [kg m^2]."""
 CALM = 0.3
 """For this long the springs are damped critically at first: how they swung before the recording is not known [s]."""
-CONTACT = 30.0
-"""Frequency at which a link swings on the flank of a gear whose stiffness is not known [Hz]."""
-CONTACT_DAMPING = 0.2
-"""Its damping ratio [1]."""
 
 
 def behind_elasticity(
@@ -50,14 +46,25 @@ def behind_elasticity(
         torque: inverse dynamics of the motors' motion [N m], shape (N, n).
         stiffness, damping: per joint [N m/rad], [N m s/rad], shape (n,); 0 if there is no spring.
     """
-    elastic = np.flatnonzero(stiffness > 0)
     matrices = body.sensitivities(motion.q, motion.dq, motion.ddq)
+    return through_springs(matrices, motion.rate, torque, stiffness, damping)
+
+
+def through_springs(
+    matrices: Matrices,
+    rate: float,
+    torque: np.ndarray,
+    stiffness: np.ndarray,
+    damping: np.ndarray,
+) -> np.ndarray:
+    """As ``behind_elasticity``, from the derivatives of the bodies' torque at a sampling rate [Hz], (N, n)."""
+    elastic = np.flatnonzero(stiffness > 0)
     block = np.ix_(np.arange(len(torque)), elastic, elastic)
     by_position, by_velocity, mass = (matrix[block] for matrix in matrices)
     frequency = _resonances(mass, stiffness[elastic])
     # a resonance too fast to integrate deflects at once: it has neither mass nor damper
     followed = frequency <= 2 * np.pi * FASTEST_FOLLOWED
-    h = 1.0 / motion.rate
+    h = 1.0 / rate
     fastest = max(frequency[followed], default=0.0)
     parts = int(np.ceil(fastest * h / PHASE_PER_STEP)) or 1
     k = by_position + np.diag(stiffness[elastic])
@@ -65,7 +72,7 @@ def behind_elasticity(
     d = d + _critical_damping(frequency, mass, h)
     keep = np.outer(followed, followed)
     m, d, k, driving = (
-        _finer(series, parts)
+        finer(series, parts)
         for series in (mass * keep, d * keep, k, torque[:, elastic])
     )
     deltas = []
@@ -73,7 +80,7 @@ def behind_elasticity(
         all_joints = np.zeros_like(torque)
         all_joints[:, elastic] = delta[::parts]
         deltas.append(all_joints)
-    return torque - _of_bodies(matrices, tuple(deltas))
+    return torque - of_bodies(matrices, tuple(deltas))
 
 
 def _resonances(mass: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
@@ -89,7 +96,7 @@ def _critical_damping(frequency: np.ndarray, mass: np.ndarray, h: float) -> np.n
     return 2 * fading * frequency * mass * np.eye(len(frequency))
 
 
-def _finer(series: np.ndarray, parts: int) -> np.ndarray:
+def finer(series: np.ndarray, parts: int) -> np.ndarray:
     """A series (N, ...) with every step cut into parts, by a cubic spline."""
     if parts == 1:
         return series
@@ -121,127 +128,15 @@ def _at_once(k: np.ndarray, torque: np.ndarray) -> np.ndarray:
     return np.clip(delta, -FARTHEST, FARTHEST)
 
 
-def behind_play(
-    body: RigidBody,
-    motion: Motion,
-    torque: np.ndarray,
-    width: np.ndarray,
-    stiffness: np.ndarray,
-    damping: np.ndarray,
-) -> np.ndarray:
-    """Torque of bodies that follow the motors through free play [N m], shape (N, n).
-
-    As ``behind_elasticity``, with the spring's torque K (delta - w / 2 sgn delta) + D delta' outside the free play
-    abs(delta) < w / 2 and none inside it, where the link floats. Implicit Euler steps of the sampling rate, one joint
-    at a time; a joint without a spring has a contact of ``CONTACT``.
-
-    Args:
-        body, motion, torque, stiffness, damping: as for ``behind_elasticity``.
-        width: whole free play per joint [rad], shape (n,); 0 if there is none.
-    """
-    matrices = body.sensitivities(motion.q, motion.dq, motion.ddq)
-    deltas = _deflections(matrices, motion, torque, width, stiffness, damping)
-    return torque - _of_bodies(matrices, deltas)
-
-
-def play_columns(
-    body: RigidBody, motion: Motion, torque: np.ndarray, width: float
-) -> np.ndarray:
-    """Torque that a little free play on each joint alone adds, per radian of it [N m/rad], shape (N, n, n).
-
-    Entry (i, j) is that of joint i from play on joint j; of joints whose torque keeps its sign there is none.
-
-    Args:
-        body, motion, torque: as for ``behind_elasticity``.
-        width: free play [rad].
-    """
-    matrices = body.sensitivities(motion.q, motion.dq, motion.ddq)
-    none = np.zeros(torque.shape[1])
-    # a joint whose torque keeps its sign stays on one flank of its gear
-    reverses = (torque.min(axis=0) < 0) & (torque.max(axis=0) > 0)
-    deltas = _deflections(matrices, motion, torque, width * reverses, none, none)
-    pairs = zip(matrices, deltas, strict=True)
-    return -sum(matrix * delta[:, None, :] for matrix, delta in pairs) / width
-
-
-def _deflections(
-    matrices: tuple[np.ndarray, np.ndarray, np.ndarray],
-    motion: Motion,
-    torque: np.ndarray,
-    width: np.ndarray,
-    stiffness: np.ndarray,
-    damping: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Delta of joints with free play and its first two derivatives by time, (N, n) each."""
-    by_position, by_velocity, mass = matrices
-    h = 1.0 / motion.rate
-    delta = np.zeros_like(torque)
-    for j in np.flatnonzero(width):
-        # bodies of no or negative mass, on the way of a search, are light ones here
-        m = np.maximum(mass[:, j, j], LIGHTEST)
-        k, d = stiffness[j], damping[j]
-        if not k:
-            k = float(m.mean()) * (2 * np.pi * CONTACT) ** 2
-            d = 2 * CONTACT_DAMPING * float(np.sqrt(k * m.mean()))
-        own = _OwnJoint(m, by_velocity[:, j, j], by_position[:, j, j], k, d)
-        half = 0.5 * width[j]
-        delta[:, j] = _play(torque[:, j], own, half, h)
-        held = np.isfinite(delta[:, j]).all()
-        if not held or np.abs(delta[:, j]).max() > half + FARTHEST:
-            delta[:, j] = half * np.sign(torque[:, j])
-    rate = np.gradient(delta, h, axis=0)
-    return delta, rate, np.gradient(rate, h, axis=0)
-
-
-class _OwnJoint(NamedTuple):
-    """Coefficients of one joint's own equation, M delta'' + C delta' + G delta plus spring and damper, (N,) or numbers.
-
-    Attributes:
-        m, c, g: of the bodies [kg m^2], [N m s/rad], [N m/rad].
-        k, d: of the contact [N m/rad], [N m s/rad].
-    """
-
-    m: np.ndarray
-    c: np.ndarray
-    g: np.ndarray
-    k: float
-    d: float
-
-
-def _play(torque: np.ndarray, own: _OwnJoint, half: float, h: float) -> np.ndarray:
-    """Delta (N,) of one joint with free play of half the width ``half`` [rad], by implicit steps of h [s]."""
-    out = np.empty(len(torque))
-    k, damper = own.k, own.d / h
-    flank = half if torque[0] > 0 else -half
-    start = flank + float(torque[0]) / k
-    now, before = start, start
-    # numbers of Python are faster than arrays of one element
-    inertia = (own.m / h**2).tolist()
-    drag = (own.c / h).tolist()
-    inside = (own.m / h**2 + own.c / h + own.g).tolist()
-    push = torque.tolist()
-    contact = k + damper
-    for i, floating in enumerate(inside):
-        right = push[i] + inertia[i] * (2 * now - before) + drag[i] * now
-        new = right / floating
-        if new > half or new < -half:
-            # beyond the play: the same step, with the contact on the flank that it meets
-            flank = half if new > 0 else -half
-            new = (right + k * flank + damper * now) / (floating + contact)
-        before, now = now, new
-        out[i] = new
-    return out
-
-
-def _of_bodies(
+def of_bodies(
     matrices: tuple[np.ndarray, ...], series: tuple[np.ndarray, ...]
 ) -> np.ndarray:
     """G delta + C delta' + M delta'' [N m], shape (N, n)."""
-    parts = [
-        np.einsum("nij,nj->ni", matrix, x)
-        for matrix, x in zip(matrices, series, strict=True)
-    ]
-    return parts[0] + parts[1] + parts[2]
+    moved = np.flatnonzero(series[0].any(axis=0))
+    out = np.zeros_like(series[0])
+    for matrix, x in zip(matrices, series, strict=True):
+        out += (matrix[:, :, moved] * x[:, None, moved]).sum(axis=2)
+    return out
 
 
 def _recursion(

@@ -77,6 +77,11 @@ def spring_values(x: np.ndarray, nonlinear: np.ndarray) -> Values:
     return {"stiffness": x[0], "rest": x[1] / nonzero(x[0])}
 
 
+def clip_elasticity(x: np.ndarray) -> np.ndarray:
+    """x1 = d / k^2 moved to where the spring follows its torque within ``LONGEST_LAG``."""
+    return np.stack([x[0], np.minimum(x[1], LONGEST_LAG * np.maximum(x[0], 0.0))])
+
+
 def clip_spring(x: np.ndarray) -> np.ndarray:
     """x1 = k q0 moved to where q0 lies within its bounds."""
     farthest = REST.bounds[1] * np.abs(x[0])
@@ -108,6 +113,8 @@ def draw_spring(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Val
 
 PLAY_WIDTH = Parameter("width", "w", "rad", (0.0, 0.5), (0.0017, 0.0175))
 REST = Parameter("rest", "q0", "rad", (-7.0, 7.0), (-1.0, 1.0))
+LONGEST_LAG = 0.05
+"""Longest d / k [s] of a gear: 2 z / w, critical damping at 6 Hz; what creeps longer is no spring."""
 COMPLIANCE_STEP = 1e-6
 """Step of compliance [rad/(N m)] and of free play [rad] for finite differences; the torque is far from linear."""
 
@@ -130,7 +137,11 @@ ELASTICITY = Transmission(
     deflection=elastic_deflection,
     lag=elastic_lag,
     parametrisation=Parametrisation(
-        elasticity_values, linear=2, step=COMPLIANCE_STEP, lowest=0.0
+        elasticity_values,
+        linear=2,
+        step=COMPLIANCE_STEP,
+        lowest=0.0,
+        clip=clip_elasticity,
     ),
     severity=draw_elasticity,
 )

@@ -15,7 +15,8 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.deflection import behind_elasticity, behind_play
+from gapscope.effects.deflection import behind_elasticity
+from gapscope.effects.free_play import behind_play
 
 COULOMB = AppliedEffect("coulomb_friction", (2,), {"torque": [3.0]})
 VISCOUS = AppliedEffect("viscous_friction", (2,), {"coefficient": [2.0]})

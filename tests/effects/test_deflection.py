@@ -12,12 +12,9 @@ from scipy.optimize import brentq
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
-from gapscope.effects.deflection import (
-    CALM,
-    behind_elasticity,
-    behind_play,
-    play_columns,
-)
+from gapscope.effects.deflection import CALM, behind_elasticity
+from gapscope.effects.free_play import behind_play, play_columns
+from gapscope.ident.signals.conditioning import low_pass
 
 INERTIA = 2.0 * 0.5**2 + 0.05
 """Of the pendulum about its axis [kg m^2]."""
@@ -287,7 +284,7 @@ class TestPlay:
         np.testing.assert_array_equal(self.behind(swing, motion, torque, 0.0), torque)
 
     def test_narrower_and_narrower_it_is_rigid(self, turntable: RigidBody) -> None:
-        """What the contact's own flexibility adds is left: little below 2 Hz on a contact of 30 Hz."""
+        """What the contact's own flexibility adds is left: little below 2 Hz on a contact of 40 Hz."""
         motion = sine(2.0, 0.2)
         torque = rigid(turntable, motion)
         wide, narrow, least = (
@@ -316,6 +313,22 @@ class TestPlay:
             (motion.t > begin) & (np.abs(found) > 0.5 * np.abs(torque).max())
         ][0]
         assert impact - begin == pytest.approx(meets, abs=0.02)
+
+    @pytest.mark.parametrize("width", [0.004, 0.02])
+    def test_a_slow_recording_has_the_same_torque(
+        self, turntable: RigidBody, width: float
+    ) -> None:
+        """Within the band of the torque gap sampling at 100 Hz instead of 1000 Hz changes little of what play adds."""
+        added = []
+        for rate in (1000.0, 100.0):
+            motion = sine(1.3, 0.3, rate=rate)
+            torque = rigid(turntable, motion)
+            change = self.behind(turntable, motion, torque, width) - torque
+            slow = low_pass(change, rate, 8.0)
+            added.append(slow[:: round(rate / 100.0), 0])
+        often, seldom = added
+        error = float((seldom - often)[20:-20].std())
+        assert error < 0.2 * float(often[20:-20].std())
 
     @pytest.mark.parametrize("angle", [0.7, -0.7])
     def test_static_offset(self, swing: RigidBody, angle: float) -> None:

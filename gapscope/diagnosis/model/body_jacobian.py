@@ -15,10 +15,10 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.known_load import point_mass_parameters
 from gapscope.arm.motions.motion import Motion
 from gapscope.diagnosis.model.terms import Term, Terms, parametrisation_of
-from gapscope.diagnosis.thresholds import BACKLASH_START
+from gapscope.diagnosis.thresholds import BACKLASH_START, PLAY_STEP
 from gapscope.effects.catalogue import explained
 from gapscope.effects.corrected import CorrectedArm, slow_with_rates
-from gapscope.effects.deflection import play_columns
+from gapscope.effects.free_play import play_columns
 from gapscope.effects.environment import acts, tilt
 from gapscope.effects.rigid_body import link_change
 from gapscope.ident.signals.conditioning import Segment
@@ -232,15 +232,18 @@ def _backlash(point: _Point) -> Columns:
 
 def _compliance_in_use(point: _Point) -> Columns:
     """Around values that are not zero elasticity and backlash have other columns than where they begin."""
-    for name in ("joint_elasticity", "backlash"):
-        largest = np.abs(point.theta[point.terms.block(name)[0]]).max()
-        for term in point.terms.of(name):
-            if not point.in_use(term):
-                continue
-            for place in term.columns:
-                step = 1e-3 * max(abs(point.theta[place]), 1e-3 * largest)
-                moved = point.rigid_with(name, place, step)
-                yield place, (moved - point.rigid) / step
+    largest = np.abs(point.theta[point.terms.block("joint_elasticity")[0]]).max()
+    for term in point.terms.of("joint_elasticity"):
+        for place in term.columns if point.in_use(term) else ():
+            step = 1e-3 * max(abs(point.theta[place]), 1e-3 * largest)
+            moved = point.rigid_with("joint_elasticity", place, step)
+            yield place, (moved - point.rigid) / step
+    for term in point.terms.of("backlash"):
+        for place in term.columns if point.in_use(term) else ():
+            step = PLAY_STEP * abs(point.theta[place])
+            above = point.rigid_with("backlash", place, step)
+            below = point.rigid_with("backlash", place, -step)
+            yield place, (above - below) / (2 * step)
 
 
 def _transmitted(arm: CorrectedArm, segment: Segment) -> np.ndarray:

@@ -132,7 +132,8 @@ def _nearly_linear(linear: Linearisation, fit: Fit) -> bool:
     for term in fit.terms:
         effect, shaped = term.definition, bool(term.parametrisation.nonlinear)
         # a shape is refined only once its term is in use
-        if effect.limits or not effect.locally_linear:
+        begins = not linear.theta[list(term.columns)].any()
+        if effect.limits or (begins and not effect.locally_linear):
             return False
         if shaped and term not in linear.refined:
             return False

@@ -7,16 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.delay_or_lag import DELAY, lag_over_delay
 from gapscope.diagnosis.selection.fitted_model import Model, fit_terms
 from gapscope.diagnosis.selection.moves import near_equivalent_pairs
-from gapscope.diagnosis.selection.visibility import closed_between, nrmse
+from gapscope.diagnosis.selection.visibility import nrmse
 from gapscope.diagnosis.thresholds import (
     DECISIVE_EVIDENCE,
     DECISIVE_NRMSE,
     UNDECIDED_EVIDENCE,
-    VISIBLE_EFFECT,
 )
 
 
@@ -70,26 +68,3 @@ def _renamed(model: Model, effect: str, other: str) -> Model:
     joints = {t.joint for t in mine}
     put = {t for t in model.terms.open if t.effect == other and t.joint in joints}
     return fit_terms(model, (model.fit.terms - mine) | put)
-
-
-def drop_unneeded_compliance(model: Model) -> Comparison:
-    """Try the model without each compliant joint, around its own values; keep those that a person can see."""
-    contested: dict[tuple[str, str], float] = {}
-    for term in _compliant(model):
-        if term not in model.fit.terms:
-            continue
-        without = fit_terms(model, model.fit.terms - {term})
-        gain = model.gain_of(without)
-        if gain > 0 or closed_between(without, model) < VISIBLE_EFFECT:
-            model = without
-            continue
-        # of several joints the one that is needed most counts
-        key = (term.effect, "none")
-        contested[key] = min(gain, contested.get(key, 0.0))
-    return Comparison(model, contested)
-
-
-def _compliant(model: Model) -> list[Term]:
-    """Terms of compliant joints, in order."""
-    terms = [t for t in model.fit.terms if not t.definition.locally_linear]
-    return sorted(terms, key=lambda t: (t.effect, t.joint))

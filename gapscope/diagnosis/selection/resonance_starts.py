@@ -6,13 +6,12 @@ resonances and some widths of free play, and compared with the residual; the bes
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
 
-from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.fitted_model import Model
 from gapscope.diagnosis.thresholds import (
@@ -23,8 +22,8 @@ from gapscope.diagnosis.thresholds import (
     RESONANCES,
 )
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.deflection import behind_elasticity, behind_play
-from gapscope.ident.signals.conditioning import Segment
+from gapscope.effects.deflection import Matrices, through_springs
+from gapscope.effects.free_play import through_play
 
 
 @dataclass(frozen=True)
@@ -42,15 +41,24 @@ class Start:
     gain: float
 
 
-def starts(model: Model) -> list[Start]:
-    """The best start of each effect on each joint that is not compliant yet, the most promising first."""
-    if model.data.arm.encoder != "motor" or not _above_floor(model):
+def starts(model: Model, joints: Iterable[int] | None = None) -> list[Start]:
+    """The best start of each effect on each joint that is not compliant yet, the most promising first.
+
+    Args:
+        model: the model whose residual is to be explained.
+        joints: joints to look at, from 1; all if ``None``.
+    """
+    if model.data.arm.encoder != "motor":
         return []
     taken = {t.joint for t in model.fit.terms if not t.definition.locally_linear}
+    looked_at = _joints_above_floor(model) - taken
+    if joints is not None:
+        looked_at &= set(joints)
+    if not looked_at:
+        return []
     bodies, best = CompliantBodies(model), dict[Term, Start]()
-    for j in range(model.data.arm.n_joints):
-        if j + 1 in taken:
-            continue
+    for joint in sorted(looked_at):
+        j = joint - 1
         for start in chain(_elastic(model, bodies, j), _loose(model, bodies, j)):
             known = best[start.term].gain if start.term in best else 0.0
             if start.gain > max(known, COMPLIANCE_START_GAIN):
@@ -58,14 +66,17 @@ def starts(model: Model) -> list[Start]:
     return sorted(best.values(), key=lambda start: -start.gain)
 
 
-def _above_floor(model: Model) -> bool:
-    """Whether some joint's residual exceeds its floor, or what a reference leaves, by enough to look for compliance."""
+def _joints_above_floor(model: Model) -> set[int]:
+    """Joints, from 1, whose residual exceeds the floor, or what a reference leaves, by enough to look for compliance.
+
+    What bends or rattles shows on its own joint, whatever it does to the others.
+    """
     rows, floor2 = model.evidence.rows, model.evidence.floor2
     if model.data.reference is not None:
         floor2 = np.maximum(floor2, model.data.reference.rest**2)
     residual2 = (model.fit.held_out_mse * rows).sum(axis=0)
     ratio2 = residual2 / (floor2 * rows).sum(axis=0)
-    return bool(ratio2.max() >= COMPLIANCE_RATIO**2)
+    return {int(j) + 1 for j in np.flatnonzero(ratio2 >= COMPLIANCE_RATIO**2)}
 
 
 class CompliantBodies:
@@ -82,27 +93,31 @@ class CompliantBodies:
         self._unit = np.eye(n)
         arm = CorrectedArm(self.data.arm, model.terms.effects(model.linear.theta))
         laden = [s.bodies(self.data.body) for s in self._segments]
-        self._bodies = [arm.body(body) for body in laden]
+        bodies = [arm.body(body) for body in laden]
         # recorded is what reaches the joint over the scale of its torque
         self._recorded = 1.0 / (1.0 + arm.value("torque_scale", "scale"))
         self.torque = [
             arm.rigid_torque(body, s.motion)
             for body, s in zip(laden, self._segments, strict=True)
         ]
-        inertias = []
-        for body, s in zip(self._bodies, self._segments, strict=True):
-            mass = body.sensitivities(s.motion.q, s.motion.dq, s.motion.ddq)[2]
-            inertias.append(np.diagonal(mass, axis1=1, axis2=2).mean(axis=0))
+        self._matrices = [
+            body.sensitivities(s.motion.q, s.motion.dq, s.motion.ddq)
+            for body, s in zip(bodies, self._segments, strict=True)
+        ]
+        inertias = [
+            np.diagonal(mass, axis1=1, axis2=2).mean(axis=0)
+            for _, _, mass in self._matrices
+        ]
         self.mass = np.mean(inertias, axis=0)
 
     def elastic(self, j: int, stiffness: float, damping: float) -> np.ndarray:
         """What elasticity of one joint adds to the torque on the rows of all segments [N m], (M, n)."""
         on_joint = self._unit[j]
         series = [
-            behind_elasticity(
-                body, s.motion, torque, stiffness * on_joint, damping * on_joint
+            through_springs(
+                matrices, rate, torque, stiffness * on_joint, damping * on_joint
             )
-            for body, s, torque in self._by_segment()
+            for matrices, rate, torque in self._by_segment()
         ]
         return self._added(series)
 
@@ -110,13 +125,14 @@ class CompliantBodies:
         """What free play of one joint adds to the torque on the rows of all segments [N m], (M, n)."""
         on_joint, none = self._unit[j], np.zeros(len(self._unit))
         series = [
-            behind_play(body, s.motion, torque, width * on_joint, none, none)
-            for body, s, torque in self._by_segment()
+            through_play(matrices, rate, torque, width * on_joint, none, none)
+            for matrices, rate, torque in self._by_segment()
         ]
         return self._added(series)
 
-    def _by_segment(self) -> Iterator[tuple[RigidBody, Segment, np.ndarray]]:
-        return zip(self._bodies, self._segments, self.torque, strict=True)
+    def _by_segment(self) -> Iterator[tuple[Matrices, float, np.ndarray]]:
+        rates = [s.motion.rate for s in self._segments]
+        return zip(self._matrices, rates, self.torque, strict=True)
 
     def _added(self, series: list[np.ndarray]) -> np.ndarray:
         """Torque of each segment less that of rigid joints, on the rows as recorded."""

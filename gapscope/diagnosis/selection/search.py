@@ -12,6 +12,11 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.model.nuisance_prior import ReferenceErrors
 from gapscope.diagnosis.model.terms import Term
+from gapscope.diagnosis.selection.compliant_joints import (
+    best_compliant_joint,
+    compliant,
+    settle_compliance,
+)
 from gapscope.diagnosis.selection.evidence import Evidence, Fit
 from gapscope.diagnosis.selection.fitted_model import (
     Model,
@@ -22,22 +27,16 @@ from gapscope.diagnosis.selection.fitted_model import (
 from gapscope.diagnosis.selection.groups import best_groups
 from gapscope.diagnosis.selection.load_or_link import prefer_payload
 from gapscope.diagnosis.selection.moves import consistent
-from gapscope.diagnosis.selection.near_equivalents import (
-    compare_near_equivalents,
-    drop_unneeded_compliance,
-)
+from gapscope.diagnosis.selection.near_equivalents import compare_near_equivalents
 from gapscope.diagnosis.selection.refinement import prune, refine
-from gapscope.diagnosis.selection.resonance_starts import starts
 from gapscope.diagnosis.selection.turned_base import add_turned_base
-from gapscope.diagnosis.selection.visibility import closed_between, visible
+from gapscope.diagnosis.selection.visibility import visible
 from gapscope.diagnosis.thresholds import (
-    COMPLIANCE_STARTS_TRIED,
     FORWARD_STEPS,
     GROUPS_TRIED,
     MOVE_GAIN,
     PAIRED_GROUPS,
     SEARCH_RATE,
-    VISIBLE_EFFECT,
 )
 from gapscope.ident.signals.conditioning import Segment, thinned
 
@@ -95,14 +94,14 @@ def search(
     add = add_groups if quick else add_terms
     model, considered = add(add_turned_base(nominal), progress)
     model, replaced = compare_near_equivalents(model)
-    model, compliant = drop_unneeded_compliance(model)
+    model, unlike = settle_compliance(model)
     model = relinearise(prune(model))
     return Selection(
         nominal.data.torque_deviation,
         model.fit,
         model.evidence,
         considered,
-        {**replaced, **compliant},
+        {**replaced, **unlike},
         nominal.fit.held_out_mse,
         body.last_link + 1,
     )
@@ -126,16 +125,22 @@ def add_groups(model: Model, progress: Progress) -> tuple[Model, Considered]:
     """Add the best group of terms while one raises the evidence, each around its own values."""
     considered: Considered = ()
     visited, refused = {model.fit.terms}, set[frozenset[Term]]()
+    stiff = False
     for _ in range(FORWARD_STEPS):
         groups, larger = _promising(model, refused), None
         while groups and larger is None:
             group, *groups = groups
-            tried = fit_terms(model, group.terms)
+            # columns around no compliance only hint at it
+            if compliant(group.terms - model.fit.terms):
+                tried = None if stiff else best_compliant_joint(model)
+                stiff = tried is None
+            else:
+                tried = fit_terms(model, group.terms)
             # the linearisation that promised the gain is that of the smaller model
-            if model.gain_of(tried) > 0:
+            if tried is not None and model.gain_of(tried) > 0:
                 larger = tried
                 considered += tuple((group, other) for other in groups)
-                progress("adds " + _described(group.terms - model.fit.terms))
+                progress("adds " + _described(larger.fit.terms - model.fit.terms))
             else:
                 refused.add(group.terms)
         if larger is None:
@@ -164,19 +169,11 @@ def _promising(model: Model, refused: set[frozenset[Term]]) -> list[Fit]:
 
 def add_compliant_joint(model: Model, progress: Progress) -> Model | None:
     """Add elasticity or backlash of a joint if that explains some of the residual."""
-    for start in starts(model)[:COMPLIANCE_STARTS_TRIED]:
-        larger = fit_terms(
-            model, model.fit.terms | {start.term}, {start.term: start.values}
-        )
-        better = (
-            start.term in larger.fit.terms
-            and model.gain_of(larger) > MOVE_GAIN
-            and closed_between(model, larger) >= VISIBLE_EFFECT
-        )
-        if better:
-            progress("adds " + _described(frozenset({start.term})))
-            return relinearise(prefer_payload(refine(larger)))
-    return None
+    larger = best_compliant_joint(model)
+    if larger is None:
+        return None
+    progress("adds " + _described(larger.fit.terms - model.fit.terms))
+    return relinearise(prefer_payload(refine(larger)))
 
 
 def add_pair(model: Model, progress: Progress) -> Model | None:
@@ -184,7 +181,7 @@ def add_pair(model: Model, progress: Progress) -> Model | None:
 
     Not beside a compliant joint, whose form leaves more than a pair that shows alone in neither part.
     """
-    if any(not t.definition.locally_linear for t in model.fit.terms):
+    if compliant(model.fit.terms):
         return None
     best = _best_pair(model)
     if best is None or best.score < model.fit.score + MOVE_GAIN:

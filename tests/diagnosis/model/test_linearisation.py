@@ -17,7 +17,7 @@ from gapscope.diagnosis.gap.noise_floor import noise_floor
 from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.model.linearisation import Linearisation
 from gapscope.diagnosis.model.terms import Term, Terms
-from gapscope.diagnosis.thresholds import BACKLASH_START
+from gapscope.diagnosis.thresholds import BACKLASH_START, PLAY_STEP
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import explained
 from gapscope.effects.corrected import CorrectedArm
@@ -108,6 +108,9 @@ def predict(effects: tuple[AppliedEffect, ...]) -> np.ndarray:
 
 def step(term: Term, around: np.ndarray) -> float:
     size = np.abs(around[list(term.columns)]).max()
+    if term.effect == "backlash" and size:
+        # impacts: the derivative is meant as a difference over a part of the width
+        return PLAY_STEP * size
     return STEP.get(term.effect, 1e-4 * size if size else 1e-4)
 
 
