@@ -18,8 +18,8 @@ from gapscope.diagnosis.model.terms import Term, Terms, parametrisation_of
 from gapscope.diagnosis.thresholds import BACKLASH_START, PLAY_STEP
 from gapscope.effects.catalogue import explained
 from gapscope.effects.corrected import CorrectedArm, slow_with_rates
-from gapscope.effects.free_play import play_columns
 from gapscope.effects.environment import acts, tilt
+from gapscope.effects.free_play import play_columns
 from gapscope.effects.rigid_body import link_change
 from gapscope.ident.signals.conditioning import Segment
 
