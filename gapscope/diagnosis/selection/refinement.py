@@ -1,4 +1,4 @@
-"""Removing and swapping terms of a model: while it raises the evidence, and if nobody could see the difference."""
+"""Removing and swapping terms of a model: while that raises the evidence, and if nobody could see the difference."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from gapscope.diagnosis.selection.fitted_model import Model, fit_terms
 from gapscope.diagnosis.selection.moves import by_finding, by_term, neighbours
 from gapscope.diagnosis.selection.visibility import closed_by
 from gapscope.diagnosis.thresholds import (
+    MOVE_GAIN,
     REFINE_GAIN,
     REFINE_STEPS,
     REFUSED_MOVES,
@@ -55,6 +56,24 @@ def prune(model: Model) -> Model:
             if loss[faintest] >= least:
                 break
             model = fit_terms(model, model.fit.terms - faintest)
+    return model
+
+
+def drop_unneeded(model: Model) -> Model:
+    """Take out effects without which the evidence falls by less than a move has to raise it, one by one.
+
+    Beside what was pruned an effect may have raised the evidence that it does not raise alone, and wider errors of the
+    nominal inertials may do as well without it.
+    """
+    while parts := by_finding(_removable(model)):
+        fits = [model.best(model.fit.terms - part) for part in parts]
+        best = max(fits, key=lambda fit: fit.score)
+        if best.score <= model.fit.score - MOVE_GAIN:
+            return model
+        without = fit_terms(model, best.terms)
+        if model.gain_of(without) <= -MOVE_GAIN:
+            return model
+        model = without
     return model
 
 

@@ -28,7 +28,7 @@ from gapscope.diagnosis.selection.groups import best_groups
 from gapscope.diagnosis.selection.load_or_link import prefer_payload
 from gapscope.diagnosis.selection.moves import consistent
 from gapscope.diagnosis.selection.near_equivalents import compare_near_equivalents
-from gapscope.diagnosis.selection.refinement import prune, refine
+from gapscope.diagnosis.selection.refinement import drop_unneeded, prune, refine
 from gapscope.diagnosis.selection.turned_base import add_turned_base
 from gapscope.diagnosis.selection.visibility import visible
 from gapscope.diagnosis.thresholds import (
@@ -95,7 +95,7 @@ def search(
     model, considered = add(add_turned_base(nominal), progress)
     model, replaced = compare_near_equivalents(model)
     model, unlike = settle_compliance(model)
-    model = relinearise(prune(model))
+    model = relinearise(drop_unneeded(prune(model)))
     return Selection(
         nominal.data.torque_deviation,
         model.fit,

@@ -230,7 +230,7 @@ def test_reference_without_torque_or_too_short_is_refused():
     with pytest.raises(GapscopeError, match="no recording carries a torque"):
         identify_reference(silent)
     only = reference().recordings[0]
-    rows = slice(0, 300)
+    rows = slice(0, 200)
     short = replace(only, t=only.t[rows], q=only.q[rows], tau=only.tau[rows])
     with pytest.raises(InputError, match="last|hold"):
         identify_reference(replace(reference(), recordings=(short,)))
