@@ -342,9 +342,7 @@ class TestBadInput:
         self, gapscope: Command, healthy: Path, tmp_path: Path
     ) -> None:
         rewrite(healthy, lambda header, rows: rows[:201])
-        assert "expected at least 1 s" in self.refused(
-            gapscope, healthy, tmp_path
-        )
+        assert "expected at least 1 s" in self.refused(gapscope, healthy, tmp_path)
 
     def test_unknown_estimator_and_recording(
         self, gapscope: Command, healthy: Path, tmp_path: Path

@@ -79,9 +79,7 @@ class _Windows:
             product = basis[:, :, None] * force[:, j, None, :] * np.sqrt(weight[j])
             self._within.append(_up_to_edge(product, of_row, bins))
 
-    def best(
-        self, starts: np.ndarray, ends: np.ndarray, least: int
-    ) -> tuple[int, int]:
+    def best(self, starts: np.ndarray, ends: np.ndarray, least: int) -> tuple[int, int]:
         """The edges between which a force explains most, of all pairs at least so many bins apart."""
         first, last = (x.ravel() for x in np.meshgrid(starts, ends))
         apart = last - first >= least
