@@ -181,14 +181,22 @@ def _is_accepted(
 ) -> bool:
     """Whether a finalist is decisive; less is needed of a unit with which its joints could not have moved so far."""
     beyond = joints_beyond_range(fine.arm, fine.samples, mapping)
-    named = {j - 1 for j in best.candidate.joints}
-    if best.candidate.name == "unit_mismatch" and named <= set(beyond):
+    named = [j - 1 for j in best.candidate.joints]
+    if best.candidate.name == "unit_mismatch" and set(named) <= set(beyond):
         strictness *= FAULT_FAR_FACTOR
-    return decisive(fine.score(mapping), best.score, strictness)
+    return decisive(fine.score(mapping), best.score, strictness, named)
 
 
-def decisive(before: MappingScore, after: MappingScore, share: float = 1.0) -> bool:
-    """Whether a fault corrected gains, on all folds, at least a share of what only a fault does."""
+def decisive(
+    before: MappingScore,
+    after: MappingScore,
+    share: float = 1.0,
+    named: Sequence[int] = (),
+) -> bool:
+    """Whether a fault corrected gains, on all folds, at least a share of what only a fault does.
+
+    ``named`` are the joints that the fault names, from 0: it may leave none of them worse.
+    """
     joints, values = after.joint_gain(before), after.penalty_gain(before)
     # a smaller penalty counts on every fold: the values are fitted to all of them
     folds = after.fold_gain(before) + max(values, 0.0)
@@ -198,7 +206,8 @@ def decisive(before: MappingScore, after: MappingScore, share: float = 1.0) -> b
         joints.max() > share * FAULT_JOINT_GAIN or values > share * FAULT_VALUES_GAIN
     )
     on_enough_folds = (folds > share * FAULT_FOLD_GAIN).sum() >= needed
-    lost_on_none = folds.min() > -FAULT_FOLD_LOSS
+    least = min(folds.min(), joints[list(named)].min(initial=0.0))
+    lost_on_none = least > -FAULT_FOLD_LOSS
     return bool(gained and is_large and on_enough_folds and lost_on_none)
 
 
