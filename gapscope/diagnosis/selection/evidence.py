@@ -2,10 +2,11 @@
 
 Score of a set S, in nats, over folds f (half a recording left out each) and joints j:
 
-    score = -1/2 sum_fj n_fj log(1 + mse_fj / e_fj^2) - charge(S) - 1/2 (delta^T Q delta + log det)
+    score = -sum_fj n_fj log(1 + mse_fj / e_fj^2) - charge(S) - 1/2 (delta^T Q delta + log det)
 
 with n the effective number of samples, mse the mean square of the held-out gap, e what a healthy arm leaves (noise, or
-the discrepancy learnt from the data), and delta the errors of the nominal inertials, or of an arm identified on a
+the discrepancy learnt from the data): the likelihood of Gaussian errors whose variance is as well known, as e^2, as n
+samples tell, and otherwise integrated out. delta are the errors of the nominal inertials, or of an arm identified on a
 reference, a nuisance of every model with the prior precision Q. A second nuisance is the skew
 between torque and motion that sampling leaves, the same on all joints: a torque held from one tick of the controller to
 the next acts half a tick late on average.
@@ -156,7 +157,7 @@ class Evidence:
             )
         cost = self._cost(terms, theta, self._all.nuisance(theta, columns))
         relative = np.log1p(scored_mse / self.scored.expected2)
-        score = -0.5 * float((self.scored.independent * relative).sum()) - cost
+        score = -float((self.scored.independent * relative).sum()) - cost
         impossible = self._impossible(theta, terms)
         return Fit(
             terms,

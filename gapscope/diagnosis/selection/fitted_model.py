@@ -68,7 +68,7 @@ class Model:
             float((samples * np.log1p(model.fit.scored_mse / expected2)).sum())
             for model in (self, other)
         )
-        return 0.5 * (my_misfit - its_misfit) - other.fit.cost + self.fit.cost
+        return my_misfit - its_misfit - other.fit.cost + self.fit.cost
 
 
 def nominal_model(
