@@ -2,11 +2,12 @@
 
 Score of a set S, in nats, over folds f (half a recording left out each) and joints j:
 
-    score = -sum_fj n_fj log(1 + mse_fj / e_fj^2) - charge(S) - 1/2 (delta^T Q delta + log det)
+    score = -(1 + nu)/2 sum_fj n_fj log(1 + mse_fj / e_fj^2) - charge(S) - 1/2 (delta^T Q delta + log det)
 
 with n the effective number of samples, mse the mean square of the held-out gap, e what a healthy arm leaves (noise, or
-the discrepancy learnt from the data): the likelihood of Gaussian errors whose variance is as well known, as e^2, as n
-samples tell, and otherwise integrated out. delta are the errors of the nominal inertials, or of an arm identified on a
+the discrepancy learnt from the data). This is the likelihood of Gaussian errors whose unknown variance is integrated
+out: a reference tells it, e^2, as well as the n samples do (nu = 1), without one it is learnt from these themselves
+(nu = 0). delta are the errors of the nominal inertials, or of an arm identified on a
 reference, a nuisance of every model with the prior precision Q. A second nuisance is the skew
 between torque and motion that sampling leaves, the same on all joints: a torque held from one tick of the controller to
 the next acts half a tick late on average.
@@ -122,6 +123,11 @@ class Evidence:
         return self.level * self.linear.data.prior.unit
 
     @property
+    def misfit_factor(self) -> float:
+        """(1 + nu) / 2: how much the logarithm of what is left counts [1]."""
+        return 0.5 if self.linear.data.reference is None else 1.0
+
+    @property
     def sensed(self) -> bool:
         """Whether joint torque sensors are scored, and their errors are nuisances."""
         return self.scored is not self.torque
@@ -157,7 +163,8 @@ class Evidence:
             )
         cost = self._cost(terms, theta, self._all.nuisance(theta, columns))
         relative = np.log1p(scored_mse / self.scored.expected2)
-        score = -float((self.scored.independent * relative).sum()) - cost
+        misfit = float((self.scored.independent * relative).sum())
+        score = -self.misfit_factor * misfit - cost
         impossible = self._impossible(theta, terms)
         return Fit(
             terms,

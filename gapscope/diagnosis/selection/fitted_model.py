@@ -68,7 +68,8 @@ class Model:
             float((samples * np.log1p(model.fit.scored_mse / expected2)).sum())
             for model in (self, other)
         )
-        return my_misfit - its_misfit - other.fit.cost + self.fit.cost
+        closed = self.evidence.misfit_factor * (my_misfit - its_misfit)
+        return closed - other.fit.cost + self.fit.cost
 
 
 def nominal_model(

@@ -184,18 +184,20 @@ def _is_accepted(
     named = [j - 1 for j in best.candidate.joints]
     if best.candidate.name == "unit_mismatch" and set(named) <= set(beyond):
         strictness *= FAULT_FAR_FACTOR
-    return decisive(fine.score(mapping), best.score, strictness, named)
+    # columns that were exchanged explain both joints, or they were not
+    exchanged = named if best.candidate.name == "joint_swap" else ()
+    return decisive(fine.score(mapping), best.score, strictness, exchanged)
 
 
 def decisive(
     before: MappingScore,
     after: MappingScore,
     share: float = 1.0,
-    named: Sequence[int] = (),
+    exchanged: Sequence[int] = (),
 ) -> bool:
     """Whether a fault corrected gains, on all folds, at least a share of what only a fault does.
 
-    ``named`` are the joints that the fault names, from 0: it may leave none of them worse.
+    ``exchanged`` are joints, from 0, none of which it may leave worse.
     """
     joints, values = after.joint_gain(before), after.penalty_gain(before)
     # a smaller penalty counts on every fold: the values are fitted to all of them
@@ -206,7 +208,7 @@ def decisive(
         joints.max() > share * FAULT_JOINT_GAIN or values > share * FAULT_VALUES_GAIN
     )
     on_enough_folds = (folds > share * FAULT_FOLD_GAIN).sum() >= needed
-    least = min(folds.min(), joints[list(named)].min(initial=0.0))
+    least = min(folds.min(), joints[list(exchanged)].min(initial=0.0))
     lost_on_none = least > -FAULT_FOLD_LOSS
     return bool(gained and is_large and on_enough_folds and lost_on_none)
 
