@@ -48,7 +48,10 @@ def identified(case: Case, other: Case, folder: Path) -> None:
     urdf = folder.parent / f".{folder.name}.urdf"
     with atomic_write(urdf) as aside:
         aside.write_text(urdf_text(result), encoding="utf-8")
-    given = {k: np.array(v) for k, v in sheet(result).items() if isinstance(v, list)}
+    stated = sheet(result)
+    # the other case declares the same coupled motors
+    stated.pop("coupling", None)
+    given = {k: np.array(v) for k, v in stated.items() if isinstance(v, list)}
     arm = replace(other.arm, urdf=urdf, **given)
     plain, full = CorrectedArm(arm), CorrectedArm(arm, effects(result))
     body = RigidBody(arm)
