@@ -38,3 +38,16 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     asked = {str(value) for value in callspec.params.values()} if callspec else set()
     if asked & robots and find_spec("pybullet_data") is None:
         pytest.skip(f"the model of {', '.join(asked & robots)} comes with PyBullet")
+
+
+LEARN = ("sklearn", "stable_baselines3", "tensorboard", "torch")
+"""Packages of the extra ``learn`` that tests need."""
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say in the last lines what was not run for lack of packages, and how to run it."""
+    missing = [name for name in LEARN if find_spec(name) is None]
+    if missing:
+        terminalreporter.write_line(
+            f"not run without {', '.join(missing)}: tests of residual networks and agents; make setup-learn adds them"
+        )
