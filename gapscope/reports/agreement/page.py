@@ -79,7 +79,7 @@ def _facts(content: dict[str, Any]) -> str:
 def _differences(content: dict[str, Any]) -> list[PageSection]:
     """A section for each parameter that differs."""
     return [
-        PageSection(title=f"{line['name']} differs", note=". ".join(sentences(line)))
+        PageSection(title=_differs(line), note=". ".join(sentences(line)))
         for line in differing(content)
     ]
 
@@ -152,3 +152,9 @@ def _title(line: Line) -> str:
     if len(name) > MOST_WIDTH:
         name = name[: MOST_WIDTH - 1] + "…"
     return f"{name} [{unit(line) or '1'}]"
+
+
+def _differs(line: Line) -> str:
+    """Heading of a parameter that differs."""
+    words = f"{line['name']} differs"
+    return words[0].upper() + words[1:]
