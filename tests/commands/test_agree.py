@@ -52,7 +52,7 @@ def test_differences_are_said_in_words_and_on_the_page(
     assert "viscous friction of joint 2 differs" in text
     assert "to settle it: repeat recording_1.csv" in text
     page = (tmp_path / "out" / "agreement.html").read_text(encoding="utf-8")
-    assert "viscous friction of joint 2 differs" in page
+    assert "Viscous friction of joint 2 differs" in page
 
 
 def test_python_interface_gives_the_same(healthy: Path) -> None:

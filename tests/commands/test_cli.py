@@ -167,7 +167,7 @@ class TestDiagnose:
         assert gapscope("diagnose", sick, "--out", out).code == 0
         for name in ("recording_0.csv", "recording_1.csv", "recording_2.csv"):
             lines = (sick / name).read_text().splitlines(keepends=True)
-            (sick / name).write_text("".join(lines[:300]))
+            (sick / name).write_text("".join(lines[:200]))
         assert gapscope("diagnose", sick, "--out", out).code == 2
         assert not (out / "diagnosis.json").exists()
 

@@ -20,7 +20,8 @@ class ReferenceErrors:
     """What a reference leaves open of an arm with n joints: errors of its inertials, then of q joint parameters.
 
     Attributes:
-        covariance: of the errors on the day of the case, (10 n + q, 10 n + q), in their units.
+        covariance: of the errors of what was identified, (10 n + q, 10 n + q), in their units.
+        day_to_day: variances of what differs from day to day beside that, (10 n + q,).
         columns: derivatives of the torque by the joint parameters, (N, n, q), on a motion of N samples: friction as
             it was identified, rotors, offsets.
         rest: RMS that the arm identified leaves on data that it was not fitted to [N m], (n,).
@@ -28,6 +29,7 @@ class ReferenceErrors:
     """
 
     covariance: np.ndarray
+    day_to_day: np.ndarray
     columns: Callable[[Motion], np.ndarray]
     rest: np.ndarray
     samples: np.ndarray
@@ -38,22 +40,18 @@ class NuisancePrior:
     """Prior of the K nuisances, at several levels of how far the nominal arm may be off.
 
     Attributes:
-        precision: of the nuisances at level 1, (K, K).
-        inertials: number of those that a level scales; the others stay.
+        precision: of the nuisances at each level, (K, K).
         levels: the levels that are tried, each with its charge [nats].
         unit: relative error of the inertials at level 1 [1].
     """
 
-    precision: np.ndarray
-    inertials: int
+    precision: Mapping[float, np.ndarray]
     levels: Mapping[float, float]
     unit: float
 
     def at(self, level: float) -> np.ndarray:
         """Precision of the nuisances at a level, (K, K)."""
-        scale = np.ones(len(self.precision))
-        scale[: self.inertials] = 1.0 / level
-        return self.precision * np.outer(scale, scale)
+        return self.precision[level]
 
 
 LEAST_EIGENVALUE = 1e-11
@@ -61,15 +59,20 @@ LEAST_EIGENVALUE = 1e-11
 
 
 def data_sheet_prior(inertials: int, others: int) -> NuisancePrior:
-    """Independent relative errors of the inertials, and of others in units of their spread."""
-    precision = np.eye(inertials + others)
-    return NuisancePrior(precision, inertials, NOMINAL_ERROR, 1.0)
+    """Independent relative errors of the inertials, which a level scales, and of others in units of their spread."""
+    precision = {}
+    for level in NOMINAL_ERROR:
+        of_inertials = np.full(inertials, 1.0 / level**2)
+        precision[level] = np.diag(np.concatenate([of_inertials, np.ones(others)]))
+    return NuisancePrior(precision, NOMINAL_ERROR, 1.0)
 
 
 def reference_prior(
     errors: ReferenceErrors, units: np.ndarray, joints: int
 ) -> NuisancePrior:
     """Errors that a reference leaves open, and of the gain by which each joint's torque was and is recorded.
+
+    A level scales the errors of what was identified; what differs from day to day has its own size.
 
     Args:
         errors: of the inertials and the joints' parameters.
@@ -81,14 +84,15 @@ def reference_prior(
     # a link without mass has no error
     known = scale > 0
     per_unit = np.divide(1.0, scale, out=np.zeros_like(scale), where=known)
-    covariance = errors.covariance * np.outer(per_unit, per_unit)
-    covariance[~known, ~known] = 1e-12
-    precision = inverse(covariance)
-    size = len(scale)
-    whole = np.zeros((size + joints, size + joints))
-    whole[:size, :size] = precision
-    whole[size:, size:] = np.eye(joints) / REFERENCE_GAIN**2
-    return NuisancePrior(whole, size, REFERENCE_ERROR, 0.003)
+    identified = errors.covariance * np.outer(per_unit, per_unit)
+    identified[~known, ~known] = 1e-12
+    day_to_day = np.diag(errors.day_to_day * per_unit**2)
+    size, precision = len(scale), {}
+    for level in REFERENCE_ERROR:
+        whole = np.eye(size + joints) / REFERENCE_GAIN**2
+        whole[:size, :size] = inverse(level**2 * identified + day_to_day)
+        precision[level] = whole
+    return NuisancePrior(precision, REFERENCE_ERROR, 0.003)
 
 
 def inverse(matrix: np.ndarray) -> np.ndarray:

@@ -11,14 +11,14 @@ from gapscope.diagnosis.reference.identified_reference import IdentifiedReferenc
 from gapscope.diagnosis.thresholds import FRICTION_DAY_TO_DAY
 from gapscope.ident.model.model_columns import ModelColumns
 
-FRICTION = ("c", "b", "d")
+FRICTION = ("c", "b", "d", "s")
 """Symbols of friction in x."""
 
 
 def reference_errors(
     reference: IdentifiedReference, arm: NominalArm
 ) -> ReferenceErrors:
-    """Covariance of the errors of x on another day than the reference's, and the columns of the joints' parameters.
+    """Covariance of the errors of x, what differs on another day than the reference's, and the columns of the joints.
 
     Friction differs by a share evenly distributed up to ``FRICTION_DAY_TO_DAY``, which has a third of its square as
     variance, beside the error of what was identified.
@@ -29,14 +29,16 @@ def reference_errors(
     """
     covariance = inverse(reference.precision)
     friction = [*reference.places(FRICTION).ravel(), *_of_motors(reference)]
-    day_to_day = FRICTION_DAY_TO_DAY * reference.value[friction]
-    covariance[friction, friction] += day_to_day**2 / 3.0
+    day_to_day = np.zeros(len(covariance))
+    day_to_day[friction] = (FRICTION_DAY_TO_DAY * reference.value[friction]) ** 2 / 3.0
     columns, law = ModelColumns(arm), reference.law
 
     def own(motion: Motion) -> np.ndarray:
         return np.asarray(columns.matrix(motion, law)[:, :, columns.links :])
 
-    return ReferenceErrors(covariance, own, reference.rest, reference.samples)
+    return ReferenceErrors(
+        covariance, day_to_day, own, reference.rest, reference.samples
+    )
 
 
 def _of_motors(reference: IdentifiedReference) -> list[int]:

@@ -18,9 +18,15 @@ def test_a_level_widens_the_inertials_of_a_data_sheet_and_not_its_sensors() -> N
     assert np.diag(prior.at(0.01)) == pytest.approx([1e4, 1e4, 1.0])
 
 
-def errors(covariance: np.ndarray) -> ReferenceErrors:
+def errors(
+    covariance: np.ndarray, day_to_day: tuple[float, ...] = (0.0, 0.0)
+) -> ReferenceErrors:
     return ReferenceErrors(
-        covariance, lambda motion: motion.q[:, :, None], np.ones(1), np.ones(1)
+        covariance,
+        np.array(day_to_day),
+        lambda motion: motion.q[:, :, None],
+        np.ones(1),
+        np.ones(1),
     )
 
 
@@ -30,6 +36,15 @@ def test_a_reference_gives_precision_in_the_units_of_the_columns() -> None:
     expected = [1.0, 1 / 9, REFERENCE_GAIN**-2]
     assert np.diag(prior.at(1.0)) == pytest.approx(expected)
     assert np.diag(prior.at(2.0)) == pytest.approx([0.25, 1 / 36, REFERENCE_GAIN**-2])
+
+
+def test_what_differs_from_day_to_day_keeps_its_size() -> None:
+    """Friction known to 3, which differs by 4 from day to day: 5 together, and at twice the error sqrt(36 + 16)."""
+    prior = reference_prior(
+        errors(np.diag([1.0, 9.0]), (0.0, 16.0)), np.array([1.0]), 1
+    )
+    assert prior.at(1.0)[1, 1] == pytest.approx(1 / 25)
+    assert prior.at(2.0)[1, 1] == pytest.approx(1 / 52)
 
 
 def test_what_two_errors_have_in_common_stays() -> None:

@@ -244,9 +244,9 @@ class TestCondition:
     def test_too_short_a_recording_is_an_input_error(self) -> None:
         with pytest.raises(
             InputError,
-            match=r"sine\.csv: lasts 1\.2 s, at least 1\.5 s is needed(.|\n)*remedy",
+            match=r"sine\.csv: lasts 0\.8 s, at least 1 s is needed(.|\n)*remedy",
         ) as caught:
-            condition(sine(duration=1.2), 10.0)
+            condition(sine(duration=0.8), 10.0)
         assert caught.value.exit_code == 2
 
     def test_gaps_everywhere_are_an_input_error(self) -> None:
