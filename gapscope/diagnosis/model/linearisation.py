@@ -89,7 +89,7 @@ class Linearisation:
             theta: the values, (P,), of terms whose torque is smooth in them; those used may have a refined shape.
         """
         refined = {t: shape.values for t, shape in self.refined.items()}
-        terms = Terms(self.arm.n_joints, {**self.terms.shapes, **refined})
+        terms = replace(self.terms, shapes={**self.terms.shapes, **refined})
         moved = CorrectedArm(self.arm, terms.effects(theta))
         squares = []
         for part, segment in zip(self._rows, self.data.segments, strict=True):
