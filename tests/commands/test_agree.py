@@ -5,12 +5,24 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from importlib import resources
 from pathlib import Path
 from typing import Any
+
+from jsonschema import Draft202012Validator
 
 import gapscope as package
 
 Command = Callable[..., Any]
+
+
+def check_against_schema(file: Path) -> dict[str, Any]:
+    """The document in a file, valid by the schema that comes with the package."""
+    folder = resources.files("gapscope.diagnosis.agreement")
+    schema = folder.joinpath("agreement.schema.json").read_text(encoding="utf-8")
+    content: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+    Draft202012Validator(json.loads(schema)).validate(content)
+    return content
 
 
 def test_writes_page_and_document(
@@ -22,7 +34,7 @@ def test_writes_page_and_document(
     text = " ".join(done.out.split())
     assert "0 differ" in text and "Coulomb friction of joint 2" in text
     assert f"wrote {out / 'agreement.html'}" in done.out
-    content = json.loads((out / "agreement.json").read_text(encoding="utf-8"))
+    content = check_against_schema(out / "agreement.json")
     assert content["recordings"] == [f"recording_{k}.csv" for k in range(3)]
     assert {one["verdict"] for one in content["parameters"]} <= {
         "agrees",
@@ -51,6 +63,8 @@ def test_differences_are_said_in_words_and_on_the_page(
     text = " ".join(done.out.split())
     assert "viscous friction of joint 2 differs" in text
     assert "to settle it: repeat recording_1.csv" in text
+    content = check_against_schema(tmp_path / "out" / "agreement.json")
+    assert content["parameters"][0]["verdict"] == "differs"
     page = (tmp_path / "out" / "agreement.html").read_text(encoding="utf-8")
     assert "Viscous friction of joint 2 differs" in page
 
