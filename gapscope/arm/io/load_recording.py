@@ -10,6 +10,7 @@ import numpy as np
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.channels import join, read_channel, read_time
+from gapscope.arm.io.even_rows import EVENLY_TAKEN, even_stamps_of_rows
 from gapscope.arm.io.import_section import Channel, Import
 from gapscope.arm.io.plausibility import (
     check_positions,
@@ -132,6 +133,10 @@ def _recording(
         t = t[~repeated]
         values = {name: x[~repeated] for name, x in values.items()}
         notes += found
+        even = even_stamps_of_rows(t, values["q"]) if repeated.any() else None
+        if even is not None:
+            t = even
+            notes += (EVENLY_TAKEN,)
     values, found = untrusted_torque(values)
     notes += found + gap_notes(t)
     recording = Recording(main.path.name, t, **values)  # type: ignore[arg-type]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from gapscope.arm.io.even_rows import roughness
 from gapscope.diagnosis.thresholds import (
     CLOCK_WANDER_SAMPLES,
     EVEN_CLOCK_RATIO,
@@ -42,8 +43,8 @@ def stamps_are_wrong(t: np.ndarray, q: np.ndarray) -> bool:
     Each sample is compared with the line through its neighbours. Samples taken at even times and stamped unevenly
     leave the line by speed times the error of the stamp; samples really taken unevenly do so over an even clock.
     """
-    over_stamps = _off_line(t, q)
-    over_even_clock = _off_line(sample_count(t), q)
+    over_stamps = roughness(t, q)
+    over_even_clock = roughness(sample_count(t), q)
     return bool(over_even_clock < EVEN_CLOCK_RATIO * over_stamps)
 
 
@@ -54,17 +55,3 @@ def _wander_free(t: np.ndarray, count: np.ndarray) -> np.ndarray:
     kernel = np.ones(min(CLOCK_WANDER_SAMPLES, len(error)))
     inside = np.convolve(np.ones(len(error)), kernel, "same")
     return error - np.convolve(error, kernel, "same") / inside
-
-
-def _off_line(x: np.ndarray, q: np.ndarray) -> float:
-    """Squared distance of samples from the line through their neighbours, over each joint's range, summed."""
-    before, middle, after = x[:-2], x[1:-1], x[2:]
-    share = (middle - before) / (after - before)
-    step = q[2:] - q[:-2]
-    on_line = q[:-2] + share[:, None] * step
-    distance = q[1:-1] - on_line
-    # a joint that hardly moves would show its quantisation
-    travel = np.ptp(q, axis=0)
-    moving = travel > 1e-2 * max(float(travel.max()), 1e-9)
-    relative = distance[:, moving] / travel[moving]
-    return float((relative**2).sum())
