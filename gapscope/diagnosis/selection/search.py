@@ -113,12 +113,19 @@ def add_terms(model: Model, progress: Progress) -> tuple[Model, Considered]:
     What is too costly to try at each step, compliant joints and pairs of effects, is tried once no group helps.
     """
     model, considered = add_groups(model, progress)
-    while True:
-        added = add_compliant_joint(model, progress) or add_pair(model, progress)
+    visited = {model.fit.terms}
+    for _ in range(FORWARD_STEPS):
+        compliant = add_compliant_joint(model, progress)
+        added = compliant or add_pair(model, progress)
         if added is None:
-            return model, considered
-        model, more = add_groups(added, progress)
-        considered += more
+            break
+        grown, more = add_groups(added, progress)
+        # refining may lead back to a set that was there before
+        if grown.fit.terms in visited:
+            break
+        visited.add(grown.fit.terms)
+        model, considered = grown, considered + more
+    return model, considered
 
 
 def add_groups(model: Model, progress: Progress) -> tuple[Model, Considered]:
