@@ -14,6 +14,7 @@ LONGEST_STEP = 2.5
 """With a step longer than this many periods samples are lost as well, and the stamps are left as they are."""
 
 EVENLY_TAKEN = "rows stamped evenly: by their stamps the motion halts wherever a repeated row was dropped"
+"""Note of a recording whose rows were stamped anew."""
 
 
 def roughness(x: np.ndarray, q: np.ndarray) -> float:
