@@ -6,6 +6,7 @@ arm. What moves or loads the bodies changes the torque of all joints, by the der
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +18,7 @@ from gapscope.diagnosis.model.body_jacobian import (
     bodily_columns,
     forced_columns,
 )
-from gapscope.diagnosis.model.terms import Terms, parametrisation_of
+from gapscope.diagnosis.model.terms import Term, Terms, parametrisation_of
 from gapscope.diagnosis.thresholds import LEAST_TORQUE_GAIN, MOST_TORQUE_GAIN
 from gapscope.effects.catalogue import effect as by_name
 from gapscope.effects.corrected import CorrectedArm
@@ -115,14 +116,11 @@ def _add_motors(
 ) -> None:
     """Finite differences by the coordinate of an effect on coupled motors, one motor at a time, into (N, n, P)."""
     step = parametrisation_of(effect).step
-    known = terms.of(effect.name)
-    for term in known:
-        moved = theta.copy()
-        moved[term.columns[0]] += step
-        others = tuple(e for e in arm.effects if e.name != effect.name)
-        changed = replace(arm, effects=(*others, *terms.effects(moved, known)))
-        change = _recorded(changed, rigid, motion) - base
-        out[:, :, term.columns[0]] = change / step
+    motors = terms.of(effect.name)
+    for term in motors:
+        place = term.columns[0]
+        moved = _stepped(arm, terms, theta, motors, [place])
+        out[:, :, place] = (_recorded(moved, rigid, motion) - base) / step
 
 
 def moved_arm(
@@ -132,9 +130,20 @@ def moved_arm(
     chosen = [t for t in terms.of(name) if t in terms.open]
     if not chosen:
         return None
-    moved = theta.copy()
-    step = parametrisation_of(by_name(name)).step
-    moved[[t.columns[coordinate] for t in chosen]] += step
+    places = [t.columns[coordinate] for t in chosen]
+    return _stepped(arm, terms, theta, chosen, places)
+
+
+def _stepped(
+    arm: CorrectedArm,
+    terms: Terms,
+    theta: np.ndarray,
+    chosen: Sequence[Term],
+    places: list[int],
+) -> CorrectedArm:
+    """The arm with the terms of one effect moved by a step at some places of theta."""
+    name, moved = chosen[0].effect, theta.copy()
+    moved[places] += parametrisation_of(by_name(name)).step
     others = tuple(e for e in arm.effects if e.name != name)
     return replace(arm, effects=(*others, *terms.effects(moved, chosen)))
 
