@@ -20,7 +20,8 @@ from gapscope.arm.motions.trajectory import Fourier, urdf_limits
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.engines import ENGINES, installed
-from gapscope.envs.mystery_arm import POSTURE, iiwa, position_controller
+from gapscope.envs.mystery_arm import POSTURE, iiwa
+from gapscope.envs.position_controller import position_controller
 from gapscope.envs.simulated_arm import SimulatedArm
 
 DURATION, RATE = 10.0, 1000.0

@@ -26,7 +26,8 @@ from gapscope.arm.motions.trajectory import Fourier, urdf_limits
 from gapscope.arm.recording import Recording
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.engines import installed
-from gapscope.envs.mystery_arm import POSTURE, iiwa, position_controller
+from gapscope.envs.mystery_arm import POSTURE, iiwa
+from gapscope.envs.position_controller import position_controller
 from gapscope.envs.recorder import record
 from gapscope.ident.estimators.wls import WeightedLeastSquares
 from gapscope.ident.kalman.alarm import alarm

@@ -23,7 +23,8 @@ from gapscope.arm.motions.named_motions import Workspace, draw_motion, workspace
 from gapscope.arm.motions.trajectory import Fourier, ReferenceMotion
 from gapscope.arm.recording import Recording
 from gapscope.effects.applied import AppliedEffect
-from gapscope.envs.mystery_arm import iiwa, position_controller
+from gapscope.envs.mystery_arm import iiwa
+from gapscope.envs.position_controller import position_controller
 from gapscope.envs.recorder import record
 from gapscope.ident.identification import (
     Identification,

@@ -16,7 +16,7 @@ from gapscope.arm.motions.named_motions import workspace
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
-from gapscope.envs.mystery_arm import position_controller
+from gapscope.envs.position_controller import position_controller
 from gapscope.envs.session import Plan, record_case
 from gapscope.ident.estimators.experiment import Experiment
 from gapscope.ident.estimators.wls import WeightedLeastSquares

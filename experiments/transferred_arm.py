@@ -9,7 +9,8 @@ from gapscope.arm.motions.trajectory import Fourier, urdf_limits
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
-from gapscope.envs.mystery_arm import POSTURE, position_controller
+from gapscope.envs.mystery_arm import POSTURE
+from gapscope.envs.position_controller import position_controller
 from gapscope.envs.recorder import record
 from gapscope.ident.model.assembly import Assembly
 from gapscope.ident.model.base_parameters import structural_base

@@ -13,7 +13,7 @@ from gapscope.agents.disturbances import check_disturbance, disturbance
 from gapscope.agents.episode import Episode
 from gapscope.agents.evaluation_cache import EvaluationCache
 from gapscope.agents.evaluation_plan import MOTIONS, EvaluationPlan
-from gapscope.agents.gains import Tuning, gains, own_inertia
+from gapscope.agents.gains import Tuning, gains
 from gapscope.agents.stability import largest_factor, settles
 from gapscope.agents.torque_model import ArmModel, Gravity, TorqueModel
 from gapscope.agents.tracking import SampledReference, track
@@ -26,6 +26,7 @@ from gapscope.diagnosis.gap.torque_gap import torque_scale
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.envs.position_controller import loop_inertia
 from gapscope.envs.simulated_arm import SimulatedArm
 
 HELD_OUT = 0x6A95
@@ -34,6 +35,8 @@ MARGIN_TIME = 1.5
 """Length of the motion on which gains are raised [s]."""
 DT = 1e-3
 """Period of simulation and controller [s]."""
+POSTURE_TICKS = 50
+"""Ticks between the postures of a motion at which gains are checked."""
 
 
 class TrackingBench:
@@ -59,10 +62,23 @@ class TrackingBench:
         body = RigidBody(arm)
         self.space = workspace(body)
         self._metrics = TrackingMetrics(arm, body, self.space)
-        self._inertia = own_inertia(arm, self.space.posture)
         self._scale = ArmScale.of(arm)
         self._truth = ArmModel(CorrectedArm(arm, effects))
         self._courses: dict[tuple[str, int], tuple[SampledReference, np.ndarray]] = {}
+        self._inertia = self._loop_inertia()
+
+    def _loop_inertia(self) -> np.ndarray:
+        """Inertia that gains are computed with [kg m^2], shape (n,): stable along all motions of the plan."""
+        tuning = self.plan.tuning
+        courses = [
+            self.course(motion, seed)[0]
+            for motion in self.plan.motions
+            for seed in self.plan.seeds
+        ]
+        along = np.vstack([course.motion.q[::POSTURE_TICKS] for course in courses])
+        return loop_inertia(
+            self.arm, self.space.posture, tuning.bandwidth, along, tuning.damping
+        )
 
     def controller(
         self,

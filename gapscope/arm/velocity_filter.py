@@ -62,6 +62,15 @@ RULES: dict[str, Callable[[float, float, float], FilterGains]] = {
 """How controllers discretise the filter; a case does not say which, but a recorded velocity does."""
 
 
+def filter_gains(
+    rate: float, cutoff: float | None, damping: float, rule: str = "bilinear"
+) -> FilterGains:
+    """Gains at a rate [Hz] by one of ``RULES``; those of the backward difference without a cut-off."""
+    if cutoff is None:
+        return FilterGains(rate, -rate, 0.0, 0.0, 0.0)
+    return RULES[rule](rate, cutoff, damping)
+
+
 def stable(gains: FilterGains) -> bool:
     """Whether both roots of z^2 - a1 z - a2 lie inside the unit circle."""
     return abs(gains.a2) < 1 and abs(gains.a1) < 1 - gains.a2
@@ -93,9 +102,7 @@ class VelocityFilter:
         rule: str = "bilinear",
         first: np.ndarray | None = None,
     ) -> None:
-        gains = FilterGains(rate, -rate, 0.0, 0.0, 0.0)
-        if cutoff is not None:
-            gains = RULES[rule](rate, cutoff, damping)
+        gains = filter_gains(rate, cutoff, damping, rule)
         self._gains = np.array(gains)
         moved = np.asarray(velocity, dtype=float) / rate
         # rows q[k], q[k-1], q[k-2], v[k-1], v[k-2], as the gains are ordered

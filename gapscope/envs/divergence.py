@@ -10,8 +10,10 @@ import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
+from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.actions import Control, Gains, slower
 from gapscope.envs.observation import FASTEST_OBSERVED
+from gapscope.envs.sampled_loop import SampledLoop
 from gapscope.envs.velocity_estimate import estimate_gains
 
 SMALLEST = 1e-3
@@ -71,6 +73,7 @@ def explain(
     time: float,
     q: np.ndarray,
     dq: np.ndarray,
+    effects: tuple[AppliedEffect, ...] = (),
 ) -> Divergence:
     """Why the arm diverged.
 
@@ -81,8 +84,9 @@ def explain(
         dt: step of the simulation [s].
         time: since the start of the episode [s].
         q, dq: last position that made sense [rad], and velocity [rad/s], each (n,).
+        effects: what the arm has beyond the nominal one.
     """
-    joint = int(np.argmax(np.where(np.isfinite(dq), np.abs(dq), np.inf)))
+    joint = fastest(dq)
     causes = (
         []
         if control.gains is None
@@ -96,10 +100,17 @@ def explain(
         causes.append(
             f"no damping: joint {joint + 1} has no viscous friction; give sheet={{'viscous': [...]}} in N m s/rad"
         )
-    causes.append(
-        f"actions or effects drive it: {SMALLER[control.kind]}, or milder effects"
-    )
+    smaller = SMALLER[control.kind]
+    driven = f"actions drive it: {smaller}"
+    if effects:
+        driven = f"actions or effects drive it: {smaller}, or milder effects"
+    causes.append(driven)
     return Divergence(joint + 1, float(time), float(abs(dq[joint])), tuple(causes))
+
+
+def fastest(dq: np.ndarray) -> int:
+    """Index of the fastest joint; dq [rad/s], shape (n,), may hold what is no number, which counts as fastest."""
+    return int(np.argmax(np.where(np.isfinite(dq), np.abs(dq), np.inf)))
 
 
 def unstable_loop(
@@ -110,7 +121,7 @@ def unstable_loop(
     longest = longest_step(mass, arm, gains, dt)
     if longest is None:
         return []
-    lower = _largest(
+    lower = largest_stable(
         lambda share: stable(mass, arm, slower(gains, arm.viscous, share), dt), 1.0
     )
     ways = [f"time_step below {0.5 * longest:.2g} s"] if longest > 0 else []
@@ -138,36 +149,21 @@ def longest_step(
     return (
         None
         if stable(mass, arm, gains, dt)
-        else _largest(lambda step: stable(mass, arm, gains, step), dt)
+        else largest_stable(lambda step: stable(mass, arm, gains, step), dt)
     )
 
 
 def stable(mass: np.ndarray, arm: NominalArm, gains: Gains, dt: float) -> bool:
     """Whether all eigenvalues of the sampled PD loop lie within the unit circle.
 
-    The loop is (M + dt B) dq[k+1] = M dq[k] - dt (Kp q[k] + Kd v[k]), q[k+1] = q[k] + dt dq[k+1], with the velocity
-    estimate v[k] = b0 q[k] + b1 q[k-1] + b2 q[k-2] + a1 v[k-1] + a2 v[k-2]. Arguments as in ``longest_step``.
+    The loop is that of ``gapscope.envs.sampled_loop``, with the environment's velocity estimate; arguments as in
+    ``longest_step``.
     """
-    n = len(mass)
-    one, none = np.eye(n), np.zeros((n, n))
-    b0, b1, b2, a1, a2 = estimate_gains(1.0 / dt)
-    # columns q[k], dq[k], q[k-1], q[k-2], v[k-1], v[k-2]
-    estimate = np.hstack([b0 * one, none, b1 * one, b2 * one, a1 * one, a2 * one])
-    position, velocity = np.eye(n, 6 * n), np.eye(n, 6 * n, n)
-    pushed = mass @ velocity - dt * (
-        gains.kp[:, None] * position + gains.kd[:, None] * estimate
-    )
-    faster = np.linalg.solve(mass + dt * np.diag(arm.viscous), pushed)
-    kept = (position, np.eye(n, 6 * n, 2 * n), estimate, np.eye(n, 6 * n, 4 * n))
-    return bool(
-        np.abs(
-            np.linalg.eigvals(np.vstack([position + dt * faster, faster, *kept]))
-        ).max()
-        < 1.0
-    )
+    loop = SampledLoop(gains, dt, estimate_gains(1.0 / dt))
+    return loop.stable(mass, arm.viscous)
 
 
-def _largest(works: Callable[[float], bool], fails: float) -> float:
+def largest_stable(works: Callable[[float], bool], fails: float) -> float:
     """The largest number that works, below one that fails, by bisection; 0 if ``SMALLEST`` of that fails too."""
     low, high = SMALLEST * fails, fails
     if not works(low):

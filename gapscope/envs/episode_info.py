@@ -31,7 +31,8 @@ def divergence_info(
 ) -> dict[str, Any]:
     """``divergence``: why the arm diverged after some steps of the episode of dt [s] each."""
     velocity = plant.simulated.dq
-    divergence = explain(arm, body, control, dt, steps * dt, plant.position, velocity)
+    time, q = steps * dt, plant.position
+    divergence = explain(arm, body, control, dt, time, q, velocity, plant.effects)
     return {"divergence": divergence.as_info()}
 
 

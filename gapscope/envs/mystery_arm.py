@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from gapscope.arm.case import Case
-from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.motions.motion import Motion
@@ -16,6 +15,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.envs.position_controller import position_controller
 from gapscope.envs.recorder import record
 
 HIDDEN = (
@@ -57,26 +57,6 @@ POSTURE = np.array([0.0, 0.6, 0.0, -1.2, 0.0, 0.8, 0.0])
 def iiwa() -> NominalArm:
     """KUKA LBR iiwa: its URDF, torque limits of the iiwa 14 R820, rotors and friction of its class."""
     return load_nominal_arm("kuka_iiwa", sheet=DATA_SHEET)
-
-
-def position_controller(
-    arm: NominalArm, posture: np.ndarray, bandwidth: float = 4.0
-) -> Controller:
-    """PD with nominal feedforward, w = 2 pi bandwidth [Hz] and damping 0.7 on the inertia M_ii + I_i at a posture."""
-    inertia = np.diag(RigidBody(arm).mass_matrix(posture)) + arm.armature
-    w = 2 * np.pi * bandwidth
-    kp, kd = (
-        np.array([float(f"{x:.3g}") for x in gain])
-        for gain in (w**2 * inertia, 1.4 * w * inertia)
-    )
-    return Controller(
-        rate=1000.0,
-        kp=kp,
-        kd=kd,
-        feedforward="nominal",
-        velocity_cutoff=80.0,
-        velocity_damping=0.9,
-    )
 
 
 def mystery_arm(rng: np.random.Generator) -> tuple[Case, tuple[AppliedEffect, ...]]:

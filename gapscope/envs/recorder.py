@@ -10,14 +10,19 @@ import numpy as np
 from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.feedforward import feedforward
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.dynamics.rollout import UNSTABLE_SPEED, steps_per_tick
-from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.dynamics.rollout import steps_per_tick
+from gapscope.arm.errors import InputError
 from gapscope.arm.motions.trajectory import ReferenceMotion
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.velocity_filter import VelocityFilter
 from gapscope.effects.applied import AppliedEffect
+from gapscope.envs.divergence import diverged
+from gapscope.envs.recording_divergence import diverged_recording
 from gapscope.envs.simulated_arm import SimulatedArm
+
+RECENT_TICKS, POSTURE_TICKS = 1000, 50
+"""Ticks before a divergence from which the postures are taken that may explain it, and from one to the next."""
 
 
 def record(
@@ -66,7 +71,7 @@ def record(
 
     Raises:
         InputError: ``rate`` does not divide the controller's rate, or an effect cannot be simulated on this arm.
-        GapscopeError: the simulated arm became unstable.
+        GapscopeError: the simulated arm diverged; says why.
     """
     every = _ticks_per_row(controller, rate)
     command = _Command(arm, reference, controller, duration, settle)
@@ -83,14 +88,16 @@ def record(
         rng=rng,
     )
     with ExitStack() as stack:
-        first = stack.enter_context(simulate(effects))
-        if later is None:
-            arms, change = [first], np.inf
-        else:
-            change, following = later
-            arms = [first, stack.enter_context(simulate(following))]
-        q, dq, tau = _run(arms, change, controller, command, steps, read_back)
-    _check_stable(q, controller)
+        change, following = later or (np.inf, effects)
+        having = [effects] if later is None else [effects, following]
+        arms = [stack.enter_context(simulate(those)) for those in having]
+        try:
+            q, dq, tau = _run(arms, change, controller, command, steps, read_back)
+        except _RanAwayError as error:
+            at_work = following if error.time >= change else effects
+            raise diverged_recording(
+                arm, at_work, controller, error.postures, error.speed, error.time
+            ) from None
     rows = np.arange(command.first, len(command.t), every)
     tau = tau[rows] + rng.standard_normal((len(rows), arm.n_joints)) * torque_noise
     return Recording(
@@ -117,14 +124,12 @@ def _ticks_per_row(controller: Controller, rate: float) -> int:
     return ticks
 
 
-def _check_stable(q: np.ndarray, controller: Controller) -> None:
-    """Check that the arm followed its controller, at positions q [rad] of every tick, shape (N, n)."""
-    speed = np.abs(np.diff(q, axis=0)).max(axis=0) * controller.rate
-    if not (speed < UNSTABLE_SPEED).all():
-        raise GapscopeError(
-            f"the simulated arm became unstable at joint {int(speed.argmax()) + 1}",
-            "lower the controller's gains, or the severity of the effects",
-        )
+class _RanAwayError(Exception):
+    """The arm diverged: at a time [s], with speeds [rad/s], (n,), after postures of the reference [rad], (K, n)."""
+
+    def __init__(self, time: float, speed: np.ndarray, postures: np.ndarray) -> None:
+        super().__init__()
+        self.time, self.speed, self.postures = time, speed, postures
 
 
 class _Command:
@@ -187,6 +192,9 @@ def _run(
         pd = controller.kp * error + controller.kd * rate
         tau[i] = np.clip(command.torque[i] + pd, -limit, limit)
         simulated.step(tau[i], steps)
+        if diverged(simulated.dq):
+            recent = command.q[max(0, i - RECENT_TICKS) : i + 1]
+            raise _RanAwayError(float(t), simulated.dq.copy(), recent[::-POSTURE_TICKS])
         if read_back:
             tau[i] = simulated.applied
     return q, dq, tau

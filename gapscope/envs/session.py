@@ -12,7 +12,12 @@ from gapscope.arm.case import SHORTEST, Case
 from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
-from gapscope.arm.motions.named_motions import check_motion_name, draw_motion, workspace
+from gapscope.arm.motions.named_motions import (
+    Workspace,
+    check_motion_name,
+    draw_motion,
+    workspace,
+)
 from gapscope.arm.motions.sampled import Sampled, read_sampled
 from gapscope.arm.motions.trajectory import ReferenceMotion
 from gapscope.arm.nominal import NominalArm
@@ -21,11 +26,13 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Path as TorquePath
 from gapscope.envs.arguments import positive, whole
 from gapscope.envs.engines import check_engine, default_engine
-from gapscope.envs.mystery_arm import position_controller
+from gapscope.envs.position_controller import position_controller
 from gapscope.envs.recorder import record
 
 SLOWEST = 0.4
 """Speed of the slowest recording over that of the fastest, which is what the limits allow [1]."""
+POSTURE_PERIOD = 0.05
+"""Time between the postures at which gains are checked [s]; a joint at 1.5 rad/s turns by 4 degrees in it."""
 
 
 @dataclass(frozen=True)
@@ -92,18 +99,21 @@ def record_case(
         effects: what the simulated arm has beyond it.
         plan: how to record.
         rng: source of motions and noise.
-        controller: by default a PD controller with nominal feedforward that fits the arm.
+        controller: by default a PD controller with nominal feedforward that fits the arm and its motions.
         progress: called with a few words before each recording.
 
     Raises:
         InputError: the plan does not fit the arm or the controller, or an effect cannot be simulated.
-        GapscopeError: the simulated arm became unstable.
+        GapscopeError: the simulated arm diverged; says why.
     """
     CorrectedArm(arm, effects).check()
     space = workspace(RigidBody(arm))
-    controller = controller or position_controller(arm, space.posture)
+    motions = _motions(arm, plan, rng, space)
+    if controller is None:
+        along = np.vstack([_postures(motion, plan.duration) for motion in motions])
+        controller = position_controller(arm, space.posture, along=along)
     recordings = []
-    for i, motion in enumerate(_motions(arm, plan, rng)):
+    for i, motion in enumerate(motions):
         progress(f"records {i + 1} of {plan.recordings}")
         recording = record(
             arm,
@@ -136,8 +146,15 @@ def hidden_by_reading_back(effects: tuple[AppliedEffect, ...]) -> tuple[str, ...
     )
 
 
+def _postures(motion: ReferenceMotion, duration: float) -> np.ndarray:
+    """Postures that a motion passes [rad], every ``POSTURE_PERIOD``, shape (K, n)."""
+    if isinstance(motion, Sampled):
+        duration = motion.duration
+    return motion.position(np.arange(0.0, duration, POSTURE_PERIOD))
+
+
 def _motions(
-    arm: NominalArm, plan: Plan, rng: np.random.Generator
+    arm: NominalArm, plan: Plan, rng: np.random.Generator, space: Workspace
 ) -> list[ReferenceMotion]:
     """A motion for each recording, from slow to as fast as the limits allow, or as the file of a motion has it."""
     speeds = (
@@ -149,7 +166,6 @@ def _motions(
         sampled = read_sampled(Path(plan.motion), arm.n_joints)
         return [sampled.slower(speed) for speed in speeds]
     check_motion_name(plan.motion, arm.n_joints)
-    space = workspace(RigidBody(arm))
     motions: list[ReferenceMotion] = []
     for speed in speeds:
         limits = space.limits

@@ -19,7 +19,8 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.engines import ENGINES, make_engine
-from gapscope.envs.mystery_arm import POSTURE, position_controller
+from gapscope.envs.mystery_arm import POSTURE
+from gapscope.envs.position_controller import position_controller
 from gapscope.envs.simulated_arm import SimulatedArm
 
 EFFECTS = (

@@ -20,7 +20,8 @@ from gapscope.arm.velocity_filter import VelocityFilter
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.engines import ENGINES
-from gapscope.envs.mystery_arm import HIDDEN, POSTURE, position_controller
+from gapscope.envs.mystery_arm import HIDDEN, POSTURE
+from gapscope.envs.position_controller import position_controller
 from gapscope.envs.recorder import record
 
 DURATION = 5.0
@@ -409,7 +410,7 @@ def test_rate_must_divide_the_controllers(data_sheet_arm: NominalArm) -> None:
 def test_unstable_gains_are_reported(data_sheet_arm: NominalArm) -> None:
     arm = replace(data_sheet_arm, torque_limit=None)
     controller = Controller(1000.0, kp=np.full(7, 1e7), kd=np.zeros(7))
-    with pytest.raises(GapscopeError, match="unstable"):
+    with pytest.raises(GapscopeError, match="diverged"):
         record(
             arm,
             (),

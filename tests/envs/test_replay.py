@@ -19,7 +19,8 @@ from gapscope.arm.recording import Recording
 from gapscope.arm.velocity_filter import RULES, VelocityFilter, rule_of
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.engines import ENGINES
-from gapscope.envs.mystery_arm import POSTURE, position_controller
+from gapscope.envs.mystery_arm import POSTURE
+from gapscope.envs.position_controller import position_controller
 from gapscope.envs.recorder import record
 from gapscope.envs.replay import HORIZON, TRIM, replay
 

@@ -10,7 +10,8 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.named_motions import draw_motion, workspace
 from gapscope.arm.motions.trajectory import Fourier
 from gapscope.effects.applied import AppliedEffect
-from gapscope.envs.mystery_arm import iiwa, position_controller
+from gapscope.envs.mystery_arm import iiwa
+from gapscope.envs.position_controller import position_controller
 from gapscope.envs.recorder import record
 from gapscope.ident.identification import IdentificationSettings, identify
 from gapscope.ident.signals.samples import Band

@@ -7,7 +7,8 @@ from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.named_motions import draw_motion, workspace
 from gapscope.effects.applied import AppliedEffect
-from gapscope.envs.mystery_arm import POSTURE, iiwa, position_controller
+from gapscope.envs.mystery_arm import POSTURE, iiwa
+from gapscope.envs.position_controller import position_controller
 from gapscope.envs.recorder import record
 from gapscope.ident.identification import identify
 from gapscope.ident.output.identification_json import check, document, plain

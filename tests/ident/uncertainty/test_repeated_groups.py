@@ -11,7 +11,7 @@ from gapscope.arm.motions.trajectory import Fourier, urdf_limits
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
-from gapscope.envs.mystery_arm import position_controller
+from gapscope.envs.position_controller import position_controller
 from gapscope.envs.recorder import record
 from gapscope.ident.estimators.ols import OrdinaryLeastSquares
 from gapscope.ident.estimators.wls import WeightedLeastSquares

@@ -1,0 +1,146 @@
+"""A position controller that fits an arm: PD gains of one bandwidth that are stable along a whole motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import brentq
+
+from gapscope.arm.controller import Controller
+from gapscope.arm.dynamics.plain_urdf import check_inertia
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.velocity_filter import filter_gains
+from gapscope.envs.actions import DAMPING, Gains
+from gapscope.envs.sampled_loop import SampledLoop
+
+RATE = 1000.0
+"""Of the controller [Hz]."""
+CUTOFF, FILTER_DAMPING = 80.0, 0.9
+"""Cut-off [Hz] and damping ratio [1] of its velocity filter."""
+GAIN_MARGIN = 2.0
+"""Factor on all gains at which the loop must still be stable [1]: 6 dB, the usual gain margin."""
+LATE = 1
+"""Periods by which the torque may be late at that: a controller's own computing time."""
+
+
+def position_controller(
+    arm: NominalArm,
+    posture: np.ndarray,
+    bandwidth: float = 4.0,
+    along: np.ndarray | None = None,
+) -> Controller:
+    """PD with nominal feedforward, kp = w^2 D and kd = 2 zeta w D with w = 2 pi bandwidth and zeta = 0.7.
+
+    D is ``loop_inertia``: the joints' own inertia at the posture, less if the loop would come near instability.
+
+    Args:
+        arm: the nominal arm.
+        posture: [rad], shape (n,).
+        bandwidth: [Hz].
+        along: further postures that the motions pass [rad], shape (K, n); none by default.
+
+    Raises:
+        InputError: the mass matrix of the arm is not positive definite, or the bandwidth is too high.
+    """
+    inertia = loop_inertia(arm, posture, bandwidth, along)
+    gains = pd_gains(inertia, bandwidth)
+    kp, kd = (np.array([float(f"{x:.3g}") for x in gain]) for gain in gains)
+    return Controller(
+        rate=RATE,
+        kp=kp,
+        kd=kd,
+        feedforward="nominal",
+        velocity_cutoff=CUTOFF,
+        velocity_damping=FILTER_DAMPING,
+    )
+
+
+def loop_inertia(
+    arm: NominalArm,
+    posture: np.ndarray,
+    bandwidth: float,
+    along: np.ndarray | None = None,
+    damping: float = DAMPING,
+) -> np.ndarray:
+    """Inertia D that gains are computed with [kg m^2], shape (n,).
+
+    Without friction the modes of the loop are those of D x = lambda M(q) x, each a joint of inertia 1 under the gains
+    lambda w^2 and lambda 2 zeta w. With D the joints' own inertia M_ii + I_i, lambda may be 100 and more: a light wrist
+    that aligns with a heavy joint takes part in its motion, and rotors that a data sheet omits would have kept it from
+    that. If lambda exceeds ``stiffest_mode`` at a posture, no D_i is left above c F_i, with F_i the least inertia that
+    joint i feels along the motion while the others are free, 1 / (M^-1)_ii, and c the largest number with which all is
+    well. Such a number exists, since the eigenvalues of M^-1 D sum up to its trace, at most c n.
+
+    Args:
+        arm: the nominal arm.
+        posture: at which the joints' own inertia is taken [rad], shape (n,).
+        bandwidth: w / 2 pi [Hz].
+        along: further postures that the motions pass [rad], shape (K, n).
+        damping: zeta [1].
+
+    Raises:
+        InputError: the mass matrix of the arm is not positive definite, or the bandwidth is too high.
+    """
+    body = RigidBody(arm)
+    check_inertia(body)
+    postures = [posture, *([] if along is None else along)]
+    masses = np.array([body.mass_matrix(q) for q in postures]) + np.diag(arm.armature)
+    inverses = np.linalg.inv(masses)
+    own = np.diag(masses[0])
+
+    def stiffest(inertia: np.ndarray) -> float:
+        root = np.sqrt(inertia)
+        return float(np.linalg.eigvalsh(root[:, None] * inverses * root).max())
+
+    allowed = stiffest_mode(bandwidth, damping)
+    if stiffest(own) <= allowed:
+        return own
+    free = 1.0 / np.diagonal(inverses, axis1=1, axis2=2).max(axis=0)
+
+    def excess(log_c: float) -> float:
+        return stiffest(np.minimum(own, np.exp(log_c) * free)) - allowed
+
+    lowest, highest = allowed / len(own), float((own / free).max())
+    c = np.exp(brentq(excess, np.log(0.99 * lowest), np.log(1.01 * highest)))
+    return np.minimum(own, c * free)
+
+
+def stiffest_mode(bandwidth: float, damping: float = DAMPING) -> float:
+    """Largest lambda [1] of a mode that is stable at ``GAIN_MARGIN`` times the gains with torque ``LATE`` periods late.
+
+    Args:
+        bandwidth: w / 2 pi [Hz].
+        damping: zeta [1].
+
+    Raises:
+        InputError: no inertia is stable at this bandwidth.
+    """
+    estimate = filter_gains(RATE, CUTOFF, FILTER_DAMPING)
+    unit = SampledLoop(
+        pd_gains(np.ones(1), bandwidth, damping), 1.0 / RATE, estimate, LATE
+    )
+
+    def growth(log_factor: float) -> float:
+        factor = np.exp(log_factor)
+        gains = Gains(factor * unit.gains.kp, factor * unit.gains.kd)
+        loop = replace(unit, gains=gains)
+        return loop.spectral_radius(np.eye(1), np.zeros(1)) - 1.0
+
+    # gains over the inertia from next to nothing to far beyond what any loop bears
+    low, high = np.log(1e-2), np.log(1e4)
+    if growth(low) >= 0:
+        raise InputError(
+            f"{bandwidth:g} Hz is more than a loop of {RATE:g} Hz with this velocity filter bears",
+            "lower it",
+            where="bandwidth",
+        )
+    return float(np.exp(brentq(growth, low, high))) / GAIN_MARGIN
+
+
+def pd_gains(inertia: np.ndarray, bandwidth: float, damping: float = DAMPING) -> Gains:
+    """kp [N m/rad] and kd [N m s/rad], each (n,)."""
+    w = 2 * np.pi * bandwidth
+    return Gains(w**2 * inertia, 2 * damping * w * inertia)

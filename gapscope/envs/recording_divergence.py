@@ -1,0 +1,103 @@
+"""Why a simulated arm diverged while it was recorded: its gains, its effects, or what its data sheet lacks."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gapscope.arm.controller import Controller
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import GapscopeError
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.velocity_filter import filter_gains
+from gapscope.effects.actuation import DELAY
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.rigid_body import ARMATURE
+from gapscope.envs.actions import Gains
+from gapscope.envs.divergence import fastest, largest_stable
+from gapscope.envs.sampled_loop import SampledLoop
+
+SAFE = 0.7
+"""Share of the largest stable bandwidth that is advised [1]: half of kp."""
+
+
+def diverged_recording(
+    arm: NominalArm,
+    effects: tuple[AppliedEffect, ...],
+    controller: Controller,
+    postures: np.ndarray,
+    speed: np.ndarray,
+    time: float,
+) -> GapscopeError:
+    """The error that says at which joint and when the arm diverged, and what lets it.
+
+    Args:
+        arm: the nominal arm.
+        effects: what the simulated arm had beyond it.
+        controller: its controller.
+        postures: references before the divergence [rad], shape (K, n).
+        speed: of the joints [rad/s], shape (n,).
+        time: since the start of the recording [s].
+    """
+    joint = fastest(speed)
+    gains = Gains(controller.kp, controller.kd)
+    estimate = filter_gains(
+        controller.rate, controller.velocity_cutoff, controller.velocity_damping
+    )
+    loop = SampledLoop(gains, 1.0 / controller.rate, estimate)
+    share = _stable_share(loop, CorrectedArm(arm), postures)
+    if share < 1.0:
+        causes = [f"the controller's gains are too large for this arm: {_lower(share)}"]
+    elif effects:
+        causes = [_effects_at_work(loop, CorrectedArm(arm, effects), postures)]
+    else:
+        causes = []
+    if arm.torque_limit is None:
+        causes.append("nothing limits the torque: give torque_limit in the data sheet")
+    if arm.viscous[joint] == 0 and arm.armature[joint] == 0:
+        causes.append(
+            f"joint {joint + 1} has neither friction nor a rotor: give viscous and armature in the data sheet"
+        )
+    return GapscopeError(
+        f"the simulated arm diverged at joint {joint + 1}, at t = {time:.3g} s",
+        "; ".join(causes) or "lower the controller's gains",
+    )
+
+
+def _effects_at_work(
+    loop: SampledLoop, true: CorrectedArm, postures: np.ndarray
+) -> str:
+    """What the effects do to a loop that is stable without them."""
+    names = ", ".join(dict.fromkeys(effect.name for effect in true.effects))
+    delay = float(np.max(true.value(DELAY.name, "delay")))
+    late = SampledLoop(loop.gains, loop.dt, loop.estimate, round(delay / loop.dt))
+    share = _stable_share(late, true, postures)
+    if share < 1.0:
+        return (
+            f"{names} makes a stable loop unstable: milder effects, or {_lower(share)}"
+        )
+    return f"the loop is stable without {names}: milder effects, or lower gains of the controller"
+
+
+def _stable_share(loop: SampledLoop, arm: CorrectedArm, postures: np.ndarray) -> float:
+    """Largest share of the loop's bandwidth that is stable at all postures [1]; 1 if the loop is."""
+    nominal = arm.arm
+    body = arm.body(RigidBody(nominal))
+    rotors = nominal.armature + arm.value(ARMATURE.name, "inertia")
+    masses = [body.mass_matrix(q) + np.diag(rotors) for q in postures]
+
+    def stable(share: float) -> bool:
+        slower = loop.times(share)
+        return all(slower.stable(mass, nominal.viscous) for mass in masses)
+
+    return 1.0 if stable(1.0) else largest_stable(stable, 1.0)
+
+
+def _lower(share: float) -> str:
+    """How much lower the gains must be."""
+    if share == 0.0:
+        return "no lower gains of this ratio are stable; check kp, kd, rate and velocity_filter"
+    share *= SAFE
+    return (
+        f"multiply kp by {share**2:.2g} and kd by {share:.2g}, half the stability limit"
+    )

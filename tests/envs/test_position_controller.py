@@ -1,0 +1,108 @@
+"""The position controller: gains that hold along a whole motion, with a margin."""
+
+import numpy as np
+import pytest
+
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.arm.velocity_filter import VelocityFilter, filter_gains
+from gapscope.envs.actions import Gains
+from gapscope.envs.mystery_arm import POSTURE
+from gapscope.envs.position_controller import (
+    CUTOFF,
+    FILTER_DAMPING,
+    GAIN_MARGIN,
+    LATE,
+    RATE,
+    loop_inertia,
+    position_controller,
+    stiffest_mode,
+)
+from gapscope.envs.sampled_loop import SampledLoop
+from gapscope.envs.session import Plan, record_case
+
+
+def _speed_left(stiffness: float, bandwidth: float) -> float:
+    """Speed of a pushed joint of inertia 1 after 3 s [rad/s], its torque late by ``LATE`` periods."""
+    w, dt = 2 * np.pi * bandwidth, 1 / RATE
+    filtered = VelocityFilter(RATE, CUTOFF, FILTER_DAMPING, np.zeros(1), np.zeros(1))
+    q, dq, waiting = np.zeros(1), np.full(1, 1e-3), [np.zeros(1)] * LATE
+    for _ in range(3000):
+        waiting.append(-stiffness * (w**2 * q + 1.4 * w * filtered(q)))
+        dq = dq + dt * waiting.pop(0)
+        q = q + dt * dq
+    return float(np.abs(dq[0]))
+
+
+@pytest.mark.parametrize("bandwidth", [2.0, 4.0, 8.0])
+def test_stiffest_mode_is_half_of_what_the_loop_bears(bandwidth: float) -> None:
+    """Stepped in time: a pushed joint comes to rest a little below the limit, and not a little above."""
+    limit = GAIN_MARGIN * stiffest_mode(bandwidth)
+    assert _speed_left(0.97 * limit, bandwidth) < 1e-6
+    assert not _speed_left(1.03 * limit, bandwidth) < 1.0
+
+
+def test_a_bandwidth_that_no_inertia_bears_is_refused() -> None:
+    with pytest.raises(InputError, match="bandwidth"):
+        stiffest_mode(400.0)
+
+
+def test_a_loop_of_several_joints_is_as_stable_as_its_stiffest_mode() -> None:
+    """Eigenvalues of M^-1 D stand for the joints of a loop whose gains are proportional to D."""
+    rng = np.random.default_rng(0)
+    root = rng.standard_normal((3, 3))
+    mass, inertia = root @ root.T + np.eye(3), rng.uniform(0.5, 2.0, 3)
+    estimate = filter_gains(RATE, CUTOFF, FILTER_DAMPING)
+
+    def radius(mass: np.ndarray, inertia: np.ndarray) -> float:
+        gains = Gains(4e3 * inertia, 120.0 * inertia)
+        loop = SampledLoop(gains, 1 / RATE, estimate, late=2)
+        return loop.spectral_radius(mass, np.zeros(len(mass)))
+
+    modes = np.linalg.eigvals(np.linalg.solve(mass, np.diag(inertia))).real
+    alone = [radius(np.eye(1), np.array([mode])) for mode in modes]
+    assert radius(mass, inertia) == pytest.approx(max(alone), abs=1e-9)
+
+
+def test_rotors_in_the_data_sheet_leave_the_gains_on_the_own_inertia(
+    data_sheet_arm: NominalArm,
+) -> None:
+    own = (
+        np.diag(RigidBody(data_sheet_arm).mass_matrix(POSTURE))
+        + data_sheet_arm.armature
+    )
+    controller = position_controller(data_sheet_arm, POSTURE)
+    assert controller.kp == pytest.approx((2 * np.pi * 4) ** 2 * own, rel=6e-3)
+
+
+@pytest.mark.filterwarnings("ignore::gapscope.arm.errors.ModelWarning")
+def test_gains_hold_along_the_whole_motion() -> None:
+    """On an arm without rotors no mode along the motion is stiffer than allowed, and no gain is raised."""
+    pytest.importorskip("pybullet_data", reason="the Panda comes with PyBullet")
+    arm = load_nominal_arm("franka_panda")
+    body = RigidBody(arm)
+    lower, upper = body.position_limits()
+    along = np.random.default_rng(0).uniform(lower, upper, (100, 7))
+    one = loop_inertia(arm, along[0], 4.0)
+    whole = loop_inertia(arm, along[0], 4.0, along)
+    stiffest = max(
+        np.linalg.eigvals(np.linalg.solve(body.mass_matrix(q), np.diag(whole))).real[0]
+        for q in along
+    )
+    assert stiffest <= stiffest_mode(4.0) * (1 + 1e-6)
+    assert (whole <= one * (1 + 1e-9)).all() and whole.min() > 0
+
+
+@pytest.mark.parametrize("robot", ["franka_panda", "kuka_iiwa"])
+@pytest.mark.filterwarnings("ignore::gapscope.arm.errors.ModelWarning")
+def test_healthy_arms_without_a_data_sheet_are_recorded(robot: str) -> None:
+    """Seeds that diverged with gains on the inertia of one posture: 1 of the Panda, 3 of the iiwa."""
+    pytest.importorskip("pybullet_data", reason="the Panda comes with PyBullet")
+    seed = {"franka_panda": 1, "kuka_iiwa": 3}[robot]
+    case = record_case(
+        robot, load_nominal_arm(robot), (), Plan(), np.random.default_rng(seed)
+    )
+    errors = [np.abs(r.q_ref - r.q).max() for r in case.recordings]
+    assert max(errors) < 0.01
