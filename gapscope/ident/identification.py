@@ -22,6 +22,7 @@ from gapscope.ident.checks.warnings import identification_warnings
 from gapscope.ident.estimators.by_name import method
 from gapscope.ident.estimators.estimate import Estimate
 from gapscope.ident.kalman.changes import RecordingChange, find_changes
+from gapscope.ident.kalman.review import FilterReview, review
 from gapscope.ident.model.base_parameters import BaseParameters, base_parameters
 from gapscope.ident.model.friction_law import FrictionLaw
 from gapscope.ident.model.joint_zero import JointZeros, estimate_zeros
@@ -74,6 +75,7 @@ class Identification:
         uncertainty: of the base parameters, as belongs to the estimator.
         examined: what the recordings determine of the parameters.
         changes: changes of load or friction during recordings.
+        filtered: a Kalman filter over the fitted recordings, beside the estimate.
         predicted: intervals of the torque on the held-out recordings; ``None`` if model error cannot be estimated.
         physical: consistent parameters.
         recovered: whether and how each parameter is determined.
@@ -95,6 +97,7 @@ class Identification:
     uncertainty: Uncertainty
     examined: Examination
     changes: tuple[RecordingChange, ...]
+    filtered: FilterReview
     predicted: PredictedTorque | None
     physical: Physical
     recovered: tuple[Recovery, ...]
@@ -150,6 +153,10 @@ def identify(
     table = fill_in(evidence)
     # a change spoils the fit: it is looked for in every recording, fitted or held out
     changes = find_changes((*fit, *held_out), columns, law, base, band)
+    progress("follows the parameters over time")
+    # beside the filter itself stands least squares, not its own last estimate
+    batch = None if settings.estimator == "kalman" else estimate.value
+    problem = _base_problem(samples, evidence.choice, base)
     doubtful = identification_warnings(
         evidence, estimate, examined, changes, similarity, table, validation[1]
     )
@@ -163,6 +170,7 @@ def identify(
         uncertainty=uncertainty,
         examined=examined,
         changes=changes,
+        filtered=review(samples, problem, batch, changes),
         predicted=_predicted(evidence, examined, value, held_out_segments),
         physical=evidence.physical,
         recovered=recoveries(

@@ -11,6 +11,7 @@ from gapscope.arm.errors import InputError
 from gapscope.ident.estimators.consistent_sdp import ConsistentSdp
 from gapscope.ident.estimators.estimate import Estimate, Estimator
 from gapscope.ident.estimators.irls import HuberLeastSquares
+from gapscope.ident.estimators.kalman import Kalman
 from gapscope.ident.estimators.log_cholesky import LogCholesky
 from gapscope.ident.estimators.maximum_likelihood import MaximumLikelihood
 from gapscope.ident.estimators.ols import OrdinaryLeastSquares
@@ -110,6 +111,11 @@ METHODS: dict[str, Method] = {
     ),
     "maximum_likelihood": Method(
         lambda base, x: MaximumLikelihood(), _across, _SANDWICH
+    ),
+    "kalman": Method(
+        lambda base, x: Kalman(),
+        _stated,
+        "covariance of the filter, which counts that samples follow each other",
     ),
     "partial_update": Method(
         lambda base, x: PartialUpdate(base.of(x)),

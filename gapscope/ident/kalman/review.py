@@ -1,0 +1,178 @@
+"""The filter beside the batch: when it converged, where it departs, whether its innovations are white."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gapscope.ident.kalman.adaptive import SETTLED, Followed, Opening, follow
+from gapscope.ident.kalman.changes import RecordingChange
+from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.signals.samples import Samples
+from gapscope.ident.uncertainty.validation import (
+    Whiteness,
+    band_correlation,
+    whiteness,
+)
+
+BAND = 4.0
+"""Standard errors by which the filter departs from the batch; 3.9 is reached once in 10 000 by chance."""
+WIDER = 3.0
+"""Variance of a parameter that changed, over the squared size of the change [1]."""
+
+
+@dataclass(frozen=True)
+class Departure:
+    """A parameter whose estimate at some moment excludes the batch's.
+
+    Attributes:
+        parameter: its place among the base parameters.
+        stretch: where it is farthest off.
+        size: distance over the filter's standard error [1].
+    """
+
+    parameter: int
+    stretch: int
+    size: float
+
+
+@dataclass(frozen=True)
+class FilterReview:
+    """A filter beside the batch estimate, K stretches of n joints, b parameters.
+
+    Attributes:
+        followed: what the filter saw.
+        batch: the estimate it is compared with, shape (b,).
+        recordings: name of the recording of each stretch, K of them.
+        times: time in it at the end of each stretch [s], shape (K,).
+        converged: number of the first stretch from which on the uncertainty of the parameters adds less to the
+            predicted torque than its noise; ``None`` if there is none.
+        departures: after that, one for each parameter that departs, the farthest first.
+        whiteness: of the innovations after that.
+        changes: those that the filter was told of: there it started anew with what changed.
+    """
+
+    followed: Followed
+    batch: np.ndarray
+    recordings: tuple[str, ...]
+    times: np.ndarray
+    converged: int | None
+    departures: tuple[Departure, ...]
+    whiteness: Whiteness
+    changes: tuple[RecordingChange, ...]
+
+    @property
+    def elapsed(self) -> np.ndarray:
+        """Time of the samples so far, all recordings together [s], shape (K,)."""
+        return self.followed.stretches.ends
+
+    @property
+    def rms(self) -> np.ndarray:
+        """RMS of the innovations after convergence over the RMS residual of the batch [1], shape (n,)."""
+        counted = self.followed.innovation[_first_sample(self.followed, self.converged)]
+        return np.asarray(np.sqrt(np.mean(counted**2, axis=0)))
+
+
+def review(
+    samples: Samples,
+    problem: Problem,
+    batch: np.ndarray | None,
+    changes: Sequence[RecordingChange],
+) -> FilterReview:
+    """Filter the samples of an identification, and compare with its estimate.
+
+    Args:
+        samples: that were fitted.
+        problem: the same in the base columns.
+        batch: the estimate of all samples, shape (b,); weighted least squares if ``None``.
+        changes: found during recordings; of those in the samples the filter is told.
+    """
+    sample_names = _names(samples)
+    told = [found for found in changes if found.recording in set(sample_names)]
+    openings = []
+    for found in told:
+        openings += _openings(found, sample_names, samples.times)
+    openings.sort(key=lambda opening: opening.sample)
+    followed = follow(problem, openings)
+    ends = np.array([own.stop - 1 for own in followed.stretches.rows])
+    batch = followed.batch if batch is None else batch
+    converged = _converged(followed)
+    return FilterReview(
+        followed=followed,
+        batch=batch,
+        recordings=tuple(sample_names[end] for end in ends),
+        times=samples.times[ends],
+        converged=converged,
+        departures=_departures(followed, batch, converged),
+        whiteness=_whiteness(followed, samples.band.cutoff, converged),
+        changes=tuple(told),
+    )
+
+
+def _names(samples: Samples) -> list[str]:
+    """Name of the recording of each sample."""
+    return [samples.segments[k].recording for k in samples.group]
+
+
+def _openings(
+    found: RecordingChange, names: list[str], times: np.ndarray
+) -> list[Opening]:
+    """What changed is unknown after the moment, and again at the start of the next recording."""
+    own = np.array([name == found.recording for name in names])
+    after = np.flatnonzero(own & (times > found.change.time))
+    D = found.change.hypothesis.directions
+    variance = WIDER * (found.change.size**2 + found.change.deviation**2)
+    covariance = (D * variance) @ D.T
+    if not len(after):
+        return []
+    moments = [int(after[0]), int(after[-1]) + 1]
+    return [Opening(k, covariance) for k in moments if k < len(names)]
+
+
+def _converged(followed: Followed) -> int | None:
+    """The first stretch from which on tr(R P R^T), the variance that the estimate adds, is below that of the noise."""
+    R, P = followed.stretches.reduced.matrix, followed.track.covariance
+    added = np.einsum("kab,kbc,kac->k", R[1:], P[:-1], R[1:], optimize=True)
+    n = followed.problem.n_joints
+    sizes = np.array([own.stop - own.start for own in followed.stretches.rows[1:]])
+    uncertain = np.flatnonzero(added > n * sizes)
+    first = int(uncertain[-1]) + 2 if len(uncertain) else 1
+    return first if first < len(followed.stretches.rows) else None
+
+
+def _first_sample(followed: Followed, converged: int | None) -> slice:
+    """The samples after convergence; of a filter that did not converge those after it settled."""
+    rows = followed.stretches.rows
+    first = converged
+    if first is None:
+        first = min(max(1, int(SETTLED * len(rows))), len(rows) - 1)
+    return slice(rows[first].start, None)
+
+
+def _departures(
+    followed: Followed, batch: np.ndarray, converged: int | None
+) -> tuple[Departure, ...]:
+    if converged is None:
+        return ()
+    track = followed.track
+    deviation = np.maximum(track.deviation[converged:], 1e-300)
+    size = np.abs(track.value[converged:] - batch) / deviation
+    farthest = size.argmax(axis=0)
+    found = [
+        Departure(i, converged + int(k), float(size[k, i]))
+        for i, k in enumerate(farthest)
+        if size[k, i] > BAND
+    ]
+    return tuple(sorted(found, key=lambda departure: -departure.size))
+
+
+def _whiteness(followed: Followed, cutoff: float, converged: int | None) -> Whiteness:
+    """Of the innovations sampled at the cut-off, as in the validation."""
+    rate = 1.0 / followed.problem.interval
+    step = max(1, round(rate / cutoff))
+    counted = _first_sample(followed, converged)
+    series = followed.innovation[counted][::step]
+    group = followed.problem.group[counted][::step]
+    return whiteness(series, group, band_correlation(rate, cutoff, step))
