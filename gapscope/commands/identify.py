@@ -20,7 +20,7 @@ Estimator = Annotated[
     str,
     typer.Option(
         help="consistent, wls, ols, irls, ridge, truncated_svd, total_least_squares, maximum_likelihood, "
-        "partial_update, log_cholesky, sdp_euclidean or sdp_entropic"
+        "kalman, partial_update, log_cholesky, sdp_euclidean or sdp_entropic"
     ),
 ]
 HeldOut = Annotated[

@@ -49,7 +49,7 @@ class Followed:
         stretches: how the samples were gathered.
         track: the estimate after each stretch.
         batch: weighted least squares of all samples, shape (b,).
-        noise: its RMS residual [N m], shape (n,).
+        noise: RMS of the torque's noise [N m], shape (n,).
         inflation: f, how many samples count as one [1], shape (n,).
         level: process noise that was chosen, one of ``LEVELS``.
         innovation: each sample less its prediction from the stretches before its own, over the noise [1], (N, n).
@@ -68,11 +68,12 @@ class Followed:
 def follow(problem: Problem, openings: Sequence[Opening] = ()) -> Followed:
     """Filter a problem, beta+ = beta + w, tau = W beta + v, stretch by stretch.
 
-    The covariance of v is sigma_j^2 f_j per joint: sigma_j is the RMS residual of weighted least squares and f_j =
-    1 + 2 sum_k rho_k its variance inflation, so that errors of the model, which are smooth, count as few samples. w
-    lets friction and offsets wander by ``LEVELS`` times their values; the level is the one with the least squared error
-    of the torque predicted ``AHEAD`` seconds ahead, zero unless another gains ``WORTH``. Without wandering the last
-    estimate is that of least squares with these weights.
+    The covariance of v is sigma_j^2 f_j per joint: sigma_j is the RMS residual of weighted least squares (of each part
+    between openings, that of the filter's last estimate there) and f_j = 1 + 2 sum_k rho_k its variance inflation, so
+    that errors of the model, which are smooth, count as few samples. By w friction and offsets wander by one of
+    ``LEVELS`` times their values: the one with the least squared error of the torque predicted ``AHEAD`` seconds ahead,
+    zero unless another gains ``WORTH``. Without wandering the last estimate is that of least squares with these
+    weights.
 
     Args:
         problem: in the order of time.
@@ -84,11 +85,14 @@ def follow(problem: Problem, openings: Sequence[Opening] = ()) -> Followed:
     Source: ljung1999.
     """
     batch = WeightedLeastSquares().estimate(problem)
-    residual = problem.residual(batch.value)
-    least = 1e-9 * np.sqrt(np.mean(problem.torque**2)) + 1e-300
-    noise = np.maximum(batch.residual, least)
-    inflation = variance_inflation(residual, problem.group)
+    noise, inflation = _noise(problem, problem.residual(batch.value))
     stretches = Stretches.of(problem, noise * np.sqrt(inflation))
+    if openings:
+        # what changed is no noise: its size comes from the estimate of each part
+        track = _filtered(stretches, openings, np.zeros_like(batch.value))
+        residual = _residual_by_part(problem, stretches, track, openings)
+        noise, inflation = _noise(problem, residual)
+        stretches = Stretches.of(problem, noise * np.sqrt(inflation))
     best: tuple[float, float, Track] | None = None
     for level in LEVELS:
         track = _filtered(stretches, openings, level * np.abs(batch.value))
@@ -108,6 +112,27 @@ def follow(problem: Problem, openings: Sequence[Opening] = ()) -> Followed:
         level=level,
         innovation=innovation,
     )
+
+
+def _noise(problem: Problem, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """RMS of a residual [N m], never zero, and how many of its samples count as one [1], (n,) each."""
+    least = 1e-9 * np.sqrt(np.mean(problem.torque**2)) + 1e-300
+    rms = np.sqrt(np.mean(residual**2, axis=0))
+    return np.maximum(rms, least), variance_inflation(residual, problem.group)
+
+
+def _residual_by_part(
+    problem: Problem, stretches: Stretches, track: Track, openings: Sequence[Opening]
+) -> np.ndarray:
+    """What the last estimate of each part between openings leaves of its torque [N m], (N, n)."""
+    stops = [own.stop for own in stretches.rows]
+    edges = [0, *(opening.sample for opening in openings), len(problem.torque)]
+    residual = np.empty_like(problem.torque)
+    for start, stop in pairwise(edges):
+        last = max(int(np.searchsorted(stops, stop, side="right")) - 1, 0)
+        part = slice(start, stop)
+        residual[part] = problem.rows(part).residual(track.value[last])
+    return residual
 
 
 def _filtered(
@@ -141,9 +166,7 @@ def _widened(kalman: Recursive, tracks: list[Track], added: np.ndarray) -> Recur
     if not tracks:
         return kalman
     last = tracks[-1]
-    return replace(
-        kalman, start=last.value[-1], covariance=last.covariance[-1] + added
-    )
+    return replace(kalman, start=last.value[-1], covariance=last.covariance[-1] + added)
 
 
 def _joined(tracks: list[Track]) -> Track:

@@ -132,14 +132,17 @@ def _openings(
 
 
 def _converged(followed: Followed) -> int | None:
-    """The first stretch from which on tr(R P R^T), the variance that the estimate adds, is below that of the noise."""
-    R, P = followed.stretches.reduced.matrix, followed.track.covariance
-    added = np.einsum("kab,kbc,kac->k", R[1:], P[:-1], R[1:], optimize=True)
-    n = followed.problem.n_joints
-    sizes = np.array([own.stop - own.start for own in followed.stretches.rows[1:]])
-    uncertain = np.flatnonzero(added > n * sizes)
-    first = int(uncertain[-1]) + 2 if len(uncertain) else 1
-    return first if first < len(followed.stretches.rows) else None
+    """The first stretch from which on W P W^T, the variance that the estimate adds, is below that of the noise."""
+    problem, rows = followed.problem, followed.stretches.rows
+    first = 1
+    for k in range(1, len(rows)):
+        W = problem.matrix[rows[k]]
+        # P of the estimate before the stretch
+        spread = W @ followed.track.covariance[k - 1]
+        added = np.einsum("mja,mja->mj", spread, W) / followed.noise**2
+        if added.mean() > 1:
+            first = k + 1
+    return first if first < len(rows) else None
 
 
 def _first_sample(followed: Followed, converged: int | None) -> slice:

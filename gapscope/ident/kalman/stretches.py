@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -45,9 +46,11 @@ class Stretches:
             columns = problem.matrix[own] / noise[:, None]
             right = problem.torque[own] / noise
             both = np.concatenate([columns, right[..., None]], axis=2)
-            triangle = np.linalg.qr(both.reshape(-1, b + 1), mode="r")[:b]
-            matrix[k, : len(triangle)] = triangle[:, :b]
-            torque[k, : len(triangle)] = triangle[:, b]
+            triangle = np.asarray(np.linalg.qr(both.reshape(-1, b + 1), mode="r"))
+            # the last row, if there is one, holds what no beta explains
+            upper = triangle[:b]
+            matrix[k, : len(upper)] = upper[:, :b]
+            torque[k, : len(upper)] = upper[:, b]
         ends = problem.interval * np.array([own.stop - 1 for own in rows])
         groups = np.array([problem.group[own.start] for own in rows])
         length = problem.interval * (rows[0].stop - rows[0].start)
@@ -68,5 +71,5 @@ def _cut(problem: Problem) -> tuple[slice, ...]:
     for group in group_slices(problem.group):
         count = max(1, (group.stop - group.start) // samples)
         edges = np.linspace(group.start, group.stop, count + 1).astype(int)
-        rows += [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        rows += [slice(start, stop) for start, stop in pairwise(edges.tolist())]
     return tuple(rows)

@@ -15,9 +15,7 @@ MOMENTS = 60
 """Moments at which the estimates are written, at most."""
 
 
-def filter_document(
-    review: FilterReview, expressions: Sequence[str]
-) -> dict[str, Any]:
+def filter_document(review: FilterReview, expressions: Sequence[str]) -> dict[str, Any]:
     """Estimates over time with standard deviations, innovations, convergence, departures.
 
     Args:

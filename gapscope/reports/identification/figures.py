@@ -11,6 +11,7 @@ from gapscope.ident.identification import Identification
 from gapscope.ident.uncertainty.identifiability import CONDITION_LIMIT
 from gapscope.ident.uncertainty.validation import Validation
 from gapscope.reports.diagnosis.figures import encode, keep_extremes
+from gapscope.reports.identification.filter_section import filter_curves
 
 POINTS = 3000
 """Most points of one curve over time."""
@@ -38,6 +39,7 @@ def payload(result: Identification) -> dict[str, Any]:
             float(x) for x in np.maximum(result.examined.shown.singular_values, FLOOR)
         ],
         "limit": 1 / CONDITION_LIMIT,
+        "filter": filter_curves(result),
     }
 
 

@@ -9,7 +9,12 @@ from typing import Any
 from gapscope.arm.io.json_file import plain
 from gapscope.ident.checks.troubleshooting import FOUND
 from gapscope.ident.identification import Identification
-from gapscope.reports.identification import examined, figures, sections
+from gapscope.reports.identification import (
+    examined,
+    figures,
+    filter_section,
+    sections,
+)
 from gapscope.reports.pages import write_html
 
 
@@ -40,4 +45,6 @@ def render(
         shown=examined.identifiability(content),
         intervals=examined.intervals(content),
         found=found,
+        filter_sentence=filter_section.filter_sentence(content),
+        innovations=filter_section.innovation_rows(content),
     )

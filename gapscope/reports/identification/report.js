@@ -71,15 +71,73 @@ function select(change) {
   drawAll();
 }
 
-curves.joints.forEach((label, joint) => {
-  const button = document.createElement("button");
-  button.type = "button";
-  button.textContent = label;
-  button.addEventListener("click", () => select({ joint }));
-  document.getElementById("joint-tabs").append(button);
-});
+/* Vertical lines at moments of the elapsed time, with a word each. */
+function moments() {
+  const filter = curves.filter;
+  const marks = [
+    ...filter.starts.map((start) => [start.elapsed, start.name, "nominal"]),
+    ...filter.changes.map((change) => [change.elapsed, change.text.split(" at ")[0], "measured"]),
+  ];
+  if (filter.converged !== null) marks.push([filter.converged, "converged", "floor"]);
+  const shapes = marks.map(([x, , name]) => ({ type: "line", x0: x, x1: x, yref: "paper", y0: 0, y1: 1, line: { color: colour(name), width: 1.5, dash: "dot" } }));
+  const annotations = marks.map(([x, text, name]) => ({ x, yref: "paper", y: 0.99, text, showarrow: false, xanchor: "left", yanchor: "top", textangle: 90, font: { size: 11, color: colour(name) } }));
+  return { shapes, annotations };
+}
+
+function drawFilter(place) {
+  const filter = curves.filter;
+  const chosen = filter.parameters[place];
+  const [t, value, std] = [filter.elapsed, chosen.value, chosen.std].map(decode);
+  const ends = [t[0], t[t.length - 1]];
+  const edge = (sign) => value.map((x, i) => x + 2 * sign * std[i]);
+  /* the first estimates know next to nothing: the axis shows the later ones */
+  const settled = Array.from(value.keys()).slice(Math.floor(value.length / 4));
+  const low = Math.min(chosen.batch, ...settled.map((i) => value[i] - 2 * std[i]));
+  const high = Math.max(chosen.batch, ...settled.map((i) => value[i] + 2 * std[i]));
+  const margin = 0.15 * (high - low) || 1e-6;
+  const flat = (y, name, colourName, dash) => line(ends, [y, y], name, colourName, { line: { color: colour(colourName), width: 1.6, dash }, hovertemplate: "%{y:.4~g}<extra>%{fullData.name}</extra>" });
+  const band = { type: "scatter", mode: "lines", x: t, line: { width: 0 }, hoverinfo: "skip", showlegend: false };
+  draw("filter-figure", [
+    { ...band, y: edge(-1) },
+    { ...band, y: edge(1), fill: "tonexty", fillcolor: "rgba(0, 90, 141, 0.15)" },
+    line(t, value, "filter", "corrected", { hovertemplate: "%{y:.4~g}<extra>%{fullData.name}</extra>" }),
+    flat(chosen.batch, "all samples at once", "measured", "5px,3px"),
+    flat(chosen.nominal, "nominal arm", "nominal", "2px,2px"),
+  ], {
+    ...moments(),
+    xaxis: axis("time of the fitted samples [s]"),
+    yaxis: axis(chosen.name, { range: [low - margin, high + margin] }),
+  });
+}
+
+function drawInnovations(joint) {
+  document.querySelectorAll("#innovation-tabs button").forEach((button, i) => button.setAttribute("aria-pressed", i === joint));
+  const raw = curves.filter.innovations[joint];
+  const { shapes } = moments();
+  draw("innovation-figure", [
+    line(decode(raw.t), decode(raw.value), "innovation", "corrected", { showlegend: false, line: { color: colour("corrected"), width: 1 }, hovertemplate: "%{y:.3~g}<extra></extra>" }),
+  ], { shapes, xaxis: axis("time of the fitted samples [s]"), yaxis: axis("innovation [1]", { range: [-8, 8] }) });
+}
+
+function tabs(id, action) {
+  curves.joints.forEach((label, joint) => {
+    const button = document.createElement("button");
+    button.type = "button";
+    button.textContent = label;
+    button.addEventListener("click", () => action(joint));
+    document.getElementById(id).append(button);
+  });
+}
+
+tabs("joint-tabs", (joint) => select({ joint }));
+tabs("innovation-tabs", drawInnovations);
+const parameter = document.getElementById("parameter");
+curves.filter.parameters.forEach((entry, i) => parameter.add(new Option(entry.expression, String(i), false, i === curves.filter.first)));
+parameter.addEventListener("change", () => drawFilter(Number(parameter.value)));
 const list = document.getElementById("recording");
 curves.groups.forEach((group, i) => list.add(new Option(group.name, String(i))));
 list.addEventListener("change", () => select({ group: Number(list.value) }));
 drawSpectrum();
+drawFilter(curves.filter.first);
+drawInnovations(curves.worst);
 select({});

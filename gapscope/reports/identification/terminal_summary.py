@@ -11,6 +11,8 @@ from rich.text import Text
 
 from gapscope.ident.checks.table_row import FOUND, Row
 from gapscope.ident.identification import Identification
+from gapscope.ident.output.filter_json import filter_document
+from gapscope.reports.identification.filter_section import filter_sentence
 
 MAX_WARNING = 160
 """Longest warning [characters]; the report has all of it."""
@@ -55,10 +57,12 @@ def _facts(result: Identification) -> list[str]:
     """Which recordings were fitted and held out, and the size and condition of the problem."""
     fit, held_out = result.validation
     base, cutoff = result.base, result.settings.cutoff
+    document = {"filter": filter_document(result.filtered, base.expressions(1e-2))}
     return [
         f"fitted {_named(fit.recordings)}; held out {_named(held_out.recordings)}",
         f"{base.count} base parameters of {len(base.names)}, condition number {result.condition:.3g}; "
         f"friction: {result.choice.law}; cut-off {cutoff:.3g} Hz",
+        f"Kalman filter: {filter_sentence(document)}",
     ]
 
 
