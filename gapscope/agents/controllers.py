@@ -15,6 +15,9 @@ from gapscope.envs.actions import Gains
 class TrackingController(Protocol):
     """A controller of n joints; it is called at every tick, and its torque is held until the next."""
 
+    def begin(self, motion: Motion) -> None:
+        """Start anew on a reference, given at every tick."""
+
     def torque(
         self,
         q_ref: np.ndarray,
@@ -53,6 +56,9 @@ class Feedforward:
         self, gains: Gains, limit: np.ndarray, model: TorqueModel | None = None
     ) -> None:
         self.gains, self.limit, self.model = gains, limit, model
+
+    def begin(self, motion: Motion) -> None:
+        """Nothing: it remembers nothing."""
 
     def torque(
         self,
@@ -96,6 +102,9 @@ class ComputedTorque:
 
     def __init__(self, tuning: Tuning, limit: np.ndarray, model: TorqueModel) -> None:
         self.tuning, self.limit, self.model = tuning, limit, model
+
+    def begin(self, motion: Motion) -> None:
+        """Nothing: it remembers nothing."""
 
     def torque(
         self,

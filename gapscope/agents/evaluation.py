@@ -8,6 +8,11 @@ from functools import partial
 
 import numpy as np
 
+from gapscope.agents.agent_controller import (
+    AgentController,
+    AgentModel,
+    Candidate,
+)
 from gapscope.agents.controllers import ComputedTorque, Feedforward, TrackingController
 from gapscope.agents.disturbances import check_disturbance, disturbance
 from gapscope.agents.episode import Episode
@@ -15,7 +20,7 @@ from gapscope.agents.evaluation_cache import EvaluationCache
 from gapscope.agents.evaluation_plan import MOTIONS, EvaluationPlan
 from gapscope.agents.gains import Tuning, gains
 from gapscope.agents.stability import largest_factor, settles
-from gapscope.agents.torque_model import ArmModel, Gravity, TorqueModel
+from gapscope.agents.torque_model import ArmModel, Gravity
 from gapscope.agents.tracking import SampledReference, track
 from gapscope.agents.tracking_metrics import TrackingMetrics
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -82,26 +87,34 @@ class TrackingBench:
 
     def controller(
         self,
-        model: TorqueModel | None,
+        model: Candidate,
         tuning: Tuning | None = None,
         limited: bool = True,
     ) -> TrackingController:
-        """The controller of the plan's law with a model.
+        """The controller of the plan's law with a model, or that of an agent.
 
         Args:
-            model: the model, or ``None``.
+            model: the model, an agent, or ``None``.
             tuning: by default that of the plan.
             limited: whether the torque is clipped at the arm's limit.
 
         Raises:
-            InputError: computed torque without a model that has inertia.
+            InputError: computed torque with an agent, or without a model that has inertia.
         """
         tuning = tuning or self.plan.tuning
         limit = self._metrics.limit
         if not limited:
             limit = np.full(self.arm.n_joints, np.inf)
-        if self.plan.law == "feedforward":
-            return Feedforward(gains(self._inertia, tuning), limit, model)
+        outside = self.plan.law == "feedforward"
+        loop = gains(self._inertia, tuning)
+        if isinstance(model, AgentModel):
+            if not outside:
+                raise InputError(
+                    "an agent acts beside feedforward", "leave it out", where="law"
+                )
+            return AgentController(loop, limit, model)
+        if outside:
+            return Feedforward(loop, limit, model)
         if model is None or isinstance(model, Gravity):
             raise InputError(
                 "computed torque needs a model with inertia",
@@ -121,8 +134,13 @@ class TrackingBench:
             self._courses[key] = course, self._truth.series(course.motion)
         return self._courses[key]
 
-    def torque_error(self, model: TorqueModel | None, motion: str, seed: int) -> float:
-        """NRMSE of a model's feedforward [1]: RMS over the torque's spread per joint, as for the gap; mean of them."""
+    def torque_error(self, model: Candidate, motion: str, seed: int) -> float:
+        """NRMSE of a model's feedforward [1]: RMS over the torque's spread per joint, as for the gap; mean of them.
+
+        Of an agent it is that of the model that it acts on.
+        """
+        if isinstance(model, AgentModel):
+            model = model.model
         course, needed = self.course(motion, seed)
         rows = slice(course.first, course.ticks)
         planned = np.zeros_like(needed)
@@ -133,7 +151,7 @@ class TrackingBench:
         return float(np.mean(rms / torque_scale(needed[rows])))
 
     def episodes(
-        self, name: str, model: TorqueModel | None, engine: str, seed: int
+        self, name: str, model: Candidate, engine: str, seed: int
     ) -> Iterator[Episode]:
         """All motions and disturbances of the plan with one model, engine and seed."""
         plan = self.plan
@@ -160,7 +178,7 @@ class TrackingBench:
                     torque_error=error,
                 )
 
-    def margin(self, model: TorqueModel | None, engine: str) -> float:
+    def margin(self, model: Candidate, engine: str) -> float:
         """Largest bandwidth at which the loop stays stable on a held-out motion [Hz].
 
         See ``gapscope.agents.stability``. Without torque limits, so that what is unstable grows.
@@ -213,7 +231,7 @@ class Evaluation:
 
 
 def evaluate(
-    models: Mapping[str, TorqueModel | None],
+    models: Mapping[str, Candidate],
     bench: TrackingBench,
     progress: Callable[[str], None] = lambda message: None,
     cache: EvaluationCache | None = None,
@@ -221,7 +239,7 @@ def evaluate(
     """Track with every model of ``models`` and raise its gains.
 
     Args:
-        models: by name; ``None`` is PD alone.
+        models: models and agents by name; ``None`` is PD alone.
         bench: the arm and the plan.
         progress: called with a short message before each piece of work.
         cache: of what is finished; none by default.
@@ -250,6 +268,6 @@ def evaluate(
 
 
 def _episodes(
-    bench: TrackingBench, name: str, model: TorqueModel | None, engine: str, seed: int
+    bench: TrackingBench, name: str, model: Candidate, engine: str, seed: int
 ) -> list[Episode]:
     return list(bench.episodes(name, model, engine, seed))

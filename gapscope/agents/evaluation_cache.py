@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
+from gapscope.agents.agent_controller import Candidate
 from gapscope.agents.episode import Episode
-from gapscope.agents.torque_model import TorqueModel
 
 
 class EvaluationCache(Protocol):
@@ -15,7 +15,7 @@ class EvaluationCache(Protocol):
     def episodes(
         self,
         name: str,
-        model: TorqueModel | None,
+        model: Candidate,
         engine: str,
         seed: int,
         compute: Callable[[], list[Episode]],
@@ -25,7 +25,7 @@ class EvaluationCache(Protocol):
     def margin(
         self,
         name: str,
-        model: TorqueModel | None,
+        model: Candidate,
         engine: str,
         compute: Callable[[], float],
     ) -> float:

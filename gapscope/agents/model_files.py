@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
+from gapscope.agents.agent_controller import AgentModel, Candidate
 from gapscope.agents.torque_model import ArmModel, Gravity, TorqueModel
 from gapscope.arm.case import load_case
 from gapscope.arm.errors import InputError
@@ -20,37 +22,48 @@ NAMES = ("pd", "gravity", "nominal")
 def named(entry: str) -> tuple[str, str]:
     """Name and source of ``SOURCE`` or ``NAME=SOURCE``.
 
-    A file is called after itself; a ``corrected.yaml`` and an ``identification.json`` after their folder.
+    A file is called after itself; a ``corrected.yaml`` and an ``identification.json`` after their folder. The folder of
+    an agent is called after itself.
     """
     name, equals, source = entry.partition("=")
     if equals:
         return name, source
     path = Path(entry)
+    if path.is_dir():
+        return path.resolve().name, entry
     if entry in NAMES or not path.suffix:
         return entry, entry
     usual = path.stem in ("corrected", "identification") and path.resolve().parent.name
     return (usual or path.stem), entry
 
 
-def read_models(entries: list[str], arm: NominalArm) -> dict[str, TorqueModel | None]:
-    """Models by name, in their order; ``None`` is PD alone.
+def read_models(
+    entries: list[str],
+    arm: NominalArm,
+    read_agent: Callable[[Path, NominalArm], AgentModel],
+) -> dict[str, Candidate]:
+    """Models and agents by name, in their order; ``None`` is PD alone.
 
     Args:
-        entries: each one of ``NAMES``, the path of a ``corrected.yaml`` or of an ``identification.json``; or any of
-            these behind ``NAME=``.
+        entries: each one of ``NAMES``, the path of a ``corrected.yaml`` or of an ``identification.json``, or the folder
+            of a trained agent; or any of these behind ``NAME=``.
         arm: the nominal arm that a ``corrected.yaml`` belongs to, and whose joints an identified one must have.
+        read_agent: reads an agent's folder; given by the caller, so that models need no learning libraries.
 
     Raises:
         InputError: a file is missing or no model, is of an arm with other joints, or two models have one name.
     """
-    models: dict[str, TorqueModel | None] = {}
+    models: dict[str, Candidate] = {}
     for entry in entries:
         name, source = named(entry)
         if not name or name in models:
             raise InputError(
                 f"two models are called {name!r}", f"write NAME={source}", where="MODEL"
             )
-        models[name] = read_model(source, arm)
+        is_agent = Path(source).is_dir()
+        models[name] = (
+            read_agent(Path(source), arm) if is_agent else read_model(source, arm)
+        )
     return models
 
 
@@ -72,7 +85,8 @@ def read_arm(source: str, arm: NominalArm) -> CorrectedArm:
         return read_corrected_arm(arm, path)
     raise InputError(
         f"unknown model {source!r}",
-        f"{nearest(source, NAMES)}give {', '.join(NAMES)}, the path of a corrected.yaml, or of an identification.json",
+        f"{nearest(source, NAMES)}give {', '.join(NAMES)}, the path of a corrected.yaml or of an identification.json, "
+        "or the folder of a trained agent",
         where="MODEL",
     )
 

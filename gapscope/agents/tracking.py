@@ -114,6 +114,7 @@ def track(
     motion = course.motion
     n = motion.q.shape[1]
     start_speed = np.zeros(n) + kick
+    controller.begin(motion)
     simulated.start(motion.q[0], start_speed, float(motion.t[0]))
     error_rate = VelocityFilter(
         1.0 / simulated.dt,

@@ -12,6 +12,7 @@ from gapscope.commands.options import Results, RobotOption, split_names
 from gapscope.terminal import Progress, console, note, say, wrote
 
 if TYPE_CHECKING:
+    from gapscope.agents.agent_controller import AgentModel
     from gapscope.agents.evaluation_plan import EvaluationPlan
     from gapscope.agents.summary import SummaryLine
     from gapscope.arm.nominal import NominalArm
@@ -19,7 +20,8 @@ if TYPE_CHECKING:
 Models = Annotated[
     list[str],
     typer.Argument(
-        help="pd, gravity, nominal, a corrected.yaml, or an identification.json; each may be called NAME=...",
+        help="pd, gravity, nominal, a corrected.yaml, an identification.json, or the folder of a trained agent; each "
+        "may be called NAME=...",
         metavar="MODEL...",
     ),
 ]
@@ -79,7 +81,7 @@ def evaluate(
     env: Environment = None,
     again: Again = False,
 ) -> None:
-    """Evaluate models by how well an arm is tracked with them."""
+    """Evaluate models and trained agents by how well an arm is tracked with them."""
     from gapscope.commands.environment_file import merge_options
     from gapscope.reports.evaluation.table import tables
 
@@ -112,6 +114,13 @@ def _plan(options: dict[str, Any]) -> EvaluationPlan:
         tuning=Tuning(options["bandwidth"], options["damping"]),
         law=options["law"],
     )
+
+
+def _read_agent(folder: Path, arm: NominalArm) -> AgentModel:
+    """The agent of a folder; torch is imported here, so that models do without it."""
+    from gapscope.agents.training.agent_model import read_agent_model
+
+    return read_agent_model(folder, arm)
 
 
 def evaluate_path(
@@ -160,7 +169,7 @@ def evaluate_path(
 
     arm = read_arm(robot) if isinstance(robot, str) else robot
     hidden = () if effects is None else read_corrected(effects)
-    tried = read_models(models, arm)
+    tried = read_models(models, arm, _read_agent)
     with error_context(effects, hidden):
         bench = TrackingBench(arm, hidden, plan)
     begin_results(out, DOCUMENT)

@@ -9,9 +9,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from gapscope.agents.agent_controller import AgentModel, Candidate
 from gapscope.agents.episode import Episode
 from gapscope.agents.evaluation import TrackingBench
-from gapscope.agents.torque_model import ArmModel, TorqueModel
+from gapscope.agents.torque_model import ArmModel
 from gapscope.agents.tracking_metrics import Measures
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.atomic_write import atomic_write
@@ -53,7 +54,7 @@ class Cells:
     def episodes(
         self,
         name: str,
-        model: TorqueModel | None,
+        model: Candidate,
         engine: str,
         seed: int,
         compute: Callable[[], list[Episode]],
@@ -71,7 +72,7 @@ class Cells:
     def margin(
         self,
         name: str,
-        model: TorqueModel | None,
+        model: Candidate,
         engine: str,
         compute: Callable[[], float],
     ) -> float:
@@ -93,13 +94,15 @@ class Cells:
     def _cell(
         self,
         key: tuple[str, ...],
-        model: TorqueModel | None,
+        model: Candidate,
         compute: Callable[[], Any],
     ) -> Any:
         """What a cell holds. Numbers that are infinite are written as Python reads them."""
         parts = [*self._common, *key, type(model).__name__]
         if isinstance(model, ArmModel):
             parts.append(_of(model))
+        elif isinstance(model, AgentModel):
+            parts.append(model.digest)
         digest = fingerprint(parts)
         file = self._folder / f"{digest}.json"
         try:

@@ -14,6 +14,10 @@ from gapscope.arm.motions.trajectory import ReferenceMotion
 from gapscope.arm.nominal import NominalArm
 from gapscope.envs.actions import Control
 
+LOOK_AHEAD = (0.02, 0.1, 0.2)
+"""How far ahead the reference is observed, unless said otherwise [s]."""
+TIME_STEP, SUB_STEPS = 1e-3, 20
+"""Step of the simulation [s] and steps of an action, unless said otherwise."""
 EXTENSION = 0.25
 """A model is evaluated this far beyond the end, for delays to look ahead [s]."""
 

@@ -20,7 +20,14 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs import arguments
 from gapscope.envs.actions import control
-from gapscope.envs.course import Course, FeedforwardModel, Timing
+from gapscope.envs.course import (
+    LOOK_AHEAD,
+    SUB_STEPS,
+    TIME_STEP,
+    Course,
+    FeedforwardModel,
+    Timing,
+)
 from gapscope.envs.episode import EpisodeOptions, EpisodeSource
 from gapscope.envs.episode_info import divergence_info, ending, stop_info, title, truth
 from gapscope.envs.given_effects import Effects, chosen_effects
@@ -95,10 +102,10 @@ class ArmTracking(gymnasium.Env):
         motion: str | ReferenceMotion = "random",
         posture: Sequence[float] | None = None,
         limits: Limits | None = None,
-        time_step: float = 1e-3,
-        sub_steps: int = 20,
+        time_step: float = TIME_STEP,
+        sub_steps: int = SUB_STEPS,
         episode_length: float = 10.0,
-        look_ahead: Sequence[float] = (0.02, 0.1, 0.2),
+        look_ahead: Sequence[float] = LOOK_AHEAD,
         action_share: float | None = None,
         action_reach: float | None = None,
         bandwidth: float = 2.0,

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gapscope.agents.agent_controller import AgentModel
 from gapscope.agents.evaluation import TrackingBench, evaluate
 from gapscope.agents.evaluation_plan import EvaluationPlan
 from gapscope.agents.gains import Tuning
@@ -170,12 +171,15 @@ def test_names_of_models() -> None:
     )
 
 
+def _no_agent(folder: Path, arm: NominalArm) -> AgentModel:
+    raise AssertionError(f"{folder} is no agent's")
+
+
 def test_models_of_files(two: NominalArm, tmp_path: Path) -> None:
     text = "schema: 1\neffects:\n  - {effect: viscous_friction, joints: [2], parameters: {coefficient: [3.0]}}\n"
     (tmp_path / "found.yaml").write_text(text)
-    models = read_models(
-        ["pd", "gravity", "nominal", str(tmp_path / "found.yaml")], two
-    )
+    entries = ["pd", "gravity", "nominal", str(tmp_path / "found.yaml")]
+    models = read_models(entries, two, _no_agent)
     assert (
         list(models) == ["pd", "gravity", "nominal", "found"] and models["pd"] is None
     )
@@ -184,7 +188,7 @@ def test_models_of_files(two: NominalArm, tmp_path: Path) -> None:
     assert nominal is not None and found is not None
     np.testing.assert_allclose(found(*fast) - nominal(*fast), [0.0, 3.0], atol=1e-9)
     with pytest.raises(InputError, match="two models"):
-        read_models(["pd", "pd"], two)
+        read_models(["pd", "pd"], two, _no_agent)
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gapscope.agents.evaluation import TrackingBench, evaluate
+from gapscope.agents.evaluation_plan import EvaluationPlan
+from gapscope.agents.training.agent_model import read_agent_model
 from gapscope.agents.training.checkpoint import read_checkpoint
 from gapscope.agents.training.policy import read_agent, write_agent
 from gapscope.agents.training.task import Task
@@ -205,3 +208,27 @@ def test_hyperparameters_are_searched(task: Task, tmp_path: Path) -> None:
     file = tune(task, short(steps=128, round_steps=128), 2, tmp_path)
     assert read_settings(file).steps == 128
     assert tune(task, short(steps=128, round_steps=128), 2, tmp_path) == file
+
+
+def test_a_trained_agent_is_evaluated_beside_models(
+    task: Task, arm: NominalArm, tmp_path: Path
+) -> None:
+    """Untrained it outputs zero: it tracks as its model does. Without its model's file it is refused."""
+    settings = short(steps=128, round_steps=128)
+    trained = Training(task, settings, tmp_path).run()
+    write_agent(task, settings, trained, tmp_path)
+    agent = read_agent_model(tmp_path, arm)
+    plan = EvaluationPlan(
+        motions=("fourier",), seeds=(0,), disturbances=("none",), duration=1.0
+    )
+    found = evaluate({"pd": None, "agent": agent}, TrackingBench(arm, (), plan))
+    pd, own = (episode.measures for episode in found.episodes)
+    kept = trained.curve[trained.best].steps
+    assert (own == pd) == (kept == 0) and np.isfinite(own.joint_error)
+    assert set(found.margins) == {(name, plan.engines[0]) for name in ("pd", "agent")}
+
+    document = json.loads((tmp_path / "agent.json").read_text())
+    document["model"] = "gone/corrected.yaml"
+    (tmp_path / "agent.json").write_text(json.dumps(document))
+    with pytest.raises(InputError, match="which is not there"):
+        read_agent_model(tmp_path, arm)

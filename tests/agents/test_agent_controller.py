@@ -1,0 +1,129 @@
+"""A trained agent as a controller: it sees what the environment shows, and acts as there."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gapscope.agents.agent_controller import AgentController, AgentModel
+from gapscope.agents.evaluation import TrackingBench
+from gapscope.agents.evaluation_plan import EvaluationPlan
+from gapscope.agents.torque_model import Gravity
+from gapscope.agents.tracking import SampledReference, track
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError
+from gapscope.arm.motions.named_motions import draw_motion, workspace
+from gapscope.arm.nominal import NominalArm
+from gapscope.envs.actions import Control, control
+from gapscope.envs.course import LOOK_AHEAD
+from gapscope.envs.environment import ArmTracking
+from gapscope.envs.simulated_arm import SimulatedArm
+
+BANDWIDTH, REACH = 2.0, 0.05
+
+
+class Noting:
+    """A policy of actions drawn once, which notes what it observes."""
+
+    def __init__(self, size: int, factor: float = 1.0) -> None:
+        self.seen: list[np.ndarray] = []
+        draws = np.random.default_rng(0).uniform(-1, 1, (200, size))
+        self.actions = factor * draws
+
+    def __call__(self, observation: np.ndarray) -> np.ndarray:
+        self.seen.append(observation)
+        return self.actions[len(self.seen) - 1]
+
+
+def _control(arm: NominalArm, kind: str) -> Control:
+    body = RigidBody(arm)
+    reach = REACH if kind == "residual" else None
+    return control(arm, body, workspace(body), kind, None, BANDWIDTH, reach)
+
+
+def _agent(arm: NominalArm, policy: Noting, kind: str = "residual") -> AgentModel:
+    return AgentModel(
+        policy, Gravity(arm), _control(arm, kind), LOOK_AHEAD, 0.02, "none"
+    )
+
+
+@pytest.mark.parametrize("kind", ["residual", "scale", "torque"])
+def test_it_moves_an_arm_as_the_environment_does(two: NominalArm, kind: str) -> None:
+    """The same policy, gains and motion: observations and positions agree."""
+    size = 4 if kind == "scale" else 2
+    reach = REACH if kind == "residual" else None
+    motion = draw_motion(
+        "fourier", np.random.default_rng(1), workspace(RigidBody(two)), 1.0
+    )
+    here, there = Noting(size, 0.3), Noting(size, 0.3)
+    env = ArmTracking(
+        two,
+        action=kind,
+        feedforward=Gravity(two),
+        action_reach=reach,
+        bandwidth=BANDWIDTH,
+        episode_length=0.6,
+    )
+    observation, _ = env.reset(seed=0, options={"motion": motion})
+    for _ in range(30):
+        observation, *_ = env.step(there(observation))
+    env.close()
+
+    agent = _agent(two, here, kind)
+    gains = agent.control.gains or _control(two, "residual").gains
+    assert gains is not None
+    controller = AgentController(gains, agent.control.limit, agent)
+    course = SampledReference.of(motion, 0.6, 1e-3, settle=0.0).planned(controller)
+    with SimulatedArm(two, (), 1e-3, encoder_step=two.encoder_step or 0.0) as simulated:
+        track(simulated, controller, course)
+    assert len(here.seen) == 30
+    n = two.n_joints
+    # without a PD loop the environment reads its encoders less often: the velocity is another estimate
+    ignored = slice(n, 2 * n) if kind == "torque" else slice(0, 0)
+    seen, shown = np.array(here.seen), np.array(there.seen)
+    seen[:, ignored] = shown[:, ignored] = 0.0
+    np.testing.assert_allclose(seen, shown, atol=2e-4)
+
+
+def test_an_agent_that_does_nothing_is_its_model(two: NominalArm) -> None:
+    """Torque for torque, and again after another run."""
+    plan = EvaluationPlan(
+        motions=("fourier",), seeds=(0,), duration=1.0, disturbances=("none",)
+    )
+    bench = TrackingBench(two, (), plan)
+    agent = _agent(two, Noting(2, 0.0))
+    ((alone,), (with_agent,)) = (
+        list(bench.episodes("m", model, plan.engines[0], 0))
+        for model in (Gravity(two), agent)
+    )
+    assert alone.measures == with_agent.measures
+    assert alone.torque_error == with_agent.torque_error
+    own = replace(agent, policy=Noting(2))
+    acting = next(bench.episodes("m", own, plan.engines[0], 0))
+    assert acting.measures.joint_error > alone.measures.joint_error
+
+
+def test_an_agent_begins_anew(two: NominalArm) -> None:
+    """A second run on a reference is the first one again."""
+    agent = _agent(two, Noting(2))
+    gains = agent.control.gains
+    assert gains is not None
+    motion = draw_motion(
+        "fourier", np.random.default_rng(1), workspace(RigidBody(two)), 1.0
+    )
+    course = SampledReference.of(motion, 0.5, 1e-3)
+    with SimulatedArm(two, (), 1e-3) as simulated:
+        runs = []
+        for _ in range(2):
+            controller = AgentController(
+                gains, agent.control.limit, replace(agent, policy=Noting(2))
+            )
+            runs.append(track(simulated, controller, course.planned(controller)))
+    np.testing.assert_array_equal(runs[0].tau, runs[1].tau)
+
+
+def test_computed_torque_takes_no_agent(two: NominalArm) -> None:
+    plan = EvaluationPlan(motions=("fourier",), seeds=(0,), law="computed")
+    bench = TrackingBench(two, (), plan)
+    with pytest.raises(InputError, match="an agent acts beside feedforward"):
+        bench.controller(_agent(two, Noting(2)))
