@@ -30,6 +30,8 @@ class NominalArm:
         encoder_step: quantisation step of q that the data sheet admits [rad], or ``None``.
         coupling: D [1] with the motors' speeds D dq, (n, n), ones on the diagonal; ``None``: each motor turns its own
             joint alone.
+        presliding: distance over which dry friction builds up after a reversal [rad], (n,); where it is 0 friction
+            follows the velocity at once.
         friction_source: where ``coulomb`` and ``viscous`` come from, in words; empty if nothing states them.
 
     Raises:
@@ -47,12 +49,13 @@ class NominalArm:
     encoder: str = "motor"
     encoder_step: float | None = None
     coupling: np.ndarray | None = None
+    presliding: np.ndarray = None  # type: ignore[assignment]
     friction_source: str = ""
 
     def __post_init__(self) -> None:
         """Fill in zeros if the data sheet is silent and freeze the arrays."""
         n = len(self.joints)
-        for name in ("armature", "coulomb", "viscous"):
+        for name in ("armature", "coulomb", "viscous", "presliding"):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, np.zeros(n))
         for name, length in (
@@ -60,6 +63,7 @@ class NominalArm:
             ("armature", n),
             ("coulomb", n),
             ("viscous", n),
+            ("presliding", n),
             ("torque_limit", n),
         ):
             value = getattr(self, name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from threadpoolctl import threadpool_limits
@@ -49,17 +50,20 @@ def conclude(study: Study, progress: Progress = lambda message: None) -> Diagnos
     progress("writes the findings")
     content = diagnosis_content(study)
     segments = study.predictor.segments
-    corrected = CorrectedArm(study.case.arm, study.effects)
+    presliding = study.selection.presliding_of(study.selection.fit.terms)
+    arm = replace(study.case.arm, presliding=presliding)
+    corrected = CorrectedArm(arm, study.effects)
     rates = tuple(segment.motion.rate for segment in segments)
     gaps = {"before": study.gap_before, "after": study.gap_after}
     return Diagnosis(
         document=content,
         effects=_in_order(study.effects, content["effects"]),
-        traces=traces(corrected, study.body, segments),
+        traces=traces(study.case.arm, corrected, study.body, segments),
         signatures=signatures(corrected, study.body, segments),
         spectrum=spectrum(study.gap_before, study.gap_after, rates),
         located=located(content, gaps, study.floor, segments),
         possible=_in_order(study.possible, content["possible"]),
+        presliding=tuple(presliding.tolist()),
     )
 
 

@@ -83,6 +83,7 @@ class Diagnosis:
         spectrum: where in frequency the gap lies.
         located: where the gap of the worst joint lies, before and, if it stays above the floor, after.
         possible: the effects that are possible and not confirmed, with values beside all others, ordered by share.
+        presliding: distance over which the dry friction of each joint builds up after a reversal [rad], (n,).
     """
 
     document: Mapping[str, Any]
@@ -92,3 +93,4 @@ class Diagnosis:
     spectrum: Spectrum
     located: tuple[Located, ...] = ()
     possible: tuple[AppliedEffect, ...] = ()
+    presliding: tuple[float, ...] = ()

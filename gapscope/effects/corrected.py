@@ -16,7 +16,7 @@ import numpy as np
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
-from gapscope.arm.nominal import NominalArm, smooth_sign
+from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.coupled_motors import COUPLED_ARMATURE
 from gapscope.effects.deflection import behind_elasticity
@@ -34,6 +34,7 @@ from gapscope.effects.effect import (
 from gapscope.effects.environment import BASE_TILT, tilt
 from gapscope.effects.free_play import behind_play
 from gapscope.effects.friction import LOAD
+from gapscope.effects.presliding import friction_direction
 from gapscope.effects.residual.model import ResidualNetwork
 from gapscope.effects.rigid_body import ARMATURE
 from gapscope.effects.series import MotionSeries, slow_with_rates
@@ -237,12 +238,13 @@ class CorrectedArm:
                 friction.append((law, values))
                 continue
             torque = torque + law.law(Signals(t, position, motor.dq, torque), *values)
+        direction = friction_direction(motor.q, motor.dq, arm.presliding)
         factor = self.drift(motion.t)
-        plain = arm.coulomb * smooth_sign(motor.dq) + arm.viscous * motor.dq
+        plain = arm.coulomb * direction + arm.viscous * motor.dq
         torque = torque + factor * plain
         # load friction last: it acts on the whole motor torque
         for law, values in sorted(friction, key=lambda item: item[0].name == LOAD.name):
-            signals = Signals(t, position, motor.dq, torque)
+            signals = Signals(t, position, motor.dq, torque, direction)
             torque = torque + factor * law.law(signals, *values)
         return torque + self._coupled_torque(motor)
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from gapscope.effects.residual.model import ResidualNetwork
 from gapscope.effects.setup_faults.fault import Fault
 from gapscope.effects.setup_faults.fault_catalogue import FAULTS
 
-_KEYS = {"schema", "case", "effects", "residual"}
+_KEYS = {"schema", "case", "effects", "residual", "presliding"}
 
 
 def write_corrected(
@@ -31,6 +31,7 @@ def write_corrected(
     path: Path,
     residual: str | None = None,
     faults: tuple[Fault, ...] = (),
+    presliding: Iterable[float] = (),
 ) -> None:
     """Write effects as ``corrected.yaml``; ``path`` never holds half of one.
 
@@ -40,6 +41,8 @@ def write_corrected(
         path: the file.
         residual: file of a residual network, relative to the folder of ``path``; it is not written here.
         faults: setup faults, if the file describes how a case was recorded.
+        presliding: distance over which the dry friction of each joint builds up after a reversal [rad]; nothing or
+            zeros if it follows the velocity at once.
 
     Raises:
         GapscopeError: the file cannot be written.
@@ -59,6 +62,9 @@ def write_corrected(
         ]
         + [described_fault(fault) for fault in faults],
     }
+    distances = [float(distance) for distance in presliding]
+    if any(distances):
+        content["presliding"] = distances
     if residual is not None:
         content["residual"] = residual
     with atomic_write(path) as aside:
@@ -160,10 +166,27 @@ def read_corrected_arm(arm: NominalArm, path: Path | str) -> CorrectedArm:
     """
     content, path = _content(Path(path)), Path(path)
     effects = _effects(content, path)
+    arm = _with_presliding(arm, content, path)
     corrected = CorrectedArm(arm, effects, _residual(content, path))
     with error_context(path, effects):
         corrected.check()
     return corrected
+
+
+def _with_presliding(
+    arm: NominalArm, content: dict[str, Any], path: Path
+) -> NominalArm:
+    """The arm with the presliding of its dry friction that a file gives, if any."""
+    distances = content.get("presliding")
+    if distances is None:
+        return arm
+    try:
+        bent = replace(arm, presliding=distances)
+    except InputError as error:
+        raise InputError(error.problem, file=path, where="presliding") from None
+    if (bent.presliding < 0).any():
+        raise InputError("a distance is below zero", file=path, where="presliding")
+    return bent
 
 
 def _residual(content: dict[str, Any], path: Path) -> ResidualNetwork | None:

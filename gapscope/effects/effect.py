@@ -11,6 +11,7 @@ from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 
+from gapscope.arm.nominal import smooth_sign
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.parameter import Parameter
 from gapscope.effects.parametrisation import Parametrisation, Values
@@ -103,12 +104,19 @@ class Signals(NamedTuple):
         position: q [rad].
         velocity: dq [rad/s].
         load: torque through the transmission before load friction [N m].
+        bend: how far dry friction has built up [1], between -1 and 1; ``None`` if it follows the velocity at once.
     """
 
     t: np.ndarray | float
     position: np.ndarray
     velocity: np.ndarray
     load: np.ndarray
+    bend: np.ndarray | None = None
+
+    @property
+    def direction(self) -> np.ndarray:
+        """Direction of dry friction [1]: its bend, or the smoothed sign of the velocity."""
+        return smooth_sign(self.velocity) if self.bend is None else self.bend
 
 
 class Series(Protocol):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from gapscope.arm.nominal import smooth_sign
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.effect import Drift, DryLaw, Signals, TorqueLaw
 from gapscope.effects.parameter import Parameter
@@ -26,7 +25,7 @@ def coulomb_amplitude(
 
 def coulomb(signals: Signals, torque: np.ndarray) -> np.ndarray:
     """c sgn v [N m]; c in N m, v in rad/s."""
-    return torque * smooth_sign(signals.velocity)
+    return torque * signals.direction
 
 
 def viscous(signals: Signals, coefficient: np.ndarray) -> np.ndarray:
@@ -43,9 +42,10 @@ def stribeck_amplitude(
 
 def stribeck(signals: Signals, torque: np.ndarray, speed: np.ndarray) -> np.ndarray:
     """d exp(-(v / vs)^2) sgn v [N m]."""
-    return stribeck_amplitude(
-        signals.velocity, signals.load, torque, speed
-    ) * smooth_sign(signals.velocity)
+    return (
+        stribeck_amplitude(signals.velocity, signals.load, torque, speed)
+        * signals.direction
+    )
 
 
 def saturating_amplitude(
@@ -63,9 +63,10 @@ def saturating_amplitude(
 
 def saturating(signals: Signals, torque: np.ndarray, speed: np.ndarray) -> np.ndarray:
     r"""d tanh(\|v\| / vs) sgn v [N m]."""
-    return saturating_amplitude(
-        signals.velocity, signals.load, torque, speed
-    ) * smooth_sign(signals.velocity)
+    return (
+        saturating_amplitude(signals.velocity, signals.load, torque, speed)
+        * signals.direction
+    )
 
 
 def load_amplitude(
@@ -81,7 +82,7 @@ def load_dependent(signals: Signals, coefficient: np.ndarray) -> np.ndarray:
     With ``load`` the torque before load friction, tau = load + mu \|tau\| sgn v has the closed solution
     tau = load / (1 - mu sgn(v) sgn(load)), so that the law is tau - load. Needs \|mu\| < 1.
     """
-    directed = coefficient * smooth_sign(signals.velocity) * np.sign(signals.load)
+    directed = coefficient * signals.direction * np.sign(signals.load)
     return signals.load * directed / (1.0 - directed)
 
 

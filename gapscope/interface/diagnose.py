@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from gapscope.arm.case import Case, load_case
@@ -74,6 +75,8 @@ class DiagnosisResult(Result):
     def corrected(self) -> CorrectedArm:
         """The nominal arm, or the one identified on the reference, plus the effects found."""
         arm = self.change.case.arm if self.change else self.case.arm
+        if self.diagnosis.presliding:
+            arm = replace(arm, presliding=np.array(self.diagnosis.presliding))
         return CorrectedArm(arm, self.effects)
 
     def save(self, folder: str | Path) -> tuple[Path, ...]:

@@ -60,7 +60,12 @@ def write_change(change: Change, case_file: Path, folder: Path) -> tuple[Path, .
 def _write(
     result: Diagnosis, effects: Sequence[AppliedEffect], folder: Path
 ) -> tuple[Path, ...]:
-    write_corrected(str(result.document["case"]), tuple(effects), folder / CORRECTED)
+    write_corrected(
+        str(result.document["case"]),
+        tuple(effects),
+        folder / CORRECTED,
+        presliding=result.presliding,
+    )
     render(result, folder / REPORT)
     write_document(result.document, folder / DOCUMENT)
     return folder / REPORT, folder / DOCUMENT, folder / CORRECTED

@@ -96,4 +96,5 @@ def selection(
         contested=contested or {},
         nominal_mse=np.ones((1, JOINTS)) if nominal_mse is None else nominal_mse,
         last_link=JOINTS,
+        presliding=np.zeros(JOINTS),
     )

@@ -10,11 +10,11 @@ import numpy as np
 from gapscope.arm.case import load_case
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.load_recording import load_recording
+from gapscope.arm.recording import Recording
 from gapscope.blind_check.generator.measure import residual, rms
 from gapscope.diagnosis.gap.predict import predict_torque
-from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.corrected_file import read_corrected
+from gapscope.effects.corrected_file import read_corrected_arm
 
 ABOVE = 2.0
 """A joint counts when its gap is this many times its floor."""
@@ -40,9 +40,9 @@ def closure(
     try:
         loaded = load_case(case, read_recordings=False)
         recording = load_recording(unseen, loaded.arm, loaded.importing, every_row=True)
-        effects = read_corrected(corrected)
-        before = _nrmse(loaded.arm, (), recording)
-        after = _nrmse(loaded.arm, effects, recording) if effects else before
+        arm = read_corrected_arm(loaded.arm, corrected)
+        before = _nrmse(CorrectedArm(loaded.arm), recording)
+        after = _nrmse(arm, recording) if arm.effects else before
     except (GapscopeError, ValueError):
         return None
     counts = before > ABOVE * floor
@@ -57,11 +57,12 @@ def closure(
     }
 
 
-def _nrmse(arm: Any, effects: tuple[AppliedEffect, ...], recording: Any) -> np.ndarray:
+def _nrmse(arm: CorrectedArm, recording: Recording) -> np.ndarray:
     """Torque NRMSE of an arm on a recording, (n,); if torque saturates, of what reached the joint."""
-    predicted = predict_torque(CorrectedArm(arm, effects), recording)
+    predicted = predict_torque(arm, recording)
+    assert recording.tau is not None
     torque = recording.tau
-    for effect in effects:
+    for effect in arm.effects:
         if effect.name == "torque_saturation":
             columns = np.array(effect.joints) - 1
             limit = effect.parameters["limit"]

@@ -69,23 +69,19 @@ class HeldOutPredictor:
 
         # Recordings that are never fitted are held out as they are: no fold has to be left out.
         if self.set_aside:
-            corrected = self._corrected(evidence.fit(terms).theta, terms)
+            corrected = self.selection.corrected(evidence.fit(terms).theta, terms)
             return gap_of(corrected, self.set_aside)
 
         gaps = []
         for values, fold in zip(evidence.left_out(terms), self.folds, strict=True):
             # The whole fold is predicted twice, as effects with a state need what came before.
-            without_first = self._corrected(values[0], terms)
-            without_second = self._corrected(values[1], terms)
+            without_first = self.selection.corrected(values[0], terms)
+            without_second = self.selection.corrected(values[1], terms)
             joined = join_halves(
                 gap_of(without_first, fold), gap_of(without_second, fold)
             )
             gaps.append(joined)
         return _concatenated(gaps)
-
-    def _corrected(self, theta: np.ndarray, terms: frozenset[Term]) -> CorrectedArm:
-        known = self.selection.evidence.terms
-        return CorrectedArm(self.arm, known.effects(known.clipped(theta), terms))
 
     def shares(self, draws: int = SHARE_DRAWS) -> dict[str, Share]:
         """Share of each effect in the gap closed, by Shapley's value over all orders of adding them.

@@ -41,9 +41,7 @@ def measured_gap(predictor: HeldOutPredictor, baseline: Baseline | None) -> Meas
     """Gap, floor and excess residual with the selection of a predictor; ``baseline`` if compared with a reference."""
     selection, terms = predictor.selection, predictor.selection.fit.terms
     gap_before, gap_after = predictor.gap(frozenset()), predictor.gap(terms)
-    corrected = CorrectedArm(
-        predictor.arm, selection.evidence.terms.effects(selection.fit.theta, terms)
-    )
+    corrected = selection.corrected(selection.fit.theta, terms)
     fitted_gap = torque_gap(corrected, predictor.body, predictor.segments)
     inertial_mse = _inertial_error_mse(selection, fitted_gap)
     floor = np.sqrt(_noise_mse(predictor, corrected, fitted_gap) + inertial_mse)

@@ -115,8 +115,7 @@ def find_sides(
         return None
 
     body = predictor.body
-    fitted_effects = evidence.terms.effects(predictor.selection.fit.theta, terms)
-    fitted_arm = CorrectedArm(predictor.arm, fitted_effects)
+    fitted_arm = predictor.selection.corrected(predictor.selection.fit.theta, terms)
     zero_unit = SENSOR_ZERO * evidence.linear.data.torque_deviation
 
     def reading_errors(segment: Segment) -> np.ndarray:

@@ -30,6 +30,7 @@ def context(study: Study) -> dict[str, Any]:
     return {
         "arm": {"robot": case.arm.name, "joints": list(case.arm.joints)},
         "nominal": {"friction": _nominal_friction(case.arm)},
+        "presliding": study.selection.presliding_of(study.selection.fit.terms).tolist(),
         "recordings": [
             *(_recording_entry(r, "fit") for r in case.recordings),
             *(_recording_entry(r, "judge") for r in case.judged),

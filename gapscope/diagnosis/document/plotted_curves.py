@@ -10,6 +10,7 @@ import numpy as np
 from scipy.signal import welch
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.document.wording import worst_joint
 from gapscope.diagnosis.gap.torque_gap import TorqueGap, torque_gap
 from gapscope.diagnosis.localisation.locate import locate
@@ -54,10 +55,13 @@ def located(
 
 
 def traces(
-    corrected: CorrectedArm, body: RigidBody, segments: list[Segment]
+    arm: NominalArm,
+    corrected: CorrectedArm,
+    body: RigidBody,
+    segments: list[Segment],
 ) -> tuple[Trace, ...]:
     """Measured, nominal and corrected torque of each segment."""
-    nominal = CorrectedArm(corrected.arm)
+    nominal = CorrectedArm(arm)
     out = []
     for segment in segments:
         before = torque_gap(nominal, body, [segment])

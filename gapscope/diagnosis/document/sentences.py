@@ -162,6 +162,17 @@ def nominal_friction_sentence(document: Document) -> str | None:
     return listing(parts) + (f" (from {source})" if source else "")
 
 
+def presliding_sentence(document: Document) -> str | None:
+    """Over what distance the dry friction found builds up, and on which joints; ``None`` if it acts at once."""
+    distances = document.get("presliding", [])
+    bent = [joint for joint, distance in enumerate(distances, 1) if distance > 0]
+    if not bent:
+        return None
+    values = [1e3 * distances[joint - 1] for joint in bent]
+    plural = "s" if len(bent) > 1 else ""
+    return f"{_from_to(values, 'mrad')} on joint{plural} {listing(joint_ranges(bent))}"
+
+
 def _from_to(values: list[float], unit: str) -> str:
     """The range of the joints' values, or the value that all have."""
     low, high = significant(min(values)), significant(max(values))

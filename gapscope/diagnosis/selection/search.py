@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -28,6 +28,10 @@ from gapscope.diagnosis.selection.groups import best_groups
 from gapscope.diagnosis.selection.load_or_link import prefer_payload
 from gapscope.diagnosis.selection.moves import consistent
 from gapscope.diagnosis.selection.near_equivalents import compare_near_equivalents
+from gapscope.diagnosis.selection.presliding import (
+    has_dry_friction,
+    presliding_distances,
+)
 from gapscope.diagnosis.selection.refinement import drop_unneeded, prune, refine
 from gapscope.diagnosis.selection.turned_base import add_turned_base
 from gapscope.diagnosis.selection.visibility import visible
@@ -38,6 +42,7 @@ from gapscope.diagnosis.thresholds import (
     PAIRED_GROUPS,
     SEARCH_RATE,
 )
+from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import Segment, thinned
 
 Progress = Callable[[str], None]
@@ -58,6 +63,7 @@ class Selection:
             around its own values.
         nominal_mse: mean square of the gap per fold and joint without any effect [N^2 m^2], (F, n).
         last_link: the joint that moves the last link, from 1.
+        presliding: distance over which the dry friction of a joint builds up, if it has some [rad], (n,).
     """
 
     scale: np.ndarray
@@ -67,6 +73,18 @@ class Selection:
     contested: Mapping[tuple[str, str], float]
     nominal_mse: np.ndarray
     last_link: int
+    presliding: np.ndarray
+
+    def corrected(self, theta: np.ndarray, terms: frozenset[Term]) -> CorrectedArm:
+        """The nominal arm with some terms at values theta, (P,), and the presliding of their dry friction."""
+        known, arm = self.evidence.terms, self.evidence.linear.arm
+        arm = replace(arm, presliding=self.presliding_of(terms))
+        return CorrectedArm(arm, known.effects(known.clipped(theta), terms))
+
+    def presliding_of(self, terms: frozenset[Term]) -> np.ndarray:
+        """Distance over which the dry friction of some terms builds up [rad], (n,)."""
+        dry = has_dry_friction(terms, len(self.presliding))
+        return np.where(dry, self.presliding, 0.0)
 
 
 def search(
@@ -104,6 +122,7 @@ def search(
         {**replaced, **unlike},
         nominal.fit.held_out_mse,
         body.last_link + 1,
+        np.zeros(arm.n_joints) if quick else presliding_distances(model),
     )
 
 

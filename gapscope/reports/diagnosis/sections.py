@@ -11,6 +11,7 @@ import numpy as np
 from gapscope.diagnosis.display import MISSING, display_unit, significant
 from gapscope.diagnosis.document.sentences import (
     nominal_friction_sentence,
+    presliding_sentence,
     unexplained_sentence,
     verdict_sentence,
 )
@@ -198,6 +199,7 @@ def inputs(diagnosis: Diagnosis) -> dict[str, Any]:
         "conditioning": document.get("conditioning"),
         "warnings": document.get("warnings", []),
         "nominal_friction": nominal_friction_sentence(document),
+        "presliding": presliding_sentence(document),
         "inferred": document.get("torque_from") == "controller",
         "traces": len(diagnosis.traces),
         "spectrum": diagnosis.spectrum.frequency.size > 0,

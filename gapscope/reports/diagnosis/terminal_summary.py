@@ -13,6 +13,7 @@ from gapscope.diagnosis.display import nrmse, percent
 from gapscope.diagnosis.document.sentences import (
     nominal_friction_sentence,
     possible_texts,
+    presliding_sentence,
     sides_sentence,
     unexplained_sentence,
     verdict_sentence,
@@ -65,6 +66,9 @@ def print_summary(document: Mapping[str, Any], console: Console) -> None:
     friction = nominal_friction_sentence(document)
     if friction is not None:
         _labelled(console, "Nominal friction", friction)
+    bent = presliding_sentence(document)
+    if bent is not None:
+        _labelled(console, "Dry friction builds up over", bent)
     if document["next_recording"]:
         _labelled(console, "Next recording", document["next_recording"])
     for warning in document.get("warnings", []):
