@@ -113,13 +113,16 @@ def way_out(residual: ResidualNetwork, trajectory: Trajectory, group: str) -> Wa
             [residual.inputs.windows(m, trajectory.load, rows) for m in motions], axis=1
         )
         prediction = residual.of_windows(windows)
-        members = residual.network.outputs(windows)[0]
+        mean, _, apart = residual.outputs(windows)
         found["said"].append(rms(prediction.torque))
-        found["raw"].append(rms(members.mean(axis=0).T * residual.scale))
-        found["spread"].append(rms(members.std(axis=0).T * residual.scale))
+        found["raw"].append(rms(mean * residual.scale))
+        found["spread"].append(rms(apart * residual.scale))
         found["trust"].append(prediction.trust.mean(axis=0))
         distance = (
-            residual.trust.distance(windows[:, :, -1]) / residual.trust.radius[:, None]
+            residual.trust.distance(
+                windows[:, :, -1, residual.inputs.layout.neighbourhood]
+            )
+            / residual.trust.radius[:, None]
         )
         found["distance"].append(distance.mean(axis=1))
         if step > 0:
@@ -139,135 +142,89 @@ def rms(torque: np.ndarray) -> np.ndarray:
 
 
 def report(
-    name: str, networks: Sequence[ResidualNetwork], trajectory: Trajectory, out: Path
+    name: str, residual: ResidualNetwork, trajectory: Trajectory, out: Path
 ) -> str:
-    """Print where the networks fall silent, and draw the way out of the joint that each says most of.
+    """Print where a network falls silent, and draw the way out of the joint that it says most of.
 
     Returns:
         What was written, in words.
     """
-    studied = [
-        (r, [way_out(r, trajectory, group) for group in GROUPS]) for r in networks
-    ]
+    ways = [way_out(residual, trajectory, group) for group in GROUPS]
+    if ways[0].inside.max() <= NOTHING:
+        return f"{name}: the network says nothing, inside and outside"
     print(f"### {name}: on the way out\n")
-    print(
-        "| form | joint | in training [N m] | bound [N m] | silent from, position | speed | acceleration | ",
-        end="",
+    heads = (
+        "joint",
+        "in training [N m]",
+        "bound [N m]",
+        "silent from, position",
+        "speed",
+        "acceleration",
+        "largest outside over bound",
+        "without trust and bound, 100 times the speed [N m]",
     )
-    print(
-        "largest outside over bound | without trust and bound, 100 times the speed [N m] |\n|"
-        + "---|" * 9
-    )
-    for residual, ways in studied:
-        for joint in np.flatnonzero(ways[0].inside > NOTHING):
-            places = []
-            for way in ways:
-                step, distance = way.silent_from(joint)
-                least = way.said[:, joint].min() / way.inside[joint]
-                far = f"never: {least:.0%} at least ({way.distance[:, joint].max():.2g} r)"
-                places.append(
-                    f"{step:.2g} ({distance:.2g} r)" if np.isfinite(step) else far
-                )
-            largest = max(way.largest[joint] for way in ways)
-            cells = [
-                residual.network.form.upper(),
-                f"J{joint + 1}",
-                f"{ways[0].inside[joint]:.3g}",
-                f"{residual.bound[joint]:.3g}",
-                *places,
-                f"{largest:.2f}",
-                f"{ways[1].raw[-1, joint]:.3g}",
-            ]
-            print("| " + " | ".join(cells) + " |")
+    print(f"| {' | '.join(heads)} |\n|{'---|' * len(heads)}")
+    for joint in np.flatnonzero(ways[0].inside > NOTHING):
+        cells = [
+            f"J{joint + 1}",
+            f"{ways[0].inside[joint]:.3g}",
+            f"{residual.bound[joint]:.3g}",
+            *(silence(way, joint) for way in ways),
+            f"{max(way.largest[joint] for way in ways):.2f}",
+            f"{ways[1].raw[-1, joint]:.3g}",
+        ]
+        print(f"| {' | '.join(cells)} |")
     print(
         f"\nSilent: below {SILENT:.0%} of the RMS in training, from there on; in brackets the mean distance by then.\n"
     )
     path = out / f"outside_{name}.html"
-    speaking = [
-        (residual, ways) for residual, ways in studied if ways[0].inside.max() > NOTHING
-    ]
-    for residual in (
-        residual for residual, ways in studied if ways[0].inside.max() <= NOTHING
-    ):
-        print(f"{residual.network.form.upper()} says nothing, inside and outside.\n")
-    if speaking:
-        draw(name, speaking).write_html(path, include_plotlyjs=True)
-    return f"wrote {path}" if speaking else "drew nothing"
+    draw(name, residual, ways).write_html(path, include_plotlyjs=True)
+    return f"wrote {path}"
 
 
-def draw(
-    name: str, studied: Sequence[tuple[ResidualNetwork, list[WayOut]]]
-) -> go.Figure:
-    """Per network a row of torque and a row of trust, a column per group."""
-    joints = [int(ways[0].inside.argmax()) for _, ways in studied]
-    titles = []
-    for (residual, _), joint in zip(studied, joints, strict=True):
-        form = residual.network.form.upper()
-        titles += [f"{form}, J{joint + 1}, {group}: torque [N m]" for group in GROUPS]
-        titles += [f"{form}, J{joint + 1}, {group}: trust" for group in GROUPS]
+def silence(way: WayOut, joint: int) -> str:
+    """From where a joint is silent, or how much it says at least."""
+    step, distance = way.silent_from(joint)
+    if np.isfinite(step):
+        return f"{step:.2g} ({distance:.2g} r)"
+    least = way.said[:, joint].min() / way.inside[joint]
+    return f"never: {least:.0%} at least ({way.distance[:, joint].max():.2g} r)"
+
+
+def draw(name: str, residual: ResidualNetwork, ways: Sequence[WayOut]) -> go.Figure:
+    """A row of torque and a row of trust, a column per group."""
+    joint = int(ways[0].inside.argmax())
+    titles = [f"J{joint + 1}, {group}: torque [N m]" for group in GROUPS]
+    titles += [f"J{joint + 1}, {group}: trust" for group in GROUPS]
     figure = make_subplots(
-        rows=2 * len(studied),
-        cols=3,
-        subplot_titles=titles,
-        vertical_spacing=0.14 / len(studied),
-        row_heights=[2, 1] * len(studied),
+        rows=2, cols=3, subplot_titles=titles, vertical_spacing=0.14, row_heights=[2, 1]
     )
-    for k, ((residual, ways), joint) in enumerate(zip(studied, joints, strict=True)):
-        for column, way in enumerate(ways, 1):
-            bound = np.full(len(STEPS), residual.bound[joint])
-            curves = {
-                "said": ("predicted, RMS", way.said[:, joint], "solid"),
-                "raw": ("without trust and bound, RMS", way.raw[:, joint], "dash"),
-                "spread": ("spread of the members", way.spread[:, joint], "dot"),
-                "bound": ("bound", bound, "dashdot"),
-            }
-            for key, (label, values, dash) in curves.items():
-                line = {
-                    "color": COLOURS[key],
-                    "dash": dash,
-                    "width": 2.5 if key == "said" else 1.5,
-                }
-                drawn = go.Scatter(
-                    x=STEPS,
-                    y=np.maximum(values, 1e-12),
-                    name=label,
-                    line=line,
-                    legendgroup=key,
-                    showlegend=k == 0 and column == 1,
-                )
-                figure.add_trace(drawn, 2 * k + 1, column)
-            line = {"color": COLOURS["trust"]}
-            figure.add_trace(
-                go.Scatter(x=STEPS, y=way.trust[:, joint], line=line, showlegend=False),
-                2 * k + 2,
-                column,
+    for column, way in enumerate(ways, 1):
+        curves = {
+            "said": ("predicted, RMS", way.said[:, joint], "solid"),
+            "raw": ("without trust and bound, RMS", way.raw[:, joint], "dash"),
+            "spread": ("spread of the members", way.spread[:, joint], "dot"),
+            "bound": ("bound", np.full(len(STEPS), residual.bound[joint]), "dashdot"),
+        }
+        for key, (label, values, dash) in curves.items():
+            width = 2.5 if key == "said" else 1.5
+            line = {"color": COLOURS[key], "dash": dash, "width": width}
+            shown = np.maximum(values, 1e-12)
+            curve = go.Scatter(
+                x=STEPS, y=shown, name=label, line=line, showlegend=column == 1
             )
-            low, high = 0.003 * way.inside[joint], 30 * residual.bound[joint]
-            figure.update_yaxes(
-                type="log",
-                range=np.log10([low, high]).tolist(),
-                row=2 * k + 1,
-                col=column,
-            )
-            figure.update_yaxes(range=[-0.05, 1.05], row=2 * k + 2, col=column)
+            figure.add_trace(curve, 1, column)
+        line = {"color": COLOURS["trust"]}
+        trust = go.Scatter(x=STEPS, y=way.trust[:, joint], line=line, showlegend=False)
+        figure.add_trace(trust, 2, column)
+        low, high = 0.003 * way.inside[joint], 30 * residual.bound[joint]
+        limits = np.log10([low, high]).tolist()
+        figure.update_yaxes(type="log", range=limits, row=1, col=column)
+        figure.update_yaxes(range=[-0.05, 1.05], row=2, col=column)
     figure.update_xaxes(range=[0, SHOWN])
-    for column, unit in enumerate(
-        ("eighths of half a turn", "largest speed", "largest acceleration"), 1
-    ):
-        figure.update_xaxes(
-            title_text=f"moved by [{unit}]", row=2 * len(studied), col=column
-        )
-    legend = {"orientation": "h", "x": 0, "y": 1, "yref": "container", "yanchor": "top"}
-    title = {
-        "text": f"{name}: a residual network on the way out of its training range",
-        "y": 0.93,
-    }
-    height = 430 * len(studied) + 120
-    figure.update_layout(
-        title=title,
-        height=height,
-        template="plotly_white",
-        legend=legend,
-        margin={"t": 110},
-    )
+    units = ("eighths of half a turn", "largest speed", "largest acceleration")
+    for column, unit in enumerate(units, 1):
+        figure.update_xaxes(title_text=f"moved by [{unit}]", row=2, col=column)
+    title = f"{name}: a residual network on the way out of its training range"
+    figure.update_layout(title=title, height=550, template="plotly_white")
     return figure

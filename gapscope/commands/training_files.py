@@ -103,7 +103,7 @@ def _asked(task: Task, settings: TrainingSettings, trials: int) -> dict[str, Any
 def _digest(label: object, corrected: CorrectedArm) -> str:
     """Hash of an arm with effects by its content; its name and the place of its files do not matter."""
     arm, residual = corrected.arm, corrected.residual
-    network = None if residual is None else residual.network
+    networks = () if residual is None else residual.networks
     return fingerprint(
         {
             "label": label,
@@ -112,7 +112,8 @@ def _digest(label: object, corrected: CorrectedArm) -> str:
             "encoder": [arm.encoder, arm.encoder_step],
             "sheet": [getattr(arm, name) for name in SHEET],
             "effects": [described(applied) for applied in corrected.effects],
-            "network": None if network is None else [network.weights, network.biases],
+            "networks": [[x.form, x.weights, x.biases] for x in networks],
+            "chosen": None if residual is None else residual.chosen,
             "scale": None if residual is None else residual.scale,
         }
     )

@@ -9,6 +9,8 @@ import numpy as np
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.residual.inputs import channels, channels_with
+from gapscope.effects.residual.memory import Memory
 from gapscope.effects.residual.model import ResidualNetwork
 
 SPACING = 5
@@ -37,31 +39,29 @@ class NetworkTorque:
         )
         self._planned = _on_lines(self._residual, motion, load)
         rows = slice(None, None, sub_steps)
-        self._load = load[rows]
-        self._coarse = Motion(
+        coarse = Motion(
             motion.t[rows], motion.q[rows], motion.dq[rows], motion.ddq[rows]
         )
-        self._on_reference = self._residual.torque(self._coarse, self._load)
-        inputs = self._residual.inputs
-        self._memory = (
-            int(np.ceil((inputs.taps - 1) * inputs.spacing * self._coarse.rate)) + 2
-        )
-        self._q, self._dq = self._coarse.q.copy(), self._coarse.dq.copy()
+        self._load, self._ddq = load[rows], coarse.ddq
+        self._rate = coarse.rate
+        self._on_reference = self._residual.torque(coarse, self._load)
+        # what is not yet measured is never looked at
+        self._seen = channels(coarse, self._load)
+        self._memory = Memory(coarse.q[0])
         self._off = np.zeros(motion.q.shape[1])
 
     def see(self, number: int, q: np.ndarray, dq: np.ndarray) -> None:
         """Take note of position [rad] and velocity [rad/s], each (n,), before an action, numbered from 0."""
-        self._q[number], self._dq[number] = q, dq
-        rows = slice(
-            max(0, number + 1 - self._memory), max(2, number + 1)
-        )  # two samples at least have a rate
-        now = Motion(
-            self._coarse.t[rows], self._q[rows], self._dq[rows], self._coarse.ddq[rows]
+        load, ddq = self._load[number], self._ddq[number]
+        if number == 0:
+            self._memory = Memory(q)
+        memory = self._memory.advance(q, load, 1.0 / self._rate)
+        now = channels_with(memory[:, None], q[None], dq[None], ddq[None], load[None])
+        self._seen[:, number] = now[:, 0]
+        windows = self._residual.inputs.windows_of(
+            self._seen, self._rate, np.array([number])
         )
-        row = np.array([number - rows.start])
-        torque = self._residual.of_windows(
-            self._residual.inputs.windows(now, self._load[rows], row)
-        ).torque[0]
+        torque = self._residual.of_windows(windows).torque[0]
         self._off = torque - self._on_reference[number]
 
     def torque(self, step: int) -> np.ndarray:

@@ -17,7 +17,7 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.residual.inputs import Inputs
+from gapscope.effects.residual.inputs import Inputs, Layout
 from gapscope.effects.residual.model import ResidualNetwork
 from gapscope.effects.residual.network import Network
 from gapscope.effects.residual.trust import Trust
@@ -133,14 +133,20 @@ def test_a_force_from_outside_is_left_out(two: NominalArm) -> None:
 
 def test_the_network_adds_its_torque(two: NominalArm) -> None:
     """A network that says 1, over a scale of 0.5 and 2 N m, whatever it sees."""
-    channels = 9
+    channels, near = Layout(2).channels, len(Layout(2).neighbourhood)
     inputs = Inputs(2, 2, 0.02, np.zeros((2, channels)), np.ones((2, channels)))
     weights = (np.zeros((3, 2, channels + 2, 4)), np.zeros((3, 2, 4, 2)))
     biases = (np.zeros((3, 2, 4)), np.tile([1.0, 0.0], (3, 2, 1)))
     network = Network("mlp", inputs.seen_by_mlp, weights, biases)
-    trust = Trust(np.zeros((2, 1, channels)), np.full(2, 1e3))
+    trust = Trust(np.zeros((2, 1, near)), np.full(2, 1e3))
     residual = ResidualNetwork(
-        inputs, network, trust, np.array([0.5, 2.0]), np.full(2, 10.0), 12.0
+        inputs,
+        (network,),
+        np.zeros(2, int),
+        trust,
+        np.array([0.5, 2.0]),
+        np.full(2, 10.0),
+        12.0,
     )
     seen = motion(np.linspace(0.0, 2.0, 101))
     plain, learnt = (

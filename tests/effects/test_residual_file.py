@@ -19,24 +19,32 @@ from gapscope.effects.corrected_file import (
     read_corrected_arm,
     write_corrected,
 )
+from gapscope.effects.residual.basis import draw_basis, part_of_each
 from gapscope.effects.residual.file import read_residual, write_residual
-from gapscope.effects.residual.inputs import Inputs
+from gapscope.effects.residual.inputs import Inputs, Layout
 from gapscope.effects.residual.model import ResidualNetwork
 from gapscope.effects.residual.network import Network
 from gapscope.effects.residual.trust import Trust
 
 
 def network(n: int, seed: int = 0) -> ResidualNetwork:
-    """A network that was never trained."""
-    rng, c, taps, members = np.random.default_rng(seed), 3 * n + 3, 4, 3
+    """A network that was never trained: additive on the even joints, an MLP on the odd ones."""
+    rng, taps, members = np.random.default_rng(seed), 4, 3
+    c, near = Layout(n).channels, len(Layout(n).neighbourhood)
     inputs = Inputs(n, taps, 0.02, np.zeros((n, c)), np.ones((n, c)))
     sizes = [(len(inputs.seen_by_mlp), 5), (5, 2)]
     weights = tuple(rng.standard_normal((members, n, a, b)) for a, b in sizes)
     biases = tuple(rng.standard_normal((members, n, b)) for _, b in sizes)
-    trust = Trust(rng.standard_normal((n, 6, c)), np.full(n, 50.0))
+    basis = draw_basis(-np.ones((n, c)), np.ones((n, c)), seed)
+    head = 0.1 * rng.standard_normal((members, n, len(part_of_each(basis)), 2))
+    trust = Trust(rng.standard_normal((n, 6, near)), np.full(n, 50.0))
     return ResidualNetwork(
         inputs,
-        Network("mlp", inputs.seen_by_mlp, weights, biases),
+        (
+            Network("additive", np.zeros(0, int), (head,), (biases[1],), basis),
+            Network("mlp", inputs.seen_by_mlp, weights, biases),
+        ),
+        np.arange(n) % 2,
         trust,
         np.ones(n),
         np.full(n, 2.0),
@@ -111,16 +119,19 @@ def test_faults_are_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"form": np.array("rnn")}, "form 'rnn'; known are"),
-        ({"schema": np.array(2)}, "schema 2"),
+        ({"forms": np.array(["rnn"])}, "forms rnn; known are"),
+        ({"schema": np.array(3)}, "schema 3"),
         ({"scale": None}, "scale is missing"),
-        ({"weight1": None}, "weight1 is missing"),
+        ({"mlp.weight1": None}, "mlp.weight1 is missing"),
+        ({"additive.own": None}, "additive.own is missing"),
         ({"bound": np.ones(5)}, r"bound: has shape \(5,\), expected \(6,\)"),
         (
-            {"bias0": np.full((3, 6, 5), np.nan)},
-            "bias0: holds values that are not finite",
+            {"mlp.bias0": np.full((3, 6, 5), np.nan)},
+            "mlp.bias0: holds values that are not finite",
         ),
-        ({"weight0": np.ones((3, 6, 4, 5))}, "do not fit together"),
+        ({"mlp.weight0": np.ones((3, 6, 4, 5))}, "do not fit together"),
+        ({"additive.weight0": np.ones((3, 6, 4, 2))}, "do not fit together"),
+        ({"schema": np.array(1), "forms": None}, "its schema is 1, known is 2"),
     ],
 )
 def test_arrays_that_do_not_fit_are_told(

@@ -4,32 +4,35 @@ from __future__ import annotations
 
 import zipfile
 import zlib
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.effects.residual.basis import Basis
 from gapscope.effects.residual.inputs import Inputs
 from gapscope.effects.residual.model import ResidualNetwork
-from gapscope.effects.residual.network import FORMS, Network
+from gapscope.effects.residual.network import ADDITIVE, FORMS, Network
 from gapscope.effects.residual.trust import Trust
 
-SCHEMA = 1
+SCHEMA = 2
 _KEYS = (
     "schema",
-    "form",
     "taps",
     "spacing",
     "mean",
     "std",
-    "seen",
-    "layers",
+    "forms",
+    "chosen",
     "landmarks",
     "radius",
     "scale",
     "bound",
+    "cutoff",
 )
+_OF_BASIS = ("low", "high", "own", "everything")
 _REMEDY = "train it again, or remove the line residual: from corrected.yaml"
 
 
@@ -39,26 +42,41 @@ def write_residual(residual: ResidualNetwork, path: Path | str) -> None:
     Raises:
         GapscopeError: the file cannot be written.
     """
-    network, inputs = residual.network, residual.inputs
+    inputs = residual.inputs
     arrays = {
         "schema": np.array(SCHEMA),
-        "form": np.array(network.form),
         "taps": np.array(inputs.taps),
         "spacing": np.array(inputs.spacing),
         "mean": inputs.mean,
         "std": inputs.std,
-        "seen": network.seen,
-        "layers": np.array(len(network.weights)),
+        "forms": np.array([network.form for network in residual.networks]),
+        "chosen": residual.chosen,
         "landmarks": residual.trust.landmarks,
         "radius": residual.trust.radius,
         "scale": residual.scale,
         "bound": residual.bound,
         "cutoff": np.array(residual.cutoff),
-        **{f"weight{k}": weight for k, weight in enumerate(network.weights)},
-        **{f"bias{k}": bias for k, bias in enumerate(network.biases)},
     }
+    for network in residual.networks:
+        arrays |= _of_network(network)
     with atomic_write(path) as aside, aside.open("wb") as stream:
         np.savez_compressed(stream, allow_pickle=False, **arrays)
+
+
+def _of_network(network: Network) -> dict[str, np.ndarray]:
+    """Arrays of one network, their names led by its form."""
+    form = network.form
+    arrays = {
+        f"{form}.layers": np.array(len(network.weights)),
+        f"{form}.seen": network.seen,
+    }
+    for k, (weight, bias) in enumerate(
+        zip(network.weights, network.biases, strict=True)
+    ):
+        arrays |= {f"{form}.weight{k}": weight, f"{form}.bias{k}": bias}
+    if network.basis is not None:
+        arrays |= {f"{form}.{name}": getattr(network.basis, name) for name in _OF_BASIS}
+    return arrays
 
 
 def read_residual(path: Path | str) -> ResidualNetwork:
@@ -69,21 +87,13 @@ def read_residual(path: Path | str) -> ResidualNetwork:
     """
     path = Path(path)
     arrays = _arrays(path)
-    layers = int(arrays.get("layers", 0))
-    needed = (
-        *_KEYS,
-        "cutoff",
-        *(f"{kind}{k}" for k in range(layers) for kind in ("weight", "bias")),
-    )
-    if missing := [key for key in needed if key not in arrays]:
+    _need(arrays, _KEYS, path)
+    forms = [str(form) for form in np.atleast_1d(arrays["forms"])]
+    if int(arrays["schema"]) != SCHEMA or not set(forms) <= set(FORMS):
         raise InputError(
-            f"is no residual network: {missing[0]} is missing", _REMEDY, file=path
-        )
-    if int(arrays["schema"]) != SCHEMA or str(arrays["form"]) not in FORMS:
-        raise InputError(
-            f"is of schema {arrays['schema']} and form {str(arrays['form'])!r}; known are schema {SCHEMA} and "
+            f"is of schema {arrays['schema']} and forms {', '.join(forms)}; known are schema {SCHEMA} and "
             f"{', '.join(FORMS)}",
-            "use the version of Gapscope that wrote it",
+            "train it again, or use the version of Gapscope that wrote it",
             file=path,
         )
     for key, value in arrays.items():
@@ -91,27 +101,51 @@ def read_residual(path: Path | str) -> ResidualNetwork:
             raise InputError(
                 "holds values that are not finite", _REMEDY, file=path, where=key
             )
-    n = len(arrays["scale"])
     inputs = Inputs(
-        n, int(arrays["taps"]), float(arrays["spacing"]), arrays["mean"], arrays["std"]
+        n=len(arrays["scale"]),
+        taps=int(arrays["taps"]),
+        spacing=float(arrays["spacing"]),
+        mean=arrays["mean"],
+        std=arrays["std"],
     )
-    network = Network(
-        str(arrays["form"]),
-        arrays["seen"],
-        tuple(arrays[f"weight{k}"] for k in range(layers)),
-        tuple(arrays[f"bias{k}"] for k in range(layers)),
-    )
-    trust = Trust(arrays["landmarks"], arrays["radius"])
     found = ResidualNetwork(
-        inputs,
-        network,
-        trust,
-        arrays["scale"],
-        arrays["bound"],
-        float(arrays["cutoff"]),
+        inputs=inputs,
+        networks=tuple(_network(arrays, form, path) for form in forms),
+        chosen=arrays["chosen"],
+        trust=Trust(arrays["landmarks"], arrays["radius"]),
+        scale=arrays["scale"],
+        bound=arrays["bound"],
+        cutoff=float(arrays["cutoff"]),
     )
     _check_shapes(found, path)
     return found
+
+
+def _need(arrays: dict[str, np.ndarray], keys: Iterable[str], path: Path) -> None:
+    """Refuse a file without one of the keys."""
+    if missing := [key for key in keys if key not in arrays]:
+        where = f"{missing[0]} is missing"
+        if "schema" in arrays and int(arrays["schema"]) != SCHEMA:
+            where = f"its schema is {arrays['schema']}, known is {SCHEMA}"
+        raise InputError(f"is no residual network: {where}", _REMEDY, file=path)
+
+
+def _network(arrays: dict[str, np.ndarray], form: str, path: Path) -> Network:
+    """The network of one form."""
+    _need(arrays, (f"{form}.layers", f"{form}.seen"), path)
+    layers = range(int(arrays[f"{form}.layers"]))
+    weights, biases = (
+        [f"{form}.{kind}{k}" for k in layers] for kind in ("weight", "bias")
+    )
+    of_basis = [f"{form}.{name}" for name in _OF_BASIS] if form == ADDITIVE else []
+    _need(arrays, (*weights, *biases, *of_basis), path)
+    return Network(
+        form=form,
+        seen=arrays[f"{form}.seen"],
+        weights=tuple(arrays[key] for key in weights),
+        biases=tuple(arrays[key] for key in biases),
+        basis=Basis(*(arrays[key] for key in of_basis)) if of_basis else None,
+    )
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
@@ -135,12 +169,14 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
 def _check_shapes(found: ResidualNetwork, path: Path) -> None:
     """Check that every array has the shape that the others ask for, by trying one window and by name."""
     n, c = found.inputs.n, found.inputs.channels
+    near = len(found.inputs.layout.neighbourhood)
     for name, value, shape in (
         ("mean", found.inputs.mean, (n, c)),
         ("std", found.inputs.std, (n, c)),
-        ("landmarks", found.trust.landmarks[:, :1], (n, 1, c)),
+        ("landmarks", found.trust.landmarks[:, :1], (n, 1, near)),
         ("radius", found.trust.radius, (n,)),
         ("bound", found.bound, (n,)),
+        ("chosen", found.chosen, (n,)),
     ):
         if value.shape != shape:
             raise InputError(
@@ -149,8 +185,11 @@ def _check_shapes(found: ResidualNetwork, path: Path) -> None:
                 file=path,
                 where=name,
             )
+    windows = np.zeros((n, 1, found.inputs.taps, c))
     try:
-        found.of_windows(np.zeros((n, 1, found.inputs.taps, c)))
+        found.of_windows(windows)
+        for network in found.networks:
+            network.outputs(windows)
     except (ValueError, IndexError) as error:
         raise InputError(
             f"its weights do not fit together ({error})", _REMEDY, file=path

@@ -8,7 +8,7 @@ import numpy as np
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
-from gapscope.effects.residual.inputs import Inputs
+from gapscope.effects.residual.inputs import Inputs, channels
 from gapscope.effects.residual.network import Network
 from gapscope.effects.residual.trust import Trust
 
@@ -37,7 +37,8 @@ class ResidualNetwork:
 
     Attributes:
         inputs: what it sees.
-        network: the members.
+        networks: the members, in one or several forms.
+        chosen: which of them speaks on each joint, -1 if none does, (n,).
         trust: its factor of trust.
         scale: torque of an output of 1 [N m], (n,).
         bound: the torque never exceeds it [N m], (n,).
@@ -45,7 +46,8 @@ class ResidualNetwork:
     """
 
     inputs: Inputs
-    network: Network
+    networks: tuple[Network, ...]
+    chosen: np.ndarray
     trust: Trust
     scale: np.ndarray
     bound: np.ndarray
@@ -67,11 +69,13 @@ class ResidualNetwork:
     def predict(self, motion: Motion, load: np.ndarray) -> NetworkPrediction:
         """Residual torque with its standard deviation and trust."""
         self.check(motion.q.shape[1])
-        rows = np.array_split(
-            np.arange(len(motion.t)), max(1, -(-len(motion.t) // CHUNK))
-        )
+        count = len(motion.t)
+        rows = np.array_split(np.arange(count), max(1, -(-count // CHUNK)))
+        # the memory of a motion is followed from its beginning, once
+        series = channels(motion, load)
         parts = [
-            self.of_windows(self.inputs.windows(motion, load, chunk)) for chunk in rows
+            self.of_windows(self.inputs.windows_of(series, motion.rate, chunk))
+            for chunk in rows
         ]
         return NetworkPrediction(
             *(
@@ -82,12 +86,26 @@ class ResidualNetwork:
 
     def of_windows(self, windows: np.ndarray) -> NetworkPrediction:
         """The same of normalised windows (n, N, taps, C); one sample of a running arm is N = 1."""
-        trust = self.trust.factor(windows[:, :, -1]).T
-        mean, log_variance = self.network.outputs(windows)
-        torque = trust * self.scale * mean.mean(axis=0).T
-        spread = (
-            np.sqrt(mean.var(axis=0) + np.exp(log_variance).mean(axis=0)).T * self.scale
-        )
-        return NetworkPrediction(
-            np.clip(torque, -self.bound, self.bound), spread, trust
-        )
+        mean, spread, _ = self.outputs(windows)
+        near = windows[:, :, -1, self.inputs.layout.neighbourhood]
+        trust = self.trust.factor(near).T
+        torque = np.clip(trust * self.scale * mean, -self.bound, self.bound)
+        return NetworkPrediction(torque, spread * self.scale, trust)
+
+    def outputs(self, windows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Mean, standard deviation and disagreement of the members over the joint's scale, each (N, n).
+
+        Without trust and bound; on a joint on which none speaks 0, 1 and 0.
+        """
+        shape = windows.shape[1::-1]
+        mean, spread, apart = np.zeros(shape), np.ones(shape), np.zeros(shape)
+        for k, network in enumerate(self.networks):
+            joints = self.chosen == k
+            if not joints.any():
+                continue
+            output, log_variance = (x[:, joints] for x in network.outputs(windows))
+            mean[:, joints] = output.mean(axis=0).T
+            variance = output.var(axis=0) + np.exp(log_variance).mean(axis=0)
+            spread[:, joints] = np.sqrt(variance).T
+            apart[:, joints] = output.std(axis=0).T
+        return mean, spread, apart

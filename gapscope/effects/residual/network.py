@@ -6,8 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-FORMS = ("mlp", "tcn")
-"""A feed-forward network, and a causal temporal convolution."""
+from gapscope.effects.residual.basis import Basis
+
+ADDITIVE = "additive"
+FORMS = (ADDITIVE, "mlp", "tcn")
+"""A weighted sum of fixed functions, a feed-forward network, and a causal temporal convolution."""
 LOG_VARIANCE = (-10.0, 4.0)
 """Bounds of the log variance that a network may state, over the square of the joint's scale."""
 
@@ -17,16 +20,18 @@ class Network:
     """M members of a network for each of n joints.
 
     h_0 is what the form sees of a window, h_{k+1} = tanh(h_k W_k + b_k), and the head gives the mean and the logarithm
-    of the variance of the residual, (mean, log variance) = h_K W_K + b_K, over the joint's scale. The ``mlp`` sees all
-    channels now and the past of the joint's own dq. In the ``tcn`` each layer joins two neighbouring samples to one: a
+    of the variance of the residual, (mean, log variance) = h_K W_K + b_K, over the joint's scale. ``additive`` has no
+    hidden layer: its head sees the functions of a basis. The ``mlp`` sees all channels now and the past of the joint's
+    own dq. In the ``tcn`` each layer joins two neighbouring samples to one: a
     causal convolution of kernel 2 whose dilation doubles from layer to layer, of which only what the last sample needs
     is computed; so it has taps = 2^K samples and K layers.
 
     Attributes:
         form: one of ``FORMS``.
-        seen: places of a flat window that the mlp sees, (I,); all of them for the tcn.
+        seen: places of a flat window that the mlp sees, (I,); all of them for the tcn, none for ``additive``.
         weights: W_k, each (M, n, in, out); the last is the head, out = 2.
         biases: b_k, each (M, n, out).
+        basis: of ``additive``; ``None`` for the others.
 
     Source: vandenoord2016, lakshminarayanan2017.
     """
@@ -35,6 +40,7 @@ class Network:
     seen: np.ndarray
     weights: tuple[np.ndarray, ...]
     biases: tuple[np.ndarray, ...]
+    basis: Basis | None = None
 
     @property
     def members(self) -> int:
@@ -42,7 +48,9 @@ class Network:
         return int(self.weights[0].shape[0])
 
     def hidden(self, windows: np.ndarray) -> np.ndarray:
-        """What the head sees, h_K, shape (M, n, N, hidden), of windows (n, N, taps, C)."""
+        """What the head sees, h_K, (M, n, N, hidden), of windows (n, N, taps, C); one for all members of a basis."""
+        if self.basis is not None:
+            return self.basis.features(windows[:, :, -1])[None]
         n, count = windows.shape[:2]
         flat = windows.reshape(n, count, -1)
         h = (flat[:, :, self.seen] if self.form == "mlp" else flat)[None]

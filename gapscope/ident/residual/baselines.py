@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gapscope.ident.residual.fit import ResidualRows
+from gapscope.ident.residual.rows import ResidualRows
 
 SUBSET = 600
 """Rows that the Gaussian process is fitted to, per joint."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
-from scipy.linalg import block_diag
+from scipy.linalg import solve_triangular
 
 from gapscope.ident.signals.effective_samples import variance_inflation
 
@@ -13,6 +15,8 @@ DEPENDENT = 1e-7
 
 def basis(columns: np.ndarray, scale: np.ndarray) -> np.ndarray:
     """Orthonormal basis Q of the columns, (M, n, p), each joint's rows divided by its scale [N m]; (M, n, r)."""
+    if not columns.any():
+        return np.zeros((*columns.shape[:2], 0))
     stacked = (columns / scale[None, :, None]).reshape(-1, columns.shape[2])
     norms = np.linalg.norm(stacked, axis=0)
     unit = stacked[:, norms > 0] / norms[norms > 0]
@@ -35,41 +39,55 @@ def share_explained(q: np.ndarray, torque: np.ndarray) -> float:
     )
 
 
-def project_heads(
-    hidden: np.ndarray, head: np.ndarray, q: np.ndarray, active: np.ndarray
-) -> np.ndarray:
+@dataclass(frozen=True)
+class Head:
+    """The linear head of a joint, f = Phi w over M rows.
+
+    Attributes:
+        seen: Phi, what it sees, (M, K).
+        weights: w, (K,).
+        penalty: how much a change of each weight costs beside the change of the output, (K,).
+    """
+
+    seen: np.ndarray
+    weights: np.ndarray
+    penalty: np.ndarray
+
+
+def project_heads(heads: dict[int, Head], q: np.ndarray) -> dict[int, np.ndarray]:
     """Weights of linear heads, changed as little as can be, whose output is orthogonal to the columns.
 
-    With f = Phi w the output over all rows, minimises |Phi dw|^2 + eps |dw|^2 subject to Q^T Phi (w + dw) = 0: one
-    constraint per direction of the physics, against (hidden + 1) weights per joint. If there are fewer weights than
-    constraints, the constraints hold as nearly as possible (least squares).
+    Minimises the sum over joints of |Phi dw|^2 + dw^T diag(penalty) dw subject to Q^T Phi (w + dw) = 0: one constraint
+    per direction of the physics. If there are fewer weights than constraints, the constraints hold as nearly as
+    possible (least squares).
 
     Args:
-        hidden: what the heads see and a 1 beside it, (n, M, hidden + 1).
-        head: their weights, (n, hidden + 1).
+        heads: by joint, from 0.
         q: orthonormal columns in weighted torque, (M, n, r).
-        active: joints whose head may change, (n,); the others' weights must be 0.
 
     Returns:
-        The weights, (n, hidden + 1).
+        The weights by joint, each (K,).
     """
-    joints = np.flatnonzero(active)
-    if not len(joints):
-        return head
-    width = head.shape[1]
-    constraint = np.concatenate([q[:, j].T @ hidden[j] for j in joints], axis=1)
-    metric = block_diag(*(hidden[j].T @ hidden[j] for j in joints))
-    # regular even if hidden units saturate
-    metric += 1e-6 * np.trace(metric) / len(metric) * np.eye(len(metric))
-    root = np.linalg.cholesky(metric)
+    if not heads or not q.shape[2]:
+        return {joint: head.weights for joint, head in heads.items()}
+    roots, turned, inside = {}, [], np.zeros(q.shape[2])
+    for joint, head in heads.items():
+        metric = head.seen.T @ head.seen + np.diag(head.penalty)
+        # regular even if hidden units saturate
+        metric += 1e-9 * np.trace(metric) / len(metric) * np.eye(len(metric))
+        roots[joint] = np.linalg.cholesky(metric)
+        constraint = q[:, joint].T @ head.seen
+        inside += constraint @ head.weights
+        turned.append(solve_triangular(roots[joint], constraint.T, lower=True))
     # in z = L^T dw the least change is the solution of least norm
-    weights = head[active].ravel()
-    turned = np.linalg.solve(root, constraint.T).T
-    z = np.linalg.lstsq(turned, -constraint @ weights, rcond=1e-12)[0]
-    projected = head.copy()
-    change = np.linalg.solve(root.T, z)
-    projected[active] = (weights + change).reshape(-1, width)
-    return projected
+    z = np.linalg.lstsq(np.concatenate(turned).T, -inside, rcond=1e-12)[0]
+    found, start = {}, 0
+    for joint, head in heads.items():
+        part = z[start : start + len(head.weights)]
+        start += len(part)
+        change = solve_triangular(roots[joint], part, lower=True, trans="T")
+        found[joint] = head.weights + change
+    return found
 
 
 def parameter_moves(

@@ -5,12 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gapscope.arm.errors import InputError
-from gapscope.effects.residual.network import FORMS
+from gapscope.effects.residual.network import ADDITIVE, FORMS
 
 TCN_LAYERS = 3
 """Layers of the convolution; each doubles the samples that are seen."""
 PAST_OF_MLP = 4
 """Samples in the window of the feed-forward network."""
+BEST = "best"
+"""The form that is chosen per joint on held-out data."""
+APART = ("all", "effects")
+"""What a network can be kept apart from."""
 
 
 @dataclass(frozen=True)
@@ -18,7 +22,10 @@ class ResidualSettings:
     """Settings of a training.
 
     Attributes:
-        form: ``mlp`` or ``tcn``.
+        form: ``additive``, ``mlp`` or ``tcn``; or ``best``: additive and MLP are trained, and each joint gets the one
+            that predicts best what was held out.
+        apart: what the output is kept apart from: ``all`` that inertial parameters, friction, rotors, offsets and
+            effects can explain, or the parameters of the ``effects`` alone.
         members: networks in the ensemble, 3 to 5.
         hidden: units in a hidden layer.
         spacing: time between the samples of a window [s].
@@ -31,8 +38,9 @@ class ResidualSettings:
         seed: of weights and batches.
     """
 
-    form: str = "mlp"
-    members: int = 4
+    form: str = BEST
+    apart: str = "all"
+    members: int = 5
     hidden: int = 24
     spacing: float = 0.02
     steps: int = 2000
@@ -45,18 +53,27 @@ class ResidualSettings:
 
     def __post_init__(self) -> None:
         """Check what must be one of a few."""
-        if self.form not in FORMS:
-            raise InputError(
-                f"{self.form!r} is no form of network",
-                f"choose {' or '.join(FORMS)}",
-                where="form",
-            )
+        for name, value, known in (
+            ("form", self.form, (BEST, *FORMS)),
+            ("apart", self.apart, APART),
+        ):
+            if value not in known:
+                raise InputError(
+                    f"{value!r} is not known",
+                    f"choose {' or '.join(known)}",
+                    where=name,
+                )
         if not 3 <= self.members <= 5:
             raise InputError(
                 f"an ensemble of {self.members} members",
                 "choose 3 to 5",
                 where="members",
             )
+
+    @property
+    def forms(self) -> tuple[str, ...]:
+        """What is trained."""
+        return (ADDITIVE, "mlp") if self.form == BEST else (self.form,)
 
     @property
     def taps(self) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
@@ -10,6 +10,7 @@ import torch
 
 from gapscope.effects.residual.inputs import Inputs
 from gapscope.effects.residual.network import LOG_VARIANCE, Network
+from gapscope.ident.residual.folds import Folds
 from gapscope.ident.residual.settings import TCN_LAYERS, ResidualSettings
 
 BETA = 0.5
@@ -105,50 +106,59 @@ def train(
     settings: ResidualSettings,
     inputs: Inputs,
     windows: np.ndarray,
-    target: np.ndarray,
-    group: np.ndarray,
-    near: np.ndarray,
+    residual: np.ndarray,
+    folds: Folds,
+    progress: Callable[[str], None] = lambda message: None,
 ) -> Network:
-    """Train an ensemble; member m holds out group m modulo their number, and keeps what predicts it best.
+    """Train an ensemble; each member keeps what predicts the rows best that it holds out.
 
-    Each joint of each member stops for itself: what is kept are its weights of least error on the rows held out that
-    count, the first weights included.
+    Each joint of each member stops for itself: what is kept are its weights of least error on the rows held out, the
+    first weights included.
 
     Args:
         settings: of the training.
         inputs: what the networks see.
         windows: (n, M, taps, C).
-        target: residual over its scale [1], (M, n).
-        group: of each row, (M,); -1 is neither trained on nor held out.
-        near: rows that count when held out, per joint, (M, n).
+        residual: over its scale [1], (M, n).
+        folds: rows and targets of each member.
+        progress: called with a few words at times.
     """
     with repeatable(settings.seed) as generator:
         ensemble = Ensemble(settings, inputs, generator)
         best = _Best(ensemble)
         where = device()
         ensemble.to(where)
-        x = torch.as_tensor(windows, dtype=torch.float32, device=where)
-        y = torch.as_tensor(target.T, dtype=torch.float32, device=where)
-        out = torch.as_tensor(held_out(group, settings.members), device=where)
-        held = (out[:, None] & torch.as_tensor(near.T, device=where)).float()
-        fitted = torch.as_tensor(group >= 0, device=where) & ~out
+
+        def tensor(array: np.ndarray) -> torch.Tensor:
+            return torch.as_tensor(array, dtype=torch.float32, device=where)
+
+        x, truth = tensor(windows), tensor(residual.T)
+        y = tensor(folds.targets.transpose(0, 2, 1))
+        square = tensor(folds.weight.T**2)
+        held = tensor(folds.held)[:, None] * square
+        fitted = tensor(folds.fitted)[:, None] * square
         optimiser = torch.optim.AdamW(
             ensemble.parameters(), lr=settings.rate, weight_decay=settings.decay
         )
-        best.begin(_held_loss(ensemble, x, y, held))
+        schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, settings.steps)
+        best.begin(_held_loss(ensemble, x, truth, held))
         for step in range(1, settings.steps + 1):
-            rows = torch.randint(len(group), (settings.batch,), generator=generator)
+            rows = torch.randint(x.shape[1], (settings.batch,), generator=generator)
             rows = rows.to(where)
             optimiser.zero_grad(set_to_none=True)
-            mask = fitted[:, None, rows].float()
+            mask = fitted[:, :, rows]
             mean, log_variance = ensemble(x[:, rows])
-            loss = _likelihood(mean, log_variance, y[:, rows]) * mask
+            loss = _likelihood(mean, log_variance, y[:, :, rows]) * mask
             # mean over the rows that a member is fitted to, sum over members and joints
-            mean_loss = loss.sum(dim=2) / mask.sum(dim=2).clamp(min=1.0)
+            mean_loss = loss.sum(dim=2) / mask.sum(dim=2).clamp(min=1e-9)
             mean_loss.sum().backward()
             optimiser.step()
+            schedule.step()
             if step % EVERY == 0:
-                best.update(_held_loss(ensemble, x, y, held))
+                progress(
+                    f"trains the {settings.form.upper()}: step {step} of {settings.steps}"
+                )
+                best.update(_held_loss(ensemble, x, truth, held))
                 # all members and joints have stopped to improve
                 if best.waited >= settings.patience:
                     break
@@ -194,12 +204,6 @@ class _Best:
                 parameter.copy_(kept)
 
 
-def held_out(group: np.ndarray, members: int) -> np.ndarray:
-    """Rows that each member holds out, boolean, (members, M)."""
-    count = int(group.max()) + 1
-    return np.stack([group == m % count for m in range(members)])
-
-
 def _likelihood(
     mean: torch.Tensor, log_variance: torch.Tensor, y: torch.Tensor
 ) -> torch.Tensor:
@@ -214,4 +218,4 @@ def _held_loss(
     """Mean squared error on the rows held out, weighed by ``held`` (M, n, N); (M, n)."""
     with torch.no_grad():
         mean = ensemble(x)[0]
-        return ((y - mean) ** 2 * held).sum(dim=2) / held.sum(dim=2).clamp(min=1.0)
+        return ((y - mean) ** 2 * held).sum(dim=2) / held.sum(dim=2).clamp(min=1e-9)

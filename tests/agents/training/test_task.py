@@ -22,7 +22,7 @@ from gapscope.arm.recording import Recording
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected_file import write_corrected
 from gapscope.effects.residual.file import write_residual
-from gapscope.effects.residual.inputs import Inputs
+from gapscope.effects.residual.inputs import Inputs, Layout
 from gapscope.effects.residual.model import ResidualNetwork
 from gapscope.effects.residual.network import Network
 from gapscope.effects.residual.trust import Trust
@@ -40,15 +40,17 @@ EFFECTS = (
 
 def network() -> ResidualNetwork:
     """2 N m times tanh(dq / (0.5 rad/s)), whatever else is seen."""
-    inputs = Inputs(1, 2, 0.02, np.zeros((1, 6)), np.ones((1, 6)))
-    first, head = np.zeros((1, 1, 8, 1)), np.zeros((1, 1, 1, 2))
-    first[0, 0, list(inputs.seen_by_mlp).index(6), 0], head[0, 0, 0, 0] = 2.0, 1.0
+    c, near = Layout(1).channels, len(Layout(1).neighbourhood)
+    inputs = Inputs(1, 2, 0.02, np.zeros((1, c)), np.ones((1, c)))
+    first, head = np.zeros((1, 1, c + 2, 1)), np.zeros((1, 1, 1, 2))
+    first[0, 0, list(inputs.seen_by_mlp).index(c), 0], head[0, 0, 0, 0] = 2.0, 1.0
     biases = (np.zeros((1, 1, 1)), np.zeros((1, 1, 2)))
     net = Network("mlp", inputs.seen_by_mlp, (first, head), biases)
     return ResidualNetwork(
         inputs,
-        net,
-        Trust(np.zeros((1, 1, 6)), np.full(1, 1e3)),
+        (net,),
+        np.zeros(1, int),
+        Trust(np.zeros((1, 1, near)), np.full(1, 1e3)),
         np.full(1, 2.0),
         np.full(1, 9.0),
         12.0,

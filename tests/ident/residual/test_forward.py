@@ -7,8 +7,8 @@ import pytest
 import torch
 import toy
 
-from gapscope.effects.residual.inputs import Inputs
-from gapscope.ident.residual.export import torchscript
+from gapscope.effects.residual.inputs import Inputs, Layout
+from gapscope.ident.residual.export import onnx_model
 from gapscope.ident.residual.settings import ResidualSettings
 from gapscope.ident.residual.training import Ensemble
 
@@ -17,9 +17,8 @@ from gapscope.ident.residual.training import Ensemble
 @pytest.mark.parametrize("n", [1, 2, 7])
 def test_numpy_equals_torch(form: str, n: int) -> None:
     settings = ResidualSettings(form=form, members=3, hidden=8)
-    inputs = Inputs(
-        n, settings.taps, 0.02, np.zeros((n, 3 * n + 3)), np.ones((n, 3 * n + 3))
-    )
+    c = Layout(n).channels
+    inputs = Inputs(n, settings.taps, 0.02, np.zeros((n, c)), np.ones((n, c)))
     ensemble = Ensemble(settings, inputs, torch.Generator().manual_seed(1)).double()
     windows = np.random.default_rng(2).standard_normal(
         (n, 9, inputs.taps, inputs.channels)
@@ -30,18 +29,7 @@ def test_numpy_equals_torch(form: str, n: int) -> None:
         np.testing.assert_allclose(found, wanted.numpy(), rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize("form", ["mlp", "tcn"])
-def test_exported_module_says_the_same(form: str, tmp_path) -> None:
-    residual, _ = toy.trained(form)
-    torchscript(residual, tmp_path / "residual.pt")
-    module = torch.jit.load(tmp_path / "residual.pt")
-    m = toy.motion(9, speed=1.5)
-    windows = residual.inputs.windows(m, 5.0 * np.cos(m.q))
-    found = module(torch.as_tensor(windows)).detach().numpy()
-    np.testing.assert_allclose(found, residual.of_windows(windows).torque, atol=1e-7)
-
-
-@pytest.mark.parametrize("form", ["mlp", "tcn"])
+@pytest.mark.parametrize("form", ["additive", "mlp", "tcn"])
 def test_it_is_causal_and_samples_one_by_one_say_the_same(form: str) -> None:
     residual, _ = toy.trained(form)
     m = toy.motion(9)
@@ -54,3 +42,21 @@ def test_it_is_causal_and_samples_one_by_one_say_the_same(form: str) -> None:
     np.testing.assert_allclose(
         residual.torque(early, 5.0 * np.cos(early.q))[500], one, rtol=1e-6
     )
+
+
+@pytest.mark.parametrize("form", ["additive", "mlp", "tcn"])
+def test_the_onnx_model_says_the_same(form: str, tmp_path) -> None:
+    onnx = pytest.importorskip("onnx")
+    from onnx.reference import ReferenceEvaluator
+
+    residual, _ = toy.trained(form)
+    onnx_model(residual, tmp_path / "residual.onnx")
+    model = ReferenceEvaluator(onnx.load(tmp_path / "residual.onnx"))
+    # within the training data and far outside, where trust fades
+    for speed in (1.0, 4.0):
+        m = toy.motion(9, speed=speed)
+        rows = np.arange(0, len(m.t), 20)
+        windows = residual.inputs.windows(m, 5.0 * np.cos(m.q), rows)
+        expected = residual.of_windows(windows).torque
+        (found,) = model.run(None, {"windows": windows})
+        np.testing.assert_allclose(found, expected, atol=1e-9)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import toy
@@ -12,7 +14,7 @@ from gapscope.effects.residual.file import write_residual
 from gapscope.ident.residual.fit import fit_residual
 from gapscope.ident.residual.settings import ResidualSettings
 
-FORMS = ("mlp", "tcn")
+FORMS = ("additive", "mlp", "tcn")
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -50,10 +52,12 @@ def test_output_is_orthogonal_to_the_physics_and_no_parameter_moves(form: str) -
 def test_same_seed_same_bits_and_another_seed_another_network() -> None:
     xs = [toy.trajectory(k) for k in range(3)]
     runs = [
-        fit_residual(xs, ResidualSettings(members=3, steps=80, seed=seed))[0]
+        fit_residual(xs, ResidualSettings("mlp", members=3, steps=80, seed=seed))[0]
         for seed in (3, 3, 4)
     ]
-    first, second, other = ([*r.network.weights, *r.network.biases] for r in runs)
+    first, second, other = (
+        [*r.networks[0].weights, *r.networks[0].biases] for r in runs
+    )
     assert all(a.tobytes() == b.tobytes() for a, b in zip(first, second, strict=True))
     assert any(a.tobytes() != b.tobytes() for a, b in zip(first, other, strict=True))
 
@@ -80,13 +84,10 @@ def test_torque_is_bounded_by_the_training_residual() -> None:
     windows = 5.0 * rng.standard_normal(
         (toy.N, 4000, residual.inputs.taps, residual.inputs.channels)
     )
-    loud = residual.__class__(
-        residual.inputs,
-        residual.network,
-        residual.trust.__class__(residual.trust.landmarks, 1e6 * np.ones(toy.N)),
-        100.0 * residual.scale,
-        residual.bound,
-        residual.cutoff,
+    loud = replace(
+        residual,
+        trust=replace(residual.trust, radius=1e6 * np.ones(toy.N)),
+        scale=100.0 * residual.scale,
     )
     torque = np.abs(loud.of_windows(windows).torque)
     assert (torque <= 1.5 * largest).all() and torque[:, 0].max() > 0.5 * largest[0]
@@ -94,14 +95,18 @@ def test_torque_is_bounded_by_the_training_residual() -> None:
 
 def test_a_single_trajectory_is_cut_into_blocks() -> None:
     residual, report = fit_residual(
-        [toy.trajectory(0)], ResidualSettings(members=4, steps=80)
+        [toy.trajectory(0)], ResidualSettings("mlp", members=4, steps=80)
     )
-    assert residual.network.members == 4 and np.isfinite(report.closed).all()
+    assert residual.networks[0].members == 4 and np.isfinite(report.closed).all()
 
 
 @pytest.mark.parametrize(
     ("given", "message"),
-    [({"form": "rnn"}, "no form"), ({"members": 9}, "choose 3 to 5")],
+    [
+        ({"form": "rnn"}, "choose best or additive or mlp or tcn"),
+        ({"apart": "none"}, "choose all or effects"),
+        ({"members": 9}, "choose 3 to 5"),
+    ],
 )
 def test_settings_that_make_no_sense_are_refused(given: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):

@@ -58,13 +58,13 @@ def trajectory(seed: int, physics: float = 0.3) -> Trajectory:
 
 
 @cache
-def trained(form: str = "mlp", seed: int = 0) -> tuple:
+def trained(form: str = "additive", seed: int = 0) -> tuple:
     """A network trained on three trajectories."""
     found: tuple = fit_residual([trajectory(k) for k in range(3)], quick(form, seed))
     assert isinstance(found[1], Report)
     return found
 
 
-def quick(form: str = "mlp", seed: int = 0) -> ResidualSettings:
+def quick(form: str = "additive", seed: int = 0) -> ResidualSettings:
     """A short training."""
     return ResidualSettings(form=form, members=3, hidden=16, steps=600, seed=seed)
