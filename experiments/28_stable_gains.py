@@ -8,6 +8,7 @@ fast, PD with nominal feedforward at 4 Hz and 1 kHz, a velocity filter of 80 Hz,
 the joints' own inertia at one posture, M_ii, and with those of `gapscope.envs.position_controller`, which hold along
 the whole motion. The table counts the seeds in which an arm diverged, and shows for the first seed the stiffest mode
 lambda of M(q)^-1 D along the motions (kp = w^2 D), the joint whose gains were lowered most, and the tracking error.
+Then the demonstration of `gapscope.agents.instability_demo`; `--robots ""` prints it alone.
 
 The first three robots come with PyBullet, two with the blind check; the others with `example-robot-data` 6.0.0
 (`pip install --no-deps --target FOLDER example-robot-data`), whose folder is given by `--data`.
@@ -24,6 +25,7 @@ from typing import Any
 
 import numpy as np
 
+from gapscope.agents.instability_demo import run_instability_demo
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.json_file import write_json
@@ -31,6 +33,7 @@ from gapscope.arm.motions.named_motions import workspace
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm
 from gapscope.blind_check.generator.arms import DH, draw_arm
+from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.position_controller import (
     pd_gains,
     position_controller,
@@ -179,6 +182,18 @@ def show(rows: list[dict[str, Any]]) -> None:
         print(f"| {' | '.join(texts)} |")
 
 
+def show_shaking() -> None:
+    """Print what a wrong model does outside the loop and inside it, on an arm whose drives have a delay."""
+    print("\n| controller | joint error [mrad] | torque rate [N m/s] | diverged |")
+    print("|---|---|---|---|")
+    for one in run_instability_demo(iiwa()):
+        measures = one.measures
+        texts = [f"{1e3 * measures.joint_error:.3g}", f"{measures.torque_rate:.3g}"]
+        print(
+            f"| {one.case} | {' | '.join(texts)} | {'yes' if measures.diverged else 'no'} |"
+        )
+
+
 def main() -> None:
     """Record every robot, then print the table."""
     parser = argparse.ArgumentParser(
@@ -193,12 +208,14 @@ def main() -> None:
     arguments.out.parent.mkdir(parents=True, exist_ok=True)
     rows: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory(prefix="gapscope_") as folder:
-        for name in arguments.robots.split(","):
+        for name in filter(None, arguments.robots.split(",")):
             arm = load(name, arguments.data, Path(folder))
             rows.append(measured(name, arm, arguments.seeds))
             print(rows[-1], flush=True)
             write_json({"rows": rows}, arguments.out)
-    show(rows)
+    if rows:
+        show(rows)
+    show_shaking()
 
 
 if __name__ == "__main__":

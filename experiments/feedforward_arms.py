@@ -14,7 +14,6 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.blind_check.generator.arms import SHEETS
 from gapscope.commands.diagnose_path import diagnose_path
-from gapscope.commands.identify import identify_path
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import read_corrected, write_corrected
@@ -23,11 +22,11 @@ from gapscope.envs.mystery_arm import HIDDEN, iiwa
 from gapscope.envs.randomisation import Randomisation, draw_effects
 from gapscope.envs.session import Plan as Session
 from gapscope.envs.session import record_case
-from gapscope.ident.identification import IdentificationSettings
 from gapscope.ident.residual.fit import fit_residual
 from gapscope.ident.residual.settings import ResidualSettings
 from gapscope.ident.residual.trajectory import from_segment
 from gapscope.ident.signals.conditioning import condition, position_cutoff
+from gapscope.interface.identify import identify
 
 LIMITS = [87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0]
 """Torque limits of the Panda, as its maker states them [N m]."""
@@ -71,8 +70,13 @@ def prepare(robot: str, seed: int, severity: float, folder: Path) -> None:
         case = record_case(f"{robot}_{seed}", arm, effects, Session(), rng)
         write_case(case, folder / "case", overwrite=True)
         write_corrected(case.name, effects, folder / "truth.yaml")
+    find_models(folder)
+
+
+def find_models(folder: Path) -> None:
+    """Identify and diagnose the case of a folder, and train a network; what is there is left as it is."""
     if not (folder / MODELS["identified"]).is_file():
-        identify_path(folder / "case", folder / "identified", IdentificationSettings())
+        identify(folder / "case").save(folder / "identified")
     if not (folder / "diagnosis" / "diagnosis.json").is_file():
         diagnose_path(folder / "case", folder / "diagnosis")
     if not (folder / MODELS["corrected + network"]).is_file():

@@ -17,6 +17,7 @@ from gapscope.blind_check.generator.conditions import CaseSpec, Conditions
 from gapscope.blind_check.generator.law import Cause
 from gapscope.blind_check.generator.laws import BEYOND, INSIDE, LAWS, SETUP
 from gapscope.blind_check.generator.rigid import inverse_dynamics
+from gapscope.blind_check.generator.simulate import simulate
 from gapscope.blind_check.generator.sizing import draw_joints
 from gapscope.blind_check.plan import BlindPlan, allocate_cases
 from gapscope.effects.catalogue import CATALOGUE
@@ -119,6 +120,24 @@ def test_the_same_seed_gives_the_same_recording() -> None:
     )
     assert (one == two).all()
     assert one.shape != other.shape or (one != other).any()
+
+
+def test_a_steered_arm_reads_its_encoders_one_tick_late(setup: CaseSetup) -> None:
+    """What is steered by takes the place of the feedforward, and sees what was recorded at the tick before."""
+    motion, ahead, noise = setup.motions[0], setup.ahead[0], setup.noise[0]
+    seen = []
+
+    def steer(k: int, q: np.ndarray) -> np.ndarray:
+        seen.append(q.copy())
+        return ahead[k]
+
+    plant = setup.plant(())
+    plain = simulate(plant, motion, ahead, noise)
+    steered = simulate(plant, motion, 0 * ahead, noise, steer)
+    assert plain is not None and steered is not None
+    np.testing.assert_array_equal(steered["tau"], plain["tau"])
+    np.testing.assert_array_equal(seen[1:], plain["q"][:-1])
+    np.testing.assert_array_equal(seen[0], motion.q[0])
 
 
 def test_a_plan_deals_every_kind_and_the_shares_of_the_conditions() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -23,9 +24,16 @@ SETTLING = 0.4
 MAX_ERROR = 0.7
 """Distance from the reference at which a run is given up [rad]."""
 
+Steer = Callable[[int, np.ndarray], np.ndarray]
+"""Torque fed forward [N m], (n,), from the number of the tick and the encoders' last reading [rad], (n,)."""
+
 
 def simulate(
-    plant: TrueArm, motion: Motion, ahead: np.ndarray, noise: np.ndarray
+    plant: TrueArm,
+    motion: Motion,
+    ahead: np.ndarray,
+    noise: np.ndarray,
+    steer: Steer | None = None,
 ) -> Columns | None:
     """Run the true arm along a motion; one row per tick of the controller.
 
@@ -34,6 +42,7 @@ def simulate(
         motion: reference, sampled at the controller's rate.
         ahead: feedforward [N m], (N, n).
         noise: of the encoders [rad], (N, n).
+        steer: what is fed forward at each tick in place of ``ahead``, such as an agent's torque on top of it.
 
     Returns:
         t, q, dq, tau, q_ref, dq_ref; ``None`` if the loop is unstable or the controller's limit was reached.
@@ -48,8 +57,11 @@ def simulate(
     simulation = _Simulation(plant, motion.q[0])
     out = np.zeros((len(motion.t), 3, plant.arm.n))
     for k in range(len(motion.t)):
+        fed = ahead[k]
+        if steer is not None:
+            fed = steer(k, motion.q[0] if k == 0 else out[k - 1, 0])
         clipped = simulation.command(
-            noise[k], motion.q[k], motion.dq[k], ahead[k], out[k], k == 0
+            noise[k], motion.q[k], motion.dq[k], fed, out[k], k == 0
         )
         if clipped and motion.t[k] > SETTLING:
             return None
