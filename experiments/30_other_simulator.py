@@ -1,6 +1,6 @@
 """Feedforward on another simulator: tracking error over gain by model, with and without an agent.
 
-    .venv/bin/python experiments/29_other_simulator.py [--arms 0,1,2] [--steps 10240] [--out out/other_simulator]
+    .venv/bin/python experiments/30_other_simulator.py [--arms 0,1,2] [--steps 20480] [--out out/other_simulator]
         [--picture docs/pictures/tracking_over_gain.svg] [--table]
 
 The arms are those of the blind check's generator (`generator_arms.py`): MuJoCo's rigid bodies with its own friction,
@@ -201,7 +201,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--arms", default="0,1,2")
-    parser.add_argument("--steps", type=int, default=10240)
+    parser.add_argument("--steps", type=int, default=20480)
     parser.add_argument("--out", type=Path, default=Path("out/other_simulator"))
     parser.add_argument("--picture", type=Path)
     parser.add_argument("--table", action="store_true")
