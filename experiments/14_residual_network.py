@@ -2,8 +2,8 @@
 
     .venv/bin/python experiments/14_residual_network.py [--out out/residual] [--only NAME] [--table]
 
-Needs the extras `learn` and `blind`. Twenty problems come from the blind check's generator (``residual_arms.py``):
-five kinds of remainder on two arms with six joints and two with seven, six recordings of 10 s to fit, two to judge. Two
+Needs the extras `learn` and `blind`. Ten problems come from the blind check's generator (``residual_arms.py``):
+five kinds of remainder on an arm with six joints and one with seven, six recordings of 10 s to fit, two to judge. Two
 are real: what a diagnosis leaves of the TX40, judged on its other recording, and of the UR10, judged on the last 40 %
 of its only one. Networks and trees are trained on the same rows and judged on the same others, which nothing has seen;
 both sides are filtered at 12 Hz. Each problem is a JSON file, written whole; a rerun continues where the last one
@@ -29,22 +29,16 @@ from residual_outside import report
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.json_file import write_json
-from gapscope.arm.motions.motion import Motion
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.residual.file import write_residual
-from gapscope.ident.residual.baselines import Baseline, gradient_boosting
 from gapscope.ident.residual.fit import fit_residual
-from gapscope.ident.residual.rows import ResidualRows, rows_of
+from gapscope.ident.residual.learnt import boosted_trees, torque_left
+from gapscope.ident.residual.rows import rows_of
 from gapscope.ident.residual.settings import ResidualSettings
 from gapscope.ident.residual.trajectory import Trajectory, from_segment
-from gapscope.ident.signals.conditioning import (
-    TORQUE_CUTOFF,
-    condition,
-    low_pass,
-    position_cutoff,
-)
+from gapscope.ident.signals.conditioning import condition, position_cutoff
 
 CASES = Path(__file__).parent / "cases"
 DATA = Path(os.environ.get("GAPSCOPE_DATA", CASES.parents[1] / "../shared/data"))
@@ -52,7 +46,6 @@ FITTED = 0.6
 """Share of a single recording that is used to fit."""
 EVEN = 1.01
 """A network is no worse than trees or nothing up to this ratio of what they leave."""
-Predict = Callable[[Motion, np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -123,29 +116,6 @@ def problems(out: Path) -> dict[str, Callable[[], Problem]]:
     return {**found, "tx40": tx40, "ur10": ur10}
 
 
-def left(problem: Problem, predict: Predict | None) -> np.ndarray:
-    """RMS of what is left of the torque on the trajectories set aside [N m], (n,)."""
-    errors = []
-    for x in problem.judge:
-        said = np.zeros_like(x.residual)
-        if predict is not None:
-            said = low_pass(predict(x.motion, x.load), x.motion.rate, TORQUE_CUTOFF)
-        errors.append((x.residual - said)[x.rows])
-    return np.asarray(np.sqrt((np.concatenate(errors) ** 2).mean(axis=0)))
-
-
-def of_baseline(baseline: Baseline, rows: ResidualRows) -> Predict:
-    """A baseline along a motion, at 50 Hz and on lines between."""
-
-    def predict(motion: Motion, load: np.ndarray) -> np.ndarray:
-        step = max(1, int(motion.rate / 50))  # it is low-passed after
-        at = np.arange(0, len(motion.t), step)
-        said = baseline(rows.inputs.windows(motion, load, at))
-        return np.column_stack([np.interp(motion.t, motion.t[at], x) for x in said.T])
-
-    return predict
-
-
 def study(problem: Problem, path: Path) -> dict[str, Any]:
     """Train and judge the network and the trees, with the physics apart and, for the price of it, not."""
     settings = ResidualSettings()
@@ -156,17 +126,15 @@ def study(problem: Problem, path: Path) -> dict[str, Any]:
     if path.stem in ("tx40", "ur10"):
         print(report(path.stem, residual, problem.fit[0], path.parent) + "\n")
     rows = rows_of(problem.fit, settings)
-    own = replace(settings, apart="effects")
+    own = replace(settings, apart="effects", form="additive")
     free, _ = fit_residual(problem.fit, own)
     free_rows = rows_of(problem.fit, own)
     return {
-        "nothing": left(problem, None),
-        "network": left(problem, residual.torque),
-        "trees": left(problem, of_baseline(gradient_boosting(rows), rows)),
-        "network_effects": left(problem, free.torque),
-        "trees_effects": left(
-            problem, of_baseline(gradient_boosting(free_rows), free_rows)
-        ),
+        "nothing": torque_left(problem.judge, None),
+        "network": torque_left(problem.judge, residual.torque),
+        "trees": torque_left(problem.judge, boosted_trees(rows)),
+        "network_effects": torque_left(problem.judge, free.torque),
+        "trees_effects": torque_left(problem.judge, boosted_trees(free_rows)),
         "form": fitted.form,
         "closed": fitted.closed,
         "gain": fitted.gain,

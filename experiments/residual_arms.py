@@ -35,8 +35,8 @@ REMAINDERS = {
     "thermal_fading": "fading_torque_constant",
 }
 """Kinds of remainder, and the generator's law of each."""
-ARMS = ("xarm6", "ur5_like", "franka_panda", "kuka_iiwa")
-"""Two arms with six joints, two with seven."""
+ARMS = ("ur5_like", "franka_panda")
+"""An arm with six joints and one with seven."""
 KINDS = (
     "slow",
     "middle",

@@ -22,6 +22,7 @@ from gapscope.commands.identify import identify
 from gapscope.commands.predict import predict
 from gapscope.commands.record import record
 from gapscope.commands.replay import replay
+from gapscope.commands.residual import residual
 from gapscope.commands.train import train
 from gapscope.terminal import note
 
@@ -31,6 +32,7 @@ COMMANDS = (
     replay,
     gap,
     identify,
+    residual,
     agree,
     record,
     excite,

@@ -57,18 +57,24 @@ def replay_path(
     """
     from gapscope.commands.inputs import read_recording
     from gapscope.effects.corrected import CorrectedArm
-    from gapscope.effects.corrected_file import error_context, read_corrected
+    from gapscope.effects.corrected_file import error_context, read_corrected_arm
     from gapscope.envs.engines import check_engine
     from gapscope.envs.replay import replay as replay_recording
 
     progress("reads")
     case, recording = read_recording(case_path, file)
-    # the effects alone: a simulator cannot run the residual network
-    effects = () if model is None else read_corrected(model)
+    corrected = CorrectedArm(case.arm)
+    if model is not None:
+        corrected = read_corrected_arm(case.arm, model)
+    effects = corrected.effects
     with error_context(model, effects):
-        CorrectedArm(case.arm, effects).check()
         engine = check_engine(engine)
         progress(f"replays {recording.duration:.3g} s in {engine}")
         return replay_recording(
-            case.arm, effects, recording, case.controller, engine=engine
+            case.arm,
+            effects,
+            recording,
+            case.controller,
+            engine=engine,
+            residual=corrected.residual,
         )

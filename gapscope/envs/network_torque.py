@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.motion import Motion
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.residual.inputs import channels, channels_with
@@ -29,13 +30,20 @@ class NetworkTorque:
         corrected: the arm with its network, and with the effects of this episode.
         motion: the reference at every step of the simulation.
         sub_steps: steps per action.
+        payload: known body on the last link, or ``None``.
     """
 
-    def __init__(self, corrected: CorrectedArm, motion: Motion, sub_steps: int) -> None:
+    def __init__(
+        self,
+        corrected: CorrectedArm,
+        motion: Motion,
+        sub_steps: int,
+        payload: KnownLoad | None = None,
+    ) -> None:
         assert corrected.residual is not None
         self._residual = corrected.residual
         load = replace(corrected, residual=None).predict(
-            RigidBody(corrected.arm), motion
+            RigidBody(corrected.arm).carrying(payload), motion
         )
         self._planned = _on_lines(self._residual, motion, load)
         rows = slice(None, None, sub_steps)

@@ -8,7 +8,7 @@ error of the torque grows into any error of the position.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, make_interp_spline
@@ -23,10 +23,14 @@ from gapscope.arm.dynamics.rollout import (
     steps_per_tick,
 )
 from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.velocity_filter import VelocityFilter, rule_of
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.residual.model import ResidualNetwork
+from gapscope.envs.network_torque import NetworkTorque
 from gapscope.envs.simulated_arm import SimulatedArm
 
 TRIM = 0.3
@@ -71,6 +75,7 @@ def replay(
     controller: Controller | None,
     *,
     engine: str | None = None,
+    residual: ResidualNetwork | None = None,
 ) -> Replay:
     """Run the simulated arm under the commands of a recording.
 
@@ -80,6 +85,7 @@ def replay(
         recording: with ``q_ref`` if the replay goes through the controller, with ``tau`` otherwise.
         controller: the controller, if known.
         engine: ``pybullet``, ``mujoco`` or ``dart``; by default PyBullet if it is installed, else MuJoCo.
+        residual: a residual network of the arm with these effects, or ``None``: its torque is taken off the command.
 
     Raises:
         InputError: the recording has neither a reference for a known controller nor a torque, or lasts less than
@@ -91,15 +97,17 @@ def replay(
             f"lasts {recording.duration:.3g} s, a replay needs {3 * TRIM:.2g} s",
             file=recording.name,
         )
+    corrected = CorrectedArm(arm, effects, residual)
+    corrected.check()
     q, tau = recording.q.copy(), np.zeros_like(recording.q)
     through_controller = controller is not None and recording.q_ref is not None
     for rows in _stretches(recording):
         if controller is not None and recording.q_ref is not None:
             q[rows], tau[rows] = _tracked(
-                arm, effects, recording, rows, controller, engine
+                corrected, recording, rows, controller, engine
             )
         elif recording.tau is not None:
-            q[rows], tau[rows] = _driven(arm, effects, recording, rows, engine)
+            q[rows], tau[rows] = _driven(corrected, recording, rows, engine)
         else:
             raise InputError(
                 "has no torque, and no reference that a known controller follows",
@@ -120,7 +128,7 @@ def _stretches(recording: Recording) -> list[slice]:
 
 
 class _ReplayCommands:
-    """Reference and feedforward at every tick of a stretch, K ticks: t (K,), q, dq, torque (K, n)."""
+    """Reference and feedforward at every tick of a stretch, K ticks: t (K,), q, dq, acceleration, torque (K, n)."""
 
     def __init__(
         self, arm: NominalArm, recording: Recording, rows: slice, controller: Controller
@@ -138,7 +146,7 @@ class _ReplayCommands:
         velocity = make_interp_spline(t, dq_ref, k=3)
         self.q = CubicHermiteSpline(t, q_ref, dq_ref)(held)
         self.dq = velocity(held)
-        acceleration = velocity(held, 1)
+        self.acceleration = acceleration = velocity(held, 1)
         self.torque = feedforward(
             arm,
             RigidBody(arm),
@@ -150,13 +158,10 @@ class _ReplayCommands:
 
 
 def _simulated(
-    arm: NominalArm,
-    effects: tuple[AppliedEffect, ...],
-    recording: Recording,
-    dt: float,
-    engine: str | None,
+    corrected: CorrectedArm, recording: Recording, dt: float, engine: str | None
 ) -> SimulatedArm:
     """The arm with the known body that was mounted, in steps of dt [s]."""
+    arm, effects = corrected.arm, corrected.effects
     step = arm.encoder_step or 0.0
     return SimulatedArm(
         arm, effects, dt, engine=engine, encoder_step=step, load=recording.payload
@@ -164,14 +169,14 @@ def _simulated(
 
 
 def _tracked(
-    arm: NominalArm,
-    effects: tuple[AppliedEffect, ...],
+    corrected: CorrectedArm,
     recording: Recording,
     rows: slice,
     controller: Controller,
     engine: str | None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions [rad] and commanded torques [N m] of a stretch under its controller, each (N, n)."""
+    arm = corrected.arm
     command = _ReplayCommands(arm, recording, rows, controller)
     start = recording.q[rows][0]
     velocity = VelocityFilter(
@@ -189,14 +194,22 @@ def _tracked(
     q, tau = np.empty_like(command.q), np.empty_like(command.q)
     steps = steps_per_tick(controller)
     dt = 1.0 / (controller.rate * steps)
-    with _simulated(arm, effects, recording, dt, engine) as simulated:
+    network = None
+    if corrected.residual is not None:
+        reference = Motion(command.t, command.q, command.dq, command.acceleration)
+        network = NetworkTorque(corrected, reference, 1, recording.payload)
+    with _simulated(corrected, recording, dt, engine) as simulated:
         simulated.start(start, command.dq[0], command.t[0])
         for i, time in enumerate(command.t):
             q[i] = now = simulated.encoders()
             wanted = command.torque[i] + controller.kp * (command.q[i] - now)
-            wanted += controller.kd * (command.dq[i] - velocity(now))
-            tau[i] = np.minimum(np.maximum(wanted, -limit), limit)
-            simulated.step(tau[i], steps)
+            speed = velocity(now)
+            wanted += controller.kd * (command.dq[i] - speed)
+            tau[i] = applied = np.minimum(np.maximum(wanted, -limit), limit)
+            if network is not None:
+                network.see(i, now, speed)
+                applied = applied - network.torque(i)
+            simulated.step(applied, steps)
             _check(simulated, time, CHECK_CONTROLLER)
     # a row holds the torque of the last tick before it
     t = recording.t[rows]
@@ -205,8 +218,7 @@ def _tracked(
 
 
 def _driven(
-    arm: NominalArm,
-    effects: tuple[AppliedEffect, ...],
+    corrected: CorrectedArm,
     recording: Recording,
     rows: slice,
     engine: str | None,
@@ -217,15 +229,16 @@ def _driven(
     period = 1.0 / recording.rate
     smooth = _smooth(recording.q[rows], recording.rate)
     speed = make_interp_spline(t, smooth, k=3)(t, 1)
+    applied = tau - _network_torque(corrected, recording, rows, smooth)
     q = np.empty_like(tau)
     dt = period / max(1, int(np.ceil(period / LONGEST_STEP - 1e-9)))
     count = max(2, round(HORIZON / period))
-    with _simulated(arm, effects, recording, dt, engine) as simulated:
+    with _simulated(corrected, recording, dt, engine) as simulated:
         for first in range(0, len(t), count):
             window = slice(first, min(first + count, len(t)))
             grid = np.arange(t[window][0], t[window][-1] + dt, dt)
-            torque = _between(t, tau, grid)
-            positions = np.empty((len(grid), arm.n_joints))
+            torque = _between(t, applied, grid)
+            positions = np.empty((len(grid), tau.shape[1]))
             simulated.start(smooth[first], speed[first], grid[0])
             for i, held in enumerate(torque):
                 positions[i] = simulated.encoders()
@@ -233,6 +246,20 @@ def _driven(
                 _check(simulated, grid[i], GIVE_DATA_SHEET)
             q[window] = _between(grid, positions, t[window])
     return q, tau
+
+
+def _network_torque(
+    corrected: CorrectedArm, recording: Recording, rows: slice, smooth: np.ndarray
+) -> np.ndarray | float:
+    """What the residual network says of the recorded motion [N m], (N, n); 0 without one."""
+    if corrected.residual is None:
+        return 0.0
+    t = recording.t[rows]
+    spline = make_interp_spline(t, smooth, k=5)
+    motion = Motion(t, smooth, spline(t, 1), spline(t, 2))
+    body = RigidBody(corrected.arm).carrying(recording.payload)
+    load = replace(corrected, residual=None).predict(body, motion)
+    return corrected.residual.torque(motion, load)
 
 
 def _check(simulated: SimulatedArm, time: float, remedy: str) -> None:

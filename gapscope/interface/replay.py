@@ -69,7 +69,7 @@ def replay(
 ) -> ReplayResult:
     """Move the simulated arm under the same commands as a recording.
 
-    A simulator has no place for a residual network: that of a model is left out.
+    The torque of a model's residual network is taken off the command.
 
     Args:
         case: the case, or its folder.
@@ -86,8 +86,13 @@ def replay(
     """
     loaded = case if isinstance(case, Case) else load_case(case)
     chosen = recording_of(loaded, recording)
-    effects = corrected_arm(loaded.arm, model).effects
+    corrected = corrected_arm(loaded.arm, model)
     result = replay_recording(
-        loaded.arm, effects, chosen, loaded.controller, engine=engine
+        loaded.arm,
+        corrected.effects,
+        chosen,
+        loaded.controller,
+        engine=engine,
+        residual=corrected.residual,
     )
     return ReplayResult(chosen.name, result)

@@ -58,7 +58,9 @@ def _torque(
 def _replay(
     recording: Recording, case: Case, corrected: CorrectedArm
 ) -> dict[str, Any]:
-    replayed, problem = attempt(case, corrected.effects, recording)
+    replayed, problem = attempt(
+        case, corrected.effects, recording, residual=corrected.residual
+    )
     through_controller = case.controller is not None and recording.q_ref is not None
     how = "controller" if through_controller else "torque"
     return {

@@ -18,6 +18,7 @@ from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.moves import by_finding
 from gapscope.diagnosis.thresholds import REPLAYED_TICKS, REPLAYED_TICKS_COMPLIANT
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.residual.model import ResidualNetwork
 from gapscope.envs.engines import default_engine, installed
 from gapscope.envs.replay import replay
 
@@ -108,10 +109,18 @@ def attempt(
     effects: tuple[AppliedEffect, ...],
     recording: Recording,
     engine: str | None = None,
+    residual: ResidualNetwork | None = None,
 ) -> Attempt:
     """Replay, which fails with an effect that cannot be simulated or an arm that diverges."""
     try:
-        replayed = replay(case.arm, effects, recording, case.controller, engine=engine)
+        replayed = replay(
+            case.arm,
+            effects,
+            recording,
+            case.controller,
+            engine=engine,
+            residual=residual,
+        )
     # LinAlgError is a ValueError.
     except (GapscopeError, ArithmeticError, ValueError) as error:
         return Attempt(None, str(error))

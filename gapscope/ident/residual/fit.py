@@ -136,7 +136,7 @@ def _candidate(
     else:
         from gapscope.ident.residual.training import train  # torch
 
-        network = train(own, rows.inputs, rows.windows, rows.residual, folds, progress)
+        network = train(own, rows.inputs, rows.windows, folds, progress)
     outputs = network.outputs(rows.windows)[0].transpose(0, 2, 1)
     predicted = folds.held_out(outputs)
     closed, gain = usefulness(folds, rows.residual, predicted)

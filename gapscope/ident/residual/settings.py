@@ -29,8 +29,7 @@ class ResidualSettings:
         members: networks in the ensemble, 3 to 5.
         hidden: units in a hidden layer.
         spacing: time between the samples of a window [s].
-        steps: of the optimiser, at most.
-        patience: steps without a smaller held-out error after which training ends.
+        steps: of the optimiser.
         batch: rows in a step.
         rate: of learning, by AdamW [1].
         decay: of the weights [1].
@@ -43,8 +42,7 @@ class ResidualSettings:
     members: int = 5
     hidden: int = 24
     spacing: float = 0.02
-    steps: int = 2000
-    patience: int = 600
+    steps: int = 1000
     batch: int = 128
     rate: float = 4e-3
     decay: float = 1.0

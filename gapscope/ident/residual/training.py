@@ -1,4 +1,4 @@
-"""Training of a residual network by torch: a heteroscedastic ensemble with early stopping, bitwise repeatable."""
+"""Training of a residual network by torch: a heteroscedastic ensemble, bitwise repeatable."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from gapscope.ident.residual.settings import TCN_LAYERS, ResidualSettings
 
 BETA = 0.5
 """Weight of the likelihood's gradient by variance^beta: rows of large variance are not given up early."""
-EVERY = 40
-"""Steps between two looks at the rows held out."""
+EVERY = 250
+"""Steps between two reports of progress."""
 
 
 @contextmanager
@@ -106,42 +106,36 @@ def train(
     settings: ResidualSettings,
     inputs: Inputs,
     windows: np.ndarray,
-    residual: np.ndarray,
     folds: Folds,
     progress: Callable[[str], None] = lambda message: None,
 ) -> Network:
-    """Train an ensemble; each member keeps what predicts the rows best that it holds out.
+    """Train an ensemble for a fixed number of steps, each member without the rows that it holds out.
 
-    Each joint of each member stops for itself: what is kept are its weights of least error on the rows held out, the
-    first weights included.
+    What is held out chooses neither weights nor the end, so that it can judge the members after.
 
     Args:
         settings: of the training.
         inputs: what the networks see.
         windows: (n, M, taps, C).
-        residual: over its scale [1], (M, n).
         folds: rows and targets of each member.
         progress: called with a few words at times.
     """
     with repeatable(settings.seed) as generator:
         ensemble = Ensemble(settings, inputs, generator)
-        best = _Best(ensemble)
         where = device()
         ensemble.to(where)
 
         def tensor(array: np.ndarray) -> torch.Tensor:
             return torch.as_tensor(array, dtype=torch.float32, device=where)
 
-        x, truth = tensor(windows), tensor(residual.T)
+        x = tensor(windows)
         y = tensor(folds.targets.transpose(0, 2, 1))
         square = tensor(folds.weight.T**2)
-        held = tensor(folds.held)[:, None] * square
         fitted = tensor(folds.fitted)[:, None] * square
         optimiser = torch.optim.AdamW(
             ensemble.parameters(), lr=settings.rate, weight_decay=settings.decay
         )
         schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, settings.steps)
-        best.begin(_held_loss(ensemble, x, truth, held))
         for step in range(1, settings.steps + 1):
             rows = torch.randint(x.shape[1], (settings.batch,), generator=generator)
             rows = rows.to(where)
@@ -158,50 +152,7 @@ def train(
                 progress(
                     f"trains the {settings.form.upper()}: step {step} of {settings.steps}"
                 )
-                best.update(_held_loss(ensemble, x, truth, held))
-                # all members and joints have stopped to improve
-                if best.waited >= settings.patience:
-                    break
-        best.restore()
         return ensemble.arrays()
-
-
-class _Best:
-    """Weights of each member and joint at its least error on the rows held out."""
-
-    def __init__(self, ensemble: Ensemble) -> None:
-        self._ensemble = ensemble
-        self._kept = [p.detach().clone() for p in ensemble.parameters()]
-
-    def begin(self, error: torch.Tensor) -> None:
-        """Set the error of the first weights, (members, n)."""
-        self._kept = [kept.to(error.device) for kept in self._kept]
-        self._least = error
-        self._waited = torch.zeros_like(error)
-
-    def update(self, error: torch.Tensor) -> None:
-        """Keep the weights of the members and joints whose error fell, after ``EVERY`` further steps."""
-        better = error < self._least - 1e-4
-        self._least = torch.where(better, error, self._least)
-        longer = self._waited + EVERY
-        self._waited = torch.where(better, torch.zeros_like(longer), longer)
-        for kept, parameter in zip(
-            self._kept, self._ensemble.parameters(), strict=True
-        ):
-            kept[better] = parameter.detach()[better]
-
-    @property
-    def waited(self) -> float:
-        """Steps since any member and joint last improved."""
-        return float(self._waited.min())
-
-    def restore(self) -> None:
-        """Write the weights that were kept into the ensemble."""
-        with torch.no_grad():
-            for kept, parameter in zip(
-                self._kept, self._ensemble.parameters(), strict=True
-            ):
-                parameter.copy_(kept)
 
 
 def _likelihood(
@@ -210,12 +161,3 @@ def _likelihood(
     """Negative log-likelihood times variance^beta, (M, n, N). Source: seitzer2022."""
     loss = 0.5 * (log_variance + (y - mean) ** 2 / log_variance.exp())
     return loss * log_variance.detach().exp() ** BETA
-
-
-def _held_loss(
-    ensemble: Ensemble, x: torch.Tensor, y: torch.Tensor, held: torch.Tensor
-) -> torch.Tensor:
-    """Mean squared error on the rows held out, weighed by ``held`` (M, n, N); (M, n)."""
-    with torch.no_grad():
-        mean = ensemble(x)[0]
-        return ((y - mean) ** 2 * held).sum(dim=2) / held.sum(dim=2).clamp(min=1e-9)

@@ -1,0 +1,1 @@
+"""A learnt residual network as a page and on the terminal."""
