@@ -31,13 +31,12 @@ from gapscope.envs.position_controller import position_controller
 from gapscope.envs.recorder import record
 from gapscope.ident.estimators.wls import WeightedLeastSquares
 from gapscope.ident.kalman.alarm import alarm
-from gapscope.ident.kalman.change_point import (
+from gapscope.ident.kalman.change_hypothesis import (
     ChangeHypothesis,
-    ParameterChange,
-    find_change,
     friction_hypothesis,
     payload_hypothesis,
 )
+from gapscope.ident.kalman.change_point import ParameterChange, find_change
 from gapscope.ident.kalman.drift import fit_warming
 from gapscope.ident.kalman.recursive import Recursive
 from gapscope.ident.kalman.unscented import Unscented

@@ -19,6 +19,7 @@ from gapscope.diagnosis.assessment.naming import divide
 from gapscope.diagnosis.assessment.rejection import Rejection, reject
 from gapscope.diagnosis.assessment.replay_gap import ReplayGap, replay_gap
 from gapscope.diagnosis.assessment.sensor_sides import SensorSides, find_sides
+from gapscope.diagnosis.gap.changes_during import changes_during, up_to_changes
 from gapscope.diagnosis.gap.commanded_torque import (
     with_commanded_torque,
     with_likelier_rule,
@@ -36,6 +37,7 @@ from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.diagnosis.setup_faults.quantization import find_quantization
 from gapscope.diagnosis.thresholds import SINGLE_RECORDING_FOLDS
 from gapscope.effects.applied import AppliedEffect
+from gapscope.ident.kalman.changes import RecordingChange
 from gapscope.ident.signals.conditioning import (
     TORQUE_CUTOFF,
     Segment,
@@ -53,7 +55,7 @@ class Study:
     """Everything from which the findings on one case are written; n joints.
 
     Attributes:
-        case: the case, with the set-up faults repaired and a torque in its recordings.
+        case: the case, with the set-up faults repaired, a torque in its recordings, and these cut where they change.
         body: dynamics of its nominal arm.
         position_cutoff: cut-off of the positions [Hz].
         selection: result of the search, less what was rejected and what is possible only.
@@ -68,6 +70,7 @@ class Study:
         excess_residual: what exceeds the floor, before and after.
         replay_gap: replay gap, before and after.
         faults: set-up faults, which are repaired in ``case``, and what shows in the recordings themselves.
+        changes: what changed during a recording.
         sensor_sides: the gap on either side of the joint torque sensors; ``None`` without sensors.
         undeclared_coupling: two joints that seem to be turned by one motor of which the case says nothing, or ``None``.
         instrumented_effects: all effects found with values by the commands as instruments; empty if not known.
@@ -89,6 +92,7 @@ class Study:
     excess_residual: ExcessResidual
     replay_gap: ReplayGap
     faults: tuple[FoundFault, ...]
+    changes: tuple[RecordingChange, ...]
     sensor_sides: SensorSides | None
     undeclared_coupling: UndeclaredCoupling | None
     instrumented_effects: tuple[AppliedEffect, ...]
@@ -123,6 +127,11 @@ def _examine(case: Case, progress: Progress, baseline: Baseline | None) -> Study
     case, faults = _repair(case, progress, baseline)
     progress("conditions the signals")
     cutoff = position_cutoff(case.recordings)
+    progress("looks for changes during recordings")
+    changes = changes_during(case, cutoff)
+    for change in changes:
+        progress(f"finds {change}")
+    case = up_to_changes(case, changes)
     found, rejections = _select(case, cutoff, progress, baseline)
     measured = measured_gap(found, baseline)
     naming = divide(found, measured.residual)
@@ -155,6 +164,7 @@ def _examine(case: Case, progress: Progress, baseline: Baseline | None) -> Study
         excess_residual=measured.residual,
         replay_gap=replay,
         faults=faults,
+        changes=changes,
         sensor_sides=find_sides(predictor, np.sqrt(measured.inertial_mse)),
         undeclared_coupling=undeclared_coupling(found.selection, above.tolist()),
         instrumented_effects=_instrumented_effects(case, found.selection, cutoff),

@@ -24,6 +24,8 @@ from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
 TIMING_SKEW = 1e-4  # Skew between torque and motion that differs between a healthy arm's joints [s]. (hand)
 # Below this speed velocity does not determine dry friction: bristles bend, the joint sticks [rad/s]. (physical)
 STICKING_SPEED = 0.02
+# A recording is used up to a change during it if that lasts this long [s]. (hand)
+LEAST_UNCHANGED = 3.0
 MODEL_FORM = 0.004  # Share of the torque's deviation that a healthy arm leaves even without noise [1]. (hand)
 FRICTION_FORM = 0.03  # Share by which healthy dry friction differs from c sgn v when it slides [1]. (hand)
 EFFECT_FORM = 0.03  # Share of its torque by which a real effect differs from the catalogue's form [1]. (hand)

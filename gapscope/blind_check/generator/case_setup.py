@@ -67,10 +67,22 @@ class CaseSetup:
             cause.act(plant)
         return plant
 
-    def run(self, plant: TrueArm, which: int) -> Columns | None:
-        """One recording, thinned to its rate, before any fault of the set-up; ``None`` if it cannot be used."""
+    def run(
+        self, plant: TrueArm, which: int, later: tuple[float, TrueArm] | None = None
+    ) -> Columns | None:
+        """One recording, thinned to its rate, before any fault of the set-up; ``None`` if it cannot be used.
+
+        Args:
+            plant: the true arm.
+            which: number of the motion.
+            later: a time [s], and the arm that takes the place of the other from then on.
+        """
         rows = simulate(
-            plant, self.motions[which], self.ahead[which], self.noise[which]
+            plant,
+            self.motions[which],
+            self.ahead[which],
+            self.noise[which],
+            later=later,
         )
         if rows is None:
             return None

@@ -34,6 +34,7 @@ def simulate(
     ahead: np.ndarray,
     noise: np.ndarray,
     steer: Steer | None = None,
+    later: tuple[float, TrueArm] | None = None,
 ) -> Columns | None:
     """Run the true arm along a motion; one row per tick of the controller.
 
@@ -43,6 +44,7 @@ def simulate(
         ahead: feedforward [N m], (N, n).
         noise: of the encoders [rad], (N, n).
         steer: what is fed forward at each tick in place of ``ahead``, such as an agent's torque on top of it.
+        later: a time [s], and the arm that goes on in its place from then on, as when a load is picked up.
 
     Returns:
         t, q, dq, tau, q_ref, dq_ref; ``None`` if the loop is unstable or the controller's limit was reached.
@@ -56,10 +58,14 @@ def simulate(
         )
     simulation = _Simulation(plant, motion.q[0])
     out = np.zeros((len(motion.t), 3, plant.arm.n))
+    change = np.inf if later is None else later[0]
     for k in range(len(motion.t)):
         fed = ahead[k]
         if steer is not None:
             fed = steer(k, motion.q[0] if k == 0 else out[k - 1, 0])
+        if later is not None and motion.t[k] >= change:
+            simulation = simulation.taken_over_by(later[1])
+            change = np.inf
         clipped = simulation.command(
             noise[k], motion.q[k], motion.dq[k], fed, out[k], k == 0
         )
@@ -111,6 +117,14 @@ class _Simulation:
         rotors = self._joints["armature"][0, :n]
         self._model.dof_armature[:] = np.where(compliant, 0.0, rotors)
         self._outer = _OuterForces(plant, self._model, self._data)
+
+    def taken_over_by(self, plant: TrueArm) -> _Simulation:
+        """Another arm in the state of this one: its motion, joints, controller and clock."""
+        other = _Simulation(plant, self._q.copy())
+        other._q[:], other._dq[:] = self._q, self._dq
+        other._state, other._memory = self._state, self._memory
+        other._history, other._steps_done = self._history, self._steps_done
+        return other
 
     def command(
         self,

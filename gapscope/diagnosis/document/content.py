@@ -8,6 +8,7 @@ import numpy as np
 
 from gapscope.diagnosis.assessment.predictable_share import Predictable, predictable
 from gapscope.diagnosis.assessment.sensor_sides import sides_entry
+from gapscope.diagnosis.document.change_findings import change_finding
 from gapscope.diagnosis.document.context import context
 from gapscope.diagnosis.document.entries import known_numbers, numbers, region_entry
 from gapscope.diagnosis.document.fault_findings import (
@@ -38,7 +39,7 @@ def diagnosis_content(study: Study) -> dict[str, Any]:
     open_joints = [int(j) + 1 for j in np.flatnonzero(study.excess_residual.above)]
     predictions = predictable(study.gap_after, rows, study.floor, open_joints)
     reached = verdict(
-        found=bool(effects),
+        found=bool(effects) or bool(study.changes),
         explained=_explained(study, gap),
         significant=_significant(study, predictions),
         rejected=bool(study.rejections),
@@ -50,6 +51,7 @@ def diagnosis_content(study: Study) -> dict[str, Any]:
         "gap": _gap_entry(study, gap),
         "effects": effects,
         "possible": possible,
+        "changes": [change_finding(found) for found in study.changes],
         "closed": gap.closed,
         "unexplained": {
             "share": 0.0 if gap.closed is None else 1.0 - gap.closed,

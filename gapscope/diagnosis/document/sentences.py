@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from gapscope.diagnosis.display import display_unit, percent, significant
+from gapscope.diagnosis.document.change_findings import change_text
 from gapscope.diagnosis.document.wording import (
     Document,
     acts_on,
@@ -19,6 +20,8 @@ from gapscope.diagnosis.document.wording import (
 )
 from gapscope.effects.catalogue import known_effect
 
+MOST_CHANGES = 2
+"""Changes during recordings that a sentence names."""
 MOST_CAUSES = 3
 """Effects that a sentence names."""
 
@@ -27,6 +30,29 @@ def verdict_sentence(document: Document) -> str:
     """The main cause, its share of the gap, and what stays, in one sentence of plain English."""
     if document["verdict"] == "no_gap":
         return "The nominal arm predicts every joint's torque as well as a healthy arm of this kind allows."
+    if document.get("changes"):
+        return f"{_changed(document)} {_before_changes(document)}"
+    return _explained(document)
+
+
+def _changed(document: Document) -> str:
+    """What changed during recordings, in a sentence."""
+    texts = [change_text(entry) for entry in document["changes"]]
+    shown = texts[:MOST_CHANGES]
+    if len(shown) < len(texts):
+        shown.append(f"{len(texts) - len(shown)} more changes")
+    return f"{capital(listing(shown))}."
+
+
+def _before_changes(document: Document) -> str:
+    """The other findings, which are of the arm before it changed."""
+    if document["effects"] or document["verdict"] == "unexplained":
+        return f"Before that: {_explained(document)}"
+    return "Before that nothing stands out: the nominal arm predicts every joint's torque as a healthy arm allows."
+
+
+def _explained(document: Document) -> str:
+    """The main cause, its share of the gap, and what stays."""
     if document["effects"]:
         return f"{capital(_causes(document))}; {_left(document)}."
     if document["possible"]:

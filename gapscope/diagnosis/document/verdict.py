@@ -13,7 +13,7 @@ def verdict(
     """The verdict of a diagnosis.
 
     Args:
-        found: an effect or a fault of the set-up is named.
+        found: an effect, a fault of the set-up or a change during a recording is named.
         explained: the residual is no more than named effects may leave of a gap.
         significant: the residual is more than noise that is louder than estimated.
         rejected: an effect was found and rejected on held-out data.

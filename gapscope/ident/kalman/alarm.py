@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from scipy.stats import f as fisher
 
 from gapscope.arm.errors import InputError
-from gapscope.ident.kalman.change_point import ChangeHypothesis
+from gapscope.ident.kalman.change_hypothesis import ChangeHypothesis
 from gapscope.ident.kalman.track import Track
 
 LEVELS = (0.5, 0.9)

@@ -9,8 +9,9 @@ import numpy as np
 from scipy.stats import chi2
 
 from gapscope.arm.errors import InputError
+from gapscope.ident.kalman.change_hypothesis import ChangeHypothesis
+from gapscope.ident.kalman.change_scan import ChangeScan, ChangeSums
 from gapscope.ident.kalman.whitening import white
-from gapscope.ident.model.base_parameters import BaseParameters
 from gapscope.ident.model.linear_problem import Problem
 
 ROUNDS = 3
@@ -19,23 +20,10 @@ REMOVED = 2
 """Changes that are fitted before the effect of model errors is estimated."""
 SHARE = 0.05
 """A change lowers the whitened squared residual by at least this share [1]."""
+FADING = (0.1, 0.2, 0.4, 0.8, 1.6)
+"""Time constants of fading friction that are tried, over the length of the record [1]."""
 STANDS_OUT = 3.0
 """A change is distinguished from errors of the model if it is likelier by this factor in 2 log L."""
-
-
-@dataclass(frozen=True)
-class ChangeHypothesis:
-    """What may change at once, beta' = beta + D delta.
-
-    Attributes:
-        name: in words, such as ``payload``.
-        names: of the elements of delta, shape (s,).
-        directions: D, shape (b, s).
-    """
-
-    name: str
-    names: tuple[str, ...]
-    directions: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -64,35 +52,6 @@ class ParameterChange:
         return np.sqrt(np.diag(self.covariance).clip(0.0))
 
 
-def payload_hypothesis(base: BaseParameters, link: int) -> ChangeHypothesis:
-    """A payload picked up or put down: mass [kg] and first moment [kg m] of a link, in the frame of its joint.
-
-    Its inertia about that frame, m c^2, is left out: it is small against rotor and link if the load is near.
-
-    Args:
-        base: the base parameters of the problem.
-        link: that carries it, counted from 1.
-    """
-    names = tuple(f"{kind}{link}" for kind in ("m", "mx", "my", "mz"))
-    places = [base.names.index(name) for name in names]
-    return ChangeHypothesis("payload", names, base.combination[:, places])
-
-
-def friction_hypothesis(base: BaseParameters, joint: int) -> ChangeHypothesis:
-    """Viscous [N m s/rad] and Coulomb friction [N m] of a joint, counted from 1, changed."""
-    both = (f"b{joint}", f"c{joint}")
-    names = tuple(name for name in both if name in base.names)
-    if not names:
-        raise InputError(
-            f"the problem has no friction of joint {joint}",
-            "give the regressor friction columns",
-        )
-    places = [base.names.index(name) for name in names]
-    return ChangeHypothesis(
-        f"friction of joint {joint}", names, base.combination[:, places]
-    )
-
-
 def find_change(
     problem: Problem,
     t: np.ndarray,
@@ -107,6 +66,9 @@ def find_change(
     cumulative sums: with A, s the sums of W^T W and W^T tau, A', s' those after T,
 
         F = D^T (A' - A' A^-1 A') D,   u = D^T (s' - A' A^-1 s),   delta = F^-1 u,   2 log L = u^T F^-1 u.
+
+    What may change beside (N) is fitted along, and 2 log L is the gain over N alone. Friction that fades exponentially
+    from the start of the record on is another model: a change has to be likelier than that, with any time constant.
 
     The noise is made white first, by an autoregression per joint fitted to what the best model so far leaves. Without a
     change 2 log L is chi-squared with s degrees of freedom at each T; the threshold is its quantile at alpha over the
@@ -148,7 +110,7 @@ def find_change(
     if best.peak > threshold:
         threshold *= _usual(whitened, best, moments, threshold)
     threshold = max(threshold, SHARE * problem.torque.size)
-    if best.peak <= threshold:
+    if best.peak <= max(threshold, _fading(whitened, t, best.hypothesis)):
         return None
     # moments whose likelihood ratio is not significantly lower than the best one's
     near = t[moments[best.statistic > best.peak - chi2.ppf(0.95, 1)]]
@@ -166,112 +128,53 @@ def _best_scan(
     problem: Problem,
     moments: np.ndarray,
     hypotheses: Sequence[ChangeHypothesis],
-) -> tuple[Problem, _Scan]:
+) -> tuple[Problem, ChangeScan]:
     """The problem with white noise, and the scan of the likeliest hypothesis; noise and change found in turns."""
-    best: _Scan | None = None
+    best: ChangeScan | None = None
     for _ in range(ROUNDS):
         whitened = white(problem, _residual(problem, best))
-        sums = _Sums.of(whitened, moments)
-        scans = [_Scan.over(sums, hypothesis) for hypothesis in hypotheses]
+        sums = ChangeSums.of(whitened, moments)
+        scans = [ChangeScan.over(sums, hypothesis) for hypothesis in hypotheses]
         # hypotheses differ in the number of parameters: compared by tail probability
         best = max(scans, key=lambda scan: scan.evidence)
     assert best is not None
     return whitened, best
 
 
-@dataclass(frozen=True)
-class _Sums:
-    """Sums over a problem with columns scaled to RMS 1: over all samples, and over those after each moment.
-
-    Attributes:
-        moments: T of them, places in the record, shape (T,).
-        scale: RMS of the columns, shape (b,).
-        inverse: A^-1, shape (b, b).
-        right: s, shape (b,).
-        gram_after, right_after: A' and s' of each moment, shapes (T, b, b) and (T, b).
-    """
-
-    moments: np.ndarray
-    scale: np.ndarray
-    inverse: np.ndarray
-    right: np.ndarray
-    gram_after: np.ndarray
-    right_after: np.ndarray
-
-    @classmethod
-    def of(cls, problem: Problem, moments: np.ndarray) -> _Sums:
-        rms = np.sqrt(np.mean(problem.matrix**2, axis=(0, 1)))
-        scale = np.maximum(rms, 1e-12)
-        W = problem.matrix / scale
-        gram = np.cumsum(np.matmul(W.transpose(0, 2, 1), W), axis=0)
-        right = np.cumsum(np.einsum("kja,kj->ka", W, problem.torque), axis=0)
-        return cls(
-            moments=moments,
-            scale=scale,
-            inverse=np.linalg.pinv(gram[-1], hermitian=True),
-            right=right[-1],
-            gram_after=gram[-1] - gram[moments],
-            right_after=right[-1] - right[moments],
-        )
+def _fading(problem: Problem, t: np.ndarray, hypothesis: ChangeHypothesis) -> float:
+    """The largest 2 log L of D delta exp(-t / T) in place of a change, over time constants T; 0 if it cannot fade."""
+    if not hypothesis.fades:
+        return 0.0
+    since = t - t[0]
+    own = problem.matrix @ hypothesis.directions
+    unchanged = _sum_of_squares(problem, problem.matrix)
+    best = 0.0
+    for share in FADING:
+        fading = np.exp(-since / (share * since[-1]))[:, None, None] * own
+        columns = np.concatenate([problem.matrix, fading], axis=2)
+        best = max(best, unchanged - _sum_of_squares(problem, columns))
+    return best
 
 
-@dataclass(frozen=True)
-class _Scan:
-    """One hypothesis at all moments: 2 log L (T,), and at its peak the place, delta and its covariance."""
-
-    hypothesis: ChangeHypothesis
-    statistic: np.ndarray
-    moment: int
-    size: np.ndarray
-    covariance: np.ndarray
-
-    @property
-    def peak(self) -> float:
-        return float(self.statistic.max())
-
-    @property
-    def evidence(self) -> float:
-        """Minus log of the tail probability, whatever the number of parameters."""
-        return -float(chi2.logsf(self.peak, len(self.size)))
-
-    @classmethod
-    def over(cls, sums: _Sums, hypothesis: ChangeHypothesis) -> _Scan:
-        D = hypothesis.directions * sums.scale[:, None]
-        # A' D and A^-1 A' D of each moment
-        after = sums.gram_after @ D
-        projected = sums.inverse @ after
-        information = D.T @ after - after.transpose(0, 2, 1) @ projected
-        explained = np.einsum("kas,a->ks", projected, sums.right)
-        score = sums.right_after @ D - explained
-        covariance = np.linalg.pinv(information, hermitian=True, rcond=1e-10)
-        size = np.einsum("kst,kt->ks", covariance, score)
-        statistic = np.einsum("ks,ks->k", size, score)
-        k = int(statistic.argmax())
-        return cls(
-            hypothesis=hypothesis,
-            statistic=statistic,
-            moment=int(sums.moments[k]),
-            size=size[k],
-            covariance=covariance[k],
-        )
+def _sum_of_squares(problem: Problem, columns: np.ndarray) -> float:
+    """What least squares with some columns, (N, n, c), leaves of the torque."""
+    return float(np.sum(_left(columns, problem.torque) ** 2))
 
 
 def _usual(
-    problem: Problem, scan: _Scan, moments: np.ndarray, threshold: float
+    problem: Problem, scan: ChangeScan, moments: np.ndarray, threshold: float
 ) -> float:
     """How much larger 2 log L is than without errors of the model, at least 1, when ``REMOVED`` changes are fitted."""
     hypothesis = scan.hypothesis
     s = len(hypothesis.names)
     for _ in range(REMOVED):
-        problem = replace(
-            problem,
-            matrix=_with_change(problem.matrix, scan.moment, hypothesis),
-            names=(*problem.names, *hypothesis.names),
-        )
+        matrix = _with_change(problem.matrix, scan.moment, hypothesis)
+        added = matrix.shape[2] - problem.matrix.shape[2]
+        names = (*problem.names, *(f"change {k}" for k in range(added)))
+        problem = replace(problem, matrix=matrix, names=names)
         # a further change of the same parameters; those of the changes that are fitted stay
-        directions = np.concatenate([hypothesis.directions, np.zeros((s, s))])
-        hypothesis = ChangeHypothesis(hypothesis.name, hypothesis.names, directions)
-        scan = _Scan.over(_Sums.of(problem, moments), hypothesis)
+        hypothesis = hypothesis.widened(added)
+        scan = ChangeScan.over(ChangeSums.of(problem, moments), hypothesis)
     everywhere = float(np.median(scan.statistic) / chi2.median(s))
     next_peak = STANDS_OUT * scan.peak / threshold
     return max(1.0, everywhere, next_peak)
@@ -280,18 +183,24 @@ def _usual(
 def _with_change(
     matrix: np.ndarray, moment: int, hypothesis: ChangeHypothesis
 ) -> np.ndarray:
-    """W with columns for a change of the hypothesis after a moment, shape (N, n, b + s)."""
+    """W with columns for a change of the hypothesis, and beside it, after a moment, shape (N, n, b + s + r)."""
     after = (np.arange(len(matrix)) > moment)[:, None, None]
-    return np.concatenate([matrix, after * (matrix @ hypothesis.directions)], axis=2)
+    return np.concatenate(
+        [matrix, after * (matrix @ hypothesis.all_directions)], axis=2
+    )
 
 
-def _residual(problem: Problem, scan: _Scan | None) -> np.ndarray:
+def _residual(problem: Problem, scan: ChangeScan | None) -> np.ndarray:
     """Residual of the model with the change found so far [N m], shape (N, n)."""
     W = problem.matrix
     if scan is not None:
         W = _with_change(W, scan.moment, scan.hypothesis)
-    stacked = W.reshape(-1, W.shape[2])
+    return _left(W, problem.torque)
+
+
+def _left(columns: np.ndarray, torque: np.ndarray) -> np.ndarray:
+    """Residual of least squares with some columns, (N, n, c), shape (N, n)."""
+    stacked = columns.reshape(-1, columns.shape[2])
     scale = np.maximum(np.linalg.norm(stacked, axis=0), 1e-12)
-    torque = problem.torque.ravel()
-    fit = np.linalg.lstsq(stacked / scale, torque, rcond=None)[0]
-    return problem.torque - (W / scale) @ fit
+    fit = np.linalg.lstsq(stacked / scale, torque.ravel(), rcond=None)[0]
+    return torque - (columns / scale) @ fit

@@ -15,24 +15,32 @@ def white(problem: Problem, residual: np.ndarray) -> Problem:
     """The problem with noise of unit variance, uncorrelated in time within each group.
 
     e_k = (r_k - a_1 r_(k-1) - a_2 r_(k-2)) / s per joint, with a and s fitted to a residual; the first samples of a
-    group, which have none before them, are only scaled, by the residual's own deviation. Source: ljung1999.
+    group, which have none before them, are only scaled, by the residual's own deviation. Equations that are zero, of a
+    joint that does not count there, stay out, and what follows them begins anew. Source: ljung1999.
 
     Args:
         problem: its samples in the order of time.
         residual: what a model left of its torque [N m], shape (N, n).
     """
     count, n = residual.shape
-    late = _since_group_began(problem.group) >= ORDER
+    since = _since_group_began(problem.group)
     matrix, torque = problem.matrix.copy(), problem.torque.copy()
     parameters = problem.matrix.shape[2]
     free = 1 - parameters / max(residual.size, parameters + 1)
     for j in range(n):
         own = residual[:, j]
+        counted = problem.matrix[:, j].any(axis=1)
+        late = counted & (since >= ORDER)
+        for lag in range(1, ORDER + 1):
+            late &= np.roll(counted, lag)
+        # nothing to learn a correlation from
+        if late.sum() <= ORDER:
+            continue
         past = np.stack([np.roll(own, lag) for lag in range(1, ORDER + 1)], axis=1)
         coefficients = np.linalg.lstsq(past[late], own[late], rcond=None)[0]
         innovation = own[late] - past[late] @ coefficients
         # the first samples of a group have no past: they are only scaled
-        deviation = np.full(count, np.sqrt(np.mean(own**2) / free))
+        deviation = np.full(count, np.sqrt(np.mean(own[counted] ** 2) / free))
         deviation[late] = np.sqrt(np.mean(innovation**2) / free)
         scale = np.maximum(deviation, 1e-12)[:, None]
         for lag, coefficient in enumerate(coefficients, 1):

@@ -6,7 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from gapscope.arm.io.json_file import plain
+from gapscope.diagnosis.document.change_findings import change_text
 from gapscope.diagnosis.document.diagnosis_json import validate
+from gapscope.diagnosis.document.wording import capital
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.reports.diagnosis import figures, sections
 from gapscope.reports.diagnosis.sides_section import sides
@@ -22,10 +24,12 @@ def render(diagnosis: Diagnosis, path: Path | str) -> None:
     validate(diagnosis.document)
     diagnosis = replace(diagnosis, document=plain(diagnosis.document))
     made = {part.__name__: part(diagnosis) for part in (*sections.SECTIONS, sides)}
+    changes = diagnosis.document.get("changes", [])
     write_html(
         "diagnosis/report.html",
         path,
         curves=figures.payload(diagnosis),
         document=diagnosis.document,
+        changes=[capital(change_text(entry)) for entry in changes],
         **made,
     )

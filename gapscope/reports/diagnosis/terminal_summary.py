@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gapscope.diagnosis.display import nrmse, percent
+from gapscope.diagnosis.document.change_findings import change_text
 from gapscope.diagnosis.document.sentences import (
     nominal_friction_sentence,
     possible_texts,
@@ -48,6 +49,8 @@ def print_summary(document: Mapping[str, Any], console: Console) -> None:
         )
         text = f"{name} ({count} recording{'s' if count != 1 else ''}); effects are changes since then"
         _labelled(console, "Compared with", text)
+    for entry in document.get("changes", []):
+        _labelled(console, "Changed during a recording", change_text(entry))
     if document["effects"]:
         console.print()
         console.print(_effects(document))

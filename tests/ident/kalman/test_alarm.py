@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gapscope.ident.kalman.alarm import alarm
-from gapscope.ident.kalman.change_point import ChangeHypothesis, payload_hypothesis
+from gapscope.ident.kalman.change_hypothesis import ChangeHypothesis, payload_hypothesis
 from gapscope.ident.kalman.recursive import Recursive
 from gapscope.ident.kalman.unscented import Unscented
 

@@ -6,14 +6,15 @@ import pytest
 from gapscope.arm.errors import InputError
 from gapscope.effects.applied import AppliedEffect
 from gapscope.ident.kalman.alarm import alarm
-from gapscope.ident.kalman.change_point import (
+from gapscope.ident.kalman.change_hypothesis import (
     ChangeHypothesis,
-    find_change,
     friction_hypothesis,
     payload_hypothesis,
 )
+from gapscope.ident.kalman.change_point import find_change
 from gapscope.ident.kalman.recursive import Recursive
 from gapscope.ident.kalman.whitening import white
+from gapscope.ident.model.base_parameters import BaseParameters
 from gapscope.ident.model.linear_problem import Problem
 
 SLOPE = ChangeHypothesis("slope", ("slope",), np.array([[1.0], [0.0]]))
@@ -125,3 +126,43 @@ def test_an_alarm_needs_a_record_longer_than_its_settling(world):
     )
     with pytest.raises(InputError, match="ends before an alarm"):
         alarm(track, payload_hypothesis(world.base, 3), settle=5.0)
+
+
+def friction_of_one_joint(rng, torque_of):
+    """Viscous and Coulomb friction and an offset of one joint; ``torque_of(v, since)`` adds to 2 v + 3 sgn v."""
+    count = 600
+    v = np.sin(2 * np.pi * np.arange(count) / 47) * (1 + 0.3 * rng.random(count))
+    W = np.stack([v, np.sign(v), np.ones(count)], axis=1)[:, None, :]
+    since = np.arange(count) / count
+    tau = (
+        2 * v + 3 * np.sign(v) + torque_of(v, since) + 0.1 * rng.standard_normal(count)
+    )
+    return Problem(
+        W, tau[:, None], ("b1", "c1", "o1"), np.zeros(count, dtype=int), 0.02
+    )
+
+
+@pytest.mark.parametrize(
+    ("torque_of", "found"),
+    [
+        (lambda v, since: (since > 0.6) * np.sign(v), True),
+        (lambda v, since: 1.5 * np.exp(-since / 0.3) * np.sign(v), False),
+        (lambda v, since: (since > 0.6) * np.ones_like(v), False),
+    ],
+    ids=["step", "fades from the start", "offset"],
+)
+def test_friction_that_fades_or_an_offset_is_no_change_of_friction(torque_of, found):
+    problem = friction_of_one_joint(np.random.default_rng(5), torque_of)
+    base = BaseParameters(("b1", "c1", "o1"), np.arange(3), np.eye(3))
+    change = find_change(problem, times(problem), [friction_hypothesis(base, 1)])
+    assert (change is not None) == found
+    if found:
+        assert change.time == pytest.approx(0.6 * 12, abs=0.1)
+        assert change.size[1] == pytest.approx(1.0, abs=0.1)
+
+
+def test_of_two_overwhelming_hypotheses_the_likelier_one_is_taken():
+    problem = line(np.random.default_rng(6), step=3.0)
+    tilted = ChangeHypothesis("tilted", ("tilt",), np.array([[1.0], [0.6]]))
+    change = find_change(problem, times(problem), [tilted, SLOPE])
+    assert change.hypothesis.name == "slope"

@@ -1,0 +1,112 @@
+"""A change hypothesis at every moment of a problem, by cumulative sums."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import gammaln
+from scipy.stats import chi2
+
+from gapscope.ident.kalman.change_hypothesis import ChangeHypothesis
+from gapscope.ident.model.linear_problem import Problem
+
+LARGE = 300.0
+"""Half a peak from which on its tail probability is computed by the leading term [1]; exp(-700) is the least number."""
+DEPENDENT = 1e-10
+"""Directions of columns of RMS 1 with less than this share of the largest power are not determined [1]."""
+
+
+@dataclass(frozen=True)
+class ChangeSums:
+    """Sums over a problem with columns scaled to RMS 1: over all samples, and over those after each moment.
+
+    Attributes:
+        moments: T of them, places in the record, shape (T,).
+        scale: RMS of the columns, shape (b,).
+        inverse: A^-1, shape (b, b).
+        right: s, shape (b,).
+        gram_after, right_after: A' and s' of each moment, shapes (T, b, b) and (T, b).
+    """
+
+    moments: np.ndarray
+    scale: np.ndarray
+    inverse: np.ndarray
+    right: np.ndarray
+    gram_after: np.ndarray
+    right_after: np.ndarray
+
+    @classmethod
+    def of(cls, problem: Problem, moments: np.ndarray) -> ChangeSums:
+        """Sums of a problem, its samples in the order of time, at T moments."""
+        rms = np.sqrt(np.mean(problem.matrix**2, axis=(0, 1)))
+        scale = np.maximum(rms, 1e-12)
+        W = problem.matrix / scale
+        gram = np.cumsum(np.matmul(W.transpose(0, 2, 1), W), axis=0)
+        right = np.cumsum(np.einsum("kja,kj->ka", W, problem.torque), axis=0)
+        return cls(
+            moments=moments,
+            scale=scale,
+            inverse=np.linalg.pinv(gram[-1], hermitian=True, rcond=DEPENDENT),
+            right=right[-1],
+            gram_after=gram[-1] - gram[moments],
+            right_after=right[-1] - right[moments],
+        )
+
+
+@dataclass(frozen=True)
+class ChangeScan:
+    """One hypothesis at all moments: 2 log L (T,), and at its peak the place, delta and its covariance."""
+
+    hypothesis: ChangeHypothesis
+    statistic: np.ndarray
+    moment: int
+    size: np.ndarray
+    covariance: np.ndarray
+
+    @property
+    def peak(self) -> float:
+        """The largest 2 log L."""
+        return float(self.statistic.max())
+
+    @property
+    def evidence(self) -> float:
+        """Minus log of the tail probability of the peak, whatever the number of parameters.
+
+        Of a large peak x with s parameters by the leading term, x / 2 - (s / 2 - 1) log(x / 2) + log Gamma(s / 2): the
+        probability itself is no number that a computer holds.
+        """
+        half, power = 0.5 * self.peak, 0.5 * len(self.size)
+        if half < LARGE:
+            return -float(chi2.logsf(self.peak, len(self.size)))
+        return float(half - (power - 1) * np.log(half) + gammaln(power))
+
+    @classmethod
+    def over(cls, sums: ChangeSums, hypothesis: ChangeHypothesis) -> ChangeScan:
+        """The hypothesis at the moments of some sums."""
+        s = len(hypothesis.names)
+        D = hypothesis.all_directions * sums.scale[:, None]
+        # A' D and A^-1 A' D of each moment
+        after = sums.gram_after @ D
+        projected = sums.inverse @ after
+        information = D.T @ after - after.transpose(0, 2, 1) @ projected
+        explained = np.einsum("kas,a->ks", projected, sums.right)
+        score = sums.right_after @ D - explained
+        covariance = np.linalg.pinv(information, hermitian=True, rcond=DEPENDENT)
+        size = np.einsum("kst,kt->ks", covariance, score)
+        statistic = np.einsum("ks,ks->k", size, score)
+        statistic -= _log_likelihood(information[:, s:, s:], score[:, s:])
+        k = int(statistic.argmax())
+        return cls(
+            hypothesis=hypothesis,
+            statistic=statistic,
+            moment=int(sums.moments[k]),
+            size=size[k, :s],
+            covariance=covariance[k, :s, :s],
+        )
+
+
+def _log_likelihood(information: np.ndarray, score: np.ndarray) -> np.ndarray:
+    """2 log L = u^T F^-1 u at each moment, shape (T,)."""
+    inverse = np.linalg.pinv(information, hermitian=True, rcond=DEPENDENT)
+    return np.einsum("ks,kst,kt->k", score, inverse, score)

@@ -1,0 +1,88 @@
+"""A load picked up in the middle of a recording is a finding with its moment; what follows is of the arm before."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gapscope.arm.case import Case
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.motions.named_motions import draw_motion, workspace
+from gapscope.diagnosis.diagnose import diagnose
+from gapscope.diagnosis.document.change_findings import change_finding, change_text
+from gapscope.diagnosis.document.diagnosis_json import validate
+from gapscope.diagnosis.gap.changes_during import changes_during, up_to_changes
+from gapscope.effects.applied import AppliedEffect
+from gapscope.envs.mystery_arm import POSTURE, iiwa, position_controller
+from gapscope.envs.recorder import record
+
+MOMENT = {"load": 4.1, "friction": 4.4}
+CHANGED = {
+    "load": AppliedEffect("payload", (), {"mass": 1.5, "com": [0.0, 0.02, 0.08]}),
+    "friction": AppliedEffect("coulomb_friction", (3,), {"torque": [2.0]}),
+}
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
+    """Three recordings: one in which a load is picked up, one in which friction rises, one without change."""
+    arm, rng = iiwa(), np.random.default_rng(2)
+    controller, space = position_controller(arm, POSTURE), workspace(RigidBody(arm))
+    recordings = tuple(
+        record(
+            arm,
+            (),
+            draw_motion("fourier", rng, space, 8.0),
+            controller,
+            duration=8.0,
+            rng=rng,
+            torque_noise=0.1,
+            name=name,
+            later=(MOMENT[name], (CHANGED[name],)) if name in CHANGED else None,
+        )
+        for name in ("healthy", "load", "friction")
+    )
+    folder = tmp_path_factory.mktemp("case")
+    return Case("changes", folder, arm, recordings, controller=controller)
+
+
+def test_what_changed_is_found_with_its_moment_and_size(case: Case) -> None:
+    found = {f.recording: f for f in changes_during(case, 12.0)}
+    assert set(found) == {"load", "friction"}
+    for name, moment in MOMENT.items():
+        assert found[name].change.time == pytest.approx(moment, abs=0.1)
+    load, friction = (change_finding(found[name]) for name in ("load", "friction"))
+    assert load["what"] == "payload" and load["joints"] == []
+    assert load["parameters"]["mass"]["value"] == pytest.approx(1.5, abs=0.1)
+    assert friction["what"] == "friction" and friction["joints"] == [3]
+    assert friction["parameters"]["coulomb"]["value"] == pytest.approx(2.0, abs=0.4)
+    assert "picked up at 4.1" in change_text(load)
+    assert change_text(friction).startswith("friction of joint 3 changed at 4.")
+
+
+def test_recordings_are_used_up_to_their_changes(case: Case) -> None:
+    cut = up_to_changes(case, changes_during(case, 12.0))
+    healthy, load, friction = cut.recordings
+    assert healthy is case.recordings[0]
+    assert load.t[-1] == pytest.approx(MOMENT["load"], abs=0.1)
+    assert friction.t[-1] == pytest.approx(MOMENT["friction"], abs=0.1)
+    assert "used up to 4." in load.notes[-1]
+
+
+def test_the_longest_part_remains_if_all_change_at_once(case: Case) -> None:
+    (found,) = (f for f in changes_during(case, 12.0) if f.recording == "load")
+    early = replace(found, change=replace(found.change, time=1.5, interval=(1.5, 1.5)))
+    alone = replace(case, recordings=(case.recordings[1],))
+    (kept,) = up_to_changes(alone, (early,)).recordings
+    assert kept.t[0] > 1.5 and kept.t[-1] == case.recordings[1].t[-1]
+
+
+def test_a_diagnosis_names_the_change_and_no_effect(case: Case, tmp_path: Path) -> None:
+    document = diagnose(replace(case, recordings=case.recordings[:2])).document
+    validate(document)
+    (change,) = document["changes"]
+    assert change["what"] == "payload" and change["recording"] == "load"
+    assert document["verdict"] == "effects_found" and document["effects"] == []
