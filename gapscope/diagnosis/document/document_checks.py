@@ -43,12 +43,15 @@ def _findings(content: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 def _wrong_verdict(content: dict[str, Any]) -> Iterator[Problem]:
-    verdict = content["verdict"]
-    count = len(content["effects"]) + len(content.get("changes", []))
-    found_none = verdict == "effects_found" and count == 0
-    found_some = verdict == "no_gap" and count > 0
+    verdict, effects = content["verdict"], len(content["effects"])
+    changes = len(content.get("changes", []))
+    found_none = verdict == "effects_found" and effects + changes == 0
+    found_some = verdict == "no_gap" and effects + changes > 0
     if found_none or found_some:
-        yield "verdict", f"is {verdict}, but effects and changes list {count}"
+        yield (
+            "verdict",
+            f"is {verdict}, but effects lists {effects} and changes {changes}",
+        )
     if content["unexplained"]["above_floor"] and verdict != "unexplained":
         yield "unexplained.above_floor", f"is true, but the verdict is {verdict}"
 
