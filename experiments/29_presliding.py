@@ -17,11 +17,12 @@ from typing import NamedTuple
 
 import numpy as np
 import yaml
+from joblib import Parallel, delayed
 
+import gapscope
 from gapscope.arm.io.json_file import read_json
 from gapscope.blind_check.make import make
 from gapscope.blind_check.plan import BlindPlan
-from gapscope.blind_check.run import run
 from gapscope.blind_check.scoring.closure import closure
 
 EFFECTS = ("coulomb_friction", "stribeck_friction", "load_friction")
@@ -34,6 +35,13 @@ class Closed(NamedTuple):
     before: float
     without: float
     bent: float
+
+
+def diagnosed(case: Path, results: Path) -> None:
+    """Diagnose a case, unless that was done."""
+    if not (results / case.name / "diagnosis.json").exists():
+        gapscope.diagnose(case).save(results / case.name)
+        print(f"{case.name} diagnosed", flush=True)
 
 
 def closed(name: str, label: dict, cases: Path, labels: Path, results: Path) -> Closed:
@@ -83,7 +91,8 @@ def main() -> None:
         effects=EFFECTS,
     )
     make(cases, plan, seed=args.seed, labels=labels, jobs=args.jobs, progress=print)
-    run(cases, results, jobs=args.jobs, progress=print)
+    folders = sorted(path for path in cases.iterdir() if path.is_dir())
+    Parallel(args.jobs)(delayed(diagnosed)(path, results) for path in folders)
     truth = read_json(labels / "labels.json", "make the cases again")["cases"]
     print(COLUMNS)
     for effect in EFFECTS:

@@ -101,6 +101,17 @@ class Linearisation:
         healthy = self.discrepancy.mean_square[: self.arm.n_joints]
         return np.sqrt(np.vstack(squares).mean(axis=0) / healthy)
 
+    def squared_gap(self, corrected: CorrectedArm) -> np.ndarray:
+        """Squared gap of an arm of the same bodies over all rows, and by how far they are trusted [N^2 m^2], (2, n)."""
+        total = np.zeros((2, self.arm.n_joints))
+        for part, segment in zip(self._rows, self.data.segments, strict=True):
+            assert segment.torque is not None
+            predicted = corrected.predict(segment.bodies(self.body), segment.motion)
+            recorded = corrected.delivered(segment.torque)
+            square = self.data.thin(recorded - predicted, segment) ** 2
+            total += [square.sum(axis=0), (part.trust**2 * square).sum(axis=0)]
+        return total
+
     def rows(
         self, data: FitData, k: int, places: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -14,10 +14,11 @@ class NormalEquations:
     """Normal equations of some folds for P parameters of terms, with K nuisances under a Gaussian prior.
 
     For given parameters the best nuisance is affine in them, delta = D [theta; 1], so that everything that is asked of
-    a set of terms can be asked of matrices over [theta; 1] alone.
+    a set of terms can be asked of matrices over [theta; 1] alone. Several such equations can be held at once: then all
+    arrays have a first axis of F, and F solutions come from one call.
 
     Args:
-        total: X^T W X of X = [A, N, y], shape (P + K + 1, P + K + 1).
+        total: X^T W X of X = [A, N, y], shape (P + K + 1, P + K + 1), or F of them.
         size: P.
         prior: precision of the nuisances, in their units, (K, K).
         bounds: lower bounds of the parameters at which values stop, (P,); ``None`` for none.
@@ -35,17 +36,16 @@ class NormalEquations:
         bounds: np.ndarray | None = None,
     ) -> None:
         self.size, self.prior, self.bounds = size, prior, bounds
-        nuisance = total[size:-1, size:-1] + prior
-        cross, right = total[size:-1, :size], total[size:-1, -1]
-        reduced = _solve_positive(nuisance, np.column_stack([cross, right]))
+        nuisance = total[..., size:-1, size:-1] + prior
+        outer = np.append(np.arange(size), total.shape[-1] - 1)
+        right = total[..., size:-1, outer]
+        reduced = _solve_positive(nuisance, right)
         self.delta = reduced * np.append(-np.ones(size), 1.0)
-        own = np.delete(
-            np.delete(total, np.s_[size:-1], axis=0), np.s_[size:-1], axis=1
-        )
-        self.least = own - np.column_stack([cross, right]).T @ reduced
+        own = total[..., outer[:, None], outer]
+        self.least = own - np.swapaxes(right, -1, -2) @ reduced
 
     def solve(self, columns: np.ndarray) -> np.ndarray:
-        """Values of the terms in ``columns``, zeros elsewhere, shape (P,)."""
+        """Values of the terms in ``columns``, zeros elsewhere, shape (P,) or (F, P)."""
         return solve(self.least, columns, self.bounds)
 
     def spread_by_nuisances(self, columns: np.ndarray) -> np.ndarray:
@@ -72,44 +72,66 @@ class NormalEquations:
         *,
         corrected: bool,
     ) -> np.ndarray:
-        """|y - A theta - N delta|^2 per joint, shape (n,), >= 0.
+        """|y - A theta - N delta|^2 per joint, shape (n,) or (F, n), >= 0.
 
         Args:
-            gram: X^T X per joint, shape (n, P + K + 1, P + K + 1).
-            theta: values of the terms, zero outside ``columns``, shape (P,).
+            gram: X^T X per joint, shape (n, P + K + 1, P + K + 1), or F of them.
+            theta: values of the terms, zero outside ``columns``, shape (P,) or (F, P).
             columns: places of the terms.
             corrected: whether the nuisances are taken out; otherwise delta counts as zero.
         """
         own = np.append(columns, gram.shape[-1] - 1).astype(int)
-        z = np.append(-theta[columns], 1.0)
-        squares = gram[:, own[:, None], own] @ z @ z
+        z = np.ones((*theta.shape[:-1], 1, len(own)))
+        z[..., 0, :-1] = -theta[..., columns]
+        squares = _form(z, gram[..., own[:, None], own], z)
         if corrected:
             nuisances = slice(self.size, -1)
-            delta = self.nuisance(theta, columns)
-            cross = gram[:, own, nuisances] @ delta @ z
-            within = gram[:, nuisances, nuisances] @ delta @ delta
+            delta = self.nuisance(theta, columns)[..., None, :]
+            cross = _form(z, gram[..., own, nuisances], delta)
+            within = _form(delta, gram[..., nuisances, nuisances], delta)
             squares += within - 2 * cross
         return np.maximum(squares, 0.0)
 
     def nuisance(self, theta: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """The best nuisances delta for given values of the terms, shape (K,)."""
-        return self.delta[:, columns] @ theta[columns] + self.delta[:, -1]
+        """The best nuisances delta for given values of the terms, shape (K,) or (F, K)."""
+        slope, values = self.delta[..., columns], theta[..., columns, None]
+        return np.asarray((slope @ values)[..., 0] + self.delta[..., -1])
+
+
+def _form(left: np.ndarray, matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """x^T A y over the last axes, of x (..., a), A (..., a, b) and y (..., b)."""
+    return np.asarray((left * (matrix @ right[..., None])[..., 0]).sum(axis=-1))
 
 
 def solve(
     least: np.ndarray, columns: np.ndarray, bounds: np.ndarray | None = None
 ) -> np.ndarray:
-    """Where |[theta; -1]|^2_L is least over the terms in ``columns``, others zero; (P,) from L of (P + 1, P + 1).
+    """Where |[theta; -1]|^2_L is least over the terms in ``columns``, others zero; (..., P) from L (..., P + 1, P + 1).
 
     Values that fall below their lower bounds, (P,), are fixed there, and the others fitted again.
     """
+    theta = np.zeros(least.shape[:-1])[..., :-1]
+    columns = np.asarray(columns, dtype=int)
+    if not len(columns):
+        return theta
+    block, right = least[..., columns[:, None], columns], least[..., columns, -1]
+    theta[..., columns] = _least_squares(block, right)
+    if bounds is None:
+        return theta
+    below = (theta[..., columns] < bounds[columns]).any(axis=-1)
+    for place in np.argwhere(below):
+        index = tuple(place)
+        theta[index] = _bounded(least[index], columns, bounds)
+    return theta
+
+
+def _bounded(least: np.ndarray, columns: np.ndarray, bounds: np.ndarray) -> np.ndarray:
+    """The same of one L, (P,), with what falls below its bound fixed there."""
     theta = np.zeros(len(least) - 1)
-    free, fixed = np.asarray(columns, dtype=int), np.array([], dtype=int)
+    free, fixed = columns, np.array([], dtype=int)
     while len(free):
         right = least[free, -1] - least[np.ix_(free, fixed)] @ theta[fixed]
         theta[free] = _least_squares(least[np.ix_(free, free)], right)
-        if bounds is None:
-            break
         below = free[theta[free] < bounds[free]]
         if not len(below):
             break
@@ -119,14 +141,23 @@ def solve(
 
 
 def _least_squares(block: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solution of normal equations whose columns are brought to one size; a column that does nothing gets zero."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(block), 1e-12))
-    scaled = block * scale[:, None] * scale + 1e-9 * np.eye(len(block))
-    return np.asarray(scale * np.linalg.solve(scaled, scale * right))
+    """Solutions of normal equations whose columns are brought to one size; a column that does nothing gets zero."""
+    diagonal = np.diagonal(block, axis1=-2, axis2=-1)
+    scale = 1.0 / np.sqrt(np.maximum(diagonal, 1e-12))
+    scaled = block * scale[..., :, None] * scale[..., None, :]
+    scaled += 1e-9 * np.eye(block.shape[-1])
+    solved = np.linalg.solve(scaled, (scale * right)[..., None])
+    return np.asarray(scale * solved[..., 0])
 
 
 def _solve_positive(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """A^-1 B of a positive definite A, its columns brought to one size, so that units of any size may meet in it."""
+    """A^-1 B of a positive definite A, its columns brought to one size, so that units of any size may meet in it.
+
+    With a first axis of F on both, F solutions.
+    """
+    if matrix.ndim > 2:
+        pairs = zip(matrix, right, strict=True)
+        return np.array([_solve_positive(a, b) for a, b in pairs])
     scale, root = positive_root(matrix)
     solved = cho_solve((root, True), scale[:, None] * right)
     return np.asarray(scale[:, None] * solved)

@@ -82,10 +82,19 @@ class Terms:
             t for t in terms if not t.parametrisation.nonlinear or t in self.shapes
         ]
         object.__setattr__(self, "open", tuple(choosable))
+        by_effect: dict[str, list[Term]] = {e.name: [] for e in self.definitions}
+        for term in terms:
+            by_effect[term.effect].append(term)
+        blocks = {
+            name: np.array([t.columns for t in own]).T
+            for name, own in by_effect.items()
+        }
+        object.__setattr__(self, "_blocks", blocks)
 
     all: tuple[Term, ...] = field(init=False, compare=False)
     size: int = field(init=False, compare=False)
     open: tuple[Term, ...] = field(init=False, compare=False)
+    _blocks: dict[str, np.ndarray] = field(init=False, compare=False, repr=False)
 
     @property
     def definitions(self) -> list[Effect]:
@@ -106,7 +115,7 @@ class Terms:
 
     def block(self, effect: str) -> np.ndarray:
         """Places of an effect's linear coordinates in theta, shape (linear, joints, links, motors or 1)."""
-        return np.array([t.columns for t in self.of(effect)]).T
+        return self._blocks[effect]
 
     def effects(
         self, theta: np.ndarray, terms: Iterable[Term] | None = None

@@ -107,7 +107,7 @@ class Evidence:
         ]
         total = np.array(by_fold).sum(axis=0)
         self._all = self.normal_equations(total)
-        self._without_fold = [self.normal_equations(total - own) for own in by_fold]
+        self._without_fold = self.normal_equations(total - np.array(by_fold))
         self._log_det = self._occam_factor(total)
         # as in BIC: half the logarithm of the number of samples for each parameter
         self._per_parameter = 0.5 * float(np.log(scored.independent.sum()))
@@ -148,7 +148,7 @@ class Evidence:
         return self.torque.expected2
 
     def normal_equations(self, total: np.ndarray) -> NormalEquations:
-        """Normal equations with the nuisances' prior from weighted X^T X, (P + K + 1, P + K + 1)."""
+        """Normal equations with the nuisances' prior from weighted X^T X, (P + K + 1, P + K + 1), or F."""
         return NormalEquations(total, self.terms.size, self.prior, self._bounds)
 
     def fit(self, terms: frozenset[Term]) -> Fit:
@@ -206,8 +206,9 @@ class Evidence:
         self, terms: frozenset[Term], *, corrected: bool = True
     ) -> np.ndarray:
         """Mean square of the gap on each fold under values fitted to all folds [N^2 m^2], (F, n)."""
-        normals = [self._all] * len(self.rows)
-        return self.torque.mean_square(normals, columns_of(terms), corrected=corrected)
+        return self.torque.mean_square(
+            self._all, columns_of(terms), corrected=corrected
+        )
 
     def without_last(self, terms: frozenset[Term]) -> np.ndarray:
         """Values of the terms fitted without the last recording, shape (P,)."""
@@ -218,8 +219,7 @@ class Evidence:
 
     def left_out(self, terms: frozenset[Term]) -> list[tuple[np.ndarray, np.ndarray]]:
         """Per recording the values of the terms fitted without its first, and without its second half, (P,) each."""
-        columns = columns_of(terms)
-        values = [normal.solve(columns) for normal in self._without_fold]
+        values = self._without_fold.solve(columns_of(terms))
         return list(zip(values[::2], values[1::2], strict=True))
 
     def nuisances(self, terms: frozenset[Term]) -> np.ndarray:

@@ -39,7 +39,7 @@ class FoldEquations:
 
     def mean_square(
         self,
-        normals: Sequence[NormalEquations],
+        normals: NormalEquations,
         columns: np.ndarray,
         *,
         corrected: bool,
@@ -47,16 +47,14 @@ class FoldEquations:
         """Mean square of the residual of each fold [N^2 m^2], (F, m).
 
         Args:
-            normals: for each fold the equations that its values come from.
+            normals: the equations that the values come from, of each fold its own or one for all.
             columns: places of the terms that are fitted.
             corrected: whether nuisances and skew are taken out of the residual.
         """
         gram = self.gram if corrected else self.without_skew
-        squares = [
-            normal.rest(of_fold, normal.solve(columns), columns, corrected=corrected)
-            for of_fold, normal in zip(gram, normals, strict=True)
-        ]
-        return np.array(squares) / np.maximum(self.count, 1e-9)
+        theta = normals.solve(columns)
+        squares = normals.rest(gram, theta, columns, corrected=corrected)
+        return squares / np.maximum(self.count, 1e-9)
 
 
 def with_skew(gram: np.ndarray, skew: float) -> np.ndarray:

@@ -1,8 +1,9 @@
 """Presliding beside the dry friction that was found: over what distance it builds up after a reversal.
 
 It is no cause of a gap but part of how dry friction acts: sgn v says nothing of a joint that rests or turns round
-slowly, where most of what dry friction leaves lies. The search trusts these samples least, so that it does without; the
-distance of each joint then comes from a grid, by the gap that the arm with its fitted values leaves on all samples.
+slowly, where most of what dry friction leaves lies. The search trusts these samples least and does without; the
+distance of each joint then comes from a grid, with the values as fitted. It has to narrow the gap of all samples, and
+the trusted ones decide: a distance that suits rests alone does harm on motions without any.
 """
 
 from __future__ import annotations
@@ -26,10 +27,12 @@ def presliding_distances(model: Model) -> np.ndarray:
     if not dry.any():
         return at_once
     grid = np.array([np.where(dry, d, 0.0) for d in (0.0, *PRESLIDING_DISTANCES)])
-    square = np.array([_gap_square(model, distance) for distance in grid])
-    best = np.argmin(square, axis=0)
+    squares = np.array([_squared_gap(model, distance) for distance in grid])
+    everywhere, trusted = squares[:, 0], squares[:, 1]
+    trusted = np.where(everywhere <= everywhere[0], trusted, np.inf)
+    best = np.argmin(trusted, axis=0)
     samples = model.evidence.torque.independent.sum(axis=0)
-    gain = 0.5 * samples * np.log(square[0] / square.min(axis=0))
+    gain = 0.5 * samples * np.log(trusted[0] / trusted.min(axis=0))
     chosen = grid[best, np.arange(len(best))]
     return np.where(gain > PRESLIDING_GAIN, chosen, 0.0)
 
@@ -43,15 +46,8 @@ def has_dry_friction(terms: Iterable[Term], n_joints: int) -> np.ndarray:
     return dry
 
 
-def _gap_square(model: Model, distance: np.ndarray) -> np.ndarray:
-    """Squared gap over all rows with the values fitted [N^2 m^2], (n,), if dry friction builds up over a distance."""
-    data = model.data
-    bent = replace(data.arm, presliding=distance)
-    arm = CorrectedArm(bent, model.terms.effects(model.fit.theta, model.fit.terms))
-    total = np.zeros(len(distance))
-    for segment in data.segments:
-        assert segment.torque is not None
-        predicted = arm.predict(segment.bodies(data.body), segment.motion)
-        gap = data.thin(arm.delivered(segment.torque) - predicted, segment)
-        total += (gap**2).sum(axis=0)
-    return total
+def _squared_gap(model: Model, distance: np.ndarray) -> np.ndarray:
+    """Squared gap if dry friction builds up over a distance, over all rows and by trust [N^2 m^2], (2, n)."""
+    bent = replace(model.data.arm, presliding=distance)
+    effects = model.terms.effects(model.fit.theta, model.fit.terms)
+    return model.linear.squared_gap(CorrectedArm(bent, effects))

@@ -52,9 +52,10 @@ def test_rows_count_by_the_discrepancy_and_it_is_what_is_expected_to_be_left() -
 def test_a_fold_is_predicted_with_the_values_of_its_own_equations() -> None:
     """y = 2 A on one fold, 3 A on the other; each predicted with the other's value leaves |A|^2 = 6 over 4 rows."""
     equations = FoldEquations([fold(2 * A), fold(3 * A)], 0.0, HEALTHY)
-    own = [NormalEquations(g[0], 1, np.array([[1e12]])) for g in equations.gram]
+    own = NormalEquations(equations.gram[:, 0], 1, np.array([[1e12]]))
+    others = NormalEquations(equations.gram[::-1, 0], 1, np.array([[1e12]]))
     columns = np.array([0])
-    exchanged = equations.mean_square(own[::-1], columns, corrected=False)
+    exchanged = equations.mean_square(others, columns, corrected=False)
     kept = equations.mean_square(own, columns, corrected=False)
     assert exchanged[:, 0] == pytest.approx([1.5, 1.5], abs=1e-5)
     assert kept[:, 0] == pytest.approx([0.0, 0.0], abs=1e-5)
