@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
@@ -52,8 +53,10 @@ JUDGED = 2
 """Recordings set aside."""
 DURATION = 10.0
 """Of a recording [s]."""
+WAVE = 0.3
+"""Amplitude of the wave, over the deviation of a joint's torque [1]."""
 ATTEMPTS = 20
-"""Draws of an arm, and halvings of a remainder, until its loop runs well."""
+"""Draws of an arm with its remainder until the loop runs well."""
 
 
 def simulated(
@@ -69,6 +72,36 @@ def simulated(
         if setup is not None and recordings is not None:
             return _trajectories(_nominal(setup, folder), recordings)
     raise RuntimeError(f"no {arm} with {remainder} ran well in {ATTEMPTS} draws")
+
+
+def waved(
+    arm: str, seed: int, folder: Path
+) -> tuple[list[Trajectory], list[Trajectory]]:
+    """The same of a healthy arm whose recorded torque holds A_j sin(3 q_j) tanh(dq_j / 0.1) besides.
+
+    A_j is ``WAVE`` times the deviation of the joint's torque.
+    """
+    rng = np.random.default_rng((15, ARMS.index(arm), seed))
+    for _ in range(ATTEMPTS):
+        setup = _with_motions(draw_setup(Conditions(arm), rng), rng)
+        recordings = None if setup is None else _recordings(setup, ())
+        if setup is not None and recordings is not None:
+            torque = np.concatenate([np.asarray(r.tau) for r in recordings])
+            size = WAVE * torque.std(axis=0)
+            added = [_with_wave(recording, size) for recording in recordings]
+            return _trajectories(_nominal(setup, folder), added)
+    raise RuntimeError(f"no healthy {arm} ran well in {ATTEMPTS} draws")
+
+
+def _with_wave(recording: Recording, size: np.ndarray) -> Recording:
+    """A recording with a wave of some size [N m], (n,), in its torque."""
+    assert recording.tau is not None
+    speed = np.gradient(recording.q, recording.t, axis=0)
+    # the derivative of noisy encoders is smoothed over 20 ms
+    width = max(1, round(0.02 * recording.rate))
+    smooth = uniform_filter1d(speed, width, axis=0)
+    wave = size * np.sin(3.0 * recording.q) * np.tanh(smooth / 0.1)
+    return replace(recording, tau=recording.tau + wave)
 
 
 def _with_motions(
@@ -93,7 +126,12 @@ def _recorded(
     law = LAWS[REMAINDERS[remainder]]
     joints = np.arange(1 if law.joints == "later" else 0, setup.arm.n)
     cause = Cause(law, joints, law.draw(rng, setup.context, joints))
-    rows = [setup.run(setup.plant((cause,)), k) for k in range(len(KINDS))]
+    return _recordings(setup, (cause,))
+
+
+def _recordings(setup: CaseSetup, causes: tuple[Cause, ...]) -> list[Recording] | None:
+    """The recordings with some causes; ``None`` if a loop does not run well."""
+    rows = [setup.run(setup.plant(causes), k) for k in range(len(KINDS))]
     if any(recorded is None for recorded in rows):
         return None
     return [
