@@ -8,7 +8,8 @@ fast, PD with nominal feedforward at 4 Hz and 1 kHz, a velocity filter of 80 Hz,
 the joints' own inertia at one posture, M_ii, and with those of `gapscope.envs.position_controller`, which hold along
 the whole motion. The table counts the seeds in which an arm diverged, and shows for the first seed the stiffest mode
 lambda of M(q)^-1 D along the motions (kp = w^2 D), the joint whose gains were lowered most, and the tracking error.
-Then the demonstration of `gapscope.agents.instability_demo`; `--robots ""` prints it alone.
+Then the stiffest mode of the Panda, and the demonstration of `gapscope.agents.instability_demo`; `--robots ""` prints
+these alone.
 
 The first three robots come with PyBullet, two with the blind check; the others with `example-robot-data` 6.0.0
 (`pip install --no-deps --target FOLDER example-robot-data`), whose folder is given by `--data`.
@@ -35,6 +36,7 @@ from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm
 from gapscope.blind_check.generator.arms import DH, draw_arm
 from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.position_controller import (
+    GAIN_MARGIN,
     pd_gains,
     position_controller,
     stiffest_mode,
@@ -182,6 +184,31 @@ def show(rows: list[dict[str, Any]]) -> None:
         print(f"| {' | '.join(texts)} |")
 
 
+def show_mode() -> None:
+    """Print the stiffest mode of the Panda's first session, with gains on the own inertia at the working posture."""
+    arm = load_nominal_arm("franka_panda")
+    body, case = RigidBody(arm), recorded(arm, 0, True)
+    own = np.diag(body.mass_matrix(workspace(body).posture)) + arm.armature
+    postures = np.vstack([recording.q_ref[::12] for recording in case.recordings])
+    masses = np.array([body.mass_matrix(q) for q in postures]) + np.diag(arm.armature)
+    inverses, root = np.linalg.inv(masses), np.sqrt(own)
+    values, vectors = np.linalg.eigh(root[:, None] * inverses * root)
+    worst = int(values[:, -1].argmax())
+    mode = vectors[worst, :, -1] / root
+    least = 1.0 / np.diagonal(inverses, axis1=1, axis2=2).max(axis=0)
+    bears = GAIN_MARGIN * stiffest_mode(BANDWIDTH, late=0)
+    print(
+        f"\nPanda, first session: own inertia {own.round(2)} kg m^2, least {least.round(3)}"
+    )
+    print(
+        f"stiffest mode {values.max():.3g}, joints {(mode / np.abs(mode).max()).round(2)}"
+    )
+    share = float(np.mean(values[:, -1] > bears))
+    print(
+        f"the loop bears {bears:.3g}, exceeded in {100 * share:.0f} % of the postures"
+    )
+
+
 def show_shaking() -> None:
     """Print what a wrong model does outside the loop and inside it, on an arm whose drives have a delay."""
     print("\n| controller | joint error [mrad] | torque rate [N m/s] | diverged |")
@@ -215,6 +242,7 @@ def main() -> None:
             write_json({"rows": rows}, arguments.out)
     if rows:
         show(rows)
+    show_mode()
     show_shaking()
 
 

@@ -159,6 +159,8 @@ def draw(cells: dict[tuple[int, str], Any], path: Path) -> None:
     import matplotlib
 
     matplotlib.use("Agg")
+    matplotlib.rcParams["svg.fonttype"] = "none"
+    matplotlib.rcParams["svg.hashsalt"] = "gapscope"
     from matplotlib import pyplot
 
     colours = dict(zip(MODELS, pyplot.get_cmap("tab10").colors, strict=False))
@@ -176,19 +178,21 @@ def draw(cells: dict[tuple[int, str], Any], path: Path) -> None:
             model = name.removeprefix("agent on ")
             errors = [1e3 * mean(found, "joint_error", b) for b in BANDWIDTHS]
             style = "-" if model == name else "--"
+            # the network's curve lies on that of the corrected arm
+            style = ":" if "network" in name else style
             axis.plot(
                 BANDWIDTHS, errors, style, marker=".", color=colours[model], label=name
             )
         axis.axvspan(limit, BANDWIDTHS[-1] * 1.2, color="0.9")
-        axis.text(limit, 0.011, " unstable", color="0.4", fontsize=8)
+        axis.text(limit, 0.011, " unstable", color="0.4", fontsize=8, clip_on=True)
         axis.axhline(1e3 * WANTED, color="0.6", linewidth=0.8)
-        axis.set(xscale="log", yscale="log", xlim=(0.45, 38), ylim=(0.01, 300))
+        axis.set(xscale="log", yscale="log", xlim=(0.45, 38), ylim=(0.01, 3000))
         axis.set_title(f"{ARMS[number][0]}: {', '.join(ARMS[number][1])}", fontsize=8)
         axis.set_xticks(BANDWIDTHS, [f"{b:g}" for b in BANDWIDTHS])
         axis.minorticks_off()
         axis.set_xlabel("bandwidth of the PD loop [Hz]")
     axes[0][0].set_ylabel("joint error, RMS [mrad]")
-    axes[0][-1].legend(fontsize=7)
+    axes[0][0].legend(fontsize=7, ncols=2, handlelength=4)
     figure.tight_layout()
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(path) as aside:

@@ -108,19 +108,22 @@ def loop_inertia(
     return np.minimum(own, c * free)
 
 
-def stiffest_mode(bandwidth: float, damping: float = DAMPING) -> float:
-    """Largest lambda [1] of a mode that is stable at ``GAIN_MARGIN`` times the gains with torque ``LATE`` periods late.
+def stiffest_mode(
+    bandwidth: float, damping: float = DAMPING, late: int = LATE
+) -> float:
+    """Largest lambda [1] of a mode that is stable at ``GAIN_MARGIN`` times the gains with torque ``late`` periods late.
 
     Args:
         bandwidth: w / 2 pi [Hz].
         damping: zeta [1].
+        late: periods by which the torque is late.
 
     Raises:
         InputError: no inertia is stable at this bandwidth.
     """
     estimate = filter_gains(RATE, CUTOFF, FILTER_DAMPING)
     unit = SampledLoop(
-        pd_gains(np.ones(1), bandwidth, damping), 1.0 / RATE, estimate, LATE
+        pd_gains(np.ones(1), bandwidth, damping), 1.0 / RATE, estimate, late
     )
 
     def growth(log_factor: float) -> float:
