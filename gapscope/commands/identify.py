@@ -23,6 +23,14 @@ Estimator = Annotated[
         "kalman, partial_update, log_cholesky, sdp_euclidean or sdp_entropic"
     ),
 ]
+Filter = Annotated[
+    str,
+    typer.Option(
+        "--filter",
+        help="recursive, over base parameters; or unscented: states and friction together as well, from encoders and "
+        "torque without differentiating (about a second for each second of the first recording)",
+    ),
+]
 HeldOut = Annotated[
     list[str] | None,
     typer.Option(
@@ -44,6 +52,7 @@ def identify(
     estimator: Estimator = "consistent",
     judge: HeldOut = None,
     any_torque: AnyTorque = False,
+    filter_: Filter = "recursive",
 ) -> None:
     """Identify base and physical parameters and friction."""
     from gapscope.ident.identification import IdentificationSettings
@@ -52,7 +61,9 @@ def identify(
     from gapscope.outputs.identification import DOCUMENT
     from gapscope.reports.identification.terminal_summary import summary
 
-    settings = IdentificationSettings(cutoff, estimator, tuple(judge or ()), any_torque)
+    settings = IdentificationSettings(
+        cutoff, estimator, tuple(judge or ()), any_torque, filter=filter_
+    )
     with Progress(case.name or str(case)) as progress:
         begin_results(out, DOCUMENT)
         result = identify_case(case, settings, progress=progress)

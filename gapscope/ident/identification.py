@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gapscope.arm.case import Case
+from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.recording import Recording
 from gapscope.ident.checks.fit_evidence import FitEvidence, nominal_similarity
@@ -21,23 +22,30 @@ from gapscope.ident.checks.troubleshooting import fill_in
 from gapscope.ident.checks.warnings import identification_warnings
 from gapscope.ident.estimators.by_name import method
 from gapscope.ident.estimators.estimate import Estimate
+from gapscope.ident.held_out import base_problem, predicted, validated
 from gapscope.ident.kalman.changes import RecordingChange, find_changes
 from gapscope.ident.kalman.review import FilterReview, review
+from gapscope.ident.kalman.states_and_friction import (
+    StatesAndFriction,
+    follow_states,
+)
 from gapscope.ident.model.base_parameters import BaseParameters, base_parameters
 from gapscope.ident.model.friction_law import FrictionLaw
 from gapscope.ident.model.joint_zero import JointZeros, estimate_zeros
 from gapscope.ident.model.law_choice import Choice, choose, penalties
-from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.model_columns import ModelColumns
 from gapscope.ident.model.physical_parameters import Physical, consistent
 from gapscope.ident.model.recoverability import Recovery, recoveries
-from gapscope.ident.signals.conditioning import Segment, position_cutoff
+from gapscope.ident.signals.conditioning import position_cutoff
 from gapscope.ident.signals.samples import Band, Samples
 from gapscope.ident.signals.split import split
 from gapscope.ident.uncertainty.examination import Examination, examine
 from gapscope.ident.uncertainty.intervals import Uncertainty
-from gapscope.ident.uncertainty.torque_interval import PredictedTorque, predicted_torque
-from gapscope.ident.uncertainty.validation import Validation, validate
+from gapscope.ident.uncertainty.torque_interval import PredictedTorque
+from gapscope.ident.uncertainty.validation import Validation
+
+FILTERS = ("recursive", "unscented")
+"""What follows the parameters over time; the recursive filter always does."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +58,7 @@ class IdentificationSettings:
         judge: names of recordings to hold out; if empty those that the case holds out, else the last one.
         any_torque: continue if the torque seems to be in another unit.
         trim: leave out both ends of a segment, where the filter settles.
+        filter: ``recursive``, or ``unscented`` to follow states and friction together as well.
         plain: only what URDF, data sheet and effects can express: no friction that keeps its direction at rest.
     """
 
@@ -58,6 +67,7 @@ class IdentificationSettings:
     judge: tuple[str, ...] = ()
     any_torque: bool = False
     trim: bool = True
+    filter: str = "recursive"
     plain: bool = False
 
 
@@ -76,6 +86,7 @@ class Identification:
         examined: what the recordings determine of the parameters.
         changes: changes of load or friction during recordings.
         filtered: a Kalman filter over the fitted recordings, beside the estimate.
+        states: position, velocity and friction by the unscented filter, if the settings ask for it.
         predicted: intervals of the torque on the held-out recordings; ``None`` if model error cannot be estimated.
         physical: consistent parameters.
         recovered: whether and how each parameter is determined.
@@ -98,6 +109,7 @@ class Identification:
     examined: Examination
     changes: tuple[RecordingChange, ...]
     filtered: FilterReview
+    states: StatesAndFriction | None
     predicted: PredictedTorque | None
     physical: Physical
     recovered: tuple[Recovery, ...]
@@ -127,6 +139,12 @@ def identify(
     """
     settings = settings or IdentificationSettings()
     method(settings.estimator)
+    if settings.filter not in FILTERS:
+        raise InputError(
+            f"unknown filter {settings.filter!r}",
+            f"use {' or '.join(FILTERS)}",
+            where="--filter",
+        )
     fit, held_out = split(case, settings.judge)
     check_recordings(fit, held_out, case.name)
     # one cut-off for all recordings, so that their equations are comparable
@@ -149,14 +167,18 @@ def identify(
         value = base.spread(estimate.value)
     progress("validates, and looks for changes")
     held_out_segments = band.segments(held_out)
-    validation = _validated(evidence, value, held_out_segments, band)
+    validation = validated(evidence, value, held_out_segments, band)
     table = fill_in(evidence)
     # a change spoils the fit: it is looked for in every recording, fitted or held out
     changes = find_changes((*fit, *held_out), columns, law, base, band)
     progress("follows the parameters over time")
     # beside the filter itself stands least squares, not its own last estimate
     batch = None if settings.estimator == "kalman" else estimate.value
-    problem = _base_problem(samples, evidence.choice, base)
+    problem = base_problem(samples, evidence.choice, base)
+    states = None
+    if settings.filter == "unscented":
+        progress("follows states and friction together")
+        states = _states(case, fit, evidence)
     doubtful = identification_warnings(
         evidence, estimate, examined, changes, similarity, table, validation[1]
     )
@@ -171,7 +193,8 @@ def identify(
         examined=examined,
         changes=changes,
         filtered=review(samples, problem, batch, changes),
-        predicted=_predicted(evidence, examined, value, held_out_segments),
+        states=states,
+        predicted=predicted(evidence, examined, value, held_out_segments),
         physical=evidence.physical,
         recovered=recoveries(
             base,
@@ -190,48 +213,14 @@ def identify(
     )
 
 
-def _validated(
-    evidence: FitEvidence, value: np.ndarray, held_out: Sequence[Segment], band: Band
-) -> tuple[Validation, Validation]:
-    """Predictions of x = ``value`` and of the nominal arm, on what was fitted and on what was not."""
-    columns, law = evidence.samples.columns, evidence.choice.law
-    nominal = columns.nominal(law)
-
-    def predict(segment: Segment, x: np.ndarray) -> np.ndarray:
-        load = segment.known_torque(columns.body)
-        return np.asarray(columns.matrix(segment.motion, law) @ x + load)
-
-    def identified(segment: Segment) -> np.ndarray:
-        return predict(segment, value)
-
-    def of_nominal(segment: Segment) -> np.ndarray:
-        return predict(segment, nominal)
-
-    return (
-        validate("fit", evidence.samples.segments, band, identified, of_nominal),
-        validate("judge", held_out, band, identified, of_nominal),
-    )
-
-
-def _predicted(
-    evidence: FitEvidence,
-    examined: Examination,
-    value: np.ndarray,
-    held_out: Sequence[Segment],
-) -> PredictedTorque | None:
-    """Intervals of the torque on segments that were not fitted, about what x = ``value`` predicts."""
-    if examined.interval is None:
-        return None
-    fitted = evidence.samples
-    samples = Samples(fitted.columns, held_out, fitted.band.bounded(held_out))
-    problem = _base_problem(samples, evidence.choice, evidence.base)
-    return predicted_torque(examined.interval, problem, evidence.base.of(value))
-
-
-def _base_problem(samples: Samples, choice: Choice, base: BaseParameters) -> Problem:
-    """The samples in the base columns."""
-    names = [base.names[k] for k in base.kept]
-    return samples.problem(choice.law, base.kept, names)
+def _states(
+    case: Case, fit: Sequence[Recording], evidence: FitEvidence
+) -> StatesAndFriction:
+    """The unscented filter over the first fitted recording, from the parameters of bodies that can exist."""
+    names = evidence.samples.columns.names(evidence.choice.law)
+    identified = dict(zip(names, evidence.physical.value.tolist(), strict=True))
+    recording = next(r for r in fit if r.tau is not None)
+    return follow_states(case.arm, recording, identified, evidence.choice.noise)
 
 
 def _fit(
@@ -250,7 +239,7 @@ def _fit(
     matrix = samples.matrix(choice.law)
     base = _sample_base(matrix, columns, choice.law)
     progress(f"estimates {base.count} base parameters")
-    problem = _base_problem(samples, choice, base)
+    problem = base_problem(samples, choice, base)
     nominal = columns.nominal(choice.law)
     chosen = method(settings.estimator)
     estimator = chosen.make(base, nominal)

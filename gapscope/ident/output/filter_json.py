@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from gapscope.ident.kalman.review import Departure, FilterReview
+from gapscope.ident.kalman.states_and_friction import StatesAndFriction
 from gapscope.ident.uncertainty.validation import LEVEL
 
 MOMENTS = 60
@@ -55,6 +56,30 @@ def filter_document(review: FilterReview, expressions: Sequence[str]) -> dict[st
         "departures": [
             _departure(review, departure, expressions)
             for departure in review.departures
+        ],
+    }
+
+
+def states_document(states: StatesAndFriction | None) -> dict[str, Any] | None:
+    """Friction by the unscented filter over time, and how well it predicts the encoders; ``None`` if not asked for."""
+    if states is None:
+        return None
+    track = states.track
+    count = len(track.t)
+    chosen = np.unique(np.linspace(0, count - 1, min(count, MOMENTS)).astype(int))
+    value, deviation = states.friction[chosen], states.deviation[chosen]
+    return {
+        "recording": states.recording,
+        "time": track.t[chosen],
+        "innovation_rms": np.sqrt(np.mean(track.innovation[1:] ** 2, axis=0)),
+        "parameters": [
+            {
+                "name": name,
+                "identified": states.start[i],
+                "value": _rounded(value[:, i]),
+                "std": _rounded(deviation[:, i]),
+            }
+            for i, name in enumerate(states.names)
         ],
     }
 

@@ -18,7 +18,7 @@ from gapscope.ident.kalman.changes import RecordingChange
 from gapscope.ident.model.law_choice import STRONGEST
 from gapscope.ident.model.physical_parameters import LinkCheck
 from gapscope.ident.output.examination_json import examined_document
-from gapscope.ident.output.filter_json import filter_document
+from gapscope.ident.output.filter_json import filter_document, states_document
 from gapscope.ident.uncertainty.validation import LEVEL, MOVING, Errors, Validation
 
 
@@ -41,6 +41,7 @@ def document(
         **examined_document(result.examined, result.predicted),
         "changes": [_change(found) for found in result.changes],
         "filter": filter_document(result.filtered, result.base.expressions(1e-4)),
+        "states_and_friction": states_document(result.states),
         "parameters": [
             {
                 "name": r.name,
