@@ -45,16 +45,14 @@ class FewInputs(Inputs):
 
 
 @dataclass(frozen=True)
-class OwnInputs(Inputs):
-    """Inputs of the joint alone, memory and all directions included."""
+class AllInputs(Inputs):
+    """All channels of all joints."""
 
     @property
     def seen_by_mlp(self) -> np.ndarray:
         """Places in a flat window."""
         places = np.arange(self.taps * self.channels).reshape(self.taps, self.channels)
-        at = self.layout
-        own = [*range(at.memory.stop), at.angle, at.angle + at.n, at.angle + 2 * at.n]
-        return places[-1, own]
+        return np.concatenate([places[:-1, self.layout.past].ravel(), places[-1]])
 
 
 def unbound(rows: ResidualRows, network: Network) -> ResidualNetwork:
@@ -94,8 +92,8 @@ def variants(
         "recordings weighed by their squares",
         trained(rows, even, SETTINGS, FewInputs),
     )
-    yield "all inputs", trained(rows, folds, SETTINGS, Inputs)
-    yield "the joint's inputs alone", trained(rows, folds, SETTINGS, OwnInputs)
+    yield "all inputs", trained(rows, folds, SETTINGS, AllInputs)
+    yield "the joint's inputs alone", trained(rows, folds, SETTINGS, Inputs)
     additive, _ = fit_residual(fit, replace(SETTINGS, form="additive"))
     free, _ = fit_residual(fit, ResidualSettings(form="additive", apart="effects"))
     endless = replace(additive.trust, radius=np.full(len(rows.scale), 1e9))

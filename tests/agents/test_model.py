@@ -135,7 +135,7 @@ def test_the_network_adds_its_torque(two: NominalArm) -> None:
     """A network that says 1, over a scale of 0.5 and 2 N m, whatever it sees."""
     channels, near = Layout(2).channels, len(Layout(2).neighbourhood)
     inputs = Inputs(2, 2, 0.02, np.zeros((2, channels)), np.ones((2, channels)))
-    weights = (np.zeros((3, 2, channels + 2, 4)), np.zeros((3, 2, 4, 2)))
+    weights = (np.zeros((3, 2, len(inputs.seen_by_mlp), 4)), np.zeros((3, 2, 4, 2)))
     biases = (np.zeros((3, 2, 4)), np.tile([1.0, 0.0], (3, 2, 1)))
     network = Network("mlp", inputs.seen_by_mlp, weights, biases)
     trust = Trust(np.zeros((2, 1, near)), np.full(2, 1e3))

@@ -53,6 +53,12 @@ class Layout:
         return self.others.stop
 
     @property
+    def own(self) -> np.ndarray:
+        """Channels of the joint itself."""
+        position = self.angle + self.n * np.arange(3)
+        return np.concatenate([np.arange(self.memory.stop), position])
+
+    @property
     def past(self) -> np.ndarray:
         """Channels of which a network with a short past sees the past: dq and a direction."""
         return np.array([0, self.direction.start + DIRECTION])
@@ -99,9 +105,13 @@ class Inputs:
 
     @property
     def seen_by_mlp(self) -> np.ndarray:
-        """Places in a flat window that the MLP sees: all channels now, and the joint's dq and direction before."""
+        """Places in a flat window that the MLP sees: the joint's own channels now, its dq and direction before.
+
+        Signals of all joints let it learn the paths of the training motions instead of functions.
+        """
         places = np.arange(self.taps * self.channels).reshape(self.taps, self.channels)
-        return np.concatenate([places[:-1, self.layout.past].ravel(), places[-1]])
+        now = places[-1, self.layout.own]
+        return np.concatenate([places[:-1, self.layout.past].ravel(), now])
 
     def windows(
         self, motion: Motion, load: np.ndarray, rows: np.ndarray | None = None

@@ -46,16 +46,19 @@ def fit_additive(
     for joint, x in enumerate(functions):
         progress(f"fits the additive form: joint {joint + 1} of {n}")
         centre, spread = x.mean(axis=0), x.std(axis=0) + 1e-9
+        scaled = np.column_stack([(x - centre) / spread, np.ones(len(x))])
         found, noise = _fit_joint(
-            (x - centre) / spread,
+            scaled,
             residual[:, joint],
             target[:, joint],
             folds.of_joint(joint),
-            part,
+            # the constant is a part of its own
+            np.append(part, part.max() + 1),
         )
         # the head sees the functions as they are
-        weight[:, joint, :, 0] = found / spread
-        bias[:, joint, 0] = -(found / spread) @ centre
+        by_function = found[:, :-1] / spread
+        weight[:, joint, :, 0] = by_function
+        bias[:, joint, 0] = found[:, -1] - by_function @ centre
         bias[:, joint, 1] = np.clip(np.log(noise), *LOG_VARIANCE)
     return Network(ADDITIVE, np.zeros(0, int), (weight,), (bias,), basis)
 
@@ -68,7 +71,7 @@ def _fit_joint(
     part: np.ndarray,
 ) -> tuple[np.ndarray, float]:
     """Weights of each member, (members, F), and their mean square error on what they held out."""
-    size = max(float(target.std()), 1e-12)
+    size = max(float(np.sqrt((target**2).mean())), 1e-12)
     whole = _equations(x, target / size, folds.weight, folds.any_fitted)
     each = [
         _equations(x, y / size, folds.weight, fitted)

@@ -14,6 +14,7 @@ from gapscope.ident.residual.additive import fit_additive
 from gapscope.ident.residual.folds import Folds, make_folds, usefulness
 from gapscope.ident.residual.orthogonality import (
     Head,
+    basis,
     parameter_moves,
     project_heads,
     share_explained,
@@ -37,7 +38,7 @@ class Report:
         by_form: share of the squares that each form closes on groups that its members had held out, mean over the
             groups, at the best factor [1], each (n,).
         form: what was chosen on each joint, empty if nothing is better.
-        closed: that share of the chosen form [1], (n,); 0 if none was chosen.
+        closed: that share of the chosen form, kept apart from the physics [1], (n,); 0 if none was chosen.
         gain: factor on each joint's output [1], (n,); 0 if none was chosen.
         in_target: share of the residual's squares that lay in the span of the physics and was taken out [1].
         in_output: the same of the network's output, before and after the projection of the heads [1].
@@ -82,7 +83,8 @@ def fit_residual(
 
     The columns of the physics are taken out of the target and the members of each form are trained. Each joint gets
     the form that closes most of the groups that its members had held out, scaled to what harms none of them, or none.
-    The heads are then changed as little as can be so that the output is orthogonal to the columns over the rows.
+    The heads are then changed as little as can be so that the output is orthogonal to the columns over the rows; that
+    is done for each member by itself first, and what it closes of the groups that it held out decides again.
 
     Raises:
         InputError: there is no trajectory.
@@ -95,6 +97,11 @@ def fit_residual(
     progress("keeps it apart from the physics")
     chosen, gain, closed = _choice(candidates)
     networks = tuple(_scaled(c.network, gain) for c in candidates)
+    free = _assembled(rows, networks, chosen, settings)
+    # what the projection leaves is judged again on rows held out
+    closed, again = usefulness(folds, rows.residual, _validated(free, rows, folds))
+    chosen, gain = np.where(again > 0, chosen, -1), gain * again
+    networks = tuple(_scaled(network, again) for network in networks)
     free = _assembled(rows, networks, chosen, settings)
     before = free.outputs(rows.windows)[0]
     residual = replace(free, networks=_projected(free, rows))
@@ -141,6 +148,33 @@ def _candidate(
     predicted = folds.held_out(outputs)
     closed, gain = usefulness(folds, rows.residual, predicted)
     return Candidate(form, network, closed, gain)
+
+
+def _validated(
+    residual: ResidualNetwork, rows: ResidualRows, folds: Folds
+) -> np.ndarray:
+    """What members say of the rows that they hold out, each kept apart on the rows that it is fitted to, (M, n)."""
+    outputs = []
+    for member, fitted in enumerate(folds.fitted):
+        alone = tuple(_member(network, member) for network in residual.networks)
+        scale = np.ones(rows.q.shape[1])
+        own = replace(
+            rows,
+            windows=rows.windows[:, fitted],
+            q=basis(rows.q[fitted], scale),
+        )
+        networks = _projected(replace(residual, networks=alone), own)
+        outputs.append(replace(residual, networks=networks).outputs(rows.windows)[0])
+    return folds.held_out(np.stack(outputs))
+
+
+def _member(network: Network, member: int) -> Network:
+    """One member of a network as a network."""
+    return replace(
+        network,
+        weights=tuple(weight[[member]] for weight in network.weights),
+        biases=tuple(bias[[member]] for bias in network.biases),
+    )
 
 
 def _choice(

@@ -42,7 +42,8 @@ def network() -> ResidualNetwork:
     """2 N m times tanh(dq / (0.5 rad/s)), whatever else is seen."""
     c, near = Layout(1).channels, len(Layout(1).neighbourhood)
     inputs = Inputs(1, 2, 0.02, np.zeros((1, c)), np.ones((1, c)))
-    first, head = np.zeros((1, 1, c + 2, 1)), np.zeros((1, 1, 1, 2))
+    first = np.zeros((1, 1, len(inputs.seen_by_mlp), 1))
+    head = np.zeros((1, 1, 1, 2))
     first[0, 0, list(inputs.seen_by_mlp).index(c), 0], head[0, 0, 0, 0] = 2.0, 1.0
     biases = (np.zeros((1, 1, 1)), np.zeros((1, 1, 2)))
     net = Network("mlp", inputs.seen_by_mlp, (first, head), biases)
