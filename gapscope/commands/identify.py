@@ -19,8 +19,9 @@ Cutoff = Annotated[
 Estimator = Annotated[
     str,
     typer.Option(
-        help="consistent, wls, ols, irls, ridge, truncated_svd, total_least_squares, maximum_likelihood, "
-        "kalman, partial_update, log_cholesky, sdp_euclidean or sdp_entropic"
+        help="consistent, wls, ols, irls, ridge, l_curve, truncated_svd, total_least_squares, maximum_likelihood, "
+        "kalman, partial_update, log_cholesky, sdp_euclidean or sdp_entropic; or, by simulation of the closed loop, "
+        "instrumental_variables, didim or output_error"
     ),
 ]
 Filter = Annotated[
@@ -67,6 +68,7 @@ def identify(
     with Progress(case.name or str(case)) as progress:
         begin_results(out, DOCUMENT)
         result = identify_case(case, settings, progress=progress)
-        written = result.write(out, progress)
-    console.print(summary(written.result))
-    wrote(*written.paths)
+        progress("writes the report")
+        paths = result.save(out)
+    console.print(summary(result.identification))
+    wrote(*paths)

@@ -260,8 +260,9 @@ class CorrectedArm:
             return 0.0
         position, speed = motion.q @ drives.T, motion.dq @ drives.T
         torque = inertia * (motion.ddq @ drives.T)
+        direction = friction_direction(position, speed, self.arm.presliding)
         for law, values in laws:
-            signals = Signals(motion.t[:, None], position, speed, torque)
+            signals = Signals(motion.t[:, None], position, speed, torque, direction)
             torque = torque + law.law(signals, *values)
         return np.asarray(torque @ drives)
 

@@ -20,7 +20,8 @@ from gapscope.ident.checks.plausible_samples import (
 from gapscope.ident.checks.table_row import Row
 from gapscope.ident.checks.troubleshooting import fill_in
 from gapscope.ident.checks.warnings import identification_warnings
-from gapscope.ident.estimators.by_name import method
+from gapscope.ident.estimators.by_name import Given, method
+from gapscope.ident.estimators.closed_loop import closed_loop
 from gapscope.ident.estimators.estimate import Estimate
 from gapscope.ident.held_out import base_problem, predicted, validated
 from gapscope.ident.kalman.changes import RecordingChange, find_changes
@@ -159,7 +160,9 @@ def identify(
     # another unit would be fitted without complaint, as heavier links
     if not settings.any_torque:
         check_unit(similarity, fit[0].name)
-    evidence, estimate, uncertainty, examined = _fit(samples, fit, settings, progress)
+    evidence, estimate, uncertainty, examined = _fit(
+        case, samples, fit, settings, progress
+    )
     base, law = evidence.base, evidence.choice.law
     # other estimators give base parameters alone; the rest stays zero, which predicts the same torque
     value = evidence.physical.value
@@ -224,6 +227,7 @@ def _states(
 
 
 def _fit(
+    case: Case,
     samples: Samples,
     fit: Sequence[Recording],
     settings: IdentificationSettings,
@@ -235,14 +239,16 @@ def _fit(
     simplest = _sample_base(samples.matrix(FrictionLaw()), columns, FrictionLaw())
     check_count(samples, simplest.count, fit[0].name)
     progress("chooses the form of the friction")
-    choice = choose(samples, presliding=not settings.plain)
+    chosen = method(settings.estimator)
+    rich = not chosen.simulates
+    choice = choose(samples, nonlinear=rich, presliding=rich and not settings.plain)
     matrix = samples.matrix(choice.law)
     base = _sample_base(matrix, columns, choice.law)
     progress(f"estimates {base.count} base parameters")
     problem = base_problem(samples, choice, base)
     nominal = columns.nominal(choice.law)
-    chosen = method(settings.estimator)
-    estimator = chosen.make(base, nominal)
+    given = Given(base, nominal, lambda: closed_loop(case, fit, samples, base, problem))
+    estimator = chosen.make(given)
     estimate = estimator.estimate(problem)
     uncertainty = chosen.interval(problem, estimator, estimate)
     progress("recovers physical parameters")

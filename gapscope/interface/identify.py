@@ -17,11 +17,7 @@ from gapscope.ident.identification import identify as identify_case
 from gapscope.interface.models import case_file
 from gapscope.interface.result import Result, as_text
 from gapscope.outputs.folder import begin_results
-from gapscope.outputs.identification import (
-    DOCUMENT,
-    WrittenIdentification,
-    write_identification,
-)
+from gapscope.outputs.identification import DOCUMENT, write_identification
 from gapscope.reports.identification.terminal_summary import summary
 
 RECORDINGS = (".csv", ".parquet", ".npz", ".mcap", ".db3")
@@ -40,15 +36,10 @@ class IdentificationResult(Result):
 
     def save(self, folder: str | Path) -> tuple[Path, ...]:
         """Write report, identified arm, base parameters and, as the last, ``identification.json``."""
-        return self.write(Path(folder)).paths
-
-    def write(
-        self, folder: Path, progress: Callable[[str], None] = lambda message: None
-    ) -> WrittenIdentification:
-        """Write the files; an arm that they cannot express is identified once more for them, and a warning says so."""
-        begin_results(folder, DOCUMENT)
-        source = case_file(self.identification.case, folder)
-        return write_identification(self.identification, source, folder, progress)
+        out = Path(folder)
+        begin_results(out, DOCUMENT)
+        source = case_file(self.identification.case, out)
+        return write_identification(self.identification, source, out)
 
     def summary(self) -> str:
         """Errors per joint, what was fitted and found, and what is doubtful."""

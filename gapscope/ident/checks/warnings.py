@@ -14,7 +14,15 @@ from gapscope.ident.model.physical_parameters import inconsistent
 from gapscope.ident.uncertainty.examination import Examination
 from gapscope.ident.uncertainty.validation import Validation
 
-SAID_OTHERWISE = ("low_speed_friction", "resting_joint", "torque_gain", "condition")
+BODIES = "unphysical"
+"""Row of the table that says whether parameters of no body are certain."""
+SAID_OTHERWISE = (
+    "low_speed_friction",
+    "resting_joint",
+    "torque_gain",
+    "condition",
+    BODIES,
+)
 """Rows of the troubleshooting table that need no warning, or have a fuller one here."""
 
 
@@ -34,7 +42,7 @@ def identification_warnings(
         *estimate.warnings,
         *examined.warnings(),
         *_still(evidence),
-        *_bodies(evidence),
+        *_bodies(evidence, table),
         *_rows(table),
     )
 
@@ -63,9 +71,11 @@ def _still(evidence: FitEvidence) -> Iterator[str]:
         yield f"joint {joints} rests in every fitted recording: its own parameters are not identifiable"
 
 
-def _bodies(evidence: FitEvidence) -> Iterator[str]:
+def _bodies(evidence: FitEvidence, table: Sequence[Row]) -> Iterator[str]:
     wrong = inconsistent(evidence.physical.before)
-    if wrong:
+    # noise alone takes parameters that the data hardly determine out of what bodies can have
+    certain = any(row.entry.key == BODIES and row.verdict == FOUND for row in table)
+    if wrong and certain:
         negative = [str(c.link) for c in wrong if not c.positive_mass]
         masses = (
             f"; link {', '.join(negative)} even of negative mass" if negative else ""

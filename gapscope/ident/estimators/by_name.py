@@ -9,13 +9,17 @@ import numpy as np
 
 from gapscope.arm.errors import InputError
 from gapscope.ident.estimators.consistent_sdp import ConsistentSdp
+from gapscope.ident.estimators.didim import DirectInverse
 from gapscope.ident.estimators.estimate import Estimate, Estimator
+from gapscope.ident.estimators.experiment import Experiment
+from gapscope.ident.estimators.instrumental_variables import InstrumentalVariables
 from gapscope.ident.estimators.irls import HuberLeastSquares
 from gapscope.ident.estimators.kalman import Kalman
 from gapscope.ident.estimators.log_cholesky import LogCholesky
 from gapscope.ident.estimators.maximum_likelihood import MaximumLikelihood
 from gapscope.ident.estimators.ols import OrdinaryLeastSquares
 from gapscope.ident.estimators.on_base import OnBase
+from gapscope.ident.estimators.output_error import OutputError
 from gapscope.ident.estimators.partial_update import PartialUpdate
 from gapscope.ident.estimators.ridge import Ridge
 from gapscope.ident.estimators.total_least_squares import TotalLeastSquares
@@ -26,7 +30,23 @@ from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.uncertainty.intervals import Uncertainty, sandwich
 from gapscope.ident.uncertainty.refit_jackknife import STRETCHES, refit_jackknife
 
-Make = Callable[[BaseParameters, np.ndarray], Estimator]
+
+@dataclass(frozen=True)
+class Given:
+    """What an estimator may be made from.
+
+    Attributes:
+        base: base parameters.
+        nominal: x of the nominal arm, shape (p,).
+        experiment: the recordings and how to repeat them; raises ``InputError`` if they cannot be.
+    """
+
+    base: BaseParameters
+    nominal: np.ndarray
+    experiment: Callable[[], Experiment]
+
+
+Make = Callable[[Given], Estimator]
 Interval = Callable[[Problem, Estimator, Estimate], Uncertainty]
 
 
@@ -35,14 +55,16 @@ class Method:
     """An estimator of base parameters and its interval.
 
     Attributes:
-        make: the estimator, from base parameters and the nominal x of shape (p,).
+        make: the estimator.
         interval: uncertainty of its estimate.
         kind: of the interval, in words.
+        simulates: whether it repeats the recordings in simulation, with Coulomb and viscous friction only.
     """
 
     make: Make
     interval: Interval
     kind: str
+    simulates: bool = False
 
 
 def method(name: str) -> Method:
@@ -97,39 +119,62 @@ _UNBIASED = f"{_JACKKNIFE}; the bias of the pull is not counted"
 
 METHODS: dict[str, Method] = {
     "consistent": Method(
-        lambda base, x: WeightedLeastSquares(),
+        lambda given: WeightedLeastSquares(),
         _by_joint,
         f"{_SANDWICH}, of weighted least squares without the constraints",
     ),
-    "wls": Method(lambda base, x: WeightedLeastSquares(), _by_joint, _SANDWICH),
-    "ols": Method(lambda base, x: OrdinaryLeastSquares(), _unweighted, _SANDWICH),
-    "irls": Method(lambda base, x: HuberLeastSquares(), _repeated, _JACKKNIFE),
-    "ridge": Method(lambda base, x: Ridge(), _repeated, _UNBIASED),
-    "truncated_svd": Method(lambda base, x: TruncatedSvd(), _repeated, _UNBIASED),
+    "wls": Method(lambda given: WeightedLeastSquares(), _by_joint, _SANDWICH),
+    "ols": Method(lambda given: OrdinaryLeastSquares(), _unweighted, _SANDWICH),
+    "irls": Method(lambda given: HuberLeastSquares(), _repeated, _JACKKNIFE),
+    "ridge": Method(lambda given: Ridge(), _repeated, _UNBIASED),
+    "l_curve": Method(lambda given: Ridge("l_curve"), _repeated, _UNBIASED),
+    "truncated_svd": Method(lambda given: TruncatedSvd(), _repeated, _UNBIASED),
     "total_least_squares": Method(
-        lambda base, x: TotalLeastSquares(), _repeated, _JACKKNIFE
+        lambda given: TotalLeastSquares(), _repeated, _JACKKNIFE
     ),
-    "maximum_likelihood": Method(
-        lambda base, x: MaximumLikelihood(), _across, _SANDWICH
-    ),
+    "maximum_likelihood": Method(lambda given: MaximumLikelihood(), _across, _SANDWICH),
     "kalman": Method(
-        lambda base, x: Kalman(),
+        lambda given: Kalman(),
         _stated,
         "covariance of the filter, which counts that samples follow each other",
     ),
     "partial_update": Method(
-        lambda base, x: PartialUpdate(base.of(x)),
+        lambda given: PartialUpdate(given.base.of(given.nominal)),
         _stated,
         "posterior, of the data and the nominal arm together",
     ),
     "log_cholesky": Method(
-        lambda base, x: OnBase(LogCholesky(x), base), _repeated, _UNBIASED
+        lambda given: OnBase(LogCholesky(given.nominal), given.base),
+        _repeated,
+        _UNBIASED,
     ),
     "sdp_euclidean": Method(
-        lambda base, x: OnBase(ConsistentSdp(x), base), _repeated, _UNBIASED
+        lambda given: OnBase(ConsistentSdp(given.nominal), given.base),
+        _repeated,
+        _UNBIASED,
     ),
     "sdp_entropic": Method(
-        lambda base, x: OnBase(ConsistentSdp(x, "entropic"), base), _repeated, _UNBIASED
+        lambda given: OnBase(ConsistentSdp(given.nominal, "entropic"), given.base),
+        _repeated,
+        _UNBIASED,
+    ),
+    "instrumental_variables": Method(
+        lambda given: InstrumentalVariables(given.experiment()),
+        _stated,
+        _SANDWICH,
+        simulates=True,
+    ),
+    "didim": Method(
+        lambda given: DirectInverse(given.experiment()),
+        _stated,
+        _SANDWICH,
+        simulates=True,
+    ),
+    "output_error": Method(
+        lambda given: OutputError(given.experiment()),
+        _stated,
+        _SANDWICH,
+        simulates=True,
     ),
 }
 """Methods by name; ``consistent`` is weighted least squares constrained to bodies that can exist."""

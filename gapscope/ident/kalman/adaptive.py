@@ -27,6 +27,10 @@ SETTLED = 1 / 3
 """Share of the stretches after which predictions count in the choice of the process noise [1]."""
 
 
+LEAST_NOISE = 1e-4
+"""Least noise over the RMS of a joint's torque [1]: beside none a vague first covariance loses its digits."""
+
+
 @dataclass(frozen=True)
 class Opening:
     """A moment at which some parameters became unknown again, as when a load is picked up.
@@ -116,7 +120,7 @@ def follow(problem: Problem, openings: Sequence[Opening] = ()) -> Followed:
 
 def _noise(problem: Problem, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """RMS of a residual [N m], never zero, and how many of its samples count as one [1], (n,) each."""
-    least = 1e-9 * np.sqrt(np.mean(problem.torque**2)) + 1e-300
+    least = LEAST_NOISE * np.sqrt(np.mean(problem.torque**2, axis=0)) + 1e-9
     rms = np.sqrt(np.mean(residual**2, axis=0))
     return np.maximum(rms, least), variance_inflation(residual, problem.group)
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gapscope.arm.nominal import NominalArm, smooth_sign
+from gapscope.arm.nominal import NominalArm
+from gapscope.effects.presliding import friction_direction
 
 STRIBECK_SPEEDS = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0)
 """Speeds vs tried for d exp(-(v / vs)^2) [rad/s]."""
@@ -40,12 +41,9 @@ class FrictionLaw:
 
     def columns(self, position: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
         """What c, d and s multiply [1], from position [rad] and velocity [rad/s] of shape (N, k); each (N, k)."""
-        sign = smooth_sign(velocity)
-        if self.presliding is not None:
-            distance = np.array(self.presliding)
-            keeps = distance > 0
-            state = direction(position, velocity, np.where(keeps, distance, 1.0))
-            sign = np.where(keeps, state, sign)
+        at_once = (0.0,) * velocity.shape[1]
+        distance = np.array(self.presliding or at_once)
+        sign = friction_direction(position, velocity, distance)
         columns = [sign]
         if self.stribeck_speed is not None:
             columns.append(sign * np.exp(-((velocity / self.stribeck_speed) ** 2)))
@@ -68,33 +66,6 @@ class FrictionLaw:
                 f"direction kept at rest, turned round within {distances} mrad"
             )
         return ", ".join(parts)
-
-
-def direction(
-    position: np.ndarray, velocity: np.ndarray, distance: np.ndarray | float
-) -> np.ndarray:
-    r"""State s of ds/dq = (1 - s sgn(dq)) / d, in [-1, 1], shape (N, k): Dahl's model with exponent 1.
-
-    A joint that comes to rest keeps the direction that it had; s depends on the path alone, not on time.
-
-    Args:
-        position: q [rad], shape (N, k).
-        velocity: dq [rad/s], shape (N, k); its first sign is the first direction.
-        distance: d [rad], one for all or one per column, (k,).
-
-    Source: dahl1976.
-    """
-    steps = np.diff(position, axis=0)
-    signs = np.sign(steps)
-    decay = np.exp(-np.abs(steps) / distance)
-    state = smooth_sign(velocity[0])
-    states = np.empty_like(position)
-    states[0] = state
-    for i in range(len(steps)):
-        # the exact solution over a step of one direction
-        state = signs[i] + (state - signs[i]) * decay[i]
-        states[i + 1] = state
-    return states
 
 
 def drives(arm: NominalArm) -> tuple[np.ndarray, tuple[str, ...]]:

@@ -2,7 +2,7 @@
 
 Any ten parameters per link need a URDF, which ``link_inertia`` of the catalogue (mass and centre of mass alone) cannot
 replace; rotor inertia, Coulomb and viscous friction go into the data sheet; offsets, a Stribeck term, and rotor and
-friction of coupled motors are effects. Friction that keeps its direction at rest has no place there.
+friction of coupled motors are effects. How it builds up stands beside them.
 """
 
 from __future__ import annotations
@@ -43,9 +43,10 @@ COUPLED = {
 """Effect and parameter of a coupled motor by the symbol of its column."""
 
 
-def expressible(result: Identification) -> bool:
-    """Whether URDF, data sheet and the catalogue's effects can express the whole model."""
-    return result.choice.law.presliding is None
+def presliding(result: Identification) -> np.ndarray:
+    """Distance over which the dry friction of each joint builds up, and of the motor of its number [rad], (n,)."""
+    distances = result.choice.law.presliding or result.case.arm.presliding
+    return np.array(distances)[: result.case.arm.n_joints]
 
 
 def urdf_text(result: Identification) -> str:

@@ -15,6 +15,8 @@ LOW, FLOOR = 1 / 4, (1 / 3, 1 / 2)
 """Bands of the motion and of the noise floor, as shares of the cut-off: up to 3 Hz and 4 to 6 Hz at 12 Hz."""
 DOUBT = 1e-3
 """Chance, over all joints, below which noise alone is not believed."""
+MATERIAL = 0.03
+"""Share of the torque's deviation from which on model error is worth a warning [1]; simulators leave up to 1 %."""
 TAPER = 0.1
 """Share of a series that is faded in and out before its spectrum is taken."""
 
@@ -28,26 +30,35 @@ class ModelError:
         noise: standard deviation of the rest [N m], shape (n,).
         p_value: how often noise alone would look like this, shape (n,).
         groups: number of groups that showed it.
+        torque: standard deviation of the torque [N m], shape (n,).
     """
 
     systematic: np.ndarray
     noise: np.ndarray
     p_value: np.ndarray
     groups: int
+    torque: np.ndarray
 
     @property
     def found(self) -> np.ndarray:
         """Joints, counted from 1, on which noise alone is not believed."""
         return np.flatnonzero(self.p_value * len(self.p_value) < DOUBT) + 1
 
+    @property
+    def material(self) -> np.ndarray:
+        """Those of them, counted from 1, on which it is a visible part of the torque."""
+        share = self.systematic / np.maximum(self.torque, 1e-300)
+        return self.found[share[self.found - 1] > MATERIAL]
+
     def warnings(self) -> tuple[str, ...]:
-        """A warning that names the joints with model error, if there are any."""
-        if not len(self.found):
+        """A warning that names the joints on which model error is material, if there are any."""
+        joints = self.material
+        if not len(joints):
             return ()
         size = np.hypot(self.systematic, self.noise).clip(1e-300)
-        share = (self.systematic / size)[self.found - 1].max()
+        share = (self.systematic / size)[joints - 1].max()
         return (
-            f"the residual on joint {', '.join(map(str, self.found))} is not noise ({share:.0%} of it follows the "
+            f"the residual on joint {', '.join(map(str, joints))} is not noise ({share:.0%} of it follows the "
             "motion): the model lacks an effect, and s^2 (W^T W)^-1 states too small errors; use intervals that count "
             "model error, and `gapscope diagnose` to name the effect",
         )
@@ -95,6 +106,7 @@ def model_error(
         noise=noise,
         p_value=p_value,
         groups=len(spans),
+        torque=problem.torque.std(axis=0),
     )
 
 

@@ -13,36 +13,13 @@ from gapscope.arm.coupling import coupling_of_transmission
 from gapscope.arm.motions.motion import Motion
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.ident.model.friction_law import FrictionLaw, direction, drives
+from gapscope.ident.model.friction_law import FrictionLaw, drives
 from gapscope.ident.model.model_columns import ModelColumns
 
 
 def random_motion(rng: np.random.Generator, n: int = arms.N, count: int = 40) -> Motion:
     q, dq, ddq = rng.uniform(-1.0, 1.0, (3, count, n))
     return Motion(np.arange(count) / 100, q, dq, ddq)
-
-
-class TestDirection:
-    def test_turns_round_within_the_distance(self) -> None:
-        """From 1, after going back by x: 2 exp(-x / d) - 1."""
-        position = np.array([0.0, 0.1, 0.1 - 1e-3, 0.1 - 3e-3])[:, None]
-        found = direction(position, np.ones((4, 1)), 1e-3)[:, 0]
-        np.testing.assert_allclose(
-            found, [1.0, 1.0, 2 * np.exp(-1) - 1, 2 * np.exp(-3) - 1], atol=1e-12
-        )
-
-    def test_keeps_at_rest_what_it_had(self) -> None:
-        position = np.r_[np.linspace(0, 1, 50), np.ones(50)][:, None]
-        assert direction(position, np.ones((100, 1)), 1e-3)[50:] == pytest.approx(1.0)
-
-    def test_does_not_depend_on_how_fast_the_path_is_gone(self) -> None:
-        rng = np.random.default_rng(0)
-        coarse = np.cumsum(rng.uniform(-1e-3, 1e-3, 30))
-        fine = np.interp(np.linspace(0, 29, 29 * 8 + 1), np.arange(30), coarse)
-        a, b = (
-            direction(x[:, None], np.ones((len(x), 1)), 1e-3) for x in (coarse, fine)
-        )
-        np.testing.assert_allclose(a, b[::8], atol=1e-12)
 
 
 class TestDrives:
