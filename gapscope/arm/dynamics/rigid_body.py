@@ -205,7 +205,22 @@ class RigidBody:
 
     def _sensitivities(
         self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    ) -> tuple[np.ndarray, ...]:
+        own = self.inertial_parameters().reshape(-1, 10)
+        if (own[:, 0] >= 0).all():
+            return self._derivatives(q, dq, ddq)
+        # pinocchio divides by the mass of all bodies beyond a joint, and takes one below zero for almost zero.
+        # The derivatives are linear in the inertials: add a ballast that keeps masses positive, take its share away
+        ballast = np.zeros_like(own)
+        ballast[:, 0] = 2 * np.abs(own[:, 0]).sum()
+        both = self.changed(ballast)._derivatives(q, dq, ddq)
+        alone = self.changed(ballast - own)._derivatives(q, dq, ddq)
+        return tuple(a - b for a, b in zip(both, alone, strict=True))
+
+    def _derivatives(
+        self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
+    ) -> tuple[np.ndarray, ...]:
+        """Those of ``sensitivities``, if no mass is negative."""
         q, dq, ddq = self._ordered(q, dq, ddq)
         data, n = self._data, self.n_joints
         by_position, by_velocity, mass = np.empty((3, len(q), n, n))
