@@ -15,8 +15,10 @@ Baseline = Callable[[np.ndarray], np.ndarray]
 
 
 def seen(rows: ResidualRows, windows: np.ndarray) -> np.ndarray:
-    """What the feed-forward network sees, (n, M, I): all baselines see the same."""
-    return windows.reshape(*windows.shape[:2], -1)[:, :, rows.inputs.seen_by_mlp]
+    """What all baselines see, (n, M, I): all channels now, and the joint's dq and direction before."""
+    past = windows[:, :, :-1, rows.inputs.layout.past]
+    flat = past.reshape(*past.shape[:2], -1)
+    return np.concatenate([flat, windows[:, :, -1]], axis=2)
 
 
 def gradient_boosting(rows: ResidualRows, seed: int = 0) -> Baseline:
