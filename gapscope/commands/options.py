@@ -48,7 +48,10 @@ Surface = Annotated[
     float, typer.Option(help="height of the surface under the arm, base frame [m]")
 ]
 Collisions = Annotated[
-    bool, typer.Option(help="check collisions with the meshes of the URDF")
+    bool,
+    typer.Option(
+        help="check collisions by the URDF's shapes, or boxes by its inertials"
+    ),
 ]
 SearchSeed = Annotated[
     int | None, typer.Option(min=0, help="find the same trajectory again")

@@ -1,4 +1,4 @@
-"""Distance of an arm to itself and to the surface that it stands on, from the collision shapes of its URDF."""
+"""Distance of an arm to itself and to the surface that it stands on, by the collision shapes of its URDF or boxes."""
 
 from __future__ import annotations
 
@@ -6,13 +6,16 @@ import warnings
 import xml.etree.ElementTree as ET
 from copy import copy
 from itertools import combinations, compress
+from pathlib import Path
 
 import coal
 import numpy as np
 import pinocchio as pin
 
+from gapscope.arm.dynamics.inertia_boxes import inertia_boxes
+from gapscope.arm.dynamics.link_shapes import find_mesh
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.errors import InputError
+from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.nominal import NominalArm
 
 POSTURES = 1000
@@ -21,6 +24,10 @@ OFTEN = 0.95
 """Pairs that touch in this share of them are no collision."""
 FAR = 0.05
 """Pairs that stay farther apart than this in all of them are left to the final check of a search [m]."""
+REMEDY = (
+    "give the URDF beside its meshes, or leave collisions unchecked (--no-collisions)"
+)
+"""What to do about collision shapes that cannot be used."""
 
 
 class CollisionModel:
@@ -28,7 +35,8 @@ class CollisionModel:
 
     Bodies on the same joint or on neighbouring joints are left out, and so are pairs that touch in the zero posture
     or in nearly every posture: there the hulls overlap by construction. The surface is the plane z = height of the
-    base frame, against which all moved bodies count.
+    base frame, against which all moved bodies count. If shapes or meshes are missing, boxes of the bodies' mass and
+    inertia stand in, with a ``ModelWarning``.
 
     Args:
         arm: the nominal arm.
@@ -40,7 +48,7 @@ class CollisionModel:
         left_out: pairs that touch by construction, two names each.
 
     Raises:
-        InputError: the URDF has no collision shapes, or a mesh of it cannot be read.
+        InputError: a mesh cannot be read, or neither shapes nor inertials say how large the bodies are.
     """
 
     def __init__(
@@ -142,13 +150,40 @@ class CollisionModel:
 
 
 def _shapes(arm: NominalArm, model: pin.Model) -> pin.GeometryModel:
-    """Collision shapes of a URDF, each convex."""
+    """Collision shapes of a URDF, each convex, or boxes by the inertials if they are missing."""
+    missing = _missing(arm.urdf)
+    if not missing:
+        return _urdf_shapes(arm, model)
+    boxes = inertia_boxes(model)
+    if boxes.ngeoms == 0:
+        raise InputError(f"{missing}, and no body has a mass", REMEDY, file=arm.urdf)
+    warnings.warn(
+        f"{arm.urdf}: {missing}: collisions are checked with boxes of the bodies' mass and inertia, which real bodies "
+        f"exceed in places; {REMEDY}, or keep a larger clearance",
+        ModelWarning,
+        stacklevel=3,
+    )
+    return boxes
+
+
+def _missing(file: Path) -> str:
+    """Why a robot file gives no collision shapes, or an empty string if it does."""
+    root = ET.parse(file).getroot()
+    if root.tag != "robot":
+        return "collision shapes are read from URDF files alone"
+    shapes = root.findall("link/collision/geometry/*")
+    if not shapes:
+        return "it has no collision shapes"
+    names = [s.get("filename", "") for s in shapes if s.tag == "mesh"]
+    lost = [name for name in names if find_mesh(name, file) is None]
+    return (
+        f"{len(lost)} collision meshes are not found, first {lost[0]}" if lost else ""
+    )
+
+
+def _urdf_shapes(arm: NominalArm, model: pin.Model) -> pin.GeometryModel:
+    """Collision shapes of a URDF whose meshes are there, each convex."""
     folders = [str(folder) for folder in arm.urdf.resolve().parents[:3]]
-    remedy = "give the URDF beside its meshes, or leave collisions unchecked"
-    if ET.parse(arm.urdf).getroot().tag != "robot":
-        raise InputError(
-            "collision shapes are read from URDF files alone", remedy, file=arm.urdf
-        )
     try:
         with warnings.catch_warnings():
             warnings.simplefilter(
@@ -163,8 +198,6 @@ def _shapes(arm: NominalArm, model: pin.Model) -> pin.GeometryModel:
                 item.geometry = item.geometry.convex
     except (ValueError, RuntimeError) as error:
         raise InputError(
-            f"its collision shapes cannot be read ({error})", remedy, file=arm.urdf
+            f"its collision shapes cannot be read ({error})", REMEDY, file=arm.urdf
         ) from None
-    if shapes.ngeoms == 0:
-        raise InputError("has no collision shapes", remedy, file=arm.urdf)
     return shapes

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from gapscope.arm.dynamics.collision import CollisionModel
+from gapscope.arm.dynamics.inertia_boxes import box_edges
 from gapscope.arm.dynamics.kinematics import Kinematics
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.singularity import smallest_singular_value
-from gapscope.arm.errors import InputError
+from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.trajectory import Limits
 from gapscope.arm.nominal import NominalArm
@@ -51,24 +52,62 @@ def test_neighbours_and_bodies_that_always_touch_are_left_out(
     assert any("first_0" in pair and "surface" in pair for pair in model.left_out)
 
 
-def test_arm_without_shapes_is_refused_with_a_remedy(tmp_path: Path) -> None:
+BARE = (
+    '<robot name="r"><link name="a"/><joint name="j" type="revolute"><parent link="a"/><child link="b"/>'
+    '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint><link name="b">{}</link></robot>'
+)
+
+
+def test_arm_without_shapes_and_mass_is_refused_with_a_remedy(tmp_path: Path) -> None:
     path = tmp_path / "bare.urdf"
-    path.write_text(
-        '<robot name="r"><link name="a"/><joint name="j" type="revolute"><parent link="a"/><child link="b"/>'
-        '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint><link name="b"><inertial>'
-        '<mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>'
-    )
+    path.write_text(BARE.format(""))
     arm = load_nominal_arm(path)
-    with pytest.raises(InputError, match="collision shapes"):
+    with pytest.raises(InputError, match="collision shapes.*\n.*--no-collisions"):
         CollisionModel(arm, RigidBody(arm))
 
 
-def test_another_format_is_refused_with_a_remedy(
+def test_box_of_an_inertia_by_hand(tmp_path: Path) -> None:
+    """A box of 0.2 x 0.4 x 0.6 m and 12 kg has moments of 0.52, 0.40 and 0.20 kg m^2; its corner is 0.3 m below 1 m."""
+    path = tmp_path / "bare.urdf"
+    path.write_text(
+        BARE.format(
+            '<inertial><origin xyz="0 0 1"/><mass value="12"/>'
+            '<inertia ixx="0.52" iyy="0.40" izz="0.20" ixy="0" ixz="0" iyz="0"/></inertial>'
+            '<collision><geometry><mesh filename="package://lost/b.stl"/></geometry></collision>'
+        )
+    )
+    arm = load_nominal_arm(path)
+    assert box_edges(12.0, np.array([0.52, 0.40, 0.20])) == pytest.approx(
+        [0.2, 0.4, 0.6]
+    )
+    with pytest.warns(ModelWarning, match="package://lost/b.stl: .*boxes"):
+        model = CollisionModel(arm, RigidBody(arm))
+    distance, pair = model.distance(np.array([[0.5]]))
+    assert "box of j" in model.pairs[pair[0]]
+    assert distance[0] == pytest.approx(0.7)
+
+
+def test_boxes_stand_in_for_meshes_that_are_missing(tmp_path: Path) -> None:
+    """A KUKA iiwa's URDF copied without its meshes is as far from the floor as the arm itself, to 5 cm."""
+    named = load_nominal_arm("kuka_iiwa")
+    path = tmp_path / "arm.urdf"
+    path.write_text(named.urdf.read_text())
+    arm = load_nominal_arm(path)
+    with pytest.warns(ModelWarning, match="meshes are not found"):
+        boxes = CollisionModel(arm, RigidBody(arm))
+    meshes = CollisionModel(named, RigidBody(named))
+    q = np.zeros((5, 7))
+    q[:, 1] = np.linspace(1.2, 2.0, 5)
+    assert boxes.distance(q)[0] == pytest.approx(meshes.distance(q)[0], abs=0.05)
+
+
+def test_another_format_gets_boxes_as_well(
     arm: NominalArm, body: RigidBody, tmp_path: Path
 ) -> None:
     (tmp_path / "arm.xml").write_text("<mujoco/>")
-    with pytest.raises(InputError, match="URDF files alone"):
-        CollisionModel(replace(arm, urdf=tmp_path / "arm.xml"), body)
+    with pytest.warns(ModelWarning, match="URDF files alone"):
+        model = CollisionModel(replace(arm, urdf=tmp_path / "arm.xml"), body)
+    assert model.pairs
 
 
 @pytest.mark.parametrize("robot", ["kuka_iiwa", "franka_panda", "xarm6"])
