@@ -27,7 +27,7 @@ SETTLED = 1 / 3
 """Share of the stretches after which predictions count in the choice of the process noise [1]."""
 
 
-LEAST_NOISE = 1e-4
+LEAST_NOISE = 1e-3
 """Least noise over the RMS of a joint's torque [1]: beside none a vague first covariance loses its digits."""
 
 
