@@ -15,8 +15,8 @@ LOW, FLOOR = 1 / 4, (1 / 3, 1 / 2)
 """Bands of the motion and of the noise floor, as shares of the cut-off: up to 3 Hz and 4 to 6 Hz at 12 Hz."""
 DOUBT = 1e-3
 """Chance, over all joints, below which noise alone is not believed."""
-MATERIAL = 0.03
-"""Share of the torque's deviation from which on model error is worth a warning [1]; simulators leave up to 1 %."""
+MATERIAL = 0.05
+"""Share of the torque's deviation from which on model error is worth a warning, if it exceeds the noise [1]."""
 TAPER = 0.1
 """Share of a series that is faded in and out before its spectrum is taken."""
 
@@ -46,9 +46,10 @@ class ModelError:
 
     @property
     def material(self) -> np.ndarray:
-        """Those of them, counted from 1, on which it is a visible part of the torque."""
-        share = self.systematic / np.maximum(self.torque, 1e-300)
-        return self.found[share[self.found - 1] > MATERIAL]
+        """Those of them, counted from 1, on which it is a visible part of the torque and exceeds the noise."""
+        least = np.maximum(MATERIAL * self.torque, self.noise)
+        visible = self.systematic > least
+        return self.found[visible[self.found - 1]]
 
     def warnings(self) -> tuple[str, ...]:
         """A warning that names the joints on which model error is material, if there are any."""
