@@ -23,6 +23,7 @@ from gapscope.ident.checks.warnings import identification_warnings
 from gapscope.ident.estimators.by_name import Given, method
 from gapscope.ident.estimators.closed_loop import closed_loop
 from gapscope.ident.estimators.estimate import Estimate
+from gapscope.ident.estimators.wls import WeightedLeastSquares
 from gapscope.ident.held_out import base_problem, predicted, validated
 from gapscope.ident.kalman.changes import RecordingChange, find_changes
 from gapscope.ident.kalman.review import FilterReview, review
@@ -279,7 +280,9 @@ def _fit(
         zeros=zeros,
     )
     progress("examines what the recordings determine")
-    examined = examine(evidence, problem, estimator, estimate, uncertainty)
+    # part of the samples cannot be simulated: what they determine is asked of least squares then
+    judge = WeightedLeastSquares() if chosen.simulates else estimator
+    examined = examine(evidence, problem, judge, estimate, uncertainty)
     return evidence, estimate, uncertainty, examined
 
 

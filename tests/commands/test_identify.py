@@ -227,11 +227,15 @@ class TestResults:
     def test_every_estimator(
         self, gapscope: Command, healthy: Path, tmp_path: Path, estimator: str
     ) -> None:
-        out = tmp_path / "out"
-        assert (
-            gapscope("identify", healthy, "--out", out, "--estimator", estimator).code
-            == 0
-        )
+        out, case = tmp_path / "out", healthy
+        if METHODS[estimator].simulates:
+            # the closed loop is repeated: a case with its controller
+            case, nothing = tmp_path / "loop", tmp_path / "nothing.yaml"
+            nothing.write_text("schema: 1\neffects: []\n")
+            options = ("--effects", nothing, "--duration", 3, "--seed", 1)
+            assert gapscope("record", healthy, "--out", case, *options).code == 0
+        identified = gapscope("identify", case, "--out", out, "--estimator", estimator)
+        assert identified.code == 0, identified.err
         document = json.loads((out / "identification.json").read_text(encoding="utf-8"))
         assert document["settings"]["estimator"] == estimator
         assert document["validation"][1]["every"]["overall"] < 0.05
@@ -244,6 +248,12 @@ class TestResults:
 
 
 class TestBadInput:
+    def test_an_estimator_that_simulates_needs_the_controller(
+        self, gapscope: Command, healthy: Path, tmp_path: Path
+    ) -> None:
+        message = self.refused(gapscope, healthy, tmp_path, "--estimator", "didim")
+        assert "controller" in message and "does not simulate" in message
+
     def refused(
         self, gapscope: Command, case: Path, tmp_path: Path, *options: object
     ) -> str:

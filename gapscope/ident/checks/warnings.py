@@ -75,7 +75,7 @@ def _bodies(evidence: FitEvidence, table: Sequence[Row]) -> Iterator[str]:
     wrong = inconsistent(evidence.physical.before)
     # noise alone takes parameters that the data hardly determine out of what bodies can have
     certain = any(row.entry.key == BODIES and row.verdict == FOUND for row in table)
-    if wrong and certain:
+    if wrong and (certain or len(evidence.zeros.asked)):
         negative = [str(c.link) for c in wrong if not c.positive_mass]
         masses = (
             f"; link {', '.join(negative)} even of negative mass" if negative else ""
