@@ -27,7 +27,11 @@ from gapscope.ident.estimators.truncated_svd import TruncatedSvd
 from gapscope.ident.estimators.wls import WeightedLeastSquares
 from gapscope.ident.model.base_parameters import BaseParameters
 from gapscope.ident.model.linear_problem import Problem
-from gapscope.ident.uncertainty.intervals import Uncertainty, sandwich
+from gapscope.ident.uncertainty.intervals import (
+    MOST_BLOCKS,
+    Uncertainty,
+    block_jackknife,
+)
 from gapscope.ident.uncertainty.refit_jackknife import STRETCHES, refit_jackknife
 
 
@@ -82,7 +86,7 @@ def _by_joint(
     problem: Problem, estimator: Estimator, estimate: Estimate
 ) -> Uncertainty:
     least = 1e-9 * max(float(estimate.residual.max()), 1e-300)
-    return sandwich(
+    return block_jackknife(
         problem, estimate.value, np.diag(np.maximum(estimate.residual, least) ** -2.0)
     )
 
@@ -90,11 +94,11 @@ def _by_joint(
 def _unweighted(
     problem: Problem, estimator: Estimator, estimate: Estimate
 ) -> Uncertainty:
-    return sandwich(problem, estimate.value)
+    return block_jackknife(problem, estimate.value)
 
 
 def _across(problem: Problem, estimator: Estimator, estimate: Estimate) -> Uncertainty:
-    return sandwich(
+    return block_jackknife(
         problem,
         estimate.value,
         np.linalg.inv(MaximumLikelihood.noise(problem, estimate.value)),
@@ -114,6 +118,7 @@ def _stated(problem: Problem, estimator: Estimator, estimate: Estimate) -> Uncer
 
 
 _SANDWICH = "sandwich, which counts that samples follow each other"
+_BLOCKS = f"block jackknife, the estimate without each of up to {MOST_BLOCKS} stretches of time"
 _JACKKNIFE = f"block jackknife, the estimate repeated without each of about {STRETCHES} stretches of time"
 _UNBIASED = f"{_JACKKNIFE}; the bias of the pull is not counted"
 
@@ -121,10 +126,10 @@ METHODS: dict[str, Method] = {
     "consistent": Method(
         lambda given: WeightedLeastSquares(),
         _by_joint,
-        f"{_SANDWICH}, of weighted least squares without the constraints",
+        f"{_BLOCKS}, of weighted least squares without the constraints",
     ),
-    "wls": Method(lambda given: WeightedLeastSquares(), _by_joint, _SANDWICH),
-    "ols": Method(lambda given: OrdinaryLeastSquares(), _unweighted, _SANDWICH),
+    "wls": Method(lambda given: WeightedLeastSquares(), _by_joint, _BLOCKS),
+    "ols": Method(lambda given: OrdinaryLeastSquares(), _unweighted, _BLOCKS),
     "irls": Method(lambda given: HuberLeastSquares(), _repeated, _JACKKNIFE),
     "ridge": Method(lambda given: Ridge(), _repeated, _UNBIASED),
     "l_curve": Method(lambda given: Ridge("l_curve"), _repeated, _UNBIASED),
@@ -132,7 +137,7 @@ METHODS: dict[str, Method] = {
     "total_least_squares": Method(
         lambda given: TotalLeastSquares(), _repeated, _JACKKNIFE
     ),
-    "maximum_likelihood": Method(lambda given: MaximumLikelihood(), _across, _SANDWICH),
+    "maximum_likelihood": Method(lambda given: MaximumLikelihood(), _across, _BLOCKS),
     "kalman": Method(
         lambda given: Kalman(),
         _stated,

@@ -16,6 +16,9 @@ from gapscope.ident.estimators.estimate import Estimate
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.signals.effective_samples import autocovariance, group_slices
 
+MOST_BLOCKS = 200
+"""Blocks of the jackknife; more only take longer, as Student's t is normal by then [1]."""
+
 
 @dataclass(frozen=True)
 class Uncertainty:
@@ -147,12 +150,14 @@ def block_jackknife(
     """Covariance (B - 1) / B sum_k d_k d_k^T with d_k the change of beta when block k of B is left out.
 
     d_k = (A - A_k)^-1 g_k, A_k and g_k the block's share of A and its summed score: no block tests the parameters
-    that it bent itself, which the sandwich forgives. Arguments as ``sandwich``; blocks, which do not overlap here, are
-    twice as long by default. Source: kunsch1989.
+    that it bent itself, which the sandwich forgives: residuals of slow columns hold less slow noise than the noise
+    does. Arguments as ``sandwich``; blocks, which do not overlap here, are by default twice as long, and no more than
+    about ``MOST_BLOCKS``. Source: kunsch1989, bell2002.
     """
     gram, scores = _grams_and_scores(problem, beta, weight)
     if length is None:
-        length = 2 * block_length(scores, problem.group)
+        enough = -(-len(scores) // MOST_BLOCKS)
+        length = max(2 * block_length(scores, problem.group), enough)
     scale = 1 / np.sqrt(np.diag(gram).clip(1e-300))
     changes = []
     for block in _blocks(problem.group, length):

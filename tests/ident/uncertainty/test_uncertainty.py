@@ -6,8 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
+from gapscope.ident.estimators.by_name import method
+from gapscope.ident.estimators.maximum_likelihood import MaximumLikelihood
 from gapscope.ident.estimators.ols import OrdinaryLeastSquares
+from gapscope.ident.estimators.wls import WeightedLeastSquares
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.signals.conditioning import low_pass
 from gapscope.ident.signals.effective_samples import group_slices
@@ -66,13 +70,45 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
             sandwich(given, estimate.value),
             block_jackknife(given, estimate.value),
         )
-        for name, method in zip(hits, methods, strict=True):
-            lower, upper = method.interval(estimate.value)
+        for name, uncertainty in zip(hits, methods, strict=True):
+            lower, upper = uncertainty.interval(estimate.value)
             hits[name].append((lower <= BETA) & (upper >= BETA))
     coverage = {name: float(np.mean(inside)) for name, inside in hits.items()}
     assert coverage["plain"] < 0.80
     assert 0.91 < coverage["sandwich"] < 0.98
     assert 0.92 < coverage["jackknife"] < 0.985
+
+
+def autoregressive(rng: np.random.Generator, rho: float) -> np.ndarray:
+    """AR(1) noise of unit variance, shape (N, 2)."""
+    white = rng.standard_normal((SAMPLES + 200, 2))
+    series = lfilter([1.0], [1.0, -rho], white, axis=0)[200:]
+    return np.asarray(series) * np.sqrt(1 - rho**2)
+
+
+@pytest.mark.parametrize("estimator", ["wls", "maximum_likelihood"])
+def test_intervals_of_identify_hold_the_truth_under_coloured_noise(
+    estimator: str,
+) -> None:
+    """AR(1) 0.8 and short recordings, for which the sandwich holds 88 %; of 600 parameters, with 1 % deviation."""
+    hits = []
+    for seed in range(150):
+        rng = np.random.default_rng(seed)
+        columns, noise = motion_columns(rng), autoregressive(rng, 0.8)
+        hits.append(holds(recorded(rng, columns, noise).rows(slice(0, 500)), estimator))
+    assert 0.92 <= np.mean(hits) <= 0.98
+
+
+def holds(problem: Problem, name: str) -> np.ndarray:
+    """Which parameters are within the interval of a method of ``identify``."""
+    used = method(name)
+    # least squares needs neither base nor nominal arm
+    estimator = {"wls": WeightedLeastSquares, "maximum_likelihood": MaximumLikelihood}[
+        name
+    ]()
+    estimate = estimator.estimate(problem)
+    lower, upper = used.interval(problem, estimator, estimate).interval(estimate.value)
+    return (lower <= BETA) & (upper >= BETA)
 
 
 def test_sandwich_agrees_with_a_block_bootstrap() -> None:
