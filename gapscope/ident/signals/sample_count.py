@@ -36,15 +36,20 @@ class SampleCount:
         """Independent samples per base parameter [1]."""
         return self.independent / self.parameters
 
-    def warnings(self) -> tuple[str, ...]:
-        """A warning if there are fewer than ``ADVISED`` per parameter, or none."""
+    def warnings(self, *, model_error: bool) -> tuple[str, ...]:
+        """A warning if there are fewer than ``ADVISED`` per parameter, or none.
+
+        Args:
+            model_error: whether the residual follows the motion; then faster motion only hides what the model lacks.
+        """
         if self.per_parameter >= ADVISED:
             return ()
         needed = self.seconds * ADVISED / max(self.per_parameter, 1e-3)
+        faster = "" if model_error else ", or move faster"
         return (
             f"{self.seconds:.3g} s of motion up to {self.bandwidth.max():.2g} Hz hold about {self.per_parameter:.1f} "
             f"independent samples per base parameter, {ADVISED:g} are advised: intervals and validation say less than "
-            f"they seem to; record for {needed:.2g} s, or move faster",
+            f"they seem to; record for {needed:.2g} s{faster}",
         )
 
 

@@ -61,7 +61,8 @@ class Examination:
         shown = self.shown
         if shown.rank < shown.base.count or shown.condition > CONDITION_LIMIT:
             found += shown.warnings[:1]
-        found += self.counted.warnings()
+        model_error = self.interval is not None and bool(self.interval.warnings)
+        found += self.counted.warnings(model_error=model_error)
         if self.interval is not None:
             found += self.interval.warnings
         elif self.reasons:

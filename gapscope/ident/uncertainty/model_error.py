@@ -61,7 +61,8 @@ class ModelError:
         return (
             f"the residual on joint {', '.join(map(str, joints))} is not noise ({share:.0%} of it follows the "
             "motion): the model lacks an effect, and s^2 (W^T W)^-1 states too small errors; use intervals that count "
-            "model error, and `gapscope diagnose` to name the effect",
+            "model error, and `gapscope diagnose` to name the effect; record slow and fast motions apart, slow ones "
+            "for friction and gravity, fast ones for inertia, and validate each on the other",
         )
 
 
