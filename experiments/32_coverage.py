@@ -17,6 +17,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from rich.console import Console
 from rich.progress import track
 from scipy.signal import lfilter
 
@@ -170,7 +171,8 @@ def main() -> None:
     runs = parser.parse_args().runs
     cells = [(name, size) for name in NOISES for size in SIZES]
     rows = []
-    for name, size in track(cells, description="coverage"):
+    console = Console(stderr=True)
+    for name, size in track(cells, description="coverage", console=console):
         joints, samples, recordings = size
         shares = coverage(size, NOISES[name], runs)
         label = f"{name}, {joints} joints, {recordings} x {samples // recordings}"
