@@ -11,23 +11,17 @@ from gapscope.effects.residual.model import ResidualNetwork
 from gapscope.effects.residual.network import ADDITIVE, Network
 from gapscope.effects.residual.trust import Trust, nearest
 from gapscope.ident.residual.additive import fit_additive
-from gapscope.ident.residual.folds import Folds, make_folds, usefulness
-from gapscope.ident.residual.orthogonality import (
-    Head,
-    basis,
-    parameter_moves,
-    project_heads,
-    share_explained,
-)
+from gapscope.ident.residual.apart import joint_heads, kept_apart, scaled
+from gapscope.ident.residual.folds import Folds, make_folds, shares_closed, usefulness
+from gapscope.ident.residual.orthogonality import parameter_moves, share_explained
 from gapscope.ident.residual.rows import ResidualRows, rows_of
 from gapscope.ident.residual.settings import ResidualSettings
+from gapscope.ident.residual.settling import Choice, settled
 from gapscope.ident.residual.trajectory import Trajectory
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
 
 LANDMARKS = 200
 """Number of training inputs kept as landmarks, from which the distance of an input is measured."""
-STIFFNESS = 0.1
-"""Penalty of a change of a weight in the head, over the squares of what it sees: keeps the change small elsewhere."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +78,8 @@ def fit_residual(
     The columns of the physics are taken out of the target and the members of each form are trained. Each joint gets
     the form that closes most of the groups that its members had held out, scaled to what harms none of them, or none.
     The heads are then changed as little as can be so that the output is orthogonal to the columns over the rows; that
-    is done for each member by itself first, and what it closes of the groups that it held out decides again.
+    is done for each member by itself first, and what it closes of the groups that it held out decides again, until no
+    joint is scaled or silenced any more (``settled``).
 
     Raises:
         InputError: there is no trajectory.
@@ -95,16 +90,14 @@ def fit_residual(
         _candidate(form, rows, folds, settings, progress) for form in settings.forms
     ]
     progress("keeps it apart from the physics")
-    chosen, gain, closed = _choice(candidates)
-    networks = tuple(_scaled(c.network, gain) for c in candidates)
-    free = _assembled(rows, networks, chosen, settings)
-    # what the projection leaves is judged again on rows held out
-    closed, again = usefulness(folds, rows.residual, _validated(free, rows, folds))
-    chosen, gain = np.where(again > 0, chosen, -1), gain * again
-    networks = tuple(_scaled(network, again) for network in networks)
+    networks = tuple(c.network for c in candidates)
+    hidden = [network.hidden(rows.windows) for network in networks]
+    chosen, gain, closed = settled(_choice(candidates), networks, hidden, rows, folds)
+    networks = tuple(scaled(network, gain) for network in networks)
     free = _assembled(rows, networks, chosen, settings)
     before = free.outputs(rows.windows)[0]
-    residual = replace(free, networks=_projected(free, rows))
+    heads = joint_heads(networks, chosen, hidden, rows.q)
+    residual = replace(free, networks=kept_apart(networks, chosen, heads))
     after = residual.outputs(rows.windows)[0]
     near = rows.windows[:, :, -1, rows.inputs.layout.neighbourhood]
     names = [c.name for c in candidates]
@@ -146,46 +139,17 @@ def _candidate(
         network = train(own, rows.inputs, rows.windows, folds, progress)
     outputs = network.outputs(rows.windows)[0].transpose(0, 2, 1)
     predicted = folds.held_out(outputs)
-    closed, gain = usefulness(folds, rows.residual, predicted)
+    closed, gain = usefulness(shares_closed(folds, rows.residual, predicted))
     return Candidate(form, network, closed, gain)
 
 
-def _validated(
-    residual: ResidualNetwork, rows: ResidualRows, folds: Folds
-) -> np.ndarray:
-    """What members say of the rows that they hold out, each kept apart on the rows that it is fitted to, (M, n)."""
-    outputs = []
-    for member, fitted in enumerate(folds.fitted):
-        alone = tuple(_member(network, member) for network in residual.networks)
-        scale = np.ones(rows.q.shape[1])
-        own = replace(
-            rows,
-            windows=rows.windows[:, fitted],
-            q=basis(rows.q[fitted], scale),
-        )
-        networks = _projected(replace(residual, networks=alone), own)
-        outputs.append(replace(residual, networks=networks).outputs(rows.windows)[0])
-    return folds.held_out(np.stack(outputs))
-
-
-def _member(network: Network, member: int) -> Network:
-    """One member of a network as a network."""
-    return replace(
-        network,
-        weights=tuple(weight[[member]] for weight in network.weights),
-        biases=tuple(bias[[member]] for bias in network.biases),
-    )
-
-
-def _choice(
-    candidates: Sequence[Candidate],
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Number of the best candidate of each joint, -1 for none, its gain and what it closes; each (n,)."""
+def _choice(candidates: Sequence[Candidate]) -> Choice:
+    """The best candidate of each joint, before it is kept apart from the physics."""
     closed = np.stack([np.where(c.gain > 0, c.closed, 0.0) for c in candidates])
     best = closed.argmax(axis=0)
     joints = np.arange(closed.shape[1])
     gain = np.stack([c.gain for c in candidates])[best, joints]
-    return np.where(gain > 0, best, -1), gain, closed[best, joints]
+    return Choice(np.where(gain > 0, best, -1), gain, closed[best, joints])
 
 
 def _assembled(
@@ -203,69 +167,6 @@ def _assembled(
         scale=rows.scale,
         bound=settings.bound * np.abs(rows.residual * rows.scale).max(axis=0),
         cutoff=TORQUE_CUTOFF,
-    )
-
-
-def _scaled(network: Network, gain: np.ndarray) -> Network:
-    """The network with the means of each joint multiplied by its gain."""
-    weight, bias = network.weights[-1].copy(), network.biases[-1].copy()
-    weight[..., 0] *= gain[:, None]
-    bias[..., 0] *= gain
-    return _with_head(network, weight, bias)
-
-
-def _with_head(network: Network, weight: np.ndarray, bias: np.ndarray) -> Network:
-    """The network with another last layer."""
-    return replace(
-        network,
-        weights=(*network.weights[:-1], weight),
-        biases=(*network.biases[:-1], bias),
-    )
-
-
-def _projected(residual: ResidualNetwork, rows: ResidualRows) -> tuple[Network, ...]:
-    """The networks with heads such that the mean of the members is orthogonal to the physics on the rows.
-
-    The mean alone speaks, so that its constraints are shared by the weights of all members.
-    """
-    hidden = [network.hidden(rows.windows) for network in residual.networks]
-    heads: dict[int, Head] = {}
-    for joint, k in enumerate(residual.chosen):
-        if k >= 0:
-            network = residual.networks[k]
-            heads[joint] = _head(network, hidden[k][:, joint], joint)
-    found = project_heads(heads, rows.q)
-    networks = []
-    for k, network in enumerate(residual.networks):
-        weight, bias = network.weights[-1].copy(), network.biases[-1].copy()
-        for joint in np.flatnonzero(residual.chosen == k):
-            change = found[joint] - heads[joint].weights
-            by_member = change[:-1].reshape(len(hidden[k]), -1)
-            weight[:, joint, :, 0] += by_member
-            bias[:, joint, 0] += change[-1]
-        networks.append(_with_head(network, weight, bias))
-    return tuple(networks)
-
-
-def _head(network: Network, hidden: np.ndarray, joint: int) -> Head:
-    """The mean of the members of a joint as one linear head.
-
-    Args:
-        network: the members.
-        hidden: what the heads see, (members, N, K), or (1, N, K) if all see the same.
-        joint: from 0.
-    """
-    count, rows = hidden.shape[:2]
-    weight = network.weights[-1][:, joint, :, 0]
-    bias = network.biases[-1][:, joint, 0].mean()
-    # members that see the same have one mean weight; the others share the mean of their outputs
-    shared = weight.mean(axis=0, keepdims=True) if count == 1 else weight
-    seen = hidden.transpose(1, 0, 2).reshape(rows, -1) / count
-    constant = np.ones((rows, 1))
-    return Head(
-        seen=np.hstack([seen, constant]),
-        weights=np.append(shared.ravel(), bias),
-        penalty=STIFFNESS * rows * np.append(seen.var(axis=0), 1.0),
     )
 
 

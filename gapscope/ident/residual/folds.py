@@ -103,8 +103,27 @@ def group_weights(residual: np.ndarray, group: np.ndarray) -> np.ndarray:
     return np.asarray(weight / np.sqrt((weight**2).mean(axis=0)))
 
 
-def usefulness(
+def shares_closed(
     folds: Folds, residual: np.ndarray, predicted: np.ndarray
+) -> np.ndarray:
+    """Share of each group's squares that a prediction closes at each factor of ``GAINS``, (groups, n, factors).
+
+    Args:
+        folds: the groups.
+        residual: over its scale [1], (N, n).
+        predicted: by the members that held each row out, (N, n).
+    """
+    shares = []
+    for g in np.unique(folds.group[folds.any_fitted]):
+        y, f = residual[folds.group == g], predicted[folds.group == g]
+        size = np.maximum((y**2).sum(axis=0), 1e-300)
+        agreement, square = (y * f).sum(axis=0) / size, (f**2).sum(axis=0) / size
+        shares.append(np.outer(agreement, 2 * GAINS) - np.outer(square, GAINS**2))
+    return np.stack(shares)
+
+
+def usefulness(
+    shares: np.ndarray, strict: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:
     """Share of the squares closed on rows held out, mean over the groups, and the factor for it; each (n,).
 
@@ -113,24 +132,18 @@ def usefulness(
     error is below ``LEAST_GAIN``.
 
     Args:
-        folds: the groups.
-        residual: over its scale [1], (N, n).
-        predicted: by the members that held each row out, (N, n).
+        shares: of each group, at each factor, see ``shares_closed``.
+        strict: every group by itself must close ``LEAST_GAIN`` after that error is taken off: a motion that is in none
+            of the groups is then likely to gain as well.
     """
-    n = residual.shape[1]
-    closed, gain = np.zeros(n), np.zeros(n)
-    for joint in range(n):
-        shares = []
-        for g in np.unique(folds.group[folds.any_fitted]):
-            rows = folds.group == g
-            y, f = residual[rows, joint], predicted[rows, joint]
-            size = max(float(y @ y), 1e-300)
-            shares.append((2 * GAINS * (y @ f) - GAINS**2 * (f @ f)) / size)
-        harmless = np.min(shares, axis=0) >= -MOST_LOSS
-        mean = np.mean(shares, axis=0)
-        error = np.std(shares, axis=0, ddof=1) / np.sqrt(len(shares))
-        certain = np.where(harmless, mean - error, 0.0)
-        best = int(certain.argmax())
-        if certain[best] >= LEAST_GAIN:
-            closed[joint], gain[joint] = mean[best], GAINS[best]
-    return closed, gain
+    worst, mean = shares.min(axis=0), shares.mean(axis=0)
+    error = shares.std(axis=0, ddof=1) / np.sqrt(len(shares))
+    harmless = worst - error >= LEAST_GAIN if strict else worst >= -MOST_LOSS
+    certain = np.where(harmless, mean - error, 0.0)
+    best = certain.argmax(axis=1)
+    joints = np.arange(len(best))
+    of_use = certain[joints, best] >= LEAST_GAIN
+    return (
+        np.where(of_use, mean[joints, best], 0.0),
+        np.where(of_use, GAINS[best], 0.0),
+    )

@@ -41,20 +41,38 @@ def share_explained(q: np.ndarray, torque: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class Head:
-    """The linear head of a joint, f = Phi w over M rows.
+    """How the linear head of a joint, f = Phi w over M rows, can change; r directions of the physics.
 
     Attributes:
-        seen: Phi, what it sees, (M, K).
-        weights: w, (K,).
-        penalty: how much a change of each weight costs beside the change of the output, (K,).
+        root: L of the metric L L^T = Phi^T Phi + diag(penalty) of a change, (K, K).
+        inside: Q^T Phi, the part of the output in the physics, (r, K).
+        turned: L^-1 (Q^T Phi)^T, (K, r).
     """
 
-    seen: np.ndarray
-    weights: np.ndarray
-    penalty: np.ndarray
+    root: np.ndarray
+    inside: np.ndarray
+    turned: np.ndarray
 
 
-def project_heads(heads: dict[int, Head], q: np.ndarray) -> dict[int, np.ndarray]:
+def head_of(seen: np.ndarray, penalty: np.ndarray, q: np.ndarray) -> Head:
+    """A joint's head.
+
+    Args:
+        seen: Phi, what it sees, (M, K).
+        penalty: how much a change of each weight costs beside the change of the output, (K,).
+        q: the joint's rows of the orthonormal columns in weighted torque, (M, r).
+    """
+    metric = seen.T @ seen + np.diag(penalty)
+    # regular even if hidden units saturate
+    metric += 1e-9 * np.trace(metric) / len(metric) * np.eye(len(metric))
+    root = np.linalg.cholesky(metric)
+    inside = q.T @ seen
+    return Head(root, inside, solve_triangular(root, inside.T, lower=True))
+
+
+def project_heads(
+    heads: dict[int, Head], weights: dict[int, np.ndarray]
+) -> dict[int, np.ndarray]:
     """Weights of linear heads, changed as little as can be, whose output is orthogonal to the columns.
 
     Minimises the sum over joints of |Phi dw|^2 + dw^T diag(penalty) dw subject to Q^T Phi (w + dw) = 0: one constraint
@@ -63,30 +81,23 @@ def project_heads(heads: dict[int, Head], q: np.ndarray) -> dict[int, np.ndarray
 
     Args:
         heads: by joint, from 0.
-        q: orthonormal columns in weighted torque, (M, n, r).
+        weights: of the joints that speak, w, each (K,).
 
     Returns:
         The weights by joint, each (K,).
     """
-    if not heads or not q.shape[2]:
-        return {joint: head.weights for joint, head in heads.items()}
-    roots, turned, inside = {}, [], np.zeros(q.shape[2])
-    for joint, head in heads.items():
-        metric = head.seen.T @ head.seen + np.diag(head.penalty)
-        # regular even if hidden units saturate
-        metric += 1e-9 * np.trace(metric) / len(metric) * np.eye(len(metric))
-        roots[joint] = np.linalg.cholesky(metric)
-        constraint = q[:, joint].T @ head.seen
-        inside += constraint @ head.weights
-        turned.append(solve_triangular(roots[joint], constraint.T, lower=True))
+    if not weights:
+        return {}
+    turned = np.concatenate([heads[joint].turned for joint in weights])
+    inside = sum(heads[joint].inside @ w for joint, w in weights.items())
     # in z = L^T dw the least change is the solution of least norm
-    z = np.linalg.lstsq(np.concatenate(turned).T, -inside, rcond=1e-12)[0]
+    z = np.linalg.lstsq(turned.T, -np.asarray(inside), rcond=1e-12)[0]
     found, start = {}, 0
-    for joint, head in heads.items():
-        part = z[start : start + len(head.weights)]
+    for joint, w in weights.items():
+        part = z[start : start + len(w)]
         start += len(part)
-        change = solve_triangular(roots[joint], part, lower=True, trans="T")
-        found[joint] = head.weights + change
+        change = solve_triangular(heads[joint].root, part, lower=True, trans="T")
+        found[joint] = w + change
     return found
 
 
