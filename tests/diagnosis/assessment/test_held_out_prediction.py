@@ -105,13 +105,16 @@ class TestFolds:
         evidence = SimpleNamespace(
             left_out=lambda terms: [(1.0, 2.0), (3.0, 4.0)],
             fit=lambda terms: SimpleNamespace(theta=9.0),
-            terms=SimpleNamespace(clipped=lambda x: x, effects=self.offset),
         )
+
+        def corrected(theta: float, terms: Any) -> CorrectedArm:
+            return CorrectedArm(synthetic.arm(), self.offset(theta))
+
         folds = [["short", "long"], ["long"]]
-        found = SimpleNamespace(evidence=evidence)
+        found = SimpleNamespace(evidence=evidence, corrected=corrected)
         return HeldOutPredictor(synthetic.arm(), None, found, folds, set_aside)  # type: ignore[arg-type]
 
-    def offset(self, theta: float, terms: Any) -> tuple[AppliedEffect, ...]:
+    def offset(self, theta: float) -> tuple[AppliedEffect, ...]:
         return (AppliedEffect("torque_offset", (1,), {"torque": [theta]}),)
 
     def gap(self, arm: CorrectedArm, segments: list[str]) -> TorqueGap:

@@ -210,7 +210,12 @@ def test_another_robot_is_refused(change, says):
 
 def test_fewer_joints_and_other_places_are_refused(tmp_path):
     two = replace(
-        vendor(), joints=vendor().joints[:2], armature=None, coulomb=None, viscous=None
+        vendor(),
+        joints=vendor().joints[:2],
+        armature=None,
+        coulomb=None,
+        viscous=None,
+        presliding=None,
     )
     with pytest.raises(InputError, match="has 2 joints"):
         check_same_arm(case(HEALTHY, 2), replace(reference(), arm=two))
