@@ -170,6 +170,5 @@ def test_another_ending_is_refused(gapscope: Command, tmp_path: Path) -> None:
 def test_boxes_that_stand_in_for_missing_shapes_are_said(
     gapscope: Command, sick: Path, tmp_path: Path
 ) -> None:
-    with pytest.warns(ModelWarning, match="boxes"):
-        done = gapscope("excite", sick, "--out", tmp_path / "x.csv")
-    assert done.code == 0, done.err
+    done = gapscope("excite", sick, "--out", tmp_path / "x.csv")
+    assert done.code == 0 and "boxes" in done.out + done.err
