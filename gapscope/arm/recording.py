@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -99,3 +100,12 @@ class Recording:
     def duration(self) -> float:
         """Time from the first to the last sample [s]."""
         return float(self.t[-1] - self.t[0])
+
+    def part(self, rows: np.ndarray | slice, **changed: Any) -> Recording:
+        """The recording with some of its rows, a mask, places or a slice; ``changed`` are other attributes."""
+        chosen: dict[str, Any] = {}
+        for name in ("t", *CHANNELS):
+            series = getattr(self, name)
+            if series is not None:
+                chosen[name] = series[rows]
+        return replace(self, **chosen, **changed)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields, replace
 from functools import cache
 from typing import NamedTuple
 
@@ -138,7 +137,7 @@ def _recording(
         by, rate = "torque", max(recording.rate, 1.0 / LONGEST_STEP)
     ticks = REPLAYED_TICKS_COMPLIANT if compliant else REPLAYED_TICKS
     end = recording.t[0] + ticks / rate
-    return _rows(recording, recording.t <= end), by
+    return recording.part(recording.t <= end), by
 
 
 def _held_out(case: Case, predictor: HeldOutPredictor) -> Recording:
@@ -153,7 +152,7 @@ def _held_out(case: Case, predictor: HeldOutPredictor) -> Recording:
     start = last_fold[0].motion.t[0]
     end = last_fold[-1].motion.t[-1]
     inside = (recording.t >= start) & (recording.t <= end)
-    return _rows(recording, inside)
+    return recording.part(inside)
 
 
 def _effects(
@@ -164,13 +163,3 @@ def _effects(
     all_fitted = predictor.set_aside
     theta = evidence.fit(terms).theta if all_fitted else evidence.without_last(terms)
     return evidence.terms.effects(evidence.terms.clipped(theta), terms)
-
-
-def _rows(recording: Recording, kept: np.ndarray) -> Recording:
-    """Some rows of a recording, by a mask of shape (N,)."""
-    shortened = {}
-    for field in fields(recording):
-        value = getattr(recording, field.name)
-        if isinstance(value, np.ndarray):
-            shortened[field.name] = value[kept]
-    return replace(recording, **shortened)

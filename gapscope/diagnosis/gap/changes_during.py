@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
-
-import numpy as np
 
 from gapscope.arm.case import Case
-from gapscope.arm.recording import CHANNELS, Recording
+from gapscope.arm.recording import Recording
 from gapscope.diagnosis.thresholds import LEAST_UNCHANGED
 from gapscope.ident.kalman.changes import MOST, RecordingChange, find_changes
 from gapscope.ident.model.base_parameters import base_parameters
@@ -68,13 +65,8 @@ def _cut(
             kept.append(recording)
         elif found.change.time - recording.t[0] >= LEAST_UNCHANGED:
             before = recording.t < found.change.interval[0]
-            kept.append(
-                _rows(
-                    recording,
-                    before,
-                    f"used up to {found.change.time:.2f} s only, since it changes there",
-                )
-            )
+            note = f"used up to {found.change.time:.2f} s only, since it changes there"
+            kept.append(recording.part(before, notes=(*recording.notes, note)))
     return tuple(kept)
 
 
@@ -89,17 +81,5 @@ def _longer_part(
     longest = max(recordings, key=left)
     found = moments[longest.name]
     after = longest.t > found.change.interval[1]
-    return _rows(
-        longest,
-        after,
-        f"used from {found.change.time:.2f} s on only, since it changes there",
-    )
-
-
-def _rows(recording: Recording, rows: np.ndarray, note: str) -> Recording:
-    """Some samples of a recording, with a note."""
-    changed: dict[str, Any] = {"t": recording.t[rows]}
-    for name in CHANNELS:
-        series = getattr(recording, name)
-        changed[name] = None if series is None else series[rows]
-    return replace(recording, **changed, notes=(*recording.notes, note))
+    note = f"used from {found.change.time:.2f} s on only, since it changes there"
+    return longest.part(after, notes=(*longest.notes, note))

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from gapscope.arm.recording import CHANNELS, Recording
+from gapscope.arm.recording import Recording
 from gapscope.effects.parameter import Parameter
 from gapscope.effects.setup_faults.fault import Fault
 
@@ -71,7 +70,7 @@ class TimeStamps(Fault):
         length = min(max(1, int(self.amount * count / 3)), count // 4)
         starts = rng.integers(1, count - length, 3)
         lost = np.concatenate([np.arange(s, s + length) for s in starts])
-        return _rows(recording, np.setdiff1d(np.arange(count), lost))
+        return recording.part(np.setdiff1d(np.arange(count), lost))
 
     def _with_repeats(
         self, recording: Recording, rng: np.random.Generator
@@ -82,15 +81,4 @@ class TimeStamps(Fault):
         late = rng.choice(np.arange(1, count), size=repeated, replace=False)
         rows = np.arange(count)
         rows[late] -= 1
-        return replace(_rows(recording, rows), t=recording.t)
-
-
-def _rows(recording: Recording, rows: np.ndarray) -> Recording:
-    """Some rows of all channels that a recording has."""
-    channels: dict[str, Any] = {
-        name: getattr(recording, name) for name in ("t", *CHANNELS)
-    }
-    chosen = {
-        name: series[rows] for name, series in channels.items() if series is not None
-    }
-    return replace(recording, **chosen)
+        return replace(recording.part(rows), t=recording.t)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.recording import CHANNELS, Recording
+from gapscope.arm.recording import Recording
 from gapscope.ident.kalman.track import Track
 from gapscope.ident.kalman.unscented import Unscented
 from gapscope.ident.model.regressor import Regressor
@@ -104,12 +103,7 @@ def follow_states(
 
 def _beginning(recording: Recording) -> Recording:
     """The first ``LONGEST`` seconds."""
-    rows = recording.t <= recording.t[0] + LONGEST
-    changed: dict[str, Any] = {"t": recording.t[rows]}
-    for name in CHANNELS:
-        series = getattr(recording, name)
-        changed[name] = None if series is None else series[rows]
-    return replace(recording, **changed)
+    return recording.part(recording.t <= recording.t[0] + LONGEST)
 
 
 def _least(recording: Recording) -> np.ndarray:

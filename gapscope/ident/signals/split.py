@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any
 
 from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
-from gapscope.arm.recording import CHANNELS, Recording
+from gapscope.arm.recording import Recording
 
 HELD_OUT = 1 / 3
 """Share of a single recording that is held out, its end [1]."""
@@ -45,15 +43,6 @@ def split(
         return list(case.recordings[:-1]), [case.recordings[-1]]
     (only,) = case.recordings
     cut = int(len(only.t) * (1 - HELD_OUT))
-    return [_part(only, slice(0, cut), "start")], [_part(only, slice(cut, None), "end")]
-
-
-def _part(recording: Recording, rows: slice, label: str) -> Recording:
-    changed: dict[str, Any] = {
-        "name": f"{recording.name}, {label}",
-        "t": recording.t[rows],
-    }
-    for name in CHANNELS:
-        series = getattr(recording, name)
-        changed[name] = None if series is None else series[rows]
-    return replace(recording, **changed)
+    start = only.part(slice(0, cut), name=f"{only.name}, start")
+    end = only.part(slice(cut, None), name=f"{only.name}, end")
+    return [start], [end]
