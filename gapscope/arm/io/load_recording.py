@@ -12,6 +12,7 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.io.channels import join, read_channel, read_time
 from gapscope.arm.io.even_rows import EVENLY_TAKEN, even_stamps_of_rows
 from gapscope.arm.io.import_section import Channel, Import
+from gapscope.arm.io.log import TABLE_READERS
 from gapscope.arm.io.plausibility import (
     check_positions,
     gap_notes,
@@ -20,17 +21,8 @@ from gapscope.arm.io.plausibility import (
 )
 from gapscope.arm.io.rosbag import read_bag
 from gapscope.arm.io.table import Table
-from gapscope.arm.io.table_files import read_csv, read_npz, read_parquet
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
-
-_READERS = {
-    ".csv": read_csv,
-    ".tsv": read_csv,
-    ".txt": read_csv,
-    ".parquet": read_parquet,
-    ".npz": read_npz,
-}
 
 
 def load_recording(
@@ -150,11 +142,11 @@ def _table(path: Path, arm: NominalArm, importing: Import) -> Table:
         raise InputError("no such file or folder", "check the path", file=path)
     if path.is_dir() or path.suffix in (".db3", ".mcap"):
         return read_bag(path, arm, topic=importing.topic, joints=importing.joints)
-    if path.suffix in _READERS:
-        return _READERS[path.suffix](path)
+    if path.suffix in TABLE_READERS:
+        return TABLE_READERS[path.suffix](path)
     raise InputError(
         f"the ending {path.suffix!r} names no known format",
-        f"give a file that ends in {', '.join(_READERS)}, .mcap or .db3, or a rosbag2 folder",
+        f"give a file that ends in {', '.join(TABLE_READERS)}, .mcap or .db3, or a rosbag2 folder",
         file=path,
     )
 
