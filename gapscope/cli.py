@@ -10,11 +10,12 @@ import typer
 
 from gapscope.arm.errors import EngineWarning, GapscopeError, ModelWarning
 from gapscope.commands.advise import advise
+from gapscope.commands.agents.evaluate import evaluate
+from gapscope.commands.agents.train import train
 from gapscope.commands.agree import agree
 from gapscope.commands.blind import blind
 from gapscope.commands.demo import demo
 from gapscope.commands.diagnose import diagnose
-from gapscope.commands.evaluate import evaluate
 from gapscope.commands.excite import excite
 from gapscope.commands.export import export
 from gapscope.commands.gap import gap
@@ -23,7 +24,6 @@ from gapscope.commands.predict import predict
 from gapscope.commands.record import record
 from gapscope.commands.replay import replay
 from gapscope.commands.residual import residual
-from gapscope.commands.train import train
 from gapscope.terminal import note
 
 COMMANDS = (

@@ -82,7 +82,7 @@ def train(
     It learns in the simulator made from that model, and is tried on an arm with hidden effects.
     """
     from gapscope.agents.training.training_settings import read_settings
-    from gapscope.commands.training_files import train_files
+    from gapscope.commands.agents.training_files import train_files
 
     settings = read_settings(
         agent, steps=steps, seed=seed, engine=engine, parallel=parallel or None

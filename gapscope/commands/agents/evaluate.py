@@ -82,7 +82,7 @@ def evaluate(
     again: Again = False,
 ) -> None:
     """Evaluate models and trained agents by how well an arm is tracked with them."""
-    from gapscope.commands.environment_file import merge_options
+    from gapscope.commands.agents.environment_file import merge_options
     from gapscope.reports.evaluation.table import tables
 
     arm, options, unused = merge_options(env, ctx)
@@ -157,7 +157,7 @@ def evaluate_path(
     from gapscope.agents.evaluation import evaluate as evaluate_models
     from gapscope.agents.model_files import read_models
     from gapscope.agents.summary import summarise
-    from gapscope.commands.evaluation_cells import Cells
+    from gapscope.commands.agents.evaluation_cells import Cells
     from gapscope.commands.inputs import read_arm
     from gapscope.effects.corrected_file import error_context, read_corrected
     from gapscope.outputs.evaluation import (
