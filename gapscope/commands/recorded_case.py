@@ -104,7 +104,7 @@ def _with_faults(
     """The case as a set-up with these faults would have written it."""
     arm, recordings = case.arm, case.recordings
     for fault in faults:
-        recordings = tuple(fault.apply(recording, rng) for recording in recordings)
+        recordings = tuple(fault.apply(r, rng, case.arm) for r in recordings)
         if isinstance(fault, ShiftedInertials):
             arm = shifted_arm(arm, fault.by, fault.moved_only)
     return replace(case, arm=arm, recordings=recordings)

@@ -122,7 +122,10 @@ def described_fault(fault: Fault) -> dict[str, Any]:
         "effect": fault.name,
         "joints": list(joints),
         **({"variant": variant} if variant else {}),
-        "parameters": values,
+        "parameters": {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in values.items()
+        },
     }
 
 
@@ -149,7 +152,7 @@ def _fault(entry: dict[str, Any], where: str, path: Path) -> Fault:
         return kind(**given)
     except InputError as error:
         raise error.at(path, where) from None
-    except TypeError as error:
+    except (TypeError, ValueError) as error:
         raise InputError(
             f"{kind.name} is not complete, or not of numbers ({error})",
             f"give {', '.join(sorted(known))}; variants are {', '.join(kind.variants) or 'none'}",

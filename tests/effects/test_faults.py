@@ -2,13 +2,18 @@
 
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.arm.torque_column import advanced, with_gravity
 from gapscope.effects.setup_faults.channel_faults import (
     JointSwap,
     SignFlip,
@@ -18,6 +23,11 @@ from gapscope.effects.setup_faults.fault import Fault
 from gapscope.effects.setup_faults.fault_catalogue import FAULTS
 from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
 from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
+from gapscope.effects.setup_faults.torque_faults import (
+    GravityCompensatedTorque,
+    LateTorque,
+    TorqueUnit,
+)
 
 
 @pytest.fixture
@@ -29,8 +39,15 @@ def recording() -> Recording:
     )
 
 
+@cache
+def _arm() -> NominalArm:
+    """An arm of three joints."""
+    whole = load_nominal_arm("kuka_iiwa")
+    return load_nominal_arm("kuka_iiwa", joints=whole.joints[:3])
+
+
 def _apply(fault: Fault, recording: Recording) -> Recording:
-    return fault.apply(recording, np.random.default_rng(0))
+    return fault.apply(recording, np.random.default_rng(0), _arm())
 
 
 def test_sign_flip(recording: Recording) -> None:
@@ -74,6 +91,48 @@ def test_time_stamps(recording: Recording) -> None:
     np.testing.assert_array_equal(twice.t, recording.t)
 
 
+def test_gravity_left_out_of_a_pendulums_torque(pendulum: NominalArm) -> None:
+    """The pendulum's gravity torque is -9.81 cos q N m; putting it back gives the recording."""
+    q = np.linspace(-1.0, 1.0, 50)[:, None]
+    right = Recording("r", np.arange(50) / 100, q, 2.0 * q)
+    spoilt = GravityCompensatedTorque().apply(right, np.random.default_rng(0), pendulum)
+    np.testing.assert_allclose(spoilt.tau, 2.0 * q + 9.81 * np.cos(q), rtol=1e-9)
+    np.testing.assert_allclose(with_gravity(spoilt, pendulum).tau, right.tau)
+
+
+def test_current_in_place_of_torque(recording: Recording) -> None:
+    sensed = replace(recording, tau_sensor=recording.tau)
+    amperes = _apply(TorqueUnit("current", factor=(12.0, 12.0, 8.0)), sensed)
+    np.testing.assert_allclose(amperes.tau, recording.tau / [12.0, 12.0, 8.0])
+    np.testing.assert_array_equal(amperes.tau_sensor, recording.tau)
+    commands = _apply(TorqueUnit("command_scale", (1, 2), (0.25,)), recording)
+    np.testing.assert_allclose(commands.tau, recording.tau * [4.0, 4.0, 1.0])
+
+
+def test_late_torque(recording: Recording) -> None:
+    late = _apply(LateTorque("delay", 0.02), recording)
+    np.testing.assert_allclose(late.tau[5:], recording.tau[:-5])
+    # behind a low-pass of 20 ms a ramp of 1 N m/s is late by 20 ms less half a step, once it has started
+    ramp = replace(recording, tau=np.tile(recording.t[:, None], 3))
+    filtered = _apply(LateTorque("filter", 0.02), ramp)
+    lateness = (ramp.tau - filtered.tau)[-1, 0]
+    assert lateness == pytest.approx(0.018, abs=1e-4)
+
+
+def test_late_torque_is_put_right_but_for_its_end_and_the_rows_before_a_gap(
+    recording: Recording,
+) -> None:
+    late = _apply(LateTorque("delay", 0.02), recording)
+    right = advanced(late, 0.02)
+    np.testing.assert_array_equal(right.t, recording.t[:-5])
+    np.testing.assert_allclose(right.tau, recording.tau[:-5], atol=1e-6)
+    kept = np.r_[0:200, 300:500]
+    gap = advanced(late.part(kept), 0.02)
+    np.testing.assert_array_equal(gap.t, recording.t[np.r_[0:195, 300:495]])
+    with pytest.raises(InputError, match="delay"):
+        advanced(recording, 5.0)
+
+
 def test_shifted_inertials() -> None:
     links = "".join(
         f'<link name="l{i}"><inertial><mass value="{i}"/></inertial></link>'
@@ -93,7 +152,13 @@ def test_shifted_inertials() -> None:
 
 
 @pytest.mark.parametrize(
-    "fault", [SignFlip((9,)), JointSwap((0, 1)), JointSwap((2, 2))]
+    "fault",
+    [
+        SignFlip((9,)),
+        JointSwap((0, 1)),
+        JointSwap((2, 2)),
+        TorqueUnit("current", (4,)),
+    ],
 )
 def test_joints_that_cannot_be_are_refused(recording: Recording, fault: Fault) -> None:
     with pytest.raises(InputError) as caught:
@@ -109,6 +174,8 @@ def test_joints_that_cannot_be_are_refused(recording: Recording, fault: Fault) -
         (lambda: UnitMismatch("motor_side", ratio=0.0), "unit_mismatch.ratio"),
         (lambda: TimeStamps("lost", 0.1), "time_stamps"),
         (lambda: TimeStamps("jitter", float("nan")), "time_stamps.amount"),
+        (lambda: TorqueUnit("current", factor=(1.0, 0.0)), "torque_unit.factor"),
+        (lambda: LateTorque("delay", -0.01), "late_torque.delay"),
     ],
 )
 def test_variants_and_values_that_cannot_be_are_refused(
@@ -126,6 +193,9 @@ def test_names() -> None:
         "unit_mismatch",
         "shifted_inertials",
         "time_stamps",
+        "gravity_compensated_torque",
+        "torque_unit",
+        "late_torque",
     }
 
 

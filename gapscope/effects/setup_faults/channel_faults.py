@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import CHANNELS, Recording
 from gapscope.effects.parameter import Parameter
 from gapscope.effects.setup_faults.fault import (
@@ -41,7 +42,9 @@ class SignFlip(Fault):
         """One joint."""
         return cls((int(rng.integers(n_joints)) + 1,), str(rng.choice(cls.variants)))
 
-    def apply(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def apply(
+        self, recording: Recording, rng: np.random.Generator, arm: NominalArm
+    ) -> Recording:
         """Turn the sign of the channels round."""
         channels = {
             "joint": POSITIONS + TORQUES,
@@ -75,7 +78,9 @@ class JointSwap(Fault):
         first = int(rng.integers(1, n_joints))
         return cls((first, first + 1), str(rng.choice(cls.variants)))
 
-    def apply(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def apply(
+        self, recording: Recording, rng: np.random.Generator, arm: NominalArm
+    ) -> Recording:
         """Exchange the columns."""
         if len(set(self.joints)) != 2:
             raise InputError(
@@ -123,7 +128,9 @@ class UnitMismatch(Fault):
         ratio = np.round(rng.uniform(*cls.parameters[0].typical))
         return cls(variant, ratio=float(ratio))
 
-    def apply(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def apply(
+        self, recording: Recording, rng: np.random.Generator, arm: NominalArm
+    ) -> Recording:
         """Write the channel in the other unit."""
         joints = self.joints or tuple(range(1, recording.n_joints + 1))
         columns = columns_of(recording, joints, self.name)

@@ -17,6 +17,7 @@ import numpy as np
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.nearest_name import check_known
+from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.effects.parameter import Parameter
 
@@ -53,7 +54,9 @@ class Fault(ABC):
             value = getattr(self, parameter.name)
             low, high = parameter.bounds
             least, most = parameter.typical
-            if not (np.isfinite(value) and low <= value <= high):
+            values = np.atleast_1d(value)
+            # written so that nan is refused too
+            if not ((values >= low) & (values <= high)).all():
                 raise InputError(
                     f"value {value} outside {low:g} .. {high:g}",
                     f"real set-ups have {least:g} .. {most:g}",
@@ -66,12 +69,34 @@ class Fault(ABC):
         """A fault as real set-ups have it, on an arm with n joints."""
 
     @abstractmethod
-    def apply(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def apply(
+        self, recording: Recording, rng: np.random.Generator, arm: NominalArm
+    ) -> Recording:
         """The recording as a set-up with this fault would have written it.
+
+        Args:
+            recording: a right one.
+            rng: source of random numbers.
+            arm: the nominal arm, which is also the vendor's model in the driver.
 
         Raises:
             InputError: the fault names a joint that the recording does not have.
         """
+
+    def per_joint(self, name: str, count: int) -> np.ndarray:
+        """A parameter for each of ``count`` joints, (count,); one value stands for all.
+
+        Raises:
+            InputError: there are neither one nor ``count`` values.
+        """
+        values = np.atleast_1d(getattr(self, name)).astype(float)
+        if len(values) not in (1, count):
+            raise InputError(
+                f"{len(values)} values for {count} joints",
+                "give one value, or one for each joint",
+                where=f"{self.name}.{name}",
+            )
+        return np.broadcast_to(values, (count,))
 
 
 def columns_of(recording: Recording, joints: tuple[int, ...], name: str) -> np.ndarray:

@@ -10,9 +10,23 @@ from gapscope.effects.setup_faults.channel_faults import (
 from gapscope.effects.setup_faults.fault import Fault
 from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
 from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
+from gapscope.effects.setup_faults.torque_faults import (
+    GravityCompensatedTorque,
+    LateTorque,
+    TorqueUnit,
+)
 
 FAULTS: dict[str, type[Fault]] = {
     fault.name: fault
-    for fault in (SignFlip, JointSwap, UnitMismatch, ShiftedInertials, TimeStamps)
+    for fault in (
+        SignFlip,
+        JointSwap,
+        UnitMismatch,
+        ShiftedInertials,
+        TimeStamps,
+        GravityCompensatedTorque,
+        TorqueUnit,
+        LateTorque,
+    )
 }
 """The setup faults by name."""

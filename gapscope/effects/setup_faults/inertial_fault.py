@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.effects.parameter import Parameter
 from gapscope.effects.setup_faults.fault import Fault
@@ -34,7 +35,9 @@ class ShiftedInertials(Fault):
         """One link up or down the chain."""
         return cls(int(rng.choice([-1, 1])), bool(rng.integers(2)))
 
-    def apply(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def apply(
+        self, recording: Recording, rng: np.random.Generator, arm: NominalArm
+    ) -> Recording:
         """The recording, which is right; see ``urdf``."""
         return recording
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.effects.parameter import Parameter
 from gapscope.effects.setup_faults.fault import Fault
@@ -39,7 +40,9 @@ class TimeStamps(Fault):
         low, high = (0.1, 0.3) if variant == "jitter" else (0.01, 0.05)
         return cls(variant, float(rng.uniform(low, high)))
 
-    def apply(self, recording: Recording, rng: np.random.Generator) -> Recording:
+    def apply(
+        self, recording: Recording, rng: np.random.Generator, arm: NominalArm
+    ) -> Recording:
         """Lose, repeat or shift stamps."""
         changes = {
             "wrong_rate": self._at_wrong_rate,

@@ -91,7 +91,7 @@ def spoilt(case: Case, fault: Fault) -> Case:
     rng = np.random.default_rng(0)
     return replace(
         case,
-        recordings=tuple(fault.apply(recording, rng) for recording in case.recordings),
+        recordings=tuple(fault.apply(r, rng, case.arm) for r in case.recordings),
     )
 
 
