@@ -30,9 +30,10 @@ from gapscope.agents.instability_demo import run_instability_demo
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.json_file import write_json
+from gapscope.arm.known_robots import KNOWN_ROBOTS
 from gapscope.arm.motions.named_motions import workspace
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm
+from gapscope.arm.robots import load_nominal_arm
 from gapscope.blind_check.generator.arms import DH, draw_arm
 from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.position_controller import (

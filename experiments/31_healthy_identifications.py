@@ -26,7 +26,8 @@ import gapscope
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.json_file import read_json, write_json
-from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm
+from gapscope.arm.known_robots import KNOWN_ROBOTS
+from gapscope.arm.robots import load_nominal_arm
 from gapscope.blind_check.make import make
 from gapscope.blind_check.plan import BlindPlan
 from gapscope.envs.mystery_arm import iiwa

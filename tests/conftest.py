@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from gapscope.arm.robots import KNOWN_ROBOTS
+from gapscope.arm.known_robots import KNOWN_ROBOTS
 
 BESIDE_THE_PROJECT = Path(__file__).resolve().parents[2] / "shared" / "data"
 

@@ -19,6 +19,7 @@ from gapscope.arm.io.case_paths import CasePaths, files_of, known_loads
 from gapscope.arm.io.controller_file import parse_controller
 from gapscope.arm.io.import_section import Import, parse_import
 from gapscope.arm.io.load_recording import load_recording, recording_of_columns
+from gapscope.arm.io.locked_section import locked_positions
 from gapscope.arm.io.plausibility import UNSIGNED
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
@@ -85,7 +86,8 @@ class Case:
             q_ref, dq_ref: reference position [rad] and velocity [rad/s], shape (N, n).
             tau_sensor: joint torque sensor [N m], shape (N, n).
             temperature: of the joints [deg C], shape (N, n).
-            **description: ``name``, ``joints``, ``gravity``, ``nominal`` and ``controller`` as in ``case.yaml``.
+            **description: ``name``, ``joints``, ``chain``, ``locked``, ``gravity``, ``nominal`` and ``controller`` as
+                in ``case.yaml``.
 
         Raises:
             InputError: the robot or an array cannot be used; names recording, row and column.
@@ -116,6 +118,8 @@ class Case:
         *,
         name: str = "case",
         joints: Sequence[str] | None = None,
+        chain: Sequence[str] | None = None,
+        locked: Mapping[str, float] | None = None,
         gravity: Sequence[float] | None = None,
         nominal: Mapping[str, Any] | None = None,
         controller: Mapping[str, Any] | Controller | None = None,
@@ -128,6 +132,8 @@ class Case:
                 (``t``, ``q1..qn``, ``tau1..taun``, ...). A dict of columns will do for a data frame.
             name: of the case.
             joints: order of the columns; by default that of the URDF's actuated joints.
+            chain: base and tip link of an arm inside a larger tree.
+            locked: positions of joints that are none of the arm's [rad or m].
             gravity: [m/s^2] in the base frame.
             nominal: the data sheet, as in ``case.yaml``.
             controller: as in ``case.yaml``.
@@ -137,7 +143,14 @@ class Case:
         """
         arm = robot
         if not isinstance(arm, NominalArm):
-            arm = load_nominal_arm(arm, joints=joints, gravity=gravity, sheet=nominal)
+            arm = load_nominal_arm(
+                arm,
+                joints=joints,
+                chain=chain,
+                locked=locked,
+                gravity=gravity,
+                sheet=nominal,
+            )
         if not isinstance(controller, Controller):
             controller = parse_controller(controller, arm.n_joints, Path(name))
         several = isinstance(frames, (list, tuple))
@@ -193,6 +206,8 @@ def load_case(
         paths.expand(content["robot"], "robot"),
         folder=file.parent,
         joints=content.get("joints"),
+        chain=content.get("chain"),
+        locked=locked_positions(content, paths),
         gravity=content.get("gravity"),
         sheet=content.get("nominal"),
         source=file,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -32,6 +33,8 @@ class NominalArm:
             joint alone.
         presliding: distance over which dry friction builds up after a reversal [rad], (n,); where it is 0 friction
             follows the velocity at once.
+        locked: positions of the file's other joints [rad or m]; those that are not named are locked at zero.
+        sliding: whether each joint is prismatic, (n,): its coordinate is then in m, its torque a force in N, and so on.
         friction_source: where ``coulomb`` and ``viscous`` come from, in words; empty if nothing states them.
 
     Raises:
@@ -50,11 +53,14 @@ class NominalArm:
     encoder_step: float | None = None
     coupling: np.ndarray | None = None
     presliding: np.ndarray = None  # type: ignore[assignment]
+    locked: Mapping[str, float] = field(default_factory=dict)
+    sliding: tuple[bool, ...] = ()
     friction_source: str = ""
 
     def __post_init__(self) -> None:
         """Fill in zeros if the data sheet is silent and freeze the arrays."""
         n = len(self.joints)
+        object.__setattr__(self, "sliding", self.sliding or (False,) * n)
         for name in ("armature", "coulomb", "viscous", "presliding"):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, np.zeros(n))

@@ -13,6 +13,8 @@ from gapscope.arm.errors import InputError
 
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 """Attributes of ``<inertia>``."""
+ROUNDING = 1e-15
+"""Moments of inertia this far below zero are rounding of a file that was converted [kg m^2]."""
 GIVE = "give mass [kg] and inertia [kg m^2], or leave <inertial> out of a link that has no mass"
 
 
@@ -36,36 +38,48 @@ MJCF = _Words(
 )
 
 
-def check_inertials(root: ET.Element, path: Path) -> None:
-    """Check mass and moments of inertia of each link of a URDF, or body of an MJCF file, that has any.
+def inertial_faults(root: ET.Element, path: Path) -> dict[str, InputError]:
+    """Errors about links of a URDF, or bodies of an MJCF file, whose inertial no body can have, by their name.
+
+    A number is missing or none, a mass is negative, or a principal moment is.
+    """
+    tag = "link" if root.tag == "robot" else "body"
+    faults = {}
+    for link in root.iter(tag):
+        try:
+            _check_inertial(link, tag, path)
+        except InputError as error:
+            faults[link.get("name", NAMELESS)] = error
+    return faults
+
+
+def _check_inertial(link: ET.Element, tag: str, path: Path) -> None:
+    """Check mass and moments of inertia of a link, if it has any.
 
     Raises:
-        InputError: a number is missing or none, a mass is negative, or a principal moment is; names the link.
+        InputError: they cannot be; names the link.
     """
-    tag, read, words = (
-        ("link", _of_urdf, URDF) if root.tag == "robot" else ("body", _of_mjcf, MJCF)
-    )
-    for link in root.iter(tag):
-        inertial = link.find("inertial")
-        if inertial is None:
-            continue
-        where = f"{tag} {link.get('name', NAMELESS)}, <inertial>"
-        mass, inertia = read(inertial, path, where)
-        if mass < 0:
-            raise InputError(
-                f"{words.mass} is {mass:g} kg, expected zero or above",
-                "correct its value",
-                file=path,
-                where=where,
-            )
-        moments = np.linalg.eigvalsh(inertia)
-        if moments[0] < -1e-6 * abs(moments[2]):
-            raise InputError(
-                f"{words.inertia} has the principal moments {listed(moments)} kg m^2, expected none below zero",
-                words.remedy,
-                file=path,
-                where=where,
-            )
+    inertial = link.find("inertial")
+    if inertial is None:
+        return
+    read, words = (_of_urdf, URDF) if tag == "link" else (_of_mjcf, MJCF)
+    where = f"{tag} {link.get('name', NAMELESS)}, <inertial>"
+    mass, inertia = read(inertial, path, where)
+    if mass < 0:
+        raise InputError(
+            f"{words.mass} is {mass:g} kg, expected zero or above",
+            "correct its value",
+            file=path,
+            where=where,
+        )
+    moments = np.linalg.eigvalsh(inertia)
+    if moments[0] < -max(1e-6 * abs(moments[2]), ROUNDING):
+        raise InputError(
+            f"{words.inertia} has the principal moments {listed(moments)} kg m^2, expected none below zero",
+            words.remedy,
+            file=path,
+            where=where,
+        )
 
 
 def _of_urdf(inertial: ET.Element, path: Path, where: str) -> tuple[float, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Content of an MJCF file beside bodies and joints, which pinocchio reads: gravity, torque limits, and what is ignored.
+"""Content of an MJCF file beside bodies and joints, which pinocchio reads: gravity, and what is ignored.
 
 Without MuJoCo; attributes that a default class gives count as an element's own.
 """
@@ -14,10 +14,7 @@ import numpy as np
 from gapscope.arm.errors import InputError
 
 Attributes = dict[str, str]
-DRIVES = ("general", "motor")
-"""Actuators of which a limit of the control is one of the torque."""
 UNREAD = {
-    "equality": "<equality>",
     "tendon": "<tendon>",
     "compiler[@settotalmass]": "<compiler settotalmass>",
 }
@@ -31,7 +28,7 @@ NAMELESS = "without_a_name"
 
 def joint_attributes(root: ET.Element) -> dict[str, Attributes]:
     """Attributes of the joints that have a name."""
-    classes, found = _classes(root), {}
+    classes, found = default_classes(root), {}
 
     def visit(element: ET.Element, inherited: str) -> None:
         inherited = element.get("childclass", inherited)
@@ -48,7 +45,7 @@ def joint_attributes(root: ET.Element) -> dict[str, Attributes]:
     return found
 
 
-def _classes(root: ET.Element) -> dict[str, dict[str, Attributes]]:
+def default_classes(root: ET.Element) -> dict[str, dict[str, Attributes]]:
     """What each default class gives to an element, by the class and the element's tag."""
     found: dict[str, dict[str, Attributes]] = {}
 
@@ -108,57 +105,6 @@ def gravity(root: ET.Element, path: Path) -> np.ndarray | None:
     )
 
 
-def torque_limits(root: ET.Element, path: Path) -> dict[str, float]:
-    """Torque limit of each joint that has one [N m]: the least that the joint and its actuators allow, to either side.
-
-    A joint's ``actuatorfrcrange``, an actuator's ``forcerange``, and of motors ``ctrlrange``, both times its gear.
-
-    Raises:
-        InputError: a range is not two numbers.
-    """
-    limits = {
-        name: [_range(values, "actuatorfrc", path, f"joint {name}")]
-        for name, values in joint_attributes(root).items()
-    }
-    classes = _classes(root)
-    for element in root.findall("actuator/*"):
-        joint = element.get("joint", "")
-        of_class = classes.get(element.get("class", "main"), {})
-        values = {**of_class.get(element.tag, {}), **element.attrib}
-        limits.setdefault(joint, []).extend(
-            _actuator_limits(element.tag, values, path, joint)
-        )
-    return {joint: min(found) for joint, found in limits.items() if min(found) < np.inf}
-
-
-def _actuator_limits(
-    tag: str, values: Attributes, path: Path, joint: str
-) -> list[float]:
-    """What an actuator allows at its joint to either side [N m]."""
-    place = f"actuator of joint {joint}"
-    gear = _first(values, "gear", path, place)
-    limits = [gear * _range(values, "force", path, place)]
-    # only of a plain motor the control is a torque
-    if tag in DRIVES and values.get("biastype", "none") == "none":
-        gain = _first(values, "gainprm", path, place)
-        limits.append(gear * gain * _range(values, "ctrl", path, place))
-    return limits
-
-
-def _first(values: Attributes, name: str, path: Path, place: str) -> float:
-    """Size of the first number of an attribute, 1 by default."""
-    text = values.get(name, "1")
-    return float(abs(numbers(text, None, path, f"{place}, {name}")[0]))
-
-
-def _range(values: Attributes, of: str, path: Path, place: str) -> float:
-    """What a range allows to either side; infinite if there is none."""
-    text = values.get(f"{of}range")
-    if text is None or values.get(f"{of}limited", "auto") == "false":
-        return np.inf
-    return float(np.abs(numbers(text, 2, path, f"{place}, {of}range")).min())
-
-
 def check_mjcf(root: ET.Element, path: Path) -> None:
     """Check that pinocchio reads all bodies of the file, with their inertia.
 
@@ -188,7 +134,7 @@ def check_mjcf(root: ET.Element, path: Path) -> None:
 def _without_inertial(root: ET.Element) -> list[tuple[ET.Element, list[Attributes]]]:
     """Moving bodies that are weighed by their shapes, and these."""
     by_shape = root.find("compiler[@inertiafromgeom='true']") is not None
-    classes, found = _classes(root), []
+    classes, found = default_classes(root), []
 
     def visit(body: ET.Element, inherited: str, moves: bool) -> None:
         inherited = body.get("childclass", inherited)
@@ -242,6 +188,7 @@ def left_out(root: ET.Element, path: Path, joints: Sequence[str]) -> tuple[str, 
         for place, what in UNREAD.items()
         if root.find(place) is not None
     ]
+    notes += _unread_equality(root, path)
     notes += [
         f"{path}: body {body.get('name', NAMELESS)} has no <inertial> and is weighed by its shapes, but for what "
         "default classes say of their mass; give it one"
@@ -265,3 +212,23 @@ def left_out(root: ET.Element, path: Path, joints: Sequence[str]) -> tuple[str, 
                 f"{own.get('springref', '0')}) is not read; give it as the effect parallel_spring"
             )
     return tuple(notes)
+
+
+def _unread_equality(root: ET.Element, path: Path) -> list[str]:
+    """Constraints other than joints that follow another one in proportion."""
+    notes = []
+    for element in root.findall("equality/*"):
+        higher = (element.get("polycoef") or "0 1 0 0 0").split()[2:]
+        straight = not np.any(np.array(higher, dtype=float))
+        follows = element.tag == "joint" and element.get("joint2") and straight
+        if not follows:
+            between = ", ".join(
+                element.get(key, "")
+                for key in ("joint1", "joint2", "body1", "body2")
+                if element.get(key)
+            )
+            notes.append(
+                f"{path}: <equality><{element.tag}> of {between or 'unnamed parts'} is not read: what it holds "
+                "together moves freely, or is locked if it is none of the arm's joints"
+            )
+    return notes

@@ -35,7 +35,7 @@ class RigidBody:
     def __init__(self, arm: NominalArm) -> None:
         self.file, self.joints = arm.urdf, arm.joints
         self.n_joints = arm.n_joints
-        self.model = arm_model(arm.urdf, arm.joints, arm.gravity)
+        self.model = arm_model(arm.urdf, arm.joints, arm.gravity, arm.locked)
         self._data = self.model.createData()
         self.links = np.array([self.model.getJointId(name) for name in arm.joints])
         # the arm's joints may be in another order than the tree's

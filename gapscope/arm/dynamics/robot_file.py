@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -12,25 +13,34 @@ import numpy as np
 import pinocchio as pin
 
 from gapscope.arm.dynamics import mjcf
-from gapscope.arm.dynamics.inertials import check_inertials
+from gapscope.arm.dynamics.inertials import inertial_faults
+from gapscope.arm.dynamics.kinematic_tree import SEVERAL, KinematicTree, read_tree
 from gapscope.arm.dynamics.mjcf import (
     check_mjcf,
     check_references,
     left_out,
     name_bodies,
-    torque_limits,
 )
+from gapscope.arm.dynamics.mjcf_actuators import position_gains, torque_limits
 from gapscope.arm.errors import InputError, ModelWarning
 
+UNEXPANDED = re.compile(r"<xacro:|\$\((find|arg|eval|env|optenv)\b|\$\{")
+"""Marks of xacro in a file that was not expanded."""
+COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 
-def build(path: Path) -> pin.Model:
-    """The robot of a file, with its torque limits.
+
+def build(path: Path, joints: Collection[str] = ()) -> pin.Model:
+    """The robot of a file, with its torque limits; joints of several degrees of freedom are fixed as the file draws it.
+
+    Args:
+        path: URDF or MJCF file.
+        joints: those that move; inertials of bodies that they do not move may be impossible, and are left out then.
 
     Raises:
-        InputError: there is no such file, it is no robot, or a body of it is none that can be.
+        InputError: there is no such file, it is no robot, or a body that moves is none that can be.
     """
-    root = _root(path)
-    check_inertials(root, path)
+    root = read_root(path)
+    _drop_inertials(root, _impossible_outside(root, path, joints))
     try:
         if root.tag == "robot":
             return pin.buildModelFromXML(_urdf_text(root))
@@ -51,14 +61,23 @@ def build(path: Path) -> pin.Model:
 
 
 def arm_model(
-    path: Path, joints: Sequence[str], gravity: Sequence[float] | np.ndarray
+    path: Path,
+    joints: Sequence[str],
+    gravity: Sequence[float] | np.ndarray,
+    locked: Mapping[str, float] | None = None,
 ) -> pin.Model:
-    """Model of some joints of a file: the others are locked at zero, without armature, under a gravity [m/s^2].
+    """Model of some joints of a file, without armature, under a gravity [m/s^2].
+
+    Args:
+        path: URDF or MJCF file.
+        joints: those that move.
+        gravity: in the base frame [m/s^2], shape (3,).
+        locked: positions of other joints [rad or m]; those that are not named are locked at zero.
 
     Raises:
         InputError: the file lacks one of the joints, or has one with more than one degree of freedom.
     """
-    full = build(path)
+    full = build(path, joints)
     names = list(full.names)[1:]
     missing = [name for name in joints if name not in names]
     if missing:
@@ -67,10 +86,13 @@ def arm_model(
             "name the joints of the recording's columns in joints:, or give the URDF of the recorded arm",
             file=path,
         )
-    locked = [full.getJointId(name) for name in names if name not in joints]
+    others = [full.getJointId(name) for name in names if name not in joints]
     model = full
-    if locked:
-        model = pin.buildReducedModel(full, locked, np.zeros(full.nq))
+    if others:
+        posture = pin.neutral(full)
+        for name, position in (locked or {}).items():
+            posture[full.joints[full.getJointId(name)].idx_q] = position
+        model = pin.buildReducedModel(full, others, posture)
     model.gravity = pin.Motion(np.array(gravity), np.zeros(3))
     model.armature = np.zeros(model.nv)
     if model.nq != model.nv or model.nv != len(joints):
@@ -79,8 +101,43 @@ def arm_model(
 
 
 def actuated_joints(path: Path) -> list[str]:
-    """Names of the movable joints of a URDF or MJCF file in kinematic order."""
-    return list(build(path).names)[1:]
+    """Names of the movable joints of a URDF or MJCF file in kinematic order, but for those that follow another."""
+    follows = {joint.name for joint in tree_of(path).joints if joint.mimic is not None}
+    return [name for name in list(build(path).names)[1:] if name not in follows]
+
+
+def tree_of(path: Path) -> KinematicTree:
+    """The joints of a URDF or MJCF file.
+
+    Raises:
+        InputError: there is no such file, or it is no robot.
+    """
+    return read_tree(read_root(path), path)
+
+
+def impossible_links(path: Path, joints: Collection[str]) -> tuple[InputError, ...]:
+    """What is wrong with inertials of links that none of an arm's joints moves.
+
+    Raises:
+        InputError: a link that moves is none that can be.
+    """
+    return tuple(_impossible_outside(read_root(path), path, joints).values())
+
+
+def _impossible_outside(
+    root: ET.Element, path: Path, joints: Collection[str]
+) -> dict[str, InputError]:
+    """What is wrong with inertials of links that none of these joints moves, by the name of the link.
+
+    Raises:
+        InputError: a link that moves is none that can be.
+    """
+    moved = read_tree(root, path).moved(joints)
+    faults = inertial_faults(root, path)
+    for link, fault in faults.items():
+        if link in moved:
+            raise fault
+    return faults
 
 
 def mjcf_entries(path: Path, joints: Sequence[str]) -> dict[str, np.ndarray]:
@@ -92,13 +149,14 @@ def mjcf_entries(path: Path, joints: Sequence[str]) -> dict[str, np.ndarray]:
     Raises:
         InputError: positions of one of the joints do not count from the pose that the file draws.
     """
-    root = _root(path)
+    root = read_root(path)
     if root.tag == "robot":
         return {}
     check_references(root, path, joints)
-    for note in left_out(root, path, joints):
+    notes = (*left_out(root, path, joints), *position_gains(root, path, joints))
+    for note in notes:
         warnings.warn(note, ModelWarning, stacklevel=3)
-    model = build(path)
+    model = build(path, joints)
     columns = [model.joints[model.getJointId(name)].idx_v for name in joints]
     values = {
         "armature": model.armature,
@@ -110,14 +168,28 @@ def mjcf_entries(path: Path, joints: Sequence[str]) -> dict[str, np.ndarray]:
     return entries if down is None else {**entries, "gravity": down}
 
 
-def _root(path: Path) -> ET.Element:
-    """Root element of a URDF, <robot>, or of an MJCF file, <mujoco>."""
+def read_root(path: Path) -> ET.Element:
+    """Root element of a URDF, <robot>, or of an MJCF file, <mujoco>, whose bodies all have a name then.
+
+    Raises:
+        InputError: there is no such file, or it is no robot; a xacro file comes with the command that expands it.
+    """
     try:
-        root = ET.parse(path).getroot()
+        content = path.read_bytes()
     except FileNotFoundError:
         raise InputError(
             "no such file", "check the robot: entry of the case", file=path
         ) from None
+    text = COMMENT.sub("", content.decode("utf-8", "replace"))
+    if path.suffix == ".xacro" or UNEXPANDED.search(text):
+        raise InputError(
+            "is xacro, from which a URDF is made first",
+            f"xacro {path.name} > robot.urdf, with xacro of ROS or of pip install xacrodoc (xacrodoc {path.name} -o "
+            "robot.urdf)",
+            file=path,
+        )
+    try:
+        root = ET.fromstring(content)
     except ET.ParseError as error:
         raise InputError(
             f"is not valid XML ({error})",
@@ -130,12 +202,25 @@ def _root(path: Path) -> ET.Element:
             "give a URDF or MJCF file",
             file=path,
         )
+    if root.tag == "mujoco":
+        name_bodies(root)
     return root
+
+
+def _drop_inertials(root: ET.Element, links: Collection[str]) -> None:
+    """Leave out the inertials of some links or bodies."""
+    for link in (*root.iter("link"), *root.iter("body")):
+        inertial = link.find("inertial")
+        if inertial is not None and link.get("name") in links:
+            link.remove(inertial)
 
 
 def _of_mjcf(root: ET.Element) -> pin.Model:
     """The model of an MJCF file whose bodies all have a name; pinocchio reads files only."""
-    name_bodies(root)
+    for body in root.iter("body"):
+        for joint in body.findall("freejoint") + body.findall("joint"):
+            if joint.tag == "freejoint" or joint.get("type") in ("free", "ball"):
+                body.remove(joint)
     with TemporaryDirectory(prefix="gapscope_") as folder:
         file = Path(folder) / "arm.xml"
         file.write_text(ET.tostring(root, encoding="unicode"), encoding="utf-8")
@@ -143,7 +228,10 @@ def _of_mjcf(root: ET.Element) -> pin.Model:
 
 
 def _urdf_text(root: ET.Element) -> str:
-    """URDF as text, with continuous joints turned into revolute ones (pinocchio would give them two coordinates)."""
+    """URDF as text, with continuous joints turned into revolute ones (pinocchio would give them two coordinates).
+
+    Floating and planar joints are fixed.
+    """
     for joint in root.iter("joint"):
         if joint.get("type") == "continuous":
             joint.set("type", "revolute")
@@ -152,4 +240,6 @@ def _urdf_text(root: ET.Element) -> str:
                 limit = ET.SubElement(joint, "limit", effort="0", velocity="0")
             limit.set("lower", "-1e9")
             limit.set("upper", "1e9")
+        if joint.get("type") in SEVERAL:
+            joint.set("type", "fixed")
     return ET.tostring(root, encoding="unicode")

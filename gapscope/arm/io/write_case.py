@@ -158,6 +158,8 @@ def _fill(case: Case, folder: Path, ending: str) -> None:
         "gravity": case.arm.gravity.tolist(),
         "nominal": _sheet(case.arm),
     }
+    if case.arm.locked:
+        content["locked"] = dict(case.arm.locked)
     if case.controller is not None:
         content["controller"] = _controller(case.controller)
     content["recordings"] = names[: len(case.recordings)]

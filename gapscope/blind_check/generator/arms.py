@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm
+from gapscope.arm.known_robots import KNOWN_ROBOTS
+from gapscope.arm.robots import load_nominal_arm
 from gapscope.blind_check.generator.urdf import (
     Inertial,
     add_limit,

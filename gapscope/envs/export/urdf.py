@@ -27,7 +27,7 @@ def as_urdf(
 ) -> tuple[ET.Element, tuple[str, ...]]:
     """The arm as URDF, and what else is left out.
 
-    Joints that are not the arm's are fixed at zero, as its model has them. The base is turned by a fixed joint on a
+    Joints that are not the arm's are fixed where its model has them locked. The base is turned by a fixed joint on a
     link of its own. Of an arm from an MJCF file the moving bodies alone are written.
 
     Args:
@@ -66,17 +66,43 @@ def _fix_others(root: ET.Element, arm: PlainArm) -> tuple[str, ...]:
     for joint in root.findall("joint"):
         if joint.get("type") in MOVABLE and joint.get("name") not in arm.drives:
             fixed.append(joint.get("name", ""))
+            position = arm.corrected.arm.locked.get(joint.get("name", ""), 0.0)
+            _set_origin(joint, position)
             joint.set("type", "fixed")
             for element in list(joint):
                 if element.tag not in ("origin", "parent", "child"):
                     joint.remove(element)
     return (
         (
-            f"motion of {', '.join(fixed)}: not among the joints of the arm, fixed at zero",
+            f"motion of {', '.join(fixed)}: not among the joints of the arm, fixed where they are locked",
         )
         if fixed
         else ()
     )
+
+
+def _set_origin(joint: ET.Element, position: float) -> None:
+    """Give a joint that is to be fixed the origin that it has at a position [rad or m]."""
+    if position == 0:
+        return
+    origin, axis = joint.find("origin"), joint.find("axis")
+    if origin is None:
+        origin = ET.SubElement(joint, "origin")
+    direction = _vector(axis, "xyz", "1 0 0")
+    direction = direction / np.linalg.norm(direction)
+    turn = Rotation.from_euler("xyz", _vector(origin, "rpy", "0 0 0"))
+    place = _vector(origin, "xyz", "0 0 0")
+    if joint.get("type") == "prismatic":
+        place = place + turn.apply(position * direction)
+    else:
+        turn = turn * Rotation.from_rotvec(position * direction)
+    origin.set("xyz", numbers(place))
+    origin.set("rpy", numbers(turn.as_euler("xyz")))
+
+
+def _vector(element: ET.Element | None, key: str, otherwise: str) -> np.ndarray:
+    text = None if element is None else element.get(key)
+    return np.array((text or otherwise).split(), dtype=float)
 
 
 def _name_meshes(

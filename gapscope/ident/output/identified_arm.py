@@ -186,6 +186,9 @@ def write_case_beside(arm: NominalArm, source: Path, path: Path, urdf: str) -> N
         GapscopeError: the file cannot be written.
     """
     content = read_case_file(source)
+    # the URDF holds the arm's moving bodies alone
+    for key in ("chain", "locked"):
+        content.pop(key, None)
     content |= {
         "name": f"{content['name']} identified",
         "robot": urdf,

@@ -12,8 +12,9 @@ from gapscope.arm.dynamics.plain_mjcf import plain_mjcf
 from gapscope.arm.dynamics.plain_urdf import moving_links
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError, ModelWarning
+from gapscope.arm.known_robots import KNOWN_ROBOTS
 from gapscope.arm.nominal import NominalArm
-from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm
+from gapscope.arm.robots import load_nominal_arm
 
 SHEET = {"armature": "0.05", "frictionloss": "0.4", "damping": "0.3"}
 INERTIAL = '<inertial pos="0 0 0.2" mass="2" diaginertia="0.1 0.1 0.02"/>'
@@ -275,7 +276,7 @@ LEFT_OUT = {
     ),
     "constraint": (
         {"after": '<equality><joint joint1="hinge"/></equality>'},
-        "<equality> is not read",
+        "<equality><joint> of hinge is not read",
     ),
     "weight held up": (
         {"inside": '<body name="tip" gravcomp="1"/>'},

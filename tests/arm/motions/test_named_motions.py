@@ -7,6 +7,7 @@ from gapscope.arm.dynamics.inverse_kinematics import inverse_kinematics
 from gapscope.arm.dynamics.kinematics import Kinematics, Pose
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.known_robots import KNOWN_ROBOTS
 from gapscope.arm.motions.chain import Chain, Reversed
 from gapscope.arm.motions.named_motions import (
     MOTIONS,
@@ -18,7 +19,7 @@ from gapscope.arm.motions.named_motions import (
 from gapscope.arm.motions.point_to_point import PointToPoint
 from gapscope.arm.motions.trajectory import Limits
 from gapscope.arm.motions.weld_seam import WeldSeam
-from gapscope.arm.robots import KNOWN_ROBOTS, load_nominal_arm
+from gapscope.arm.robots import load_nominal_arm
 
 DURATION = 8.0
 

@@ -1,0 +1,284 @@
+"""Robots as their makers publish them: trees with grippers and mobile bases, followers, xacro, impossible antennas."""
+
+import sys
+import types
+import warnings
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gapscope.arm.case import Case, load_case
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError, ModelWarning
+from gapscope.arm.io.write_case import write_case
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.interface.export import export
+
+BODY = (
+    '<inertial><origin xyz="{0}"/><mass value="{1}"/>'
+    '<inertia ixx="{2}" iyy="{2}" izz="{2}" ixy="0" ixz="0" iyz="0"/></inertial>'
+)
+
+
+def link(name: str, mass: float = 0, at: str = "0 0 0.1", moment: float = 0.01) -> str:
+    inertial = BODY.format(at, mass, moment) if mass else ""
+    return f'<link name="{name}">{inertial}</link>'
+
+
+def joint(
+    name: str,
+    parent: str,
+    child: str,
+    kind: str = "revolute",
+    axis: str = "0 1 0",
+    at: str = "0 0 0.3",
+    more: str = "",
+) -> str:
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><origin xyz="{at}"/>'
+        f'<axis xyz="{axis}"/><limit lower="-2" upper="2" effort="50" velocity="2"/>{more}</joint>'
+    )
+
+
+FOLLOWS = '<mimic joint="finger_1" multiplier="-1"/>'
+ARM = [
+    joint("shoulder", "torso", "upper"),
+    link("upper", 3),
+    joint("elbow", "upper", "lower"),
+    link("lower", 2),
+    joint("flange", "lower", "hand", kind="fixed"),
+    link("hand", 0.5),
+]
+FINGERS = [
+    joint("finger_1", "hand", "left", kind="prismatic", axis="0 1 0"),
+    link("left", 0.2),
+    joint("finger_2", "hand", "right", "prismatic", "0 1 0", more=FOLLOWS),
+    link("right", 0.2),
+]
+BASE = [
+    link("world"),
+    joint("drive", "world", "base", kind="floating", at="0 0 0"),
+    link("base", 20),
+    joint("wheel", "base", "tyre", kind="continuous"),
+    link("tyre", 1),
+    joint("whip", "base", "antenna", kind="fixed"),
+    link("antenna", 1e-6, moment=-1e-8),
+    joint("lean", "base", "torso"),
+    link("torso", 8),
+]
+
+
+def robot(folder: Path, *parts: list[str]) -> Path:
+    path = folder / "robot.urdf"
+    text = "".join(element for part in parts for element in part)
+    path.write_text(f'<robot name="tree">{text}</robot>')
+    return path
+
+
+def torque(arm: NominalArm) -> np.ndarray:
+    """Torque of one motion [N m], shape (20, n)."""
+    q, dq, ddq = np.random.default_rng(0).uniform(-1, 1, (3, 20, arm.n_joints))
+    return RigidBody(arm).inverse_dynamics(q, dq, ddq)
+
+
+def notes_of(urdf: Path, **options: object) -> tuple[NominalArm, str]:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        arm = load_nominal_arm(urdf, **options)  # type: ignore[arg-type]
+    return arm, "\n".join(str(warning.message) for warning in caught)
+
+
+def test_a_chain_is_the_arm_alone_with_what_hangs_beyond_its_tip(
+    tmp_path: Path,
+) -> None:
+    tree = robot(tmp_path, BASE, ARM, FINGERS)
+    arm, notes = notes_of(tree, chain=["torso", "hand"])
+    assert arm.joints == ("shoulder", "elbow")
+    for word in ("antenna", "drive", "lean", "finger_1"):
+        assert word in notes
+    assert "wheel" not in notes
+    (tmp_path / "plain").mkdir()
+    fixed = [text.replace('"prismatic"', '"fixed"') for text in FINGERS]
+    plain = load_nominal_arm(robot(tmp_path / "plain", [link("torso")], ARM, fixed))
+    np.testing.assert_allclose(torque(arm), torque(plain), atol=1e-12)
+
+
+def test_a_chain_that_is_none_says_why(tmp_path: Path) -> None:
+    tree = robot(tmp_path, BASE, ARM)
+    with pytest.raises(InputError, match="does not hang on 'hand'"):
+        load_nominal_arm(tree, chain=["hand", "torso"])
+    with pytest.raises(InputError, match="did you mean 'hand'"):
+        load_nominal_arm(tree, chain=["torso", "hands"])
+
+
+def test_an_impossible_link_of_the_arm_itself_is_refused(tmp_path: Path) -> None:
+    on_the_arm = [
+        joint("whip", "upper", "antenna", kind="fixed"),
+        link("antenna", 1e-6, moment=-1e-8),
+    ]
+    tree = robot(tmp_path, [link("torso")], ARM, on_the_arm)
+    with pytest.raises(InputError, match="link antenna.*none below zero"):
+        load_nominal_arm(tree)
+
+
+def test_locked_joints_stand_where_the_case_says(tmp_path: Path) -> None:
+    tree = robot(tmp_path, BASE, ARM, FINGERS)
+    chain = ["torso", "hand"]
+    leaning = load_nominal_arm(tree, chain=chain, locked={"lean": 0.5})
+    # the torso leans about y: gravity turns back in its frame
+    turned = [-9.81 * -np.sin(0.5), 0, -9.81 * np.cos(0.5)]
+    upright = load_nominal_arm(tree, chain=chain, gravity=turned)
+    np.testing.assert_allclose(torque(leaning), torque(upright), atol=1e-9)
+    open_hand = load_nominal_arm(tree, chain=chain, locked={"finger_1": 0.4})
+    assert open_hand.locked == {"finger_1": 0.4, "finger_2": -0.4}
+
+
+@pytest.mark.parametrize(
+    ("locked", "message"),
+    [
+        ({"elbow": 1}, "one of the arm's joints"),
+        ({"finger": 1}, "no movable joint 'finger'"),
+    ],
+)
+def test_positions_of_other_joints_are_checked(
+    locked: dict[str, float], message: str, tmp_path: Path
+) -> None:
+    tree = robot(tmp_path, BASE, ARM, FINGERS)
+    with pytest.raises(InputError, match=message):
+        load_nominal_arm(tree, chain=["torso", "hand"], locked=locked)
+
+
+def test_a_follower_weighs_on_its_master(tmp_path: Path) -> None:
+    tree = robot(tmp_path, [link("torso")], ARM, FINGERS)
+    with pytest.warns(ModelWarning, match="finger_2 follows finger_1"):
+        arm = load_nominal_arm(tree)
+    assert arm.joints == ("shoulder", "elbow", "finger_1")
+    assert arm.sliding == (False, False, True)
+    # both fingers slide apart: the second one adds its mass of 0.2 kg
+    np.testing.assert_allclose(arm.armature, [0, 0, 0.2])
+
+
+def test_a_case_in_a_larger_tree_reads_back_as_the_same_arm(tmp_path: Path) -> None:
+    tree = robot(tmp_path, [link("torso")], ARM, FINGERS)
+    t = np.arange(0, 2, 0.01)
+    q = np.sin(t)[:, None] * np.ones(2)
+    case = Case.from_arrays(
+        tree, t=t, q=q, tau=q, chain=["torso", "hand"], locked={"finger_1": 0.1}
+    )
+    read = load_case(write_case(case, tmp_path / "case"))
+    assert read.arm.locked == case.arm.locked
+    np.testing.assert_allclose(torque(read.arm), torque(case.arm))
+
+
+def test_a_locked_joint_stands_at_the_mean_of_a_column(tmp_path: Path) -> None:
+    robot(tmp_path, [link("torso")], ARM, FINGERS)
+    t = np.arange(0, 2, 0.01)
+    columns = np.column_stack([t, *[np.sin(t)] * 4, 0.3 + 0 * t])
+    header = "t,q1,q2,tau1,tau2,gripper"
+    np.savetxt(tmp_path / "a.csv", columns, delimiter=",", header=header, comments="")
+    text = "name: x\nrobot: robot.urdf\nchain: [torso, hand]\nrecordings: [a.csv]\n"
+    (tmp_path / "case.yaml").write_text(text + "locked: {finger_1: gripper}\n")
+    found = load_case(tmp_path).arm.locked
+    assert found == pytest.approx({"finger_1": 0.3, "finger_2": -0.3})
+    (tmp_path / "case.yaml").write_text(text + "locked: {finger_1: grip}\n")
+    with pytest.raises(InputError, match="field locked.finger_1.*'grip'"):
+        load_case(tmp_path)
+
+
+def test_an_exported_urdf_keeps_locked_joints_in_place(tmp_path: Path) -> None:
+    tree = robot(tmp_path, [link("base"), *BASE[7:]], ARM, FINGERS)
+    locked = {"lean": 0.5, "finger_1": 0.4}
+    arm = load_nominal_arm(tree, chain=["torso", "hand"], locked=locked)
+    out = tmp_path / "out.urdf"
+    export(CorrectedArm(arm, ()), out)
+    exported = load_nominal_arm(out)
+    assert exported.joints == arm.joints
+    np.testing.assert_allclose(torque(exported), torque(arm), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("arm.urdf.xacro", "<robot/>"),
+        ("arm.urdf", '<robot><link name="${prefix}base"/></robot>'),
+        ("arm.urdf", '<robot><mesh filename="$(find ur)/a.stl"/></robot>'),
+        ("arm.urdf", "<robot><xacro:include filename='a'/></robot>"),
+    ],
+)
+def test_xacro_is_refused_with_the_command_that_expands_it(
+    name: str, text: str, tmp_path: Path
+) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=r"xacro .* > robot.urdf.*xacrodoc"):
+        load_nominal_arm(tmp_path / name)
+
+
+def test_robot_descriptions_are_known_by_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = types.ModuleType("robot_descriptions.two_description")
+    module.URDF_PATH = str(robot(tmp_path, [link("torso")], ARM))  # type: ignore[attr-defined]
+    package = types.ModuleType("robot_descriptions")
+    package.__path__ = []
+    package.__spec__ = types.SimpleNamespace(name="robot_descriptions")  # type: ignore[assignment]
+    monkeypatch.setitem(sys.modules, "robot_descriptions", package)
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    assert load_nominal_arm("two_description").joints == ("shoulder", "elbow")
+    with pytest.raises(InputError, match="has no three_description"):
+        load_nominal_arm("three_description")
+
+
+def test_robot_descriptions_name_their_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gapscope.arm.known_robots.find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"gapscope\[robots\]"):
+        load_nominal_arm("ur5e_description")
+
+
+MJCF = """<mujoco model="hand">
+  <default><position kp="100" kv="5"/></default>
+  <worldbody><body name="base"><freejoint/><inertial pos="0 0 0" mass="5" diaginertia="1 1 1"/>
+    <body name="upper"><joint name="shoulder" axis="0 1 0"/><inertial pos="0 0 .2" mass="2" diaginertia=".1 .1 .1"/>
+      <body name="left"><joint name="f1" type="slide" axis="0 1 0"/>
+        <inertial pos="0 0 0" mass=".2" diaginertia="1e-4 1e-4 1e-4"/></body>
+      <body name="right"><joint name="f2" type="slide" axis="0 1 0"/>
+        <inertial pos="0 0 0" mass=".2" diaginertia="1e-4 1e-4 1e-4"/></body>
+    </body></body></worldbody>
+  <equality><joint joint1="f2" joint2="f1" polycoef="0 -1 0 0 0"/>{equality}</equality>
+  <actuator><position joint="shoulder" gear="2" forcerange="-10 10"/>
+    <general joint="f1" biastype="affine" gainprm="300" biasprm="0 -300 -7" forcerange="-4 4"/></actuator>
+</mujoco>"""
+
+
+def test_an_mjcf_hand_follows_and_tells_its_gains(tmp_path: Path) -> None:
+    path = tmp_path / "hand.xml"
+    path.write_text(MJCF.format(equality=""))
+    arm, notes = notes_of(path)
+    assert arm.joints == ("shoulder", "f1") and arm.sliding == (False, True)
+    np.testing.assert_allclose(arm.armature, [0, 0.2])
+    # about the joint: gear squared times the actuator's own gains
+    assert "kp: [400, 300], kd: [20, 7]" in notes
+    np.testing.assert_allclose(RigidBody(arm).effort_limits(), [20, 4])
+    assert "several degrees of freedom" in notes and "<equality>" not in notes
+
+
+def test_other_constraints_of_an_mjcf_file_are_told(tmp_path: Path) -> None:
+    path = tmp_path / "hand.xml"
+    path.write_text(MJCF.format(equality='<connect body1="left" body2="right"/>'))
+    assert "<equality><connect> of left, right is not read" in notes_of(path)[1]
+
+
+def test_missing_meshes_stop_nothing_but_collisions(tmp_path: Path) -> None:
+    tree = robot(tmp_path, [link("torso")], ARM)
+    root = ET.parse(tree).getroot()
+    for use in ("visual", "collision"):
+        shape = ET.SubElement(ET.SubElement(root.find("link"), use), "geometry")  # type: ignore[arg-type]
+        ET.SubElement(shape, "mesh", filename="package://none/a.stl")
+    tree.write_text(ET.tostring(root, encoding="unicode"))
+    arm = load_nominal_arm(tree)
+    for name in ("a.urdf", "a.xml", "a.sdf"):
+        export(CorrectedArm(arm, ()), tmp_path / "out" / name)
+    assert torque(arm).shape == (20, 2)
