@@ -54,9 +54,12 @@ def test_the_files_of_the_generator_are_found() -> None:
     assert len(GENERATOR) > 15
 
 
-def test_every_effect_and_fault_of_the_catalogue_has_a_law() -> None:
+def test_every_effect_of_the_catalogue_has_a_law_and_every_law_of_a_fault_a_fault() -> (
+    None
+):
     assert set(INSIDE) == set(CATALOGUE)
-    assert set(SETUP) == set(FAULTS)
+    # faults that came later are measured by experiments of their own: sealed sets are drawn from these
+    assert set(SETUP) <= set(FAULTS)
 
 
 @pytest.mark.parametrize("name", INSIDE)

@@ -28,6 +28,7 @@ from gapscope.effects.setup_faults.torque_faults import (
     LateTorque,
     TorqueUnit,
 )
+from gapscope.effects.setup_faults.zero_fault import ZeroOffset
 
 
 @pytest.fixture
@@ -133,6 +134,17 @@ def test_late_torque_is_put_right_but_for_its_end_and_the_rows_before_a_gap(
         advanced(recording, 5.0)
 
 
+def test_zero_offset_moves_positions_and_references_alone(recording: Recording) -> None:
+    moved = _apply(ZeroOffset((2,), np.pi / 2), recording)
+    for channel in ("q", "q_ref"):
+        added = getattr(moved, channel) - getattr(recording, channel)
+        np.testing.assert_allclose(added, [[0.0, np.pi / 2, 0.0]] * len(added))
+    for channel in ("dq", "tau"):
+        np.testing.assert_array_equal(
+            getattr(moved, channel), getattr(recording, channel)
+        )
+
+
 def test_shifted_inertials() -> None:
     links = "".join(
         f'<link name="l{i}"><inertial><mass value="{i}"/></inertial></link>'
@@ -172,6 +184,7 @@ def test_joints_that_cannot_be_are_refused(recording: Recording, fault: Fault) -
         (lambda: SignFlip((1,), "torqe"), "sign_flip"),
         (lambda: UnitMismatch("inches"), "unit_mismatch"),
         (lambda: UnitMismatch("motor_side", ratio=0.0), "unit_mismatch.ratio"),
+        (lambda: ZeroOffset((1,), 90.0), "zero_offset.offset"),
         (lambda: TimeStamps("lost", 0.1), "time_stamps"),
         (lambda: TimeStamps("jitter", float("nan")), "time_stamps.amount"),
         (lambda: TorqueUnit("current", factor=(1.0, 0.0)), "torque_unit.factor"),
@@ -196,6 +209,7 @@ def test_names() -> None:
         "gravity_compensated_torque",
         "torque_unit",
         "late_torque",
+        "zero_offset",
     }
 
 

@@ -13,6 +13,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.setup_faults.channel_mapping import (
     ChannelMapping,
     flipped,
+    offset_by,
     scaled,
     shifted,
     swapped,
@@ -24,6 +25,7 @@ from gapscope.diagnosis.thresholds import (
     FEW_FAR_JOINTS,
     GEAR_RATIO_STARTS,
     RATE_STARTS,
+    ZERO_STARTS,
 )
 
 DEGREE = np.pi / 180
@@ -69,12 +71,13 @@ def torque_candidates(n: int) -> list[FaultCandidate]:
 
 
 def motion_candidates(n: int) -> list[FaultCandidate]:
-    """Flips and swaps of positions, with the torque or without."""
+    """Flips and swaps of positions, with the torque or without, and other zeros."""
     flips = [
         _flip(n, j, channel) for j in range(n) for channel in ("position", "joint")
     ]
     swaps = [_swap(n, pair, "joint") for pair in _pairs(n)]
-    return [*flips, *swaps]
+    zeros = [zero_offset(n, j, start) for j in range(n) for start in ZERO_STARTS]
+    return [*flips, *swaps, *zeros]
 
 
 def arm_candidates(n: int) -> list[FaultCandidate]:
@@ -173,6 +176,13 @@ def motor_side(
     return FaultCandidate(
         "unit_mismatch", _from_one(joints), "motor_side", mapping, values
     )
+
+
+def zero_offset(n: int, joint: int, offset: float) -> FaultCandidate:
+    """Positions of a joint, from 0, recorded with an angle [rad] beyond the true ones."""
+    values = {"offset": (offset,)}
+    mapping = offset_by(n, joint, -offset)
+    return FaultCandidate("zero_offset", (joint + 1,), "", mapping, values)
 
 
 def wrong_rate(n: int, amount: float) -> FaultCandidate:

@@ -11,13 +11,14 @@ import numpy as np
 class ChannelMapping:
     """What the joints' true motion and torque are, in terms of what was recorded; n joints, arrays of shape (n,).
 
-    q_j = motion_factor_j recorded q_motion_source_j, likewise its derivatives and references; torque likewise; true
-    time step = time_factor times the recorded one; the nominal inertials belong ``link_shift`` links further, in file
-    order.
+    q_j = motion_factor_j recorded q_motion_source_j + motion_offset_j, likewise references, and derivatives without the
+    offset; torque likewise; true time step = time_factor times the recorded one; the nominal inertials belong
+    ``link_shift`` links further, in file order.
 
     Attributes:
         motion_source, torque_source: column, from 0, that holds a joint's motion and its torque.
         motion_factor, torque_factor: what they must be multiplied with [1].
+        motion_offset: what then has to be added to positions [rad].
         time_factor: true over recorded period [1].
         link_shift: links by which the inertials of the URDF have to move...
         moved_only: ...among those that a joint moves, or among all.
@@ -28,6 +29,7 @@ class ChannelMapping:
     motion_factor: tuple[float, ...]
     torque_source: tuple[int, ...]
     torque_factor: tuple[float, ...]
+    motion_offset: tuple[float, ...]
     time_factor: float = 1.0
     link_shift: int = 0
     moved_only: bool = False
@@ -36,8 +38,8 @@ class ChannelMapping:
     @classmethod
     def identity(cls, n: int) -> ChannelMapping:
         """Everything as it is recorded, for n joints."""
-        columns, ones = tuple(range(n)), (1.0,) * n
-        return cls(columns, ones, columns, ones)
+        columns, ones, zeros = tuple(range(n)), (1.0,) * n, (0.0,) * n
+        return cls(columns, ones, columns, ones, zeros)
 
     @property
     def motion_key(self) -> tuple[object, ...]:
@@ -45,6 +47,7 @@ class ChannelMapping:
         return (
             self.motion_source,
             self.motion_factor,
+            self.motion_offset,
             self.time_factor,
             self.link_shift,
             self.moved_only,
@@ -58,12 +61,19 @@ class ChannelMapping:
             _composed(other.motion_source, other.motion_factor, self.motion_factor),
             tuple(self.torque_source[s] for s in other.torque_source),
             _composed(other.torque_source, other.torque_factor, self.torque_factor),
+            self._offset_then(other),
             self.time_factor * other.time_factor,
             self.link_shift + other.link_shift,
             self.moved_only or other.moved_only,
             # a base is turned once
             other.turn if any(other.turn) else self.turn,
         )
+
+    def _offset_then(self, other: ChannelMapping) -> tuple[float, ...]:
+        """Offset of this mapping read by ``other``, and that of ``other``."""
+        own = np.array(self.motion_offset)[list(other.motion_source)]
+        offset = own * np.array(other.motion_factor) + np.array(other.motion_offset)
+        return tuple(offset.tolist())
 
     def motion(
         self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
@@ -74,7 +84,7 @@ class ChannelMapping:
         speed_factor = factor / self.time_factor
         acceleration_factor = factor / self.time_factor**2
         return (
-            q[:, source] * factor,
+            q[:, source] * factor + np.array(self.motion_offset),
             dq[:, source] * speed_factor,
             ddq[:, source] * acceleration_factor,
         )
@@ -117,6 +127,12 @@ def scaled(n: int, joints: tuple[int, ...], factor: float) -> ChannelMapping:
     """Joints, from 0, with positions in another unit: what they must be multiplied with [1]."""
     factors = tuple(factor if j in joints else 1.0 for j in range(n))
     return replace(ChannelMapping.identity(n), motion_factor=factors)
+
+
+def offset_by(n: int, joint: int, angle: float) -> ChannelMapping:
+    """Joint ``joint``, from 0, with an angle added to its positions [rad]."""
+    offsets = tuple(angle if j == joint else 0.0 for j in range(n))
+    return replace(ChannelMapping.identity(n), motion_offset=offsets)
 
 
 def timed(n: int, factor: float) -> ChannelMapping:

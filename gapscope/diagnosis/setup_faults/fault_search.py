@@ -41,6 +41,7 @@ from gapscope.diagnosis.thresholds import (
     FAULT_VALUE_CHARGE,
     FAULT_VALUES_GAIN,
 )
+from gapscope.effects.setup_faults.fault_catalogue import FAULTS
 from gapscope.ident.signals.conditioning import (
     TORQUE_CUTOFF,
     condition,
@@ -169,7 +170,7 @@ def _finalists(
         # refined on few samples, compared on all
         candidate, std = refined(coarse, mapping, start)
         score = fine.score(mapping.then(candidate.mapping))
-        fitted = bool(start.values and start.variant)
+        fitted = bool(std)
         charge = charges[_kind(start)] + (FAULT_VALUE_CHARGE if fitted else 0.0)
         gain = score.gain(before) - charge
         finalists.append(_Finalist(candidate, std, score, gain))
@@ -240,7 +241,7 @@ def found_fault(
 ) -> FoundFault:
     """A candidate that was accepted, with the standard deviations of its values."""
     parameters = {
-        name: FaultParameter("1", values, std or None)
+        name: FaultParameter(_unit(candidate.name, name), values, std or None)
         for name, values in candidate.values.items()
     }
     return FoundFault(
@@ -251,3 +252,9 @@ def found_fault(
         probability,
         mapping=candidate.mapping,
     )
+
+
+def _unit(fault: str, parameter: str) -> str:
+    """Unit of a parameter of a fault, as the catalogue has it."""
+    units = {p.name: p.unit for p in FAULTS[fault].parameters}
+    return units[parameter]

@@ -126,6 +126,8 @@ def _mapped(recording: Recording, mapping: ChannelMapping) -> Recording:
     for channel, series in present_channels(recording).items():
         if channel in MOTION:
             changed[channel] = series[:, motion] * np.array(mapping.motion_factor)
+            if channel in ("q", "q_ref"):
+                changed[channel] += np.array(mapping.motion_offset)
         elif channel in TORQUE:
             changed[channel] = series[:, torque] * np.array(mapping.torque_factor)
         else:

@@ -7,14 +7,17 @@ from collections.abc import Callable
 import numpy as np
 
 from gapscope.diagnosis.setup_faults.candidates import (
+    TURN,
     FaultCandidate,
     motor_side,
     wrong_rate,
+    zero_offset,
 )
 from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
 from gapscope.diagnosis.setup_faults.mapping_score import MappingScorer
 from gapscope.diagnosis.thresholds import (
     GEAR_RATIO_NUISANCE_FACTOR,
+    LEAST_ZERO_OFFSET,
     REFINE_FIRST_STEP,
     REFINE_LAST_STEP,
 )
@@ -25,7 +28,7 @@ SHRINK = 2.5
 """Factor by which the step shrinks when no value moves."""
 
 Build = Callable[[np.ndarray], FaultCandidate]
-"""A candidate from the logarithms of its values."""
+"""A candidate from its values, or their logarithms."""
 
 
 def refined(
@@ -36,6 +39,8 @@ def refined(
         return _refined_ratios(scorer, before, candidate)
     if candidate.variant == "wrong_rate":
         return _refined_rate(scorer, before, candidate)
+    if candidate.name == "zero_offset":
+        return _refined_zero(scorer, before, candidate)
     return candidate, ()
 
 
@@ -48,7 +53,24 @@ def _refined_rate(
         return wrong_rate(n, float(np.exp(x[0])))
 
     search = _PatternSearch(scorer, before, build)
-    return search.candidate(search.minimum(np.log(candidate.values["amount"])))
+    return search.in_logarithms(search.minimum(np.log(candidate.values["amount"])))
+
+
+def _refined_zero(
+    scorer: MappingScorer, before: ChannelMapping, candidate: FaultCandidate
+) -> tuple[FaultCandidate, tuple[float, ...]]:
+    """A joint's zero to within its deviation; as it began if it ends at an angle too small for a fault."""
+    n, joint = scorer.arm.n_joints, candidate.joints[0] - 1
+
+    def build(x: np.ndarray) -> FaultCandidate:
+        return zero_offset(n, joint, float(np.remainder(x[0] + np.pi, TURN) - np.pi))
+
+    search = _PatternSearch(scorer, before, build)
+    x = search.minimum(np.array(candidate.values["offset"]))
+    found = build(x)
+    if abs(found.values["offset"][0]) < LEAST_ZERO_OFFSET:
+        return candidate, ()
+    return found, tuple(search.deviation(x).tolist())
 
 
 def _refined_ratios(
@@ -69,18 +91,18 @@ def _refined_ratios(
     # Bayesian information criterion: half the logarithm of the samples for each value more
     charge = 0.5 * (len(joints) - 1) * np.log(narrow.independent)
     if narrow.cost(common) > narrow.cost(own) + charge:
-        return narrow.candidate(own)
-    found, std = narrow.candidate(common)
+        return narrow.in_logarithms(own)
+    found, std = narrow.in_logarithms(common)
     return found, std * len(joints)
 
 
 class _PatternSearch:
-    """The search for the most probable values of a candidate, by the logarithms of its values.
+    """The search for the most probable values x of a candidate, which are its own or their logarithms.
 
     Args:
         scorer: of mappings of the case.
         before: the mapping on top of which the candidate comes.
-        build: the candidate with values.
+        build: the candidate with values x.
         spread: factor on what the arm may ordinarily have beyond its data sheet.
     """
 
@@ -119,12 +141,17 @@ class _PatternSearch:
                 step /= SHRINK
         return x
 
-    def candidate(self, x: np.ndarray) -> tuple[FaultCandidate, tuple[float, ...]]:
-        """The candidate with these values, and their standard deviations from the curvature of the cost."""
-        log_std = np.empty(len(x))
+    def in_logarithms(self, x: np.ndarray) -> tuple[FaultCandidate, tuple[float, ...]]:
+        """The candidate whose values have the logarithms x, and their standard deviations."""
+        std = np.exp(x) * self.deviation(x)
+        return self.build(x), tuple(float(s) for s in std)
+
+    def deviation(self, x: np.ndarray) -> np.ndarray:
+        """Standard deviations of x, from the curvature of the cost, of the shape of x."""
+        std = np.empty(len(x))
         least = self.cost(x)
         for k in range(len(x)):
             h = CURVED * (np.arange(len(x)) == k)
             curvature = (self.cost(x + h) - 2 * least + self.cost(x - h)) / CURVED**2
-            log_std[k] = 1.0 / np.sqrt(max(curvature, 1.0))
-        return self.build(x), tuple(float(s) for s in np.exp(x) * log_std)
+            std[k] = 1.0 / np.sqrt(max(curvature, 1.0))
+        return std

@@ -15,6 +15,7 @@ from gapscope.effects.setup_faults.torque_faults import (
     LateTorque,
     TorqueUnit,
 )
+from gapscope.effects.setup_faults.zero_fault import ZeroOffset
 
 FAULTS: dict[str, type[Fault]] = {
     fault.name: fault
@@ -27,6 +28,7 @@ FAULTS: dict[str, type[Fault]] = {
         GravityCompensatedTorque,
         TorqueUnit,
         LateTorque,
+        ZeroOffset,
     )
 }
 """The setup faults by name."""

@@ -8,6 +8,7 @@ import pytest
 from gapscope.diagnosis.setup_faults.channel_mapping import (
     ChannelMapping,
     flipped,
+    offset_by,
     scaled,
     shifted,
     swapped,
@@ -64,3 +65,16 @@ def test_shifts_and_time_factors_add_up() -> None:
     both = shifted(2, 1).then(shifted(2, -1, moved_only=True)).then(timed(2, 3.0))
     assert (both.link_shift, both.moved_only, both.time_factor) == (0, True, 3.0)
     assert both.motion_key != ChannelMapping.identity(2).motion_key
+
+
+def test_an_offset_is_added_to_positions_alone_and_passes_through_what_follows() -> (
+    None
+):
+    offset = offset_by(2, 1, 0.5)
+    q, dq, _ = offset.motion(RECORDED, RECORDED, RECORDED)
+    np.testing.assert_allclose(q, np.add(RECORDED, [0.0, 0.5]))
+    np.testing.assert_array_equal(dq, RECORDED)
+    # read with the offset, then with the joints exchanged and the first of them turned
+    both = offset.then(swapped(2, (0, 1), "joint")).then(flipped(2, 0, "position"))
+    q, _, _ = both.motion(RECORDED, RECORDED, RECORDED)
+    np.testing.assert_allclose(q, RECORDED[:, ::-1] * [-1, 1] - [0.5, 0.0])

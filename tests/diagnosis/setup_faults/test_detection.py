@@ -24,6 +24,7 @@ from gapscope.effects.setup_faults.channel_faults import (
 from gapscope.effects.setup_faults.fault import Fault
 from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
 from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
+from gapscope.effects.setup_faults.zero_fault import ZeroOffset
 from gapscope.envs.mystery_arm import HIDDEN, iiwa
 from gapscope.envs.randomisation import Randomisation, draw_effects
 from gapscope.envs.session import Plan, record_case
@@ -71,6 +72,8 @@ FAULTS: dict[str, tuple[Fault, tuple[int, ...], str]] = {
     "motor side": (UnitMismatch("motor_side", (), 50.0), (1, 2, 3), "motor_side"),
     "inertials shifted": (ShiftedInertials(1), (), ""),
     "inertials shifted back": (ShiftedInertials(-1), (), ""),
+    "zero a quarter of a turn off": (ZeroOffset((2,), np.pi / 2), (2,), ""),
+    "zero off by 60 degrees": (ZeroOffset((2,), -np.pi / 3), (2,), ""),
     "half the rate": (TimeStamps("wrong_rate", 2.0), (), "wrong_rate"),
     "repeats": (TimeStamps("repeats", 0.06), (), "repeats"),
     "jitter": (TimeStamps("jitter", 0.15), (), "jitter"),
