@@ -1,27 +1,86 @@
-"""The controller that a case declares, as far as it is known."""
+"""The controller that a case declares, as far as it is known: what all control laws have in common."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from typing import ClassVar, TypeVar
 
 import numpy as np
 
+from gapscope.arm.control.integrator import Integrator
+
+Law = TypeVar("Law", bound="Controller")
+
 
 @dataclass(frozen=True)
-class Controller:
-    """PD control with feedforward: tau = ff(q_ref, dq_ref, ddq_ref) + kp (q_ref - q) + kd (dq_ref - dq).
+class Gain:
+    """What a gain of a control law is.
 
     Attributes:
+        name: key in a case file, and attribute of the controller.
+        unit: of one joint's value.
+        meaning: in words.
+        order: a loop of twice the bandwidth and the same damping has 2^order times this gain [1].
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    order: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Controller(ABC):
+    """tau = feedforward(q_ref, dq_ref, ddq_ref) + feedback(q_ref - q, dq_ref - dq), clipped at the torque limit.
+
+    A law is a subclass, whose gains are attributes of shape (n,). Errors and torques may have any shape (..., n).
+
+    Attributes:
+        kind: name of the law in a case file.
+        gains: its gains.
+        through_model: whether the feedback is an acceleration that goes through the nominal arm's inverse dynamics,
+            in place of a torque beside a feedforward.
+        integrates: whether it has an integrator.
         rate: control frequency [Hz]; the torque is held until the next tick.
-        kp, kd: gains [N m/rad], [N m s/rad], shape (n,).
         feedforward: ``none``, ``gravity`` or ``nominal``.
         velocity_cutoff: cut-off of the second-order velocity filter [Hz], or ``None`` for no filter.
         velocity_damping: its damping ratio [1].
+        integrator: bounds of the integrator; ``None`` for a law without one.
     """
 
+    kind: ClassVar[str]
+    gains: ClassVar[tuple[Gain, ...]]
+    through_model: ClassVar[bool] = False
+    integrates: ClassVar[bool] = False
     rate: float
-    kp: np.ndarray
-    kd: np.ndarray
     feedforward: str = "none"
     velocity_cutoff: float | None = None
     velocity_damping: float = 0.9
+    integrator: Integrator | None = None
+
+    @abstractmethod
+    def proportional(self, error: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        """Feedback without memory: torque [N m], or acceleration [rad/s^2] if it goes through the model.
+
+        Args:
+            error: q_ref - q [rad].
+            rate: dq_ref - dq [rad/s].
+        """
+
+    def integration(self, error: np.ndarray, rate: np.ndarray) -> np.ndarray | float:
+        """Slope of the integrator's torque [N m/s]; 0 for a law without one."""
+        return 0.0
+
+    @property
+    def velocity_gain(self) -> np.ndarray | None:
+        """Torque over the velocity's error [N m s/rad], (n,); ``None`` if it depends on the posture."""
+        return None
+
+    def times(self: Law, share: float) -> Law:
+        """The same law with a bandwidth ``share`` times as large and the same damping."""
+        scaled = {
+            gain.name: share**gain.order * getattr(self, gain.name)
+            for gain in self.gains
+        }
+        return replace(self, **scaled)

@@ -24,10 +24,10 @@ Recordings = Annotated[int, typer.Option(help="how many, from slow to fast")]
 Duration = Annotated[float, typer.Option(help="of each [s]")]
 SampleRate = Annotated[float, typer.Option(help="samples per second [Hz]")]
 Controller = Annotated[
-    str,
+    str | None,
     typer.Option(
-        help="pd (as the case ROBOT has it, else with nominal feedforward), or a YAML file in the form of the "
-        "controller: section of a case",
+        help="pd, pid, cascade or computed_torque, with gains that fit the arm, or a YAML file in the form of the "
+        "controller: section of a case; by default as the case ROBOT has it, else pd",
         metavar="KIND|FILE",
     ),
 ]
@@ -62,7 +62,7 @@ def record(
     recordings: Recordings = 4,
     duration: Duration = 10.0,
     rate: SampleRate = 250.0,
-    controller: Controller = "pd",
+    controller: Controller = None,
     read_back: ReadBack = False,
     noise: Noise = 0.01,
     encoder_noise: EncoderNoise = 0.0,

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from gapscope.arm.case import Case
+from gapscope.arm.control.laws import LAWS
 from gapscope.arm.controller import Controller
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.controller_file import read_controller
@@ -29,8 +30,6 @@ from gapscope.outputs.folder import make_folder
 
 ENDINGS = ("csv", "parquet", "npz")
 """Formats of the recordings."""
-CONTROLLERS = ("pd",)
-"""Controllers that the simulated arm may be under."""
 TRUTH = "truth.yaml"
 """File with the effects of a recorded case."""
 
@@ -41,7 +40,7 @@ def record_files(
     out: Path,
     plan: Plan,
     *,
-    controller: str = "pd",
+    controller: str | None = None,
     seed: int | None = None,
     ending: str = "csv",
     sealed: Path | None = None,
@@ -54,7 +53,8 @@ def record_files(
         effects: file of the form of ``corrected.yaml``, with setup faults as ``diagnosis.json`` has them.
         out: folder of the case; must not hold one already.
         plan: how to record.
-        controller: one of ``CONTROLLERS``, or a YAML file in the form of the ``controller:`` section of a case.
+        controller: a control law, with the gains of a case that has it or else gains that fit the arm; or a YAML file
+            in the form of the ``controller:`` section of a case; by default that of a case, else pd.
         seed: of motions and noise; by default another one each time. It is not written anywhere.
         ending: one of ``ENDINGS``.
         sealed: folder for the truth, outside the case; by default the truth lies in the case's folder.
@@ -71,7 +71,7 @@ def record_files(
     truth, faults = read_with_faults(effects)
     _check_places(effects, out, sealed)
     arm, known = read_arm_and_controller(robot)
-    known = _chosen_controller(controller, arm, known)
+    chosen = _chosen_controller(controller, arm, known)
     if sealed is not None:
         make_folder(sealed)
     rng = np.random.default_rng(seed)
@@ -82,7 +82,7 @@ def record_files(
             truth,
             plan,
             rng,
-            controller=known,
+            controller=chosen,
             progress=progress,
         )
         case = _with_faults(case, faults, rng)
@@ -132,17 +132,21 @@ def _check_places(effects: Path, out: Path, sealed: Path | None) -> None:
 
 
 def _chosen_controller(
-    controller: str, arm: NominalArm, known: Controller | None
-) -> Controller | None:
-    """The controller of a file, or the one known of a case; ``None`` for one that fits the arm."""
+    controller: str | None, arm: NominalArm, known: Controller | None
+) -> Controller | str:
+    """The controller of a file, or the one known of a case; a control law for gains that fit the arm."""
+    if controller is None:
+        return known or next(iter(LAWS))
     path = Path(controller)
     if path.suffix in (".yaml", ".yml") or path.is_file():
         return read_controller(path, arm.n_joints)
-    if controller not in CONTROLLERS:
+    if controller not in LAWS:
         raise InputError(
             f"unknown controller {controller!r}",
-            f"{nearest(controller, CONTROLLERS)}give {', '.join(CONTROLLERS)}, or the path of a YAML file in the form "
+            f"{nearest(controller, LAWS)}give {', '.join(LAWS)}, or the path of a YAML file in the form "
             "of the controller: section of a case",
             where="controller",
         )
-    return known
+    if known is not None and known.kind == controller:
+        return known
+    return controller

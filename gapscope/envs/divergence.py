@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from gapscope.arm.control.pd import PD
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
@@ -159,7 +160,8 @@ def stable(mass: np.ndarray, arm: NominalArm, gains: Gains, dt: float) -> bool:
     The loop is that of ``gapscope.envs.sampled_loop``, with the environment's velocity estimate; arguments as in
     ``longest_step``.
     """
-    loop = SampledLoop(gains, dt, estimate_gains(1.0 / dt))
+    law = PD(rate=1.0 / dt, kp=gains.kp, kd=gains.kd)
+    loop = SampledLoop(law, dt, estimate_gains(1.0 / dt))
     return loop.stable(mass, arm.viscous)
 
 

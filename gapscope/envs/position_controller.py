@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from scipy.optimize import brentq
 
-from gapscope.arm.controller import Controller
+from gapscope.arm.control.pd import PD
 from gapscope.arm.dynamics.plain_urdf import check_inertia
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
@@ -31,7 +29,7 @@ def position_controller(
     posture: np.ndarray,
     bandwidth: float = 4.0,
     along: np.ndarray | None = None,
-) -> Controller:
+) -> PD:
     """PD with nominal feedforward, kp = w^2 D and kd = 2 zeta w D with w = 2 pi bandwidth and zeta = 0.7.
 
     D is ``loop_inertia``: the joints' own inertia at the posture, less if the loop would come near instability.
@@ -48,7 +46,7 @@ def position_controller(
     inertia = loop_inertia(arm, posture, bandwidth, along)
     gains = pd_gains(inertia, bandwidth)
     kp, kd = (np.array([float(f"{x:.3g}") for x in gain]) for gain in gains)
-    return Controller(
+    return PD(
         rate=RATE,
         kp=kp,
         kd=kd,
@@ -122,14 +120,12 @@ def stiffest_mode(
         InputError: no inertia is stable at this bandwidth.
     """
     estimate = filter_gains(RATE, CUTOFF, FILTER_DAMPING)
-    unit = SampledLoop(
-        pd_gains(np.ones(1), bandwidth, damping), 1.0 / RATE, estimate, late
-    )
+    kp, kd = pd_gains(np.ones(1), bandwidth, damping)
 
     def growth(log_factor: float) -> float:
         factor = np.exp(log_factor)
-        gains = Gains(factor * unit.gains.kp, factor * unit.gains.kd)
-        loop = replace(unit, gains=gains)
+        law = PD(rate=RATE, kp=factor * kp, kd=factor * kd)
+        loop = SampledLoop(law, 1.0 / RATE, estimate, late)
         return loop.spectral_radius(np.eye(1), np.zeros(1)) - 1.0
 
     # gains over the inertia from next to nothing to far beyond what any loop bears

@@ -7,9 +7,8 @@ from functools import partial
 
 import numpy as np
 
+from gapscope.arm.control.control_loop import ControlLoop, SetPoints
 from gapscope.arm.controller import Controller
-from gapscope.arm.dynamics.feedforward import feedforward
-from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.rollout import steps_per_tick
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.trajectory import ReferenceMotion
@@ -45,10 +44,11 @@ def record(
 ) -> Recording:
     """Record a simulated arm; columns t, q, dq (filtered), tau (commanded), q_ref and dq_ref.
 
-    At each tick of the controller tau = feedforward + kp (q_ref - q) + kd (dq_ref - dq), clipped at the torque limit,
-    is computed from the quantised encoders and held until the next tick. Row i holds the encoders' positions at t[i]
+    At each tick of the controller its torque, clipped at the torque limit, is computed from the quantised encoders and
+    held until the next tick. Row i holds the encoders' positions at t[i]
     and the torque commanded at t[i]. A reference that starts at rest is held for ``settle`` seconds before t = 0, so
-    that the arm rests where its effects let it rest; one that starts in motion is met in motion.
+    that the arm rests where its effects let it rest; one that starts in motion is met in motion. An integrator starts
+    at zero.
 
     Args:
         arm: the nominal arm, which is also what the feedforward believes.
@@ -106,8 +106,8 @@ def record(
         q[rows],
         tau,
         dq=dq[rows],
-        q_ref=command.q[rows],
-        dq_ref=command.dq[rows],
+        q_ref=command.motion.q[rows],
+        dq_ref=command.motion.dq[rows],
     )
 
 
@@ -133,7 +133,7 @@ class _RanAwayError(Exception):
 
 
 class _Command:
-    """Reference and feedforward at every tick, those before t = 0 included; ``first`` is the tick of t = 0."""
+    """Set points ``motion`` at times ``t`` of every tick, also before t = 0; ``first`` is the tick of t = 0."""
 
     def __init__(
         self,
@@ -149,11 +149,9 @@ class _Command:
         self.t = ticks / controller.rate
         # before t = 0 the reference rests at its start
         held = np.maximum(self.t, 0.0)
-        self.q = reference.position(held)
-        self.dq = reference.velocity(held)
         ddq = np.where(ticks[:, None] < 0, 0.0, reference.acceleration(held))
-        self.torque = feedforward(
-            arm, RigidBody(arm), controller.feedforward, self.q, self.dq, ddq
+        self.motion = SetPoints.of(
+            arm, controller, reference.position(held), reference.velocity(held), ddq
         )
 
 
@@ -170,30 +168,26 @@ def _run(
     The last of the arms takes over from the first at time ``change`` [s].
     """
     simulated, last = arms[0], arms[-1]
-    torque_limit = simulated.arm.torque_limit
-    limit = np.inf if torque_limit is None else torque_limit
-    q, dq, tau = (np.empty_like(command.q) for _ in range(3))
+    motion, control = command.motion, ControlLoop(controller, simulated.arm)
+    q, dq, tau = (np.empty_like(motion.q) for _ in range(3))
     filtered = VelocityFilter(
         controller.rate,
         controller.velocity_cutoff,
         controller.velocity_damping,
-        command.q[0],
-        command.dq[0],
+        motion.q[0],
+        motion.dq[0],
     )
-    simulated.start(command.q[0], command.dq[0], command.t[0])
+    simulated.start(motion.q[0], motion.dq[0], command.t[0])
     for i, t in enumerate(command.t):
         if simulated is not last and t >= change:
             last.reset(simulated.q, simulated.dq, t)
             simulated = last
         q[i] = simulated.encoders()
         dq[i] = filtered(q[i])
-        error = command.q[i] - q[i]
-        rate = command.dq[i] - dq[i]
-        pd = controller.kp * error + controller.kd * rate
-        tau[i] = np.clip(command.torque[i] + pd, -limit, limit)
+        tau[i] = control(motion.at(i), q[i], dq[i])
         simulated.step(tau[i], steps)
         if diverged(simulated.dq):
-            recent = command.q[max(0, i - RECENT_TICKS) : i + 1]
+            recent = motion.q[max(0, i - RECENT_TICKS) : i + 1]
             raise _RanAwayError(float(t), simulated.dq.copy(), recent[::-POSTURE_TICKS])
         if read_back:
             tau[i] = simulated.applied

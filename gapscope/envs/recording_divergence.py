@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from gapscope.arm.controller import Controller
@@ -13,7 +15,6 @@ from gapscope.effects.actuation import DELAY
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.rigid_body import ARMATURE
-from gapscope.envs.actions import Gains
 from gapscope.envs.divergence import fastest, largest_stable
 from gapscope.envs.sampled_loop import SampledLoop
 
@@ -40,14 +41,15 @@ def diverged_recording(
         time: since the start of the recording [s].
     """
     joint = fastest(speed)
-    gains = Gains(controller.kp, controller.kd)
     estimate = filter_gains(
         controller.rate, controller.velocity_cutoff, controller.velocity_damping
     )
-    loop = SampledLoop(gains, 1.0 / controller.rate, estimate)
+    loop = SampledLoop(controller, 1.0 / controller.rate, estimate)
     share = _stable_share(loop, CorrectedArm(arm), postures)
     if share < 1.0:
-        causes = [f"the controller's gains are too large for this arm: {_lower(share)}"]
+        causes = [
+            f"the controller's gains are too large for this arm: {_lower(controller, share)}"
+        ]
     elif effects:
         causes = [_effects_at_work(loop, CorrectedArm(arm, effects), postures)]
     else:
@@ -70,12 +72,10 @@ def _effects_at_work(
     """What the effects do to a loop that is stable without them."""
     names = ", ".join(dict.fromkeys(effect.name for effect in true.effects))
     delay = float(np.max(true.value(DELAY.name, "delay")))
-    late = SampledLoop(loop.gains, loop.dt, loop.estimate, round(delay / loop.dt))
+    late = replace(loop, late=round(delay / loop.dt))
     share = _stable_share(late, true, postures)
     if share < 1.0:
-        return (
-            f"{names} makes a stable loop unstable: milder effects, or {_lower(share)}"
-        )
+        return f"{names} makes a stable loop unstable: milder effects, or {_lower(loop.controller, share)}"
     return f"the loop is stable without {names}: milder effects, or lower gains of the controller"
 
 
@@ -85,19 +85,24 @@ def _stable_share(loop: SampledLoop, arm: CorrectedArm, postures: np.ndarray) ->
     body = arm.body(RigidBody(nominal))
     rotors = nominal.armature + arm.value(ARMATURE.name, "inertia")
     masses = [body.mass_matrix(q) + np.diag(rotors) for q in postures]
+    believed_body, own = RigidBody(nominal), np.diag(nominal.armature)
+    believed = [believed_body.mass_matrix(q) + own for q in postures]
 
     def stable(share: float) -> bool:
         slower = loop.times(share)
-        return all(slower.stable(mass, nominal.viscous) for mass in masses)
+        pairs = zip(masses, believed, strict=True)
+        return all(
+            slower.stable(m, nominal.viscous, nominal_m) for m, nominal_m in pairs
+        )
 
     return 1.0 if stable(1.0) else largest_stable(stable, 1.0)
 
 
-def _lower(share: float) -> str:
+def _lower(controller: Controller, share: float) -> str:
     """How much lower the gains must be."""
+    names = [gain.name for gain in controller.gains]
     if share == 0.0:
-        return "no lower gains of this ratio are stable; check kp, kd, rate and velocity_filter"
+        return f"no lower gains of this ratio are stable; check {', '.join(names)}, rate and velocity_filter"
     share *= SAFE
-    return (
-        f"multiply kp by {share**2:.2g} and kd by {share:.2g}, half the stability limit"
-    )
+    factors = [f"{gain.name} by {share**gain.order:.2g}" for gain in controller.gains]
+    return f"multiply {' and '.join(factors)}, half the stability limit"

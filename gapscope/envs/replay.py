@@ -14,8 +14,8 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
+from gapscope.arm.control.control_loop import ControlLoop, SetPoints
 from gapscope.arm.controller import Controller
-from gapscope.arm.dynamics.feedforward import feedforward
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.rollout import (
     LONGEST_STEP,
@@ -127,34 +127,23 @@ def _stretches(recording: Recording) -> list[slice]:
     return [slice(a, b) for a, b in spans if b - a >= 4]
 
 
-class _ReplayCommands:
-    """Reference and feedforward at every tick of a stretch, K ticks: t (K,), q, dq, acceleration, torque (K, n)."""
-
-    def __init__(
-        self, arm: NominalArm, recording: Recording, rows: slice, controller: Controller
-    ) -> None:
-        assert recording.q_ref is not None
-        t, q_ref = recording.t[rows], recording.q_ref[rows]
-        ticks = int((t[-1] - t[0]) * controller.rate + 1e-6) + 2
-        self.t = t[0] + np.arange(ticks) / controller.rate
-        held = np.minimum(self.t, t[-1])
-        dq_ref = (
-            make_interp_spline(t, q_ref, k=3)(t, 1)
-            if recording.dq_ref is None
-            else recording.dq_ref[rows]
-        )
-        velocity = make_interp_spline(t, dq_ref, k=3)
-        self.q = CubicHermiteSpline(t, q_ref, dq_ref)(held)
-        self.dq = velocity(held)
-        self.acceleration = acceleration = velocity(held, 1)
-        self.torque = feedforward(
-            arm,
-            RigidBody(arm),
-            controller.feedforward,
-            self.q,
-            self.dq,
-            acceleration,
-        )
+def _commands(
+    arm: NominalArm, recording: Recording, rows: slice, controller: Controller
+) -> tuple[np.ndarray, SetPoints]:
+    """Time of every tick of a stretch [s], (K,), and what the controller was to follow there."""
+    assert recording.q_ref is not None
+    t, q_ref = recording.t[rows], recording.q_ref[rows]
+    count = int((t[-1] - t[0]) * controller.rate + 1e-6) + 2
+    ticks = t[0] + np.arange(count) / controller.rate
+    held = np.minimum(ticks, t[-1])
+    dq_ref = (
+        make_interp_spline(t, q_ref, k=3)(t, 1)
+        if recording.dq_ref is None
+        else recording.dq_ref[rows]
+    )
+    velocity = make_interp_spline(t, dq_ref, k=3)
+    q = CubicHermiteSpline(t, q_ref, dq_ref)(held)
+    return ticks, SetPoints.of(arm, controller, q, velocity(held), velocity(held, 1))
 
 
 def _simulated(
@@ -176,45 +165,56 @@ def _tracked(
     engine: str | None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions [rad] and commanded torques [N m] of a stretch under its controller, each (N, n)."""
-    arm = corrected.arm
-    command = _ReplayCommands(arm, recording, rows, controller)
-    start = recording.q[rows][0]
+    t = recording.t[rows]
+    ticks, commands = _commands(corrected.arm, recording, rows, controller)
+    reference = Motion(ticks, commands.q, commands.dq, commands.ddq)
+    start, first = recording.q[rows][0], commands.at(0)
+    recorded = None if recording.dq is None else recording.dq[rows][0]
     velocity = VelocityFilter(
         controller.rate,
         controller.velocity_cutoff,
         controller.velocity_damping,
         start,
-        command.dq[0],
+        first.dq,
         rule_of(recording, controller),
-        None if recording.dq is None else recording.dq[rows][0],
+        recorded,
     )
-    limit = np.full(arm.n_joints, np.inf)
-    if arm.torque_limit is not None:
-        limit = arm.torque_limit
-    q, tau = np.empty_like(command.q), np.empty_like(command.q)
+    control = ControlLoop(controller, corrected.arm)
+    if controller.integrator is not None:
+        speed = first.dq if recorded is None else recorded
+        torque = _torque_at_start(corrected, recording, rows, reference)
+        control.start_with(torque, first, start, speed)
+    q, tau = np.empty_like(commands.q), np.empty_like(commands.q)
     steps = steps_per_tick(controller)
     dt = 1.0 / (controller.rate * steps)
     network = None
     if corrected.residual is not None:
-        reference = Motion(command.t, command.q, command.dq, command.acceleration)
         network = NetworkTorque(corrected, reference, 1, recording.payload)
     with _simulated(corrected, recording, dt, engine) as simulated:
-        simulated.start(start, command.dq[0], command.t[0])
-        for i, time in enumerate(command.t):
+        simulated.start(start, first.dq, ticks[0])
+        for i, time in enumerate(ticks):
             q[i] = now = simulated.encoders()
-            wanted = command.torque[i] + controller.kp * (command.q[i] - now)
             speed = velocity(now)
-            wanted += controller.kd * (command.dq[i] - speed)
-            tau[i] = applied = np.minimum(np.maximum(wanted, -limit), limit)
+            tau[i] = applied = control(commands.at(i), now, speed)
             if network is not None:
                 network.see(i, now, speed)
                 applied = applied - network.torque(i)
             simulated.step(applied, steps)
             _check(simulated, time, CHECK_CONTROLLER)
     # a row holds the torque of the last tick before it
-    t = recording.t[rows]
     tick = ((t - t[0]) * controller.rate + 1e-6).astype(int)
-    return _between(command.t, q, t), tau[tick]
+    return _between(ticks, q, t), tau[tick]
+
+
+def _torque_at_start(
+    corrected: CorrectedArm, recording: Recording, rows: slice, reference: Motion
+) -> np.ndarray:
+    """Torque with which a stretch begins [N m], (n,): as recorded, else what the arm needs for its reference."""
+    if recording.tau is not None:
+        return recording.tau[rows][0]
+    body = RigidBody(corrected.arm).carrying(recording.payload)
+    without_network = replace(corrected, residual=None)
+    return without_network.predict(body, reference)[0]
 
 
 def _driven(

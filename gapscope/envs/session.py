@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from gapscope.arm.case import SHORTEST, Case
+from gapscope.arm.control.laws import like_pd
 from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
@@ -24,6 +25,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Path as TorquePath
+from gapscope.envs.actions import DAMPING
 from gapscope.envs.arguments import positive, whole
 from gapscope.envs.engines import check_engine, default_engine
 from gapscope.envs.position_controller import position_controller
@@ -88,7 +90,7 @@ def record_case(
     plan: Plan,
     rng: np.random.Generator,
     *,
-    controller: Controller | None = None,
+    controller: Controller | str = "pd",
     progress: Callable[[str], None] = lambda message: None,
 ) -> Case:
     """Record a simulated arm with effects; the case contains the nominal arm and the controller, not the effects.
@@ -99,7 +101,7 @@ def record_case(
         effects: what the simulated arm has beyond it.
         plan: how to record.
         rng: source of motions and noise.
-        controller: by default a PD controller with nominal feedforward that fits the arm and its motions.
+        controller: or a control law, for gains that fit the arm and its motions; feedforward is nominal.
         progress: called with a few words before each recording.
 
     Raises:
@@ -109,9 +111,10 @@ def record_case(
     CorrectedArm(arm, effects).check()
     space = workspace(RigidBody(arm))
     motions = _motions(arm, plan, rng, space)
-    if controller is None:
+    if isinstance(controller, str):
         along = np.vstack([_postures(motion, plan.duration) for motion in motions])
-        controller = position_controller(arm, space.posture, along=along)
+        pd = position_controller(arm, space.posture, along=along)
+        controller = like_pd(pd, controller, DAMPING)
     recordings = []
     for i, motion in enumerate(motions):
         progress(f"records {i + 1} of {plan.recordings}")

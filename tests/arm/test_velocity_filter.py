@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gapscope.arm.controller import Controller
+from gapscope.arm.control.pd import PD
 from gapscope.arm.recording import Recording
 from gapscope.arm.velocity_filter import RULES, VelocityFilter, rule_of, stable
 
@@ -28,7 +28,11 @@ def test_rule_is_recognised_where_another_would_be_unstable(rule: str) -> None:
     q = 0.5 * np.sin(2 * np.pi * 1.5 * t)[:, None]
     filtered = VelocityFilter(rate, 80.0, 0.9, q[0], np.array([np.pi * 1.5]), rule=rule)
     dq = np.array([filtered(row) for row in q])
-    controller = Controller(
-        rate, np.ones(1), np.ones(1), velocity_cutoff=80.0, velocity_damping=0.9
+    controller = PD(
+        rate=rate,
+        kp=np.ones(1),
+        kd=np.ones(1),
+        velocity_cutoff=80.0,
+        velocity_damping=0.9,
     )
     assert rule_of(Recording("log", t, q, dq=dq), controller) == rule

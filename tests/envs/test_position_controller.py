@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from gapscope.arm.control.pd import PD
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.arm.velocity_filter import VelocityFilter, filter_gains
-from gapscope.envs.actions import Gains
 from gapscope.envs.mystery_arm import POSTURE
 from gapscope.envs.position_controller import (
     CUTOFF,
@@ -57,8 +57,8 @@ def test_a_loop_of_several_joints_is_as_stable_as_its_stiffest_mode() -> None:
     estimate = filter_gains(RATE, CUTOFF, FILTER_DAMPING)
 
     def radius(mass: np.ndarray, inertia: np.ndarray) -> float:
-        gains = Gains(4e3 * inertia, 120.0 * inertia)
-        loop = SampledLoop(gains, 1 / RATE, estimate, late=2)
+        law = PD(rate=RATE, kp=4e3 * inertia, kd=120.0 * inertia)
+        loop = SampledLoop(law, 1 / RATE, estimate, late=2)
         return loop.spectral_radius(mass, np.zeros(len(mass)))
 
     modes = np.linalg.eigvals(np.linalg.solve(mass, np.diag(inertia))).real

@@ -9,7 +9,7 @@ import pytest
 from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
-from gapscope.arm.controller import Controller
+from gapscope.arm.control.pd import PD
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.motions.motion import Motion
@@ -409,7 +409,7 @@ def test_rate_must_divide_the_controllers(data_sheet_arm: NominalArm) -> None:
 
 def test_unstable_gains_are_reported(data_sheet_arm: NominalArm) -> None:
     arm = replace(data_sheet_arm, torque_limit=None)
-    controller = Controller(1000.0, kp=np.full(7, 1e7), kd=np.zeros(7))
+    controller = PD(rate=1000.0, kp=np.full(7, 1e7), kd=np.zeros(7))
     with pytest.raises(GapscopeError, match="diverged"):
         record(
             arm,

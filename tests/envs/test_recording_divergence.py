@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gapscope.arm.controller import Controller
+from gapscope.arm.control.pd import PD
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.motions.trajectory import Fourier
 from gapscope.arm.nominal import NominalArm
@@ -21,8 +21,8 @@ def _recorded(
     arm: NominalArm, *effects: AppliedEffect, kp: float = KP, kd: float = KD
 ) -> None:
     motion = Fourier(np.zeros(1), np.full((1, 1), 0.3), np.zeros((1, 1)), 0.5, 3.0, 1.0)
-    controller = Controller(
-        1000.0, np.array([kp]), np.array([kd]), velocity_cutoff=80.0
+    controller = PD(
+        rate=1000.0, kp=np.array([kp]), kd=np.array([kd]), velocity_cutoff=80.0
     )
     rng = np.random.default_rng(0)
     # a step of the encoders sets off what is unstable

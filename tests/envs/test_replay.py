@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from gapscope.arm.case import load_case
+from gapscope.arm.control.pd import PD
 from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
@@ -148,9 +149,7 @@ def test_an_arm_that_runs_away_is_reported(
 ) -> None:
     arm = replace(data_sheet_arm, torque_limit=None)
     with pytest.raises(GapscopeError, match="diverged"):
-        replay(
-            arm, (), recording, Controller(1000.0, kp=np.full(7, 1e7), kd=np.zeros(7))
-        )
+        replay(arm, (), recording, PD(rate=1000.0, kp=np.full(7, 1e7), kd=np.zeros(7)))
 
 
 @pytest.mark.parametrize("rule", sorted(RULES))

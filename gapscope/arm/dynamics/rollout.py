@@ -1,4 +1,4 @@
-"""A closed loop rolled out by pinocchio, without an engine: for output error, filters and hypotheses.
+"""A PD loop rolled out by pinocchio, without an engine: for output error, filters and hypotheses.
 
 The arm obeys M(q) a + C(q, v) v + g(q) + I a + b v + c tanh(v / v0) = u + o. One step of h drifts by half a step,
 solves for the acceleration there, and drifts on:
@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gapscope.arm.control.pd import PD
 from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.forward_dynamics import ForwardDynamics
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -180,7 +181,7 @@ def steps_per_tick(controller: Controller) -> int:
 def roll_out(
     body: RigidBody,
     plant: Plant,
-    controller: Controller,
+    controller: PD,
     commands: Commands,
     limit: np.ndarray | None = None,
     start: tuple[np.ndarray, np.ndarray] | None = None,
@@ -202,7 +203,7 @@ def roll_out(
 def roll_outs(
     body: RigidBody,
     plant: Plant,
-    controller: Controller,
+    controller: PD,
     commands: Sequence[Commands],
     limit: np.ndarray | None = None,
     starts: Sequence[tuple[np.ndarray, np.ndarray]] | None = None,

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
-from gapscope.arm.controller import Controller
+from gapscope.arm.control.pd import PD
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.rollout import (
     LONGEST_STEP,
@@ -32,7 +32,7 @@ from gapscope.arm.nominal import FRICTION_SMOOTHING
 from gapscope.arm.velocity_filter import VelocityFilter
 
 
-def ticks_per_step(controller: Controller) -> int:
+def ticks_per_step(controller: PD) -> int:
     """Ticks of the controller that one step of the derivative spans."""
     return max(1, int(controller.rate * LONGEST_STEP + 1e-9))
 
@@ -40,7 +40,7 @@ def ticks_per_step(controller: Controller) -> int:
 def sensitivity(
     body: RigidBody,
     plant: Plant,
-    controller: Controller,
+    controller: PD,
     rolled: Sequence[RollOut],
     directions: np.ndarray,
     limit: np.ndarray | None = None,

@@ -14,10 +14,10 @@ import numpy as np
 import yaml
 
 from gapscope.arm.case import Case
-from gapscope.arm.controller import Controller
 from gapscope.arm.coupling import coupling_entries
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.controller_file import controller_section
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import CHANNELS, Recording
 
@@ -161,7 +161,7 @@ def _fill(case: Case, folder: Path, ending: str) -> None:
     if case.arm.locked:
         content["locked"] = dict(case.arm.locked)
     if case.controller is not None:
-        content["controller"] = _controller(case.controller)
+        content["controller"] = controller_section(case.controller)
     content["recordings"] = names[: len(case.recordings)]
     if case.judged:
         content["judge"] = names[len(case.recordings) :]
@@ -205,20 +205,3 @@ def _sheet(arm: NominalArm) -> dict[str, Any]:
     if arm.coupled_motors and arm.coupling is not None:
         sheet["coupling"] = coupling_entries(arm.coupling)
     return sheet
-
-
-def _controller(controller: Controller) -> dict[str, Any]:
-    """The ``controller:`` section."""
-    section: dict[str, Any] = {
-        "kind": "pd",
-        "rate": controller.rate,
-        "kp": controller.kp.tolist(),
-        "kd": controller.kd.tolist(),
-        "feedforward": controller.feedforward,
-    }
-    if controller.velocity_cutoff is not None:
-        section["velocity_filter"] = {
-            "cutoff": controller.velocity_cutoff,
-            "damping": controller.velocity_damping,
-        }
-    return section

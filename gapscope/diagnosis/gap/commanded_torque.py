@@ -1,10 +1,8 @@
 """The torque of recordings that have none: what their known controller must have commanded.
 
-With references and encoders recorded and the controller known, its law gives the torque back,
-
-    tau = feedforward(q_ref, dq_ref, ddq_ref) + kp (q_ref - q) + kd (dq_ref - dq),    clipped at the torque limit,
-
-so that a motion which differs from the simulated one, the replay gap, becomes a torque gap that effects can explain.
+With references and encoders recorded and the controller known, its law gives the torque back, so that a motion which
+differs from the simulated one, the replay gap, becomes a torque gap that effects can explain. What an integrator held
+when a recording began is not recorded: it is estimated (``integrator_start``).
 """
 
 from __future__ import annotations
@@ -12,15 +10,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
 from gapscope.arm.case import Case
+from gapscope.arm.control.control_loop import ControlLoop, SetPoints
 from gapscope.arm.controller import Controller
-from gapscope.arm.dynamics.feedforward import feedforward
-from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.velocity_filter import VelocityFilter
+from gapscope.diagnosis.gap.integrator_start import integrator_starts
 from gapscope.effects.applied import AppliedEffect
 from gapscope.ident.signals.conditioning import pieces
 
@@ -32,6 +30,11 @@ WARNING = (
 UNSURE = (
     "no velocity was recorded either: how the controller discretises its velocity filter cannot be told from armature "
     "of kd / (2 rate), and of the two the former is assumed"
+)
+
+STARTED = (
+    "what the controller's integrator held at the start of each recording is not recorded: it was estimated, so that "
+    "constant torques of a joint, as of torque_offset, cannot be found"
 )
 
 
@@ -48,8 +51,12 @@ def with_commanded_torque(case: Case) -> Case:
         or any(recording.tau is not None for recording in every)
     ):
         return case
-    warnings = (*case.warnings, WARNING, *([UNSURE] if _unsure(case) else []))
-    return replace(_filled(case, "bilinear"), warnings=warnings)
+    warnings = [*case.warnings, WARNING]
+    if _unsure(case):
+        warnings.append(UNSURE)
+    if case.controller.integrates:
+        warnings.append(STARTED)
+    return replace(_filled(case, "bilinear"), warnings=tuple(warnings))
 
 
 def with_likelier_rule(case: Case, effects: tuple[AppliedEffect, ...]) -> Case | None:
@@ -68,6 +75,7 @@ def with_likelier_rule(case: Case, effects: tuple[AppliedEffect, ...]) -> Case |
         or not _unsure(case)
         or not found
         or case.controller is None
+        or case.controller.velocity_gain is None
     ):
         return None
     joints = np.array(found[0].joints) - 1
@@ -75,7 +83,7 @@ def with_likelier_rule(case: Case, effects: tuple[AppliedEffect, ...]) -> Case |
         found[0].parameters["inertia"]
         * 2
         * case.controller.rate
-        / case.controller.kd[joints]
+        / case.controller.velocity_gain[joints]
     )
     shift = float(np.median(half_ticks))
     if not 0.5 < abs(shift) < 1.5:
@@ -97,13 +105,14 @@ def _unsure(case: Case) -> bool:
 
 def _filled(case: Case, rule: str) -> Case:
     """The case with the torque of the recordings that have a reference."""
+    controller = case.controller
+    assert controller is not None
 
     def filled(recording: Recording) -> Recording:
-        if recording.q_ref is None or case.controller is None:
+        if recording.q_ref is None:
             return recording
-        return replace(
-            recording, tau=commanded_torque(case.arm, case.controller, recording, rule)
-        )
+        torque = commanded_torque(case.arm, controller, recording, rule)
+        return replace(recording, tau=torque)
 
     recordings, judged = (
         tuple(map(filled, part)) for part in (case.recordings, case.judged)
@@ -127,40 +136,101 @@ def commanded_torque(
         recording: with ``q_ref``; its ``dq``, if recorded, is the velocity that the controller has.
         rule: of its velocity filter, one of ``gapscope.arm.velocity_filter.RULES``.
     """
-    assert recording.q_ref is not None
-    out, body, limit = np.zeros_like(recording.q), RigidBody(arm), arm.torque_limit
-    for span in pieces(recording):
-        t, first, back = np.unique(
-            recording.t[span], return_index=True, return_inverse=True
-        )
-        q, q_ref = recording.q[span][first], recording.q_ref[span][first]
-        dq_ref = (
-            make_interp_spline(t, q_ref, k=3)(t, 1)
-            if recording.dq_ref is None
-            else recording.dq_ref[span][first]
-        )
-        ddq_ref = make_interp_spline(t, dq_ref, k=3)(t, 1)
-        torque = feedforward(
-            arm, body, controller.feedforward, q_ref, dq_ref, ddq_ref
-        ) + controller.kp * (q_ref - q)
-        dq = (
-            recording.dq[span][first]
-            if recording.dq is not None
-            else _velocity(controller, t, q, dq_ref[0], rule)
-        )
-        out[span] = (torque + controller.kd * (dq_ref - dq))[back]
-    return out if limit is None else np.clip(out, -limit, limit)
+    spans = pieces(recording)
+    out = np.zeros_like(recording.q)
+    if not controller.integrates:
+        for span in spans:
+            out[span] = _stateless(arm, controller, recording.part(span), rule)
+        return out
+    stretches = [recording.part(span) for span in spans]
+    from_zero = [
+        _integrated(arm, controller, stretch, rule, np.zeros(arm.n_joints))
+        for stretch in stretches
+    ]
+    without = [
+        replace(stretch, tau=torque)
+        for stretch, torque in zip(stretches, from_zero, strict=True)
+    ]
+    starts = integrator_starts(arm, without)
+    for span, stretch, start in zip(spans, stretches, starts, strict=True):
+        out[span] = _integrated(arm, controller, stretch, rule, start)
+    return out
+
+
+def _stateless(
+    arm: NominalArm, controller: Controller, stretch: Recording, rule: str
+) -> np.ndarray:
+    """Torque that a law without memory commanded at the rows of a stretch without gaps [N m], (N, n)."""
+    t, rows, back = np.unique(stretch.t, return_index=True, return_inverse=True)
+    stretch = stretch.part(rows)
+    q_ref, dq_ref = _reference(stretch)
+    ddq_ref = make_interp_spline(t, dq_ref, k=3)(t, 1)
+    set_points = SetPoints.of(arm, controller, q_ref, dq_ref, ddq_ref)
+    dq = stretch.dq
+    if dq is None:
+        ticks = _ticks(controller, t)
+        q = make_interp_spline(t, stretch.q, k=3)(ticks)
+        velocity = _velocity(controller, q, dq_ref[0], rule)
+        dq = velocity[_tick_of(controller, t)]
+    return ControlLoop(controller, arm)(set_points, stretch.q, dq)[back]
+
+
+def _integrated(
+    arm: NominalArm,
+    controller: Controller,
+    stretch: Recording,
+    rule: str,
+    start: np.ndarray,
+) -> np.ndarray:
+    """Torque that a law with an integrator, which began with a torque (n,), commanded in a stretch [N m], (N, n)."""
+    t, rows, back = np.unique(stretch.t, return_index=True, return_inverse=True)
+    stretch = stretch.part(rows)
+    ticks = _ticks(controller, t)
+    q = make_interp_spline(t, stretch.q, k=3)(ticks)
+    q_ref, dq_ref = _reference(stretch)
+    velocity = make_interp_spline(t, dq_ref, k=3)
+    reference = CubicHermiteSpline(t, q_ref, dq_ref)(ticks)
+    set_points = SetPoints.of(
+        arm, controller, reference, velocity(ticks), velocity(ticks, 1)
+    )
+    dq = (
+        _velocity(controller, q, dq_ref[0], rule)
+        if stretch.dq is None
+        else make_interp_spline(t, stretch.dq, k=3)(ticks)
+    )
+    control = ControlLoop(controller, arm)
+    control.integral = start
+    torque = np.empty_like(q)
+    for i in range(len(ticks)):
+        torque[i] = control(set_points.at(i), q[i], dq[i])
+    return torque[_tick_of(controller, t)][back]
+
+
+def _reference(stretch: Recording) -> tuple[np.ndarray, np.ndarray]:
+    """Reference position [rad] and velocity [rad/s] at the rows of a stretch, (N, n) each."""
+    assert stretch.q_ref is not None
+    if stretch.dq_ref is not None:
+        return stretch.q_ref, stretch.dq_ref
+    return stretch.q_ref, make_interp_spline(stretch.t, stretch.q_ref, k=3)(
+        stretch.t, 1
+    )
+
+
+def _ticks(controller: Controller, t: np.ndarray) -> np.ndarray:
+    """Times of the controller's ticks from the first to the last of the rows' times [s], (K,)."""
+    count = int((t[-1] - t[0]) * controller.rate + 1e-6) + 1
+    return t[0] + np.arange(count) / controller.rate
+
+
+def _tick_of(controller: Controller, t: np.ndarray) -> np.ndarray:
+    """Number of the tick whose torque is held at each row's time, (N,)."""
+    return ((t - t[0]) * controller.rate + 1e-6).astype(int)
 
 
 def _velocity(
-    controller: Controller, t: np.ndarray, q: np.ndarray, start: np.ndarray, rule: str
+    controller: Controller, q: np.ndarray, start: np.ndarray, rule: str
 ) -> np.ndarray:
-    """Velocity that the controller makes of positions [rad/s], (N, n), at times t [s]; ``start``: before them."""
-    ticks = (
-        t[0]
-        + np.arange(int((t[-1] - t[0]) * controller.rate + 1e-6) + 1) / controller.rate
-    )
-    positions = make_interp_spline(t, q, k=3)(ticks)
+    """Velocity that the controller makes of positions at its ticks [rad/s], (K, n); ``start``: before them."""
     filtered = VelocityFilter(
         controller.rate,
         controller.velocity_cutoff,
@@ -169,7 +239,4 @@ def _velocity(
         start,
         rule,
     )
-    velocity = np.array([filtered(row) for row in positions])
-    return velocity[
-        np.minimum(((t - t[0]) * controller.rate + 1e-6).astype(int), len(ticks) - 1)
-    ]
+    return np.array([filtered(row) for row in q])

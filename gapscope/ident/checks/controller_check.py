@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from gapscope.arm.controller import Controller
+from gapscope.arm.control.pd import PD
 from gapscope.arm.dynamics.rollout import Commands
 from gapscope.arm.errors import InputError
 from gapscope.arm.recording import Recording
@@ -26,7 +26,7 @@ SEEN = 0.01
 
 def check_controller(
     recording: Recording,
-    controller: Controller,
+    controller: PD,
     commands: Commands,
     limit: np.ndarray | None = None,
 ) -> list[str]:
@@ -78,9 +78,7 @@ def check_controller(
     return [warning for warning in found if warning]
 
 
-def _velocity(
-    recording: Recording, controller: Controller, commands: Commands
-) -> np.ndarray:
+def _velocity(recording: Recording, controller: PD, commands: Commands) -> np.ndarray:
     """The controller's velocity at its ticks [rad/s], from recorded positions, shape (K, n)."""
     q = make_interp_spline(recording.t, recording.q, k=3)(
         np.minimum(commands.t, recording.t[-1])

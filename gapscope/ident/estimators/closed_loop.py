@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from gapscope.arm.case import Case
+from gapscope.arm.control.pd import PD
 from gapscope.arm.errors import InputError
 from gapscope.arm.recording import Recording
 from gapscope.ident.estimators.experiment import Experiment
@@ -35,6 +36,13 @@ def closed_loop(
             "describe it in controller:, or use an estimator that does not simulate",
             file=case.file,
             where="controller",
+        )
+    if not isinstance(case.controller, PD):
+        raise InputError(
+            f"an estimator that simulates knows the law pd, not {case.controller.kind}",
+            "use an estimator that does not simulate",
+            file=case.file,
+            where="controller.kind",
         )
     columns, band, law = samples.columns, samples.band, FrictionLaw()
     if columns.coupled:

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
-from gapscope.arm.controller import Controller
+from gapscope.arm.control.pd import PD
 from gapscope.arm.dynamics.array_cache import ArrayCache
 from gapscope.arm.dynamics.feedforward import feedforward
 from gapscope.arm.dynamics.rollout import Commands, Plant, RollOut, roll_outs
@@ -50,7 +50,7 @@ class Experiment:
 
     regressor: Regressor
     base: BaseParameters
-    controller: Controller
+    controller: PD
     recordings: Sequence[Recording]
     build: Callable[[Sequence[Recording]], Problem]
     prior: np.ndarray = None  # type: ignore[assignment]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gapscope.arm.controller import Controller
+from gapscope.arm.control.pd import PD
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.rollout import Commands, Plant, roll_out, roll_outs
 from gapscope.arm.dynamics.sensitivity import sensitivity, ticks_per_step
@@ -34,7 +34,7 @@ def plant_of(arm, armature=0.0, viscous=0.0, coulomb=0.0, offset=0.0):
 
 
 def pd(n, kp=0.0, kd=0.0, **other):
-    return Controller(1000.0, np.full(n, kp), np.full(n, kd), **other)
+    return PD(rate=1000.0, kp=np.full(n, kp), kd=np.full(n, kd), **other)
 
 
 def hold(duration, q):
@@ -177,7 +177,7 @@ def test_close_ticks_share_a_step_of_the_sensitivity(rod):
     t = np.arange(8001) / 4000
     q = 0.5 * np.sin(3 * t)[:, None]
     commands = Commands(t, q, 1.5 * np.cos(3 * t)[:, None], np.zeros_like(q))
-    controller = Controller(4000.0, np.full(1, 200.0), np.full(1, 20.0), **SOFT)
+    controller = PD(rate=4000.0, kp=np.full(1, 200.0), kd=np.full(1, 20.0), **SOFT)
     vector = np.concatenate(
         [RigidBody(rod).inertial_parameters(), [0.3, 2.0, 0.5, 0.1]]
     )

@@ -10,13 +10,13 @@ import synthetic
 from synthetic import Truth
 
 from gapscope.arm.case import Case
-from gapscope.arm.controller import Controller
+from gapscope.arm.control.pd import PD
 from gapscope.diagnosis.assessment.instrumental_values import commanded
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import validate
 
 ROTOR = Truth(armature=(0.0, 0.0, 0.5))
-CONTROLLER = Controller(
+CONTROLLER = PD(
     rate=500.0, kp=np.full(3, 100.0), kd=np.full(3, 10.0), feedforward="nominal"
 )
 

@@ -11,6 +11,7 @@ import pytest
 import synthetic
 
 from gapscope.arm.case import Case, load_case
+from gapscope.arm.control.laws import LAWS
 from gapscope.arm.errors import GapscopeError
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import validate
@@ -58,6 +59,29 @@ def test_it_is_the_torque_that_was_commanded(
         inner = slice(75, -75)
         error = np.sqrt(((torque - told.tau)[inner] ** 2).mean(axis=0))
         assert (error < close * told.tau.std(axis=0)).all()
+
+
+@pytest.mark.parametrize("kind", [kind for kind in LAWS if kind != "pd"])
+def test_other_laws_commanded_it_too(kind: str) -> None:
+    """An integrator that started before the recording costs little more than a constant of the estimate."""
+    plan = Plan(recordings=1, duration=6.0, noise=0.0)
+    payload = AppliedEffect("payload", (), {"mass": 1.5, "com": [0.0, 0.0, 0.1]})
+    made = record_case(
+        kind,
+        synthetic.arm(),
+        (COULOMB, payload),
+        plan,
+        np.random.default_rng(2),
+        controller=kind,
+    )
+    recording, controller = made.recordings[0], made.controller
+    assert controller is not None and controller.kind == kind
+    assert recording.tau is not None
+    torque = commanded_torque(made.arm, controller, replace(recording, tau=None))
+    error = (torque - recording.tau)[75:-75]
+    spread = recording.tau.std(axis=0)
+    assert (error.std(axis=0) < 2e-3 * spread).all()
+    assert (np.abs(error.mean(axis=0)) < 0.1 * spread).all()
 
 
 def test_it_is_clipped_at_the_limit() -> None:

@@ -1,0 +1,210 @@
+"""Control laws tick by tick, against steps worked out by hand, and as sections of a case."""
+
+from __future__ import annotations
+
+import json
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gapscope.arm.control.cascade import Cascade
+from gapscope.arm.control.computed_torque import ComputedTorque
+from gapscope.arm.control.control_loop import ControlLoop, SetPoints
+from gapscope.arm.control.integrator import ANTI_WINDUP, Integrator
+from gapscope.arm.control.laws import LAWS, like_pd
+from gapscope.arm.control.pd import PD
+from gapscope.arm.control.pid import PID
+from gapscope.arm.controller import Controller
+from gapscope.arm.errors import InputError
+from gapscope.arm.io.controller_file import (
+    COMMON,
+    controller_section,
+    parse_controller,
+)
+from gapscope.arm.nominal import NominalArm
+
+RATE = 10.0
+
+
+def pid(**bounds: Any) -> PID:
+    """kp 2, ki 5, kd 1 on both joints; the integrator gains 0.5 N m per tick of an error of 1 rad."""
+    two, five, one = (np.full(2, x) for x in (2.0, 5.0, 1.0))
+    return PID(rate=RATE, kp=two, ki=five, kd=one, integrator=Integrator(**bounds))
+
+
+def torques(
+    controller: Controller,
+    arm: NominalArm,
+    errors: list[float],
+    rate: float = 0.5,
+    limit: float | None = None,
+) -> list[float]:
+    """Torque of joint 1 at ticks with these errors [rad] and an error of the velocity [rad/s]."""
+    limited = NominalArm(
+        arm.name,
+        arm.urdf,
+        arm.joints,
+        torque_limit=None if limit is None else np.full(2, limit),
+    )
+    loop = ControlLoop(controller, limited)
+    nothing = np.zeros(2)
+    return [
+        float(
+            loop(
+                SetPoints(np.full(2, error), np.full(2, rate), nothing, nothing),
+                nothing,
+                nothing,
+            )[0]
+        )
+        for error in errors
+    ]
+
+
+def test_pid_three_ticks(arm: NominalArm) -> None:
+    """2 * 1 + 1 * 0.5 + z with z = 0, 0.5, 1."""
+    assert torques(pid(), arm, [1, 1, 1]) == pytest.approx([2.5, 3.0, 3.5])
+
+
+@pytest.mark.parametrize(
+    ("bounds", "fourth"),
+    [
+        # z = 0, 0.5, stays 0.5 at the limit; the fourth tick: -2 + 0.5 + 0.5
+        ({"anti_windup": "clamping"}, -1.0),
+        # z after: 0.5; 0.5 + 0.1 (5 - 0.2 / 0.2) = 0.9; 0.9 + 0.1 (5 - 0.6 / 0.2) = 1.1
+        ({"anti_windup": "back_calculation", "tracking_time": 0.2}, -0.4),
+        # z = 1.5
+        ({"anti_windup": "none"}, 0.0),
+        # z = 0.7 of its own limit
+        ({"anti_windup": "none", "limit": np.full(2, 0.7)}, -0.8),
+    ],
+    ids=["clamping", "back_calculation", "none", "limit"],
+)
+def test_integrator_at_the_torque_limit(
+    arm: NominalArm, bounds: dict[str, Any], fourth: float
+) -> None:
+    """Three ticks want 2.5, then 2.5 + z with z > 0.3: the limit of 2.8 N m cuts the second and third."""
+    got = torques(pid(**bounds), arm, [1, 1, 1, -1], limit=2.8)
+    assert got == pytest.approx([2.5, 2.8, 2.8, fourth])
+
+
+def test_a_clamped_integrator_unwinds(arm: NominalArm) -> None:
+    """At the limit an error of the other sign still counts: -2 + 0.5 + z, z = 0 after 0.5 - 0.5."""
+    got = torques(pid(), arm, [1, 1, -1, -1], limit=2.8)
+    assert got == pytest.approx([2.5, 2.8, -1.0, -1.5])
+
+
+def test_cascade_three_ticks(arm: NominalArm) -> None:
+    """Velocity set 4 * 0.5 + 0.5 = 2.5 rad/s; torque 1 * 2.5 + z, z = 0, 0.1 * 2 * 2.5 = 0.5, 1."""
+    gains = {name: np.full(2, x) for name, x in (("kp", 4.0), ("kv", 1.0), ("ki", 2.0))}
+    got = torques(Cascade(rate=RATE, **gains), arm, [0.5, 0.5, 0.5])
+    assert got == pytest.approx([2.5, 3.0, 3.5])
+
+
+def test_computed_torque_of_the_elbow(arm: NominalArm) -> None:
+    """Shoulder still and upright: 0.14 kg m^2 times the acceleration, gravity of 1 kg at 0.2 m, friction 0.1 dq_ref."""
+    law = ComputedTorque(rate=RATE, kp=np.full(2, 9.0), kd=np.full(2, 6.0))
+    q, dq = np.array([0.0, 0.3]), np.array([0.0, 0.0])
+    set_points = SetPoints(
+        np.array([0.0, 0.5]), np.array([0.0, 0.2]), np.array([0.0, 1.0]), np.zeros(2)
+    )
+    acceleration = 1.0 + 9.0 * 0.2 + 6.0 * 0.2
+    expected = 0.14 * acceleration - 9.81 * 0.2 * np.sin(0.3) + 0.1 * 0.2
+    assert ControlLoop(law, arm)(set_points, q, dq)[1] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("kind", ["pid", "cascade"])
+def test_without_an_integrator_a_law_is_pd(kind: str, arm: NominalArm) -> None:
+    rng = np.random.default_rng(0)
+    pd = PD(rate=RATE, kp=rng.uniform(1, 9, 2), kd=rng.uniform(1, 3, 2))
+    law = like_pd(pd, kind, 0.7)
+    law = type(law)(**{**vars(law), "ki": np.zeros(2)})
+    errors = rng.standard_normal(5).tolist()
+    assert torques(law, arm, errors) == pytest.approx(torques(pd, arm, errors))
+
+
+def test_an_integrator_starts_with_a_torque(arm: NominalArm) -> None:
+    """As a replay does, which begins in the middle of a motion."""
+    loop = ControlLoop(pid(), arm)
+    ones, zeros = np.ones(2), np.zeros(2)
+    set_points = SetPoints(ones, zeros, zeros, 0.5 * ones)
+    loop.start_with(np.array([7.0, -1.0]), set_points, zeros, zeros)
+    assert loop(set_points, zeros, zeros) == pytest.approx([7.0, -1.0])
+
+
+def laws() -> list[Controller]:
+    """One controller of each law, with all that it may have."""
+    pd = PD(
+        rate=500.0,
+        kp=np.array([40.0, 9.0]),
+        kd=np.array([4.0, 1.0]),
+        feedforward="gravity",
+        velocity_cutoff=60.0,
+    )
+    return [like_pd(pd, kind, 0.7) for kind in LAWS] + [
+        pid(limit=np.ones(2), anti_windup="back_calculation", tracking_time=0.1)
+    ]
+
+
+@pytest.mark.parametrize("law", laws(), ids=lambda law: law.kind)
+def test_a_section_is_read_as_it_was_written(law: Controller) -> None:
+    section = json.loads(json.dumps(controller_section(law)))
+    again = parse_controller(section, 2, Path("case.yaml"))
+    assert again is not None and controller_section(again) == section
+    assert type(again) is type(law)
+
+
+def test_the_schema_knows_the_laws_and_their_gains() -> None:
+    text = files("gapscope.arm.io").joinpath("case.schema.json").read_text("utf-8")
+    section = json.loads(text)["properties"]["controller"]["properties"]
+    gains = {gain.name for law in LAWS.values() for gain in law.gains}
+    assert section["kind"]["enum"] == list(LAWS)
+    assert set(section) == {*COMMON, *gains, "integrator"}
+    assert section["integrator"]["properties"]["anti_windup"]["enum"] == list(
+        ANTI_WINDUP
+    )
+    for law in LAWS.values():
+        for gain in law.gains:
+            assert gain.unit in section[gain.name]["description"], (law.kind, gain)
+
+
+PD_KEYS: dict[str, Any] = {"rate": 100, "kp": [1, 1], "kd": [1, 1]}
+
+
+@pytest.mark.parametrize(
+    ("section", "message"),
+    [
+        ({**PD_KEYS, "kind": "pid"}, "controller: lacks the key 'ki', which pid needs"),
+        (
+            {**PD_KEYS, "ki": [1, 1]},
+            "controller.ki: is no key of the law pd",
+        ),
+        (
+            {**PD_KEYS, "integrator": {"anti_windup": "none"}},
+            "controller.integrator: is no key of the law pd",
+        ),
+        (
+            {**PD_KEYS, "kind": "computed_torque", "feedforward": "nominal"},
+            "controller.feedforward: computed torque contains",
+        ),
+        (
+            {
+                **PD_KEYS,
+                "kind": "pid",
+                "ki": [1, 1],
+                "integrator": {"anti_windup": "back_calculation"},
+            },
+            "give tracking_time in s",
+        ),
+        (
+            {**PD_KEYS, "kind": "pid", "ki": [1, 1], "integrator": {"limit": [1]}},
+            "controller.integrator.limit: expected 2 numbers",
+        ),
+    ],
+)
+def test_a_section_at_fault_is_refused(section: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        parse_controller(section, 2, Path("case.yaml"))
+    assert message in str(caught.value)

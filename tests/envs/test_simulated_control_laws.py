@@ -1,0 +1,99 @@
+"""Every control law recorded, replayed, and with the stability that its modes have."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gapscope.arm.control.control_loop import ControlLoop, SetPoints
+from gapscope.arm.control.laws import LAWS, like_pd
+from gapscope.arm.control.pd import PD
+from gapscope.arm.controller import Controller
+from gapscope.arm.errors import GapscopeError
+from gapscope.arm.motions.trajectory import Fourier
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.velocity_filter import VelocityFilter, filter_gains
+from gapscope.effects.applied import AppliedEffect
+from gapscope.envs.recorder import record
+from gapscope.envs.replay import replay
+from gapscope.envs.sampled_loop import SampledLoop
+
+INERTIA = 0.55
+"""Of the pendulum [kg m^2]."""
+MOTION = Fourier(np.zeros(1), np.full((1, 1), 0.3), np.zeros((1, 1)), 0.5, 3.0, 1.0)
+PAYLOAD = AppliedEffect("payload", (), {"mass": 0.5, "com": [0.5, 0.0, 0.0]})
+
+
+def law(kind: str, bandwidth: float = 4.0) -> Controller:
+    """A controller of the pendulum with nominal feedforward, but for computed torque, which needs none."""
+    w = 2 * np.pi * bandwidth
+    kp, kd = np.array([w**2 * INERTIA]), np.array([1.4 * w * INERTIA])
+    pd = PD(rate=1000.0, kp=kp, kd=kd, feedforward="nominal", velocity_cutoff=80.0)
+    return like_pd(pd, kind, 0.7)
+
+
+@pytest.mark.parametrize("with_torque", [True, False], ids=["tau", "no tau"])
+@pytest.mark.parametrize("kind", LAWS)
+def test_a_replay_with_the_effect_closes_the_gap(
+    kind: str, with_torque: bool, pendulum
+) -> None:
+    """The start of an integrator is that of the recorded torque, or of the torque that the arm needs."""
+    arm, controller = pendulum(viscous=0.5, armature=0.1), law(kind)
+    rng = np.random.default_rng(0)
+    recording = record(arm, (PAYLOAD,), MOTION, controller, duration=3.0, rng=rng)
+    if not with_torque:
+        recording = replace(recording, tau=None)
+    before = replay(arm, (), recording, controller).rmse[0]
+    after = replay(arm, (PAYLOAD,), recording, controller).rmse[0]
+    assert before > 5e-4
+    assert after < 0.05 * before
+
+
+def _speed_left(controller: Controller, weightless: NominalArm) -> float:
+    """Speed of a pushed joint of the pendulum's inertia, without gravity, after 4 s [rad/s]."""
+    control = ControlLoop(controller, weightless)
+    filtered = VelocityFilter(
+        controller.rate, controller.velocity_cutoff, 0.9, np.zeros(1), np.zeros(1)
+    )
+    rest = SetPoints(*np.zeros((4, 1)))
+    q, dq, dt = np.zeros(1), np.full(1, 1e-3), 1 / controller.rate
+    for _ in range(4000):
+        dq = dq + dt * control(rest, q, filtered(q)) / INERTIA
+        q = q + dt * dq
+    return float(np.abs(dq[0]))
+
+
+@pytest.mark.parametrize("kind", LAWS)
+def test_modes_say_which_bandwidth_is_stable(kind: str, pendulum) -> None:
+    """Stepped in time: a pushed joint comes to rest a little below the limit of the modes, and not a little above."""
+    weightless = replace(pendulum(), gravity=np.zeros(3))
+    controller = law(kind)
+    loop = SampledLoop(controller, 1e-3, filter_gains(1000.0, 80.0, 0.9))
+
+    def stable(share: float) -> bool:
+        return loop.times(share).stable(np.array([[INERTIA]]), np.zeros(1))
+
+    shares = np.geomspace(1.0, 100.0, 200)
+    limit = next(share for share in shares if not stable(share))
+    assert stable(1.0)
+    assert _speed_left(controller.times(0.95 * limit), weightless) < 1e-5
+    assert not _speed_left(controller.times(1.05 * limit), weightless) < 1.0
+
+
+@pytest.mark.parametrize("kind", ["pid", "cascade", "computed_torque"])
+def test_gains_that_diverge_are_named_by_law(kind: str, pendulum) -> None:
+    arm, controller = pendulum(), law(kind).times(60.0)
+    with pytest.raises(GapscopeError, match="multiply kp by") as caught:
+        record(
+            arm,
+            (),
+            MOTION,
+            controller,
+            duration=3.0,
+            rng=np.random.default_rng(0),
+            encoder_step=1e-4,
+        )
+    for gain in controller.gains:
+        assert f"{gain.name} by" in str(caught.value)
