@@ -75,6 +75,11 @@ GEAR_RATIO_STARTS = tuple(float(r) for r in np.geomspace(2.0, 500.0, 28))
 ZERO_STARTS = tuple(float(a) for a in np.deg2rad((-135, -90, -45, 45, 90, 135, 180)))
 # Zeros off by less are no convention but the effect encoder_offset [rad]. (definition)
 LEAST_ZERO_OFFSET = np.deg2rad(20.0)
+# A vector fitted in gravity's place counts as gravity if its size is right within this factor [1]: inertials and
+# torque scales are off by less. (hand)
+GRAVITY_SIZE_FACTOR = 2.0
+# Gravity off by less than this is a tilt, which the linearised search finds [rad]. (hand)
+LEAST_TURN = 0.4
 # With fewer joints that travel too far, each is tried by itself as one read on its motor's side. (budget)
 FEW_FAR_JOINTS = 4
 REFINE_FIRST_STEP = 0.1  # First step of the logarithm of a fault's value [1]. (budget)

@@ -1,10 +1,14 @@
-"""Arms that hang or are mounted sideways: too far from the nominal arm's gravity for its linearisation."""
+"""Arms that hang or are mounted otherwise: too far from the nominal arm's gravity for its linearisation."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from gapscope.diagnosis.selection.fitted_model import Model, fit_terms
+from gapscope.diagnosis.setup_faults.gravity_direction import (
+    gravity_by_torque,
+    turn_of_base,
+)
 from gapscope.diagnosis.thresholds import TURNED_BASE_FALL
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.environment import BASE_TILT, tilt
@@ -26,13 +30,37 @@ TURNS = tuple(
 
 def add_turned_base(nominal: Model) -> Model:
     """The model with ``base_tilt`` from the turn that takes most of the gap away, if it takes most of it."""
-    gaps = [_gap_square(nominal, turn) for turn in TURNS]
+    turns = [*TURNS, *_fitted_turn(nominal)]
+    gaps = [_gap_square(nominal, turn) for turn in turns]
     best = int(np.argmin(gaps))
     if gaps[best] > (1.0 - TURNED_BASE_FALL) * _gap_square(nominal, np.zeros(2)):
         return nominal
     (term,) = nominal.terms.of(BASE_TILT.name)
-    turned = fit_terms(nominal, frozenset({term}), {term: TURNS[best]})
+    turned = fit_terms(nominal, frozenset({term}), {term: turns[best]})
     return turned if nominal.gain_of(turned) > 0 else nominal
+
+
+def _fitted_turn(model: Model) -> list[np.ndarray]:
+    """Roll and pitch [rad] of the base that gives the gravity which the torque shows, if any does."""
+    data = model.data
+    arm = CorrectedArm(data.arm)
+    gravity = data.body.gravity
+    torque, regressor, speed = [], [], []
+    for segment, bodies in zip(data.segments, data.bodies, strict=True):
+        assert segment.torque is not None
+        predicted = arm.predict(segment.bodies(data.body), segment.motion)
+        without_gravity = segment.torque - predicted + bodies.gravity @ gravity
+        torque.append(data.thin(without_gravity, segment))
+        regressor.append(data.thin(bodies.gravity, segment))
+        speed.append(data.thin(segment.motion.dq, segment))
+    found = gravity_by_torque(
+        np.concatenate(torque),
+        np.concatenate(regressor),
+        np.concatenate(speed),
+        data.torque_deviation,
+    )
+    turn = turn_of_base(gravity, found)
+    return [] if turn is None else [np.array(turn)]
 
 
 def _gap_square(model: Model, turn: np.ndarray) -> float:

@@ -100,7 +100,12 @@ def turned_bases(n: int) -> list[FaultCandidate]:
         (0.0, quarter),
         (0.0, -quarter),
     ]
-    return [FaultCandidate(TURNED_BASE, (), "", turned(n, *turn)) for turn in turns]
+    return [turned_base(n, *turn) for turn in turns]
+
+
+def turned_base(n: int, roll: float, pitch: float) -> FaultCandidate:
+    """A base turned by roll and pitch [rad]."""
+    return FaultCandidate(TURNED_BASE, (), "", turned(n, roll, pitch))
 
 
 def inertial_candidates(n: int) -> list[FaultCandidate]:

@@ -17,6 +17,7 @@ from gapscope.diagnosis.setup_faults.candidates import (
     joints_beyond_range,
     motion_candidates,
     torque_candidates,
+    turned_base,
     turned_bases,
     unit_candidates,
 )
@@ -112,8 +113,9 @@ def _candidates(
         candidates = [c for c in candidates if c.name != "time_stamps"]
     # a turned base does not turn once more, nor is it right while torques are turned as well
     if any(mapping.turn):
-        candidates = [c for c in candidates if c.name != TURNED_BASE]
-    return candidates
+        return [c for c in candidates if c.name != TURNED_BASE]
+    turn = scorer.gravity_turn(mapping)
+    return candidates if turn is None else [*candidates, turned_base(n, *turn)]
 
 
 def _choice_charges(candidates: list[FaultCandidate]) -> dict[_Kind, float]:

@@ -17,7 +17,15 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
 from gapscope.diagnosis.setup_faults.fault_samples import FaultSamples
-from gapscope.diagnosis.setup_faults.nuisance import FoldEquations, fold_equations
+from gapscope.diagnosis.setup_faults.gravity_direction import (
+    gravity_by_torque,
+    turn_of_base,
+)
+from gapscope.diagnosis.setup_faults.nuisance import (
+    FoldEquations,
+    fold_equations,
+    torque_deviation,
+)
 from gapscope.diagnosis.setup_faults.nuisance_fit import held_out_gap
 from gapscope.diagnosis.setup_faults.shifted_inertials import shifted_arm
 from gapscope.diagnosis.thresholds import (
@@ -101,6 +109,18 @@ class MappingScorer:
         return MappingScore(
             np.hypot(bounded_gap, ORDINARY_GAP), ORDINARY_PENALTY + finite_penalty
         )
+
+    def gravity_turn(self, mapping: ChannelMapping) -> tuple[float, float] | None:
+        """Roll and pitch [rad] of the base that the torque shows under a mapping which does not turn it yet."""
+        body = self._body(mapping)
+        if body is None or not body.gravity.any():
+            return None
+        q, dq, ddq = mapping.motion(self.samples.q, self.samples.dq, self.samples.ddq)
+        tau, regressor = mapping.torque(self.samples.tau), body.gravity_regressor(q)
+        needed = body.inverse_dynamics(q, dq, ddq) + self.arm.armature * ddq
+        without_gravity = tau - needed + regressor @ body.gravity
+        found = gravity_by_torque(without_gravity, regressor, dq, torque_deviation(tau))
+        return turn_of_base(body.gravity, found)
 
     def _equations_of(self, mapping: ChannelMapping) -> FoldEquations | None:
         """Equations under a mapping; ``None`` if its inertials leave no arm."""

@@ -105,7 +105,7 @@ def fold_equations(
         cross=np.array([x[:, f].transpose(0, 2, 1) @ samples.tau[f] for f in folds]),
         power=np.array([(samples.tau[f] ** 2).sum(axis=0) for f in folds]),
         rows=np.array([f.stop - f.start for f in folds]),
-        deviation=_torque_deviation(samples.tau),
+        deviation=torque_deviation(samples.tau),
         weight=samples.weight,
         lowest=-np.array([arm.armature, arm.coulomb, arm.viscous]),
         lowest_mass=-np.maximum(body.inertial_parameters()[::10], 0.0) / std[::10],
@@ -138,7 +138,7 @@ def inertial_prior_std(body: RigidBody) -> np.ndarray:
     return np.maximum(std.ravel(), 1e-9)
 
 
-def _torque_deviation(tau: np.ndarray) -> np.ndarray:
+def torque_deviation(tau: np.ndarray) -> np.ndarray:
     """Standard deviation of each recorded torque [N m], (n,), kept from zero."""
     deviation = tau.std(axis=0)
     return np.maximum(

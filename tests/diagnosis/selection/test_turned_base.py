@@ -15,7 +15,8 @@ CUTOFF = 12.0
 
 
 @pytest.mark.parametrize(
-    ("roll", "pitch"), [(np.pi, 0.0), (3.0, 0.2), (-1.4, 0.0), (0.1, 1.4)]
+    ("roll", "pitch"),
+    [(np.pi, 0.0), (3.0, 0.2), (-1.4, 0.0), (0.1, 1.4), (2.35, 0.0), (-2.2, 0.7)],
 )
 def test_its_angles_are_found(roll: float, pitch: float) -> None:
     nominal = _nominal(Truth(tilt=(roll, pitch)))

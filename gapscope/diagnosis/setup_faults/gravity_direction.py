@@ -1,0 +1,83 @@
+"""The direction of gravity that the torque shows: its three components are linear in the torque of every joint.
+
+tau_j - (bodies without gravity)_j = G_j(q) g + c_j sgn dq_j + b_j dq_j + o_j,  g of known size
+
+G is the regressor of ``RigidBody.gravity_regressor``; friction and offset are each joint's own. A base that was
+mounted in another way than the case says, or a wrong sign of its gravity, is found without a search this way.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from gapscope.diagnosis.thresholds import (
+    FAULT_SIGN_WIDTH,
+    GRAVITY_SIZE_FACTOR,
+    LEAST_TURN,
+)
+from gapscope.effects.environment import tilt
+
+LARGEST_PITCH = 1.35
+"""Pitch of a start [rad], short of a right angle, at which roll changes nothing."""
+LARGEST_MISS = 0.3
+"""Angle by which no turn of the base comes nearer to a direction [rad]; most come nearer than rounding."""
+
+
+def gravity_by_torque(
+    torque: np.ndarray, regressor: np.ndarray, dq: np.ndarray, deviation: np.ndarray
+) -> np.ndarray:
+    """Gravity in the base frame [m/s^2], (3,), by least squares over all joints, each over its torque's deviation.
+
+    Args:
+        torque: recorded torque less what the nominal bodies need without gravity [N m], (M, n).
+        regressor: G(q) [kg m], (M, n, 3).
+        dq: [rad/s], (M, n).
+        deviation: standard deviation of each joint's torque [N m], (n,).
+    """
+    gram, target = np.zeros((3, 3)), np.zeros(3)
+    for j, size in enumerate(deviation):
+        own = [np.tanh(dq[:, j] / FAULT_SIGN_WIDTH), dq[:, j], np.ones(len(dq))]
+        basis, _ = np.linalg.qr(np.column_stack(own))
+        x, y = regressor[:, j] / size, torque[:, j] / size
+        # what the joint's own friction and offset explain is taken out of both sides
+        x, y = x - basis @ (basis.T @ x), y - basis @ (basis.T @ y)
+        gram += x.T @ x
+        target += x.T @ y
+    return np.linalg.lstsq(gram, target, rcond=1e-6)[0]
+
+
+def turn_of_base(nominal: np.ndarray, found: np.ndarray) -> tuple[float, float] | None:
+    """Roll and pitch [rad] of the base with R^T nominal along ``found``, R = Ry(pitch) Rx(roll).
+
+    ``None`` if ``found`` is no gravity, its size off by more than ``GRAVITY_SIZE_FACTOR``; if it is turned by less than
+    ``LEAST_TURN``; or if no turn comes near it.
+
+    Args:
+        nominal: gravity in the base frame as the case has it [m/s^2], (3,).
+        found: as the torque shows it [m/s^2], (3,).
+    """
+    size, size_found = np.linalg.norm(nominal), np.linalg.norm(found)
+    if size == 0 or size_found == 0:
+        return None
+    if abs(np.log(size_found / size)) > np.log(GRAVITY_SIZE_FACTOR):
+        return None
+    direction = found / size_found
+    if nominal @ direction / size > np.cos(LEAST_TURN):
+        return None
+
+    def miss(turn: np.ndarray) -> np.ndarray:
+        return tilt(*turn).T @ nominal / size - direction
+
+    starts = itertools.product(np.arange(-3, 4) * np.pi / 3, (-1.0, 0.0, 1.0))
+    nearest = min(starts, key=lambda turn: float(np.sum(miss(np.array(turn)) ** 2)))
+    bounds = np.array([np.pi, LARGEST_PITCH])
+    best = least_squares(
+        miss, np.clip(nearest, -bounds, bounds), bounds=(-bounds, bounds)
+    )
+    if np.linalg.norm(best.fun) > LARGEST_MISS:
+        return None
+    roll, pitch = best.x.tolist()
+    return roll, pitch
