@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.io.column_pattern import name_of
 from gapscope.arm.io.import_section import Channel, Import
 from gapscope.arm.io.plausibility import check_time
 from gapscope.arm.io.table import Table
@@ -27,32 +28,35 @@ def read_time(table: Table, importing: Import, *, any_unit: bool = False) -> np.
     return t
 
 
-def read_channel(
-    table: Table, channel: Channel, arm: NominalArm, *, required: bool
-) -> np.ndarray | None:
-    """A channel in SI units, shape (N, n), or ``None`` if the table holds nothing of it.
+def read_channel(table: Table, channel: Channel, arm: NominalArm) -> np.ndarray:
+    """A channel in SI units, shape (N, n).
 
     Raises:
-        InputError: it is required or in part present and a column is missing, a cell is no finite number, or the
-            table has columns for more joints than the arm.
+        InputError: a column is missing, a cell is no finite number, or the table has columns for more joints than
+            the arm.
     """
     names = channel.names(arm.joints)
-    if not required and not any(name in table.columns for name in names):
-        return None
     if len(names) == 1 and arm.n_joints > 1:
-        return table.lists(names[0], arm.n_joints) * channel.factor
+        raw = table.lists(names[0], arm.n_joints)
+        return raw * channel.factor + channel.offset
     values = np.column_stack([table.numbers(name) for name in names])
     # a pattern that also names a joint beyond the last one: another arm
     surplus = ""
     if isinstance(channel.column, str):
-        surplus = channel.name_of(arm.n_joints, "")
+        surplus = name_of(channel.column, arm.n_joints, "")
     if surplus in table.columns:
         raise InputError(
             f"has a column {surplus}, but the arm has only {arm.n_joints} joints: {', '.join(arm.joints)}",
             "give the URDF of the recorded arm, or list the columns to use in the case's import section",
             file=table.path,
         )
-    return values * channel.factor
+    return values * channel.factor + channel.offset
+
+
+def how_to_join(table: Table, importing: Import) -> str:
+    """``row``, ``interpolate`` or ``hold``: topics have times of their own, files usually the same rows."""
+    by_kind = "interpolate" if table.place_kind == "message" else "row"
+    return importing.join or by_kind
 
 
 def join(
@@ -70,7 +74,7 @@ def join(
     Raises:
         InputError: row by row, and the files differ in length; or by time, and they do not overlap.
     """
-    if importing.join == "row":
+    if how_to_join(table, importing) == "row":
         if len(table) != len(main):
             raise InputError(
                 f"has {len(table)} rows, {main.path.name} has {len(main)}",
@@ -78,7 +82,9 @@ def join(
                 file=table.path,
             )
         return values, np.ones(len(main), dtype=bool)
-    time = read_time(table, importing)
+    # the time of messages is in s whatever their rate
+    any_unit = table.place_kind == "message"
+    time = read_time(table, importing, any_unit=any_unit)
     covered = (t >= time[0]) & ((t <= time[-1]) | (importing.join == "hold"))
     if not covered.any():
         raise InputError(

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.io.column_pattern import has_mark, name_of
+from gapscope.arm.io.motor_calibration import MotorRange, read_calibration
 from gapscope.arm.io.transmission import parse_transmission, per_joint
 from gapscope.arm.recording import CHANNELS
 
@@ -27,10 +29,16 @@ UNITS = {
     "N m": 1.0,
     "mN m": 1e-3,
     "N cm": 1e-2,
+    "A": 1.0,
+    "mA": 1e-3,
     "degC": 1.0,
 }
-"""Factor from a unit to the one that a recording holds."""
+"""Factor from a unit to the one that a recording holds; from a current to A."""
 
+NORMALISED = "normalised"
+"""Unit of positions that run from -100 to 100 over the range of a joint, as LeRobot stores them."""
+
+_CURRENTS = ("A", "mA")
 _MOTOR_MOTION = ("q", "dq", "q_ref", "dq_ref")
 
 
@@ -43,30 +51,30 @@ class Channel:
             from 0 and ``{joint}`` for its name; or one name per joint; a pattern without any of these names one
             column whose cells hold lists.
         factor: from the column's unit to the recording's, times the scale; a number or one per joint, (n,).
+        offset: added after the factor [recording's unit]; a number or one per joint, (n,).
         file: label of the file that holds it, if several lie side by side.
+        topic: topic or table of that file, if it holds several.
+        unit: as the import section states it, or empty.
         named: whether the import section names it, so that a case's recordings have to hold it.
+        placed: whether it also says in which column; else a format of known layout knows.
     """
 
     column: str | tuple[str, ...]
     factor: float | np.ndarray = 1.0
+    offset: float | np.ndarray = 0.0
     file: str | None = None
+    topic: str | None = None
+    unit: str = ""
     named: bool = False
+    placed: bool = False
 
     def names(self, joints: Sequence[str]) -> list[str]:
         """Names of the columns: one per joint, or a single one whose cells hold lists."""
         if isinstance(self.column, tuple):
             return list(self.column)
-        names = [self.name_of(j, joint) for j, joint in enumerate(joints)]
-        return names if "{" in self.column else [self.column]
-
-    def name_of(self, j: int, joint: str) -> str:
-        """Name of the column of joint ``j``, from 0, by the pattern."""
-        return (
-            str(self.column)
-            .replace("{joint}", joint)
-            .replace("{j}", str(j + 1))
-            .replace("{j0}", str(j))
-        )
+        if not has_mark(self.column):
+            return [self.column]
+        return [name_of(self.column, j, joint) for j, joint in enumerate(joints)]
 
 
 @dataclass(frozen=True)
@@ -98,14 +106,16 @@ class Import:
     Attributes:
         time: where the time stands.
         channels: where each channel stands; ``None`` for one that is not to be read.
-        joints: names of the joints in the log, in the arm's order (ROS 2 bags).
-        topic: topic of the joint states (ROS 2 bags).
+        joints: names of the joints in the log, in the arm's order; by default the arm's own.
+        topic: topic or table that holds q, in a log of several.
         signs: +1 or -1 per joint, (n,), or ``None``.
         offsets: added to the positions [rad], (n,), or ``None``.
         transmission: R, or ``None`` if the log is on the joint's side.
-        join: how rows of files side by side meet: ``row`` by row, or by time onto the file that holds q:
-            ``interpolate`` or ``hold`` (the last value before).
+        join: how rows of files or topics side by side meet: ``row`` by row, or by time onto the one that holds q:
+            ``interpolate`` or ``hold`` (the last value before); ``None``: topics by interpolation, files by row.
         fit, judge: row ranges of each file, both ends included, counted from 0 below the header; ``fit`` empty: all.
+        fit_episodes, judge_episodes: episodes of each dataset; both empty: all are fitted.
+        calibration: of the motors, by name, for positions in normalised units; ``None`` if there is none.
         source: the case file, for messages.
     """
 
@@ -118,9 +128,12 @@ class Import:
     signs: np.ndarray | None = None
     offsets: np.ndarray | None = None
     transmission: np.ndarray | None = None
-    join: str = "row"
+    join: str | None = None
     fit: tuple[tuple[int, int], ...] = ()
     judge: tuple[tuple[int, int], ...] = ()
+    fit_episodes: tuple[int, ...] = ()
+    judge_episodes: tuple[int, ...] = ()
+    calibration: Mapping[str, MotorRange] | None = None
     source: Path | None = None
 
     @property
@@ -178,12 +191,17 @@ def parse_import(section: Mapping[str, Any], n_joints: int, source: Path) -> Imp
         given |= {
             key: _ranges(ranges, source, key) for key, ranges in section["rows"].items()
         }
+    for key, episodes in section.get("episodes", {}).items():
+        given[f"{key}_episodes"] = tuple(episodes)
+    if "calibration" in section:
+        given["calibration"] = read_calibration(source.parent / section["calibration"])
     channels = {
         name: _channel(name, section[name], n_joints, source)
         if name in section
         else Channel(name + "{j}")
         for name in CHANNELS
     }
+    _check_sides(section, source)
     if channels["q"] is None:
         raise InputError(
             "is null, but a recording needs positions",
@@ -196,6 +214,22 @@ def parse_import(section: Mapping[str, Any], n_joints: int, source: Path) -> Imp
         source=source,
         **given,
     )
+
+
+def _check_sides(section: Mapping[str, Any], source: Path) -> None:
+    """A gear ratio is given once: for the current, or in the transmission of all channels."""
+    entry = section.get("tau")
+    if (
+        isinstance(entry, Mapping)
+        and "gear_ratio" in entry
+        and "transmission" in section
+    ):
+        raise InputError(
+            "has a gear_ratio beside the transmission, which takes the torque to the joint's side already",
+            "give the ratio in one of them",
+            file=source,
+            where="field import.tau.gear_ratio",
+        )
 
 
 def _time(entry: str | Mapping[str, Any], source: Path) -> TimeColumn:
@@ -221,15 +255,52 @@ def _channel(name: str, entry: Any, n_joints: int, source: Path) -> Channel | No
     column = entry.get("column", name + "{j}")
     if isinstance(column, list):
         column = tuple(per_joint(column, n_joints, source, f"{name}.column", str))
-    factor: Any = entry.get("scale", 1.0)
-    if isinstance(factor, list):
-        factor = per_joint(factor, n_joints, source, f"{name}.scale")
+    unit = entry.get("unit", "")
+    factor = _per_joint_or_one(entry, "scale", name, n_joints, source)
+    if unit in _CURRENTS:
+        factor = factor * _torque_per_ampere(entry, name, n_joints, source)
+    elif "motor_constant" in entry or "gear_ratio" in entry:
+        raise InputError(
+            "has a motor_constant or gear_ratio, but no current",
+            "say unit: A, or use scale: for a column in another unit",
+            file=source,
+            where=f"field import.{name}",
+        )
     return Channel(
         column,
-        factor * UNITS[entry["unit"]] if "unit" in entry else factor,
-        entry.get("file"),
+        factor * UNITS.get(unit, 1.0),
+        file=entry.get("file"),
+        topic=entry.get("topic"),
+        unit=unit,
         named=True,
+        placed="column" in entry,
     )
+
+
+def _torque_per_ampere(
+    entry: Mapping[str, Any], name: str, n_joints: int, source: Path
+) -> Any:
+    """Motor constant times gear ratio [N m/A], a number or one per joint, (n,)."""
+    if "motor_constant" not in entry:
+        raise InputError(
+            "is a current, and a torque needs the motors' constants",
+            "give motor_constant: [...] in N m/A per joint, and gear_ratio: [...] unless the constants are those of "
+            "the joints' side already",
+            file=source,
+            where=f"field import.{name}",
+        )
+    constant = _per_joint_or_one(entry, "motor_constant", name, n_joints, source)
+    return constant * _per_joint_or_one(entry, "gear_ratio", name, n_joints, source)
+
+
+def _per_joint_or_one(
+    entry: Mapping[str, Any], key: str, name: str, n_joints: int, source: Path
+) -> Any:
+    """A number, or one per joint, (n,); 1 if it is not given."""
+    value = entry.get(key, 1.0)
+    if isinstance(value, list):
+        return per_joint(value, n_joints, source, f"{name}.{key}")
+    return value
 
 
 def _ranges(entry: list[Any], source: Path, key: str) -> tuple[tuple[int, int], ...]:

@@ -9,18 +9,21 @@ from pathlib import Path
 import numpy as np
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.channels import join, read_channel, read_time
+from gapscope.arm.io.channels import how_to_join, join, read_channel, read_time
+from gapscope.arm.io.dataset_units import in_radians
 from gapscope.arm.io.even_rows import EVENLY_TAKEN, even_stamps_of_rows
 from gapscope.arm.io.import_section import Channel, Import
-from gapscope.arm.io.log import TABLE_READERS
+from gapscope.arm.io.layouts import layout_of_kind
+from gapscope.arm.io.log import open_log
+from gapscope.arm.io.log_channels import Locator, Source
+from gapscope.arm.io.log_table import Log, LogTable
 from gapscope.arm.io.plausibility import (
     check_positions,
     gap_notes,
     repeated_rows,
     untrusted_torque,
 )
-from gapscope.arm.io.rosbag import read_bag
-from gapscope.arm.io.table import Table
+from gapscope.arm.io.table import Table, shortened
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 
@@ -31,6 +34,7 @@ def load_recording(
     importing: Import | None = None,
     *,
     rows: tuple[int, int] | None = None,
+    episode: int | None = None,
     complete: bool = False,
     every_row: bool = False,
     any_unit: bool = False,
@@ -42,10 +46,11 @@ def load_recording(
     read as such even if ``importing`` names other columns, unless it has those too.
 
     Args:
-        path: CSV, Parquet, NPZ, MCAP or .db3 file, rosbag2 folder; or the files side by side by label.
+        path: file or folder of any format of ``open_log``; or the files side by side by label.
         arm: the nominal arm; says how many joints there are and in which order.
         importing: the case's import section.
         rows: first and last row to read, from 0, both included; by default all.
+        episode: of a dataset.
         complete: whether the torque, and every channel that ``importing`` names, must be there; otherwise only
             time and positions have to.
         every_row: keep repeated rows, so that there is one sample for each row of the file.
@@ -60,31 +65,33 @@ def load_recording(
     importing = importing or Import()
     main = importing.main_file
     files = dict(path) if isinstance(path, Mapping) else {main: path}
-    tables = {
-        label: _table(Path(file), arm, importing) for label, file in files.items()
-    }
-    if main not in tables:
+    logs = {label: _log(Path(file), episode) for label, file in files.items()}
+    if main not in logs:
         raise InputError(
-            f"an entry holds the files {', '.join(map(str, tables))}, but q comes from {main}",
+            f"an entry holds the files {', '.join(map(str, logs))}, but q comes from {main}",
             "give each entry a file for every label of the import section",
             file=importing.source,
             where="field recordings",
         )
-    if rows is not None:
-        # files that are joined by time are cut by the time of the main one
-        cut = list(tables) if importing.join == "row" else [main]
-        tables |= {label: tables[label].part(*rows) for label in cut}
     recording = _recording(
-        tables,
+        logs,
         arm,
         importing,
+        rows=rows,
         complete=complete,
         every_row=every_row,
         any_unit=any_unit,
     )
+    if episode is not None:
+        recording = replace(recording, name=f"{recording.name} episode {episode}")
     if rows is None:
         return recording
     return replace(recording, name=f"{recording.name} rows {rows[0]}-{rows[1]}")
+
+
+def _log(path: Path, episode: int | None) -> Log:
+    """A file as a log, or one episode of a dataset."""
+    return open_log(path)
 
 
 def recording_of_columns(
@@ -102,23 +109,29 @@ def recording_of_columns(
     """
     length = len(next(iter(columns.values()), ()))
     table = Table(Path(name), columns, range(1, length + 1))
-    return _recording({None: table}, arm, Import(), any_unit=True)
+    log = Log(table.path, "columns", (LogTable("", "columns", table),))
+    return _recording({None: log}, arm, Import(), any_unit=True)
 
 
 def _recording(
-    tables: Mapping[str | None, Table],
+    logs: Mapping[str | None, Log],
     arm: NominalArm,
     importing: Import,
     *,
+    rows: tuple[int, int] | None = None,
     complete: bool = False,
     every_row: bool = False,
     any_unit: bool = False,
 ) -> Recording:
-    """One recording from its tables; see ``load_recording``."""
-    main = tables[importing.main_file]
-    importing, notes = _fitting(importing, main, arm)
+    """One recording from its logs; see ``load_recording``."""
+    importing, notes = _fitting(importing, logs[importing.main_file], arm)
+    sources, found = _sources(logs, arm, importing, complete)
+    notes += found
+    if rows is not None:
+        sources = _cut(sources, rows, importing)
+    main = sources["q"].table
     t = read_time(main, importing, any_unit=any_unit)
-    t, values, found = _channels(t, tables, main, arm, importing, complete)
+    t, values, found = _channels(t, sources, arm, importing)
     notes += found
     if not every_row:
         repeated, found = repeated_rows(t, values)
@@ -136,59 +149,81 @@ def _recording(
     return replace(recording, notes=notes)
 
 
-def _table(path: Path, arm: NominalArm, importing: Import) -> Table:
-    """One file as a table."""
-    if not path.exists():
-        raise InputError("no such file or folder", "check the path", file=path)
-    if path.is_dir() or path.suffix in (".db3", ".mcap"):
-        return read_bag(path, arm, topic=importing.topic, joints=importing.joints)
-    if path.suffix in TABLE_READERS:
-        return TABLE_READERS[path.suffix](path)
-    raise InputError(
-        f"the ending {path.suffix!r} names no known format",
-        f"give a file that ends in {', '.join(TABLE_READERS)}, .mcap or .db3, or a rosbag2 folder",
-        file=path,
-    )
-
-
 def _fitting(
-    importing: Import, main: Table, arm: NominalArm
+    importing: Import, log: Log, arm: NominalArm
 ) -> tuple[Import, tuple[str, ...]]:
     """The import section, or none for a file that is in the columns of the case format already; and notes."""
     channel = importing.channels["q"]
     assert channel is not None
-    named = any(name in main.columns for name in channel.names(arm.joints))
-    if named or "q1" not in main.columns:
-        return importing, main.notes
-    note = "read in the columns of the case format, not by the import section"
-    return Import(), (*main.notes, note)
+    main = log.tables[0].table.columns if len(log.tables) == 1 else {}
+    named = any(name in main for name in channel.names(arm.joints))
+    if named or "q1" not in main:
+        return importing, ()
+    return Import(), (
+        "read in the columns of the case format, not by the import section",
+    )
+
+
+def _sources(
+    logs: Mapping[str | None, Log],
+    arm: NominalArm,
+    importing: Import,
+    complete: bool,
+) -> tuple[dict[str, Source], tuple[str, ...]]:
+    """Where each channel that can be had comes from; and notes.
+
+    Raises:
+        InputError: one that is needed is missing.
+    """
+    locator = Locator(logs, importing, arm)
+    main, q, notes = locator.positions()
+    sources = {"q": q}
+    for name, channel in importing.channels.items():
+        if channel is None or name == "q":
+            continue
+        required = complete and (channel.named or name == "tau")
+        if channel.file not in logs:
+            if required:
+                raise _missing_file(name, channel, logs, importing)
+            continue
+        source, found = locator.other(name, channel, main)
+        notes += found
+        if source is not None:
+            sources[name] = source
+        elif required:
+            raise _missing_channel(name, channel, logs[channel.file], main, arm)
+    return in_radians(sources, main.kind, importing), notes
+
+
+def _cut(
+    sources: dict[str, Source], rows: tuple[int, int], importing: Import
+) -> dict[str, Source]:
+    """The sources with some rows alone; what is joined by time is cut by the time of the positions."""
+    main = sources["q"].table
+    parts: dict[int, Table] = {}
+    for table in (source.table for source in sources.values()):
+        by_row = table is main or how_to_join(table, importing) == "row"
+        parts[id(table)] = table.part(*rows) if by_row else table
+    return {
+        name: replace(source, table=parts[id(source.table)])
+        for name, source in sources.items()
+    }
 
 
 def _channels(
     t: np.ndarray,
-    tables: Mapping[str | None, Table],
-    main: Table,
+    sources: Mapping[str, Source],
     arm: NominalArm,
     importing: Import,
-    complete: bool,
 ) -> tuple[np.ndarray, dict[str, np.ndarray], tuple[str, ...]]:
-    """Time [s], (N,), and channels in SI units on the joint side, (N, n) each, if all files have them; notes."""
+    """Time [s], (N,), and channels in SI units on the joint side, (N, n) each, if all tables have them; notes."""
     values: dict[str, np.ndarray] = {}
+    main = sources["q"].table
     inside = np.ones(len(main), dtype=bool)
-    for name, channel in importing.channels.items():
-        if channel is None:
-            continue
-        required = name == "q" or (complete and (channel.named or name == "tau"))
-        table = main if channel.file is None else tables.get(channel.file)
-        if table is None:
-            if required:
-                raise _missing_file(name, channel, tables, importing)
-            continue
-        read = read_channel(table, channel, arm, required=required)
-        if read is None:
-            continue
-        if table is not main:
-            read, covered = join(read, table, main, t, importing)
+    for name, source in sources.items():
+        read = read_channel(source.table, source.channel, arm)
+        if source.table is not main:
+            read, covered = join(read, source.table, main, t, importing)
             inside &= covered
         values[name] = read
     covered_by_all = {name: x[inside] for name, x in values.items()}
@@ -198,15 +233,31 @@ def _channels(
     return t[inside], importing.to_joint_side(covered_by_all), notes
 
 
+def _missing_channel(
+    name: str, channel: Channel, log: Log, main: LogTable, arm: NominalArm
+) -> InputError:
+    """The error on a channel that a recording of a case has to hold."""
+    tables = {table.name: table.table.columns for table in log.tables}
+    held = main.table.columns if main.name in tables else next(iter(tables.values()))
+    wanted = channel.names(arm.joints)[0]
+    if layout_of_kind(main.kind) is not None and not channel.placed:
+        wanted = f"for {name} of all joints"
+    return InputError(
+        f"has no column {wanted}; it has {shortened(list(held))}",
+        f"name the column in the case's import section, or say {name}: null to do without",
+        file=log.path,
+    )
+
+
 def _missing_file(
     name: str,
     channel: Channel,
-    tables: Mapping[str | None, Table],
+    logs: Mapping[str | None, Log],
     importing: Import,
 ) -> InputError:
     """The error on a channel whose file an entry does not give."""
     return InputError(
-        f"comes from the file {channel.file}, an entry holds {', '.join(map(str, tables))}",
+        f"comes from the file {channel.file}, an entry holds {', '.join(map(str, logs))}",
         "give each entry a file for every label of the import section",
         file=importing.source,
         where=f"field import.{name}",

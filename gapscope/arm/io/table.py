@@ -70,7 +70,7 @@ class Table:
         """
         if column not in self.columns:
             raise InputError(
-                f"has no column {column}; it has {_shortened(list(self.columns))}",
+                f"has no column {column}; it has {shortened(list(self.columns))}",
                 "rename the column, or say in the case's import: section which column holds it",
                 file=self.path,
             )
@@ -152,6 +152,7 @@ def _is_number(cell: Any) -> bool:
     return True
 
 
-def _shortened(names: Sequence[str], limit: int = 40) -> str:
+def shortened(names: Sequence[str], limit: int = 40) -> str:
+    """Names in a row, at most so many of them."""
     rest = len(names) - limit
     return ", ".join(names[:limit]) + (f" and {rest} more" if rest > 0 else "")

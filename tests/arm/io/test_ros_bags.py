@@ -103,7 +103,7 @@ def test_foreign_names_by_order_or_by_import(
     bag = write_bag(tmp_path / "bag", recording, names=["fer_b", "fer_a"], order=[1, 0])
     by_order = load_recording(bag, arm)
     assert by_order.notes[0].startswith(
-        "joints are matched by order: fer_b .. fer_a in the bag are shoulder .. elbow"
+        "joints are matched by order: fer_b .. fer_a in the log are shoulder .. elbow"
     )
     np.testing.assert_array_equal(by_order.q, recording.q[:, [1, 0]])
     by_name = load_recording(bag, arm, Import(joints=("fer_a", "fer_b")))
@@ -126,12 +126,12 @@ def test_several_topics(recording: Recording, arm: NominalArm, tmp_path: Path) -
     bag = write_bag(
         tmp_path / "bag", recording, names=names, order=[0, 1], topics=("/a", "/b")
     )
-    with pytest.raises(InputError, match="has joint states on several topics: /a, /b"):
+    with pytest.raises(InputError, match="has q on several topics: /a, /b"):
         load_recording(bag, arm)
     assert len(load_recording(bag, arm, Import(topic="/b")).t) == len(recording.t)
     with pytest.raises(
         InputError,
-        match="has no topic /c of type sensor_msgs/msg/JointState; it has /a",
+        match="has no topic /c about joints; it has /a",
     ):
         load_recording(bag, arm, Import(topic="/c"))
 
@@ -152,14 +152,16 @@ def test_bags_without_the_joints(
         load_recording(text, arm)
     one = write_bag(tmp_path / "one", recording, names=["x"], order=[0])
     with pytest.raises(
-        InputError, match="holds the joints x; the arm has shoulder, elbow"
+        InputError,
+        match="no message of /joint_states holds all of the joints shoulder, elbow; the first holds x",
     ):
         load_recording(one, arm)
     half = write_bag(
         tmp_path / "half", recording, names=["shoulder", "x"], order=[0, 1]
     )
     with pytest.raises(
-        InputError, match="no message holds all of the joints shoulder, elbow"
+        InputError,
+        match="holds all of the joints shoulder, elbow; the first holds shoulder, x",
     ):
         load_recording(half, arm)
 
