@@ -1,0 +1,134 @@
+"""Which columns of a log are which channel of a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gapscope.inspection.columns import ColumnGroup, TableColumns
+from gapscope.inspection.time_column import TimeGuess
+from gapscope.inspection.units import derivative_ratio, position_unit, velocity_unit
+from gapscope.inspection.words import Meaning, meaning_of
+
+TORQUE_ORDER = (
+    "derived from current",
+    "torque",
+    "current",
+    "commanded torque",
+    "commanded current",
+)
+"""What a torque column may be called, the most useful first."""
+AMPERES = ("current", "commanded current")
+
+
+@dataclass(frozen=True)
+class ChannelGuess:
+    """Columns taken for a channel.
+
+    Attributes:
+        channel: name of the channel.
+        group: the columns.
+        unit: of the import section, ``A`` for amperes.
+        why: what the guess rests on.
+        role: of a torque, an entry of ``TORQUE_ORDER``; else empty.
+    """
+
+    channel: str
+    group: ColumnGroup
+    unit: str
+    why: str
+    role: str = ""
+
+
+def position_and_velocity(
+    columns: TableColumns, context: str
+) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Values taken for measured positions and velocities, in any unit, for a guess of the rate."""
+    found: dict[str, np.ndarray] = {}
+    for group in columns.groups:
+        meaning = meaning_of(group.pattern, context)
+        if meaning.quantity in ("position", "velocity") and not meaning.reference:
+            found.setdefault(meaning.quantity, group.values)
+    return found.get("position"), found.get("velocity")
+
+
+def channels_of_table(
+    columns: TableColumns, time: TimeGuess, context: str
+) -> list[ChannelGuess]:
+    """Every group of columns that may be a channel, best first for each channel.
+
+    Args:
+        columns: of the table.
+        time: of the table.
+        context: name of file and topic, which count if the names of the columns are silent.
+    """
+    named = [(group, meaning_of(group.pattern, context)) for group in columns.groups]
+    found = []
+    for group, meaning in named:
+        channel, role = _channel(meaning)
+        if channel:
+            found.append(ChannelGuess(channel, group, "", "by its name", role))
+    positions = _first(found, "q") or _first(found, "q_ref")
+    angle, why = "rad", "by its name"
+    if positions is not None:
+        ratio = _ratio(time, positions, _first(found, "dq"))
+        group = positions.group
+        angle, why = position_unit(group.pattern, group.values, ratio)
+    found = [_with_units(guess, angle, why, time, found) for guess in found]
+    order = {role: rank for rank, role in enumerate(TORQUE_ORDER)}
+    return sorted(found, key=lambda guess: order.get(guess.role, 0))
+
+
+def _channel(meaning: Meaning) -> tuple[str, str]:
+    """Channel, and for a torque its role; empty for columns that are none."""
+    suffix = "_ref" if meaning.reference else ""
+    if meaning.quantity in ("position", "velocity"):
+        return {"position": "q", "velocity": "dq"}[meaning.quantity] + suffix, ""
+    if meaning.quantity == "temperature":
+        return "temperature", ""
+    if meaning.quantity == "torque":
+        if meaning.sensor:
+            return "tau_sensor", ""
+        if meaning.reference:
+            return "tau", "commanded torque"
+        by_current = meaning.words & {"cur", "current"}
+        return "tau", "derived from current" if by_current else "torque"
+    if meaning.quantity == "current":
+        return "tau", "commanded current" if meaning.reference else "current"
+    return "", ""
+
+
+def _with_units(
+    guess: ChannelGuess,
+    angle: str,
+    why: str,
+    time: TimeGuess,
+    others: Sequence[ChannelGuess],
+) -> ChannelGuess:
+    """A guess with the unit of its columns."""
+    if guess.channel in ("q", "q_ref"):
+        return replace(guess, unit=angle, why=why)
+    if guess.channel in ("dq", "dq_ref"):
+        positions = _first(others, guess.channel[1:]) or _first(others, "q")
+        ratio = _ratio(time, positions, guess)
+        unit, reason = velocity_unit(guess.group.pattern, angle, ratio)
+        return replace(guess, unit=unit, why=reason)
+    if guess.channel == "temperature":
+        return replace(guess, unit="degC")
+    return replace(guess, unit="A" if guess.role in AMPERES else "N m")
+
+
+def _ratio(
+    time: TimeGuess, positions: ChannelGuess | None, velocities: ChannelGuess | None
+) -> float | None:
+    if positions is None or velocities is None:
+        return None
+    return derivative_ratio(
+        time.seconds, positions.group.values, velocities.group.values
+    )
+
+
+def _first(found: Sequence[ChannelGuess], channel: str) -> ChannelGuess | None:
+    return next((guess for guess in found if guess.channel == channel), None)

@@ -1,0 +1,234 @@
+"""The case to start from: a case file in which every guess has its line and its reason."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from textwrap import wrap
+from typing import Any
+
+import numpy as np
+import yaml
+
+from gapscope.arm.recording import CHANNELS
+from gapscope.inspection.against_arm import columns_of_arm
+from gapscope.inspection.channels import AMPERES, ChannelGuess
+from gapscope.inspection.inspection import MAIN, TORQUES, Inspection
+from gapscope.inspection.torque_facts import LARGEST
+
+BESIDE = 70
+"""Longest reason that stands beside its line; longer ones stand above."""
+ABOVE = 110
+"""Width of reasons above their line."""
+DATA_SHEET = {
+    "armature": "kg m^2: rotor inertia times gear ratio squared",
+    "coulomb": "N m",
+    "viscous": "N m s/rad",
+}
+"""Entries of the data sheet with their units."""
+
+
+def case_text(found: Inspection, folder: Path, robot: str | None) -> str:
+    """Text of ``case.yaml``.
+
+    Args:
+        found: what is in the logs.
+        folder: in which the case will stand; the logs are named relative to it.
+        robot: what ``robot:`` shall say; ``None`` if no robot is known.
+    """
+    names = ", ".join(log.path.name for log in found.logs[:4])
+    more = f" and {len(found.logs) - 4} more" if len(found.logs) > 4 else ""
+    lines = [
+        f"# Drafted by gapscope inspect from {names}{more}. Every entry is a guess, with its reason beside it.",
+        f"name: {_scalar(_name(found))}",
+        *_robot(found, robot),
+        *_recordings(found, folder),
+        "import:",
+        *_aligned(_import(found)),
+        *_data_sheet(found),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _name(found: Inspection) -> str:
+    if found.arm is not None:
+        return found.arm.name
+    return found.main.log.path.stem
+
+
+def _robot(found: Inspection, robot: str | None) -> Iterator[str]:
+    """The robot, and its joints if the log has fewer or other ones."""
+    if robot is None:
+        yield "robot: robot.urdf  # not known: put the URDF or MJCF of the arm here"
+        return
+    yield f"robot: {_scalar(robot)}"
+    assert found.arm is not None
+    width = found.n_joints
+    if width < found.arm.n_joints:
+        listed = _flow(list(found.arm.joints[:width]))
+        yield f"joints: {listed}  # the log has {width} columns: taken for the first joints of the robot"
+    else:
+        yield f"# joints: {_flow(list(found.arm.joints))}  # the order of the columns, if it is another"
+
+
+def _recordings(found: Inspection, folder: Path) -> Iterator[str]:
+    yield "recordings:"
+    for entry in found.entries:
+        paths = {
+            label: _relative(table.log.path, folder) for label, table in entry.items()
+        }
+        alone = len(set(paths.values())) == 1
+        yield f"  - {_scalar(paths[MAIN]) if alone else _flow(paths)}"
+    if len(found.entries) > 2:
+        yield "# judge: [FILE]  # name one of them here in place of above: it is held out and never fitted"
+
+
+def _import(found: Inspection) -> Iterator[tuple[str, str]]:
+    """Lines of the import section, each with its reason."""
+    yield _time(found)
+    if len(found.sources) > 1:
+        rows = {len(table.part.table) for table in found.sources.values()}
+        how, why = (
+            ("row", "as many rows in each")
+            if len(rows) == 1
+            else ("hold", "the last value before")
+        )
+        yield f"join: {how}", f"files side by side meet row by row or by time: {why}"
+    for channel in CHANNELS:
+        if channel in found.chosen:
+            label, guess = found.chosen[channel]
+            yield from _channel(found, channel, label, guess)
+        elif channel == "tau":
+            yield "tau: null", "no column is told to be a torque"
+    used = [guess for _, guess in found.chosen.values()]
+    for label, table in found.sources.items():
+        for guess in table.channels:
+            # what else could be the torque
+            if guess.channel in TORQUES and guess not in used:
+                line = f"# {guess.channel}: {_entry(found, label, guess)}"
+                yield line, _reason(found, label, guess)
+
+
+def _time(found: Inspection) -> tuple[str, str]:
+    time = found.main.time
+    if time.column is None:
+        entry: dict[str, Any] = {"rate": _rounded(time.rate)}
+    elif not time.unit:
+        entry = {"column": time.column, "rate": _rounded(time.rate)}
+    else:
+        entry = {"column": time.column, "unit": time.unit}
+    return f"time: {_flow(entry)}", time.why
+
+
+def _channel(
+    found: Inspection, channel: str, label: str, guess: ChannelGuess
+) -> Iterator[tuple[str, str]]:
+    """The line of one channel; a comment if the columns cannot be read as they are."""
+    line = f"{channel}: {_entry(found, label, guess)}"
+    values = guess.group.values
+    if not np.isfinite(values).all() or np.abs(values).max() > LARGEST:
+        yield f"# {line}", "left out: it holds cells that are no numbers"
+        yield f"{channel}: null", ""
+    elif np.ptp(values) == 0 and channel != "q":
+        yield f"# {line}", f"left out: it is {values.flat[0]:g} throughout"
+        yield f"{channel}: null", ""
+    elif guess.role in AMPERES:
+        yield (
+            f"# {line}",
+            "give the motor constants [N m/A] and gear ratios of the data sheet, and take the # away",
+        )
+        yield f"{channel}: null", _reason(found, label, guess)
+    else:
+        yield line, _reason(found, label, guess)
+
+
+def _entry(found: Inspection, label: str, guess: ChannelGuess) -> str:
+    """What the import section says of some columns."""
+    entry: dict[str, Any] = {"column": _column(found, guess)}
+    if guess.unit not in ("", "rad", "rad/s", "N m", "degC"):
+        entry["unit"] = guess.unit
+    if guess.unit == "A":
+        n = found.n_joints
+        entry |= {"motor_constant": [0.0] * n, "gear_ratio": [0.0] * n}
+    if len({table.log.path for table in found.sources.values()}) > 1:
+        entry["file"] = label
+    if list(entry) == ["column"]:
+        return _flow(entry["column"])
+    return _flow(entry)
+
+
+def _column(found: Inspection, guess: ChannelGuess) -> str | list[str]:
+    """The pattern, or a list of names if it does not give those of the arm's joints."""
+    group = guess.group
+    if found.arm is None or len(group.names) != group.width:
+        return group.pattern
+    joints = found.arm.joints
+    if "{joint}" not in group.pattern and group.width == len(joints):
+        return group.pattern
+    if "{joint}" in group.pattern and set(joints) <= set(group.labels):
+        return group.pattern
+    places = columns_of_arm(group, joints)
+    return (
+        list(group.names)
+        if places is None
+        else [group.names[place] for place in places]
+    )
+
+
+def _reason(found: Inspection, label: str, guess: ChannelGuess) -> str:
+    """Why columns are taken for what they are."""
+    if guess.channel not in TORQUES:
+        return guess.why
+    facts = found.torques.get((label, guess.group.pattern), [])
+    return "; ".join(filter(None, (guess.role or guess.why, *facts)))
+
+
+def _data_sheet(found: Inspection) -> Iterator[str]:
+    """What only a data sheet can say; of a known robot, what its file says."""
+    yield "# nominal:  # the data sheet, one value per joint, joint side; take the # away to state it"
+    for name, unit in DATA_SHEET.items():
+        values = [0.0] * found.n_joints
+        if found.arm is not None:
+            values = [float(f"{x:.6g}") for x in getattr(found.arm, name)]
+        yield f"#   {name}: {_flow(values)}  # {unit}"
+    yield "#   encoder: motor  # motor, or joint: the side of the gear on which the position is measured"
+    yield from _controller(found)
+
+
+def _controller(found: Inspection) -> Iterator[str]:
+    """A controller to fill in, if the log holds what it followed."""
+    if "q_ref" not in found.chosen:
+        return
+    zeros = _flow([0.0] * found.n_joints)
+    rate = _rounded(float(f"{found.main.time.rate:.4g}"))
+    yield f"# controller: {{kind: pd, rate: {rate}, kp: {zeros}, kd: {zeros}}}  # for replay: N m/rad, N m s/rad"
+
+
+def _aligned(lines: Iterator[tuple[str, str]]) -> Iterator[str]:
+    """Lines with their reasons: beside them if short, else above."""
+    for text, reason in lines:
+        if len(reason) > BESIDE:
+            for part in wrap(reason, ABOVE):
+                yield f"  # {part}"
+            yield f"  {text}"
+        else:
+            yield f"  {text}  # {reason}" if reason else f"  {text}"
+
+
+def _relative(path: Path, folder: Path) -> str:
+    return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
+
+
+def _rounded(rate: float) -> float | int:
+    return int(rate) if rate == int(rate) else rate
+
+
+def _scalar(text: str) -> str:
+    return yaml.safe_dump(text, width=10_000).splitlines()[0]
+
+
+def _flow(value: Any) -> str:
+    """A value as YAML on one line."""
+    text = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=10_000)
+    return text.removesuffix("\n").removesuffix("\n...")

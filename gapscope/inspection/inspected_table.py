@@ -1,0 +1,69 @@
+"""One table of a log with what its columns are taken for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from gapscope.arm.io.log import Log, LogTable
+from gapscope.inspection.channels import (
+    ChannelGuess,
+    channels_of_table,
+    position_and_velocity,
+)
+from gapscope.inspection.columns import TableColumns, sorted_columns
+from gapscope.inspection.time_column import TimeGuess, guess_time
+
+
+@dataclass(frozen=True)
+class InspectedTable:
+    """A table, its columns and what they are taken for.
+
+    Attributes:
+        log: that holds it.
+        part: the table in the log.
+        columns: sorted.
+        time: where the time stands.
+        channels: every group of columns that may be a channel, the best first for each.
+    """
+
+    log: Log
+    part: LogTable
+    columns: TableColumns
+    time: TimeGuess
+    channels: tuple[ChannelGuess, ...]
+
+    @property
+    def label(self) -> str:
+        """File and topic, for messages."""
+        return " ".join(filter(None, (self.log.path.name, self.part.name)))
+
+    @property
+    def shape(self) -> tuple[object, ...]:
+        """What tables of several logs of one kind share: topic, columns and channels."""
+        groups = tuple((group.pattern, group.labels) for group in self.columns.groups)
+        meant = tuple(sorted(guess.channel for guess in self.channels))
+        return (self.part.name, groups, meant)
+
+    def best(self, channel: str) -> ChannelGuess | None:
+        """The first columns taken for a channel."""
+        return next((g for g in self.channels if g.channel == channel), None)
+
+
+def inspect_table(
+    log: Log, part: LogTable, joints: Sequence[str], *, named_by_file: bool = True
+) -> InspectedTable:
+    """A table of a log, with what its columns are taken for.
+
+    Args:
+        log: that holds it.
+        part: the table.
+        joints: names that columns may carry.
+        named_by_file: whether the names of file and topic say what columns hold whose own names are silent.
+    """
+    columns = sorted_columns(part.table, joints)
+    context = f"{log.path.stem} {part.name}" if named_by_file else ""
+    position, velocity = position_and_velocity(columns, context)
+    time = guess_time(columns.singles, len(part.table), position, velocity)
+    channels = channels_of_table(columns, time, context)
+    return InspectedTable(log, part, columns, time, tuple(channels))

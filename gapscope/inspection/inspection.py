@@ -1,0 +1,200 @@
+"""What is in logs: which columns are which channel, in which units, of which joints, and what looks wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from gapscope.arm.errors import InputError
+from gapscope.arm.io.log import Log, open_log
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import CHANNELS
+from gapscope.inspection.against_arm import torque_fits
+from gapscope.inspection.channels import ChannelGuess
+from gapscope.inspection.inspected_table import InspectedTable, inspect_table
+from gapscope.inspection.oddities import Oddity, oddities_of
+from gapscope.inspection.torque_facts import torque_facts
+from gapscope.inspection.torque_fit import what_it_is
+
+TORQUES = ("tau", "tau_sensor")
+"""Channels that hold a torque."""
+MAIN = "state"
+"""Label of the table that holds the positions, if several lie side by side."""
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """What is in one or several logs of one arm.
+
+    Attributes:
+        logs: as they were opened.
+        tables: all tables that hold numbers of joints.
+        sources: tables that a recording is made of, by label; the one with the positions first.
+        entries: one for each recording: its tables by the labels of ``sources``.
+        chosen: columns taken for each channel, by its name, and the label of the table that holds them.
+        torques: what each torque column can be, in sentences, by the label of its table and the pattern of its columns.
+        oddities: what looks wrong.
+        notes: what was left out, and why.
+        arm: the nominal arm, if a robot is known.
+    """
+
+    logs: tuple[Log, ...]
+    tables: tuple[InspectedTable, ...]
+    sources: dict[str, InspectedTable]
+    entries: tuple[dict[str, InspectedTable], ...]
+    chosen: dict[str, tuple[str, ChannelGuess]]
+    torques: dict[tuple[str, str], list[str]] = field(default_factory=dict)
+    oddities: tuple[Oddity, ...] = ()
+    notes: tuple[str, ...] = ()
+    arm: NominalArm | None = None
+
+    @property
+    def main(self) -> InspectedTable:
+        """The table of the first recording that holds the positions."""
+        return next(iter(self.sources.values()))
+
+    @property
+    def n_joints(self) -> int:
+        """Joints of the log: columns of the positions."""
+        return self.chosen["q"][1].group.width
+
+
+def inspect_logs(paths: Sequence[Path], arm: NominalArm | None = None) -> Inspection:
+    """What is in logs of one arm.
+
+    Args:
+        paths: files or folders: recordings of one kind, or files of one recording that lie side by side, or both.
+        arm: the nominal arm, if it is known.
+
+    Raises:
+        InputError: a log cannot be read, or none holds positions of joints.
+    """
+    logs = tuple(open_log(path) for path in paths)
+    joints = arm.joints if arm is not None else ()
+    tables = _tables(logs, joints)
+    kinds = _kinds(tables)
+    main = next((kind for kind in kinds if kind[0].best("q") is not None), None)
+    if main is None:
+        raise _without_positions(paths, tables)
+    sources, chosen, notes = _chosen(kinds, main)
+    entries = tuple(
+        {label: kind[number] for label, kind in sources.items()}
+        for number in range(len(main))
+    )
+    first = {label: kind[0] for label, kind in sources.items()}
+    return Inspection(
+        logs=logs,
+        tables=tuple(tables),
+        sources=first,
+        entries=entries,
+        chosen=chosen,
+        torques=_torques(first, entries, arm),
+        oddities=_oddities(entries, chosen),
+        notes=(*_notes(logs, tables), *notes),
+        arm=arm,
+    )
+
+
+def _tables(logs: Sequence[Log], joints: Sequence[str]) -> list[InspectedTable]:
+    """Tables that hold numbers of joints."""
+    for named_by_file in (True, False):
+        found = [
+            inspect_table(log, part, joints, named_by_file=named_by_file)
+            for log in logs
+            for part in log.tables
+        ]
+        # names of files may call everything a reference
+        if any(table.best("q") is not None for table in found):
+            break
+    return [table for table in found if table.channels]
+
+
+def _kinds(tables: Sequence[InspectedTable]) -> list[list[InspectedTable]]:
+    """Tables of one shape together: the same kind of file or topic, once for each recording."""
+    kinds: dict[tuple[object, ...], list[InspectedTable]] = {}
+    for table in tables:
+        kinds.setdefault(table.shape, []).append(table)
+    return list(kinds.values())
+
+
+def _chosen(
+    kinds: Sequence[list[InspectedTable]], main: list[InspectedTable]
+) -> tuple[
+    dict[str, list[InspectedTable]], dict[str, tuple[str, ChannelGuess]], list[str]
+]:
+    """Kinds of tables by label, columns of each channel with their label, and notes on what was left out."""
+    sources = {MAIN: main}
+    chosen: dict[str, tuple[str, ChannelGuess]] = {}
+    notes = []
+    for kind in (main, *(kind for kind in kinds if kind is not main)):
+        news = [name for name in CHANNELS if name not in chosen and kind[0].best(name)]
+        if not news:
+            continue
+        if len(kind) != len(main):
+            notes.append(
+                f"{kind[0].label} holds {', '.join(news)}, but there are {len(kind)} of its kind beside "
+                f"{len(main)} with positions: left out"
+            )
+            continue
+        label = MAIN if kind is main else news[0]
+        sources[label] = kind
+        for name in news:
+            guess = kind[0].best(name)
+            assert guess is not None
+            chosen[name] = (label, guess)
+    return sources, chosen, notes
+
+
+def _torques(
+    sources: dict[str, InspectedTable],
+    entries: Sequence[dict[str, InspectedTable]],
+    arm: NominalArm | None,
+) -> dict[tuple[str, str], list[str]]:
+    """What each torque column can be: by the log alone, and by the nominal arm if it is known."""
+    found = {}
+    for label, table in sources.items():
+        for guess in table.channels:
+            if guess.channel not in TORQUES:
+                continue
+            facts = torque_facts(guess, table.channels)
+            fits = torque_fits(arm, entries, guess) if arm is not None else []
+            if fits:
+                facts.append(what_it_is(fits))
+            found[label, guess.group.pattern] = facts
+    return found
+
+
+def _oddities(
+    entries: Sequence[dict[str, InspectedTable]],
+    chosen: dict[str, tuple[str, ChannelGuess]],
+) -> tuple[Oddity, ...]:
+    """What looks wrong in the tables of every recording."""
+    found: list[Oddity] = []
+    for entry in entries:
+        for label, table in entry.items():
+            used = [name for name, (place, _) in chosen.items() if place == label]
+            guesses = [guess for name in used if (guess := table.best(name))]
+            found += oddities_of(table.label, table.time, guesses)
+    return tuple(found)
+
+
+def _notes(logs: Sequence[Log], tables: Sequence[InspectedTable]) -> list[str]:
+    """What the readers noticed, and logs that hold nothing of joints."""
+    used = {table.log.path for table in tables}
+    notes = [f"{log.path.name}: {note}" for log in logs for note in log.notes]
+    for table in tables:
+        notes += [f"{table.label}: {note}" for note in table.part.table.notes]
+    idle = [log.path.name for log in logs if log.path not in used]
+    return notes + [f"{name}: holds no numbers of joints" for name in idle]
+
+
+def _without_positions(
+    paths: Sequence[Path], tables: Sequence[InspectedTable]
+) -> InputError:
+    found = sorted({guess.channel for table in tables for guess in table.channels})
+    return InputError(
+        f"no column is told to be the positions of joints by its name; found {', '.join(found) or 'no channel'}",
+        "give --robot, whose joints' names columns may carry; or name the columns in a case, import: {q: ...}",
+        file=paths[0],
+    )

@@ -1,0 +1,203 @@
+"""What looks wrong in a log, before any physics."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gapscope.inspection.channels import ChannelGuess
+from gapscope.inspection.time_column import TimeGuess
+
+STILL = 1e-3
+"""Range of positions below which a joint counts as still, as a share of the farthest joint's [1]."""
+CLIPPED = 0.02
+"""Share of rows at exactly the largest or least value from which a column counts as clipped [1]."""
+SPIKE = 20.0
+"""Step of one row and back over the usual one, 99.9 % of them, from which it counts as a spike [1]."""
+HELD = 0.5
+"""Share of rows in which a moving reference stands still from which it counts as held [1]."""
+
+
+@dataclass(frozen=True)
+class Oddity:
+    """Something that looks wrong.
+
+    Attributes:
+        where: file, channel and joint.
+        what: what was seen, with figures.
+        remedy: what to do.
+    """
+
+    where: str
+    what: str
+    remedy: str
+
+
+def oddities_of(
+    where: str, time: TimeGuess, channels: Sequence[ChannelGuess]
+) -> list[Oddity]:
+    """What looks wrong in one table.
+
+    Args:
+        where: name of the table, for messages.
+        time: its time.
+        channels: the columns taken for channels, one of each.
+    """
+    found = [*_time(where, time)]
+    by_name = {guess.channel: guess for guess in channels}
+    for guess in channels:
+        found += _column(where, guess)
+    found += _pairs(where, by_name)
+    if "q" in by_name:
+        found += _still(where, by_name["q"])
+    return found
+
+
+def _time(where: str, time: TimeGuess) -> Iterator[Oddity]:
+    step = np.diff(time.seconds)
+    if not len(step):
+        return
+    usual = float(np.median(step))
+    if (step < 0).any():
+        row = int(np.flatnonzero(step < 0)[0]) + 1
+        yield Oddity(
+            where,
+            f"time jumps back at row {row}",
+            "split the log there, or sort its rows",
+        )
+    repeated = int((step == 0).sum())
+    if repeated:
+        yield Oddity(
+            where,
+            f"{repeated} rows repeat the stamp before them ({repeated / len(step):.1%})",
+            "they are dropped on reading",
+        )
+    wide = step > 2.5 * usual
+    if wide.any():
+        yield Oddity(
+            where,
+            f"{wide.sum()} gaps in time, the longest {step.max():.3g} s",
+            "the recording is cut there; look why samples were lost",
+        )
+    regular = step[(step > 0) & ~wide]
+    jitter = float(np.std(regular) / usual) if usual > 0 else 0.0
+    if jitter > 0.1:
+        yield Oddity(
+            where,
+            f"the stamps jitter by {jitter:.0%} of a period",
+            "stamp the samples where they are taken, not where they are written",
+        )
+
+
+def _column(where: str, guess: ChannelGuess) -> Iterator[Oddity]:
+    """Cells that are missing, clipped values and spikes."""
+    values = guess.group.values
+    missing = int((~np.isfinite(values)).sum())
+    if missing:
+        yield Oddity(
+            where,
+            f"{guess.group.pattern}: {missing} cells are empty or no numbers",
+            "drop those rows; a missing value is never guessed",
+        )
+        return
+    if guess.channel in ("tau", "tau_sensor"):
+        yield from _clipped(where, guess)
+    if guess.channel in ("q", "tau", "tau_sensor"):
+        yield from _spikes(where, guess)
+
+
+def _clipped(where: str, guess: ChannelGuess) -> Iterator[Oddity]:
+    for j, column in enumerate(guess.group.values.T):
+        if np.ptp(column) == 0:
+            continue
+        for limit in (column.min(), column.max()):
+            share = float((column == limit).mean())
+            if limit != 0 and share > CLIPPED and len(np.unique(column)) > 50:
+                yield Oddity(
+                    f"{where}, joint {j + 1}",
+                    f"{guess.group.pattern} stands at {limit:.4g} in {share:.0%} of the rows: a limit was reached",
+                    "state torque_limit in the case's nominal section",
+                )
+
+
+def _spikes(where: str, guess: ChannelGuess) -> Iterator[Oddity]:
+    """Values that leave their neighbours for one row."""
+    values = guess.group.values
+    if len(values) < 100:
+        return
+    bend = np.abs(values[1:-1] - 0.5 * (values[:-2] + values[2:]))
+    usual = np.quantile(bend, 0.999, axis=0)
+    for j in range(values.shape[1]):
+        far = bend[:, j] > SPIKE * max(usual[j], 1e-12)
+        if usual[j] > 0 and far.any():
+            row = int(np.argmax(bend[:, j])) + 2
+            yield Oddity(
+                f"{where}, joint {j + 1}",
+                f"{guess.group.pattern} leaves its neighbours in {far.sum()} rows, the worst is row {row}",
+                "drop those rows",
+            )
+
+
+def _pairs(where: str, by_name: dict[str, ChannelGuess]) -> Iterator[Oddity]:
+    """Channels that are copies of others, or references that stand."""
+    for measured, asked in (("q", "q_ref"), ("dq", "dq_ref")):
+        if measured not in by_name or asked not in by_name:
+            continue
+        one, other = by_name[measured].group, by_name[asked].group
+        moves = np.ptp(one.values) > 0
+        if moves and np.array_equal(one.values, other.values):
+            yield Oddity(
+                where,
+                f"{one.pattern} and {other.pattern} are the same numbers: one of them is a copy",
+                "a copied reference says nothing of the arm; leave it out (null)",
+            )
+    for name in ("dq", "dq_ref"):
+        position = by_name.get(name[1:])
+        velocity = by_name.get(name)
+        if position is None or velocity is None:
+            continue
+        if np.ptp(velocity.group.values) == 0 and np.ptp(position.group.values) > 0:
+            yield Oddity(
+                where,
+                f"{velocity.group.pattern} never changes while {position.group.pattern} moves",
+                "it is no velocity; leave it out (null)",
+            )
+    reference = by_name.get("q_ref")
+    if reference is not None:
+        step = np.abs(np.diff(reference.group.values, axis=0)).max(axis=1)
+        held = float((step == 0).mean())
+        # at rest the reference may stand
+        if (step > 0).mean() > 0.05 and HELD < held < 0.98 and _evenly_held(step):
+            yield Oddity(
+                where,
+                f"{reference.group.pattern} stands still in {held:.0%} of the rows and jumps between: set points "
+                f"come at about 1/{round(1 / (1 - held))} of the rate of the log",
+                "the controller may interpolate them; what it follows is not in the log",
+            )
+
+
+def _evenly_held(step: np.ndarray) -> bool:
+    """Whether jumps come at even distances, as set points at a lower rate do."""
+    apart = np.diff(np.flatnonzero(step > 0))
+    return bool(
+        len(apart) > 10
+        and np.median(apart) > 1
+        and (apart == np.median(apart)).mean() > 0.5
+    )
+
+
+def _still(where: str, guess: ChannelGuess) -> Iterator[Oddity]:
+    travel = np.ptp(guess.group.values, axis=0)
+    if travel.max() == 0:
+        yield Oddity(where, "no joint moves", "record a motion of all joints")
+        return
+    still = travel <= STILL * travel.max()
+    if still.any():
+        numbers = ", ".join(str(j + 1) for j in np.flatnonzero(still))
+        yield Oddity(
+            where,
+            f"joint {numbers} does not move: its friction, armature and zero cannot be told",
+            "move every joint, slowly and fast, in both directions",
+        )

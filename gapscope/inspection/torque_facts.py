@@ -1,0 +1,127 @@
+"""What a torque column can be, by the log alone: silent, unsigned, computed, or another column times a factor."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from gapscope.inspection.channels import ChannelGuess
+
+EXACT = 1e-3
+"""Share of a column's deviation that rounding leaves if it is computed from others [1]; a measurement leaves more."""
+LARGEST = 1e9
+"""Value that no quantity of a joint reaches, in any unit."""
+SAMPLES = 20_000
+"""Rows that are looked at, evenly taken."""
+
+
+def torque_facts(torque: ChannelGuess, others: Sequence[ChannelGuess]) -> list[str]:
+    """Sentences on one torque column, each with its figures; empty if nothing strikes.
+
+    Args:
+        torque: the columns in question.
+        others: all channels of the same table.
+    """
+    values = _thinned(torque.group.values)
+    if not _usable(values):
+        return ["it holds cells that are no numbers, or beyond any torque"]
+    others = [other for other in others if _usable(other.group.values)]
+    silent = np.ptp(values, axis=0) == 0
+    if silent.all():
+        constant = float(values[0, 0])
+        return [f"it is {constant:g} throughout: nothing was measured"]
+    facts = []
+    if silent.any():
+        facts.append(f"it never changes on joint {_numbers(silent)}")
+    if (values >= 0).all():
+        facts.append("it is never negative: a magnitude, whose sign is lost")
+    facts += _quantised(values[:, ~silent])
+    facts += _multiples(torque, others)
+    facts += _controllers(torque, others)
+    return facts
+
+
+def _quantised(values: np.ndarray) -> Iterator[str]:
+    """A column of few different values."""
+    counts = [len(np.unique(column)) for column in values.T]
+    most = max(counts)
+    if most <= min(200, len(values) // 20):
+        steps = [
+            np.diff(np.unique(column)).min()
+            for column in values.T
+            if len(np.unique(column)) > 1
+        ]
+        yield f"it has {most} different values at most, in steps of {min(steps):.3g}"
+
+
+def _multiples(torque: ChannelGuess, others: Sequence[ChannelGuess]) -> Iterator[str]:
+    """Columns that it is a multiple of, joint by joint."""
+    values = _thinned(torque.group.values)
+    for other in others:
+        if other is torque or other.group.width != torque.group.width:
+            continue
+        source = _thinned(other.group.values)
+        factors = _factors(values, source)
+        if factors is None:
+            continue
+        if np.allclose(factors, 1.0, atol=1e-3):
+            yield f"it equals {other.group.pattern}"
+        else:
+            listed = ", ".join(f"{factor:.4g}" for factor in factors)
+            yield f"it is {other.group.pattern} times {listed}"
+
+
+def _factors(values: np.ndarray, source: np.ndarray) -> np.ndarray | None:
+    """Factor of each joint if all columns are multiples of the others', (k,), or ``None``."""
+    power = (source**2).sum(axis=0)
+    if (power == 0).any():
+        return None
+    factors = (values * source).sum(axis=0) / power
+    left = np.sqrt(((values - factors * source) ** 2).mean(axis=0))
+    exact = left <= EXACT * values.std(axis=0)
+    return np.asarray(factors) if exact.all() else None
+
+
+def _controllers(torque: ChannelGuess, others: Sequence[ChannelGuess]) -> Iterator[str]:
+    """A column that is computed from reference and position by gains."""
+    by_channel = {
+        other.channel: _thinned(other.group.values) for other in reversed(others)
+    }
+    values = _thinned(torque.group.values)
+    needed = [by_channel.get(name) for name in ("q", "q_ref")]
+    if any(x is None or x.shape != values.shape for x in needed):
+        return
+    error = by_channel["q_ref"] - by_channel["q"]
+    rate = np.zeros_like(error)
+    for name, sign in (("dq_ref", 1.0), ("dq", -1.0)):
+        if name in by_channel and by_channel[name].shape == values.shape:
+            rate += sign * by_channel[name]
+    gains, left = [], []
+    for j in range(values.shape[1]):
+        design = np.column_stack([error[:, j], rate[:, j]])
+        found, *_ = np.linalg.lstsq(design, values[:, j], rcond=None)
+        left.append(
+            np.std(values[:, j] - design @ found) / max(values[:, j].std(), 1e-12)
+        )
+        gains.append(found)
+    if np.median(left) <= 10 * EXACT:
+        kp = ", ".join(f"{gain[0]:.4g}" for gain in gains)
+        kd = ", ".join(f"{gain[1]:.4g}" for gain in gains)
+        yield (
+            f"it is computed, not measured: kp (q_ref - q) + kd (dq_ref - dq) with kp {kp} and kd {kd}. "
+            "As a command that is what it should be; whether the arm obeyed these gains, the log does not say"
+        )
+
+
+def _usable(values: np.ndarray) -> bool:
+    """Whether all values are numbers of a size that robots have in any unit."""
+    return bool(np.isfinite(values).all() and np.abs(values).max() < LARGEST)
+
+
+def _thinned(values: np.ndarray) -> np.ndarray:
+    return values[:: max(1, len(values) // SAMPLES)]
+
+
+def _numbers(mask: np.ndarray) -> str:
+    return ", ".join(str(j + 1) for j in np.flatnonzero(mask))
