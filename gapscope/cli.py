@@ -20,6 +20,7 @@ from gapscope.commands.excite import excite
 from gapscope.commands.export import export
 from gapscope.commands.gap import gap
 from gapscope.commands.identify import identify
+from gapscope.commands.inspect import inspect
 from gapscope.commands.predict import predict
 from gapscope.commands.record import record
 from gapscope.commands.replay import replay
@@ -27,6 +28,7 @@ from gapscope.commands.residual import residual
 from gapscope.terminal import note
 
 COMMANDS = (
+    inspect,
     diagnose,
     predict,
     replay,

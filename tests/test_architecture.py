@@ -17,6 +17,7 @@ LAYERS: tuple[set[str], ...] = (
     {"effects"},
     {"envs", "ident"},
     {"diagnosis"},
+    {"inspection"},
     {"provenance", "workers"},
     {"agents", "blind_check"},
     {"reports"},

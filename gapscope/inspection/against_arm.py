@@ -11,6 +11,7 @@ from gapscope.arm.io.import_section import UNITS
 from gapscope.arm.io.load_recording import recording_of_columns
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
+from gapscope.arm.robots import load_nominal_arm
 from gapscope.inspection.channels import ChannelGuess
 from gapscope.inspection.columns import ColumnGroup
 from gapscope.inspection.inspected_table import InspectedTable
@@ -18,6 +19,15 @@ from gapscope.inspection.torque_fit import TorqueFit, fits_of
 
 LONGEST = 60.0
 """Duration of each recording that is looked at [s]."""
+
+
+def arm_of_columns(arm: NominalArm, group: ColumnGroup) -> NominalArm:
+    """The arm with those of its joints that a log has: by name, or the first if it has fewer and names none."""
+    named = [joint for joint in arm.joints if joint in group.labels]
+    kept = named or list(arm.joints[: group.width])
+    if len(kept) == arm.n_joints:
+        return arm
+    return load_nominal_arm(arm.urdf, joints=kept, gravity=tuple(arm.gravity))
 
 
 def columns_of_arm(group: ColumnGroup, joints: Sequence[str]) -> list[int] | None:

@@ -92,7 +92,10 @@ def _numbers(cells: Any) -> np.ndarray | None:
     """Cells as numbers, (N,), or (N, k) if they hold lists; ``None`` for texts."""
     first = next((cell for cell in cells if cell is not None and cell != ""), None)
     if isinstance(first, str) and first.lstrip().startswith("["):
-        return _lists([json.loads(cell) for cell in cells])
+        try:
+            return _lists([json.loads(cell) for cell in cells])
+        except ValueError:
+            return None
     if isinstance(first, (list, tuple, np.ndarray)):
         return _lists(cells)
     try:

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 import yaml
 
+from gapscope.arm.dynamics.robot_file import actuated_joints
 from gapscope.arm.recording import CHANNELS
 from gapscope.inspection.against_arm import columns_of_arm
 from gapscope.inspection.channels import AMPERES, ChannelGuess
 from gapscope.inspection.inspection import MAIN, TORQUES, Inspection
-from gapscope.inspection.torque_facts import LARGEST
+from gapscope.inspection.units import LARGEST
 
 BESIDE = 70
 """Longest reason that stands beside its line; longer ones stand above."""
@@ -64,12 +65,11 @@ def _robot(found: Inspection, robot: str | None) -> Iterator[str]:
         return
     yield f"robot: {_scalar(robot)}"
     assert found.arm is not None
-    width = found.n_joints
-    if width < found.arm.n_joints:
-        listed = _flow(list(found.arm.joints[:width]))
-        yield f"joints: {listed}  # the log has {width} columns: taken for the first joints of the robot"
+    listed = _flow(list(found.arm.joints))
+    if list(found.arm.joints) == actuated_joints(found.arm.urdf):
+        yield f"# joints: {listed}  # the order of the columns, if it is another"
     else:
-        yield f"# joints: {_flow(list(found.arm.joints))}  # the order of the columns, if it is another"
+        yield f"joints: {listed}  # those of the robot that the log has; all others stay where they are"
 
 
 def _recordings(found: Inspection, folder: Path) -> Iterator[str]:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.log import Log, open_log
+from gapscope.arm.io.log import Log
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import CHANNELS
-from gapscope.inspection.against_arm import torque_fits
+from gapscope.inspection.against_arm import arm_of_columns, torque_fits
 from gapscope.inspection.channels import ChannelGuess
 from gapscope.inspection.inspected_table import InspectedTable, inspect_table
 from gapscope.inspection.oddities import Oddity, oddities_of
@@ -60,31 +59,32 @@ class Inspection:
         return self.chosen["q"][1].group.width
 
 
-def inspect_logs(paths: Sequence[Path], arm: NominalArm | None = None) -> Inspection:
+def inspect_logs(logs: Sequence[Log], arm: NominalArm | None = None) -> Inspection:
     """What is in logs of one arm.
 
     Args:
-        paths: files or folders: recordings of one kind, or files of one recording that lie side by side, or both.
-        arm: the nominal arm, if it is known.
+        logs: recordings of one kind, or files of one recording that lie side by side, or both.
+        arm: the nominal arm with all of its joints, if it is known; those that the logs have are kept.
 
     Raises:
-        InputError: a log cannot be read, or none holds positions of joints.
+        InputError: no log holds positions of joints.
     """
-    logs = tuple(open_log(path) for path in paths)
     joints = arm.joints if arm is not None else ()
     tables = _tables(logs, joints)
     kinds = _kinds(tables)
     main = next((kind for kind in kinds if kind[0].best("q") is not None), None)
     if main is None:
-        raise _without_positions(paths, tables)
+        raise _without_positions(logs, tables)
     sources, chosen, notes = _chosen(kinds, main)
     entries = tuple(
         {label: kind[number] for label, kind in sources.items()}
         for number in range(len(main))
     )
     first = {label: kind[0] for label, kind in sources.items()}
+    if arm is not None:
+        arm = arm_of_columns(arm, chosen["q"][1].group)
     return Inspection(
-        logs=logs,
+        logs=tuple(logs),
         tables=tuple(tables),
         sources=first,
         entries=entries,
@@ -190,11 +190,11 @@ def _notes(logs: Sequence[Log], tables: Sequence[InspectedTable]) -> list[str]:
 
 
 def _without_positions(
-    paths: Sequence[Path], tables: Sequence[InspectedTable]
+    logs: Sequence[Log], tables: Sequence[InspectedTable]
 ) -> InputError:
     found = sorted({guess.channel for table in tables for guess in table.channels})
     return InputError(
         f"no column is told to be the positions of joints by its name; found {', '.join(found) or 'no channel'}",
         "give --robot, whose joints' names columns may carry; or name the columns in a case, import: {q: ...}",
-        file=paths[0],
+        file=logs[0].path,
     )

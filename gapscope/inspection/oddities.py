@@ -15,7 +15,7 @@ STILL = 1e-3
 CLIPPED = 0.02
 """Share of rows at exactly the largest or least value from which a column counts as clipped [1]."""
 SPIKE = 20.0
-"""Step of one row and back over the usual one, 99.9 % of them, from which it counts as a spike [1]."""
+"""Step of one row and back over that of all but one in a hundred from which it counts as a spike [1]."""
 HELD = 0.5
 """Share of rows in which a moving reference stands still from which it counts as held [1]."""
 
@@ -56,6 +56,12 @@ def oddities_of(
 
 
 def _time(where: str, time: TimeGuess) -> Iterator[Oddity]:
+    if not time.certain:
+        yield Oddity(
+            where,
+            f"nothing in it tells the rate; {time.rate:g} Hz is assumed",
+            "correct rate: in the case",
+        )
     step = np.diff(time.seconds)
     if not len(step):
         return
@@ -128,7 +134,7 @@ def _spikes(where: str, guess: ChannelGuess) -> Iterator[Oddity]:
     if len(values) < 100:
         return
     bend = np.abs(values[1:-1] - 0.5 * (values[:-2] + values[2:]))
-    usual = np.quantile(bend, 0.999, axis=0)
+    usual = np.quantile(bend, 0.99, axis=0)
     for j in range(values.shape[1]):
         far = bend[:, j] > SPIKE * max(usual[j], 1e-12)
         if usual[j] > 0 and far.any():

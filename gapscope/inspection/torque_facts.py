@@ -7,11 +7,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from gapscope.inspection.channels import ChannelGuess
+from gapscope.inspection.units import LARGEST
 
 EXACT = 1e-3
 """Share of a column's deviation that rounding leaves if it is computed from others [1]; a measurement leaves more."""
-LARGEST = 1e9
-"""Value that no quantity of a joint reaches, in any unit."""
 SAMPLES = 20_000
 """Rows that are looked at, evenly taken."""
 

@@ -11,6 +11,8 @@ ANGLES = ("rad", "deg", "rev")
 SPEEDS = ("rad/s", "deg/s", "rpm")
 FARTHEST = 7.0
 """Position beyond which an arm's joint has made more than a turn if it is in radians [rad]."""
+LARGEST = 1e9
+"""Value that no quantity of a joint reaches, in any unit."""
 ALIKE = 0.1
 """Units fit if velocity over derivative of the position is as they say within this share [1]."""
 
@@ -80,6 +82,8 @@ def derivative_ratio(
     for j in range(width):
         slope = (positions[2:, j] - positions[:-2, j])[usable] / span[usable]
         speed = velocities[1:-1, j][usable]
+        numbers = (np.abs(slope) < LARGEST) & (np.abs(speed) < LARGEST)
+        slope, speed = slope[numbers], speed[numbers]
         power = float(slope @ slope)
         scale = np.sqrt(power * float(speed @ speed))
         if scale > 0 and abs(float(slope @ speed)) / scale > 0.9:

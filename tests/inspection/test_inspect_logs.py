@@ -1,0 +1,129 @@
+"""Logs in other people's columns: the drafted case reads them as the recording that they were made from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from foreign_logs import case_format, columns, inspected
+
+from gapscope.arm.case import load_case
+from gapscope.arm.recording import Recording
+from gapscope.inspection.draft import case_text
+from gapscope.inspection.inspection import Inspection
+
+DEGREES = 180 / np.pi
+
+
+def degrees_and_milliseconds(r: Recording) -> dict[str, np.ndarray]:
+    return {
+        "time_ms": 1e3 * r.t + 17,
+        **columns("joint_{j}_position", DEGREES * r.q),
+        **columns("joint_{j}_velocity", DEGREES * r.dq),
+        **columns("joint_{j}_torque", r.tau),
+    }
+
+
+def mixed_units(r: Recording) -> dict[str, np.ndarray]:
+    return {
+        "Time": r.t,
+        **columns("ActualPos{j0}", r.q),
+        **columns("ActualVel{j0}", DEGREES * r.dq),
+        **columns("MotorTorque{j0}", r.tau),
+    }
+
+
+def counted_rows(r: Recording) -> dict[str, np.ndarray]:
+    return {
+        "sample": np.arange(len(r.t)),
+        **columns("pos ({j})", r.q),
+        **columns("vel ({j})", r.dq),
+        **columns("eff ({j})", np.zeros_like(r.q)),
+        **columns("torque ({j})", r.tau),
+    }
+
+
+def named_joints(r: Recording) -> dict[str, np.ndarray]:
+    names = ("a", "b", "c", "d", "e", "f", "wrist_7")
+    series = {"pos": r.q, "vel": r.dq, "effort": r.tau}
+    found = {"timestamp": 1.7e9 + r.t}
+    for kind, values in series.items():
+        for j, name in enumerate(names):
+            found[f"{name}.{kind}"] = values[:, j]
+    return found
+
+
+def lists_in_cells(r: Recording) -> dict[str, object]:
+    series = {"positions": r.q, "velocities": r.dq, "torques": r.tau}
+    cells = {name: [str(row.tolist()) for row in x] for name, x in series.items()}
+    return {"timestamp": 1e6 * r.t, "kind": ["STATE"] * len(r.t), **cells}
+
+
+STYLES: tuple[Callable[[Recording], dict[str, object]], ...] = (
+    case_format,
+    degrees_and_milliseconds,
+    mixed_units,
+    counted_rows,
+    named_joints,
+    lists_in_cells,
+)
+
+
+def drafted(found: Inspection, folder: Path) -> Path:
+    """The drafted case."""
+    file = folder / "case.yaml"
+    file.write_text(case_text(found, folder, "kuka_iiwa"), encoding="utf-8")
+    return file
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_the_drafted_case_reads_the_log_as_it_was_made(style, arm, motion, tmp_path):
+    found = inspected(tmp_path, arm, log=style(motion))
+    read = load_case(drafted(found, tmp_path)).recordings[0]
+    np.testing.assert_allclose(read.t - read.t[0], motion.t, atol=1e-6)
+    np.testing.assert_allclose(read.q, motion.q, atol=1e-9)
+    np.testing.assert_allclose(read.dq, motion.dq, atol=1e-9)
+    np.testing.assert_allclose(read.tau, motion.tau, atol=1e-9)
+
+
+def test_files_side_by_side_become_one_recording(arm, motion, tmp_path):
+    state = columns("Joint_{j}", motion.q)
+    torque = columns("Joint_{j}", motion.tau)
+    found = inspected(tmp_path, arm, positions=state, torques=torque)
+    assert len(found.entries) == 1
+    read = load_case(drafted(found, tmp_path)).recordings[0]
+    np.testing.assert_allclose(read.tau, motion.tau, atol=1e-9)
+    # nothing tells the rate, and that is said
+    assert any("rate" in odd.what for odd in found.oddities)
+
+
+def test_logs_of_one_kind_become_recordings(arm, motion, tmp_path):
+    table = case_format(motion)
+    found = inspected(tmp_path, arm, first=table, second=table)
+    assert len(load_case(drafted(found, tmp_path)).recordings) == 2
+
+
+def test_amperes_wait_for_motor_constants(arm, motion, tmp_path):
+    table = {
+        "timestamp": motion.t,
+        **columns("actual_q_{j0}", motion.q),
+        **columns("actual_qd_{j0}", motion.dq),
+        **columns("actual_current_{j0}", motion.tau / 12),
+    }
+    found = inspected(tmp_path, arm, log=table)
+    text = case_text(found, tmp_path, "kuka_iiwa")
+    assert "unit: A" in text and "tau: null" in text
+    assert load_case(drafted(found, tmp_path)).recordings[0].tau is None
+
+
+def test_a_log_of_fewer_joints_takes_the_first_of_the_robot(arm, motion, tmp_path):
+    table = {"t": motion.t, **columns("q{j}", motion.q[:, :4])}
+    found = inspected(tmp_path, arm, log=table)
+    assert found.arm is not None and found.arm.joints == arm.joints[:4]
+
+
+def test_a_log_without_positions_is_refused(arm, motion, tmp_path):
+    with pytest.raises(Exception, match="positions of joints"):
+        inspected(tmp_path, arm, log={"t": motion.t, **columns("tau{j}", motion.tau)})

@@ -1,0 +1,54 @@
+"""What looks wrong in a log, put in one by one; and nothing in a good one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from foreign_logs import case_format, columns, inspected
+
+
+def oddities(motion, tmp_path, **changed) -> str:
+    table = case_format(motion) | changed
+    found = inspected(tmp_path, None, log=table)
+    return "; ".join(f"{odd.where}: {odd.what}" for odd in found.oddities)
+
+
+def test_a_good_log_has_none(motion, tmp_path):
+    assert oddities(motion, tmp_path) == ""
+
+
+def spiked(motion):
+    q = motion.q[:, 1].copy()
+    q[300] += 1.0
+    return {"q2": q}
+
+
+def clipped(motion):
+    return {"tau2": np.clip(motion.tau[:, 1], -20, 20)}
+
+
+def gap(motion):
+    return {"t": motion.t + 0.4 * (motion.t > 3)}
+
+
+def jitter(motion):
+    rng = np.random.default_rng(1)
+    return {"t": motion.t + 0.001 * rng.standard_normal(len(motion.t))}
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (spiked, "joint 2: q{j} leaves its neighbours"),
+        (clipped, "joint 2: tau{j} stands at"),
+        (gap, "1 gaps in time"),
+        (jitter, "jitter by"),
+        (lambda m: {"q3": 0 * m.t + 0.4}, "joint 3 does not move"),
+        (lambda m: {"tau1": np.where(m.t == m.t[9], np.nan, 1.0)}, "1 cells are empty"),
+        (lambda m: columns("q_ref{j}", m.q), "the same numbers"),
+        (lambda m: columns("dq{j}", 0 * m.q), "dq{j} never changes"),
+        (lambda m: columns("q_ref{j}", m.q[(np.arange(len(m.t)) // 8) * 8]), "1/8"),
+    ],
+)
+def test_what_looks_wrong_is_said(change, expected, motion, tmp_path):
+    assert expected in oddities(motion, tmp_path, **change(motion))

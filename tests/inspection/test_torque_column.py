@@ -1,0 +1,58 @@
+"""What a torque column can be: silent, unsigned, computed, a multiple, gravity in or out, amperes, turned."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from foreign_logs import case_format, columns, inspected
+
+from gapscope.arm.dynamics.rigid_body import RigidBody
+
+
+def said_of_torque(found) -> str:
+    """All sentences on the columns that were taken for the torque."""
+    label, guess = found.chosen["tau"]
+    return "; ".join(found.torques[label, guess.group.pattern])
+
+
+def gravity(arm, motion) -> np.ndarray:
+    still = np.zeros_like(motion.q)
+    return RigidBody(arm).inverse_dynamics(motion.q, still, still)
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (lambda tau, g: tau, "torque with gravity, in N m"),
+        (lambda tau, g: tau - g, "torque without gravity, in N m"),
+        (lambda tau, g: -tau, "its sign turned:"),
+        (lambda tau, g: tau / 11, "not in N m"),
+        (lambda tau, g: np.abs(tau), "magnitude"),
+        (lambda tau, g: 0 * tau, "nothing was measured"),
+        (lambda tau, g: np.roll(tau, 3, axis=1), "at best"),
+    ],
+)
+def test_what_the_torque_is(change, expected, arm, motion, tmp_path):
+    table = case_format(motion)
+    changed = change(motion.tau, gravity(arm, motion))
+    table |= columns("tau{j}", changed)
+    assert expected in said_of_torque(inspected(tmp_path, arm, log=table))
+
+
+def test_a_computed_torque_is_told_with_its_gains(motion, tmp_path):
+    rng = np.random.default_rng(0)
+    reference = motion.q + 0.01 * rng.standard_normal(motion.q.shape)
+    table = {
+        "t": motion.t,
+        **columns("q{j}", motion.q),
+        **columns("dq{j}", motion.dq),
+        **columns("q_ref{j}", reference),
+        **columns("tau{j}", 80 * (reference - motion.q) - 2.5 * motion.dq),
+    }
+    said = said_of_torque(inspected(tmp_path, None, log=table))
+    assert "computed" in said and "kp 80, 80" in said and "kd 2.5, 2.5" in said
+
+
+def test_a_multiple_of_another_column_is_told(motion, tmp_path):
+    table = case_format(motion) | columns("current{j}", motion.tau / 9)
+    assert "times 9" in said_of_torque(inspected(tmp_path, None, log=table))
