@@ -80,13 +80,22 @@ LEAST_ZERO_OFFSET = np.deg2rad(20.0)
 GRAVITY_SIZE_FACTOR = 2.0
 # Gravity off by less than this is a tilt, which the linearised search finds [rad]. (hand)
 LEAST_TURN = 0.4
+# Shifts at which the recorded torque is kept: a driver's delay is looked for up to the last [s]. (physical)
+TORQUE_SHIFT_STEP = 0.005
+TORQUE_SHIFTS = tuple(TORQUE_SHIFT_STEP * k for k in range(41))
+# Delays of the torque column: starts of the search for one [s]. (budget)
+TORQUE_DELAY_STARTS = (0.01, 0.02, 0.04, 0.08, 0.16)
+# A torque is in another unit from this factor on, either way [1]; nearer to one it is a constant that is off. (hand)
+UNIT_FACTOR = 1.9
+# A joint's factor is known from the nominal torque if they share this part of their variance [1]. (hand)
+KNOWN_FACTOR_R2 = 0.3
 # With fewer joints that travel too far, each is tried by itself as one read on its motor's side. (budget)
 FEW_FAR_JOINTS = 4
 REFINE_FIRST_STEP = 0.1  # First step of the logarithm of a fault's value [1]. (budget)
 REFINE_LAST_STEP = 0.003  # Step at which refining a fault's value ends [1]. (budget)
-# Factor on the prior of ordinary errors while gear ratios are refined [1]: wide errors replace a wrong ratio,
+# Factor on the prior of ordinary errors while ratios and factors are refined [1]: wide errors replace a wrong ratio,
 # of wrists above all. (hand)
-GEAR_RATIO_NUISANCE_FACTOR = 0.1
+NARROW_NUISANCE_FACTOR = 0.1
 # Held-out gap, over the torque's deviation, that an arm with ordinary effects may leave [1]. (hand)
 ORDINARY_GAP = 0.05
 ORDINARY_PENALTY = 3.0  # Penalty of the prior on the values of an arm with ordinary effects [nats]. (hand)
@@ -94,6 +103,8 @@ WORST_GAP = 1e3  # Gaps beyond this many deviations are all alike [1]. (hand)
 
 # --- setup_faults: priors of an ordinary arm (standard deviations, relative unless a unit is given)
 ORDINARY_INERTIALS = 0.3  # Errors of the nominal inertials [1]. (hand)
+# The arm's weight as a whole, of what the model says, may lack this [1]; a load may add any. (hand)
+ORDINARY_WEIGHT = 0.25
 ORDINARY_TILT = 0.1  # Tilt of the base [rad]. (hand)
 ORDINARY_LOAD = 0.6  # Mass of a load, in masses of the arm [1]. (hand)
 ORDINARY_LEVER = 0.3  # Lever of a load, in lengths of the arm [1]. (hand)

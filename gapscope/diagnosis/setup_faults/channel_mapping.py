@@ -12,8 +12,11 @@ class ChannelMapping:
     """What the joints' true motion and torque are, in terms of what was recorded; n joints, arrays of shape (n,).
 
     q_j = motion_factor_j recorded q_motion_source_j + motion_offset_j, likewise references, and derivatives without the
-    offset; torque likewise; true time step = time_factor times the recorded one; the nominal inertials belong
-    ``link_shift`` links further, in file order.
+    offset; true time step = time_factor times the recorded one; the nominal inertials belong ``link_shift`` links
+    further, in file order.
+
+    tau_j(t) = torque_factor_j recorded tau_torque_source_j(t + torque_delay), plus the nominal arm's gravity torque
+    g_j(q(t)) if that was left out. It is added last, whatever else is wrong with the torque.
 
     Attributes:
         motion_source, torque_source: column, from 0, that holds a joint's motion and its torque.
@@ -23,6 +26,8 @@ class ChannelMapping:
         link_shift: links by which the inertials of the URDF have to move...
         moved_only: ...among those that a joint moves, or among all.
         turn: roll and pitch by which the base is turned against the nominal arm's gravity [rad].
+        torque_delay: by which the torque is late against the motion, in recorded time [s].
+        without_gravity: whether gravity was left out of the torque.
     """
 
     motion_source: tuple[int, ...]
@@ -34,6 +39,8 @@ class ChannelMapping:
     link_shift: int = 0
     moved_only: bool = False
     turn: tuple[float, float] = (0.0, 0.0)
+    torque_delay: float = 0.0
+    without_gravity: bool = False
 
     @classmethod
     def identity(cls, n: int) -> ChannelMapping:
@@ -42,8 +49,8 @@ class ChannelMapping:
         return cls(columns, ones, columns, ones, zeros)
 
     @property
-    def motion_key(self) -> tuple[object, ...]:
-        """What the predicted torque depends on."""
+    def equation_key(self) -> tuple[object, ...]:
+        """What the predicted torque, and the time of the recorded one, depend on."""
         return (
             self.motion_source,
             self.motion_factor,
@@ -52,6 +59,7 @@ class ChannelMapping:
             self.link_shift,
             self.moved_only,
             self.turn,
+            self.torque_delay,
         )
 
     def then(self, other: ChannelMapping) -> ChannelMapping:
@@ -67,6 +75,8 @@ class ChannelMapping:
             self.moved_only or other.moved_only,
             # a base is turned once
             other.turn if any(other.turn) else self.turn,
+            self.torque_delay + other.torque_delay,
+            self.without_gravity or other.without_gravity,
         )
 
     def _offset_then(self, other: ChannelMapping) -> tuple[float, ...]:
@@ -90,7 +100,7 @@ class ChannelMapping:
         )
 
     def torque(self, tau: np.ndarray) -> np.ndarray:
-        """True torque [N m] of the recorded one, (N, n)."""
+        """Torque [N m] of the recorded one, (N, n), before its delay and gravity are put right."""
         return tau[:, list(self.torque_source)] * np.array(self.torque_factor)
 
 
@@ -148,3 +158,22 @@ def shifted(n: int, links: int, moved_only: bool = False) -> ChannelMapping:
 def turned(n: int, roll: float, pitch: float) -> ChannelMapping:
     """The base turned by roll and pitch [rad] against the nominal arm's gravity."""
     return replace(ChannelMapping.identity(n), turn=(roll, pitch))
+
+
+def rescaled(
+    n: int, joints: tuple[int, ...], factors: tuple[float, ...]
+) -> ChannelMapping:
+    """Joints, from 0, with torques in another unit: what each must be multiplied with [1]."""
+    by_joint = dict(zip(joints, factors, strict=True))
+    torque_factor = tuple(by_joint.get(j, 1.0) for j in range(n))
+    return replace(ChannelMapping.identity(n), torque_factor=torque_factor)
+
+
+def late(n: int, delay: float) -> ChannelMapping:
+    """All torques late by ``delay`` [s]."""
+    return replace(ChannelMapping.identity(n), torque_delay=delay)
+
+
+def without_gravity(n: int) -> ChannelMapping:
+    """Gravity left out of all torques."""
+    return replace(ChannelMapping.identity(n), without_gravity=True)

@@ -8,11 +8,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
 from gapscope.diagnosis.thresholds import (
     FAULT_SAMPLES,
     MOTION_INDEPENDENT_RATE,
     SINGLE_RECORDING_FOLDS,
+    TORQUE_SHIFT_STEP,
+    TORQUE_SHIFTS,
 )
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, Segment, blocks, low_pass
 from gapscope.ident.signals.effective_samples import motion_samples
@@ -24,7 +27,8 @@ class FaultSamples:
 
     Attributes:
         q, dq, ddq: recorded motion [rad], [rad/s], [rad/s^2], shape (M, n).
-        tau: recorded torque after the 12 Hz filter [N m], (M, n).
+        later_tau: recorded torque after the 12 Hz filter [N m], at the time of the sample plus each of
+            ``TORQUE_SHIFTS``, (S, M, n).
         edges: row at which each fold begins, and the end, (K + 1,).
         weight: independent samples per row [1].
         load: inertial parameters of the known body on the last link, (M, 10); zeros if there was none.
@@ -33,7 +37,7 @@ class FaultSamples:
     q: np.ndarray
     dq: np.ndarray
     ddq: np.ndarray
-    tau: np.ndarray
+    later_tau: np.ndarray
     edges: tuple[int, ...]
     weight: float
     load: np.ndarray
@@ -45,6 +49,14 @@ class FaultSamples:
             slice(a, b) for a, b in zip(self.edges[:-1], self.edges[1:], strict=True)
         ]
 
+    def torque(self, delay: float = 0.0) -> np.ndarray:
+        """Recorded torque [N m] at the time of the samples plus a delay [s], (M, n), linear between shifts."""
+        place = min(delay / TORQUE_SHIFT_STEP, len(self.later_tau) - 1.0)
+        before = int(place)
+        after = min(before + 1, len(self.later_tau) - 1)
+        share = place - before
+        return (1 - share) * self.later_tau[before] + share * self.later_tau[after]
+
     def thinned(self, step: int) -> FaultSamples:
         """Every ``step``-th sample of each fold."""
         rows = [np.arange(f.start, f.stop)[step // 2 :: step] for f in self.folds]
@@ -53,7 +65,7 @@ class FaultSamples:
             self.q[kept],
             self.dq[kept],
             self.ddq[kept],
-            self.tau[kept],
+            self.later_tau[:, kept],
             _edges([len(r) for r in rows]),
             min(1.0, self.weight * step),
             self.load[kept],
@@ -76,12 +88,13 @@ def sample(recordings: Sequence[list[Segment]]) -> FaultSamples:
     )
     step = max(1, math.ceil(sum(sample_counts) / FAULT_SAMPLES))
     rows = [np.concatenate([_thin(s, step) for s in fold], axis=1) for fold in folds]
-    q, dq, ddq, tau = np.concatenate(rows, axis=1)
+    q, dq, ddq = np.concatenate(rows, axis=1)
+    later_tau = [_later_torque(s, step) for s in segments]
     return FaultSamples(
         q,
         dq,
         ddq,
-        tau,
+        np.concatenate(later_tau, axis=1),
         _edges([r.shape[1] for r in rows]),
         min(1.0, motion_samples(seconds, MOTION_INDEPENDENT_RATE) / len(q)),
         np.concatenate([_load(s, step) for s in segments]),
@@ -94,12 +107,23 @@ def _edges(lengths: list[int]) -> tuple[int, ...]:
 
 
 def _thin(segment: Segment, step: int) -> np.ndarray:
-    """q, dq, ddq, tau of every ``step``-th sample, shape (4, M, n)."""
+    """q, dq, ddq of every ``step``-th sample, shape (3, M, n)."""
+    motion = segment.motion
+    trimmed = np.stack([motion.q, motion.dq, motion.ddq])[:, segment.inner]
+    return trimmed[:, step // 2 :: step]
+
+
+def _later_torque(segment: Segment, step: int) -> np.ndarray:
+    """Torque at the times of ``_thin``'s rows plus each of ``TORQUE_SHIFTS``, shape (S, M, n).
+
+    What is trimmed from the end of a segment is longer than the largest shift.
+    """
     assert segment.torque is not None
     motion = segment.motion
     tau = low_pass(segment.torque, motion.rate, TORQUE_CUTOFF)
-    trimmed = np.stack([motion.q, motion.dq, motion.ddq, tau])[:, segment.inner]
-    return trimmed[:, step // 2 :: step]
+    t = motion.t[segment.inner][step // 2 :: step]
+    spline = make_interp_spline(motion.t, tau, k=3)
+    return np.stack([spline(t + shift) for shift in TORQUE_SHIFTS])
 
 
 def _load(segment: Segment, step: int) -> np.ndarray:

@@ -27,6 +27,10 @@ from gapscope.diagnosis.setup_faults.found_fault import FaultParameter, FoundFau
 from gapscope.diagnosis.setup_faults.mapping_score import MappingScore, MappingScorer
 from gapscope.diagnosis.setup_faults.refine import refined
 from gapscope.diagnosis.setup_faults.time_stamps import rate_error
+from gapscope.diagnosis.setup_faults.torque_column import (
+    is_ordinary,
+    torque_column_candidates,
+)
 from gapscope.diagnosis.thresholds import (
     FAULT_COARSE_STEP,
     FAULT_FAR_FACTOR,
@@ -94,7 +98,8 @@ def faults_by_torque(case: Case) -> list[FoundFault]:
             turned = _turned_base(best, fine, mapping, probability)
             found.append(replace(fault, turned_base=turned))
         mapping = mapping.then(best.candidate.mapping)
-    return found
+    # gravity is added to a torque that is right otherwise
+    return sorted(found, key=lambda fault: fault.name == "gravity_compensated_torque")
 
 
 def _candidates(
@@ -108,6 +113,9 @@ def _candidates(
         *arm_candidates(n),
         *unit_candidates(scorer.arm, scorer.samples, mapping),
     ]
+    equations = scorer.equations_of(mapping)
+    if equations is not None:
+        candidates += torque_column_candidates(equations, mapping)
     # Recorded velocities, or a time scale that was corrected already, settle the rate.
     if rate_is_known or mapping.time_factor != 1.0:
         candidates = [c for c in candidates if c.name != "time_stamps"]
@@ -171,6 +179,8 @@ def _finalists(
     for start in candidates:
         # refined on few samples, compared on all
         candidate, std = refined(coarse, mapping, start)
+        if is_ordinary(candidate):
+            continue
         score = fine.score(mapping.then(candidate.mapping))
         fitted = bool(std)
         charge = charges[_kind(start)] + (FAULT_VALUE_CHARGE if fitted else 0.0)

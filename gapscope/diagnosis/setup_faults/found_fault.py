@@ -12,12 +12,15 @@ from gapscope.arm.case import Case
 from gapscope.arm.io.plausibility import repeated_rows
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import CHANNELS, Recording
+from gapscope.arm.torque_column import advanced, with_gravity
 from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
 from gapscope.diagnosis.setup_faults.clock import even_stamps
 from gapscope.diagnosis.setup_faults.shifted_inertials import shifted_arm
 
 MOTION = ("q", "dq", "q_ref", "dq_ref")
 TORQUE = ("tau", "tau_sensor")
+OF_TAU_ALONE = ("torque_unit", "late_torque", "gravity_compensated_torque")
+"""Faults that joint torque sensors do not have."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,8 @@ class FoundFault:
         name: name of the fault, or ``encoder_quantization``.
         joints: from 1; empty if it concerns the whole arm.
         variant: which channel (``torque``, ``position``, ``joint``), unit (``degrees``, ``milliseconds``,
-            ``motor_side``) or kind (``gaps``, ``repeats``, ``jitter``, ``wrong_rate``); empty if there is one only.
+            ``motor_side``, ``current``, ``command_scale``) or kind (``gaps``, ``repeats``, ``jitter``, ``wrong_rate``,
+            ``delay``); empty if there is one only.
         parameters: by the names of ``gapscope.effects.setup_faults``.
         probability: that it is this fault.
         turned_base: probability that the base is turned instead, ``base_tilt``; ``None`` if that looks different.
@@ -68,12 +72,16 @@ class FoundFault:
     gap_after: np.ndarray | None = field(default=None, repr=False)
 
     def repair(self, recording: Recording) -> Recording:
-        """The recording as a right set-up would have written it, with a note; unchanged if it does not have it."""
+        """The recording as a right set-up would have written it, with a note; unchanged if it does not have it.
+
+        Gravity that was left out of its torque stays out: see ``repaired``.
+        """
         if self.recordings and recording.name not in self.recordings:
             return recording
         out = recording
         if self.mapping is not None:
-            out = _mapped(out, self.mapping)
+            torques = ("tau",) if self.name in OF_TAU_ALONE else TORQUE
+            out = _mapped(out, self.mapping, torques)
         if self.variant == "jitter":
             out = replace(out, t=even_stamps(out.t))
         if self.variant == "repeats":
@@ -116,11 +124,19 @@ def repaired(case: Case, faults: tuple[FoundFault, ...]) -> Case:
         arm = fault.repair_arm(arm)
         recordings = tuple(fault.repair(r) for r in recordings)
         judged = tuple(fault.repair(r) for r in judged)
+        if fault.mapping is not None and fault.mapping.without_gravity:
+            recordings = tuple(with_gravity(r, arm) for r in recordings)
+            judged = tuple(with_gravity(r, arm) for r in judged)
     return replace(case, arm=arm, recordings=recordings, judged=judged)
 
 
-def _mapped(recording: Recording, mapping: ChannelMapping) -> Recording:
-    """Columns, units and stamps of a recording corrected; recorded velocities do not depend on the stamps."""
+def _mapped(
+    recording: Recording, mapping: ChannelMapping, torques: tuple[str, ...]
+) -> Recording:
+    """Columns, units and stamps of a recording corrected, and the delay of its torque.
+
+    Recorded velocities do not depend on the stamps. ``torques`` are the channels whose torque is at fault.
+    """
     motion, torque = list(mapping.motion_source), list(mapping.torque_source)
     changed: dict[str, Any] = {}
     for channel, series in present_channels(recording).items():
@@ -128,14 +144,14 @@ def _mapped(recording: Recording, mapping: ChannelMapping) -> Recording:
             changed[channel] = series[:, motion] * np.array(mapping.motion_factor)
             if channel in ("q", "q_ref"):
                 changed[channel] += np.array(mapping.motion_offset)
-        elif channel in TORQUE:
+        elif channel in torques:
             changed[channel] = series[:, torque] * np.array(mapping.torque_factor)
         else:
             changed[channel] = series[:, motion]
     if mapping.time_factor != 1.0:
         start = recording.t[0]
         changed["t"] = start + (recording.t - start) * mapping.time_factor
-    return replace(recording, **changed)
+    return advanced(replace(recording, **changed), mapping.torque_delay)
 
 
 def _without_repeats(recording: Recording) -> Recording:

@@ -95,7 +95,7 @@ class MappingScorer:
             mapping: how to read the recordings.
             spread: factor on what the arm may ordinarily have beyond its data sheet.
         """
-        eq = self._equations_of(mapping)
+        eq = self.equations_of(mapping)
         if eq is None:
             folds = len(self.samples.folds)
             return MappingScore(
@@ -113,18 +113,19 @@ class MappingScorer:
     def gravity_turn(self, mapping: ChannelMapping) -> tuple[float, float] | None:
         """Roll and pitch [rad] of the base that the torque shows under a mapping which does not turn it yet."""
         body = self._body(mapping)
-        if body is None or not body.gravity.any():
+        if body is None or not body.gravity.any() or mapping.without_gravity:
             return None
         q, dq, ddq = mapping.motion(self.samples.q, self.samples.dq, self.samples.ddq)
-        tau, regressor = mapping.torque(self.samples.tau), body.gravity_regressor(q)
+        tau = mapping.torque(self.samples.torque(mapping.torque_delay))
+        regressor = body.gravity_regressor(q)
         needed = body.inverse_dynamics(q, dq, ddq) + self.arm.armature * ddq
         without_gravity = tau - needed + regressor @ body.gravity
         found = gravity_by_torque(without_gravity, regressor, dq, torque_deviation(tau))
         return turn_of_base(body.gravity, found)
 
-    def _equations_of(self, mapping: ChannelMapping) -> FoldEquations | None:
+    def equations_of(self, mapping: ChannelMapping) -> FoldEquations | None:
         """Equations under a mapping; ``None`` if its inertials leave no arm."""
-        key = mapping.motion_key
+        key = mapping.equation_key
         if key not in self._equations:
             body = self._body(mapping)
             if body is None:

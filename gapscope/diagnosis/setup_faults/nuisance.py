@@ -33,8 +33,26 @@ from gapscope.diagnosis.thresholds import (
 
 OWN = 6
 """Values of each joint of its own: scale, rotor, Coulomb, viscous, spring, offset."""
-COULOMB, VISCOUS = 2, 3
-"""Places of the friction coefficients among them."""
+COULOMB, VISCOUS, OFFSET = 2, 3, 5
+"""Places of the friction coefficients and of the offset among them."""
+
+
+@dataclass(frozen=True)
+class ReadTorque:
+    """The torque as a mapping reads it, against the columns of ``FoldEquations``; K folds, n joints.
+
+    Attributes:
+        cross: X_j^T tau_j, (K, n, D).
+        square: tau_j^2 summed, (K, n).
+        pull: tau_j times the gravity torque g_j, summed, (K, n).
+        deviation: standard deviation of each joint's torque [N m], (n,); of the recorded one, whether gravity was left
+            out of it or not: gaps with and without it compare as they are.
+    """
+
+    cross: np.ndarray
+    square: np.ndarray
+    pull: np.ndarray
+    deviation: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -46,8 +64,8 @@ class FoldEquations:
 
     Attributes:
         gram: X^T X, (K, n, D, D).
-        cross: X^T tau for the torque of every column, (K, n, D, n).
-        power: tau_i^2 summed, (K, n).
+        cross: X^T b for every torque b, the recorded columns and then each joint's gravity torque, (K, n, D, 2 n).
+        products: b_i b_j summed, (K, 2 n, 2 n).
         rows: rows of each fold, (K,).
         deviation: standard deviation of each recorded torque column [N m], (n,).
         weight: independent samples per row.
@@ -59,7 +77,7 @@ class FoldEquations:
 
     gram: np.ndarray
     cross: np.ndarray
-    power: np.ndarray
+    products: np.ndarray
     rows: np.ndarray
     deviation: np.ndarray
     weight: float
@@ -82,30 +100,55 @@ class FoldEquations:
         """Number of columns that all joints share, 10 n + 2; the joint's own follow."""
         return int(self.gram.shape[2]) - OWN
 
+    def read(self, mapping: ChannelMapping) -> ReadTorque:
+        """The torque as a mapping reads it."""
+        source, factor = list(mapping.torque_source), np.array(mapping.torque_factor)
+        joints = np.arange(len(source))
+        gravity = len(joints) + joints
+        # two index arrays with a slice between them: numpy puts their axis first
+        by_joint = self.cross[:, joints, :, source]
+        cross = by_joint.transpose(1, 0, 2) * factor[:, None]
+        square = self.products[:, source, source] * factor**2
+        pull = self.products[:, source, gravity] * factor
+        if mapping.without_gravity:
+            own = self.products[:, gravity, gravity]
+            cross = cross + self.cross[:, joints, :, gravity].transpose(1, 0, 2)
+            square = square + 2 * pull + own
+            pull = pull + own
+        deviation = self.deviation[source] * np.abs(factor)
+        return ReadTorque(cross, square, pull, deviation)
+
 
 def fold_equations(
     arm: NominalArm, body: RigidBody, samples: FaultSamples, mapping: ChannelMapping
 ) -> FoldEquations:
-    """Normal equations of all folds under a mapping of the motion (its mapping of the torque does not matter)."""
+    """Normal equations of all folds under a mapping of the motion and the torque's delay.
+
+    Sources and factors of the torque, and whether gravity was left out of it, do not matter.
+    """
     q, dq, ddq = mapping.motion(samples.q, samples.dq, samples.ddq)
     regressor = body.regressor(q, dq, ddq)
     sign = np.tanh(dq / FAULT_SIGN_WIDTH)
     nominal = regressor @ body.inertial_parameters() + arm.armature * ddq
+    pull = body.gravity_regressor(q)
+    gravity = pull @ body.gravity
     if samples.load.any():
-        last = regressor[:, :, 10 * body.last_link : 10 * body.last_link + 10]
-        nominal += np.einsum("mjp,mp->mj", last, samples.load)
+        still = np.zeros_like(q)
+        nominal += _load_torque(body, regressor, samples.load)
+        gravity += _load_torque(body, body.regressor(q, still, still), samples.load)
     centred = q - q.mean(axis=0)
     own = np.stack([nominal, ddq, sign, dq, centred, np.ones_like(q)], axis=2)
     std = inertial_prior_std(body)
-    level = _tilt_columns(body, q)
+    level = pull @ _tilts(body)
     x = np.concatenate([regressor * std, level, own], axis=2).transpose(1, 0, 2)
     folds = samples.folds
+    torques = np.concatenate([samples.torque(mapping.torque_delay), gravity], axis=1)
     return FoldEquations(
         gram=np.array([x[:, f].transpose(0, 2, 1) @ x[:, f] for f in folds]),
-        cross=np.array([x[:, f].transpose(0, 2, 1) @ samples.tau[f] for f in folds]),
-        power=np.array([(samples.tau[f] ** 2).sum(axis=0) for f in folds]),
+        cross=np.array([x[:, f].transpose(0, 2, 1) @ torques[f] for f in folds]),
+        products=np.array([torques[f].T @ torques[f] for f in folds]),
         rows=np.array([f.stop - f.start for f in folds]),
-        deviation=torque_deviation(samples.tau),
+        deviation=torque_deviation(samples.torque(mapping.torque_delay)),
         weight=samples.weight,
         lowest=-np.array([arm.armature, arm.coulomb, arm.viscous]),
         lowest_mass=-np.maximum(body.inertial_parameters()[::10], 0.0) / std[::10],
@@ -114,14 +157,22 @@ def fold_equations(
     )
 
 
-def _tilt_columns(body: RigidBody, q: np.ndarray) -> np.ndarray:
-    """Torque of a base tilted by ``ORDINARY_TILT`` about either axis across gravity [N m], (M, n, 2)."""
+def _tilts(body: RigidBody) -> np.ndarray:
+    """Changes of gravity by a base tilted by ``ORDINARY_TILT`` about either axis across it [m/s^2], (3, 2)."""
     gravity = body.gravity
     size = float(np.linalg.norm(gravity))
     if size == 0:
-        return np.zeros((*q.shape, 2))
+        return np.zeros((3, 2))
     across = np.linalg.svd(gravity[None] / size)[2][1:]
-    return body.gravity_regressor(q) @ (ORDINARY_TILT * size * across.T)
+    return np.asarray(ORDINARY_TILT * size * across.T)
+
+
+def _load_torque(
+    body: RigidBody, regressor: np.ndarray, load: np.ndarray
+) -> np.ndarray:
+    """Torque of a known body on the last link [N m], (M, n), from the regressor of a motion."""
+    last = regressor[:, :, 10 * body.last_link : 10 * body.last_link + 10]
+    return np.einsum("mjp,mp->mj", last, load)
 
 
 def inertial_prior_std(body: RigidBody) -> np.ndarray:

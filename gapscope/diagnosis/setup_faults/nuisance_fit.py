@@ -5,8 +5,14 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import block_diag
 
+from gapscope.diagnosis.setup_faults.arm_weight import weight_penalty
 from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
-from gapscope.diagnosis.setup_faults.nuisance import OWN, VISCOUS, FoldEquations
+from gapscope.diagnosis.setup_faults.nuisance import (
+    OWN,
+    VISCOUS,
+    FoldEquations,
+    ReadTorque,
+)
 from gapscope.diagnosis.thresholds import (
     LOWEST_TORQUE_SCALE,
     ORDINARY_FRICTION,
@@ -34,10 +40,9 @@ def held_out_gap(
         Gap left on each fold with values fitted to the other folds, over the torque's deviation, (K, n); and half the
         squared size of the values fitted to all folds, in deviations of their prior.
     """
-    deviation = eq.deviation[list(mapping.torque_source)] * np.abs(
-        mapping.torque_factor
-    )
-    target, square = _against_nominal(eq, mapping)
+    torque = eq.read(mapping)
+    deviation = torque.deviation
+    target, square = _against_nominal(eq, torque)
     # cross-validation over the folds
     folds = np.arange(len(eq.rows))
     gap = np.empty((len(folds), len(deviation)))
@@ -58,29 +63,24 @@ def held_out_gap(
     inertial = values[0, : eq.shared]
     own = values[:, eq.shared :] / _own_prior_std(eq, deviation)
     penalty = 0.5 * float((inertial**2).sum() + (own**2).sum()) / spread**2
-    return gap / deviation, penalty
+    return gap / deviation, penalty + weight_penalty(eq, torque, spread)
 
 
 def _against_nominal(
-    eq: FoldEquations, mapping: ChannelMapping
+    eq: FoldEquations, torque: ReadTorque
 ) -> tuple[np.ndarray, np.ndarray]:
-    """X_j^T (tau_j - f_j), (K, n, D), and the sum of (tau_j - f_j)^2, (K, n), with tau as the mapping reads it.
+    """X_j^T (tau_j - f_j), (K, n, D), and the sum of (tau_j - f_j)^2, (K, n).
 
     f is the nominal arm's torque, friction included.
     """
-    source, factor = list(mapping.torque_source), np.array(mapping.torque_factor)
-    joints = np.arange(len(source))
-    # two index arrays with a slice between them: numpy puts their axis first
-    by_joint = eq.cross[:, joints, :, source]
-    cross = by_joint.transpose(1, 0, 2) * factor[:, None]
     nominal = eq.nominal
     predicted = np.einsum("kjde,je->kjd", eq.gram, nominal)
     square = (
-        eq.power[:, source] * factor**2
-        - 2 * np.einsum("kjd,jd->kj", cross, nominal)
+        torque.square
+        - 2 * np.einsum("kjd,jd->kj", torque.cross, nominal)
         + np.einsum("kjd,jd->kj", predicted, nominal)
     )
-    return cross - predicted, square
+    return torque.cross - predicted, square
 
 
 def _fit(

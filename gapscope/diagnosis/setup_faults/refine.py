@@ -15,9 +15,13 @@ from gapscope.diagnosis.setup_faults.candidates import (
 )
 from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
 from gapscope.diagnosis.setup_faults.mapping_score import MappingScorer
+from gapscope.diagnosis.setup_faults.torque_column import (
+    late_torque,
+    torque_unit,
+)
 from gapscope.diagnosis.thresholds import (
-    GEAR_RATIO_NUISANCE_FACTOR,
     LEAST_ZERO_OFFSET,
+    NARROW_NUISANCE_FACTOR,
     REFINE_FIRST_STEP,
     REFINE_LAST_STEP,
 )
@@ -35,25 +39,39 @@ def refined(
     scorer: MappingScorer, before: ChannelMapping, candidate: FaultCandidate
 ) -> tuple[FaultCandidate, tuple[float, ...]]:
     """The candidate with its best values, and their standard deviations; itself if it has no continuous ones."""
-    if candidate.variant == "motor_side":
-        return _refined_ratios(scorer, before, candidate)
+    n = scorer.arm.n_joints
+    joints = tuple(j - 1 for j in candidate.joints)
+    if candidate.name == "late_torque":
+        return _refined_one(
+            scorer, before, candidate, lambda value: late_torque(n, value)
+        )
     if candidate.variant == "wrong_rate":
-        return _refined_rate(scorer, before, candidate)
+        return _refined_one(
+            scorer, before, candidate, lambda value: wrong_rate(n, value)
+        )
     if candidate.name == "zero_offset":
         return _refined_zero(scorer, before, candidate)
+    if candidate.name == "torque_unit":
+        return _refined_by_joint(
+            scorer, before, candidate, lambda values: torque_unit(n, joints, values)
+        )
+    if candidate.variant == "motor_side":
+        return _refined_by_joint(
+            scorer, before, candidate, lambda values: motor_side(n, joints, values)
+        )
     return candidate, ()
 
 
-def _refined_rate(
-    scorer: MappingScorer, before: ChannelMapping, candidate: FaultCandidate
+def _refined_one(
+    scorer: MappingScorer,
+    before: ChannelMapping,
+    candidate: FaultCandidate,
+    build: Callable[[float], FaultCandidate],
 ) -> tuple[FaultCandidate, tuple[float, ...]]:
-    n = scorer.arm.n_joints
-
-    def build(x: np.ndarray) -> FaultCandidate:
-        return wrong_rate(n, float(np.exp(x[0])))
-
-    search = _PatternSearch(scorer, before, build)
-    return search.in_logarithms(search.minimum(np.log(candidate.values["amount"])))
+    """A candidate with one value for the arm."""
+    (start,) = candidate.values.values()
+    search = _PatternSearch(scorer, before, lambda x: build(float(np.exp(x[0]))))
+    return search.in_logarithms(search.minimum(np.log(start)))
 
 
 def _refined_zero(
@@ -73,27 +91,29 @@ def _refined_zero(
     return found, tuple(search.deviation(x).tolist())
 
 
-def _refined_ratios(
-    scorer: MappingScorer, before: ChannelMapping, candidate: FaultCandidate
+def _refined_by_joint(
+    scorer: MappingScorer,
+    before: ChannelMapping,
+    candidate: FaultCandidate,
+    build: Callable[[tuple[float, ...]], FaultCandidate],
 ) -> tuple[FaultCandidate, tuple[float, ...]]:
-    """Gear ratios of joints on their motor's side: one for all of them, unless their own explain decisively more."""
-    n = scorer.arm.n_joints
-    joints = tuple(j - 1 for j in candidate.joints)
+    """A candidate with a value for each of its joints: one for all, unless their own explain decisively more."""
+    joints = len(candidate.joints)
+    (start,) = candidate.values.values()
 
-    def build(x: np.ndarray) -> FaultCandidate:
-        ratios = np.exp(np.broadcast_to(x, len(joints)))
-        return motor_side(n, joints, tuple(ratios.tolist()))
+    def built(x: np.ndarray) -> FaultCandidate:
+        return build(tuple(np.exp(np.broadcast_to(x, joints)).tolist()))
 
-    wide = _PatternSearch(scorer, before, build)
-    narrow = _PatternSearch(scorer, before, build, GEAR_RATIO_NUISANCE_FACTOR)
-    own = narrow.minimum(wide.minimum(np.log(candidate.values["ratio"])))
+    wide = _PatternSearch(scorer, before, built)
+    narrow = _PatternSearch(scorer, before, built, NARROW_NUISANCE_FACTOR)
+    own = narrow.minimum(wide.minimum(np.log(start)))
     common = narrow.minimum(np.array([np.median(own)]))
     # Bayesian information criterion: half the logarithm of the samples for each value more
-    charge = 0.5 * (len(joints) - 1) * np.log(narrow.independent)
+    charge = 0.5 * (joints - 1) * np.log(narrow.independent)
     if narrow.cost(common) > narrow.cost(own) + charge:
         return narrow.in_logarithms(own)
     found, std = narrow.in_logarithms(common)
-    return found, std * len(joints)
+    return found, std * joints
 
 
 class _PatternSearch:

@@ -64,7 +64,7 @@ def test_the_second_mapping_acts_on_the_result_of_the_first() -> None:
 def test_shifts_and_time_factors_add_up() -> None:
     both = shifted(2, 1).then(shifted(2, -1, moved_only=True)).then(timed(2, 3.0))
     assert (both.link_shift, both.moved_only, both.time_factor) == (0, True, 3.0)
-    assert both.motion_key != ChannelMapping.identity(2).motion_key
+    assert both.equation_key != ChannelMapping.identity(2).equation_key
 
 
 def test_an_offset_is_added_to_positions_alone_and_passes_through_what_follows() -> (

@@ -24,6 +24,11 @@ from gapscope.effects.setup_faults.channel_faults import (
 from gapscope.effects.setup_faults.fault import Fault
 from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
 from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
+from gapscope.effects.setup_faults.torque_faults import (
+    GravityCompensatedTorque,
+    LateTorque,
+    TorqueUnit,
+)
 from gapscope.effects.setup_faults.zero_fault import ZeroOffset
 from gapscope.envs.mystery_arm import HIDDEN, iiwa
 from gapscope.envs.randomisation import Randomisation, draw_effects
@@ -74,6 +79,18 @@ FAULTS: dict[str, tuple[Fault, tuple[int, ...], str]] = {
     "inertials shifted back": (ShiftedInertials(-1), (), ""),
     "zero a quarter of a turn off": (ZeroOffset((2,), np.pi / 2), (2,), ""),
     "zero off by 60 degrees": (ZeroOffset((2,), -np.pi / 3), (2,), ""),
+    "gravity left out": (GravityCompensatedTorque(), (), ""),
+    "currents": (
+        TorqueUnit("current", factor=(12.0, 12.0, 8.0)),
+        (1, 2, 3),
+        "current",
+    ),
+    "a command times four": (
+        TorqueUnit("command_scale", (2,), (0.25,)),
+        (2,),
+        "command_scale",
+    ),
+    "torque late": (LateTorque("delay", 0.06), (), "delay"),
     "half the rate": (TimeStamps("wrong_rate", 2.0), (), "wrong_rate"),
     "repeats": (TimeStamps("repeats", 0.06), (), "repeats"),
     "jitter": (TimeStamps("jitter", 0.15), (), "jitter"),
