@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gapscope.arm.io.layouts import Layout
 from gapscope.inspection.columns import ColumnGroup, TableColumns
 from gapscope.inspection.time_column import TimeGuess
 from gapscope.inspection.units import derivative_ratio, position_unit, velocity_unit
@@ -20,7 +21,12 @@ TORQUE_ORDER = (
     "commanded current",
 )
 """What a torque column may be called, the most useful first."""
+
+
 AMPERES = ("current", "commanded current")
+"""Those of them that are no torque yet."""
+BY_NAME = "by its name"
+"""Reason for columns of which only the name tells the channel."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +38,7 @@ class ChannelGuess:
         group: the columns.
         unit: of the import section, ``A`` for amperes.
         why: what the guess rests on.
-        role: of a torque, an entry of ``TORQUE_ORDER``; else empty.
+        role: of a torque, what it is called: an entry of ``TORQUE_ORDER``, or what its vendor says; else empty.
     """
 
     channel: str
@@ -55,30 +61,53 @@ def position_and_velocity(
 
 
 def channels_of_table(
-    columns: TableColumns, time: TimeGuess, context: str
+    columns: TableColumns, layout: Layout | None, time: TimeGuess, context: str
 ) -> list[ChannelGuess]:
     """Every group of columns that may be a channel, best first for each channel.
 
     Args:
         columns: of the table.
+        layout: columns of a known layout that the table has; they come before those told by their names.
         time: of the table.
         context: name of file and topic, which count if the names of the columns are silent.
     """
     named = [(group, meaning_of(group.pattern, context)) for group in columns.groups]
-    found = []
+    known = _of_layout(columns, layout)
+    found = list(known)
+    taken = [guess.group for guess in known]
     for group, meaning in named:
         channel, role = _channel(meaning)
-        if channel:
-            found.append(ChannelGuess(channel, group, "", "by its name", role))
+        if channel and not any(group is other for other in taken):
+            found.append(ChannelGuess(channel, group, "", BY_NAME, role))
     positions = _first(found, "q") or _first(found, "q_ref")
-    angle, why = "rad", "by its name"
+    angle, why = "rad", ""
     if positions is not None:
         ratio = _ratio(time, positions, _first(found, "dq"))
         group = positions.group
         angle, why = position_unit(group.pattern, group.values, ratio)
-    found = [_with_units(guess, angle, why, time, found) for guess in found]
-    order = {role: rank for rank, role in enumerate(TORQUE_ORDER)}
+    found = [
+        guess if guess.unit else _with_units(guess, angle, why, time, found)
+        for guess in found
+    ]
+    order = {role: rank + 1 for rank, role in enumerate(TORQUE_ORDER)}
     return sorted(found, key=lambda guess: order.get(guess.role, 0))
+
+
+def _of_layout(columns: TableColumns, layout: Layout | None) -> list[ChannelGuess]:
+    """Columns of a known layout, in its order."""
+    if layout is None:
+        return []
+    by_pattern = {group.pattern: group for group in columns.groups}
+    found = []
+    for channel, places in layout.places.items():
+        for place in places:
+            group = by_pattern.get(place.column)
+            if group is not None:
+                why = f"as in {layout.name}"
+                found.append(
+                    ChannelGuess(channel, group, place.unit, why, place.torque)
+                )
+    return found
 
 
 def _channel(meaning: Meaning) -> tuple[str, str]:
@@ -108,16 +137,20 @@ def _with_units(
     others: Sequence[ChannelGuess],
 ) -> ChannelGuess:
     """A guess with the unit of its columns."""
+    unit, reason = "N m", ""
     if guess.channel in ("q", "q_ref"):
-        return replace(guess, unit=angle, why=why)
-    if guess.channel in ("dq", "dq_ref"):
+        unit, reason = angle, why
+    elif guess.channel in ("dq", "dq_ref"):
         positions = _first(others, guess.channel[1:]) or _first(others, "q")
         ratio = _ratio(time, positions, guess)
         unit, reason = velocity_unit(guess.group.pattern, angle, ratio)
-        return replace(guess, unit=unit, why=reason)
-    if guess.channel == "temperature":
-        return replace(guess, unit="degC")
-    return replace(guess, unit="A" if guess.role in AMPERES else "N m")
+    elif guess.channel == "temperature":
+        unit = "degC"
+    elif guess.role in AMPERES:
+        unit = "A"
+    # a name that says what the channel is says little beside what the values show
+    said = "" if reason and guess.why == BY_NAME else guess.why
+    return replace(guess, unit=unit, why="; ".join(filter(None, (said, reason))))
 
 
 def _ratio(

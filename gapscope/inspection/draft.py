@@ -14,7 +14,7 @@ import yaml
 from gapscope.arm.dynamics.robot_file import actuated_joints
 from gapscope.arm.recording import CHANNELS
 from gapscope.inspection.against_arm import columns_of_arm
-from gapscope.inspection.channels import AMPERES, ChannelGuess
+from gapscope.inspection.channels import ChannelGuess
 from gapscope.inspection.inspection import MAIN, TORQUES, Inspection
 from gapscope.inspection.units import LARGEST
 
@@ -87,14 +87,15 @@ def _recordings(found: Inspection, folder: Path) -> Iterator[str]:
 def _import(found: Inspection) -> Iterator[tuple[str, str]]:
     """Lines of the import section, each with its reason."""
     yield _time(found)
-    if len(found.sources) > 1:
-        rows = {len(table.part.table) for table in found.sources.values()}
-        how, why = (
-            ("row", "as many rows in each")
-            if len(rows) == 1
-            else ("hold", "the last value before")
-        )
-        yield f"join: {how}", f"files side by side meet row by row or by time: {why}"
+    main = found.main
+    if len(main.log.tables) > 1:
+        yield f"topic: {_scalar(main.part.name)}", "holds the positions"
+    if _renamed(found):
+        listed = _flow(list(found.chosen["q"][1].group.labels))
+        yield f"joints: {listed}", "their names in the log, in the order of the robot's"
+    files = {table.log.path for table in found.sources.values()}
+    if len(files) > 1:
+        yield _join(found)
     for channel in CHANNELS:
         if channel in found.chosen:
             label, guess = found.chosen[channel]
@@ -108,6 +109,23 @@ def _import(found: Inspection) -> Iterator[tuple[str, str]]:
             if guess.channel in TORQUES and guess not in used:
                 line = f"# {guess.channel}: {_entry(found, label, guess)}"
                 yield line, _reason(found, label, guess)
+
+
+def _renamed(found: Inspection) -> bool:
+    """Whether the log names the joints otherwise than the robot does."""
+    group = found.chosen["q"][1].group
+    if found.arm is None or not group.by_name:
+        return False
+    same_number = group.width == found.arm.n_joints
+    return same_number and not set(found.arm.joints) <= set(group.labels)
+
+
+def _join(found: Inspection) -> tuple[str, str]:
+    """How files side by side meet."""
+    rows = {len(table.part.table) for table in found.sources.values()}
+    if len(rows) == 1:
+        return "join: row", "the files have as many rows"
+    return "join: hold", "the files differ in length: the last value before counts"
 
 
 def _time(found: Inspection) -> tuple[str, str]:
@@ -133,7 +151,7 @@ def _channel(
     elif np.ptp(values) == 0 and channel != "q":
         yield f"# {line}", f"left out: it is {values.flat[0]:g} throughout"
         yield f"{channel}: null", ""
-    elif guess.role in AMPERES:
+    elif guess.unit == "A":
         yield (
             f"# {line}",
             "give the motor constants [N m/A] and gear ratios of the data sheet, and take the # away",
@@ -151,8 +169,11 @@ def _entry(found: Inspection, label: str, guess: ChannelGuess) -> str:
     if guess.unit == "A":
         n = found.n_joints
         entry |= {"motor_constant": [0.0] * n, "gear_ratio": [0.0] * n}
-    if len({table.log.path for table in found.sources.values()}) > 1:
+    table = found.sources[label]
+    if len({other.log.path for other in found.sources.values()}) > 1:
         entry["file"] = label
+    elif table is not found.main:
+        entry["topic"] = table.part.name
     if list(entry) == ["column"]:
         return _flow(entry["column"])
     return _flow(entry)
@@ -166,7 +187,10 @@ def _column(found: Inspection, guess: ChannelGuess) -> str | list[str]:
     joints = found.arm.joints
     if "{joint}" not in group.pattern and group.width == len(joints):
         return group.pattern
-    if "{joint}" in group.pattern and set(joints) <= set(group.labels):
+    main = found.chosen["q"][1].group
+    if group.by_name and (set(joints) <= set(group.labels)):
+        return group.pattern
+    if _renamed(found) and group.labels == main.labels:
         return group.pattern
     places = columns_of_arm(group, joints)
     return (

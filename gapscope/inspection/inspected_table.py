@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from gapscope.arm.io.layouts import layout_of
 from gapscope.arm.io.log import Log, LogTable
 from gapscope.inspection.channels import (
     ChannelGuess,
@@ -65,5 +66,6 @@ def inspect_table(
     context = f"{log.path.stem} {part.name}" if named_by_file else ""
     position, velocity = position_and_velocity(columns, context)
     time = guess_time(columns.singles, len(part.table), position, velocity)
-    channels = channels_of_table(columns, time, context)
+    layout = layout_of(part.table, part.kind)
+    channels = channels_of_table(columns, layout, time, context)
     return InspectedTable(log, part, columns, time, tuple(channels))

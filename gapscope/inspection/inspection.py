@@ -72,7 +72,9 @@ def inspect_logs(logs: Sequence[Log], arm: NominalArm | None = None) -> Inspecti
     joints = arm.joints if arm is not None else ()
     tables = _tables(logs, joints)
     kinds = _kinds(tables)
-    main = next((kind for kind in kinds if kind[0].best("q") is not None), None)
+    with_positions = [kind for kind in kinds if kind[0].best("q") is not None]
+    # of several with positions the one that tells most
+    main = max(with_positions, key=_told, default=None)
     if main is None:
         raise _without_positions(logs, tables)
     sources, chosen, notes = _chosen(kinds, main)
@@ -116,6 +118,11 @@ def _kinds(tables: Sequence[InspectedTable]) -> list[list[InspectedTable]]:
     for table in tables:
         kinds.setdefault(table.shape, []).append(table)
     return list(kinds.values())
+
+
+def _told(kind: list[InspectedTable]) -> int:
+    """Number of channels that tables of a kind hold."""
+    return len({guess.channel for guess in kind[0].channels})
 
 
 def _chosen(

@@ -19,23 +19,27 @@ CLEARLY_BETTER = 0.05
 """Share of the torque's variance by which one reading has to explain more than the other [1]."""
 EXPLAINED = 0.5
 """Share of the variance that a reading has to explain on a joint, for its factor to count [1]."""
+BODIES = 0.1
+"""Share of it that the bodies' torque has to explain beyond rotor and friction, for the same [1]."""
 
 
 @dataclass(frozen=True)
 class TorqueFit:
     """How the nominal arm explains a column as torque, n joints.
 
-    Per joint, column = factor x (torque of the bodies) + Coulomb + viscous + offset, fitted on every second stretch of
-    the samples and judged on those between.
+    Per joint, column = factor x (torque of the bodies) + rotor + Coulomb + viscous + offset, fitted on every second
+    stretch of the samples and judged on those between.
 
     Attributes:
         reading: an entry of ``READINGS``.
         explained: share of the variance of the stretches between, (n,) [1].
+        by_bodies: share that is lost without the torque of the bodies, (n,) [1].
         factor: column over torque of the nominal bodies, (n,), in the column's unit per N m.
     """
 
     reading: str
     explained: np.ndarray
+    by_bodies: np.ndarray
     factor: np.ndarray
 
     @property
@@ -46,7 +50,7 @@ class TorqueFit:
     @property
     def counted(self) -> np.ndarray:
         """Joints of which the factor counts, mask (n,)."""
-        return self.explained > EXPLAINED
+        return (self.explained > EXPLAINED) & (self.by_bodies > BODIES)
 
 
 def fits_of(arm: NominalArm, recordings: Sequence[Recording]) -> list[TorqueFit]:
@@ -62,7 +66,7 @@ def fits_of(arm: NominalArm, recordings: Sequence[Recording]) -> list[TorqueFit]
     gravity = body.inverse_dynamics(q, still, still)
     full = body.inverse_dynamics(q, dq, ddq) + arm.armature * ddq
     found = [
-        _fit(reading, bodies, dq, tau)
+        _fit(reading, bodies, dq, ddq, tau)
         for reading, bodies in zip(READINGS, (full, full - gravity), strict=True)
     ]
     return sorted(found, key=lambda fit: -fit.overall)
@@ -82,6 +86,8 @@ def what_it_is(fits: Sequence[TorqueFit]) -> str:
         if told
         else "torque; gravity in or out cannot be told from this motion"
     )
+    if not best.counted.any():
+        return f"{gravity}: the nominal arm explains {best.overall:.0%}, most of it by rotors and friction"
     factors = best.factor[best.counted]
     spread = (
         f"{factors.min():.2g} to {factors.max():.2g}"
@@ -119,18 +125,35 @@ def _inner(segment: Segment) -> tuple[np.ndarray, ...]:
 
 
 def _fit(
-    reading: str, bodies: np.ndarray, dq: np.ndarray, tau: np.ndarray
+    reading: str,
+    bodies: np.ndarray,
+    dq: np.ndarray,
+    ddq: np.ndarray,
+    tau: np.ndarray,
 ) -> TorqueFit:
     """Fit on every second stretch, judged on those between."""
     stretches = np.arange(len(tau)) // max(1, len(tau) // STRETCHES)
     fitted = stretches % 2 == 0
-    explained, factors = [], []
+    explained, by_bodies, factors = [], [], []
     for j in range(tau.shape[1]):
         direction = smooth_sign(dq[:, j], 0.02)
-        design = np.column_stack([bodies[:, j], direction, dq[:, j], np.ones(len(tau))])
-        found, *_ = np.linalg.lstsq(design[fitted], tau[fitted, j], rcond=None)
-        asked = tau[~fitted, j]
-        left = asked - design[~fitted] @ found
-        explained.append(1.0 - left.var() / max(asked.var(), 1e-12))
+        others = [ddq[:, j], direction, dq[:, j], np.ones(len(tau))]
+        design = np.column_stack([bodies[:, j], *others])
+        with_bodies, found = _explained(design, tau[:, j], fitted)
+        without, _ = _explained(design[:, 1:], tau[:, j], fitted)
+        explained.append(with_bodies)
+        by_bodies.append(with_bodies - max(without, 0.0))
         factors.append(found[0])
-    return TorqueFit(reading, np.array(explained), np.array(factors))
+    return TorqueFit(
+        reading, np.array(explained), np.array(by_bodies), np.array(factors)
+    )
+
+
+def _explained(
+    design: np.ndarray, torque: np.ndarray, fitted: np.ndarray
+) -> tuple[float, np.ndarray]:
+    """Share of the variance that is explained where it was not fitted, and the coefficients."""
+    found, *_ = np.linalg.lstsq(design[fitted], torque[fitted], rcond=None)
+    asked = torque[~fitted]
+    left = asked - design[~fitted] @ found
+    return float(1.0 - left.var() / max(asked.var(), 1e-12)), found

@@ -82,7 +82,9 @@ def wrong_rows(found: Inspection, checked: DraftCheck) -> list[tuple[str, str, s
     notes = (*found.notes, *checked.notes)
     for note in notes:
         where, _, what = note.partition(": ")
-        rows.append((where, what, ""))
+        # the reader and the case may say the same of a table
+        if all(what != said for _, said, _ in rows):
+            rows.append((where, what, ""))
     return rows
 
 
