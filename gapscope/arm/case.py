@@ -21,6 +21,12 @@ from gapscope.arm.io.import_section import Import, parse_import
 from gapscope.arm.io.load_recording import load_recording, recording_of_columns
 from gapscope.arm.io.locked_section import locked_positions
 from gapscope.arm.io.plausibility import UNSIGNED
+from gapscope.arm.io.recording_parts import (
+    Part,
+    fitted_parts,
+    judged_parts,
+    whole_parts,
+)
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
@@ -249,21 +255,16 @@ def _read_all(
     content: Mapping[str, Any],
     paths: CasePaths,
     importing: Import | None,
-    read: Callable[[Path | dict[str, Path], tuple[int, int] | None], Recording],
+    read: Callable[[Part], Recording],
 ) -> tuple[list[Recording], list[Recording]]:
-    """Recordings to fit and those held out: by the ranges of rows of each file, or whole files under ``judge:``."""
-    fit_ranges = (importing.fit if importing else ()) or (None,)
-    judge_ranges = importing.judge if importing else ()
-    recordings: list[Recording] = []
-    judged: list[Recording] = []
+    """Recordings to fit and those held out: parts of each file, or whole files under ``judge:``."""
+    parts = importing or Import()
     entries = [paths.entry(entry, "recordings") for entry in content["recordings"]]
-    for entry in entries:
-        recordings += [read(entry, rows) for rows in fit_ranges]
-    for entry in entries:
-        judged += [read(entry, rows) for rows in judge_ranges]
+    fitted = [part for entry in entries for part in fitted_parts(entry, parts)]
+    judged = [part for entry in entries for part in judged_parts(entry, parts)]
     for text in content.get("judge", []):
-        judged.append(read(paths.entry(text, "judge"), None))
-    return recordings, judged
+        judged += whole_parts(paths.entry(text, "judge"))
+    return [read(part) for part in fitted], [read(part) for part in judged]
 
 
 def case_files(path: str | Path, *, data_root: Path | None = None) -> tuple[Path, ...]:
@@ -286,8 +287,7 @@ def case_files(path: str | Path, *, data_root: Path | None = None) -> tuple[Path
 
 
 def _read(
-    entry: Path | dict[str, Path],
-    rows: tuple[int, int] | None,
+    part: Part,
     *,
     arm: NominalArm,
     importing: Import | None,
@@ -295,8 +295,15 @@ def _read(
     payloads: Mapping[Path, KnownLoad],
 ) -> Recording:
     """One recording of a case, with the known body that was mounted."""
+    entry = part.entry
     recording = load_recording(
-        entry, arm, importing, rows=rows, complete=True, any_unit=any_unit
+        entry,
+        arm,
+        importing,
+        rows=part.rows,
+        episode=part.episode,
+        complete=True,
+        any_unit=any_unit,
     )
     files = [entry] if isinstance(entry, Path) else list(entry.values())
     loads = [payloads[file.resolve()] for file in files if file.resolve() in payloads]

@@ -10,7 +10,7 @@ import yaml
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.io.table_files import read_csv, read_npz, read_parquet
+from gapscope.arm.io.formats.table_files import read_csv, read_npz, read_parquet
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.cli import main

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.io.formats.lerobot import dataset_files, is_dataset
 from gapscope.arm.known_load import KnownLoad, parse_payloads
 
 DATA_ROOT = "GAPSCOPE_DATA"
@@ -51,9 +52,11 @@ class CasePaths:
 
 
 def files_of(place: Path) -> list[Path]:
-    """A file, or every file of a bag's folder."""
+    """A file, or every file of a bag's folder; of a dataset those with numbers."""
     if not place.is_dir():
         return [place]
+    if is_dataset(place):
+        return dataset_files(place)
     return sorted(path for path in place.rglob("*") if path.is_file())
 
 

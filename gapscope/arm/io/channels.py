@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.io.channel_entry import Channel
 from gapscope.arm.io.column_pattern import name_of
-from gapscope.arm.io.import_section import Channel, Import
+from gapscope.arm.io.import_section import Import
 from gapscope.arm.io.plausibility import check_time
 from gapscope.arm.io.table import Table
 from gapscope.arm.nominal import NominalArm

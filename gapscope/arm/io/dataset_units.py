@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.import_section import NORMALISED, UNITS, Channel, Import
+from gapscope.arm.io.channel_entry import NORMALISED, UNITS, Channel
+from gapscope.arm.io.import_section import Import
 from gapscope.arm.io.layouts import LEROBOT
 from gapscope.arm.io.log_channels import Source
 

@@ -171,10 +171,12 @@ LAYOUTS: tuple[Layout, ...] = (
             "dq": (
                 Place("observation.state[{joint}.vel]"),
                 Place("observation.velocity[{joint}]"),
+                Place("observation.velocity[{joint}.pos]"),
             ),
             "tau": (
                 Place("observation.state[{joint}.torque]", torque="of the driver"),
                 Place("observation.effort[{joint}]", torque="of the driver"),
+                Place("observation.effort[{joint}.pos]", torque="of the driver"),
             ),
             "q_ref": (Place("action[{joint}.pos]"), Place("action[{joint}]")),
         },

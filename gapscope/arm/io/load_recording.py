@@ -9,10 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.io.channel_entry import Channel
 from gapscope.arm.io.channels import how_to_join, join, read_channel, read_time
 from gapscope.arm.io.dataset_units import in_radians
 from gapscope.arm.io.even_rows import EVENLY_TAKEN, even_stamps_of_rows
-from gapscope.arm.io.import_section import Channel, Import
+from gapscope.arm.io.formats.lerobot import is_dataset, read_dataset
+from gapscope.arm.io.import_section import Import
 from gapscope.arm.io.layouts import layout_of_kind
 from gapscope.arm.io.log import open_log
 from gapscope.arm.io.log_channels import Locator, Source
@@ -65,7 +67,9 @@ def load_recording(
     importing = importing or Import()
     main = importing.main_file
     files = dict(path) if isinstance(path, Mapping) else {main: path}
-    logs = {label: _log(Path(file), episode) for label, file in files.items()}
+    logs = {
+        label: _log(Path(file), episode, importing) for label, file in files.items()
+    }
     if main not in logs:
         raise InputError(
             f"an entry holds the files {', '.join(map(str, logs))}, but q comes from {main}",
@@ -82,16 +86,20 @@ def load_recording(
         every_row=every_row,
         any_unit=any_unit,
     )
-    if episode is not None:
-        recording = replace(recording, name=f"{recording.name} episode {episode}")
+    if is_dataset(logs[main].path) and len(logs[main].tables) == 1:
+        label = f"{recording.name} {logs[main].tables[0].name}"
+        recording = replace(recording, name=label)
     if rows is None:
         return recording
     return replace(recording, name=f"{recording.name} rows {rows[0]}-{rows[1]}")
 
 
-def _log(path: Path, episode: int | None) -> Log:
-    """A file as a log, or one episode of a dataset."""
-    return open_log(path)
+def _log(path: Path, episode: int | None, importing: Import) -> Log:
+    """A file as a log; of a dataset one episode, or those that the case names."""
+    if not is_dataset(path):
+        return open_log(path)
+    named = (*importing.fit_episodes, *importing.judge_episodes) or None
+    return read_dataset(path, named if episode is None else [episode])
 
 
 def recording_of_columns(

@@ -6,18 +6,31 @@ from collections.abc import Callable
 from pathlib import Path
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.io.formats.array_files import read_hdf5, read_mat
+from gapscope.arm.io.formats.lerobot import is_dataset, read_dataset
 from gapscope.arm.io.formats.rosbag import read_bag
+from gapscope.arm.io.formats.table_files import read_csv, read_npz, read_parquet
 from gapscope.arm.io.log_table import Log, LogTable
 from gapscope.arm.io.table import Table
-from gapscope.arm.io.table_files import read_csv, read_npz, read_parquet
 
 __all__ = ["READERS", "Log", "LogTable", "open_log"]
+
+
+LARGEST_TABLE = 1_000_000_000
+"""Size of the largest file that is read whole into memory, as CSV, Parquet and NPZ are [bytes]."""
 
 
 def _of_one_table(read: Callable[[Path], Table]) -> Callable[[Path], Log]:
     """Reader of a log from the reader of a file with one table."""
 
     def open_table(path: Path) -> Log:
+        size = path.stat().st_size
+        if size > LARGEST_TABLE:
+            raise InputError(
+                f"has {size / 1e9:.1f} GB, at most {LARGEST_TABLE / 1e9:g} GB are read",
+                "cut the motion to be examined out of it; a bag or HDF5 may be larger",
+                file=path,
+            )
         kind = path.suffix.lstrip(".").upper()
         return Log(path, kind, (LogTable("", kind, read(path)),))
 
@@ -32,6 +45,9 @@ READERS: dict[str, Callable[[Path], Log]] = {
     ".npz": _of_one_table(read_npz),
     ".db3": read_bag,
     ".mcap": read_bag,
+    ".h5": read_hdf5,
+    ".hdf5": read_hdf5,
+    ".mat": read_mat,
 }
 """Readers of files by their ending."""
 
@@ -46,12 +62,12 @@ def open_log(path: str | Path) -> Log:
     if not path.exists():
         raise InputError("no such file or folder", "check the path", file=path)
     if path.is_dir():
-        return read_bag(path)
+        return read_dataset(path) if is_dataset(path) else read_bag(path)
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         raise InputError(
             f"the ending {path.suffix!r} names no known format",
-            f"give a file that ends in {', '.join(READERS)}, or a rosbag2 folder",
+            f"give a file that ends in {', '.join(READERS)}, a rosbag2 folder, or a LeRobot dataset",
             file=path,
         )
     return reader(path)

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.io.channel_entry import Channel
 from gapscope.arm.io.column_pattern import joints_in
-from gapscope.arm.io.import_section import Channel, Import
+from gapscope.arm.io.import_section import Import
 from gapscope.arm.io.layouts import LAYOUTS, Place, layout_of_kind
 from gapscope.arm.io.log_table import Log, LogTable
 from gapscope.arm.io.table import Table
@@ -60,6 +61,11 @@ class Locator:
         assert channel is not None
         log = self.logs[channel.file]
         pool = _named_tables(log, channel.topic or self.importing.topic)
+        if len(pool) == 1 and layout_of_kind(pool[0].kind) is None:
+            # a column that is missing is named when it is read
+            source = self.source(pool[0], "q", channel)
+            source = source or Source(pool[0].table, channel)
+            return pool[0], source, self._notes(source, ())
         # joint states before the state of a controller
         for kind in dict.fromkeys(sorted((t.kind for t in pool), key=_rank)):
             tables = [table for table in pool if table.kind == kind]

@@ -6,7 +6,7 @@ import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
-from gapscope.arm.io.import_section import UNITS
+from gapscope.arm.io.channel_entry import UNITS
 from gapscope.arm.io.table import Table
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import zipfile
+import zlib
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +14,16 @@ import numpy as np
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.table import Table
 
+LARGEST_UNPACKED = 2_000_000_000
+"""Size of the largest compressed file once unpacked [bytes]."""
+
 _DELIMITERS = (",", ";", "\t")
 
 
 def read_csv(path: Path) -> Table:
-    """Table of a CSV file; the header decides the delimiter: comma, semicolon or tab.
+    """Table of a CSV file; the header decides the delimiter: comma, semicolon or tab, else spaces.
+
+    A header may begin with ``#`` or ``%``.
 
     Raises:
         InputError: the file is empty, has no header or nothing below it, a column twice, a row of another length,
@@ -23,10 +31,14 @@ def read_csv(path: Path) -> Table:
     """
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            header = file.readline()
+            header = file.readline().lstrip("#% ")
             delimiter = max(_DELIMITERS, key=header.count)
-            file.seek(0)
-            reader = csv.reader(file, delimiter=delimiter, strict=True)
+            text: Iterable[str] = itertools.chain([header], file)
+            if delimiter not in header.strip() and " " in header.strip():
+                delimiter, text = " ", (line.strip() for line in text)
+            reader = csv.reader(
+                text, delimiter=delimiter, strict=True, skipinitialspace=True
+            )
             names = [name.strip() for name in next(reader, [])]
             _check_header(names, path)
             rows, lines = [], []
@@ -117,8 +129,18 @@ def read_npz(path: Path) -> Table:
     """
     try:
         with np.load(path, allow_pickle=False) as content:
+            _check_size(content.zip, path)
             arrays = {name: content[name] for name in content.files}
-    except (zipfile.BadZipFile, ValueError, EOFError, OSError) as error:
+    except (
+        zipfile.BadZipFile,
+        zlib.error,
+        ValueError,
+        EOFError,
+        OSError,
+        AttributeError,
+        NotImplementedError,
+        MemoryError,
+    ) as error:
         raise InputError(
             f"cannot be read as NPZ ({error})", "is the file complete?", file=path
         ) from None
@@ -140,3 +162,14 @@ def read_npz(path: Path) -> Table:
             file=path,
         )
     return Table(path, columns, range(1, max(lengths) + 1))
+
+
+def _check_size(archive: zipfile.ZipFile, path: Path) -> None:
+    """Arrays that fit into memory once unpacked."""
+    size = sum(entry.file_size for entry in archive.infolist())
+    if size > LARGEST_UNPACKED:
+        raise InputError(
+            f"holds {size / 1e9:.1f} GB unpacked, at most {LARGEST_UNPACKED / 1e9:g} GB are read",
+            "cut the motion to be examined out of it",
+            file=path,
+        )

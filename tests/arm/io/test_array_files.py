@@ -1,0 +1,130 @@
+"""HDF5 and MATLAB files of other programs: h5py's and SciPy's writers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+
+from gapscope.arm.errors import InputError
+from gapscope.arm.io.import_section import parse_import
+from gapscope.arm.io.load_recording import load_recording
+from gapscope.arm.io.log import open_log
+from gapscope.arm.nominal import NominalArm
+
+h5py = pytest.importorskip("h5py")
+
+T = np.arange(100) / 100
+Q = np.column_stack([np.sin(3 * T), np.cos(4 * T)])
+SECTION = {"time": "robot/t", "q": "robot/q{j}", "tau": {"column": "robot/tau{j}"}}
+
+
+@pytest.mark.parametrize("transposed", [False, True])
+def test_hdf5_with_rows_along_either_axis(
+    transposed: bool, arm: NominalArm, tmp_path: Path
+) -> None:
+    path = tmp_path / "log.h5"
+    with h5py.File(path, "w") as file:
+        file["robot/t"] = T
+        file["robot/q"] = Q.T if transposed else Q
+        file["robot/tau"] = -Q.T if transposed else -Q
+        file["camera"] = np.zeros((3, 4, 5))
+        file["name"] = "arm"
+        file["loop"] = h5py.SoftLink("/robot")
+        file["elsewhere"] = h5py.ExternalLink("other.h5", "/q")
+    recording = load_recording(
+        path, arm, parse_import(SECTION, 2, Path("case.yaml")), complete=True
+    )
+    np.testing.assert_array_equal(recording.q, Q)
+    np.testing.assert_array_equal(recording.tau, -Q)
+    assert set(open_log(path).unread) == {"camera (3, 4, 5)", "name ()"}
+
+
+def test_hdf5_with_two_rates(tmp_path: Path) -> None:
+    path = tmp_path / "log.hdf5"
+    with h5py.File(path, "w") as file:
+        file["fast/t"], file["fast/q"] = T, Q
+        file["slow/t"], file["slow/q"] = T[::2], Q[::2].T
+    log = open_log(path)
+    assert log.names == ["100 rows", "50 rows"]
+    assert list(log.tables[1].table.columns) == ["slow/q1", "slow/q2", "slow/t"]
+
+
+def test_matlab_structures(arm: NominalArm, tmp_path: Path) -> None:
+    path = tmp_path / "log.mat"
+    log = {"t": T[:, None], "joints": {"q": Q.T}, "rate": 100.0, "label": "arm"}
+    scipy.io.savemat(path, {"log": log})
+    section = {"time": "log.t", "q": "log.joints.q{j}"}
+    recording = load_recording(path, arm, parse_import(section, 2, Path("case.yaml")))
+    np.testing.assert_array_equal(recording.q, Q)
+
+
+def test_matlab_7_3_is_hdf5(arm: NominalArm, tmp_path: Path) -> None:
+    path = tmp_path / "log.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        # MATLAB stores columns first: rows of (N, n) along the second axis
+        file["log/t"], file["log/q"] = T[None, :], Q.T
+        file["#refs#/a"] = T
+    with path.open("r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(116))
+    section = {"time": "log.t", "q": "log.q{j}"}
+    recording = load_recording(path, arm, parse_import(section, 2, Path("case.yaml")))
+    np.testing.assert_array_equal(recording.q, Q)
+    assert open_log(path).format == "MATLAB 7.3"
+
+
+@pytest.mark.parametrize("ending", ["h5", "mat", "npz", "parquet", "mcap", "db3"])
+@pytest.mark.parametrize(
+    "content", [b"", b"t,q1,q2\n0,1,2\n", bytes(range(256)) * 40, b"\x89HDF\r\n\x1a\n"]
+)
+def test_files_that_are_not_what_their_ending_says(
+    ending: str, content: bytes, tmp_path: Path
+) -> None:
+    path = tmp_path / f"log.{ending}"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=f"log.{ending}"):
+        open_log(path)
+
+
+@pytest.mark.parametrize("ending", ["h5", "mat"])
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+def test_truncated(ending: str, share: float, tmp_path: Path) -> None:
+    path = tmp_path / f"log.{ending}"
+    if ending == "h5":
+        with h5py.File(path, "w") as file:
+            file["t"], file["q"] = T, Q
+    else:
+        scipy.io.savemat(path, {"t": T, "q": Q}, do_compression=True)
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(InputError, match=f"log.{ending}"):
+        open_log(path)
+
+
+def test_a_declared_size_beyond_memory_is_left_unread(tmp_path: Path) -> None:
+    path = tmp_path / "log.h5"
+    with h5py.File(path, "w") as file:
+        file["t"] = T
+        file.create_dataset("huge", shape=(10**12,), chunks=(10**6,), dtype="f8")
+    log = open_log(path)
+    assert log.unread == ("huge (1000000000000,)",)
+
+
+def test_pickles_are_not_loaded(tmp_path: Path) -> None:
+    path = tmp_path / "log.npz"
+    np.savez(path, t=T, q=np.array([{"a": 1}] * 100, dtype=object))
+    with pytest.raises(InputError, match="allow_pickle"):
+        open_log(path)
+    (tmp_path / "log.pkl").touch()
+    with pytest.raises(InputError, match="'.pkl' names no known format"):
+        open_log(tmp_path / "log.pkl")
+
+
+def test_text_tables_with_spaces_and_a_marked_header(
+    arm: NominalArm, tmp_path: Path
+) -> None:
+    path = tmp_path / "log.txt"
+    np.savetxt(path, np.column_stack([T, Q]), header="t q1 q2")
+    np.testing.assert_allclose(load_recording(path, arm).q, Q)

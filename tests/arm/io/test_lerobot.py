@@ -1,0 +1,220 @@
+"""LeRobot datasets, laid out as versions 2.1 and 3.0 are documented."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+import yaml
+
+from gapscope.arm.case import load_case
+from gapscope.arm.errors import InputError
+from gapscope.arm.io.case_paths import files_of
+from gapscope.arm.io.import_section import parse_import
+from gapscope.arm.io.load_recording import load_recording
+from gapscope.arm.io.log import open_log
+from gapscope.arm.nominal import NominalArm
+
+FPS = 50
+FRAMES = 100
+
+
+def episode(number: int) -> dict[str, np.ndarray]:
+    """Positions [deg] and commands of both joints and a gripper, (FRAMES, 3) each."""
+    t = np.arange(FRAMES) / FPS
+    state = np.column_stack(
+        [40 * np.sin(3 * t + number), 20 * np.cos(4 * t), 50 + 0 * t]
+    )
+    effort = np.column_stack([np.cos(3 * t), np.sin(4 * t), 0 * t])
+    return {
+        "observation.state": state.astype(np.float32),
+        "action": (state + 1).astype(np.float32),
+        "observation.effort": effort.astype(np.float32),
+    }
+
+
+def frames(number: int) -> pa.Table:
+    """One episode as a data file holds it."""
+    columns: dict[str, Any] = {
+        name: pa.array(list(values), type=pa.list_(pa.float32(), 3))
+        for name, values in episode(number).items()
+    }
+    count = np.arange(FRAMES)
+    columns["timestamp"] = (count / FPS).astype(np.float32)
+    columns["frame_index"] = count
+    columns["episode_index"] = np.full(FRAMES, number)
+    columns["index"] = number * FRAMES + count
+    columns["task_index"] = 0 * count
+    return pa.table(columns)
+
+
+def dataset(folder: Path, version: str, names: Any, episodes: int = 3) -> Path:
+    """A dataset of several episodes."""
+    feature = {"dtype": "float32", "shape": [3], "names": names}
+    features: dict[str, Any] = {key: feature for key in episode(0)}
+    features["observation.images.top"] = {"dtype": "video", "shape": [480, 640, 3]}
+    info = {"codebase_version": version, "fps": FPS, "features": features}
+    (folder / "meta").mkdir(parents=True)
+    (folder / "meta" / "info.json").write_text(json.dumps(info))
+    chunk = folder / "data" / "chunk-000"
+    chunk.mkdir(parents=True)
+    tables = [frames(number) for number in range(episodes)]
+    if version == "v2.1":
+        for number, table in enumerate(tables):
+            pq.write_table(table, chunk / f"episode_{number:06d}.parquet")
+    else:
+        pq.write_table(pa.concat_tables(tables), chunk / "file-000.parquet")
+    return folder
+
+
+NEW_NAMES = ["shoulder.pos", "elbow.pos", "gripper.pos"]
+OLD_NAMES = {"motors": ["shoulder", "elbow", "gripper"]}
+
+
+@pytest.fixture(params=[("v2.1", OLD_NAMES), ("v3.0", NEW_NAMES)])
+def folder(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """A dataset of three episodes, in both versions."""
+    return dataset(tmp_path / "dataset", *request.param)
+
+
+def importing(tmp_path: Path, **section: Any) -> Any:
+    """An import section for the two-joint arm."""
+    return parse_import(section, 2, tmp_path / "case.yaml")
+
+
+def test_each_episode_is_a_table(folder: Path) -> None:
+    log = open_log(folder)
+    assert log.format.startswith("LeRobot dataset v")
+    assert log.names == ["episode 0", "episode 1", "episode 2"]
+    assert log.unread == ("observation.images.top",)
+    table = log.tables[1].table
+    assert len(table) == FRAMES
+    np.testing.assert_allclose(table.columns["t"], np.arange(FRAMES) / FPS, atol=1e-6)
+    first = next(name for name in table.columns if name.startswith("observation.state"))
+    np.testing.assert_array_equal(
+        table.columns[first], episode(1)["observation.state"][:, 0]
+    )
+
+
+def test_degrees_with_the_action_as_the_reference(
+    folder: Path, arm: NominalArm, tmp_path: Path
+) -> None:
+    section = importing(tmp_path, q={"unit": "deg"}, tau=None)
+    recording = load_recording(folder, arm, section, episode=2, complete=True)
+    state = episode(2)["observation.state"][:, :2].astype(float)
+    np.testing.assert_allclose(recording.q, np.deg2rad(state))
+    np.testing.assert_allclose(recording.q_ref, np.deg2rad(state + 1), atol=1e-6)
+    assert recording.tau is None and recording.name == "dataset episode 2"
+
+
+def test_effort_if_the_case_names_it(
+    folder: Path, arm: NominalArm, tmp_path: Path
+) -> None:
+    section = importing(tmp_path, q={"unit": "deg"}, tau={"scale": 0.5})
+    recording = load_recording(folder, arm, section, episode=0, complete=True)
+    effort = episode(0)["observation.effort"][:, :2].astype(float)
+    np.testing.assert_allclose(recording.tau, 0.5 * effort)
+
+
+def test_the_unit_has_to_be_said(folder: Path, arm: NominalArm, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="does not say whether its positions are"):
+        load_recording(folder, arm, importing(tmp_path, tau=None), episode=0)
+    section = importing(tmp_path, q={"unit": "normalised"}, tau=None)
+    with pytest.raises(InputError, match="give the arm's calibration file"):
+        load_recording(folder, arm, section, episode=0)
+
+
+def test_normalised_positions_with_a_calibration(
+    folder: Path, arm: NominalArm, tmp_path: Path
+) -> None:
+    motor = {"id": 1, "drive_mode": 0, "homing_offset": 12}
+    content = {
+        "shoulder": motor | {"range_min": 1024, "range_max": 3072},
+        "elbow": motor | {"range_min": 0, "range_max": 1024, "drive_mode": 1},
+    }
+    (tmp_path / "arm.json").write_text(json.dumps(content))
+    section = importing(
+        tmp_path, q={"unit": "normalised"}, tau=None, calibration="arm.json"
+    )
+    recording = load_recording(folder, arm, section, episode=0)
+    state = episode(0)["observation.state"].astype(float)
+    # 2048 of 4096 steps are half a turn, from -100 to 100; 1024 a quarter, counted backwards
+    np.testing.assert_allclose(recording.q[:, 0], state[:, 0] / 100 * np.pi / 2)
+    np.testing.assert_allclose(recording.q[:, 1], -state[:, 1] / 100 * np.pi / 4)
+    np.testing.assert_allclose(
+        recording.q_ref[:, 0],  # type: ignore[index]
+        (state[:, 0] + 1) / 100 * np.pi / 2,
+        atol=1e-6,
+    )
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("[", "cannot be read as JSON"),
+        ("{}", "expected a mapping"),
+        ('{"elbow": {"range_min": 1}}', "motor elbow: expected the numbers drive_mode"),
+        (
+            '{"elbow": {"drive_mode": 0, "homing_offset": 0, "range_min": 5, "range_max": 5}}',
+            "range_min 5 is not below",
+        ),
+    ],
+)
+def test_bad_calibrations(content: str, message: str, tmp_path: Path) -> None:
+    (tmp_path / "arm.json").write_text(content)
+    with pytest.raises(InputError, match=message):
+        importing(tmp_path, calibration="arm.json")
+
+
+def test_a_case_chooses_episodes(folder: Path, urdf: Path) -> None:
+    content: dict[str, Any] = {
+        "name": "hobby",
+        "robot": urdf.name,
+        "recordings": [folder.name],
+        "import": {"q": {"unit": "deg"}, "tau": None},
+    }
+    file = folder.parent / "case.yaml"
+    file.write_text(yaml.safe_dump(content))
+    names = [recording.name for recording in load_case(file).recordings]
+    assert names == [f"dataset episode {number}" for number in range(3)]
+    content["import"]["episodes"] = {"fit": [0, 2], "judge": [1]}
+    file.write_text(yaml.safe_dump(content))
+    case = load_case(file)
+    assert [r.name[-1] for r in case.recordings] == ["0", "2"]
+    assert [r.name[-1] for r in case.judged] == ["1"]
+    content["import"]["episodes"] = {"fit": [7]}
+    file.write_text(yaml.safe_dump(content))
+    with pytest.raises(InputError, match="has no episode 7; it has 0, 1, 2"):
+        load_case(file)
+
+
+def test_videos_are_no_files_of_a_case(folder: Path) -> None:
+    (folder / "videos").mkdir()
+    (folder / "videos" / "top.mp4").touch()
+    assert {path.suffix for path in files_of(folder)} == {".json", ".parquet"}
+
+
+@pytest.mark.parametrize("damage", ["info", "pointer", "no data", "names"])
+def test_damaged_datasets(damage: str, tmp_path: Path) -> None:
+    names = ["a"] if damage == "names" else NEW_NAMES
+    folder = dataset(tmp_path / "dataset", "v3.0", names)
+    data = folder / "data" / "chunk-000" / "file-000.parquet"
+    if damage == "info":
+        (folder / "meta" / "info.json").write_text('{"fps": "fast"}')
+    if damage == "pointer":
+        data.write_text("version https://git-lfs.github.com/spec/v1\n")
+    if damage == "no data":
+        data.unlink()
+    expected = {
+        "info": "description of a LeRobot dataset",
+        "pointer": "Git LFS leaves pointers",
+        "no data": "has no data",
+        "names": "names 1 entries of observation.state, the frames hold 3",
+    }
+    with pytest.raises(InputError, match=expected[damage]):
+        open_log(folder)
