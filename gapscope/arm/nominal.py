@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.joint_units import per_radian
 
 FRICTION_SMOOTHING = 0.005
-"""Velocity scale v0 of the smoothed sign, sgn v = tanh(v / v0) [rad/s], as the case format fixes it."""
+"""Velocity scale v0 of the smoothed sign, sgn v = tanh(v / v0) [rad/s], as the case format fixes it; a slide's velocity
+is divided by ``NominalArm.per_radian`` first."""
 
 
 @dataclass(frozen=True)
@@ -107,6 +109,11 @@ class NominalArm:
     def n_joints(self) -> int:
         """Number of joints n."""
         return len(self.joints)
+
+    @property
+    def per_radian(self) -> np.ndarray:
+        """What of each joint counts as one radian where a threshold or a speed is set in radians [rad or m], (n,)."""
+        return per_radian(self.sliding)
 
     @property
     def coupled_motors(self) -> tuple[int, ...]:

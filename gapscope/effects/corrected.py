@@ -238,7 +238,7 @@ class CorrectedArm:
                 friction.append((law, values))
                 continue
             torque = torque + law.law(Signals(t, position, motor.dq, torque), *values)
-        direction = friction_direction(motor.q, motor.dq, arm.presliding)
+        direction = _direction(motor.q, motor.dq, arm)
         factor = self.drift(motion.t)
         plain = arm.coulomb * direction + arm.viscous * motor.dq
         torque = torque + factor * plain
@@ -260,7 +260,7 @@ class CorrectedArm:
             return 0.0
         position, speed = motion.q @ drives.T, motion.dq @ drives.T
         torque = inertia * (motion.ddq @ drives.T)
-        direction = friction_direction(position, speed, self.arm.presliding)
+        direction = _direction(position, speed, self.arm)
         for law, values in laws:
             signals = Signals(motion.t[:, None], position, speed, torque, direction)
             torque = torque + law.law(signals, *values)
@@ -306,3 +306,11 @@ class CorrectedArm:
         if self.residual is None:
             return torque
         return torque + self.residual.torque(motion, torque)
+
+
+def _direction(
+    position: np.ndarray, velocity: np.ndarray, arm: NominalArm
+) -> np.ndarray:
+    """Direction of dry friction of joints or motors [1], (N, n); what counts as a radian is one."""
+    size = arm.per_radian
+    return friction_direction(position / size, velocity / size, arm.presliding / size)

@@ -60,7 +60,7 @@ def through_play(
 
 
 def play_columns(
-    body: RigidBody, motion: Motion, torque: np.ndarray, width: float
+    body: RigidBody, motion: Motion, torque: np.ndarray, width: np.ndarray
 ) -> np.ndarray:
     """Torque that a little free play on each joint alone adds, per radian of it [N m/rad], shape (N, n, n).
 
@@ -68,7 +68,7 @@ def play_columns(
 
     Args:
         body, motion, torque: as for ``behind_elasticity``.
-        width: free play [rad].
+        width: free play [rad or m], (n,).
     """
     matrices = body.sensitivities(motion.q, motion.dq, motion.ddq)
     none = np.zeros(torque.shape[1])

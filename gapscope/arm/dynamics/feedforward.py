@@ -40,7 +40,7 @@ def feedforward(
     if kind == "gravity":
         return body.inverse_dynamics(q, np.zeros_like(q), np.zeros_like(q))
     if kind == "nominal":
-        friction = arm.coulomb * smooth_sign(dq) + arm.viscous * dq
+        friction = arm.coulomb * smooth_sign(dq / arm.per_radian) + arm.viscous * dq
         return body.inverse_dynamics(q, dq, ddq) + arm.armature * ddq + friction
     raise InputError(
         f"unknown feedforward {kind!r}",

@@ -27,6 +27,7 @@ class RigidBody:
 
     Attributes:
         file, joints: where the bodies come from, and the names of the joints that move them.
+        per_radian: of the nominal arm, shape (n,).
 
     Raises:
         InputError: the URDF lacks one of the arm's joints.
@@ -34,7 +35,7 @@ class RigidBody:
 
     def __init__(self, arm: NominalArm) -> None:
         self.file, self.joints = arm.urdf, arm.joints
-        self.n_joints = arm.n_joints
+        self.n_joints, self.per_radian = arm.n_joints, arm.per_radian
         self.model = arm_model(arm.urdf, arm.joints, arm.gravity, arm.locked)
         self._data = self.model.createData()
         self.links = np.array([self.model.getJointId(name) for name in arm.joints])

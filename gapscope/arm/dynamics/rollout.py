@@ -105,12 +105,14 @@ class Stepper:
 
     Attributes:
         order: ``q[order]`` is in kinematic order.
+        smoothing: velocity scale of the smoothed sign [rad/s or m/s], shape (n,), in kinematic order.
     """
 
     def __init__(
         self, body: RigidBody, plant: Plant, dt: float, states: int = 1
     ) -> None:
         self.order = body.order
+        self.smoothing = FRICTION_SMOOTHING * body.per_radian[self.order]
         self.dt = dt
         self._links = plant.inertial.copy()
         nominal = body.inertial_parameters().reshape(-1, 10)
@@ -139,9 +141,9 @@ class Stepper:
 
     def friction(self, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Friction b v + c tanh(v / v0) [N m], and the slope b + s [N m s/rad]; shape (R, n) each."""
-        x = dq / FRICTION_SMOOTHING
+        x = dq / self.smoothing
         friction = self._viscous * dq + self._coulomb * np.tanh(x)
-        dry_slope = self._coulomb / FRICTION_SMOOTHING * taper(x)
+        dry_slope = self._coulomb / self.smoothing * taper(x)
         return friction, self._viscous + dry_slope
 
     def acceleration(

@@ -28,7 +28,6 @@ from gapscope.arm.dynamics.rollout import (
     taper,
     together,
 )
-from gapscope.arm.nominal import FRICTION_SMOOTHING
 from gapscope.arm.velocity_filter import VelocityFilter
 
 
@@ -196,7 +195,7 @@ class _TangentStep:
         self, dq: np.ndarray, ddq: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Slope b + s, friction of c = 1, and the derivative of friction in v, each of shape (R, n)."""
-        scale, h = FRICTION_SMOOTHING, self._dt
+        scale, h = self._stepper.smoothing, self._dt
         x = dq / scale
         sign = np.tanh(x)
         sign_slope = 1 - sign**2

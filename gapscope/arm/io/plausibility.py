@@ -8,6 +8,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.channel_entry import UNITS
 from gapscope.arm.io.table import Table
+from gapscope.arm.joint_units import joint_unit
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 
@@ -73,39 +74,40 @@ def check_time(
 def check_positions(
     recording: Recording, arm: NominalArm, table: Table, *, any_unit: bool = False
 ) -> tuple[str, ...]:
-    """Positions must be radians, unless ``any_unit``; a note for each joint that leaves the range of the URDF.
+    """Positions must be radians, or metres of slides, unless ``any_unit``; a note for each beyond the URDF's range.
 
     Raises:
-        InputError: a joint with limits moves far outside them and beyond 7 rad.
+        InputError: a joint with limits moves far outside them and beyond 7 rad, a slide beyond 0.7 m.
     """
     notes = []
     lowest, highest = RigidBody(arm).position_limits()
     for j, joint in enumerate(arm.joints):
         lower, upper = lowest[j], highest[j]
         low, high = recording.q[:, j].min(), recording.q[:, j].max()
+        unit = joint_unit("rad", arm.sliding[j])
         range_text = (
             f"q{j + 1} goes from {low:.4g} to {high:.4g}, "
-            f"{joint} is limited to {lower:.4g} to {upper:.4g} rad"
+            f"{joint} is limited to {lower:.4g} to {upper:.4g} {unit}"
         )
-        reach = max(abs(low), abs(high))
+        reach, size = max(abs(low), abs(high)), arm.per_radian[j]
         allowed = max(abs(lower), abs(upper))
         # beyond a turn and far outside the limits: another unit or side, not a bad limit
-        if reach > 7 and reach > 1.5 * allowed and not any_unit:
-            looks_like_degrees = reach * UNITS["deg"] <= 1.2 * allowed
-            raise _other_unit(range_text, looks_like_degrees, table, f"q{j + 1}")
-        if low < lower - 0.1 or high > upper + 0.1:
+        if reach > 7 * size and reach > 1.5 * allowed and not any_unit:
+            guess = "mm" if arm.sliding[j] else "deg"
+            fits = reach * UNITS[guess] <= 1.2 * allowed
+            raise _other_unit(range_text, guess if fits else "", table, f"q{j + 1}")
+        if low < lower - 0.1 * size or high > upper + 0.1 * size:
             notes.append(f"{range_text}: check unit, offset and order of the joints")
     return tuple(notes)
 
 
-def _other_unit(
-    range_text: str, degrees: bool, table: Table, column: str
-) -> InputError:
-    """The error on positions that cannot be radians on the joint's side."""
+def _other_unit(range_text: str, guess: str, table: Table, column: str) -> InputError:
+    """The error on positions that cannot be radians, or metres, on the joint's side; the unit that fits, if any."""
     remedy = "check the unit, the order of the joints and the transmission in the case's import section"
-    if degrees:
-        range_text += ": looks like degrees"
-        remedy = "say in the case: import: {q: {column: ..., unit: deg}}"
+    if guess:
+        words = {"deg": "degrees", "mm": "millimetres"}[guess]
+        range_text += f": looks like {words}"
+        remedy = f"say in the case: import: {{q: {{column: ..., unit: {guess}}}}}"
     return InputError(range_text, remedy, file=table.path, where=f"column {column}")
 
 

@@ -45,15 +45,16 @@ def urdf_limits(
         acceleration: limit of the acceleration [rad/s^2], one number or shape (n,).
         margin: distance kept from the position limits [rad].
 
-    A joint without position limits moves within +-pi, one without a velocity limit within 1 rad/s.
+    A joint without position limits moves within +-pi, one without a velocity limit within 1 rad/s; of a slide the
+    margin and these limits count in what counts as a radian, ``NominalArm.per_radian``.
     """
-    lower, upper = body.position_limits()
+    (lower, upper), size = body.position_limits(), body.per_radian
     free = upper - lower > 1e3
     velocity = body.velocity_limits()
-    velocity = np.where((velocity > 0) & (velocity < 1e3), velocity, 1.0)
+    velocity = np.where((velocity > 0) & (velocity < 1e3), velocity, size)
     return Limits(
-        lower=np.where(free, -np.pi, lower + margin),
-        upper=np.where(free, np.pi, upper - margin),
+        lower=np.where(free, -np.pi * size, lower + margin * size),
+        upper=np.where(free, np.pi * size, upper - margin * size),
         velocity=velocity,
         acceleration=np.broadcast_to(
             np.asarray(acceleration, dtype=float), lower.shape

@@ -173,7 +173,9 @@ class Contrast:
         """Predictions and slopes at some rows over the floor; rows at which a joint may stick count less."""
         q, dq, ddq = motion.q[rows], motion.dq[rows], motion.ddq[rows]
         inertial = body.regressor(q, dq, ddq) * self._inertial_scale
-        weight = 1.0 / np.sqrt(floor**2 + sticking_rms(self._coulomb, dq) ** 2)
+        weight = 1.0 / np.sqrt(
+            floor**2 + sticking_rms(self._coulomb, dq / body.per_radian) ** 2
+        )
         torque = np.array([p.torque[rows] * weight for p in predictions])
         slopes = []
         for prediction in predictions:

@@ -88,7 +88,7 @@ def equations(case: Case, recordings: Sequence[Recording]) -> Equations:
     samples, owner = _samples(case, recordings)
     columns, law = samples.columns, choose(samples, presliding=False).law
     recording = owner[samples.group]
-    moves = np.abs(samples.velocity) > STICKING_SPEED
+    moves = np.abs(samples.velocity) > STICKING_SPEED * case.arm.per_radian
     full = samples.matrix(law) * moves[:, :, None]
     torque = samples.torque * moves
     base = base_parameters(full.reshape(-1, full.shape[2]), columns.names(law))

@@ -70,7 +70,7 @@ def noise_floor(
     form = np.hypot(FRICTION_FORM * dry_rms, EFFECT_FORM * effect_rms)
     return NoiseFloor(
         steady_floor(gap, segment.torque, segment, form),
-        sticking_rms(dry, segment.motion.dq[segment.inner]),
+        sticking_rms(dry, segment.motion.dq[segment.inner] / corrected.arm.per_radian),
     )
 
 
@@ -109,10 +109,10 @@ def timing_error(torque: np.ndarray, spacing: float | np.ndarray) -> np.ndarray:
 
 
 def sticking_rms(dry: np.ndarray, dq: np.ndarray) -> np.ndarray:
-    """RMS of unknown dry friction of size L (``dry`` [N m], of the shape of dq [rad/s] or (n,)), as the joint sticks.
+    """RMS of unknown dry friction of size L (``dry`` [N m], of the shape of dq or (n,)), as the joint sticks.
 
     Friction of a joint at rest lies anywhere in -L..L, which has the RMS L / sqrt 3; a joint at speed v counts as at
-    rest to the degree 1 - |tanh(v / ``STICKING_SPEED``)|.
+    rest to the degree 1 - |tanh(v / ``STICKING_SPEED``)|. The speed dq of a slide counts in ``NominalArm.per_radian``.
     """
     sticks = (1.0 - np.abs(np.tanh(dq / STICKING_SPEED))) / np.sqrt(3.0)
     return dry * sticks

@@ -64,7 +64,7 @@ class Bodies:
             body.gravity_regressor(motion.q),
             body.force_regressor(motion.q),
             regressor[:, :, last : last + 10].copy(),
-            play_columns(body, motion, torque, BACKLASH_START),
+            play_columns(body, motion, torque, BACKLASH_START * body.per_radian),
         )
 
 

@@ -23,6 +23,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gapscope.arm.joint_units import size_per_radian
+from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.model.linearisation import Linearisation
 from gapscope.diagnosis.model.normal_equations import NormalEquations
 from gapscope.diagnosis.model.terms import (
@@ -100,7 +102,7 @@ class Evidence:
         samples_per_row = scored.independent / np.maximum(scored.count, 1e-9)
         self.weights = samples_per_row / (scored_mse + scored.expected2)
         self.prior = linearisation.data.prior.at(level)
-        self._usual = _usual(self.terms)
+        self._usual = _usual(self.terms, linearisation.data.arm)
         by_fold = [
             np.tensordot(weights, gram, axes=1)
             for weights, gram in zip(self.weights, scored.gram, strict=True)
@@ -304,11 +306,15 @@ def _stated(linearisation: Linearisation) -> np.ndarray:
     return bounds
 
 
-def _usual(terms: Terms) -> np.ndarray:
+def _usual(terms: Terms, arm: NominalArm) -> np.ndarray:
     """Usual sizes of the coordinates, (P,), infinite for those that the torque alone bounds."""
     usual = np.full(terms.size, np.inf)
     for effect in terms.definitions:
-        usual[terms.block(effect.name)] = parametrisation_of(effect).usual
+        size: float | np.ndarray = parametrisation_of(effect).usual
+        alone = effect.scope == "joint" and len(effect.parameters) == 1
+        if alone and effect.reach != "motor":
+            size = size * size_per_radian(effect.parameters[0].unit, arm.sliding)
+        usual[terms.block(effect.name)] = size
     return usual
 
 

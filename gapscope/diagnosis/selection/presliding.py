@@ -26,7 +26,10 @@ def presliding_distances(model: Model) -> np.ndarray:
     dry = has_dry_friction(model.fit.terms, len(at_once))
     if not dry.any():
         return at_once
-    grid = np.array([np.where(dry, d, 0.0) for d in (0.0, *PRESLIDING_DISTANCES)])
+    size = model.data.arm.per_radian
+    grid = np.array(
+        [np.where(dry, d * size, 0.0) for d in (0.0, *PRESLIDING_DISTANCES)]
+    )
     squares = np.array([_squared_gap(model, distance) for distance in grid])
     everywhere, trusted = squares[:, 0], squares[:, 1]
     trusted = np.where(everywhere <= everywhere[0], trusted, np.inf)

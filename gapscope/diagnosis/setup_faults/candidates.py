@@ -129,12 +129,12 @@ def unit_candidates(
     """Degrees on each joint, all, and those that move too far; motor side on the latter, together and alone."""
     n = arm.n_joints
     far = joints_beyond_range(arm, samples, mapping)
-    single = {(j,) for j in range(n)}
-    in_degrees = single | {tuple(range(n))}
+    turning = tuple(j for j in range(n) if not arm.sliding[j])
+    in_degrees = {(j,) for j in turning} | ({turning} if turning else set())
     on_motor_side: set[tuple[int, ...]] = set()
     # joints that travel too far probably share one cause
     if far:
-        in_degrees.add(far)
+        in_degrees |= {tuple(j for j in far if j in turning)} - {()}
         on_motor_side.add(far)
     if len(far) < FEW_FAR_JOINTS:
         on_motor_side |= {(j,) for j in far}
@@ -153,7 +153,9 @@ def joints_beyond_range(
     q, _, _ = mapping.motion(samples.q, samples.dq, samples.ddq)
     travel = np.ptp(q, axis=0)
     lower, upper = RigidBody(arm).position_limits()
-    allowed = np.minimum(upper - lower, 1.05 * TURN)
+    # a slide may travel as far as its limits allow
+    most = np.where(arm.sliding, np.inf, 1.05 * TURN)
+    allowed = np.minimum(upper - lower, most)
     return tuple(int(j) for j in np.flatnonzero(travel > allowed))
 
 

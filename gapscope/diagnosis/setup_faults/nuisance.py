@@ -128,7 +128,7 @@ def fold_equations(
     """
     q, dq, ddq = mapping.motion(samples.q, samples.dq, samples.ddq)
     regressor = body.regressor(q, dq, ddq)
-    sign = np.tanh(dq / FAULT_SIGN_WIDTH)
+    sign = np.tanh(dq / (FAULT_SIGN_WIDTH * arm.per_radian))
     nominal = regressor @ body.inertial_parameters() + arm.armature * ddq
     pull = body.gravity_regressor(q)
     gravity = pull @ body.gravity

@@ -29,12 +29,14 @@ from gapscope.diagnosis.thresholds import (
 def find_quantization(case: Case) -> tuple[FoundFault, ...]:
     """``encoder_quantization`` on the joints whose step exceeds the data sheet's, as one finding; or none."""
     sheet = case.arm.encoder_step
-    least = STEP_WITHOUT_DATA_SHEET if sheet is None else STEP_OVER_DATA_SHEET * sheet
+    least = STEP_WITHOUT_DATA_SHEET * case.arm.per_radian
+    if sheet is not None:
+        least = np.full(case.arm.n_joints, STEP_OVER_DATA_SHEET * sheet)
     recordings = (*case.recordings, *case.judged)
     found = {}
     for joint in range(case.arm.n_joints):
         step = encoder_step(recordings, joint)
-        if step is not None and step[0] > least:
+        if step is not None and step[0] > least[joint]:
             found[joint + 1] = step
     if not found:
         return ()

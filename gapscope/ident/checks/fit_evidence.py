@@ -118,7 +118,8 @@ def _torque_parts(samples: Samples) -> np.ndarray:
     # the joints' own columns are diagonal blocks behind those of the links: rotor inertia, then viscous friction
     rotor = np.einsum("mjj->mj", smooth[:, :, links : links + n])
     viscous = np.einsum("mjj->mj", smooth[:, :, links + n : links + 2 * n])
-    dry = samples.filtered_each(lambda motion: smooth_sign(motion.dq))
+    size = columns.arm.per_radian
+    dry = samples.filtered_each(lambda motion: smooth_sign(motion.dq / size))
     return np.stack([rigid, rotor, viscous, dry, np.ones_like(rigid)], axis=2)
 
 

@@ -123,7 +123,7 @@ def _moving(samples: Samples, problem: Problem) -> tuple[Problem, np.ndarray]:
     At rest dry friction may take any value, so that coming to rest would pass for a change: the equations of a joint
     that rests are zero.
     """
-    moving = np.abs(samples.velocity) > MOVING
+    moving = np.abs(samples.velocity) > MOVING * samples.columns.arm.per_radian
     kept = np.flatnonzero(moving.any(axis=1))
     problem = replace(
         problem,

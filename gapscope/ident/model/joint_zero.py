@@ -120,11 +120,12 @@ def estimate_zeros(
     def at(offset: tuple[float, ...]) -> _Reduced:
         return problem.reduced(np.array(offset))
 
+    widest = LARGEST * columns.arm.per_radian
     found = least_squares(
         lambda offset: at(tuple(offset)).residual,
         np.zeros(n),
         jac=lambda offset: at(tuple(offset)).jacobian,
-        bounds=(-LARGEST, LARGEST),
+        bounds=(-widest, widest),
         xtol=CLOSE,
         ftol=SETTLED,
         max_nfev=MAX_EVALUATIONS,
@@ -133,6 +134,8 @@ def estimate_zeros(
     # a band of f Hz holds 2 f independent samples a second
     noise_scale = np.sqrt(max(final.cost / rows, 1e-12) * PER_CUTOFF / 2)
     determined = (final.spread < KNOWN * WIDTH) & (found.active_mask == 0)
+    # where a slide's zero lies shows in the levers alone
+    determined &= ~np.array(columns.arm.sliding)
     return JointZeros(
         offset=found.x,
         deviation=final.spread * noise_scale,

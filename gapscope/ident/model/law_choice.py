@@ -104,7 +104,8 @@ def _errors_by_pull(
 
 def _nonlinear_terms(samples: Samples) -> list[Change]:
     """Stribeck terms, and terms that saturate with speed, as far as the recorded speeds can show them."""
-    speeds = np.abs(samples.velocity @ samples.columns.drives.T)
+    columns = samples.columns
+    speeds = np.abs(samples.velocity @ columns.drives.T) / columns.per_radian
     fastest = speeds.max(axis=0)
     moving = fastest[fastest > STRIBECK_SPEEDS[0]]
     if not len(moving):

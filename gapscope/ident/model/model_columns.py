@@ -23,6 +23,8 @@ class ModelColumns:
     o [N m] of each joint, and I and b of each motor that moves several joints (``I6m``: motor 6, on the side of joint
     6); then dry friction by a ``FrictionLaw``: c and d [N m] of joints and coupled motors.
 
+    The friction law counts positions and speeds of slides in what counts as a radian of them.
+
     Args:
         arm: the nominal arm; its coupling says which motors move several joints.
         body: rigid bodies of the arm; built if ``None``.
@@ -36,6 +38,8 @@ class ModelColumns:
         self.arm, self.body = arm, body or RigidBody(arm)
         self.drives, self.labels = drives(arm)
         self.regressor = Regressor(arm, self.body, SMOOTH)
+        motors = [motor - 1 for motor in arm.coupled_motors]
+        self.per_radian = np.r_[arm.per_radian, arm.per_radian[motors]]
         self.links = 10 * arm.n_joints
 
     @property
@@ -75,7 +79,8 @@ class ModelColumns:
 
     def dry(self, motion: Motion, law: FrictionLaw) -> np.ndarray:
         """Columns of dry friction, shape (N, n, p_dry)."""
-        to = self.drives.T
+        # of drives that slide, what counts as a radian is one
+        to = self.drives.T / self.per_radian
         return np.concatenate(
             [
                 _along(x, self.drives)

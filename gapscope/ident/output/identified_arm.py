@@ -46,7 +46,9 @@ COUPLED = {
 def presliding(result: Identification) -> np.ndarray:
     """Distance over which the dry friction of each joint builds up, and of the motor of its number [rad], (n,)."""
     distances = result.choice.law.presliding or result.case.arm.presliding
-    return np.array(distances)[: result.case.arm.n_joints]
+    n, arm = result.case.arm.n_joints, result.case.arm
+    size = arm.per_radian if result.choice.law.presliding else 1.0
+    return np.array(distances)[:n] * size
 
 
 def urdf_text(result: Identification) -> str:
@@ -124,13 +126,19 @@ def effects(result: Identification) -> tuple[AppliedEffect, ...]:
     law = result.choice.law
     joints, drop = _noticed(result, "d")
     if joints and law.stribeck_speed is not None:
-        velocity = np.full(len(joints), law.stribeck_speed)
+        velocity = law.stribeck_speed * _sizes(result, joints)
         found.append(_friction("stribeck_friction", joints, drop, velocity))
     joints, level = _noticed(result, "s")
     if joints and law.saturation_speeds is not None:
-        velocity = np.array(law.saturation_speeds)[np.array(joints) - 1]
+        fastest = np.array(law.saturation_speeds)[np.array(joints) - 1]
+        velocity = fastest * _sizes(result, joints)
         found.append(_friction("saturating_friction", joints, level, velocity))
     return tuple(found)
+
+
+def _sizes(result: Identification, joints: tuple[int, ...]) -> np.ndarray:
+    """What counts as a radian of some joints, in which the friction law has its speeds."""
+    return result.case.arm.per_radian[np.array(joints) - 1]
 
 
 def _of_coupled_motors(result: Identification) -> list[AppliedEffect]:
