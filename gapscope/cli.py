@@ -16,6 +16,7 @@ from gapscope.commands.agree import agree
 from gapscope.commands.blind import blind
 from gapscope.commands.demo import demo
 from gapscope.commands.diagnose import diagnose
+from gapscope.commands.doctor import doctor
 from gapscope.commands.excite import excite
 from gapscope.commands.export import export
 from gapscope.commands.gap import gap
@@ -43,6 +44,7 @@ COMMANDS = (
     train,
     export,
     demo,
+    doctor,
 )
 """Commands in the order in which ``--help`` lists them."""
 INTERRUPTED = 130
@@ -51,7 +53,7 @@ INTERRUPTED = 130
 app = typer.Typer(
     help="Finds out why a simulated robot arm and a real one disagree.",
     no_args_is_help=True,
-    add_completion=False,
+    add_completion=True,
     rich_markup_mode=None,  # markup would swallow the units, [m]
     pretty_exceptions_enable=False,
 )

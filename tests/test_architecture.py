@@ -17,7 +17,7 @@ LAYERS: tuple[set[str], ...] = (
     {"effects"},
     {"envs", "ident"},
     {"diagnosis"},
-    {"inspection"},
+    {"inspection", "installation"},
     {"provenance", "workers"},
     {"agents", "blind_check"},
     {"reports"},
