@@ -296,6 +296,8 @@ def _read(
 ) -> Recording:
     """One recording of a case, with the known body that was mounted."""
     entry = part.entry
+    files = [entry] if isinstance(entry, Path) else list(entry.values())
+    loads = [payloads[file.resolve()] for file in files if file.resolve() in payloads]
     recording = load_recording(
         entry,
         arm,
@@ -304,11 +306,8 @@ def _read(
         episode=part.episode,
         complete=True,
         any_unit=any_unit,
+        payload=loads[0] if loads else None,
     )
-    files = [entry] if isinstance(entry, Path) else list(entry.values())
-    loads = [payloads[file.resolve()] for file in files if file.resolve() in payloads]
-    if loads:
-        recording = replace(recording, payload=loads[0])
     _check_duration(recording, files[0])
     return recording
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -65,6 +66,7 @@ def _one(case: Path, out: Path) -> None:
         result, paths = diagnose_path(case, out, progress)
     print_summary(result.document, console)
     wrote(*paths)
+    _say_mended(paths)
 
 
 def _several(batch: Batch) -> None:
@@ -90,3 +92,13 @@ def _against(case: Path, reference: Path, out: Path) -> None:
         "to predict with what was found: "
         f"gapscope predict {out / CASE} --model {out / CORRECTED} ..."
     )
+    _say_mended(paths)
+
+
+def _say_mended(paths: Sequence[Path]) -> None:
+    """Say what the mended case is for, if there is one."""
+    from gapscope.outputs.mended_case import CASE
+
+    for path in paths:
+        if path.name == CASE:
+            say(f"{path} reads the recordings right: give it to predict, gap, replay")

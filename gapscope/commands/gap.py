@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from gapscope.commands.options import CasePath, Model
-from gapscope.terminal import Progress, console
+from gapscope.terminal import Progress, console, note
 
 AsJson = Annotated[bool, typer.Option("--json", help="print JSON to standard output")]
 
@@ -26,3 +26,5 @@ def gap(case: CasePath, model: Model = None, as_json: AsJson = False) -> None:
         sys.stdout.write(to_json(measured))
     else:
         console.print(gap_tables(measured))
+        for warning in measured["warnings"]:
+            note(f"note: {warning}")

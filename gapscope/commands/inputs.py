@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 from gapscope.arm.case import Case, load_case
@@ -59,5 +58,11 @@ def read_recording(
         InputError: the case or the recording cannot be used.
     """
     case = load_case(case_path, read_recordings=False)
-    recording = load_recording(file, case.arm, case.importing, every_row=every_row)
-    return case, replace(recording, payload=case.payload_of(file))
+    recording = load_recording(
+        file,
+        case.arm,
+        case.importing,
+        every_row=every_row,
+        payload=case.payload_of(file),
+    )
+    return case, recording

@@ -64,6 +64,7 @@ def conclude(study: Study, progress: Progress = lambda message: None) -> Diagnos
         located=located(content, gaps, study.floor, segments),
         possible=_in_order(study.possible, content["possible"]),
         presliding=tuple(presliding.tolist()),
+        faults=study.faults,
     )
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from gapscope.diagnosis.localisation.locate import JointLocalisation
+from gapscope.diagnosis.setup_faults.found_fault import FoundFault
 from gapscope.effects.applied import AppliedEffect
 
 
@@ -84,6 +85,7 @@ class Diagnosis:
         located: where the gap of the worst joint lies, before and, if it stays above the floor, after.
         possible: the effects that are possible and not confirmed, with values beside all others, ordered by share.
         presliding: distance over which the dry friction of each joint builds up after a reversal [rad], (n,).
+        faults: faults of the set-up, in the order in which they must be put right.
     """
 
     document: Mapping[str, Any]
@@ -94,3 +96,4 @@ class Diagnosis:
     located: tuple[Located, ...] = ()
     possible: tuple[AppliedEffect, ...] = ()
     presliding: tuple[float, ...] = ()
+    faults: tuple[FoundFault, ...] = ()

@@ -31,6 +31,7 @@ from gapscope.interface.reference import (
 from gapscope.interface.result import Result, as_text
 from gapscope.outputs.diagnosis import DOCUMENT, URDF, write_change, write_diagnosis
 from gapscope.outputs.folder import begin_results
+from gapscope.outputs.mended_case import write_mended_case
 from gapscope.provenance import KEY, made_from
 from gapscope.reports.diagnosis.terminal_summary import print_summary
 
@@ -82,18 +83,24 @@ class DiagnosisResult(Result):
     def save(self, folder: str | Path) -> tuple[Path, ...]:
         """Write ``corrected.yaml``, ``report.html`` and, as the last, ``diagnosis.json``.
 
+        If faults of the set-up were found that another reading of the files puts right, also ``mended_case.yaml``, the
+        case that reads them so.
+
         After a comparison with a reference also ``identified_case.yaml`` and ``identified.urdf``: the case with the
         identified arm as its nominal one, which ``corrected.yaml`` corrects; and, if the reference was identified in
         this run, ``identified``, the folder that a later comparison takes as ``against``.
         """
         out = Path(folder)
         begin_results(out, DOCUMENT)
+        mended = write_mended_case(
+            self.diagnosis.faults, self.case.arm, lambda: case_file(self.case, out), out
+        )
         if self.change is None:
-            return write_diagnosis(self.diagnosis, out)
+            return *write_diagnosis(self.diagnosis, out), *mended
         with atomic_write(out / URDF) as aside:
             shutil.copyfile(self.change.case.arm.urdf, aside)
         change = replace(self.change, diagnosis=self.diagnosis)
-        return write_change(change, case_file(self.case, out), out)
+        return *write_change(change, case_file(self.case, out), out), *mended
 
     def summary(self) -> str:
         """Verdict, effects, gap per joint, what is possible, what is open and the warnings."""

@@ -58,6 +58,9 @@ class GapResult(Result):
 def gap(case: Case | str | Path, model: Model = None) -> GapResult:
     """Measure the torque gap and the replay gap of a nominal or corrected arm on every recording of a case.
 
+    Recordings are taken as they are, even if they look as if they were in another unit; the document's ``warnings``
+    say so.
+
     Args:
         case: the case, or its folder.
         model: what corrects the nominal arm; see ``Model``.
@@ -69,5 +72,5 @@ def gap(case: Case | str | Path, model: Model = None) -> GapResult:
     >>> import gapscope
     >>> gapscope.gap("my_arm", "out/corrected.yaml").to_frame()  # doctest: +SKIP
     """
-    loaded = case if isinstance(case, Case) else load_case(case)
+    loaded = case if isinstance(case, Case) else load_case(case, any_unit=True)
     return GapResult(gap_document(loaded, corrected_arm(loaded.arm, model)))

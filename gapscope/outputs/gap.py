@@ -9,6 +9,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.assessment.replay_gap import attempt
+from gapscope.diagnosis.gap.plausible_data import check_rates
 from gapscope.diagnosis.gap.torque_gap import torque_gap
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import condition, position_cutoff
@@ -18,11 +19,14 @@ def gap_document(case: Case, corrected: CorrectedArm) -> dict[str, Any]:
     """Both gaps per recording and joint: ``torque_nrmse`` [1], ``torque_rmse`` [N m] and ``replay_rmse`` [rad].
 
     ``replayed`` says how: through the ``controller`` if it and the reference are known, else under the recorded
-    ``torque`` over short horizons, or why not; ``replay_rmse`` is null then.
+    ``torque`` over short horizons, or why not; ``replay_rmse`` is null then. ``warnings`` are what was noticed while
+    the recordings were read.
 
     Raises:
         GapscopeError: no recording carries a torque.
+        InputError: the stamps of one give a rate at which no robot is logged.
     """
+    check_rates(case)
     roles = [(recording, "fit") for recording in case.recordings]
     roles += [(recording, "judge") for recording in case.judged]
     measured = [
@@ -45,6 +49,7 @@ def gap_document(case: Case, corrected: CorrectedArm) -> dict[str, Any]:
         "case": case.name,
         "joints": list(case.arm.joints),
         "recordings": rows,
+        "warnings": [f"{r.name}: {note}" for r, _ in roles for note in r.notes],
     }
 
 

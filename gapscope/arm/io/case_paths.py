@@ -51,6 +51,36 @@ class CasePaths:
         }
 
 
+def moved(content: Mapping[str, Any], old: Path, new: Path) -> dict[str, Any]:
+    """The content of a case file in a folder, with the paths in it as seen from another folder.
+
+    Those that begin with ``${`` stay as they are, and so does a robot that is a name and no file.
+    """
+    out = dict(content)
+    if (old / content["robot"]).exists():
+        out["robot"] = _moved(content["robot"], old, new)
+    for key in ("recordings", "judge"):
+        if key in content:
+            out[key] = [_moved(entry, old, new) for entry in content[key]]
+    if content.get("payloads"):
+        loads = content["payloads"].items()
+        out["payloads"] = {_moved(name, old, new): load for name, load in loads}
+    if "calibration" in (content.get("import") or {}):
+        section = content["import"]
+        calibration = _moved(section["calibration"], old, new)
+        out["import"] = {**section, "calibration": calibration}
+    return out
+
+
+def _moved(entry: Any, old: Path, new: Path) -> Any:
+    """A path, or several by label, as seen from another folder."""
+    if isinstance(entry, Mapping):
+        return {label: _moved(text, old, new) for label, text in entry.items()}
+    if entry.startswith("${") or Path(entry).is_absolute():
+        return entry
+    return os.path.relpath(old / entry, new)
+
+
 def files_of(place: Path) -> list[Path]:
     """A file, or every file of a bag's folder; of a dataset those with numbers."""
     if not place.is_dir():

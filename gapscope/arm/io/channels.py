@@ -25,6 +25,7 @@ def read_time(table: Table, importing: Import, *, any_unit: bool = False) -> np.
     else:
         count = table.numbers(time.column)
     t = count / time.rate if time.rate is not None else count * time.factor
+    t = importing.mend.true_time(t, table.path.name)
     check_time(t, table, time.column or "time", any_unit=any_unit)
     return t
 

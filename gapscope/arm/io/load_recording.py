@@ -26,6 +26,7 @@ from gapscope.arm.io.plausibility import (
     untrusted_torque,
 )
 from gapscope.arm.io.table import Table, shortened
+from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 
@@ -40,6 +41,7 @@ def load_recording(
     complete: bool = False,
     every_row: bool = False,
     any_unit: bool = False,
+    payload: KnownLoad | None = None,
 ) -> Recording:
     """One recording of ``arm``.
 
@@ -57,6 +59,7 @@ def load_recording(
             time and positions have to.
         every_row: keep repeated rows, so that there is one sample for each row of the file.
         any_unit: accept rates and positions that look like another unit, for a diagnosis of the set-up.
+        payload: known body that was mounted on the last link.
 
     Returns:
         The recording, in SI units, joint side; ``notes`` says what was noticed, dropped or left out.
@@ -85,6 +88,7 @@ def load_recording(
         complete=complete,
         every_row=every_row,
         any_unit=any_unit,
+        payload=payload,
     )
     if is_dataset(logs[main].path) and len(logs[main].tables) == 1:
         label = f"{recording.name} {logs[main].tables[0].name}"
@@ -130,6 +134,7 @@ def _recording(
     complete: bool = False,
     every_row: bool = False,
     any_unit: bool = False,
+    payload: KnownLoad | None = None,
 ) -> Recording:
     """One recording from its logs; see ``load_recording``."""
     importing, notes = _fitting(importing, logs[importing.main_file], arm)
@@ -152,7 +157,10 @@ def _recording(
             notes += (EVENLY_TAKEN,)
     values, found = untrusted_torque(values)
     notes += found + gap_notes(t)
-    recording = Recording(main.path.name, t, **values)  # type: ignore[arg-type]
+    recording = Recording(main.path.name, t, payload=payload, **values)  # type: ignore[arg-type]
+    # a late torque has no value at the last rows: who wants every row does without that repair
+    mend = replace(importing.mend, delay=0.0) if every_row else importing.mend
+    recording = mend(recording, arm)
     notes += check_positions(recording, arm, main, any_unit=any_unit)
     return replace(recording, notes=notes)
 

@@ -18,6 +18,9 @@ PLAUSIBLE_RATES = (10.0, 20_000.0)
 UNSIGNED = "torque is unsigned: only commands and positions can be trusted"
 """Note on a recording whose torque had to be set aside."""
 
+DIAGNOSE_FIRST = "or let gapscope diagnose find out, and go on with the mended_case.yaml that it writes"
+"""What to do with a log whose units are unknown."""
+
 REPEATED = "rows dropped that repeat the measurement before them: "
 """Note on rows that a logger stored twice; their number and share follow."""
 
@@ -58,7 +61,8 @@ def check_time(
         unit = fitting[0] if fitting else "ms"
         raise InputError(
             f"{guess}taken as s the rate is {rate:.3g} Hz, expected {low:g} to {high:g} Hz",
-            f"say in the case: import: {{time: {{column: {column}, unit: {unit}}}}}, or rate: where it counts samples",
+            f"say in the case: import: {{time: {{column: {column}, unit: {unit}}}}}, or rate: where it counts samples; "
+            + DIAGNOSE_FIRST,
             file=table.path,
             where=f"column {column}",
         )
@@ -108,6 +112,7 @@ def _other_unit(range_text: str, guess: str, table: Table, column: str) -> Input
         words = {"deg": "degrees", "mm": "millimetres"}[guess]
         range_text += f": looks like {words}"
         remedy = f"say in the case: import: {{q: {{column: ..., unit: {guess}}}}}"
+    remedy = f"{remedy}; {DIAGNOSE_FIRST}"
     return InputError(range_text, remedy, file=table.path, where=f"column {column}")
 
 

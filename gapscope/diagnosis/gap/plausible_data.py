@@ -6,7 +6,7 @@ import numpy as np
 
 from gapscope.arm.case import Case
 from gapscope.arm.errors import GapscopeError, InputError
-from gapscope.arm.io.plausibility import PLAUSIBLE_RATES
+from gapscope.arm.io.plausibility import DIAGNOSE_FIRST, PLAUSIBLE_RATES
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.thresholds import (
     LARGEST_POSITION,
@@ -27,7 +27,8 @@ def check_stamps(case: Case) -> None:
         if not 0 < step <= 1.01 / slowest:
             raise InputError(
                 f"time does not run as in a log of a robot: steps of {step:.3g} s",
-                "give the unit of the time stamps in import: {time: {unit: ...}}, or their rate:",
+                "give the unit of the time stamps in import: {time: {unit: ...}}, or their rate:; "
+                + DIAGNOSE_FIRST,
                 file=recording.name,
                 where="column t",
             )

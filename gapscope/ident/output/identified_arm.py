@@ -7,7 +7,6 @@ friction of coupled motors are effects. How it builds up stands beside them.
 
 from __future__ import annotations
 
-import os
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +19,7 @@ from gapscope.arm.coupling import coupling_entries
 from gapscope.arm.dynamics.plain_urdf import moving_links, numbers, plain_urdf
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.case_file import read_case_file
+from gapscope.arm.io.case_paths import moved
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.coupled_motors import (
@@ -193,7 +193,7 @@ def write_case_beside(arm: NominalArm, source: Path, path: Path, urdf: str) -> N
     Raises:
         GapscopeError: the file cannot be written.
     """
-    content = read_case_file(source)
+    content = moved(read_case_file(source), source.parent, path.parent)
     # the URDF holds the arm's moving bodies alone
     for key in ("chain", "locked"):
         content.pop(key, None)
@@ -204,16 +204,6 @@ def write_case_beside(arm: NominalArm, source: Path, path: Path, urdf: str) -> N
         "gravity": arm.gravity.tolist(),
         "nominal": data_sheet(arm),
     }
-    for key in ("recordings", "judge"):
-        if key in content:
-            content[key] = [
-                _moved(entry, source.parent, path.parent) for entry in content[key]
-            ]
-    if content.get("payloads"):
-        loads = content["payloads"].items()
-        content["payloads"] = {
-            _moved(name, source.parent, path.parent): load for name, load in loads
-        }
     with atomic_write(path) as aside:
         aside.write_text(
             yaml.safe_dump(
@@ -221,13 +211,6 @@ def write_case_beside(arm: NominalArm, source: Path, path: Path, urdf: str) -> N
             ),
             encoding="utf-8",
         )
-
-
-def _moved(entry: Any, old: Path, new: Path) -> Any:
-    """An entry of recordings as seen from another folder."""
-    if isinstance(entry, dict):
-        return {label: _moved(text, old, new) for label, text in entry.items()}
-    return entry if entry.startswith("${") else os.path.relpath(old / entry, new)
 
 
 def _named(result: Identification) -> dict[str, float]:

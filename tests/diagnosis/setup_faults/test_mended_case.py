@@ -1,0 +1,263 @@
+"""The mended case: a case with a fault, written, diagnosed, and read again as the diagnosis says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import synthetic
+import yaml
+
+from gapscope.arm.case import Case, load_case
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError
+from gapscope.arm.io.write_case import write_case
+from gapscope.diagnosis.setup_faults.candidates import motor_side
+from gapscope.diagnosis.setup_faults.channel_mapping import (
+    ChannelMapping,
+    flipped,
+    late,
+    offset_by,
+    rescaled,
+    scaled,
+    shifted,
+    swapped,
+    timed,
+    without_gravity,
+)
+from gapscope.diagnosis.setup_faults.found_fault import FoundFault
+from gapscope.diagnosis.setup_faults.shifted_inertials import shifted_arm
+from gapscope.effects.setup_faults.channel_faults import (
+    JointSwap,
+    SignFlip,
+    UnitMismatch,
+)
+from gapscope.effects.setup_faults.fault import Fault
+from gapscope.effects.setup_faults.fault_catalogue import FAULTS as CATALOGUE
+from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
+from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
+from gapscope.effects.setup_faults.torque_faults import (
+    GravityCompensatedTorque,
+    LateTorque,
+    TorqueUnit,
+)
+from gapscope.effects.setup_faults.zero_fault import ZeroOffset
+from gapscope.outputs.mended_case import CASE, write_mended_case
+
+N = synthetic.N
+
+
+def found(name: str, variant: str, mapping: ChannelMapping) -> FoundFault:
+    """A fault as a diagnosis finds it, with values that are exact."""
+    return FoundFault(name, (2,), variant, {}, 1.0, mapping=mapping)
+
+
+FAULTS: dict[str, tuple[Fault, FoundFault]] = {
+    "torque turned": (
+        SignFlip((2,)),
+        found("sign_flip", "torque", flipped(N, 1, "torque")),
+    ),
+    "position turned": (
+        SignFlip((2,), "position"),
+        found("sign_flip", "position", flipped(N, 1, "position")),
+    ),
+    "joints exchanged": (
+        JointSwap((2, 3), "joint"),
+        found("joint_swap", "joint", swapped(N, (1, 2), "joint")),
+    ),
+    "torques exchanged": (
+        JointSwap((1, 3)),
+        found("joint_swap", "torque", swapped(N, (0, 2), "torque")),
+    ),
+    "degrees": (
+        UnitMismatch("degrees"),
+        found("unit_mismatch", "degrees", scaled(N, (0, 1, 2), np.pi / 180)),
+    ),
+    "milliseconds": (
+        UnitMismatch("milliseconds"),
+        found("unit_mismatch", "milliseconds", timed(N, 1e-3)),
+    ),
+    "motor side": (
+        UnitMismatch("motor_side", (2,), 50.0),
+        found("unit_mismatch", "motor_side", motor_side(N, (1,), (50.0,)).mapping),
+    ),
+    "inertials shifted": (
+        ShiftedInertials(1),
+        found("shifted_inertials", "", shifted(N, -1)),
+    ),
+    "zero off": (
+        ZeroOffset((2,), np.pi / 2),
+        found("zero_offset", "", offset_by(N, 1, -np.pi / 2)),
+    ),
+    "gravity left out": (
+        GravityCompensatedTorque(),
+        found("gravity_compensated_torque", "", without_gravity(N)),
+    ),
+    "currents": (
+        TorqueUnit("current", factor=(12.0, 12.0, 8.0)),
+        found("torque_unit", "current", rescaled(N, (0, 1, 2), (12.0, 12.0, 8.0))),
+    ),
+    "torque late": (
+        LateTorque("delay", 0.06),
+        found("late_torque", "delay", late(N, 0.06)),
+    ),
+    "half the rate": (
+        TimeStamps("wrong_rate", 2.0),
+        found("time_stamps", "wrong_rate", timed(N, 0.5)),
+    ),
+}
+
+
+@cache
+def sound() -> Case:
+    """A case without a fault."""
+    return synthetic.case(synthetic.Truth(), seed=3)
+
+
+def spoilt(*faults: Fault) -> Case:
+    """The case as a set-up with the faults would have recorded it."""
+    case, rng = sound(), np.random.default_rng(0)
+    for fault in faults:
+        if isinstance(fault, ShiftedInertials):
+            case = replace(case, arm=shifted_arm(case.arm, fault.by))
+        made = tuple(fault.apply(r, rng, case.arm) for r in case.recordings)
+        case = replace(case, recordings=made)
+    return case
+
+
+def assert_sound(case: Case, least: float = 1.0) -> None:
+    """Every channel is that of the sound case, and its arm weighs the same; of ``least`` [1] of the rows."""
+    assert RigidBody(case.arm).inertial_parameters() == pytest.approx(
+        RigidBody(sound().arm).inertial_parameters()
+    )
+    for given, kept in zip(case.recordings, sound().recordings, strict=True):
+        assert len(given.t) >= least * len(kept.t)
+        rows = np.searchsorted(kept.t, given.t - 1e-6)
+        for channel in ("t", "q", "tau"):
+            np.testing.assert_allclose(
+                getattr(given, channel),
+                getattr(kept, channel)[rows],
+                rtol=1e-5,
+                atol=1e-5,
+            )
+
+
+@pytest.mark.parametrize("label", FAULTS)
+def test_a_fault_of_the_catalogue_is_put_right(label: str, tmp_path: Path) -> None:
+    """Every row but the first and last ones of a torque that was late, by a multiple of the period."""
+    fault, diagnosed = FAULTS[label]
+    file = write_case(spoilt(fault), tmp_path / "case", ending="npz")
+    arm = load_case(file, read_recordings=False).arm
+    out = tmp_path / "results" / "here"
+    first, *_ = write_mended_case((diagnosed,), arm, lambda: file, out)
+    right = load_case(first)
+    assert first == out / CASE
+    assert_sound(right, 0.98 if diagnosed.name == "late_torque" else 1.0)
+
+
+def test_every_fault_of_the_catalogue_is_tried() -> None:
+    assert {diagnosed.name for _, diagnosed in FAULTS.values()} == set(CATALOGUE)
+
+
+def test_two_faults_with_the_reason_on_each_line(tmp_path: Path) -> None:
+    """In the order in which they were found: what is exchanged was in degrees before."""
+    case = spoilt(UnitMismatch("degrees", (2,)), JointSwap((2, 3), "joint"))
+    file = write_case(case, tmp_path / "case", ending="npz")
+    faults = (
+        FAULTS["joints exchanged"][1],
+        found("unit_mismatch", "degrees", scaled(N, (1,), np.pi / 180)),
+    )
+    first, *_ = write_mended_case(faults, case.arm, lambda: file, tmp_path)
+    assert_sound(load_case(first))
+    lines = {
+        line.split(":")[0].strip(): line for line in first.read_text().splitlines()
+    }
+    both = "# joint_swap (joint), joint 2; unit_mismatch (degrees), joint 2"
+    assert lines["motion"].endswith(both) and "columns: [1, 3, 2]" in lines["motion"]
+    assert lines["torque"].endswith("# joint_swap (joint), joint 2")
+
+
+def test_what_asks_for_no_other_reading_leaves_no_file(tmp_path: Path) -> None:
+    """Jitter is put right at every diagnosis; what an earlier run has left is removed."""
+    (tmp_path / CASE).write_text("name: of an earlier run")
+    jitter = FoundFault("time_stamps", (), "jitter", {}, 1.0)
+    assert write_mended_case((jitter,), sound().arm, Path, tmp_path) == ()
+    assert not (tmp_path / CASE).exists()
+
+
+def test_it_comes_on_top_of_the_import_section_of_the_case(tmp_path: Path) -> None:
+    """Columns of other names, turned, on the motor's side of a coupled gear; on top of that a torque, twice."""
+    case = spoilt(SignFlip((2,)))
+    ratios = np.array([[50.0, 0, 0], [0, 60.0, 0], [0, 20.0, 80.0]])
+    signs = np.array([1.0, 1.0, -1.0])
+    for number, recording in enumerate(case.recordings):
+        motor = (recording.q * signs) @ ratios.T
+        torque = (recording.tau * signs) @ np.linalg.inv(ratios)
+        columns = {"stamp": recording.t * 1e3}
+        columns |= {f"pos_{j}": np.rad2deg(motor[:, j]) for j in range(3)}
+        columns |= {f"tau_{j}": torque[:, j] for j in range(3)}
+        np.savez(tmp_path / f"log_{number}.npz", **columns)
+    content: dict[str, Any] = {
+        "name": "coupled",
+        "robot": str(case.arm.urdf),
+        "recordings": [f"log_{k}.npz" for k in range(len(case.recordings))],
+        "import": {
+            "time": {"column": "stamp", "unit": "ms"},
+            "q": {"column": "pos_{j0}", "unit": "deg"},
+            "tau": "tau_{j0}",
+            "transmission": {"matrix": ratios.tolist()},
+            "signs": [1, 1, -1],
+        },
+    }
+    file = tmp_path / "case.yaml"
+    file.write_text(yaml.safe_dump(content))
+    _, turned = FAULTS["torque turned"]
+    _, exchanged = FAULTS["torques exchanged"]
+    first, *_ = write_mended_case(
+        (turned,), case.arm, lambda: file, tmp_path / "results"
+    )
+    assert_sound(load_case(first))
+    # what exchanges the torques once more on top of that puts them right
+    wrong, *_ = write_mended_case(
+        (exchanged,), case.arm, lambda: first, tmp_path / "wrong"
+    )
+    with pytest.raises(AssertionError):
+        assert_sound(load_case(wrong))
+    again, *_ = write_mended_case(
+        (exchanged,), case.arm, lambda: wrong, tmp_path / "again"
+    )
+    assert_sound(load_case(again))
+
+
+def test_stamps_of_some_files_alone(tmp_path: Path) -> None:
+    case = sound()
+    first, *others = case.recordings
+    first = replace(first, t=1e3 * first.t)
+    file = write_case(
+        replace(case, recordings=(first, *others)), tmp_path / "case", ending="npz"
+    )
+    name = load_case(file, any_unit=True).recordings[0].name
+    _, diagnosed = FAULTS["milliseconds"]
+    diagnosed = replace(diagnosed, recordings=(name,))
+    made, *_ = write_mended_case((diagnosed,), case.arm, lambda: file, tmp_path)
+    assert_sound(load_case(made))
+
+
+def test_a_mend_that_does_not_fit_the_arm_is_refused(tmp_path: Path) -> None:
+    file = write_case(sound(), tmp_path / "case", ending="npz")
+    content = yaml.safe_load(file.read_text())
+    for entry, message in (
+        ({"columns": [1, 2]}, "import.mend.motion.columns: expected 3 entries"),
+        ({"columns": [1, 2, 4]}, "expected each of the numbers 1 to 3 once"),
+        ({"scale": [1.0, 2.0]}, "import.mend.motion.scale: expected 3 entries"),
+    ):
+        file.write_text(
+            yaml.safe_dump(content | {"import": {"mend": {"motion": entry}}})
+        )
+        with pytest.raises(InputError) as caught:
+            load_case(file)
+        assert message in str(caught.value)
