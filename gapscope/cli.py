@@ -26,6 +26,7 @@ from gapscope.commands.predict import predict
 from gapscope.commands.record import record
 from gapscope.commands.replay import replay
 from gapscope.commands.residual import residual
+from gapscope.commands.view import view
 from gapscope.terminal import note
 
 COMMANDS = (
@@ -43,6 +44,7 @@ COMMANDS = (
     evaluate,
     train,
     export,
+    view,
     demo,
     doctor,
 )

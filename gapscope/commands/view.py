@@ -1,0 +1,57 @@
+"""The command ``gapscope view``: a recording, its prediction and the arm, for Foxglove, Rerun and PlotJuggler."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gapscope.commands.options import CasePath, Model
+from gapscope.terminal import Progress, note, wrote
+
+Recording = Annotated[
+    str | None,
+    typer.Option(help="name of a recording of the case; default: the first"),
+]
+Out = Annotated[
+    Path,
+    typer.Option(help="MCAP to write; a Foxglove layout beside it", metavar="FILE.mcap"),
+]  # fmt: skip
+Show = Annotated[
+    bool, typer.Option("--open/--no-open", help="open Rerun if it is installed")
+]
+
+
+def view(
+    case: CasePath,
+    out: Out,
+    recording: Recording = None,
+    model: Model = None,
+    show: Show = True,
+) -> None:
+    """Write recorded, predicted and remaining torque and the arm as one MCAP, and open Rerun if installed."""
+    from gapscope.interface.view import view as view_recording
+    from gapscope.outputs.foxglove_layout import write_layout
+    from gapscope.outputs.scene import write_mcap
+
+    layout = out.with_suffix(".foxglove.json")
+
+    with Progress(case.name or str(case)) as progress:
+        progress("predicts and replays")
+        scene, problem = view_recording(case, recording or 0, model)
+        progress("writes")
+        write_mcap(scene, out)
+        write_layout(scene, layout)
+    if problem:
+        note(f"not replayed: {problem}")
+    wrote(out, layout)
+    viewer = shutil.which("rerun")
+    if show and viewer:
+        subprocess.Popen([viewer, str(out)])
+    elif show:
+        note(
+            "Rerun is not installed (pip install rerun-sdk); Foxglove and PlotJuggler open the file too"
+        )

@@ -1,0 +1,83 @@
+"""A recording, its prediction and the arm as one MCAP file, read again by another reader."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+from gapscope.arm.case import load_case
+from gapscope.arm.dynamics.kinematics import Kinematics
+from gapscope.arm.dynamics.link_poses import link_poses
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.interface.predict import predict
+
+
+def messages(path: Path) -> dict[str, list]:
+    """Messages of a file by topic."""
+    found: dict[str, list] = {}
+    with AnyReader([path]) as reader:
+        for connection, _, raw in reader.messages():
+            message = reader.deserialize(raw, connection.msgtype)
+            found.setdefault(connection.topic, []).append(message)
+    return found
+
+
+@pytest.fixture
+def viewed(gapscope, sick, tmp_path) -> tuple[Path, dict[str, list]]:
+    out = tmp_path / "scene.mcap"
+    assert gapscope("view", sick, "--no-open", "--out", out).code == 0
+    return out, messages(out)
+
+
+def test_torques_are_those_of_recording_and_prediction(viewed, sick):
+    _, found = viewed
+    case = load_case(sick)
+    recorded = case.recordings[0].tau
+    predicted = predict(case, 0).tau
+    for topic, torque in (
+        ("recorded", recorded),
+        ("predicted", predicted),
+        ("remaining", recorded - predicted),
+    ):
+        written = [message.effort for message in found[f"/{topic}/joint_states"]]
+        np.testing.assert_allclose(written, torque, atol=1e-12)
+
+
+def test_the_arm_is_described_and_placed(viewed, sick):
+    _, found = viewed
+    assert "<robot" in found["/robot_description"][0].data
+    frames = {t.child_frame_id for message in found["/tf"] for t in message.transforms}
+    assert {"base", "upper", "lower"} <= frames
+
+
+def test_the_layout_names_topics_of_the_file(viewed):
+    out, found = viewed
+    layout = json.loads(out.with_suffix(".foxglove.json").read_text())
+    paths = [
+        path["value"]
+        for panel in layout["configById"].values()
+        for path in panel.get("paths", ())
+    ]
+    assert paths
+    known = set(found) | {"/simulated/joint_states"}  # drawn empty without a replay
+    assert {path.split(".")[0] for path in paths} <= known
+
+
+def test_a_missing_recording_is_named(gapscope, sick, tmp_path):
+    outcome = gapscope("view", sick, "--recording", "no.csv", "--out", tmp_path / "x")
+    assert outcome.code == 2 and "no.csv" in outcome.err
+
+
+def test_links_stand_where_kinematics_puts_the_tool():
+    arm = load_nominal_arm("kuka_iiwa")
+    body = RigidBody(arm)
+    q = np.random.default_rng(0).uniform(-1, 1, (3, arm.n_joints))
+    poses = link_poses(body, q)
+    tool = Kinematics(body)
+    for k in range(3):
+        np.testing.assert_allclose(poses.positions[k, -1], tool.tool(q[k]).position)
