@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from gapscope.arm.case import Case, load_case
     from gapscope.interface.advise import advise
     from gapscope.interface.agree import agree
+    from gapscope.interface.audit import audit
     from gapscope.interface.diagnose import diagnose
     from gapscope.interface.excite import excite
     from gapscope.interface.export import export
@@ -34,6 +35,7 @@ __all__ = [
     "Case",
     "advise",
     "agree",
+    "audit",
     "diagnose",
     "excite",
     "export",
@@ -56,6 +58,7 @@ _MODULES = {
         for name in (
             "advise",
             "agree",
+            "audit",
             "diagnose",
             "excite",
             "export",

@@ -13,6 +13,7 @@ from gapscope.commands.advise import advise
 from gapscope.commands.agents.evaluate import evaluate
 from gapscope.commands.agents.train import train
 from gapscope.commands.agree import agree
+from gapscope.commands.audit import audit
 from gapscope.commands.blind import blind
 from gapscope.commands.demo import demo
 from gapscope.commands.diagnose import diagnose
@@ -38,6 +39,7 @@ COMMANDS = (
     identify,
     residual,
     agree,
+    audit,
     record,
     excite,
     advise,

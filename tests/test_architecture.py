@@ -19,7 +19,7 @@ LAYERS: tuple[set[str], ...] = (
     {"diagnosis"},
     {"inspection", "installation"},
     {"provenance", "workers"},
-    {"agents", "blind_check"},
+    {"agents", "blind_check", "model_audit", "case_check"},
     {"reports"},
     {"outputs"},
     {"interface"},

@@ -69,8 +69,20 @@ class KinematicTree:
         return {joint.name: joint for joint in self.joints if joint.kind in SINGLE}
 
     def upwards(self, link: str) -> Iterator[TreeJoint]:
-        """Joints from a link to the root."""
+        """Joints from a link to the root.
+
+        Raises:
+            InputError: there is none, the joints close a loop.
+        """
+        passed: set[str] = set()
         while (joint := self._above.get(link)) is not None:
+            if link in passed:
+                raise InputError(
+                    f"its joints close a loop at the link {link!r}",
+                    "correct <parent> and <child>: the links of an arm hang on one base",
+                    file=self.path,
+                )
+            passed.add(link)
             yield joint
             link = joint.parent
 

@@ -1,0 +1,51 @@
+"""The command ``gapscope audit``: what is odd about a robot model."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gapscope.terminal import Progress, console, wrote
+
+Robot = Annotated[
+    str,
+    typer.Argument(
+        help="URDF or MJCF file, kuka_iiwa, ..., or a case", metavar="ROBOT"
+    ),
+]
+Recording = Annotated[
+    Path | None,
+    typer.Option(
+        help="static poses with torque: a recording or a case", metavar="STATIC"
+    ),
+]
+Out = Annotated[
+    Path | None,
+    typer.Option(help="folder for audit.html and audit.json", metavar="DIR"),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="print JSON to standard output")]
+
+
+def audit(
+    robot: Robot, recording: Recording = None, out: Out = None, as_json: AsJson = False
+) -> None:
+    """Say what is odd about a robot model, worst first, with the line in its file."""
+    from gapscope.arm.io.json_file import to_json
+    from gapscope.interface.audit import audit as audit_robot
+    from gapscope.outputs.folder import make_folder
+
+    with Progress(Path(robot).name) as progress:
+        if out is not None:
+            make_folder(out)
+        result = audit_robot(robot, recording, progress=progress)
+        written = () if out is None else result.save(out)
+    if as_json:
+        sys.stdout.write(to_json(result.document))
+        return
+    from gapscope.reports.model_audit.terminal_summary import summary
+
+    console.print(summary(result.document))
+    wrote(*written)

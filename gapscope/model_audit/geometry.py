@@ -1,0 +1,167 @@
+"""How large a link is: the convex hulls of its shapes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import coal
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from gapscope.model_audit.description import Description, Shape
+
+DIRECTIONS = 200
+"""Points on a round surface; its hull is some 2 % smaller than the body."""
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Size of a link, in its frame.
+
+    Attributes:
+        points: corners of the hull of all its shapes [m], shape (K, 3).
+        volume: of its shapes' hulls, overlaps counted once at most [m^3].
+        centre: of that volume [m], shape (3,).
+        variance: second moment of that volume about its centre, per volume [m^2], shape (3, 3).
+        edge: largest edge of the hull along the axes of the link [m].
+    """
+
+    points: np.ndarray
+    volume: float
+    centre: np.ndarray
+    variance: np.ndarray
+    edge: float
+
+
+def link_geometries(description: Description) -> dict[str, Geometry]:
+    """Size of each link that has usable shapes, by its name."""
+    return {
+        link.name: geometry
+        for link in description.links
+        if (geometry := link_geometry(description, link.name)) is not None
+    }
+
+
+def link_geometry(description: Description, link: str) -> Geometry | None:
+    """Size of a link, with what is fixed to it and has no inertial of its own; ``None`` if a shape is lost, or all.
+
+    Volume and variance are those of the collision shapes, or of the visual ones if there is no other; the hull is that
+    of both.
+    """
+    shapes: list[tuple[Shape, np.ndarray]] = []
+    for other, place in description.rigid_part(link):
+        if other.name != link and other.inertial is not None:
+            continue
+        if other.lost:
+            return None  # the shapes that are left may be a small part of the link
+        for shape in other.shapes:
+            corners = _corners(shape)
+            if corners is None and shape.kind == "mesh":
+                return None
+            if corners is not None:
+                pose = place * shape.place
+                shapes.append((shape, corners @ pose.rotation.T + pose.translation))
+    collisions = [points for shape, points in shapes if shape.use == "collision"]
+    hulls = [
+        hull
+        for points in collisions or [p for _, p in shapes]
+        if (hull := _hull(points))
+    ]
+    whole = _hull(np.vstack([points for _, points in shapes])) if shapes else None
+    if not hulls or whole is None:
+        return None
+    volume, centre, variance = _together([_solid(hull) for hull in hulls])
+    corners = whole.points[whole.vertices]
+    edge = float(np.ptp(corners, axis=0).max())
+    return Geometry(corners, min(volume, whole.volume), centre, variance, edge)
+
+
+def distance_outside(geometry: Geometry, point: np.ndarray) -> float:
+    """How far a point lies beyond the planes of the hull [m], at least; 0 inside."""
+    equations = ConvexHull(geometry.points).equations
+    return float(max(0.0, (equations[:, :3] @ point + equations[:, 3]).max()))
+
+
+def _hull(points: np.ndarray) -> ConvexHull | None:
+    """Convex hull of points; ``None`` if they are flat."""
+    try:
+        return ConvexHull(points)
+    except (QhullError, ValueError):
+        return None
+
+
+def _solid(hull: ConvexHull) -> tuple[float, np.ndarray, np.ndarray]:
+    """Volume [m^3], centre [m] and second moment about the origin [m^5] of the body within a hull, by tetrahedra.
+
+    With corners a, b, c and a centre o inside, each tetrahedron has the volume V = |det(a-o, b-o, c-o)| / 6 and, for
+    its corners p_i, the second moment V/20 (sum p_i p_i^T + (sum p_i)(sum p_i)^T).
+    """
+    inside = hull.points[hull.vertices].mean(axis=0)
+    corners = hull.points[hull.simplices]
+    volumes = np.abs(np.linalg.det(corners - inside)) / 6
+    sums = corners.sum(axis=1) + inside
+    squares = np.einsum("tki,tkj->tij", corners, corners) + np.outer(inside, inside)
+    moments = squares + np.einsum("ti,tj->tij", sums, sums)
+    total = volumes.sum()
+    centre = volumes @ sums / 4 / total
+    return float(total), centre, np.einsum("t,tij->ij", volumes / 20, moments)
+
+
+def _together(
+    solids: list[tuple[float, np.ndarray, np.ndarray]],
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """Volume [m^3], centre [m] and variance [m^2] of several solids."""
+    volume = sum(solid[0] for solid in solids)
+    first = np.sum([v * centre for v, centre, _ in solids], axis=0)
+    second = np.sum([moment for _, _, moment in solids], axis=0)
+    centre = first / volume
+    return volume, centre, second / volume - np.outer(centre, centre)
+
+
+def _corners(shape: Shape) -> np.ndarray | None:
+    """Points whose hull is the shape [m], shape (K, 3); ``None`` if it has no size."""
+    if shape.kind == "mesh":
+        return None if shape.mesh is None else _mesh(shape.mesh, shape.size)
+    size = np.array(shape.size)
+    if not (size > 0).all():
+        return None
+    if shape.kind == "box":
+        signs = np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3), axis=-1).reshape(-1, 3)
+        return signs * size
+    if shape.kind == "cylinder":
+        return _cylinder(*size)
+    if shape.kind == "capsule":
+        caps = _sphere() * size[0]
+        shift = np.array([0.0, 0.0, size[1] / 2])
+        return np.vstack([caps + shift, caps - shift])
+    return _sphere() * size
+
+
+def _cylinder(radius: float, length: float) -> np.ndarray:
+    angles = np.linspace(0, 2 * np.pi, 48, endpoint=False)
+    circle = np.column_stack([radius * np.cos(angles), radius * np.sin(angles)])
+    ends = [
+        np.column_stack([circle, np.full(48, z)]) for z in (-length / 2, length / 2)
+    ]
+    return np.vstack(ends)
+
+
+def _sphere() -> np.ndarray:
+    """Points spread evenly on the unit sphere, along a spiral."""
+    k = np.arange(DIRECTIONS) + 0.5
+    z, angle = 1 - 2 * k / DIRECTIONS, np.pi * (1 + 5**0.5) * k
+    ring = np.sqrt(1 - z**2)
+    return np.column_stack([ring * np.cos(angle), ring * np.sin(angle), z])
+
+
+@lru_cache(maxsize=256)
+def _mesh(path: Path, scale: tuple[float, ...]) -> np.ndarray | None:
+    """Corners of a mesh's hull [m]; ``None`` if it cannot be read."""
+    try:
+        loaded = coal.MeshLoader().load(str(path), np.array(scale))
+    except (ValueError, RuntimeError):
+        return None
+    hull = _hull(np.array(loaded.vertices()))
+    return None if hull is None else hull.points[hull.vertices]

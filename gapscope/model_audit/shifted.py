@@ -1,0 +1,238 @@
+"""Whether inertials, or masses alone, belong to the neighbouring links.
+
+An inertial is compared with the link that carries it and with the links before and behind it, as normal distributions
+of the same centre and variance: the squared Wasserstein distance is
+
+    d^2 = |c - g|^2 + tr(S) + tr(G) - 2 tr((S^1/2 G S^1/2)^1/2)
+
+with the body's centre c and variance S and the shape's g and G [m^2]; d^2 / tr(G) is the misfit. A link without usable
+shapes is taken as a rod from its frame to the next joints, which says less.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import f as fisher
+
+from gapscope.model_audit.description import Description, Inertial, Link
+from gapscope.model_audit.finding import Finding
+from gapscope.model_audit.geometry import Geometry
+from gapscope.model_audit.thresholds import (
+    MASS_SHIFT_LEVEL,
+    MASS_SHIFT_SPREAD,
+    SHIFT_GAIN,
+    SHIFT_LINKS,
+    SHIFT_SHARE,
+)
+
+ROD_THICKNESS = 0.2
+"""Standard deviation of a rod's mass across it, as share of the median length of the arm's links."""
+FLOOR = 0.05
+"""Added to misfits before their logarithm, so that a perfect fit of one link does not decide [1]."""
+
+ROUNDING = 0.02
+"""Spread of logarithms that numbers of two digits have by rounding [1]."""
+
+
+@dataclass(frozen=True)
+class Extent:
+    """Where a link is.
+
+    Attributes:
+        centre: [m], shape (3,).
+        variance: [m^2], shape (3, 3).
+        by_shape: from shapes; else from the joints' frames.
+        size: trace of the variance without a rod's thickness [m^2]; 0 of a last link without shapes, whose flange says
+            nothing of its size.
+    """
+
+    centre: np.ndarray
+    variance: np.ndarray
+    by_shape: bool
+    size: float
+
+
+def check_shifted(
+    description: Description, geometries: Mapping[str, Geometry]
+) -> Iterator[Finding]:
+    """Inertials, or masses alone, that fit better if each is taken from the neighbouring link."""
+    links = [x for x in description.in_tree_order() if x.inertial is not None]
+    extents = _extents(description, geometries)
+    bodies = [link.inertial for link in links if link.inertial is not None]
+    places = [extents.get(link.name) for link in links]
+    whole = list(_whole(links, bodies, places))
+    yield from whole or _masses(links, bodies, places)
+
+
+def misfit(inertial: Inertial, extent: Extent) -> float:
+    """d^2 / tr(G) of a body and the extent of a link [1]."""
+    own, shape = inertial.variance, extent.variance
+    root = _root(own)
+    overlap = np.trace(_root(root @ shape @ root))
+    offset = float(np.sum((inertial.com - extent.centre) ** 2))
+    total = np.trace(own) + np.trace(shape)
+    return max(0.0, float((offset + total - 2 * overlap) / np.trace(shape)))
+
+
+def _root(matrix: np.ndarray) -> np.ndarray:
+    """Square root of a symmetric matrix whose eigenvalues are not negative but for rounding."""
+    values, vectors = np.linalg.eigh(matrix)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T)
+
+
+def _whole(
+    links: Sequence[Link],
+    bodies: Sequence[Inertial],
+    places: Sequence[Extent | None],
+) -> Iterator[Finding]:
+    """The whole inertials are those of the link before or behind."""
+    best: tuple[float, float, int, int] | None = None
+    for step in (1, -1):
+        gains = []
+        for own in range(len(links)):
+            giver, extent = own + step, places[own]
+            if extent is None or not 0 <= giver < len(links):
+                continue
+            if bodies[own].is_body and bodies[giver].is_body:
+                fits = [misfit(bodies[k], extent) for k in (own, giver)]
+                gains.append(np.log((FLOOR + fits[0]) / (FLOOR + fits[1])))
+        if len(gains) < SHIFT_LINKS:
+            continue
+        mean, share = float(np.mean(gains)), float(np.mean(np.array(gains) > 0))
+        if best is None or mean > best[0]:
+            best = mean, share, step, len(gains)
+    if best is None or best[0] < SHIFT_GAIN or best[1] < SHIFT_SHARE:
+        return
+    mean, share, step, count = best
+    beyond = "next" if step > 0 else "previous"
+    yield _shifted(
+        links,
+        "shifted_inertials",
+        places,
+        f"the inertials look shifted by one link: {share:.0%} of {count} links are fitted better by the inertial of "
+        f"the {beyond} link, whose misfit is {np.exp(-mean):.2g} times that of their own",
+        "each inertial within its own link",
+        f"give each link the <inertial> of the {beyond} one (converters that lose or add the base do this), and run "
+        "the audit again",
+        mean,
+    )
+
+
+def _masses(
+    links: Sequence[Link],
+    bodies: Sequence[Inertial],
+    places: Sequence[Extent | None],
+) -> Iterator[Finding]:
+    """Only the masses are those of the link before or behind: moments per mass then follow the links' sizes.
+
+    With s_i = ln(tr(I_i) / L_i^2), L the links' sizes, and masses m, arms have similar s_i - ln(m_i) on all links; the
+    F test compares its spread with that of s_i - ln(m_k), k the neighbour.
+    """
+    best: tuple[float, float, float, int, int] | None = None
+    for step in (1, -1):
+        spread, own_masses, other_masses = [], [], []
+        for own in range(len(links)):
+            giver, extent = own + step, places[own]
+            if extent is None or not 0 <= giver < len(links):
+                continue
+            # moments that no body has say nothing of the mass
+            if not (possible(bodies[own]) and bodies[giver].is_body):
+                continue
+            if not extent.size:
+                continue
+            moments = np.trace(bodies[own].moments)
+            spread.append(np.log(moments / extent.size))
+            own_masses.append(np.log(bodies[own].mass))
+            other_masses.append(np.log(bodies[giver].mass))
+        count = len(spread)
+        if count < SHIFT_LINKS + 1 or np.ptp(own_masses) == 0:
+            continue
+        sizes = np.array(spread)
+        now = float(np.std(sizes - own_masses, ddof=1))
+        then = max(ROUNDING, float(np.std(sizes - other_masses, ddof=1)))
+        p = float(fisher.sf((now / then) ** 2, count - 1, count - 1))
+        if best is None or p < best[0]:
+            best = p, now, then, step, count
+    if best is None or best[0] > MASS_SHIFT_LEVEL or best[2] > MASS_SHIFT_SPREAD:
+        return
+    p, now, then, step, count = best
+    beyond = "next" if step > 0 else "previous"
+    yield _shifted(
+        links,
+        "shifted_masses",
+        places,
+        f"the masses look shifted by one link: moments over mass and size differ by {np.expm1(now):.0%} between "
+        f"{count} links, with the mass of the {beyond} link each by {np.expm1(then):.0%} (p = {p:.1g}); centres and "
+        "moments are in place",
+        "mass and moments of the same link",
+        f"give each link the <mass> of the {beyond} one, compare with the data sheet, and run the audit again",
+        float(np.log(now / then)),
+    )
+
+
+def possible(inertial: Inertial) -> bool:
+    """Whether a body has such moments, the triangle inequality included."""
+    if not inertial.is_body:
+        return False
+    moments = np.linalg.eigvalsh(inertial.moments)
+    return bool(moments[2] <= 1.01 * (moments[0] + moments[1]))
+
+
+def _shifted(
+    links: Sequence[Link],
+    kind: str,
+    places: Sequence[Extent | None],
+    found: str,
+    expected: str,
+    remedy: str,
+    size: float,
+) -> Finding:
+    by_shape = [place.by_shape for place in places if place is not None]
+    if not all(by_shape):
+        found += "; judged by the joints' frames where shapes are missing, which is less certain"
+    line = links[0].inertial.line if links[0].inertial else 0
+    return Finding("implausible", kind, "", line, found, expected, remedy, 10.0 + size)
+
+
+def _extents(
+    description: Description, geometries: Mapping[str, Geometry]
+) -> dict[str, Extent]:
+    """Extent of each link of which something is known."""
+    rods = {
+        link.name: points
+        for link in description.links
+        if len(points := _frames(description, link)) > 1
+    }
+    lengths = [np.ptp(points, axis=0).max() for points in rods.values()]
+    across = ROD_THICKNESS * float(np.median(lengths)) if lengths else 0.0
+    found = {}
+    for name, points in rods.items():
+        # of a rod the variance is L^2 / 12, of its two ends L^2 / 4
+        along = np.cov(points.T, bias=True) / 3
+        variance = along + across**2 * np.eye(3)
+        size = float(np.trace(along)) if _carries_a_joint(description, name) else 0.0
+        found[name] = Extent(points.mean(axis=0), variance, False, size)
+    for name, geometry in geometries.items():
+        size = float(np.trace(geometry.variance))
+        found[name] = Extent(geometry.centre, geometry.variance, True, size)
+    return found
+
+
+def _carries_a_joint(description: Description, link: str) -> bool:
+    """Whether a link, or what is fixed to it, holds a moving joint."""
+    parts = [part.name for part, _ in description.rigid_part(link)]
+    return any(joint.parent in parts for joint in description.moving)
+
+
+def _frames(description: Description, link: Link) -> np.ndarray:
+    """Places of a link's frame and of the joints that it holds, in its frame [m], shape (K, 3), each once."""
+    points = [np.zeros(3)]
+    for part, place in description.rigid_part(link.name):
+        points += [
+            (place * joint.place).translation
+            for joint in description.joints_below(part.name)
+        ]
+    return np.unique(np.round(points, 4), axis=0)

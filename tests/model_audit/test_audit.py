@@ -1,0 +1,221 @@
+"""What the audit says of a good model, of one fault each, and of files that cannot be built."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from importlib import resources
+from pathlib import Path
+
+import pytest
+from jsonschema import Draft202012Validator
+
+import gapscope
+from gapscope.arm.errors import InputError
+from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
+from gapscope.model_audit.audit import Audit, audit_model
+
+Text = Callable[..., str]
+Write = Callable[[str], Path]
+
+
+def found(audit: Audit) -> dict[str, str]:
+    """Place of the worst finding of each kind that is more than a note."""
+    kinds: dict[str, str] = {}
+    for one in audit.findings:
+        if one.severity != "note":
+            kinds.setdefault(one.kind, one.place)
+    return kinds
+
+
+def line_of(text: str, link: str, tag: str) -> int:
+    """Line of the first such element after a link begins."""
+    lines = text.splitlines()
+    start = next(k for k, line in enumerate(lines) if f'<link name="{link}"' in line)
+    return next(k + 1 for k in range(start, len(lines)) if f"<{tag}" in lines[k])
+
+
+def spoilt(text: str, link: str, pattern: str, change: Callable[[float], float]) -> str:
+    """The text with the numbers of an attribute of one link changed."""
+    head, tail = text.split(f'<link name="{link}"')
+    body, rest = tail.split("</link>", 1)
+
+    def replaced(match: re.Match[str]) -> str:
+        return f'{match[1]}="{change(float(match[2])):.8g}"'
+
+    body = re.sub(rf'\b({pattern})="([^"]*)"', replaced, body)
+    return f'{head}<link name="{link}"{body}</link>{rest}'
+
+
+@pytest.mark.parametrize("shapes", [True, False])
+def test_a_plausible_arm_lacks_only_rotors(
+    arm_text: Text, file_of: Write, shapes: bool
+) -> None:
+    audit = audit_model(file_of(arm_text(shapes)))
+    assert set(found(audit)) == {"no_drive"}
+    assert "rotor" in audit.findings[0].found and not audit.refused
+
+
+@pytest.mark.parametrize(
+    ("shapes", "kind"), [(True, "moments_too_large"), (False, "moments_for_mass")]
+)
+def test_an_inertia_ten_times_too_large_is_found_with_its_line(
+    arm_text: Text, file_of: Write, shapes: bool, kind: str
+) -> None:
+    text = arm_text(shapes)
+    bad = spoilt(text, "link_2", "ixx|iyy|izz", lambda x: 30 * x)
+    worst = audit_model(file_of(bad)).findings[0]
+    assert (worst.kind, worst.place) == (kind, "link link_2")
+    assert worst.line == line_of(text, "link_2", "inertial")
+
+
+@pytest.mark.parametrize("by", [1, -1])
+@pytest.mark.parametrize("moved_only", [True, False])
+@pytest.mark.parametrize("shapes", [True, False])
+def test_shifted_inertials_are_found_and_the_way_back(
+    arm_text: Text, file_of: Write, by: int, moved_only: bool, shapes: bool
+) -> None:
+    text = ShiftedInertials(by, moved_only).urdf(arm_text(shapes))
+    audit = audit_model(file_of(text))
+    shift = next(one for one in audit.findings if one.kind == "shifted_inertials")
+    assert ("next" if by > 0 else "previous") in shift.remedy
+    assert ("less certain" in shift.found) is not shapes
+
+
+@pytest.mark.parametrize(
+    ("pattern", "change", "kind"),
+    [
+        ("value", lambda x: 1000 * x, "density"),
+        ("value", lambda x: -x, "mass"),
+        ("izz", lambda x: 10 * x, "triangle_inequality"),
+        ("ixx", lambda x: -x, "inertia_not_positive"),
+        ("ixx|iyy|izz", lambda x: 1e-3 * x, "moments_too_small"),
+        ("ixx|iyy|izz", lambda x: 0.0, "no_moments"),
+        ("value", lambda x: float("nan"), "unreadable_number"),
+    ],
+)
+def test_one_fault_of_an_inertial_is_named_at_its_link(
+    arm_text: Text,
+    file_of: Write,
+    pattern: str,
+    change: Callable[[float], float],
+    kind: str,
+) -> None:
+    text = spoilt(arm_text(), "link_1", pattern, change)
+    assert found(audit_model(file_of(text)))[kind] == "link link_1"
+
+
+def test_a_slipped_digit_is_guessed(arm_text: Text, file_of: Write) -> None:
+    text = spoilt(arm_text(), "link_1", "izz", lambda x: 10 * x)
+    audit = audit_model(file_of(text))
+    triangle = next(one for one in audit.findings if one.kind == "triangle_inequality")
+    right = re.search(r'izz="([\d.]+)"', arm_text().split('<link name="link_1"')[1])
+    assert right is not None
+    assert f"izz = {float(right[1]):g}" in triangle.remedy
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "kind", "place"),
+    [
+        ('xyz="0.2000 0.0000 0.0000"', 'xyz="200 0 0"', "com_outside", "link link_1"),
+        ('axis xyz="0 1 0"', 'axis xyz="0 0 0"', "axis", "joint joint_2"),
+        ('lower="-2" upper="2"', 'lower="2" upper="-2"', "limits", "joint joint_1"),
+        ('effort="90"', 'effort="0"', "effort", "joint joint_2"),
+        ('velocity="3"', 'velocity="0"', "velocity", "joint joint_2"),
+        ('child link="link_3"', 'child link="nowhere"', "no_such_link", "joint joint_4"),
+        ('parent link="link_0"', 'parent link="link_4"', "loop", "link link_1"),
+    ],
+)  # fmt: skip
+def test_one_fault_of_the_file_is_named_at_its_place(
+    arm_text: Text, file_of: Write, old: str, new: str, kind: str, place: str
+) -> None:
+    text = arm_text()
+    assert old in text
+    audit = audit_model(file_of(text.replace(old, new, 1)))
+    assert found(audit)[kind] == place
+
+
+def test_the_same_values_everywhere_are_placeholders(
+    arm_text: Text, file_of: Write
+) -> None:
+    text = re.sub(r'(ixx|iyy|izz)="[^"]*"', r'\1="0.01"', arm_text())
+    text = re.sub(r'damping="[^"]*"', 'damping="0.5"', text)
+    kinds = found(audit_model(file_of(text)))
+    assert {"placeholder", "same_damping"} <= set(kinds)
+
+
+def test_a_link_that_is_no_mirror_image_is_named(file_of: Write) -> None:
+    def arm(side: str, y: float, product: float) -> str:
+        return f"""<link name="{side}_arm"><inertial><origin xyz="0.1 {y} 0.2"/><mass value="2"/>
+          <inertia ixx="0.02" ixy="{product}" ixz="0" iyy="0.03" iyz="0" izz="0.025"/></inertial></link>
+        <joint name="{side}" type="revolute"><parent link="base"/><child link="{side}_arm"/>
+          <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>"""
+
+    head, tail = '<robot name="two"><link name="base"/>', "</robot>"
+    right = head + arm("left", 0.1, 0.004) + arm("right", -0.1, -0.004) + tail
+    wrong = head + arm("left", 0.1, 0.004) + arm("right", -0.1, 0.004) + tail
+    assert "mirror_image" not in found(audit_model(file_of(right)))
+    assert found(audit_model(file_of(wrong)))["mirror_image"] == "link right_arm"
+
+
+def test_a_model_that_cannot_be_built_is_audited_all_the_same(
+    arm_text: Text, file_of: Write
+) -> None:
+    text = spoilt(arm_text(), "link_1", "value", lambda x: -x)
+    audit = audit_model(file_of(text))
+    assert "mass" in found(audit) and "expected zero or above" in audit.refused
+    assert audit.findings[0].kind == "refused"
+
+
+def test_a_file_that_is_cut_short_is_refused_with_its_line(
+    arm_text: Text, file_of: Write
+) -> None:
+    text = arm_text()
+    lines = text.splitlines()[:-1]
+    with pytest.raises(InputError, match=f"line {len(lines)}"):
+        audit_model(file_of("\n".join(lines)))
+
+
+def test_the_document_follows_its_schema_and_the_page_names_the_worst(
+    arm_text: Text, file_of: Write, tmp_path: Path
+) -> None:
+    text = spoilt(arm_text(), "link_2", "ixx|iyy|izz", lambda x: 30 * x)
+    result = gapscope.audit(file_of(text))
+    page, document = result.save(tmp_path / "out")
+    folder = resources.files("gapscope.model_audit")
+    schema = folder.joinpath("audit.schema.json").read_text(encoding="utf-8")
+    content = json.loads(document.read_text(encoding="utf-8"))
+    Draft202012Validator(json.loads(schema)).validate(content)
+    assert content["findings"][0]["place"] == "link link_2"
+    assert "link link_2, line" in page.read_text(encoding="utf-8")
+    assert "moments too large, link link_2, line" in result.summary()
+    assert result.to_frame()["kind"].iloc[0] == "moments_too_large"
+
+
+def test_masses_of_the_next_link_are_found_in_the_kinova_file(data_root: Path) -> None:
+    audit = audit_model(data_root / "kinova_gen3" / "gen3.urdf")
+    shift = next(one for one in audit.findings if one.kind == "shifted_masses")
+    assert "previous" in shift.remedy
+
+
+def test_mjcf_is_read_with_its_defaults_and_degrees(tmp_path: Path) -> None:
+    path = tmp_path / "arm.xml"
+    path.write_text("""<mujoco model="two">
+  <default><joint damping="0.5" armature="0.1"/><geom type="capsule"/></default>
+  <worldbody>
+    <body name="upper"><joint name="a" axis="0 0 1" range="-90 90"/>
+      <inertial pos="0 0 0.1" mass="1" diaginertia="0.004 0.004 0.001"/>
+      <geom fromto="0 0 0 0 0 0.2" size="0.04"/>
+      <body name="lower" pos="0 0 0.2"><joint name="b" axis="0 1 0" range="-45 45"/>
+        <inertial pos="0 0 0.1" mass="1" diaginertia="0.4 0.4 0.1"/>
+        <geom fromto="0 0 0 0 0 0.2" size="0.04"/>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>""")
+    audit = audit_model(path)
+    assert found(audit) == {"moments_too_large": "link lower", "no_drive": ""}
+    upper = audit.description.moving[0]
+    assert upper.upper == pytest.approx(1.5707963)
+    assert (upper.damping, upper.armature) == (0.5, 0.1)
