@@ -55,7 +55,7 @@ def advanced(recording: Recording, delay: float) -> Recording:
     if inside.sum() < 2:
         raise InputError(
             f"lasts {recording.duration:.3g} s, no longer than the delay of {delay:g} s of its torque",
-            "check import.tau.delay, in s",
+            "check the delay under import.mend.torque, in s",
             file=recording.name,
         )
     shifted = [np.interp(due[inside], t, column) for column in recording.tau.T]

@@ -93,6 +93,7 @@ KNOWN_FACTOR_R2 = 0.3
 FEW_FAR_JOINTS = 4
 REFINE_FIRST_STEP = 0.1  # First step of the logarithm of a fault's value [1]. (budget)
 REFINE_LAST_STEP = 0.003  # Step at which refining a fault's value ends [1]. (budget)
+UNIT_LAST_STEP = 0.02  # The same for a torque's unit, which inertials leave open to a few per cent [1]. (budget)
 # Factor on the prior of ordinary errors while ratios and factors are refined [1]: wide errors replace a wrong ratio,
 # of wrists above all. (hand)
 NARROW_NUISANCE_FACTOR = 0.1

@@ -33,54 +33,30 @@ def weight_penalty(eq: FoldEquations, torque: ReadTorque, spread: float) -> floa
 
 def weight_share(eq: FoldEquations, torque: ReadTorque) -> tuple[float, float]:
     """b [1] and its standard deviation, which is infinite if no joint carries a weight that changes."""
-    gram, cross = eq.gram.sum(axis=0), torque.cross.sum(axis=0)
-    pull, products = eq.cross.sum(axis=0), eq.products.sum(axis=0)
-    torque_pull = torque.pull.sum(axis=0)
-    n = len(cross)
-    # the nominal arm's torque, of which gravity is taken away below, and what else a joint has
-    others = eq.shared + np.array([0, COULOMB, VISCOUS, OFFSET])
-    carried = heavy = 0.0
-    for j in range(n):
-        gravity = n + j
-        rest = _Rest(
-            gram[j][np.ix_(others, others)],
-            pull[j, others, gravity],
-            float(products[gravity, gravity]),
-        )
-        precision = 1.0 / torque.deviation[j] ** 2
-        carried += precision * rest.of_torque(cross[j, others], float(torque_pull[j]))
-        heavy += precision * rest.of_gravity()
-    if heavy <= 0.0:
+    joints = np.arange(len(torque.deviation))
+    gravity = len(joints) + joints
+    # z = (p - g, sgn dq, dq, 1), p the nominal arm's torque
+    columns = eq.shared + np.array([0, COULOMB, VISCOUS, OFFSET])
+    square = eq.products.sum(axis=0)[gravity, gravity]
+    # products of z with g, with itself, and with the torque
+    by_gravity = eq.cross.sum(axis=0)[joints, :, gravity][:, columns]
+    own = eq.gram.sum(axis=0)[:, columns[:, None], columns]
+    own[:, 0] -= by_gravity
+    own[:, :, 0] = own[:, 0]
+    own[:, 0, 0] += square - by_gravity[:, 0]
+    with_pull = by_gravity.copy()
+    with_pull[:, 0] -= square
+    with_torque = torque.cross.sum(axis=0)[:, columns]
+    pull = torque.pull.sum(axis=0)
+    with_torque[:, 0] -= pull
+
+    inverse = np.linalg.pinv(own, hermitian=True)
+    explained = np.einsum("jab,jb->ja", inverse, with_pull)
+    carried = pull - (explained * with_torque).sum(axis=1)
+    heavy = np.maximum(square - (explained * with_pull).sum(axis=1), 0.0)
+    precision = 1.0 / torque.deviation**2
+    total = float(precision @ heavy)
+    if total <= 0.0:
         return 1.0, np.inf
-    std = ORDINARY_GAP_DEVIATION / np.sqrt(eq.weight * heavy)
-    return float(carried / heavy), float(std)
-
-
-class _Rest:
-    """A joint's gravity torque g less what its inertia, friction and offset, z = (p - g, sgn dq, dq, 1), explain.
-
-    Args:
-        gram: products of (p, sgn dq, dq, 1), p the nominal arm's torque, (4, 4).
-        pull: their products with g, (4,).
-        square: of g.
-    """
-
-    def __init__(self, gram: np.ndarray, pull: np.ndarray, square: float) -> None:
-        self._square = square
-        self._pull = pull.copy()
-        self._pull[0] -= square
-        own = gram.copy()
-        own[0] -= pull
-        own[:, 0] = own[0]
-        own[0, 0] -= self._pull[0]
-        self._explained = np.linalg.pinv(own, hermitian=True) @ self._pull
-
-    def of_gravity(self) -> float:
-        """Square of what is left of g."""
-        return max(self._square - float(self._explained @ self._pull), 0.0)
-
-    def of_torque(self, cross: np.ndarray, pull: float) -> float:
-        """Product of what is left of g with a torque, given that with (p, sgn dq, dq, 1), (4,), and with g."""
-        with_rest = cross.copy()
-        with_rest[0] -= pull
-        return pull - float(self._explained @ with_rest)
+    std = ORDINARY_GAP_DEVIATION / np.sqrt(eq.weight * total)
+    return float(precision @ carried) / total, float(std)

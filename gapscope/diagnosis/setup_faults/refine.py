@@ -16,6 +16,7 @@ from gapscope.diagnosis.setup_faults.candidates import (
 from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
 from gapscope.diagnosis.setup_faults.mapping_score import MappingScorer
 from gapscope.diagnosis.setup_faults.torque_column import (
+    gross_joints,
     late_torque,
     torque_unit,
 )
@@ -24,6 +25,7 @@ from gapscope.diagnosis.thresholds import (
     NARROW_NUISANCE_FACTOR,
     REFINE_FIRST_STEP,
     REFINE_LAST_STEP,
+    UNIT_LAST_STEP,
 )
 
 CURVED = 0.02
@@ -52,9 +54,7 @@ def refined(
     if candidate.name == "zero_offset":
         return _refined_zero(scorer, before, candidate)
     if candidate.name == "torque_unit":
-        return _refined_by_joint(
-            scorer, before, candidate, lambda values: torque_unit(n, joints, values)
-        )
+        return gross_joints(n, *_refined_unit(scorer, before, candidate))
     if candidate.variant == "motor_side":
         return _refined_by_joint(
             scorer, before, candidate, lambda values: motor_side(n, joints, values)
@@ -116,6 +116,36 @@ def _refined_by_joint(
     return found, std * joints
 
 
+def _refined_unit(
+    scorer: MappingScorer, before: ChannelMapping, candidate: FaultCandidate
+) -> tuple[FaultCandidate, tuple[float, ...]]:
+    """A torque's unit: one factor for its joints, and of their own for those that it explains decisively less."""
+    n = scorer.arm.n_joints
+    joints = tuple(j - 1 for j in candidate.joints)
+    starts = np.log(candidate.values["factor"])
+
+    def search(groups: np.ndarray) -> _PatternSearch:
+        """Over the factor of each group of joints."""
+
+        def built(x: np.ndarray) -> FaultCandidate:
+            return torque_unit(n, joints, tuple(np.exp(x[groups]).tolist()))
+
+        return _PatternSearch(scorer, before, built, NARROW_NUISANCE_FACTOR)
+
+    groups = np.zeros(len(joints), dtype=int)
+    x = search(groups).minimum(np.array([np.median(starts)]), UNIT_LAST_STEP)
+    least = search(groups).cost(x)
+    for j, start in enumerate(starts):
+        alone = np.where(np.arange(len(joints)) == j, len(x), groups)
+        # Bayesian information criterion, as above
+        cost = search(alone).cost(np.append(x, start))
+        if cost + 0.5 * np.log(search(groups).independent) < least:
+            groups, x, least = alone, np.append(x, start), cost
+    found = search(groups)
+    unit, std = found.in_logarithms(found.minimum(x, UNIT_LAST_STEP))
+    return unit, tuple(std[group] for group in groups)
+
+
 class _PatternSearch:
     """The search for the most probable values x of a candidate, which are its own or their logarithms.
 
@@ -143,11 +173,11 @@ class _PatternSearch:
         score = self.scorer.score(mapping, self.spread)
         return self.independent * float(np.log(score.joint_rms).sum()) + score.penalty
 
-    def minimum(self, x: np.ndarray) -> np.ndarray:
+    def minimum(self, x: np.ndarray, last_step: float = REFINE_LAST_STEP) -> np.ndarray:
         """Values of least cost, by a coordinate-wise pattern search from x."""
         step = REFINE_FIRST_STEP
         least = self.cost(x)
-        while step > REFINE_LAST_STEP:
+        while step > last_step:
             moved = False
             for k in range(len(x)):
                 for signed_step in (step, -step):

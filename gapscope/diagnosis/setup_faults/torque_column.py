@@ -47,20 +47,33 @@ def torque_column_candidates(
 
 
 def unit_candidates(eq: FoldEquations, mapping: ChannelMapping) -> list[FaultCandidate]:
-    """Another unit of all joints, of those that are far from the nominal arm, and of each of these."""
+    """Another unit of all joints if most are far from the nominal arm; else of those that are, and of each of these."""
     factors, known = factor_starts(eq, mapping)
     n, far = len(factors), known & _is_gross(factors)
-    candidates = []
     if known.any() and _is_gross(np.median(factors[known])):
         # a joint whose torque says nothing has the others' factor
         starts = np.where(known, factors, np.median(factors[known]))
-        candidates.append(torque_unit(n, tuple(range(n)), tuple(starts.tolist())))
+        return [torque_unit(n, tuple(range(n)), tuple(starts.tolist()))]
     joints = tuple(np.flatnonzero(far).tolist())
-    if 1 < len(joints) < n:
+    candidates = [torque_unit(n, (j,), (float(factors[j]),)) for j in joints]
+    if len(joints) > 1:
         candidates.append(torque_unit(n, joints, tuple(factors[far].tolist())))
-    if n > 1:
-        candidates += [torque_unit(n, (j,), (float(factors[j]),)) for j in joints]
     return candidates
+
+
+def gross_joints(
+    n: int, candidate: FaultCandidate, std: tuple[float, ...]
+) -> tuple[FaultCandidate, tuple[float, ...]]:
+    """A unit of those joints alone whose factor is gross, with the deviations; the same if all or none are."""
+    factors = np.array(candidate.values["factor"])
+    gross = _is_gross(factors)
+    if gross.all() or not gross.any():
+        return candidate, std
+    joints = tuple(
+        j - 1 for j, is_so in zip(candidate.joints, gross, strict=True) if is_so
+    )
+    reduced = torque_unit(n, joints, tuple(factors[gross].tolist()))
+    return reduced, tuple(np.array(std)[gross].tolist())
 
 
 def factor_starts(
@@ -90,10 +103,7 @@ def is_ordinary(candidate: FaultCandidate) -> bool:
     """Whether a torque in another unit is near enough to N m for a constant that is off."""
     if candidate.name != "torque_unit":
         return False
-    factors = np.array(candidate.values["factor"])
-    if candidate.variant == CURRENT:
-        return not _is_gross(np.median(factors))
-    return not _is_gross(factors).all()
+    return not _is_gross(np.array(candidate.values["factor"])).all()
 
 
 def torque_unit(
