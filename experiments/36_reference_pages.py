@@ -1,0 +1,181 @@
+"""The reference pages of ``docs/reference/``: every key of a case file, from ``gapscope/arm/io/case.schema.json``.
+
+    .venv/bin/python experiments/36_reference_pages.py [--check]
+
+``--check`` writes nothing, and ends with 1 if a page is not up to date.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[1]
+SCHEMA = ROOT / "gapscope/arm/io/case.schema.json"
+PAGES = ROOT / "docs/reference"
+Schema = Mapping[str, Any]
+
+KINDS = {
+    "string": "text",
+    "number": "number",
+    "integer": "whole number",
+    "object": "mapping",
+    "null": "nothing",
+}
+BOUNDS = {
+    "minimum": "at least {}",
+    "exclusiveMinimum": "above {}",
+    "maximum": "at most {}",
+}
+CHANNELS = ("angle", "velocity", "torque", "temperature")
+"""Definitions of the schema that say where a channel of a log stands."""
+HEAD = "| key | value | meaning | example |\n|---|---|---|---|"
+NOTE = (
+    "Generated from `gapscope/arm/io/case.schema.json` by `experiments/36_reference_pages.py`. A key in bold must be "
+    "there if\nits mapping is; `[]` stands for each entry of a list, `NAME` for a name."
+)
+
+
+def read_schema() -> dict[str, Any]:
+    """The schema of a case file."""
+    content: dict[str, Any] = json.loads(SCHEMA.read_text(encoding="utf-8"))
+    return content
+
+
+def pages(schema: Schema) -> dict[str, str]:
+    """Text of each page by its name."""
+    top = dict(schema["properties"])
+    controller, importing = top["controller"], top["import"]
+    # these have pages of their own
+    top["controller"] = {**controller, "properties": {}}
+    top["import"] = {**importing, "properties": {}}
+    case = {**schema, "properties": top}
+    return {
+        "case.md": _page("Keys of `case.yaml`", "case.md", _rows(case, schema)),
+        "controller.md": _page(
+            "Keys of `controller:`",
+            "case.md",
+            _rows({"properties": {"controller": controller}}, schema),
+        ),
+        "import.md": _import_page(importing, schema),
+    }
+
+
+def _import_page(importing: Schema, schema: Schema) -> str:
+    """Keys of the import section, then those of a channel."""
+    text = _page(
+        "Keys of `import:`",
+        "case.md",
+        _rows({"properties": {"import": importing}}, schema),
+    )
+    parts = [text]
+    for name in CHANNELS:
+        uses = [
+            f"`{key}`"
+            for key, value in importing["properties"].items()
+            if value.get("$ref") == f"#/$defs/{name}"
+        ]
+        channel = schema["$defs"][name]
+        rows = "\n".join(_rows(channel, schema))
+        parts.append(f"## Keys of {', '.join(uses)}\n\n{HEAD}\n{rows}\n")
+    return "\n".join(parts)
+
+
+def _page(title: str, explained: str, rows: Iterator[str]) -> str:
+    lines = "\n".join(rows)
+    return (
+        f"# {title}\n\n{NOTE}\n[{explained}](../{explained}) explains the keys with examples.\n\n"
+        f"{HEAD}\n{lines}\n"
+    )
+
+
+def _rows(mapping: Schema, schema: Schema, above: str = "") -> Iterator[str]:
+    """A row for each key of a mapping and of the mappings in it."""
+    required = mapping.get("required", ())
+    for key, given in mapping["properties"].items():
+        value = _resolved(given, schema)
+        path = f"{above}{key}"
+        name = f"**`{path}`**" if key in required else f"`{path}`"
+        cells = (name, _kind(value, schema), value["description"], _example(value))
+        yield "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+        if given.get("$ref", "").rpartition("/")[2] in CHANNELS:
+            continue  # their keys stand in tables of their own
+        inner, mark = _inner(value)
+        if inner.get("properties"):
+            yield from _rows(inner, schema, f"{path}{mark}.")
+
+
+def _inner(value: Schema) -> tuple[Schema, str]:
+    """The mapping inside a value, and how its place is marked: in a list, under any name, or at once."""
+    if "properties" in value:
+        return value, ""
+    for key, mark in (("items", "[]"), ("additionalProperties", ".NAME")):
+        inside = value.get(key)
+        if isinstance(inside, dict) and "properties" in inside:
+            return inside, mark
+    return {}, ""
+
+
+def _resolved(value: Schema, schema: Schema) -> Schema:
+    """A value with what it refers to."""
+    if "$ref" not in value:
+        return value
+    named = schema["$defs"][value["$ref"].rpartition("/")[2]]
+    return {**_resolved(named, schema), **value}
+
+
+def _kind(value: Schema, schema: Schema, several: bool = False) -> str:
+    """Which values are allowed, in words; in the plural if there are several."""
+    if "enum" in value:
+        return ", ".join(f"`{entry}`" for entry in value["enum"])
+    types = value.get("type", [])
+    words = []
+    for one in [types] if isinstance(types, str) else types:
+        if one == "array":
+            words.append(_list_of(value, schema, several))
+        elif one != "null":
+            bounds = _bounds(value) if one in ("number", "integer") else ""
+            words.append(f"{KINDS[one]}{'s' if several else ''}{bounds}")
+    return " or ".join(words)
+
+
+def _list_of(value: Schema, schema: Schema, several: bool) -> str:
+    """What a list holds."""
+    inside = _resolved(value.get("items", {}), schema)
+    fixed = value.get("minItems") == value.get("maxItems", 0)
+    count = f"{value['minItems']} " if fixed else ""
+    return f"list{'s' if several else ''} of {count}{_kind(inside, schema, True)}"
+
+
+def _bounds(value: Schema) -> str:
+    found = [text.format(value[key]) for key, text in BOUNDS.items() if key in value]
+    return "".join(f" {text}" for text in found)
+
+
+def _example(value: Schema) -> str:
+    return ", ".join(f"`{json.dumps(one)}`" for one in value.get("examples", ()))
+
+
+def main() -> None:
+    """Write the pages, or compare them."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--check", action="store_true", help="write nothing")
+    check = parser.parse_args().check
+    PAGES.mkdir(exist_ok=True)
+    for name, text in pages(read_schema()).items():
+        path = PAGES / name
+        old = path.read_text(encoding="utf-8") if path.exists() else ""
+        if old == text:
+            continue
+        if check:
+            sys.exit(f"{path} is not up to date: run {Path(__file__).name}")
+        path.write_text(text, encoding="utf-8")
+        print(f"wrote {path}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,99 @@
+"""The reference pages of case files: generated from the schema, which describes every key."""
+
+from __future__ import annotations
+
+import runpy
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gapscope.arm.io.case_file import check
+
+ROOT = Path(__file__).parents[3]
+SCRIPT = runpy.run_path(str(ROOT / "experiments" / "36_reference_pages.py"))
+SCHEMA = SCRIPT["read_schema"]()
+
+
+def keys(value: Any, path: str = "") -> list[tuple[str, dict[str, Any]]]:
+    """All keys of the schema that a file may hold, with what the schema says of them."""
+    if not isinstance(value, dict):
+        return []
+    own = [
+        (f"{path}.{key}", {**referred(given), **given})
+        for key, given in value.get("properties", {}).items()
+    ]
+    inner = [
+        found
+        for key, given in value.items()
+        if key in ("items", "additionalProperties")
+        for found in keys(given, f"{path}[]")
+    ]
+    below = [
+        found
+        for name, given in value.get("properties", {}).items()
+        for found in keys(given, f"{path}.{name}")
+    ]
+    return [*own, *inner, *below]
+
+
+def referred(given: dict[str, Any]) -> dict[str, Any]:
+    """What a value refers to."""
+    name = given.get("$ref", "").rpartition("/")[2]
+    found: dict[str, Any] = SCHEMA["$defs"][name] if name else {}
+    return found
+
+
+EVERY = [
+    *keys(SCHEMA),
+    *(x for name, part in SCHEMA["$defs"].items() for x in keys(part, name)),
+]
+
+
+@pytest.mark.parametrize("name", ["case.md", "controller.md", "import.md"])
+def test_pages_are_up_to_date(name: str) -> None:
+    written = (ROOT / "docs" / "reference" / name).read_text(encoding="utf-8")
+    assert written == SCRIPT["pages"](SCHEMA)[name], "run 36_reference_pages.py"
+
+
+def test_every_key_has_a_description() -> None:
+    assert len(EVERY) > 80
+    assert [path for path, given in EVERY if not given.get("description")] == []
+
+
+def test_every_number_of_the_data_sheet_and_controller_has_a_unit() -> None:
+    sections = [SCHEMA["properties"][name] for name in ("nominal", "controller")]
+    unitless = {"rate", "kind", "kp", "kd", "ki"}  # their units go with kind
+    for path, given in (found for section in sections for found in keys(section)):
+        kind = given.get("type"), given.get("items", {}).get("type")
+        if kind[0] == "number" or kind[1] == "number":
+            assert "[" in given["description"] or path[1:] in unitless, path
+
+
+@pytest.mark.parametrize(
+    ("key", "example"),
+    [
+        (key, example)
+        for key, given in SCHEMA["properties"].items()
+        for example in given.get("examples", ())
+    ],
+)
+def test_examples_of_top_level_keys_are_valid(key: str, example: Any) -> None:
+    content = {"name": "arm", "robot": "r.urdf", "recordings": ["a.csv"]}
+    check({**content, key: example}, Path("case.yaml"))
+
+
+def test_examples_of_data_sheet_and_import_are_valid() -> None:
+    content: dict[str, Any] = {"name": "a", "robot": "r.urdf", "recordings": ["a.csv"]}
+    for section in ("nominal", "import"):
+        for key, given in SCHEMA["properties"][section]["properties"].items():
+            for example in given.get("examples", ()):
+                check({**content, section: {key: example}}, Path("case.yaml"))
+
+
+def test_the_pages_name_every_key_and_unit() -> None:
+    text = "".join(SCRIPT["pages"](SCHEMA).values())
+    for path, _ in keys(SCHEMA):
+        assert f"{path.split('.')[-1]}`" in text, path
+    for unit in SCHEMA["$defs"]["torque"]["properties"]["unit"]["enum"]:
+        assert f"`{unit}`" in text
