@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from gapscope.arm.control.control_loop import ControlLoop, SetPoints
+from gapscope.arm.control.control_loop import ControlLoop, Targets
 from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.rollout import steps_per_tick
 from gapscope.arm.errors import InputError
@@ -133,7 +133,7 @@ class _RanAwayError(Exception):
 
 
 class _Command:
-    """Set points ``motion`` at times ``t`` of every tick, also before t = 0; ``first`` is the tick of t = 0."""
+    """Targets ``motion`` at times ``t`` of every tick, also before t = 0; ``first`` is the tick of t = 0."""
 
     def __init__(
         self,
@@ -150,7 +150,7 @@ class _Command:
         # before t = 0 the reference rests at its start
         held = np.maximum(self.t, 0.0)
         ddq = np.where(ticks[:, None] < 0, 0.0, reference.acceleration(held))
-        self.motion = SetPoints.of(
+        self.motion = Targets.of(
             arm, controller, reference.position(held), reference.velocity(held), ddq
         )
 

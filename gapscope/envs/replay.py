@@ -14,7 +14,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
-from gapscope.arm.control.control_loop import ControlLoop, SetPoints
+from gapscope.arm.control.control_loop import ControlLoop, Targets
 from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.rollout import (
@@ -129,7 +129,7 @@ def _stretches(recording: Recording) -> list[slice]:
 
 def _commands(
     arm: NominalArm, recording: Recording, rows: slice, controller: Controller
-) -> tuple[np.ndarray, SetPoints]:
+) -> tuple[np.ndarray, Targets]:
     """Time of every tick of a stretch [s], (K,), and what the controller was to follow there."""
     assert recording.q_ref is not None
     t, q_ref = recording.t[rows], recording.q_ref[rows]
@@ -143,7 +143,7 @@ def _commands(
     )
     velocity = make_interp_spline(t, dq_ref, k=3)
     q = CubicHermiteSpline(t, q_ref, dq_ref)(held)
-    return ticks, SetPoints.of(arm, controller, q, velocity(held), velocity(held, 1))
+    return ticks, Targets.of(arm, controller, q, velocity(held), velocity(held, 1))
 
 
 def _simulated(

@@ -254,6 +254,15 @@ class TestBadInput:
         message = self.refused(gapscope, healthy, tmp_path, "--estimator", "didim")
         assert "controller" in message and "does not simulate" in message
 
+    def test_an_estimator_that_simulates_needs_pd(
+        self, gapscope: Command, healthy: Path, tmp_path: Path
+    ) -> None:
+        gains = "kp: [9, 9], ki: [1, 1], kd: [1, 1]"
+        with (healthy / "case.yaml").open("a") as file:
+            file.write(f"\ncontroller: {{kind: pid, rate: 250, {gains}}}\n")
+        message = self.refused(gapscope, healthy, tmp_path, "--estimator", "didim")
+        assert "knows the law pd, not pid" in message
+
     def refused(
         self, gapscope: Command, case: Path, tmp_path: Path, *options: object
     ) -> str:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gapscope.arm.control.control_loop import ControlLoop, SetPoints
+from gapscope.arm.control.control_loop import ControlLoop, Targets
 from gapscope.arm.control.laws import LAWS, like_pd
 from gapscope.arm.control.pd import PD
 from gapscope.arm.controller import Controller
@@ -57,7 +57,7 @@ def _speed_left(controller: Controller, weightless: NominalArm) -> float:
     filtered = VelocityFilter(
         controller.rate, controller.velocity_cutoff, 0.9, np.zeros(1), np.zeros(1)
     )
-    rest = SetPoints(*np.zeros((4, 1)))
+    rest = Targets(*np.zeros((4, 1)))
     q, dq, dt = np.zeros(1), np.full(1, 1e-3), 1 / controller.rate
     for _ in range(4000):
         dq = dq + dt * control(rest, q, filtered(q)) / INERTIA

@@ -12,7 +12,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm, smooth_sign
 
 
-class SetPoints(NamedTuple):
+class Targets(NamedTuple):
     """What a controller is to follow, at one tick (n,) or at K of them (K, n).
 
     Attributes:
@@ -33,14 +33,14 @@ class SetPoints(NamedTuple):
         q: np.ndarray,
         dq: np.ndarray,
         ddq: np.ndarray,
-    ) -> SetPoints:
+    ) -> Targets:
         """A reference of K ticks with the feedforward that the controller takes of it."""
         torque = feedforward(arm, RigidBody(arm), controller.feedforward, q, dq, ddq)
         return cls(q, dq, ddq, torque)
 
-    def at(self, tick: int | np.ndarray) -> SetPoints:
+    def at(self, tick: int | np.ndarray) -> Targets:
         """The commands of one tick, or of some of them."""
-        return SetPoints(*(series[tick] for series in self))
+        return Targets(*(series[tick] for series in self))
 
 
 class ControlLoop:
@@ -63,9 +63,7 @@ class ControlLoop:
         )
         self.integral = np.zeros(arm.n_joints)
 
-    def __call__(
-        self, commands: SetPoints, q: np.ndarray, dq: np.ndarray
-    ) -> np.ndarray:
+    def __call__(self, commands: Targets, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
         """Torque of this tick within the limit [N m].
 
         Args:
@@ -87,7 +85,7 @@ class ControlLoop:
         return applied
 
     def start_with(
-        self, torque: np.ndarray, commands: SetPoints, q: np.ndarray, dq: np.ndarray
+        self, torque: np.ndarray, commands: Targets, q: np.ndarray, dq: np.ndarray
     ) -> None:
         """Set an integrator so that this tick commands a torque [N m], shape (n,), as far as its limit allows."""
         integrator = self.controller.integrator
@@ -97,7 +95,7 @@ class ControlLoop:
         self.integral = integrator.bounded(torque - commands.torque - feedback)
 
     def _through_model(
-        self, commands: SetPoints, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
+        self, commands: Targets, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
     ) -> np.ndarray:
         """Inverse dynamics of the nominal arm with friction of the reference's velocity [N m]."""
         inverse = self._body.torque if q.ndim == 1 else self._body.inverse_dynamics

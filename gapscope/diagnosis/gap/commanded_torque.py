@@ -13,7 +13,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
 from gapscope.arm.case import Case
-from gapscope.arm.control.control_loop import ControlLoop, SetPoints
+from gapscope.arm.control.control_loop import ControlLoop, Targets
 from gapscope.arm.controller import Controller
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
@@ -165,14 +165,14 @@ def _stateless(
     stretch = stretch.part(rows)
     q_ref, dq_ref = _reference(stretch)
     ddq_ref = make_interp_spline(t, dq_ref, k=3)(t, 1)
-    set_points = SetPoints.of(arm, controller, q_ref, dq_ref, ddq_ref)
+    targets = Targets.of(arm, controller, q_ref, dq_ref, ddq_ref)
     dq = stretch.dq
     if dq is None:
         ticks = _ticks(controller, t)
         q = make_interp_spline(t, stretch.q, k=3)(ticks)
         velocity = _velocity(controller, q, dq_ref[0], rule)
         dq = velocity[_tick_of(controller, t)]
-    return ControlLoop(controller, arm)(set_points, stretch.q, dq)[back]
+    return ControlLoop(controller, arm)(targets, stretch.q, dq)[back]
 
 
 def _integrated(
@@ -190,7 +190,7 @@ def _integrated(
     q_ref, dq_ref = _reference(stretch)
     velocity = make_interp_spline(t, dq_ref, k=3)
     reference = CubicHermiteSpline(t, q_ref, dq_ref)(ticks)
-    set_points = SetPoints.of(
+    targets = Targets.of(
         arm, controller, reference, velocity(ticks), velocity(ticks, 1)
     )
     dq = (
@@ -202,7 +202,7 @@ def _integrated(
     control.integral = start
     torque = np.empty_like(q)
     for i in range(len(ticks)):
-        torque[i] = control(set_points.at(i), q[i], dq[i])
+        torque[i] = control(targets.at(i), q[i], dq[i])
     return torque[_tick_of(controller, t)][back]
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from gapscope.arm.control.cascade import Cascade
 from gapscope.arm.control.computed_torque import ComputedTorque
-from gapscope.arm.control.control_loop import ControlLoop, SetPoints
+from gapscope.arm.control.control_loop import ControlLoop, Targets
 from gapscope.arm.control.integrator import ANTI_WINDUP, Integrator
 from gapscope.arm.control.laws import LAWS, like_pd
 from gapscope.arm.control.pd import PD
@@ -54,7 +54,7 @@ def torques(
     return [
         float(
             loop(
-                SetPoints(np.full(2, error), np.full(2, rate), nothing, nothing),
+                Targets(np.full(2, error), np.full(2, rate), nothing, nothing),
                 nothing,
                 nothing,
             )[0]
@@ -107,12 +107,12 @@ def test_computed_torque_of_the_elbow(arm: NominalArm) -> None:
     """Shoulder still and upright: 0.14 kg m^2 times the acceleration, gravity of 1 kg at 0.2 m, friction 0.1 dq_ref."""
     law = ComputedTorque(rate=RATE, kp=np.full(2, 9.0), kd=np.full(2, 6.0))
     q, dq = np.array([0.0, 0.3]), np.array([0.0, 0.0])
-    set_points = SetPoints(
+    targets = Targets(
         np.array([0.0, 0.5]), np.array([0.0, 0.2]), np.array([0.0, 1.0]), np.zeros(2)
     )
     acceleration = 1.0 + 9.0 * 0.2 + 6.0 * 0.2
     expected = 0.14 * acceleration - 9.81 * 0.2 * np.sin(0.3) + 0.1 * 0.2
-    assert ControlLoop(law, arm)(set_points, q, dq)[1] == pytest.approx(expected)
+    assert ControlLoop(law, arm)(targets, q, dq)[1] == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("kind", ["pid", "cascade"])
@@ -129,9 +129,9 @@ def test_an_integrator_starts_with_a_torque(arm: NominalArm) -> None:
     """As a replay does, which begins in the middle of a motion."""
     loop = ControlLoop(pid(), arm)
     ones, zeros = np.ones(2), np.zeros(2)
-    set_points = SetPoints(ones, zeros, zeros, 0.5 * ones)
-    loop.start_with(np.array([7.0, -1.0]), set_points, zeros, zeros)
-    assert loop(set_points, zeros, zeros) == pytest.approx([7.0, -1.0])
+    targets = Targets(ones, zeros, zeros, 0.5 * ones)
+    loop.start_with(np.array([7.0, -1.0]), targets, zeros, zeros)
+    assert loop(targets, zeros, zeros) == pytest.approx([7.0, -1.0])
 
 
 def laws() -> list[Controller]:
