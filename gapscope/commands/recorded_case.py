@@ -23,6 +23,7 @@ from gapscope.effects.corrected_file import (
     read_with_faults,
     write_corrected,
 )
+from gapscope.effects.setup_faults.controller_faults import GainMismatch
 from gapscope.effects.setup_faults.fault import Fault
 from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
 from gapscope.envs.session import Plan, hidden_by_reading_back, record_case
@@ -102,12 +103,14 @@ def _with_faults(
     case: Case, faults: tuple[Fault, ...], rng: np.random.Generator
 ) -> Case:
     """The case as a set-up with these faults would have written it."""
-    arm, recordings = case.arm, case.recordings
+    arm, recordings, controller = case.arm, case.recordings, case.controller
     for fault in faults:
         recordings = tuple(fault.apply(r, rng, case.arm) for r in recordings)
         if isinstance(fault, ShiftedInertials):
             arm = shifted_arm(arm, fault.by, fault.moved_only)
-    return replace(case, arm=arm, recordings=recordings)
+        if isinstance(fault, GainMismatch):
+            controller = fault.declared(controller)
+    return replace(case, arm=arm, recordings=recordings, controller=controller)
 
 
 def _check_places(effects: Path, out: Path, sealed: Path | None) -> None:

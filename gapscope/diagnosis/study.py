@@ -35,6 +35,7 @@ from gapscope.diagnosis.selection.undeclared_coupling import (
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.diagnosis.setup_faults.quantization import find_quantization
+from gapscope.diagnosis.setup_faults.references.detection import find_reference_faults
 from gapscope.diagnosis.thresholds import SINGLE_RECORDING_FOLDS
 from gapscope.effects.applied import AppliedEffect
 from gapscope.ident.kalman.changes import RecordingChange
@@ -112,19 +113,26 @@ def examine(case: Case, progress: Progress, baseline: Baseline | None = None) ->
         InputError: a recording has no stretch without gaps that is long enough, or holds what no arm can have.
     """
     check_stamps(case)
+    # A torque is worked out of references and gains: these are put right first.
+    case, references = find_reference_faults(case)
     case = with_commanded_torque(case)
     check_torque(case)
-    study = _examine(case, progress, baseline)
+    study = _examine(case, progress, baseline, references)
     # A torque computed by the controller's rule may be explained better by another rule: then once more by that one.
     likelier_case = with_likelier_rule(case, study.effects)
     if likelier_case is None:
         return study
-    return _examine(likelier_case, progress, baseline)
+    return _examine(likelier_case, progress, baseline, references)
 
 
-def _examine(case: Case, progress: Progress, baseline: Baseline | None) -> Study:
-    """The study of a case that carries a torque."""
-    case, faults = _repair(case, progress, baseline)
+def _examine(
+    case: Case,
+    progress: Progress,
+    baseline: Baseline | None,
+    references: tuple[FoundFault, ...],
+) -> Study:
+    """The study of a case that carries a torque, with its faults of references, put right already."""
+    case, faults = _repair(case, progress, baseline, references)
     progress("conditions the signals")
     cutoff = position_cutoff(case.recordings)
     progress("looks for changes during recordings")
@@ -177,7 +185,10 @@ def _effects(selection: Selection, terms: frozenset[Term]) -> tuple[AppliedEffec
 
 
 def _repair(
-    case: Case, progress: Progress, baseline: Baseline | None
+    case: Case,
+    progress: Progress,
+    baseline: Baseline | None,
+    references: tuple[FoundFault, ...],
 ) -> tuple[Case, tuple[FoundFault, ...]]:
     """The case with its set-up faults repaired and the baseline taken out, and all faults found."""
     progress("tests the set-up")
@@ -186,7 +197,7 @@ def _repair(
     if baseline is not None:
         case = baseline.adjusted(case)
     # A wrong unit scales the step of an encoder: quantisation is measured after the repair.
-    faults = (*setup_faults, *find_quantization(case))
+    faults = (*references, *setup_faults, *find_quantization(case))
     if baseline is not None:
         faults = tuple(f for f in faults if (f.name, f.variant) not in baseline.faults)
     for fault in faults:

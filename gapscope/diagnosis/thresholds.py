@@ -146,6 +146,44 @@ LATTICE_AGREEMENT = 0.1  # Relative deviation from their median up to which step
 LATTICE_LEVELS = 6  # Least number of distinct positions. (hand)
 LATTICE_SAMPLES = 6000  # Positions of a joint that are looked at, from each recording. (budget)
 
+# --- setup_faults: references, velocities, gains
+SET_POINT_LEAST = 30  # Set points of a reference at least, for their distance to be regular. (hand)
+SET_POINT_REGULARITY = 0.8  # Share of their distances that are alike within a row, at least [1]. (hand)
+# A row is the corner of a line if the second difference there exceeds this share of that at nearly all corners [1].
+# (hand)
+CORNER_SHARE = 0.02
+# Correlation of the torque with the steps of a coarse reference from which on the controller did follow them [1].
+# (hand)
+STEPS_IN_TORQUE = 0.3
+PACE_SAMPLES = 400  # Samples of a recording on which paces are compared. (budget)
+PACE_FIT_SHARE = 0.6  # Share of a recording to which a pace is fitted; the rest judges it [1]. (hand)
+PACE_TRACKED = 0.05  # Position error over the joint's range that ordinary tracking leaves [1]. (hand)
+PACE_MISFIT = 0.15  # A pace is named if it leaves less than this [1]... (hand)
+PACE_GAIN = 4.0  # ...and lowers the error by this factor [1]. (hand)
+# Paces at which the search for one starts [1], and lags of the arm behind its reference [s]. (budget)
+PACE_STARTS = tuple(float(s) for s in np.geomspace(0.1, 3.0, 120))
+PACE_LAGS = (0.0, 0.1, 0.3)
+# A recorded velocity is the reference's if it differs from that by less than this share of how it differs from the
+# arm's [1]. (hand)
+REFERENCE_VELOCITY_RATIO = 0.1
+LEAST_MOTION_SHARE = 0.02  # A joint moves if its range exceeds this share of the largest joint's [1]. (hand)
+LAW_BLOCKS = 8  # Blocks of each recording: a control law is fitted to every other, judged on the rest. (hand)
+LAW_EXPLAINS = 0.3  # What a control law may leave of a torque that it explains, over the deviation [1]. (hand)
+LAW_GAIN = 2.0  # Another law is named if it leaves less by this factor [1]. (hand)
+NAMED_GAIN_FACTOR = 1.2  # Gain at work over the declared one beyond which it is named [1]... (hand)
+# ...and if the torque is not recorded but what the nominal arm needs, which is not right itself [1]. (hand)
+INFERRED_GAIN_FACTOR = 2.0
+# ...and most joints that move show it, their factors on kp alike within this factor: a firmware scales all gains
+# alike, while loads and friction of the arm differ from joint to joint [1]. (physical)
+INFERRED_GAIN_SPREAD = 1.5
+# A torque was computed from the log's own columns if gains leave less than this of it, over its deviation [1]: logs
+# keep five digits or more, and no torque is measured that well. (physical)
+EXACT_LAW = 1e-3
+# A computed torque does not fit the motion if this share of what the nominal arm needs is left by it, with a free
+# scale, friction and offset [1]; or this one if other gains leave less by ``LAW_GAIN``. (hand)
+UNMEASURED_MISFIT = 0.7
+OTHER_GAINS_MISFIT = 0.25
+
 # --- model: discrepancy, what a healthy arm leaves of every model
 RICHEST_TERM = 1.0  # Torque of each term, over the deviation of the joint's torque, when all are fitted [1]. (hand)
 RICHEST_INERTIALS = 0.3  # Relative errors of the inertials then [1]. (physical)

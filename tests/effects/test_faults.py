@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gapscope.arm.control.pd import PD
 from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
@@ -19,9 +20,19 @@ from gapscope.effects.setup_faults.channel_faults import (
     SignFlip,
     UnitMismatch,
 )
+from gapscope.effects.setup_faults.controller_faults import (
+    GainMismatch,
+    UnmeasuredTorque,
+)
 from gapscope.effects.setup_faults.fault import Fault
 from gapscope.effects.setup_faults.fault_catalogue import FAULTS
 from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
+from gapscope.effects.setup_faults.reference_faults import (
+    CoarseReference,
+    IgnoredVelocityReference,
+    SpeedScaling,
+    VelocityOfReference,
+)
 from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
 from gapscope.effects.setup_faults.torque_faults import (
     GravityCompensatedTorque,
@@ -36,7 +47,12 @@ def recording() -> Recording:
     t = np.arange(0.0, 2.0, 0.004)
     q = np.sin(np.outer(t, [1.0, 2.0, 3.0]))
     return Recording(
-        "r", t, q, 10 * q + [1.0, 2.0, 3.0], dq=np.gradient(q, t, axis=0), q_ref=q
+        "r",
+        t,
+        q,
+        10 * q + [1.0, 2.0, 3.0],
+        dq=np.gradient(q, t, axis=0),
+        q_ref=1.01 * q,
     )
 
 
@@ -145,6 +161,70 @@ def test_zero_offset_moves_positions_and_references_alone(recording: Recording) 
         )
 
 
+def test_an_ignored_velocity_reference_leads_to_the_same_torque(
+    recording: Recording,
+) -> None:
+    """kp (q_ref - q) + kd (dq_ref - dq) = kp (recorded q_ref - q) - kd dq with kd = 0.1 kp."""
+    planned = replace(recording, dq_ref=1.01 * np.gradient(recording.q, 0.004, axis=0))
+    spoilt = _apply(IgnoredVelocityReference(0.1), planned)
+    used = planned.q_ref - planned.q + 0.1 * (planned.dq_ref - planned.dq)
+    np.testing.assert_allclose(spoilt.q_ref - planned.q - 0.1 * planned.dq, used)
+
+
+def test_the_references_velocity_in_place_of_the_arms(recording: Recording) -> None:
+    spoilt = _apply(VelocityOfReference(), recording)
+    np.testing.assert_allclose(spoilt.dq, 1.01 * recording.dq)
+
+
+def test_a_reference_at_twice_the_arms_pace(recording: Recording) -> None:
+    """It ends in the middle of the recording and rests."""
+    spoilt = _apply(SpeedScaling(0.5), recording)
+    np.testing.assert_allclose(spoilt.q_ref[:250], recording.q_ref[:500:2], atol=1e-9)
+    assert (spoilt.q_ref[250:] == recording.q_ref[-1]).all()
+    assert (spoilt.dq_ref[251:] == 0).all()
+
+
+def test_coarse_references(recording: Recording) -> None:
+    held = _apply(CoarseReference("held", 0.02), recording)
+    np.testing.assert_array_equal(held.q_ref[10:15], recording.q_ref[[10] * 5])
+    lines = _apply(CoarseReference("interpolated", 0.02), recording)
+    np.testing.assert_allclose(
+        lines.q_ref[12], 0.6 * recording.q_ref[10] + 0.4 * recording.q_ref[15]
+    )
+    np.testing.assert_allclose(
+        lines.dq_ref[12], (recording.q_ref[15] - recording.q_ref[10]) / 0.02
+    )
+    with pytest.raises(InputError, match="period"):
+        _apply(CoarseReference("held", 0.004), recording)
+
+
+def test_gains_declared_are_those_at_work_over_the_factors(
+    recording: Recording,
+) -> None:
+    at_work = PD(rate=1000.0, kp=np.array([8.0, 4.0]), kd=np.array([2.0, 1.0]))
+    declared = GainMismatch((4.0,), (0.5,), (2,)).declared(at_work)
+    assert isinstance(declared, PD)
+    np.testing.assert_array_equal(declared.kp, [8.0, 1.0])
+    np.testing.assert_array_equal(declared.kd, [2.0, 2.0])
+    with pytest.raises(InputError, match="pd"):
+        GainMismatch((4.0,), (0.5,)).declared(None)
+
+
+def test_a_torque_that_gains_gave(recording: Recording) -> None:
+    computed = _apply(UnmeasuredTorque((80.0,), (2.5,), (1, 3)), recording)
+    expected = 0.8 * recording.q + 0.025 * recording.dq
+    np.testing.assert_allclose(computed.tau[:, [0, 2]], expected[:, [0, 2]], atol=1e-9)
+    np.testing.assert_array_equal(computed.tau[:, 1], recording.tau[:, 1])
+
+
+@pytest.mark.parametrize("fault", [VelocityOfReference(), SpeedScaling(0.5)])
+def test_faults_of_references_need_references(
+    recording: Recording, fault: Fault
+) -> None:
+    with pytest.raises(InputError, match="q_ref"):
+        _apply(fault, replace(recording, q_ref=None))
+
+
 def test_shifted_inertials() -> None:
     links = "".join(
         f'<link name="l{i}"><inertial><mass value="{i}"/></inertial></link>'
@@ -210,6 +290,12 @@ def test_names() -> None:
         "torque_unit",
         "late_torque",
         "zero_offset",
+        "ignored_velocity_reference",
+        "velocity_of_reference",
+        "speed_scaling",
+        "coarse_reference",
+        "gain_mismatch",
+        "unmeasured_torque",
     }
 
 
@@ -231,9 +317,9 @@ def test_contract_of_every_fault(kind: type[Fault], recording: Recording) -> Non
     for seed in range(20):
         drawn, again = (kind.draw(np.random.default_rng(seed), 3) for _ in range(2))
         assert drawn == again
-        if not isinstance(drawn, ShiftedInertials):
+        if not isinstance(drawn, (ShiftedInertials, GainMismatch)):
             spoiled = _apply(drawn, recording)
-            names = ("t", "q", "tau")
+            names = ("t", "q", "dq", "tau", "q_ref")
             assert any(
                 not np.array_equal(getattr(spoiled, x), getattr(recording, x))
                 for x in names

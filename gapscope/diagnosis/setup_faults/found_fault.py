@@ -9,12 +9,15 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.case import Case
+from gapscope.arm.control.pd import PD
+from gapscope.arm.controller import Controller
 from gapscope.arm.io.plausibility import repeated_rows
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import CHANNELS, Recording
 from gapscope.arm.torque_column import advanced, with_gravity
 from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
 from gapscope.diagnosis.setup_faults.clock import even_stamps
+from gapscope.diagnosis.setup_faults.references.repair import reference_repaired
 from gapscope.diagnosis.setup_faults.shifted_inertials import shifted_arm
 
 MOTION = ("q", "dq", "q_ref", "dq_ref")
@@ -47,7 +50,7 @@ class FoundFault:
         joints: from 1; empty if it concerns the whole arm.
         variant: which channel (``torque``, ``position``, ``joint``), unit (``degrees``, ``milliseconds``,
             ``motor_side``, ``current``, ``command_scale``) or kind (``gaps``, ``repeats``, ``jitter``, ``wrong_rate``,
-            ``delay``); empty if there is one only.
+            ``delay``, ``held``, ``interpolated``); empty if there is one only.
         parameters: by the names of ``gapscope.effects.setup_faults``.
         probability: that it is this fault.
         turned_base: probability that the base is turned instead, ``base_tilt``; ``None`` if that looks different.
@@ -82,6 +85,8 @@ class FoundFault:
         if self.mapping is not None:
             torques = ("tau",) if self.name in OF_TAU_ALONE else TORQUE
             out = _mapped(out, self.mapping, torques)
+        values = {name: p.value for name, p in self.parameters.items()}
+        out = reference_repaired(self.name, self.joints, values, out)
         if self.variant == "jitter":
             out = replace(out, t=even_stamps(out.t))
         if self.variant == "repeats":
@@ -95,6 +100,16 @@ class FoundFault:
         if self.mapping is None:
             return arm
         return shifted_arm(arm, self.mapping.link_shift, self.mapping.moved_only)
+
+    def repair_controller(self, controller: Controller | None) -> Controller | None:
+        """The controller with the gains at work in place of the declared ones; unchanged for other faults."""
+        if self.name != "gain_mismatch" or not isinstance(controller, PD):
+            return controller
+        columns = np.array(self.joints) - 1
+        kp, kd = np.array(controller.kp), np.array(controller.kd)
+        kp[columns] *= self.parameters["kp_factor"].value
+        kd[columns] *= self.parameters["kd_factor"].value
+        return replace(controller, kp=kp, kd=kd)
 
     def document(self) -> dict[str, Any]:
         """The parameters as ``diagnosis.json`` holds them, and the variant."""
@@ -120,14 +135,22 @@ class FoundFault:
 def repaired(case: Case, faults: tuple[FoundFault, ...]) -> Case:
     """The case with all faults corrected, in the order in which they were found."""
     arm, recordings, judged = case.arm, case.recordings, case.judged
+    controller = case.controller
     for fault in faults:
         arm = fault.repair_arm(arm)
+        controller = fault.repair_controller(controller)
         recordings = tuple(fault.repair(r) for r in recordings)
         judged = tuple(fault.repair(r) for r in judged)
+        if controller is not None and "kp_at_work" in fault.parameters:
+            # the declared controller gives the torque that was not measured
+            recordings = tuple(replace(r, tau=None) for r in recordings)
+            judged = tuple(replace(r, tau=None) for r in judged)
         if fault.mapping is not None and fault.mapping.without_gravity:
             recordings = tuple(with_gravity(r, arm) for r in recordings)
             judged = tuple(with_gravity(r, arm) for r in judged)
-    return replace(case, arm=arm, recordings=recordings, judged=judged)
+    return replace(
+        case, arm=arm, recordings=recordings, judged=judged, controller=controller
+    )
 
 
 def _mapped(

@@ -7,8 +7,18 @@ from gapscope.effects.setup_faults.channel_faults import (
     SignFlip,
     UnitMismatch,
 )
+from gapscope.effects.setup_faults.controller_faults import (
+    GainMismatch,
+    UnmeasuredTorque,
+)
 from gapscope.effects.setup_faults.fault import Fault
 from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
+from gapscope.effects.setup_faults.reference_faults import (
+    CoarseReference,
+    IgnoredVelocityReference,
+    SpeedScaling,
+    VelocityOfReference,
+)
 from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
 from gapscope.effects.setup_faults.torque_faults import (
     GravityCompensatedTorque,
@@ -29,6 +39,12 @@ FAULTS: dict[str, type[Fault]] = {
         TorqueUnit,
         LateTorque,
         ZeroOffset,
+        IgnoredVelocityReference,
+        VelocityOfReference,
+        SpeedScaling,
+        CoarseReference,
+        GainMismatch,
+        UnmeasuredTorque,
     )
 }
 """The setup faults by name."""

@@ -1,0 +1,1 @@
+"""Faults of references, velocities and control laws, found from the channels."""

@@ -1,0 +1,166 @@
+"""What a PD law is compared on: tracking errors and torque of a case, in rows to fit and rows to judge."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gapscope.arm.case import Case
+from gapscope.arm.control.pd import PD
+from gapscope.arm.dynamics.feedforward import feedforward
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.recording import Recording
+from gapscope.diagnosis.thresholds import (
+    FAULT_SIGN_WIDTH,
+    LAW_BLOCKS,
+    LEAST_MOTION_SHARE,
+)
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.setup_faults.reference_faults import references
+from gapscope.ident.signals.conditioning import (
+    TORQUE_CUTOFF,
+    condition,
+    low_pass,
+    position_cutoff,
+)
+
+CLIPPED = 0.98
+"""Torque over its limit from which on it may be clipped [1]."""
+
+
+@dataclass(frozen=True)
+class ControlRows:
+    """Rows of all recordings with a reference, M of n joints.
+
+    Attributes:
+        error: q_ref - q [rad], (M, n).
+        dq_ref, dq: velocities [rad/s], (M, n).
+        torque: recorded less the declared feedforward [N m], (M, n); that which the nominal arm needs if none was
+            recorded.
+        needed: what the nominal arm needs, friction included [N m], (M, n).
+        feedforward: declared [N m], (M, n); zero without a declared controller.
+        recorded: whether ``torque`` was.
+        fitted: rows to fit, (M,); the others judge.
+        moves: joints that move, (n,).
+        free: rows on which a joint's torque is below its limit, (M, n).
+    """
+
+    error: np.ndarray
+    dq_ref: np.ndarray
+    dq: np.ndarray
+    torque: np.ndarray
+    needed: np.ndarray
+    feedforward: np.ndarray
+    recorded: bool
+    fitted: np.ndarray
+    moves: np.ndarray
+    free: np.ndarray
+
+    @property
+    def rate(self) -> np.ndarray:
+        """dq_ref - dq [rad/s], (M, n)."""
+        return self.dq_ref - self.dq
+
+    def friction(self, joint: int) -> list[np.ndarray]:
+        """Columns of dry and viscous friction, (M,) each."""
+        dq = self.dq[:, joint]
+        return [np.tanh(dq / FAULT_SIGN_WIDTH), dq]
+
+    def fit(
+        self, joint: int, target: np.ndarray, columns: Sequence[np.ndarray]
+    ) -> tuple[np.ndarray, float]:
+        """Coefficients of columns and an offset for a target, and what they leave of it on rows that judge.
+
+        Args:
+            joint: from 0.
+            target: (M, n), of which the joint's column is explained.
+            columns: (M,) each.
+        """
+        y = target[:, joint]
+        x = np.column_stack([*columns, np.ones_like(y)])
+        usable = self.free[:, joint]
+        fitted = self.fitted & usable
+        coefficients = np.linalg.lstsq(x[fitted], y[fitted], rcond=None)[0]
+        return coefficients, self.left(joint, y - x @ coefficients, y)
+
+    def left(self, joint: int, residual: np.ndarray, target: np.ndarray) -> float:
+        """RMS of a residual over the target's deviation on the rows that judge [1], (M,) both."""
+        judged = ~self.fitted & self.free[:, joint]
+        deviation = max(float(target[judged].std()), 1e-12)
+        return float(np.sqrt(np.mean(residual[judged] ** 2))) / deviation
+
+
+def control_rows(case: Case) -> ControlRows | None:
+    """Rows of a case in the band of the torque gap; ``None`` without references."""
+    recordings = [r for r in case.recordings if r.q_ref is not None]
+    if not recordings:
+        return None
+    recorded = all(r.tau is not None for r in recordings)
+    body = RigidBody(case.arm)
+    parts = [_rows(case, body, r, recorded) for r in recordings]
+    series = [np.concatenate(x) for x in zip(*parts, strict=True)]
+    error, dq_ref, dq, torque, needed, forward, free = series
+    planned = np.max(
+        [np.ptp(references(r, "controller")[0], axis=0) for r in recordings], axis=0
+    )
+    return ControlRows(
+        error,
+        dq_ref,
+        dq,
+        torque,
+        needed,
+        forward,
+        recorded,
+        np.concatenate([_fitted(len(p[0])) for p in parts]),
+        planned > LEAST_MOTION_SHARE * planned.max(),
+        free.astype(bool),
+    )
+
+
+def _fitted(count: int) -> np.ndarray:
+    """Every other block of a recording's rows, (count,)."""
+    return np.arange(count) * LAW_BLOCKS // count % 2 == 0
+
+
+def _rows(
+    case: Case, body: RigidBody, recording: Recording, recorded: bool
+) -> list[np.ndarray]:
+    """Error, velocities, torque, needed torque, and rows below the limit of one recording, (M, n) each."""
+    segments = condition(recording, position_cutoff((recording,)))
+    rows: list[list[np.ndarray]] = []
+    for segment in segments:
+        motion = segment.motion
+        q_ref, dq_ref, q, dq = _on_grid(recording, motion.t)
+        bodies = body.carrying(segment.payload)
+        needed = CorrectedArm(case.arm).predict(bodies, motion)
+        torque = needed if segment.torque is None or not recorded else segment.torque
+        limit = case.arm.torque_limit
+        free = np.ones_like(torque)
+        if limit is not None and recorded:
+            free = (np.abs(torque) < CLIPPED * limit).astype(float)
+        forward = np.zeros_like(torque)
+        if isinstance(case.controller, PD):
+            ddq_ref = np.gradient(dq_ref, motion.t, axis=0)
+            kind = case.controller.feedforward
+            forward = feedforward(case.arm, body, kind, q_ref, dq_ref, ddq_ref)
+        filtered = [
+            low_pass(x, motion.rate, TORQUE_CUTOFF)[segment.inner]
+            for x in (q_ref - q, dq_ref, dq, torque - forward, needed, forward)
+        ]
+        rows.append([*filtered, free[segment.inner]])
+    return [np.concatenate(x) for x in zip(*rows, strict=True)]
+
+
+def _on_grid(recording: Recording, t: np.ndarray) -> list[np.ndarray]:
+    """q_ref, dq_ref, q, dq of a recording at other times, (M, n) each; dq that of the positions if not recorded."""
+    q_ref, dq_ref = references(recording, "controller")
+    dq = recording.dq
+    if dq is None:
+        dq = np.gradient(recording.q, recording.t, axis=0)
+    series = (q_ref, dq_ref, recording.q, dq)
+    return [
+        np.column_stack([np.interp(t, recording.t, column) for column in x.T])
+        for x in series
+    ]

@@ -1,0 +1,206 @@
+"""Faults of references, velocities and gains, found in recordings of an arm under PD and put right.
+
+The arm's motion and torque are given; the references are those under which a PD controller commands this torque:
+T d(q_ref - q)/dt + (q_ref - q) = tau / kp with T = kd / kp.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import synthetic
+from synthetic import Truth
+
+from gapscope.arm.case import Case
+from gapscope.arm.control.pd import PD
+from gapscope.arm.recording import Recording
+from gapscope.diagnosis.gap.commanded_torque import with_commanded_torque
+from gapscope.diagnosis.setup_faults.references.detection import find_reference_faults
+from gapscope.effects.setup_faults.controller_faults import (
+    GainMismatch,
+    UnmeasuredTorque,
+)
+from gapscope.effects.setup_faults.fault import Fault
+from gapscope.effects.setup_faults.reference_faults import (
+    CoarseReference,
+    IgnoredVelocityReference,
+    SpeedScaling,
+    VelocityOfReference,
+)
+
+KP, KD = np.array([800.0, 900.0, 300.0]), np.array([60.0, 66.0, 22.0])
+STEP = 1.0 / synthetic.RATE
+ORDINARY = {
+    "healthy": Truth(),
+    "payload": Truth(mass=3.0, com=(0.1, 0.0, 0.0)),
+    "friction": Truth(coulomb=(3.0, 3.0, 1.0), viscous=(2.0, 2.0, 1.0)),
+    "delay": Truth(delay=(0.02, 0.02, 0.02)),
+    "torque scale": Truth(scale=(0.3, -0.2, 0.2)),
+}
+
+
+@cache
+def under_pd(label: str) -> Case:
+    """A case with its references and controller; the torque recorded is the one commanded."""
+    case = synthetic.case(ORDINARY[label], seed=3)
+    recordings = tuple(map(_with_references, case.recordings))
+    controller = PD(rate=synthetic.RATE, kp=KP, kd=KD)
+    return replace(case, recordings=recordings, controller=controller)
+
+
+def _with_references(recording: Recording) -> Recording:
+    assert recording.tau is not None
+    dq = np.gradient(recording.q, recording.t, axis=0)
+    kept, target = np.exp(-STEP * KP / KD), recording.tau / KP
+    error = np.array(target)
+    for k in range(1, len(error)):
+        error[k] = kept * error[k - 1] + (1 - kept) * target[k]
+    rate = (target - error) * KP / KD
+    tau = KP * error + KD * rate
+    return replace(
+        recording, dq=dq, tau=tau, q_ref=recording.q + error, dq_ref=dq + rate
+    )
+
+
+def with_fault(case: Case, fault: Fault) -> Case:
+    rng = np.random.default_rng(0)
+    recordings = tuple(fault.apply(r, rng, case.arm) for r in case.recordings)
+    controller = case.controller
+    if isinstance(fault, GainMismatch):
+        controller = fault.declared(controller)
+    return replace(case, recordings=recordings, controller=controller)
+
+
+def without_torque(case: Case) -> Case:
+    recordings = tuple(replace(r, tau=None) for r in case.recordings)
+    return replace(case, recordings=recordings)
+
+
+@pytest.mark.parametrize("label", ORDINARY)
+@pytest.mark.parametrize("given", [lambda case: case, without_torque])
+def test_a_right_set_up_has_no_fault(label: str, given: Callable[[Case], Case]) -> None:
+    case = given(under_pd(label))
+    same, found = find_reference_faults(case)
+    assert found == () and same is case
+
+
+def test_a_case_without_references_has_no_fault() -> None:
+    case = synthetic.case(Truth(), seed=3)
+    assert find_reference_faults(case) == (case, ())
+
+
+FAULTS: dict[str, tuple[Fault, str, dict[str, float]]] = {
+    "velocity of the reference": (VelocityOfReference(), "", {}),
+    "velocity reference ignored": (
+        IgnoredVelocityReference(0.075),
+        "",
+        {"lead": 0.0745},
+    ),
+    "half speed": (SpeedScaling(0.5), "", {"factor": 0.5}),
+    "nine tenths of the speed": (SpeedScaling(0.9), "", {"factor": 0.9}),
+    "held at 50 Hz": (CoarseReference("held", 0.02), "held", {"period": 0.02}),
+    "held at 10 Hz": (CoarseReference("held", 0.1), "held", {"period": 0.1}),
+    "interpolated at 25 Hz": (
+        CoarseReference("interpolated", 0.04),
+        "interpolated",
+        {"period": 0.04},
+    ),
+    "gains of a firmware": (
+        GainMismatch((3.0,), (0.4,)),
+        "",
+        {"kp_factor": 3.0, "kd_factor": 0.4},
+    ),
+    "computed with other gains": (
+        UnmeasuredTorque((80.0,), (2.5,)),
+        "",
+        {"kp": 80.0, "kd": 2.5},
+    ),
+}
+
+
+@pytest.mark.parametrize("label", FAULTS)
+@pytest.mark.parametrize("arm", ["healthy", "friction"])
+def test_faults_are_found_with_their_values(label: str, arm: str) -> None:
+    fault, variant, values = FAULTS[label]
+    _, (found,) = find_reference_faults(with_fault(under_pd(arm), fault))
+    assert (found.name, found.variant) == (fault.name, variant)
+    for name, value in values.items():
+        np.testing.assert_allclose(found.parameters[name].value, value, rtol=0.03)
+
+
+@pytest.mark.parametrize(
+    ("fault", "tolerance"),
+    [
+        (IgnoredVelocityReference(0.075), 0.1),
+        (SpeedScaling(0.5), 0.1),
+        (CoarseReference("held", 0.02), 0.1),
+        (GainMismatch((3.0,), (0.4,)), 0.05),
+        (UnmeasuredTorque((80.0,), (2.5,)), 0.02),
+    ],
+)
+def test_what_is_put_right_commands_the_torque_of_the_right_set_up(
+    fault: Fault, tolerance: float
+) -> None:
+    """The law of the controller, worked out from references and gains as repaired, gives the true torque."""
+    case = under_pd("healthy")
+    repaired, _ = find_reference_faults(with_fault(case, fault))
+    commanded = with_commanded_torque(without_torque(repaired))
+    for right, given in zip(case.recordings, commanded.recordings, strict=True):
+        assert right.tau is not None and given.tau is not None
+        count = len(given.t)
+        inner = slice(25, count - 25)
+        error = given.tau[inner] - right.tau[:count][inner]
+        deviation = right.tau.std(axis=0)
+        assert (np.median(np.abs(error), axis=0) < tolerance * deviation).all()
+
+
+def test_steps_that_the_torque_follows_are_no_fault() -> None:
+    case = under_pd("healthy")
+    stepped = with_fault(case, CoarseReference("held", 0.04))
+    followed = tuple(
+        replace(r, tau=KP * (r.q_ref - r.q) + KD * (r.dq_ref - r.dq))
+        for r in stepped.recordings
+    )
+    _, found = find_reference_faults(replace(stepped, recordings=followed))
+    assert "coarse_reference" not in {fault.name for fault in found}
+
+
+def test_an_arm_led_by_hand_has_its_own_velocity() -> None:
+    case = synthetic.case(Truth(), seed=3)
+    led = []
+    for r in case.recordings:
+        dq = np.gradient(r.q, r.t, axis=0)
+        led.append(replace(r, dq=dq, q_ref=r.q, dq_ref=dq))
+    assert find_reference_faults(replace(case, recordings=tuple(led)))[1] == ()
+
+
+def test_wrong_stamps_do_not_make_a_velocity_the_references() -> None:
+    case = under_pd("healthy")
+    recordings = tuple(replace(r, t=1.3 * r.t) for r in case.recordings)
+    _, found = find_reference_faults(replace(case, recordings=recordings))
+    assert "velocity_of_reference" not in {fault.name for fault in found}
+
+
+def test_a_computed_torque_that_fits_the_motion_is_a_warning() -> None:
+    case = replace(under_pd("healthy"), controller=None)
+    same, found = find_reference_faults(case)
+    assert found == ()
+    (warning,) = same.warnings
+    assert "kp 800, 900, 300 N m/rad" in warning and "not measured" in warning
+
+
+def test_gains_of_a_computed_torque_that_does_not_fit_are_found_by_the_motion() -> None:
+    """No controller is declared: the gains at work come from what the nominal arm needs."""
+    case = replace(under_pd("healthy"), controller=None)
+    fault = UnmeasuredTorque((800.0, 900.0, 300.0), (1.0, 1.0, 1.0))
+    repaired, (found,) = find_reference_faults(with_fault(case, fault))
+    assert found.name == "unmeasured_torque"
+    assert found.parameters["kp_at_work"].value == pytest.approx(KP, rel=0.1)
+    assert found.parameters["kd_at_work"].value == pytest.approx(KD, rel=0.2)
+    for right, given in zip(case.recordings, repaired.recordings, strict=True):
+        error = (given.tau - right.tau).std(axis=0)
+        assert (error < 0.2 * right.tau.std(axis=0)).all()
