@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -144,6 +145,14 @@ def _checked_coupling(coupling: np.ndarray, n_joints: int) -> np.ndarray:
         )
     matrix.setflags(write=False)
     return matrix
+
+
+def arm_entry(arm: NominalArm) -> dict[str, Any]:
+    """Robot and joints as results name them; numbers from 1 of those that slide, if any do."""
+    entry: dict[str, Any] = {"robot": arm.name, "joints": list(arm.joints)}
+    if any(arm.sliding):
+        entry["sliding"] = [j for j, slides in enumerate(arm.sliding, 1) if slides]
+    return entry
 
 
 def smooth_sign(velocity: np.ndarray, scale: float = FRICTION_SMOOTHING) -> np.ndarray:

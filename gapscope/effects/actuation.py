@@ -157,7 +157,7 @@ def draw_ripple(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Val
 DELAY_TIME = Parameter("delay", "T", "s", (0.0, 0.2), (0.002, 0.02))
 TIME_CONSTANT = Parameter("time_constant", "T", "s", (0.0, 0.5), (0.005, 0.03))
 SCALE_ERROR = Parameter("scale", "s", "1", (-0.6, 1.5), (0.1, 0.3))
-OFFSET_TORQUE = Parameter("torque", "o", "N m", (-200.0, 200.0), (0.1, 3.5))
+OFFSET_TORQUE = Parameter("torque", "o", "N m", (-5e3, 5e3), (0.1, 3.5))
 
 
 SATURATION = Path(
@@ -165,7 +165,7 @@ SATURATION = Path(
     family="actuation",
     scope="joint",
     equation="applied = clip(recorded, -limit, limit)",
-    parameters=(Parameter("limit", "L", "N m", (1e-3, 1e4), (5.0, 300.0)),),
+    parameters=(Parameter("limit", "L", "N m", (1e-3, 1e5), (5.0, 300.0)),),
     looks_like="a gap at high torque only, with the sign of the torque",
     reference="hwangbo2019",
     confused_with=(("torque_scale", "the same motion at two amplitudes"),),
@@ -271,7 +271,7 @@ RIPPLE = Path(
     scope="joint",
     equation="applied = recorded + A sin(n q + phi)",
     parameters=(
-        Parameter("amplitude", "A", "N m", (-100.0, 100.0), (0.05, 5.0)),
+        Parameter("amplitude", "A", "N m", (-2e3, 2e3), (0.05, 5.0)),
         Parameter("cycles", "n", "1", (0.0, 2000.0), (2.0, 200.0)),
         Parameter("phase", "phi", "rad", (-6.3, 6.3), (0.0, 6.283)),
     ),

@@ -130,10 +130,10 @@ def draw_drift(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Valu
 
 
 COULOMB_TORQUE = Parameter(
-    "torque", "c", "N m", (-200.0, 200.0), (0.1, 14.0), increment=True
+    "torque", "c", "N m", (-5e3, 5e3), (0.1, 14.0), increment=True
 )
 VISCOUS_COEFFICIENT = Parameter(
-    "coefficient", "b", "N m s/rad", (-200.0, 200.0), (0.03, 15.0), increment=True
+    "coefficient", "b", "N m s/rad", (-2e4, 2e4), (0.03, 15.0), increment=True
 )
 LOAD_COEFFICIENT = Parameter("coefficient", "mu", "1", (0.0, 0.8), (0.03, 0.31))
 
@@ -182,7 +182,7 @@ STRIBECK = DryLaw(
     scope="joint",
     equation="d exp(-(v / vs)^2) sgn v",
     parameters=(
-        Parameter("torque", "d", "N m", (0.0, 200.0), (0.1, 5.0), increment=True),
+        Parameter("torque", "d", "N m", (0.0, 5e3), (0.1, 5.0), increment=True),
         Parameter("velocity", "vs", "rad/s", (1e-4, 20.0), (0.02, 2.9)),
     ),
     looks_like="friction that falls as the joint begins to move",
@@ -207,7 +207,7 @@ SATURATING = DryLaw(
     scope="joint",
     equation="d tanh(|v| / vs) sgn v",
     parameters=(
-        Parameter("torque", "d", "N m", (0.0, 200.0), (0.2, 20.0), increment=True),
+        Parameter("torque", "d", "N m", (0.0, 5e3), (0.2, 20.0), increment=True),
         Parameter("velocity", "vs", "rad/s", (1e-3, 20.0), (0.05, 2.0)),
     ),
     looks_like="friction that grows with speed, less and less",

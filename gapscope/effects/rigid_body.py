@@ -85,7 +85,7 @@ def draw_link(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Value
 
 
 ROTOR_INERTIA = Parameter(
-    "inertia", "I", "kg m^2", (-10.0, 50.0), (0.02, 1.3), increment=True
+    "inertia", "I", "kg m^2", (-1e3, 5e3), (0.02, 1.3), increment=True
 )
 LOAD_MASS = Parameter("mass", "m", "kg", (-50.0, 200.0), (0.2, 10.0), increment=True)
 LOAD_COM = Parameter("com", "c", "m", (-1.0, 1.0), (-0.1, 0.1), size=3)

@@ -125,8 +125,8 @@ ELASTICITY = Transmission(
     scope="joint",
     equation="tau = k (theta - q) + d (dtheta - dq)",
     parameters=(
-        Parameter("stiffness", "k", "N m/rad", (1.0, 1e7), (1e3, 5e4)),
-        Parameter("damping", "d", "N m s/rad", (0.0, 1e4), (1.0, 50.0)),
+        Parameter("stiffness", "k", "N m/rad", (1.0, 1e9), (1e3, 5e4)),
+        Parameter("damping", "d", "N m s/rad", (0.0, 1e6), (1.0, 50.0)),
     ),
     looks_like="a resonance, and a deflection that follows the torque",
     reference="deluca2016",
@@ -174,7 +174,7 @@ SPRING = TorqueLaw(
     equation="k (q - q0)",
     parameters=(
         Parameter(
-            "stiffness", "k", "N m/rad", (-1e4, 1e4), (1.0, 50.0), increment=True
+            "stiffness", "k", "N m/rad", (-1e6, 1e6), (1.0, 50.0), increment=True
         ),
         REST,
     ),

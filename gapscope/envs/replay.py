@@ -59,6 +59,7 @@ class Replay:
         tau: torque commanded [N m], shape (N, n).
         rmse: replay gap, RMS of replayed minus recorded position without ``TRIM`` at both ends [rad], shape (n,).
         through_controller: whether the controller made the torque; otherwise it is the recorded one.
+        sliding: whether each joint is prismatic, its position and gap in m, (n,); empty if none is.
     """
 
     t: np.ndarray
@@ -66,6 +67,7 @@ class Replay:
     tau: np.ndarray
     rmse: np.ndarray
     through_controller: bool
+    sliding: tuple[bool, ...] = ()
 
 
 def replay(
@@ -117,7 +119,7 @@ def replay(
     t = recording.t
     inner = (t >= t[0] + TRIM) & (t <= t[-1] - TRIM)
     rmse = np.sqrt(np.mean((q - recording.q)[inner] ** 2, axis=0))
-    return Replay(t, q, tau, rmse, through_controller)
+    return Replay(t, q, tau, rmse, through_controller, arm.sliding)
 
 
 def _stretches(recording: Recording) -> list[slice]:

@@ -48,6 +48,7 @@ def gap_document(case: Case, corrected: CorrectedArm) -> dict[str, Any]:
         "schema": 1,
         "case": case.name,
         "joints": list(case.arm.joints),
+        "sliding": [j for j, slides in enumerate(case.arm.sliding, 1) if slides],
         "recordings": rows,
         "warnings": [f"{r.name}: {note}" for r, _ in roles for note in r.notes],
     }

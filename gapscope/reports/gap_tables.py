@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from rich.console import Group
@@ -15,7 +16,7 @@ def gap_tables(document: dict[str, Any]) -> Group:
     """Torque NRMSE and replay gap as tables, one row per recording, and why a recording was not replayed."""
     count = len(document["joints"])
     torque = _table(f"torque NRMSE of {document['case']}", count)
-    replays = _table("replay gap in mrad", count)
+    replays = _table(f"replay gap in {_unit(document['sliding'])}", count)
     notes = []
     for row in document["recordings"]:
         name = row["recording"]
@@ -27,6 +28,11 @@ def gap_tables(document: dict[str, Any]) -> Group:
             replays.add_row(name, *angles)
     tables = [torque, replays] if replays.row_count else [torque]
     return Group(*tables, *notes)
+
+
+def _unit(sliding: Sequence[object]) -> str:
+    """Unit of a thousandth of what positions count in, if some joints slide."""
+    return "mrad, of sliding joints in mm" if sliding else "mrad"
 
 
 def _table(title: str, joints: int) -> Table:
@@ -46,4 +52,4 @@ def replay_line(replayed: Replay) -> str:
         else f"recorded torque, every {HORIZON:g} s anew"
     )
     gaps = ", ".join(f"J{j} {1e3 * gap:.3g}" for j, gap in enumerate(replayed.rmse, 1))
-    return f"replay gap in mrad, {how}: {gaps}"
+    return f"replay gap in {_unit([s for s in replayed.sliding if s])}, {how}: {gaps}"

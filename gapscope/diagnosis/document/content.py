@@ -17,6 +17,7 @@ from gapscope.diagnosis.document.fault_findings import (
     with_torques_turned,
 )
 from gapscope.diagnosis.document.findings import effect_findings, possible_findings
+from gapscope.diagnosis.document.slide_units import with_slide_units
 from gapscope.diagnosis.document.suggested_recording import suggested_recording
 from gapscope.diagnosis.document.verdict import verdict
 from gapscope.diagnosis.gap.torque_gap import torque_scale
@@ -65,7 +66,7 @@ def diagnosis_content(study: Study) -> dict[str, Any]:
     }
     if study.sensor_sides is not None:
         content["sides"] = sides_entry(study.sensor_sides, effects)
-    return content | context(study)
+    return with_slide_units(content | context(study), study.case.arm.sliding)
 
 
 def _gap_stages(study: Study) -> GapStages:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from gapscope.arm.nominal import NominalArm
+from gapscope.arm.nominal import NominalArm, arm_entry
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.assessment.rejection import Rejection
 from gapscope.diagnosis.document.wording import effect_name
@@ -28,7 +28,7 @@ def context(study: Study) -> dict[str, Any]:
     ]
     inferred = WARNING in case.warnings
     return {
-        "arm": {"robot": case.arm.name, "joints": list(case.arm.joints)},
+        "arm": arm_entry(case.arm),
         "nominal": {"friction": _nominal_friction(case.arm)},
         "presliding": study.selection.presliding_of(study.selection.fit.terms).tolist(),
         "recordings": [

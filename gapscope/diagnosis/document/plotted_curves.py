@@ -10,6 +10,7 @@ import numpy as np
 from scipy.signal import welch
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.joint_units import joint_unit
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.document.wording import worst_joint
 from gapscope.diagnosis.gap.torque_gap import TorqueGap, torque_gap
@@ -122,6 +123,7 @@ def signatures(
         for joint in _joints(applied, explained, without):
             j = joint - 1
             axis, unit, x = _axis(applied.effect, rows, without, explained, j)
+            unit = joint_unit(unit, corrected.arm.sliding[j])
             out.append(
                 Signature(
                     effect=applied.name,

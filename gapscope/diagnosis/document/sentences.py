@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from gapscope.arm.joint_units import joint_unit
 from gapscope.diagnosis.display import display_unit, percent, significant
 from gapscope.diagnosis.document.change_findings import change_text
 from gapscope.diagnosis.document.wording import (
@@ -15,6 +16,7 @@ from gapscope.diagnosis.document.wording import (
     effect_name,
     gap_rows,
     joint_ranges,
+    joint_slides,
     listing,
     worst_joint,
 )
@@ -181,8 +183,8 @@ def nominal_friction_sentence(document: Document) -> str | None:
     if not any((*friction["coulomb"], *friction["viscous"])):
         return "none stated"
     parts = [
-        f"Coulomb {_from_to(friction['coulomb'], 'N m')}",
-        f"viscous {_from_to(friction['viscous'], 'N m s/rad')}",
+        f"Coulomb {_by_kind(document, friction['coulomb'], 'N m')}",
+        f"viscous {_by_kind(document, friction['viscous'], 'N m s/rad')}",
     ]
     source = friction["source"]
     return listing(parts) + (f" (from {source})" if source else "")
@@ -194,9 +196,25 @@ def presliding_sentence(document: Document) -> str | None:
     bent = [joint for joint, distance in enumerate(distances, 1) if distance > 0]
     if not bent:
         return None
-    values = [1e3 * distances[joint - 1] for joint in bent]
-    plural = "s" if len(bent) > 1 else ""
-    return f"{_from_to(values, 'mrad')} on joint{plural} {listing(joint_ranges(bent))}"
+    slides, parts = joint_slides(document), []
+    for sliding, unit in ((False, "mrad"), (True, "mm")):
+        own = [joint for joint in bent if slides[joint - 1] == sliding]
+        if own:
+            values = [1e3 * distances[joint - 1] for joint in own]
+            plural = "s" if len(own) > 1 else ""
+            numbers = listing(joint_ranges(own))
+            parts.append(f"{_from_to(values, unit)} on joint{plural} {numbers}")
+    return listing(parts)
+
+
+def _by_kind(document: Document, values: list[float], unit: str) -> str:
+    """The range of the values of joints that turn, and of those that slide."""
+    slides, parts = joint_slides(document), []
+    for sliding in (False, True):
+        own = [x for x, slid in zip(values, slides, strict=True) if slid == sliding]
+        if own:
+            parts.append(_from_to(own, joint_unit(unit, sliding)))
+    return " and ".join(parts)
 
 
 def _from_to(values: list[float], unit: str) -> str:

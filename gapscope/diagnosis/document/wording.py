@@ -114,6 +114,12 @@ def joint_names(document: Document) -> list[str]:
     return list(document["arm"]["joints"]) if "arm" in document else [""] * n
 
 
+def joint_slides(document: Document) -> list[bool]:
+    """Whether each joint slides."""
+    sliding = document.get("arm", {}).get("sliding", [])
+    return [joint in sliding for joint in range(1, len(joint_names(document)) + 1)]
+
+
 def short_names(names: Sequence[str]) -> list[str]:
     """Names without what they share at both ends; empty strings if only the joint's number is left."""
     start = _shared(names)
@@ -166,14 +172,19 @@ def parameter_texts(effect: Mapping[str, Any]) -> list[ParameterText]:
         values = _as_list(parameter["value"], 1)
         stds = _as_list(parameter["std"], len(values))
         largest = max((abs(v) for v in values), default=0.0)
-        factor, unit = display_unit(parameter["unit"], largest)
+        # joints that turn and that slide have a unit each
+        units = parameter.get("units")
+        factor, unit = (1.0, "") if units else display_unit(parameter["unit"], largest)
         signed = name in known and known[name].increment
 
         entries = []
         labels = _labels(effect, len(values))
-        for label, value, std in zip(labels, values, stds, strict=True):
+        for place, (label, value, std) in enumerate(
+            zip(labels, values, stds, strict=True)
+        ):
             shown_std = None if std is None else factor * std
-            entries.append((label, uncertain(factor * value, shown_std, signed)))
+            text = uncertain(factor * value, shown_std, signed)
+            entries.append((label, f"{text} {units[place]}" if units else text))
 
         symbol = known[name].symbol if name in known else ""
         words = name.replace("_", " ")

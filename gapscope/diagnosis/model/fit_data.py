@@ -94,9 +94,10 @@ class FitData:
         """Cycles of ripples to look for on a joint, (K,), and their columns on the rows of all segments, (M, 2 K)."""
         if j not in self._ripples:
             q = [s.motion.q[:, j, None] for s in self.segments]
-            cycles = ripple_candidates(
-                q, np.concatenate([s.motion.dq[:, j] for s in self.segments])
-            )
+            # of a slide, periods per 2 pi of what counts as a radian
+            size = self.arm.per_radian[j]
+            dq = np.concatenate([s.motion.dq[:, j] for s in self.segments])
+            cycles = ripple_candidates([x / size for x in q], dq / size) / size
             columns = [
                 self._sparse(s, waves(cycles, x[:: self._stride(s)]))
                 for s, x in zip(self.segments, q, strict=True)

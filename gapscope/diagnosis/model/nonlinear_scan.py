@@ -152,8 +152,10 @@ def _ripple(
     """Near a number of cycles that is known."""
     assert known is not None
     q = [arm.true_position(s.motion.q)[:, j, None] for s in segments]
+    size = arm.arm.per_radian[j]
+    step = cycle_step([x / size for x in q]) / size
     cycles = np.maximum(
-        known + cycle_step(q) * np.linspace(-0.6, 0.6, 9), LEAST_RIPPLE_CYCLES
+        known + step * np.linspace(-0.6, 0.6, 9), LEAST_RIPPLE_CYCLES / size
     )
     return scan.best(cycles, scan.thin([waves(cycles, x) for x in q]), 2)
 

@@ -11,6 +11,7 @@ from gapscope.arm.dynamics.kinematics import Kinematics
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.singularity import smallest_singular_value
 from gapscope.arm.errors import InputError
+from gapscope.arm.joint_units import common_unit, joint_unit
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.trajectory import Limits
 from gapscope.arm.nominal import NominalArm
@@ -119,24 +120,28 @@ class Checker:
             (limits.upper + limits.lower) / 2,
             (limits.upper - limits.lower) / 2,
         )
+        rad, speed, acceleration, force = (
+            common_unit(unit, self._arm.sliding)
+            for unit in ("rad", "rad/s", "rad/s^2", "N m")
+        )
         out = [
-            _margin("position", "rad", half, half - np.abs(motion.q - middle), t),
+            _margin("position", rad, half, half - np.abs(motion.q - middle), t),
             _margin(
                 "velocity",
-                "rad/s",
+                speed,
                 limits.velocity,
                 limits.velocity - np.abs(motion.dq),
                 t,
             ),
             _margin(
                 "acceleration",
-                "rad/s^2",
+                acceleration,
                 limits.acceleration,
                 limits.acceleration - np.abs(motion.ddq),
                 t,
             ),
             _margin(
-                "torque", "N m", allowed.torque, allowed.torque - np.abs(torque), t
+                "torque", force, allowed.torque, allowed.torque - np.abs(torque), t
             ),
         ]
         if allowed.singular > 0:
@@ -162,9 +167,10 @@ class Checker:
         )
         if not torque.all(axis=1).any():
             joint = int(torque.mean(axis=0).argmin())
+            force = joint_unit("N m", self._arm.sliding[joint])
             raise InputError(
-                f"the limits allow no trajectory: gravity alone needs more than {self.allowed.torque[joint]:.4g} N m "
-                f"on joint {joint + 1} in nearly every posture",
+                f"the limits allow no trajectory: gravity alone needs more than "
+                f"{self.allowed.torque[joint]:.4g} {force} on joint {joint + 1} in nearly every posture",
                 "raise the share of the torque limits that is used",
                 where="torque",
             )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.joint_units import units_of
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.ident.model.friction_law import FrictionLaw, drives
@@ -38,8 +39,9 @@ class ModelColumns:
         self.arm, self.body = arm, body or RigidBody(arm)
         self.drives, self.labels = drives(arm)
         self.regressor = Regressor(arm, self.body, SMOOTH)
-        motors = [motor - 1 for motor in arm.coupled_motors]
-        self.per_radian = np.r_[arm.per_radian, arm.per_radian[motors]]
+        self._motors = arm.coupled_motors
+        own = arm.per_radian[[motor - 1 for motor in self._motors]]
+        self.per_radian = np.r_[arm.per_radian, own]
         self.links = 10 * arm.n_joints
 
     @property
@@ -55,9 +57,11 @@ class ModelColumns:
 
     def units(self, law: FrictionLaw) -> tuple[str, ...]:
         """Units of x, shape (p,)."""
-        k = len(self.coupled)
-        dry = ["N m"] * (len(law.shapes) * len(self.drives))
-        return (*self.regressor.units, *["kg m^2"] * k, *["N m s/rad"] * k, *dry)
+        slides = (*self.arm.sliding, *(self.arm.sliding[m - 1] for m in self._motors))
+        coupled = slides[self.arm.n_joints :]
+        dry = units_of("N m", slides) * len(law.shapes)
+        smooth = (*units_of("kg m^2", coupled), *units_of("N m s/rad", coupled))
+        return (*self.regressor.units, *smooth, *dry)
 
     def nominal(self, law: FrictionLaw) -> np.ndarray:
         """The x of the nominal arm and its data sheet, shape (p,)."""

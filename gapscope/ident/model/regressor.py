@@ -8,6 +8,7 @@ import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import INERTIAL_PARAMETERS, RigidBody
 from gapscope.arm.errors import InputError
+from gapscope.arm.joint_units import joint_unit
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
@@ -63,7 +64,7 @@ class Regressor:
             parameter = CATALOGUE[name].parameters[0]
             for joint in range(1, arm.n_joints + 1):
                 names.append(f"{parameter.symbol}{joint}")
-                units.append(parameter.unit)
+                units.append(joint_unit(parameter.unit, arm.sliding[joint - 1]))
         self.names, self.units = tuple(names), tuple(units)
 
     def matrix(self, motion: Motion, out: np.ndarray | None = None) -> np.ndarray:

@@ -11,6 +11,8 @@ from typing import Any
 
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.json_file import plain, write_json
+from gapscope.arm.joint_units import common_unit
+from gapscope.arm.nominal import arm_entry
 from gapscope.ident.checks.table_row import Row
 from gapscope.ident.estimators.by_name import method
 from gapscope.ident.identification import Identification
@@ -35,7 +37,7 @@ def document(
     return {
         "schema": 1,
         "case": result.case.name,
-        "arm": {"robot": arm.name, "joints": list(arm.joints)},
+        "arm": arm_entry(arm),
         "settings": _settings(result),
         "base": _base(result),
         **examined_document(result.examined, result.predicted),
@@ -59,7 +61,7 @@ def document(
             for b, a in zip(result.physical.before, result.physical.after, strict=True)
         ],
         "joint_zeros": {
-            "unit": "rad",
+            "unit": common_unit("rad", arm.sliding),
             "offset": result.zeros.offset,
             "std": result.zeros.deviation,
             "known": result.zeros.known,

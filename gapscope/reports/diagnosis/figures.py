@@ -7,7 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from gapscope.diagnosis.document.wording import joint_names, short_names, worst_joint
+from gapscope.diagnosis.document.wording import (
+    joint_names,
+    joint_slides,
+    short_names,
+    worst_joint,
+)
 from gapscope.diagnosis.result import Diagnosis, Signature, Spectrum, Trace
 from gapscope.reports.diagnosis import guesses, places
 from gapscope.reports.diagnosis.encoding import encode
@@ -44,6 +49,7 @@ def payload(diagnosis: Diagnosis) -> dict[str, Any]:
         "spectrum": _spectrum(diagnosis.spectrum),
         "places": places.curves(diagnosis),
         "guesses": guesses.curves(diagnosis),
+        "slides": joint_slides(diagnosis.document),
         "signatures": [_signature(signature) for signature in diagnosis.signatures],
     }
 

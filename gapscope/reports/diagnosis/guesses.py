@@ -45,6 +45,7 @@ def curves(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     """The curves as JSON-ready values."""
     return [
         {
+            "joint": entry["joint"] - 1,
             "axis": f"{entry['curve']['variable']} [{entry['curve']['unit']}]",
             "amplitude": entry["curve"]["variable"] == "frequency",
             "x": encode(entry["curve"]["x"]),

@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from gapscope.diagnosis.document.wording import capital
+from gapscope.arm.joint_units import joint_unit
+from gapscope.diagnosis.document.slide_units import in_text
+from gapscope.diagnosis.document.wording import capital, joint_slides
 from gapscope.diagnosis.localisation.locate import JointLocalisation
 from gapscope.diagnosis.localisation.region import Region
 from gapscope.diagnosis.localisation.spectra import DRIVES
@@ -36,10 +38,11 @@ def pictures(diagnosis: Diagnosis, stage: str) -> list[Picture]:
 def curves(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     """All pictures as JSON-ready values: of a rule, of intervals of time, of bands and lines of frequency."""
     out = []
+    slides = joint_slides(diagnosis.document)
     for located in diagnosis.located:
         place = located.place
         for kind, drawn in (
-            ("rule", _rule(place)),
+            ("rule", _rule(place, slides[place.joint - 1])),
             ("time", _time(place)),
             ("frequency", _frequency(place)),
         ):
@@ -55,15 +58,15 @@ def curves(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     return out
 
 
-def _rule(place: JointLocalisation) -> dict[str, Any] | None:
+def _rule(place: JointLocalisation, slides: bool) -> dict[str, Any] | None:
     profile = place.profile
     if profile is None:
         return None
     words = f"{profile.words}. The shaded part is where the rule holds, the dashed line the floor of a healthy arm."
     return {
         "title": f"J{place.joint}: in which part of the motion",
-        "words": capital(words),
-        "axis": f"{profile.symbol} [{profile.unit}]",
+        "words": capital(in_text(words) if slides else words),
+        "axis": f"{profile.symbol} [{joint_unit(profile.unit, slides)}]",
         "x": encode(profile.x),
         "rms": encode(profile.rms),
         "above": profile.above,

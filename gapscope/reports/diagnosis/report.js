@@ -7,6 +7,11 @@ const colour = (name) => style.getPropertyValue("--" + name).trim();
 const font = { family: getComputedStyle(document.body).fontFamily, size: 13, color: colour("ink") };
 const shown = { joint: curves.worst, recording: 0 };
 
+/* Unit of what drives a joint, from 0. */
+function force(joint) {
+  return curves.slides[joint] ? "N" : "N m";
+}
+
 function decode(text) {
   return new Float32Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
 }
@@ -35,18 +40,18 @@ function drawTorque() {
   const [t, measured, nominal, corrected] = ["t", "measured", "nominal", "corrected"].map((key) => decode(raw[key]));
   const gap = (predicted) => measured.map((value, i) => value - predicted[i]);
   const hover = (unit) => ({ hovertemplate: "%{y:.4~g} " + unit + "<extra>%{fullData.name}</extra>" });
-  const below = { yaxis: "y2", ...hover("N m") };
+  const below = { yaxis: "y2", ...hover(force(shown.joint)) };
   draw("torque-figure", [
-    line(t, measured, "recorded", "measured", { ...hover("N m"), line: { color: colour("measured"), width: 2 } }),
-    line(t, nominal, "nominal arm", "nominal", hover("N m")),
-    line(t, corrected, "corrected arm", "corrected", { ...hover("N m"), line: { color: colour("corrected"), width: 1.6, dash: "5px,2px" } }),
+    line(t, measured, "recorded", "measured", { ...hover(force(shown.joint)), line: { color: colour("measured"), width: 2 } }),
+    line(t, nominal, "nominal arm", "nominal", hover(force(shown.joint))),
+    line(t, corrected, "corrected arm", "corrected", { ...hover(force(shown.joint)), line: { color: colour("corrected"), width: 1.6, dash: "5px,2px" } }),
     line(t, gap(nominal), "gap before", "nominal", { ...below, showlegend: false }),
     line(t, gap(corrected), "gap after", "corrected", { ...below, showlegend: false }),
   ], {
     hovermode: "x unified",
     xaxis: axis("time [s]", { anchor: "y2", range: [t[0], t[t.length - 1]], hoverformat: ".3f", uirevision: recording.name }),
-    yaxis: axis("torque [N m]", { domain: [0.44, 1], uirevision: shown.joint }),
-    yaxis2: axis("gap [N m]", { domain: [0, 0.37], anchor: "x", uirevision: shown.joint }),
+    yaxis: axis(`torque [${force(shown.joint)}]`, { domain: [0.44, 1], uirevision: shown.joint }),
+    yaxis2: axis(`gap [${force(shown.joint)}]`, { domain: [0, 0.37], anchor: "x", uirevision: shown.joint }),
   });
 }
 
@@ -54,14 +59,14 @@ function drawSpectrum() {
   const element = document.getElementById("spectrum-figure");
   if (!element) return;
   const frequency = decode(curves.spectrum.frequency);
-  const hover = { hovertemplate: "%{y:.3~g} N m/√Hz<extra>%{fullData.name}</extra>" };
+  const hover = { hovertemplate: `%{y:.3~g} ${force(shown.joint)}/√Hz<extra>%{fullData.name}</extra>` };
   draw(element, [
     line(frequency, decode(curves.spectrum.before[shown.joint]), "gap before", "nominal", hover),
     line(frequency, decode(curves.spectrum.after[shown.joint]), "gap after", "corrected", hover),
   ], {
     hovermode: "x unified",
     xaxis: axis("frequency [Hz]", { rangemode: "tozero" }),
-    yaxis: axis("amplitude [N m/√Hz]", { type: "log", tickformat: "~g" }),
+    yaxis: axis(`amplitude [${force(shown.joint)}/√Hz]`, { type: "log", tickformat: "~g" }),
   });
 }
 
@@ -71,12 +76,12 @@ function drawSignature(element) {
   const unit = signature.unit && signature.unit !== "1" ? " [" + signature.unit + "]" : "";
   const points = (y, name, colourName, size, opacity) => ({
     type: "scatter", mode: "markers", x, y, name, marker: { color: colour(colourName), size, opacity },
-    hovertemplate: "%{x:.3~g}, %{y:.3~g} N m<extra>" + name + "</extra>",
+    hovertemplate: `%{x:.3~g}, %{y:.3~g} ${force(signature.joint)}<extra>${name}</extra>`,
   });
   const overlay = signature.line ? line(x, explained, "explained", "corrected") : points(explained, "explained", "corrected", 4, 0.9);
   draw(element, [points(gap, "gap", "nominal", 4, 0.45), overlay], {
     title: { text: "J" + (signature.joint + 1), x: 1, xanchor: "right", xref: "paper", y: 0.98, yanchor: "top", font: { size: 14 } },
-    xaxis: axis(signature.axis + unit), yaxis: axis("torque gap [N m]"),
+    xaxis: axis(signature.axis + unit), yaxis: axis(`torque gap [${force(signature.joint)}]`),
   }, []);
 }
 
@@ -96,7 +101,7 @@ function marks(place, shaded) {
 function drawPlace(element) {
   const place = curves.places[Number(element.dataset.place)];
   const x = decode(place.x);
-  const hover = { hovertemplate: "%{x:.3~g}: %{y:.3~g} N m<extra>%{fullData.name}</extra>" };
+  const hover = { hovertemplate: `%{x:.3~g}: %{y:.3~g} ${force(place.joint - 1)}<extra>%{fullData.name}</extra>` };
   const margin = { l: 62, r: 14, t: 30, b: 46 };
   if (place.kind === "rule") {
     const step = x.length > 1 ? x[1] - x[0] : 1;
@@ -104,13 +109,13 @@ function drawPlace(element) {
     const shaded = [place.above === null ? ends[0] : place.above, place.below === null ? ends[1] : place.below];
     draw(element, [line(x, decode(place.rms), "RMS of the gap", "nominal", { mode: "lines+markers", ...hover })], {
       margin, shapes: marks(place, shaded), xaxis: axis(place.axis, { range: ends }),
-      yaxis: axis("RMS of the gap [N m]", { rangemode: "tozero" }),
+      yaxis: axis(`RMS of the gap [${force(place.joint - 1)}]`, { rangemode: "tozero" }),
     }, []);
   } else if (place.kind === "time") {
     draw(element, [
       line(x, decode(place.rms), "RMS of the gap", "nominal", hover),
       line(x, decode(place.steps), "level", "measured", { ...hover, line: { color: colour("measured"), width: 2, shape: "hvh" } }),
-    ], { margin, shapes: marks(place), xaxis: axis(place.axis), yaxis: axis("RMS of the gap [N m]", { rangemode: "tozero" }) }, []);
+    ], { margin, shapes: marks(place), xaxis: axis(place.axis), yaxis: axis(`RMS of the gap [${force(place.joint - 1)}]`, { rangemode: "tozero" }) }, []);
   } else {
     const colours = ["#0072b2", "#009e73", "#cc79a7"];
     const share = { hovertemplate: "%{x:.3~g} Hz: %{y:.2f}<extra>%{fullData.name}</extra>" };
@@ -123,11 +128,11 @@ function drawPlace(element) {
 
 function drawGuess(element) {
   const guess = curves.guesses[Number(element.dataset.guess)];
-  const hover = { hovertemplate: "%{x:.3~g}: %{y:.3~g} N m<extra></extra>" };
+  const hover = { hovertemplate: `%{x:.3~g}: %{y:.3~g} ${force(guess.joint)}<extra></extra>` };
   const mode = guess.amplitude ? "lines" : "lines+markers";
   draw(element, [line(decode(guess.x), decode(guess.y), "gap", "nominal", { mode, ...hover })], {
     margin: { l: 62, r: 14, t: 30, b: 46 }, xaxis: axis(guess.axis),
-    yaxis: axis(guess.amplitude ? "amplitude of the gap [N m]" : "gap [N m]", guess.amplitude ? { rangemode: "tozero" } : {}),
+    yaxis: axis(`${guess.amplitude ? "amplitude of the gap" : "gap"} [${force(guess.joint)}]`, guess.amplitude ? { rangemode: "tozero" } : {}),
   }, []);
 }
 

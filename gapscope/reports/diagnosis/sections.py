@@ -21,6 +21,7 @@ from gapscope.diagnosis.document.wording import (
     effect_name,
     gap_rows,
     joint_names,
+    joint_slides,
     parameter_texts,
     pulled_texts,
     short_names,
@@ -94,7 +95,8 @@ def where(diagnosis: Diagnosis) -> dict[str, Any]:
         before["torque_nrmse"],
         after["torque_nrmse"],
         before["floor"],
-        *_angles(
+        *_motions(
+            joint_slides(diagnosis.document),
             before["replay_rmse"] or [None] * len(names),
             after["replay_rmse"] or [None] * len(names),
         ),
@@ -144,7 +146,8 @@ def how_far(diagnosis: Diagnosis) -> dict[str, Any]:
     rows = [row for row in gap_rows(document) if None not in row]
     closed = None if document["verdict"] == "no_gap" else document["closed"]
     [replay_before], [replay_after] = _angles(
-        [_mean(before["replay_rmse"])], [_mean(after["replay_rmse"])]
+        [_mean(_turning(document, before["replay_rmse"]))],
+        [_mean(_turning(document, after["replay_rmse"]))],
     )
     return {
         "closed": closed,
@@ -293,10 +296,31 @@ def _mean(values: Iterable[float | None] | None) -> float | None:
     return sum(known) / len(known) if known else None
 
 
-def _angles(*columns: list[float | None]) -> list[list[str]]:
-    """Columns of angles [rad] as text, all in the one unit that suits the largest."""
+def _turning(
+    document: Mapping[str, Any], values: list[float | None] | None
+) -> list[float | None]:
+    """Values of joints that turn [rad]: a mean over them and slides would mean nothing."""
+    slides = joint_slides(document)
+    pairs = zip(values or [None] * len(slides), slides, strict=True)
+    return [value for value, slides_too in pairs if not slides_too]
+
+
+def _motions(slides: list[bool], *columns: list[float | None]) -> list[list[str]]:
+    """Columns of angles [rad] and, of joints that slide, distances [m] as text."""
+    shown = [[MISSING] * len(slides) for _ in columns]
+    for sliding, unit in ((False, "rad"), (True, "m")):
+        places = [j for j, slid in enumerate(slides) if slid == sliding]
+        own = _angles(*[[column[j] for j in places] for column in columns], unit=unit)
+        for row, texts in zip(shown, own, strict=True):
+            for j, text in zip(places, texts, strict=True):
+                row[j] = text
+    return shown
+
+
+def _angles(*columns: list[float | None], unit: str = "rad") -> list[list[str]]:
+    """Columns of angles [rad], or of another unit, as text, all in the one unit that suits the largest."""
     factor, unit = display_unit(
-        "rad",
+        unit,
         max((value for column in columns for value in column if value), default=0.0),
     )
     name = unit if unit == "°" else f" {unit}"

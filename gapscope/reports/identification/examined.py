@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from gapscope.arm.joint_units import common_unit
+from gapscope.reports.identification.sections import joint_slides
+
 
 def identifiability(document: dict[str, Any]) -> dict[str, Any]:
     """Sentences, and the parameters by their standing."""
@@ -57,21 +60,22 @@ def intervals(document: dict[str, Any]) -> list[dict[str, Any]]:
     found = document["torque_interval"]
     if found is None:
         return []
+    unit = common_unit("N m", joint_slides(document))
     return [
         {
             "label": "half width, the arm's torque",
-            "unit": "N m",
+            "unit": unit,
             "values": found["half_width"],
         },
         {
             "label": "half width, torque as recorded",
-            "unit": "N m",
+            "unit": unit,
             "values": found["half_width_recorded"],
         },
         {
             "label": "model error, standard deviation",
-            "unit": "N m",
+            "unit": unit,
             "values": found["model_error"],
         },
-        {"label": "noise, standard deviation", "unit": "N m", "values": found["noise"]},
+        {"label": "noise, standard deviation", "unit": unit, "values": found["noise"]},
     ]

@@ -34,6 +34,7 @@ def payload(result: Identification) -> dict[str, Any]:
     return {
         "joints": [f"J{j + 1} {name}" for j, name in enumerate(names)],
         "worst": worst,
+        "slides": list(result.case.arm.sliding),
         "groups": groups,
         "spectrum": [
             float(x) for x in np.maximum(result.examined.shown.singular_values, FLOOR)

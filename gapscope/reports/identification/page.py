@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from gapscope.arm.io.json_file import plain
+from gapscope.arm.joint_units import common_unit
 from gapscope.ident.checks.troubleshooting import FOUND
 from gapscope.ident.identification import Identification
 from gapscope.reports.identification import (
@@ -41,6 +42,8 @@ def render(
         heading=sections.heading(content),
         joints=sections.joints(content),
         friction=sections.friction(content),
+        force=common_unit("N m", sections.joint_slides(content)),
+        speed_force=common_unit("N m s/rad", sections.joint_slides(content)),
         links=sections.links(content),
         shown=examined.identifiability(content),
         intervals=examined.intervals(content),

@@ -26,10 +26,16 @@ function draw(id, traces, layout) {
 }
 
 function line(x, y, name, colourName, more) {
-  return { type: "scatter", mode: "lines", x, y, name, line: { color: colour(colourName), width: 1.6 }, hovertemplate: "%{y:.4~g} N m<extra>%{fullData.name}</extra>", ...more };
+  return { type: "scatter", mode: "lines", x, y, name, line: { color: colour(colourName), width: 1.6 }, hovertemplate: `%{y:.4~g} ${force()}<extra>%{fullData.name}</extra>`, ...more };
+}
+
+/* Unit of what drives the joint that is shown. */
+function force() {
+  return curves.slides[shown.joint] ? "N" : "N m";
 }
 
 function drawAll() {
+  const speedUnit = curves.slides[shown.joint] ? "m/s" : "rad/s";
   const group = curves.groups[shown.group];
   const raw = group.joints[shown.joint];
   const [t, recorded, identified, nominal, speed, left] = ["t", "recorded", "identified", "nominal", "speed", "left"].map((key) => decode(raw[key]));
@@ -43,14 +49,14 @@ function drawAll() {
   ], {
     hovermode: "x unified",
     xaxis: axis("time [s]", { anchor: "y2", range: [t[0], t[t.length - 1]], hoverformat: ".3f", uirevision: group.name }),
-    yaxis: axis("torque [N m]", { domain: [0.44, 1], uirevision: shown.joint }),
-    yaxis2: axis("left [N m]", { domain: [0, 0.37], anchor: "x", uirevision: shown.joint }),
+    yaxis: axis(`torque [${force()}]`, { domain: [0.44, 1], uirevision: shown.joint }),
+    yaxis2: axis(`left [${force()}]`, { domain: [0, 0.37], anchor: "x", uirevision: shown.joint }),
   });
   draw("speed-figure", [{
     type: "scatter", mode: "markers", x: speed, y: left, name: "left", showlegend: false,
     marker: { color: colour("corrected"), size: 4, opacity: 0.5 },
-    hovertemplate: "%{x:.3~g} rad/s, %{y:.3~g} N m<extra></extra>",
-  }], { xaxis: axis("speed [rad/s]"), yaxis: axis("left [N m]") });
+    hovertemplate: `%{x:.3~g} ${speedUnit}, %{y:.3~g} ${force()}<extra></extra>`,
+  }], { xaxis: axis(`speed [${speedUnit}]`), yaxis: axis(`left [${force()}]`) });
 }
 
 function drawSpectrum() {

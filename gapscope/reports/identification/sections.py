@@ -4,17 +4,24 @@ from __future__ import annotations
 
 from typing import Any
 
+from gapscope.arm.joint_units import common_unit
 from gapscope.diagnosis.display import MISSING, uncertain
 from gapscope.reports.pages import percent_with_decimal
 
 _FRICTION = (
-    ("I", "rotor inertia", "kg m²"),
+    ("I", "rotor inertia", "kg m^2"),
     ("b", "viscous", "N m s/rad"),
     ("c", "Coulomb", "N m"),
     ("d", "Stribeck", "N m"),
     ("s", "saturating", "N m"),
     ("o", "offset", "N m"),
 )
+
+
+def joint_slides(document: dict[str, Any]) -> list[bool]:
+    """Whether each joint slides."""
+    sliding, count = document["arm"].get("sliding", []), len(document["arm"]["joints"])
+    return [joint in sliding for joint in range(1, count + 1)]
 
 
 def heading(document: dict[str, Any]) -> dict[str, Any]:
@@ -68,6 +75,7 @@ def joints(document: dict[str, Any]) -> dict[str, Any]:
 def friction(document: dict[str, Any]) -> dict[str, Any]:
     """Rotor inertia, friction and offset: a column each, a row per joint and coupled motor."""
     found = {p["name"]: p for p in document["parameters"]}
+    slides = joint_slides(document)
     labels = [str(j + 1) for j in range(len(document["arm"]["joints"]))]
     labels += sorted(
         {
@@ -90,7 +98,12 @@ def friction(document: dict[str, Any]) -> dict[str, Any]:
     ]
     return {
         "columns": [
-            {"symbol": s, "name": name, "unit": unit} for s, name, unit in shown
+            {
+                "symbol": s,
+                "name": name,
+                "unit": common_unit(unit, slides).replace("^2", "²"),
+            }
+            for s, name, unit in shown
         ],
         "rows": rows,
     }

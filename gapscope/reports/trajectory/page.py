@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gapscope.arm.joint_units import common_unit
 from gapscope.arm.nominal import NominalArm
 from gapscope.ident.excitation.excitation_plan import ExcitationPlan
 from gapscope.reports.plot_page import (
@@ -40,7 +41,7 @@ def write_page(
         "alone."
     )
     figure = figure_html(
-        _figure(found),
+        _figure(found, arm.sliding),
         "trajectory",
         920,
         hovermode="x unified",
@@ -62,16 +63,19 @@ def write_page(
     write_plot_page(path, title, facts, [PageSection(figure=figure), margins])
 
 
-def _figure(found: Excitation) -> Figure:
+def _figure(found: Excitation, sliding: Sequence[bool]) -> Figure:
     """One panel per quantity, one above the other, over the same time."""
     from plotly.subplots import make_subplots
 
     motion = found.motion
     panels = {
-        "position [rad]": motion.q,
-        "velocity [rad/s]": motion.dq,
-        "acceleration [rad/s²]": motion.ddq,
-        "torque [N m]": found.torque,
+        f"{name} [{common_unit(unit, sliding)}]": series
+        for name, unit, series in (
+            ("position", "rad", motion.q),
+            ("velocity", "rad/s", motion.dq),
+            ("acceleration", "rad/s²", motion.ddq),
+            ("torque", "N m", found.torque),
+        )
     }
     figure = make_subplots(
         rows=len(panels), cols=1, shared_xaxes=True, vertical_spacing=0.03

@@ -1,0 +1,112 @@
+"""Arms with sliding joints: a gantry that carries an arm, and a SCARA, recorded with effects, diagnosed in m and N."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gapscope
+from gapscope.arm.errors import InputError
+from gapscope.arm.io.load_recording import load_recording
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.diagnosis.document.slide_units import with_slide_units
+from gapscope.diagnosis.document.wording import parameter_texts
+from gapscope.effects.applied import AppliedEffect
+from gapscope.envs.session import Plan, record_case
+from gapscope.ident.model.friction_law import FrictionLaw
+from gapscope.ident.model.model_columns import ModelColumns
+
+JOINT = """
+  <joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{name}_link"/><origin xyz="{at}"/>
+    <axis xyz="{axis}"/><limit lower="{low}" upper="{high}" effort="{effort}" velocity="{speed}"/></joint>
+  <link name="{name}_link"><inertial><origin xyz="{com}"/><mass value="{mass}"/>
+    <inertia ixx="{I}" iyy="{I}" izz="{I}" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+COLUMNS = [
+    "name",
+    "kind",
+    "parent",
+    "at",
+    "axis",
+    "low",
+    "high",
+    "effort",
+    "speed",
+    "com",
+    "mass",
+    "I",
+]
+SLIDE, TURN = "prismatic", "revolute"
+GANTRY = [
+    ("rail", SLIDE, "base", "0 0 0", "1 0 0", -1, 1, 600, 1, "0 0 0", 30, 0.5),
+    ("arm", TURN, "rail_link", "0 0 .2", "0 1 0", -2, 2, 150, 2, "0 0 .2", 6, 0.1),
+    ("fore", TURN, "arm_link", "0 0 .4", "0 1 0", -2, 2, 60, 3, ".02 0 .15", 3, 0.04),
+]
+SCARA = [
+    ("j1", TURN, "base", "0 0 .3", "0 0 1", -2.5, 2.5, 90, 4, ".15 0 0", 6, 0.06),
+    ("j2", TURN, "j1_link", ".3 0 0", "0 0 1", -2.5, 2.5, 50, 5, ".1 .01 0", 4, 0.03),
+    ("z", SLIDE, "j2_link", ".25 0 0", "0 0 -1", 0, 0.2, 200, 0.8, "0 0 0", 1.5, 0.003),
+]
+PLAN = Plan(recordings=2, duration=6.0, rate=125.0, engine="mujoco")
+
+
+def robot(folder: Path, rows: list[tuple[object, ...]]) -> NominalArm:
+    joints = [JOINT.format(**dict(zip(COLUMNS, row, strict=True))) for row in rows]
+    path = folder / "robot.urdf"
+    text = "".join(joints)
+    path.write_text(f'<robot name="slides"><link name="base"/>{text}</robot>')
+    return load_nominal_arm(path)
+
+
+def test_friction_of_a_linear_axis_that_carries_an_arm_is_found_in_newtons(
+    tmp_path: Path,
+) -> None:
+    arm = robot(tmp_path, GANTRY)
+    truth = AppliedEffect("coulomb_friction", (1, 2), {"torque": np.array([40.0, 4.0])})
+    case = record_case("gantry", arm, (truth,), PLAN, np.random.default_rng(0))
+    result = gapscope.diagnose(case)
+    [effect] = result.document["effects"]
+    assert effect["effect"] == "coulomb_friction" and effect["joints"] == [1, 2]
+    torque = effect["parameters"]["torque"]
+    assert torque["units"] == ["N", "N m"] and torque["unit"] == "N m or N"
+    np.testing.assert_allclose(torque["value"], [40.0, 4.0], rtol=0.05)
+    assert result.document["arm"]["sliding"] == [1]
+    text = parameter_texts(effect)[0].text
+    assert " N," in text and text.endswith(" N m")
+
+
+def test_mass_that_a_scara_lifts_with_its_slide_is_found(tmp_path: Path) -> None:
+    arm = robot(tmp_path, SCARA)
+    truth = AppliedEffect("armature", (3,), {"inertia": np.array([4.0])})
+    case = record_case("scara", arm, (truth,), PLAN, np.random.default_rng(0))
+    [effect] = gapscope.diagnose(case).document["effects"]
+    assert effect["effect"] == "armature" and effect["joints"] == [3]
+    assert effect["parameters"]["inertia"]["unit"] == "kg"
+    assert effect["parameters"]["inertia"]["value"] == pytest.approx([4.0], rel=0.05)
+    healthy = record_case("scara", arm, (), PLAN, np.random.default_rng(1))
+    assert gapscope.diagnose(healthy).document["verdict"] == "no_gap"
+    columns, law = ModelColumns(arm), FrictionLaw()
+    units = dict(zip(columns.names(law), columns.units(law), strict=True))
+    assert [units[f"{symbol}3"] for symbol in "Ibco"] == ["kg", "N s/m", "N", "N"]
+    assert units["c1"] == "N m"
+
+
+def test_what_is_said_of_a_slide_is_in_metres_and_newtons() -> None:
+    entry = {"joint": 1, "regime": "high speed, |dq| above 0.3 rad/s", "unit": "N m"}
+    other = {**entry, "joint": 2}
+    content = {"where": [entry, other], "joints": ["a", "b"]}
+    slide, turn = with_slide_units(content, (True, False))["where"]
+    assert slide["unit"] == "N" and slide["regime"].endswith("0.3 m/s")
+    assert turn == other
+
+
+def test_positions_in_millimetres_are_refused_with_their_unit(tmp_path: Path) -> None:
+    arm = robot(tmp_path, GANTRY)
+    t = np.arange(0, 2, 0.01)
+    q = np.column_stack([800 * np.sin(t), np.sin(t), np.sin(t)])
+    file = tmp_path / "motion.csv"
+    header = "t,q1,q2,q3,tau1,tau2,tau3"
+    rows = np.column_stack([t, q, q])
+    np.savetxt(file, rows, delimiter=",", header=header, comments="")
+    with pytest.raises(InputError, match="looks like millimetres(.|\n)*unit: mm"):
+        load_recording(file, arm)
