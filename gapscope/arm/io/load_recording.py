@@ -24,6 +24,7 @@ from gapscope.arm.io.plausibility import (
     gap_notes,
     repeated_rows,
     untrusted_torque,
+    without_turns,
 )
 from gapscope.arm.io.table import Table, shortened
 from gapscope.arm.known_load import KnownLoad
@@ -155,8 +156,9 @@ def _recording(
         if even is not None:
             t = even
             notes += (EVENLY_TAKEN,)
+    values, turns = without_turns(values)
     values, found = untrusted_torque(values)
-    notes += found + gap_notes(t)
+    notes += turns + found + gap_notes(t)
     recording = Recording(main.path.name, t, payload=payload, **values)  # type: ignore[arg-type]
     # a late torque has no value at the last rows: who wants every row does without that repair
     mend = replace(importing.mend, delay=0.0) if every_row else importing.mend

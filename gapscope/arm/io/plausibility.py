@@ -15,6 +15,9 @@ from gapscope.arm.recording import Recording
 PLAUSIBLE_RATES = (10.0, 20_000.0)
 """Sampling rates of robot logs [Hz]; below, no motion is resolved."""
 
+TURN_TOLERANCE = 0.5
+"""A step between two samples that differs from a turn by less is a count that starts again [rad]."""
+
 UNSIGNED = "torque is unsigned: only commands and positions can be trusted"
 """Note on a recording whose torque had to be set aside."""
 
@@ -114,6 +117,26 @@ def _other_unit(range_text: str, guess: str, table: Table, column: str) -> Input
         remedy = f"say in the case: import: {{q: {{column: ..., unit: {guess}}}}}"
     remedy = f"{remedy}; {DIAGNOSE_FIRST}"
     return InputError(range_text, remedy, file=table.path, where=f"column {column}")
+
+
+def without_turns(
+    values: dict[str, np.ndarray],
+) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+    """Channels whose positions do not jump by a turn, as of a robot that counts from 0 to 360 degrees; notes."""
+    out, notes = dict(values), []
+    for name in ("q", "q_ref"):
+        if name not in out:
+            continue
+        jump = np.abs(np.diff(out[name], axis=0))
+        by_a_turn = np.abs(jump - 2 * np.pi) < TURN_TOLERANCE
+        # every other step is small: positions in another unit have steps of all sizes
+        plain = (by_a_turn | (jump < TURN_TOLERANCE)).all(axis=0)
+        turned = by_a_turn.any(axis=0) & plain
+        if turned.any():
+            out[name] = np.where(turned, np.unwrap(out[name], axis=0), out[name])
+            joints = ", ".join(f"{name}{j + 1}" for j in np.flatnonzero(turned))
+            notes.append(f"jumps by a turn between two samples taken back: {joints}")
+    return out, tuple(notes)
 
 
 def repeated_rows(

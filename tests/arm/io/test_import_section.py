@@ -333,3 +333,78 @@ def test_rows_that_are_not_there(arm: NominalArm, tmp_path: Path) -> None:
         InputError, match="rows 10 to 60 were asked for, the file has rows 0 to 59"
     ):
         load_recording(path, arm, rows=(10, 60))
+
+
+def test_a_count_that_starts_again_after_a_turn(
+    arm: NominalArm, tmp_path: Path
+) -> None:
+    smooth = 0.3 * np.sin(np.arange(N) / 10) - 0.05
+    path = write(
+        tmp_path / "a.csv",
+        t=np.arange(N) / 100,
+        q1=np.mod(np.rad2deg(smooth), 360),
+        q2=10 * B,
+    )
+    recording = load_recording(
+        path, arm, imported(arm, q={"column": "q{j}", "unit": "deg"})
+    )
+    np.testing.assert_allclose(np.diff(recording.q[:, 0]), np.diff(smooth), atol=1e-12)
+    assert recording.notes[0] == "jumps by a turn between two samples taken back: q1"
+
+
+def test_steps_of_all_sizes_are_no_turns(arm: NominalArm, tmp_path: Path) -> None:
+    steps = np.linspace(0.5, 7.5, N)
+    path = write(tmp_path / "a.csv", t=np.arange(N) / 100, q1=np.cumsum(steps), q2=B)
+    recording = load_recording(path, arm, any_unit=True)
+    np.testing.assert_allclose(np.diff(recording.q[:, 0]), steps[1:])
+
+
+def test_current_by_motor_constant_and_gear_ratio(
+    arm: NominalArm, tmp_path: Path
+) -> None:
+    path = write(tmp_path / "a.csv", t=np.arange(N) / 100, q1=A, q2=B, i0=A, i1=B)
+    tau = {
+        "column": "i{j0}",
+        "unit": "mA",
+        "motor_constant": [0.1, 0.2],
+        "gear_ratio": 100,
+    }
+    recording = load_recording(path, arm, imported(arm, tau=tau), complete=True)
+    # 0.001 A/mA times 0.1 N m/A times 100
+    assert recording.tau is not None
+    np.testing.assert_allclose(recording.tau, np.column_stack([0.01 * A, 0.02 * B]))
+
+
+@pytest.mark.parametrize(
+    ("tau", "transmission", "message"),
+    [
+        ({"unit": "A"}, None, "give motor_constant"),
+        ({"unit": "N m", "motor_constant": 0.1}, None, "but no current"),
+        (
+            {"unit": "A", "motor_constant": [0.1]},
+            None,
+            "motor_constant: expected 2 entries",
+        ),
+        (
+            {"unit": "A", "motor_constant": 0.1, "gear_ratio": 100},
+            {"ratios": [100, 100]},
+            "give the ratio in one of them",
+        ),
+    ],
+)
+def test_currents_that_cannot_be_torques(
+    tau: Any, transmission: Any, message: str, arm: NominalArm
+) -> None:
+    section = {"tau": tau} | ({"transmission": transmission} if transmission else {})
+    with pytest.raises(InputError, match=message):
+        imported(arm, **section)
+
+
+def test_joint_names_of_a_log_stand_for_the_pattern(
+    arm: NominalArm, tmp_path: Path
+) -> None:
+    path = write(tmp_path / "a.csv", t=np.arange(N) / 100, lower=B, upper=A)
+    section = imported(arm, q="{joint}", joints=["upper", "lower"])
+    np.testing.assert_array_equal(
+        load_recording(path, arm, section).q, np.column_stack([A, B])
+    )
