@@ -122,21 +122,33 @@ def _other_unit(range_text: str, guess: str, table: Table, column: str) -> Input
 def without_turns(
     values: dict[str, np.ndarray],
 ) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
-    """Channels whose positions do not jump by a turn, as of a robot that counts from 0 to 360 degrees; notes."""
-    out, notes = dict(values), []
-    for name in ("q", "q_ref"):
-        if name not in out:
-            continue
-        jump = np.abs(np.diff(out[name], axis=0))
-        by_a_turn = np.abs(jump - 2 * np.pi) < TURN_TOLERANCE
-        # every other step is small: positions in another unit have steps of all sizes
-        plain = (by_a_turn | (jump < TURN_TOLERANCE)).all(axis=0)
-        turned = by_a_turn.any(axis=0) & plain
-        if turned.any():
-            out[name] = np.where(turned, np.unwrap(out[name], axis=0), out[name])
-            joints = ", ".join(f"{name}{j + 1}" for j in np.flatnonzero(turned))
-            notes.append(f"jumps by a turn between two samples taken back: {joints}")
-    return out, tuple(notes)
+    """Channels without jumps by a turn, as a robot that counts from 0 to 360 degrees makes; and a note.
+
+    Positions and references of such a joint run on, around the turn that is nearest to zero.
+    """
+    positions = {name: values[name] for name in ("q", "q_ref") if name in values}
+    turned = np.zeros(values["q"].shape[1], dtype=bool)
+    for x in positions.values():
+        turned |= _restarts_after_a_turn(x)
+    if not turned.any():
+        return values, ()
+    out = dict(values)
+    for name, x in positions.items():
+        steady = np.unwrap(x, axis=0)
+        middle = (steady.max(axis=0) + steady.min(axis=0)) / 2
+        steady = steady - 2 * np.pi * np.round(middle / (2 * np.pi))
+        out[name] = np.where(turned, steady, x)
+    joints = ", ".join(f"q{j + 1}" for j in np.flatnonzero(turned))
+    return out, (f"jumps by a turn between two samples taken back: {joints}",)
+
+
+def _restarts_after_a_turn(x: np.ndarray) -> np.ndarray:
+    """Which joints' positions x [rad], (N, n), jump by a turn and make small steps else; (n,)."""
+    step = np.abs(np.diff(x, axis=0))
+    by_a_turn = np.abs(step - 2 * np.pi) < TURN_TOLERANCE
+    # positions in another unit have steps of all sizes
+    plain = (by_a_turn | (step < TURN_TOLERANCE)).all(axis=0)
+    return np.asarray(by_a_turn.any(axis=0) & plain)
 
 
 def repeated_rows(
