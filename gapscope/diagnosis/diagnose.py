@@ -65,6 +65,8 @@ def conclude(study: Study, progress: Progress = lambda message: None) -> Diagnos
         possible=_in_order(study.possible, content["possible"]),
         presliding=tuple(presliding.tolist()),
         faults=study.faults,
+        arm=study.case.arm,
+        replayed=study.replay_gap.motion,
     )
 
 

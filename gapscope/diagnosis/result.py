@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from gapscope.arm.nominal import NominalArm
+from gapscope.diagnosis.assessment.replay_gap import ReplayedMotion
 from gapscope.diagnosis.localisation.locate import JointLocalisation
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault
 from gapscope.effects.applied import AppliedEffect
@@ -20,6 +22,7 @@ class Trace:
     Attributes:
         recording: name of the recording.
         t: time [s], shape (M,).
+        q: recorded position [rad or m], (M, n).
         measured: recorded torque [N m], (M, n).
         nominal: torque that the nominal arm predicts [N m], (M, n).
         corrected: torque that the arm predicts with the effects found [N m], (M, n).
@@ -27,6 +30,7 @@ class Trace:
 
     recording: str
     t: np.ndarray
+    q: np.ndarray
     measured: np.ndarray
     nominal: np.ndarray
     corrected: np.ndarray
@@ -86,6 +90,8 @@ class Diagnosis:
         possible: the effects that are possible and not confirmed, with values beside all others, ordered by share.
         presliding: distance over which the dry friction of each joint builds up after a reversal [rad], (n,).
         faults: faults of the set-up, in the order in which they must be put right.
+        arm: the nominal arm, as its set-up was put right; ``None`` if it is not known any more.
+        replayed: the motion that was replayed, or ``None``.
     """
 
     document: Mapping[str, Any]
@@ -97,3 +103,5 @@ class Diagnosis:
     possible: tuple[AppliedEffect, ...] = ()
     presliding: tuple[float, ...] = ()
     faults: tuple[FoundFault, ...] = ()
+    arm: NominalArm | None = None
+    replayed: ReplayedMotion | None = None

@@ -64,7 +64,7 @@ def _torque(
 def _replay(
     recording: Recording, case: Case, corrected: CorrectedArm
 ) -> dict[str, Any]:
-    replayed, problem = attempt(
+    replayed, problem, _ = attempt(
         case, corrected.effects, recording, residual=corrected.residual
     )
     through_controller = case.controller is not None and recording.q_ref is not None

@@ -69,7 +69,10 @@ def _unit(unit: str) -> str:
     return unit if unit in ("1", "rad") else display.display_unit(unit, 1.0)[1]
 
 
-def _plotly() -> Markup:
+def _plotly(whole: bool = False) -> Markup:
+    """The script that draws figures: lines and bars alone, or the whole, which is four times as large."""
+    if not whole:
+        return Markup(_read("vendor/plotly-basic.min.js"))
     from plotly.offline import get_plotlyjs  # several MB of text, needed only here
 
     return Markup(get_plotlyjs())

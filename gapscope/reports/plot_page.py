@@ -44,14 +44,33 @@ class PageSection:
 
 
 def write_plot_page(
-    path: Path, title: str, facts: str, sections: Sequence[PageSection]
+    path: Path,
+    title: str,
+    facts: str,
+    sections: Sequence[PageSection],
+    *,
+    whole: bool = False,
 ) -> None:
     """Write a page of sections.
+
+    Args:
+        path: the page.
+        title: above it.
+        facts: a sentence below that.
+        sections: in their order.
+        whole: whether figures need more than lines and bars; the page is then 4 MB larger.
 
     Raises:
         GapscopeError: the file cannot be written.
     """
-    write_html("plot_page.html", path, title=title, facts=facts, sections=sections)
+    write_html(
+        "plot_page.html",
+        path,
+        title=title,
+        facts=facts,
+        sections=sections,
+        whole=whole,
+    )
 
 
 def figure_html(figure: Figure, name: str, height: int, **layout: Any) -> Markup:

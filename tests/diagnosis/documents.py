@@ -299,6 +299,7 @@ def _trace(
     return Trace(
         name,
         t,
+        0.5 * np.sin(2.0 * t[:, None] + phase),
         measured,
         measured - before * scale * wave,
         measured - after * scale * wave,

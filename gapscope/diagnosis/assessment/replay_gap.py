@@ -25,6 +25,23 @@ SECOND_OPINION = "mujoco"
 """The engine that replays as well, if another is the default."""
 
 
+class ReplayedMotion(NamedTuple):
+    """One recording and its replays, N samples of n joints.
+
+    Attributes:
+        recording: its name.
+        t: time [s], shape (N,).
+        recorded: positions [rad or m], (N, n).
+        nominal, corrected: positions of the simulated arms, or ``None``.
+    """
+
+    recording: str
+    t: np.ndarray
+    recorded: np.ndarray
+    nominal: np.ndarray | None
+    corrected: np.ndarray | None
+
+
 class ReplayGap(NamedTuple):
     """RMS of replayed minus recorded position [rad], shape (n,), ``None`` if it was not replayed.
 
@@ -36,6 +53,7 @@ class ReplayGap(NamedTuple):
         only, without: of the arm with each effect alone, and with all others, by the effect's name in a finding; empty
             for arms with compliant joints, which are slow to simulate.
         elsewhere: before and after in another engine, if one is installed.
+        motion: what was replayed; ``None`` if nothing was.
     """
 
     before: np.ndarray | None = None
@@ -45,6 +63,7 @@ class ReplayGap(NamedTuple):
     only: Mapping[str, np.ndarray | None] = {}
     without: Mapping[str, np.ndarray | None] = {}
     elsewhere: Mapping[str, tuple[np.ndarray | None, np.ndarray | None]] = {}
+    motion: ReplayedMotion | None = None
 
 
 def replay_gap(case: Case, predictor: HeldOutPredictor) -> ReplayGap:
@@ -93,14 +112,22 @@ def replay_gap(case: Case, predictor: HeldOutPredictor) -> ReplayGap:
             )
             for engine in others
         },
+        motion=ReplayedMotion(
+            recording.name,
+            recording.t,
+            recording.q,
+            attempted(nothing).moved,
+            attempted(everything).moved,
+        ),
     )
 
 
 class Attempt(NamedTuple):
-    """A replay gap [rad], (n,), or ``None`` and why there is none."""
+    """A replay gap [rad], (n,), or ``None`` and why there is none; and the positions of the simulated arm."""
 
     rmse: np.ndarray | None
     why: str | None
+    moved: np.ndarray | None = None
 
 
 def attempt(
@@ -123,7 +150,7 @@ def attempt(
     # LinAlgError is a ValueError.
     except (GapscopeError, ArithmeticError, ValueError) as error:
         return Attempt(None, str(error))
-    return Attempt(replayed.rmse, None)
+    return Attempt(replayed.rmse, None, replayed.q)
 
 
 def _recording(

@@ -72,6 +72,7 @@ def traces(
             Trace(
                 recording=segment.recording,
                 t=segment.motion.t[segment.inner][::step],
+                q=segment.motion.q[segment.inner][::step],
                 measured=before.measured[::step],
                 nominal=before.predicted[::step],
                 corrected=after.predicted[::step],

@@ -56,4 +56,4 @@ def _write_page(scored: Scored, shown: list[Table], path: Path) -> None:
     for name, (title, make_figure, height) in FIGURES.items():
         figure = figure_html(make_figure(scored.figures), name, height)
         sections.append(PageSection(title=title, figure=figure))
-    write_plot_page(path, "Blind check", "", sections)
+    write_plot_page(path, "Blind check", "", sections, whole=True)

@@ -20,8 +20,8 @@ from gapscope.reports.diagnosis.encoding import encode
 POINTS_PER_CURVE = 4000
 """Most points of one curve over time."""
 
-POINTS_OF_ALL_TRACES = 400_000
-"""Most points of all curves over time together; many recordings share them."""
+POINTS_OF_ALL_TRACES = 180_000
+"""Most points of all curves over time together, 1 MB; many recordings share them."""
 
 POINTS_PER_SIGNATURE = 700
 

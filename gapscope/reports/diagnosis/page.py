@@ -11,6 +11,8 @@ from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.document.wording import capital
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.reports.diagnosis import figures, sections
+from gapscope.reports.diagnosis.actions import actions
+from gapscope.reports.diagnosis.arm_scene import arm_scene
 from gapscope.reports.diagnosis.sides_section import sides
 from gapscope.reports.pages import write_html
 
@@ -28,7 +30,8 @@ def render(diagnosis: Diagnosis, path: Path | str) -> None:
     write_html(
         "diagnosis/report.html",
         path,
-        curves=figures.payload(diagnosis),
+        curves=figures.payload(diagnosis) | {"arm": arm_scene(diagnosis)},
+        actions=actions(diagnosis),
         document=diagnosis.document,
         changes=[capital(change_text(entry)) for entry in changes],
         **made,

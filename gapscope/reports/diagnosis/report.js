@@ -2,10 +2,11 @@
 "use strict";
 
 const curves = JSON.parse(document.getElementById("curves").textContent);
-const style = getComputedStyle(document.documentElement);
-const colour = (name) => style.getPropertyValue("--" + name).trim();
-const font = { family: getComputedStyle(document.body).fontFamily, size: 13, color: colour("ink") };
-const shown = { joint: curves.worst, recording: 0 };
+const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
+const font = () => ({ family: getComputedStyle(document.body).fontFamily, size: 13, color: colour("ink") });
+const shown = { joint: curves.worst, recording: 0, time: null };
+const drawn = new Set();
+let arm = null;
 
 /* Unit of what drives a joint, from 0. */
 function force(joint) {
@@ -17,13 +18,13 @@ function decode(text) {
 }
 
 function axis(title, more) {
-  return { title: { text: title, standoff: 8 }, gridcolor: "#e6e9ed", zerolinecolor: "#aab2bc", automargin: true, ...more };
+  return { title: { text: title, standoff: 8 }, gridcolor: colour("grid"), zerolinecolor: colour("zero"), automargin: true, ...more };
 }
 
 function draw(element, traces, layout, buttons = ["zoom2d", "pan2d", "resetScale2d", "toImage"]) {
   const common = {
-    font, margin: { l: 62, r: 14, t: 34, b: 46 }, paper_bgcolor: "#fff", plot_bgcolor: "#fff", hovermode: "closest",
-    hoverlabel: { font }, legend: { orientation: "h", x: 0, y: 1, yanchor: "bottom", xanchor: "left" },
+    font: font(), margin: { l: 62, r: 14, t: 34, b: 46 }, paper_bgcolor: colour("card"), plot_bgcolor: colour("card"),
+    hovermode: "closest", hoverlabel: { font: font(), bgcolor: colour("ground") }, legend: { orientation: "h", x: 0, y: 1, yanchor: "bottom", xanchor: "left" },
   };
   // Named one by one: by default there is a button that sends the data to a server.
   const config = { responsive: true, displaylogo: false, plotlyServerURL: "", modeBarButtons: [buttons] };
@@ -52,7 +53,14 @@ function drawTorque() {
     xaxis: axis("time [s]", { anchor: "y2", range: [t[0], t[t.length - 1]], hoverformat: ".3f", uirevision: recording.name }),
     yaxis: axis(`torque [${force(shown.joint)}]`, { domain: [0.44, 1], uirevision: shown.joint }),
     yaxis2: axis(`gap [${force(shown.joint)}]`, { domain: [0, 0.37], anchor: "x", uirevision: shown.joint }),
+    shapes: cursor(recording.name),
   });
+}
+
+/* The moment at which the arm stands, if the arm moves as this recording did. */
+function cursor(name) {
+  if (!arm || shown.time === null || curves.arm.motion.recording !== name) return [];
+  return [{ type: "line", xref: "x", yref: "paper", x0: shown.time, x1: shown.time, y0: 0, y1: 1, line: { color: colour("measured"), width: 1 } }];
 }
 
 function drawSpectrum() {
@@ -138,7 +146,8 @@ function drawGuess(element) {
 
 function select(change) {
   Object.assign(shown, change);
-  document.querySelectorAll("#joint-tabs button").forEach((button, i) => button.setAttribute("aria-pressed", i === shown.joint));
+  const buttons = [...document.querySelectorAll("#joint-tabs button")];
+  buttons.forEach((button, i) => button.setAttribute("aria-pressed", i === shown.joint));
   drawTorque();
   drawSpectrum();
 }
@@ -152,6 +161,13 @@ function addSelectors() {
     button.addEventListener("click", () => select({ joint }));
     tabs.append(button);
   });
+  tabs.addEventListener("keydown", (event) => {
+    const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+    if (!step) return;
+    const joint = (shown.joint + step + curves.joints.length) % curves.joints.length;
+    select({ joint });
+    tabs.children[joint].focus();
+  });
   const list = document.getElementById("recording");
   curves.recordings.forEach((recording, i) => {
     const role = { fit: " (fitted)", judge: " (unseen)" }[recording.role] || "";
@@ -163,13 +179,15 @@ function addSelectors() {
   list.addEventListener("change", () => select({ recording: Number(list.value) }));
 }
 
+function drawOne(element) {
+  if ("place" in element.dataset) drawPlace(element);
+  else if ("guess" in element.dataset) drawGuess(element);
+  else drawSignature(element);
+  drawn.add(element);
+}
+
 function drawSignaturesWhenSeen() {
   const pending = new Set(document.querySelectorAll(".signature"));
-  const drawOne = (element) => {
-    if ("place" in element.dataset) drawPlace(element);
-    else if ("guess" in element.dataset) drawGuess(element);
-    else drawSignature(element);
-  };
   const drawOnce = (element) => pending.delete(element) && drawOne(element);
   const observer = new IntersectionObserver((entries) => {
     entries.filter((entry) => entry.isIntersecting).forEach((entry) => drawOnce(entry.target));
@@ -178,8 +196,89 @@ function drawSignaturesWhenSeen() {
   window.addEventListener("beforeprint", () => pending.forEach(drawOnce));
 }
 
+function redraw() {
+  if (curves.recordings.length) select({});
+  drawn.forEach(drawOne);
+  if (arm) arm.repaint();
+}
+
+/* Figures take their colours from the page: again when it turns dark or light, and light on paper. */
+function followTheme() {
+  const root = document.documentElement.dataset;
+  window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
+  window.addEventListener("beforeprint", () => { root.theme = "light"; redraw(); });
+  window.addEventListener("afterprint", () => { delete root.theme; redraw(); });
+}
+
+function copyButtons() {
+  document.querySelectorAll("button[data-copy]").forEach((button) => {
+    button.addEventListener("click", async () => {
+      await navigator.clipboard.writeText(button.dataset.copy);
+      const said = button.textContent;
+      button.textContent = "copied";
+      button.classList.add("copied");
+      setTimeout(() => { button.textContent = said; button.classList.remove("copied"); }, 1500);
+    });
+  });
+}
+
+/* The arm, its controls, and the moment that it shares with the torque over time. */
+function addArm() {
+  const element = document.getElementById("arm-view");
+  if (!element || !curves.arm) return;
+  const [play, slider, label] = ["arm-play", "arm-time", "arm-now"].map((id) => document.getElementById(id));
+  let last = 0;
+  const moved = (time) => {
+    label.value = time.toFixed(2) + " s";
+    shown.time = time;
+    // a plot takes longer to draw than the arm: ten times a second will do
+    if (performance.now() - last < 100) return;
+    last = performance.now();
+    const recording = curves.recordings[shown.recording];
+    if (recording) Plotly.relayout("torque-figure", { shapes: cursor(recording.name) });
+  };
+  try {
+    arm = ArmView(element, curves.arm, moved);
+  } catch (error) {
+    element.textContent = "This browser draws no 3D: " + error.message;
+    return;
+  }
+  slider.max = String(arm.frames - 1);
+  slider.addEventListener("input", () => arm.show(Number(slider.value)));
+  let playing = null;
+  const stop = () => { cancelAnimationFrame(playing); playing = null; play.textContent = "play"; };
+  play.addEventListener("click", () => {
+    if (playing !== null) return stop();
+    play.textContent = "pause";
+    const from = Number(slider.value) >= arm.frames - 1 ? 0 : Number(slider.value);
+    const start = performance.now() - 1000 * (arm.timeAt(from) - arm.timeAt(0));
+    const step = () => {
+      const frame = arm.frameAt(arm.timeAt(0) + (performance.now() - start) / 1000);
+      if (frame < 0) return stop();
+      slider.value = String(frame);
+      arm.show(frame);
+      playing = requestAnimationFrame(step);
+    };
+    playing = requestAnimationFrame(step);
+  });
+  document.getElementById("arm-stage").addEventListener("change", (event) => arm.setStage(event.target.value));
+  document.querySelectorAll("[data-arm]").forEach((box) => {
+    box.addEventListener("change", () => arm.setVisible(box.dataset.arm, box.checked));
+  });
+  const figure = document.getElementById("torque-figure");
+  if (figure && figure.on) {
+    figure.on("plotly_click", (event) => {
+      const frame = arm.frameAt(event.points[0].x);
+      if (frame >= 0) { slider.value = String(frame); arm.show(frame); }
+    });
+  }
+}
+
 if (curves.recordings.length) {
   addSelectors();
   select({});
 }
 drawSignaturesWhenSeen();
+followTheme();
+copyButtons();
+addArm();

@@ -64,7 +64,7 @@ def write_page(
         ),
     )
     title = f"Tracking of {content['arm']['robot']}"
-    write_plot_page(path, title, _facts(content), sections)
+    write_plot_page(path, title, _facts(content), sections, whole=True)
 
 
 def _facts(content: Mapping[str, Any]) -> str:
