@@ -124,8 +124,8 @@ BAD = {
         r"effects\[1\], coulomb_friction.torque: expected 2 values",
     ),
     "out of bounds": (
-        entry(f"{{{COULOMB}, joints: [1], parameters: {{torque: [999]}}}}"),
-        r"effects\[1\], coulomb_friction.torque: value \[999.0\] outside",
+        entry(f"{{{COULOMB}, joints: [1], parameters: {{torque: [9999]}}}}"),
+        r"effects\[1\], coulomb_friction.torque: value \[9999.0\] outside",
     ),
     "joint 0": (
         entry(f"{{{COULOMB}, joints: [0], parameters: {{torque: [1]}}}}"),

@@ -217,7 +217,11 @@ def _drop_inertials(root: ET.Element, links: Collection[str]) -> None:
 
 def _of_mjcf(root: ET.Element) -> pin.Model:
     """The model of an MJCF file whose bodies all have a name; pinocchio reads files only."""
+    names = {joint.get("name") for joint in root.iter("joint")}
     for body in root.iter("body"):
+        # a frame of pinocchio is found by its name alone
+        if body.get("name") in names:
+            body.set("name", f"body {body.get('name')}")
         for joint in body.findall("freejoint") + body.findall("joint"):
             if joint.tag == "freejoint" or joint.get("type") in ("free", "ball"):
                 body.remove(joint)
@@ -232,6 +236,8 @@ def _urdf_text(root: ET.Element) -> str:
 
     Floating and planar joints are fixed.
     """
+    # the reader insists on a name
+    root.set("name", root.get("name") or "robot")
     for joint in root.iter("joint"):
         if joint.get("type") == "continuous":
             joint.set("type", "revolute")
