@@ -271,6 +271,18 @@ def test_other_constraints_of_an_mjcf_file_are_told(tmp_path: Path) -> None:
     assert "<equality><connect> of left, right is not read" in notes_of(path)[1]
 
 
+def test_links_may_be_called_like_their_joints(tmp_path: Path) -> None:
+    parts = [
+        text.replace("shoulder", "upper").replace("elbow", "lower") for text in ARM
+    ]
+    alike = load_nominal_arm(robot(tmp_path, [link("torso")], parts), joints=["lower"])
+    (tmp_path / "other").mkdir()
+    other = load_nominal_arm(
+        robot(tmp_path / "other", [link("torso")], ARM), joints=["elbow"]
+    )
+    np.testing.assert_allclose(torque(alike), torque(other))
+
+
 def test_missing_meshes_stop_nothing_but_collisions(tmp_path: Path) -> None:
     tree = robot(tmp_path, [link("torso")], ARM)
     root = ET.parse(tree).getroot()

@@ -217,11 +217,8 @@ def _drop_inertials(root: ET.Element, links: Collection[str]) -> None:
 
 def _of_mjcf(root: ET.Element) -> pin.Model:
     """The model of an MJCF file whose bodies all have a name; pinocchio reads files only."""
-    names = {joint.get("name") for joint in root.iter("joint")}
+    _tell_apart(root, "body")
     for body in root.iter("body"):
-        # a frame of pinocchio is found by its name alone
-        if body.get("name") in names:
-            body.set("name", f"body {body.get('name')}")
         for joint in body.findall("freejoint") + body.findall("joint"):
             if joint.tag == "freejoint" or joint.get("type") in ("free", "ball"):
                 body.remove(joint)
@@ -236,6 +233,7 @@ def _urdf_text(root: ET.Element) -> str:
 
     Floating and planar joints are fixed.
     """
+    _tell_apart(root, "link")
     # the reader insists on a name
     root.set("name", root.get("name") or "robot")
     for joint in root.iter("joint"):
@@ -249,3 +247,14 @@ def _urdf_text(root: ET.Element) -> str:
         if joint.get("type") in SEVERAL:
             joint.set("type", "fixed")
     return ET.tostring(root, encoding="unicode")
+
+
+def _tell_apart(root: ET.Element, tag: str) -> None:
+    """Rename links or bodies that are called like a joint: a frame of pinocchio is found by its name alone."""
+    names = {joint.get("name") for joint in root.iter("joint")}
+    for link in root.iter(tag):
+        if link.get("name") in names:
+            link.set("name", f"{tag} {link.get('name')}")
+    for end in (*root.findall("joint/parent"), *root.findall("joint/child")):
+        if end.get("link") in names:
+            end.set("link", f"link {end.get('link')}")
