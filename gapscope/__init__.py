@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from gapscope.interface.advise import advise
     from gapscope.interface.agree import agree
     from gapscope.interface.audit import audit
+    from gapscope.interface.check import check
     from gapscope.interface.diagnose import diagnose
     from gapscope.interface.excite import excite
     from gapscope.interface.export import export
@@ -36,6 +37,7 @@ __all__ = [
     "advise",
     "agree",
     "audit",
+    "check",
     "diagnose",
     "excite",
     "export",
@@ -59,6 +61,7 @@ _MODULES = {
             "advise",
             "agree",
             "audit",
+            "check",
             "diagnose",
             "excite",
             "export",

@@ -15,6 +15,7 @@ from gapscope.commands.agents.train import train
 from gapscope.commands.agree import agree
 from gapscope.commands.audit import audit
 from gapscope.commands.blind import blind
+from gapscope.commands.check import check
 from gapscope.commands.demo import demo
 from gapscope.commands.diagnose import diagnose
 from gapscope.commands.doctor import doctor
@@ -40,6 +41,7 @@ COMMANDS = (
     residual,
     agree,
     audit,
+    check,
     record,
     excite,
     advise,

@@ -1,0 +1,1 @@
+"""Whether a case can be diagnosed, and what its recordings cannot tell, in seconds."""

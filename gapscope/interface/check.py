@@ -1,0 +1,76 @@
+"""Check a case before a minute of work: whether it can be diagnosed, and what its recordings cannot tell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from rich.console import Console
+
+from gapscope.arm.io.json_file import write_json
+from gapscope.case_check.case_check_json import document
+from gapscope.case_check.check import CaseCheck, check_case
+from gapscope.interface.result import Result, as_text
+from gapscope.outputs.folder import begin_results
+from gapscope.reports.case_check.terminal_summary import summary
+
+DOCUMENT = "check.json"
+
+
+@dataclass(frozen=True)
+class CheckResult(Result):
+    """What the check of a case found.
+
+    Attributes:
+        found: the remarks, and how the joints move.
+    """
+
+    found: CaseCheck
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The content of ``check.json``."""
+        return document(self.found)
+
+    @property
+    def can_be_diagnosed(self) -> bool:
+        """Whether no remark is an error."""
+        return self.found.can_be_diagnosed
+
+    def save(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write ``check.json``."""
+        begin_results(Path(folder), DOCUMENT)
+        path = Path(folder) / DOCUMENT
+        write_json(self.document, path)
+        return (path,)
+
+    def summary(self) -> str:
+        """All remarks, errors first, and how the joints move."""
+
+        def show(console: Console) -> None:
+            console.print(summary(self.document))
+
+        return as_text(show)
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row for each remark."""
+        return pd.DataFrame(self.document["remarks"])
+
+
+def check(
+    case: str | Path, *, progress: Callable[[str], None] = lambda message: None
+) -> CheckResult:
+    """Check a case in seconds: columns, units, rates, order, ranges, excitation, data sheet, controller, model.
+
+    Args:
+        case: folder of the case, or its case file.
+        progress: called with a few words at each step.
+
+    >>> import gapscope
+    >>> gapscope.check("my_arm").can_be_diagnosed  # doctest: +SKIP
+    True
+    """
+    return CheckResult(check_case(Path(case), progress))

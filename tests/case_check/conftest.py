@@ -1,0 +1,84 @@
+"""A case of two joints whose motion, columns and data sheet tests spoil."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.robots import load_nominal_arm
+
+URDF = """<robot name="two"><link name="base"/>
+  <joint name="pitch" type="revolute"><parent link="base"/><child link="upper"/>
+    <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="90" velocity="9"/></joint>
+  <link name="upper"><inertial><mass value="4"/><origin xyz="0.3 0.02 0.01"/>
+    <inertia ixx="0.01" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="elbow" type="revolute"><parent link="upper"/><child link="lower"/><origin xyz="0.6 0 0"/>
+    <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="40" velocity="9"/></joint>
+  <link name="lower"><inertial><mass value="2"/><origin xyz="0.2 0.01 0.01"/>
+    <inertia ixx="0.005" iyy="0.03" izz="0.03" ixy="0" ixz="0" iyz="0"/></inertial></link>
+</robot>"""
+Motion = Callable[[np.ndarray], np.ndarray]
+
+
+def swinging(t: np.ndarray, phase: float = 0.0) -> np.ndarray:
+    """Two joints to and fro, slowly and fast [rad], shape (N, 2)."""
+    fast, slow = np.sin(3.1 * t + phase), np.sin(0.7 * t + phase)
+    return np.column_stack([fast + 0.6 * slow, 0.8 * np.sin(2.3 * t) + 0.7 * slow])
+
+
+@pytest.fixture
+def make_case(tmp_path: Path) -> Callable[..., Path]:
+    """Write a case: motions, and what is done to the tables and to the case file."""
+
+    def make(
+        motions: tuple[Motion, ...] = (swinging, lambda t: swinging(1.3 * t, 1.0)),
+        spoil: Callable[[dict[str, np.ndarray]], None] = lambda table: None,
+        **changed: object,
+    ) -> Path:
+        (tmp_path / "robot.urdf").write_text(URDF)
+        sheet = {
+            "armature": [0.3, 0.1],
+            "coulomb": [2.0, 1.0],
+            "viscous": [1.0, 0.5],
+            "torque_limit": [90, 40],
+        }
+        arm = load_nominal_arm(tmp_path / "robot.urdf", sheet=sheet)
+        body, names = RigidBody(arm), []
+        for number, motion in enumerate(motions):
+            t = np.arange(0, 12, 0.004)
+            q = motion(t)
+            dq = np.gradient(q, t, axis=0)
+            ddq = np.gradient(dq, t, axis=0)
+            tau = body.inverse_dynamics(q, dq, ddq) + arm.armature * ddq
+            tau += arm.coulomb * np.tanh(dq / 0.005) + arm.viscous * dq
+            tau += 0.05 * np.random.default_rng(number).standard_normal(tau.shape)
+            table = {"t": t}
+            for name, series in (("q", q), ("dq", dq), ("q_ref", q), ("tau", tau)):
+                table |= {f"{name}{j + 1}": series[:, j] for j in range(2)}
+            spoil(table)
+            names.append(f"recording_{number}.csv")
+            np.savetxt(
+                tmp_path / names[-1],
+                np.column_stack(list(table.values())),
+                delimiter=",",
+                header=",".join(table),
+                comments="",
+            )
+        content = {
+            "name": "two",
+            "robot": "robot.urdf",
+            "nominal": sheet,
+            "controller": {"rate": 250, "kp": [100, 50], "kd": [10, 5]},
+            "recordings": names,
+            **changed,
+        }
+        kept = {key: value for key, value in content.items() if value is not None}
+        (tmp_path / "case.yaml").write_text(yaml.safe_dump(kept))
+        return tmp_path
+
+    return make

@@ -1,0 +1,158 @@
+"""What the check says of a good case, of one fault each, and of cases that cannot be diagnosed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import pytest
+from jsonschema import Draft202012Validator
+
+import gapscope
+from gapscope.case_check.check import CaseCheck, check_case
+from gapscope.cli import main
+
+Make = Callable[..., Path]
+
+
+def warned(check: CaseCheck) -> str:
+    """All that is not as it should be, in one text."""
+    return "\n".join(
+        f"{x.level} {x.topic} {x.place}: {x.said} -> {x.remedy}"
+        for x in check.remarks
+        if x.level != "ok"
+    )
+
+
+def in_degrees(table: dict[str, np.ndarray]) -> None:
+    for name in ("q1", "q2"):
+        table[name] = np.rad2deg(table[name])
+
+
+def test_nothing_is_wrong_with_a_good_case(make_case: Make) -> None:
+    check = check_case(make_case())
+    assert warned(check) == "" and check.can_be_diagnosed
+    topics = {remark.topic for remark in check.remarks}
+    assert {"torque", "excitation", "controller", "data sheet", "model"} <= topics
+    assert check.motions is not None and check.motions.silent == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"nominal": None}, "no rotor inertia is stated"),
+        ({"nominal": None}, "no friction is stated"),
+        ({"controller": None}, "no controller"),
+        ({"recordings": ["recording_0.csv"]}, "parts of the one recording"),
+        (
+            {"recordings": ["recording_0.csv"], "judge": ["recording_0.csv"]},
+            "hold the same",
+        ),
+        ({"import": {"tau": ["tau2", "tau1"]}}, "fit the motion of other joints"),
+        ({"import": {"tau": {"column": "tau{j}", "scale": -1}}}, "opposite sign"),
+        ({"import": {"tau": {"column": "tau{j}", "scale": 40}}}, "40 times the"),
+        ({"import": {"q": ["q1", "q1"]}}, "q1 and q2 are the same column"),
+        ({"import": {"dq": {"column": "dq{j}", "scale": 3}}}, "3 times it"),
+        ({"import": {"q_ref": {"column": "q_ref{j}", "scale": 5}}}, "not follow q_ref"),
+    ],
+)  # fmt: skip
+def test_one_fault_of_the_case_file_is_a_warning(
+    make_case: Make, change: dict[str, object], said: str
+) -> None:
+    check = check_case(make_case(**change))
+    assert said in warned(check)
+    assert check.can_be_diagnosed, warned(check)
+
+
+@pytest.mark.parametrize(
+    ("motion", "said"),
+    [
+        (lambda t: np.column_stack([np.sin(2 * t), 0 * t + 0.3]), "joint 2: does not move"),
+        (lambda t: np.column_stack([np.sin(2 * t), np.abs((0.4 * t) % 2 - 1)]), "joint 2: slides at one speed"),
+        (lambda t: np.column_stack([np.sin(2 * t), 0.02 * t**2 - 1]), "joint 2: moves one way"),
+        (lambda t: np.column_stack([np.sin(2 * t), np.sin(0.4 * t)]), "joint 2: turns round less than 4 times"),
+        (lambda t: 0.05 * np.column_stack([np.sin(2 * t), np.sin(3 * t)]), "hardly any change of gravity"),
+    ],
+)  # fmt: skip
+def test_what_a_motion_cannot_tell_is_said(make_case: Make, motion, said: str) -> None:
+    assert said in warned(check_case(make_case((motion,))))
+
+
+def test_samples_at_the_torque_limit_are_said(make_case: Make) -> None:
+    def clip(table: dict[str, np.ndarray]) -> None:
+        table["tau1"] = np.clip(table["tau1"], -90, 20.0)
+
+    sheet = {"armature": [0.3, 0.1], "coulomb": [2, 1], "viscous": [1, 0.5]}
+    check = check_case(
+        make_case(spoil=clip, nominal={**sheet, "torque_limit": [20, 40]})
+    )
+    assert "joint 1: is at its limit" in warned(check)
+
+
+def test_jitter_and_a_low_rate_are_said(make_case: Make) -> None:
+    def shake(table: dict[str, np.ndarray]) -> None:
+        noise = np.random.default_rng(0).uniform(0, 0.002, len(table["t"]))
+        table["t"] = 6 * (table["t"] + noise)
+
+    text = warned(check_case(make_case(spoil=shake)))
+    assert "log at 100 Hz or more" in text and "steps of time vary" in text
+
+
+def test_degrees_are_a_fault_that_the_diagnosis_tests(make_case: Make) -> None:
+    check = check_case(make_case(spoil=in_degrees))
+    assert "looks like degrees" in warned(check) and "tests for this fault" in warned(
+        check
+    )
+    assert check.can_be_diagnosed
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"robot": "nothing.urdf"}, "nothing.urdf"),
+        ({"recordings": ["nothing.csv"]}, "nothing.csv"),
+        ({"surprise": 1}, "unknown key 'surprise'"),
+        ({"import": {"tau": None}, "controller": None}, "no recording carries a torque"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_diagnosed_is_an_error_with_a_remedy(
+    make_case: Make, change: dict[str, object], said: str
+) -> None:
+    check = check_case(make_case(**change))
+    errors = [remark for remark in check.remarks if remark.level == "error"]
+    assert len(errors) == 1 and said in errors[0].said and errors[0].remedy
+
+
+def test_the_command_ends_with_0_or_2_and_writes_valid_json(
+    make_case: Make, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = make_case()
+    main_ends(["check", str(folder), "--json"], 0)
+    content = json.loads(capsys.readouterr().out)
+    schema = resources.files("gapscope.case_check").joinpath("check.schema.json")
+    Draft202012Validator(json.loads(schema.read_text(encoding="utf-8"))).validate(
+        content
+    )
+    assert content["joints"][1]["reversals"] > 10
+    (folder / "robot.urdf").unlink()
+    main_ends(["check", str(folder)], 2)
+    assert "cannot be diagnosed" in capsys.readouterr().out
+
+
+def main_ends(arguments: list[str], code: int) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert (ended.value.code or 0) == code
+
+
+def test_the_interface_returns_remarks_as_a_table(
+    make_case: Make, tmp_path: Path
+) -> None:
+    result = gapscope.check(make_case())
+    assert set(result.to_frame()["level"]) == {"ok"}
+    assert "two can be diagnosed" in result.summary()
+    (path,) = result.save(tmp_path / "out")
+    assert json.loads(path.read_text())["can_be_diagnosed"] is True
