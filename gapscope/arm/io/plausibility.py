@@ -124,7 +124,7 @@ def without_turns(
 ) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
     """Channels without jumps by a turn, as a robot that counts from 0 to 360 degrees makes; and a note.
 
-    Positions and references of such a joint run on, around the turn that is nearest to zero.
+    Positions and references of its joints run on, around the turn that is nearest to zero.
     """
     positions = {name: values[name] for name in ("q", "q_ref") if name in values}
     turned = np.zeros(values["q"].shape[1], dtype=bool)
@@ -132,12 +132,15 @@ def without_turns(
         turned |= _restarts_after_a_turn(x)
     if not turned.any():
         return values, ()
+    # where one joint starts again after a turn, those that did not get there count likewise
+    q = values["q"]
+    counted = turned | ((q >= 0) & (q <= 2 * np.pi)).all(axis=0)
     out = dict(values)
     for name, x in positions.items():
         steady = np.unwrap(x, axis=0)
         middle = (steady.max(axis=0) + steady.min(axis=0)) / 2
         steady = steady - 2 * np.pi * np.round(middle / (2 * np.pi))
-        out[name] = np.where(turned, steady, x)
+        out[name] = np.where(counted, steady, x)
     joints = ", ".join(f"q{j + 1}" for j in np.flatnonzero(turned))
     return out, (f"jumps by a turn between two samples taken back: {joints}",)
 
