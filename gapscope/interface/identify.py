@@ -12,6 +12,7 @@ from rich.console import Console
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import InputError
+from gapscope.arm.io.log import READERS
 from gapscope.ident.identification import Identification, IdentificationSettings
 from gapscope.ident.identification import identify as identify_case
 from gapscope.interface.models import case_file
@@ -19,9 +20,6 @@ from gapscope.interface.result import Result, as_text
 from gapscope.outputs.folder import begin_results
 from gapscope.outputs.identification import DOCUMENT, write_identification
 from gapscope.reports.identification.terminal_summary import summary
-
-RECORDINGS = (".csv", ".parquet", ".npz", ".mcap", ".db3")
-"""Endings of files that hold a recording and no case."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +84,7 @@ def identify(
 def _loaded(case: Case | str | Path) -> Case:
     if isinstance(case, Case):
         return case
-    if Path(case).suffix.lower() in RECORDINGS:
+    if Path(case).suffix.lower() in READERS:
         raise InputError(
             "is a recording, not a case",
             "give the case.yaml that lists it, or its folder",

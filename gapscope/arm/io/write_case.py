@@ -183,7 +183,7 @@ def _file_names(labels: Iterable[str], ending: str) -> list[str]:
     """A file name for each recording, all different."""
     names: list[str] = []
     for label in labels:
-        plain = re.sub(r"\.(csv|tsv|txt|parquet|npz|db3|mcap)\b", "", label)
+        plain = re.sub(r"\.(csv|tsv|txt|parquet|npz|db3|mcap|h5|hdf5|mat)\b", "", label)
         stem = re.sub(r"\W+", "_", plain).strip("_") or "recording"
         first = f"{stem}.{ending}"
         numbered = [n for n in names if n == first or n.startswith(f"{stem}__")]

@@ -331,3 +331,25 @@ def test_a_message_of_another_shape(arm: NominalArm, tmp_path: Path) -> None:
         bag.write("/state", CONTROLLER_STATE, 1.0, something=np.arange(3.0))
     with pytest.raises(InputError, match="of type control_msgs.* cannot be decoded"):
         open_log(without_definitions(tmp_path / "bag"))
+
+
+def test_joint_states_beside_a_message_of_another_shape(
+    recording: Recording, arm: NominalArm, tmp_path: Path
+) -> None:
+    bag = Bag(tmp_path / "bag", "float64[3] something", False)
+    with bag.writer:
+        bag.write("/state", CONTROLLER_STATE, 1.0, something=np.arange(3.0))
+        for i, t in enumerate(recording.t):
+            bag.write(
+                "/joint_states",
+                "sensor_msgs/msg/JointState",
+                t + 1,
+                header=bag.header(1 + t),
+                name=list(arm.joints),
+                position=recording.q[i],
+                velocity=np.array([]),
+                effort=np.array([]),
+            )
+    log = open_log(without_definitions(tmp_path / "bag"))
+    assert log.names == ["/joint_states"]
+    assert log.unread == (f"{CONTROLLER_STATE}: of unknown form",)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import sqlite3
-import struct
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -35,33 +33,76 @@ def read_bag(path: Path) -> Log:
     Raises:
         InputError: the bag is damaged or incomplete, or a message is not what its type says.
     """
+    content = _content(path)
     samples: dict[tuple[str, str], list[Sample]] = defaultdict(list)
     description = None
-    with _opened(path) as reader:
-        known = [c for c in reader.connections if c.msgtype in SAMPLES]
-        texts = [c for c in reader.connections if _describes_robot(c)]
-        decoders = {
-            kind: _Decoder(path, kind, reader.typestore)
-            for kind in {c.msgtype for c in known + texts}
-        }
-        # an empty choice of connections would mean all of them
-        for connection, logged, raw in (
-            reader.messages(known + texts) if known + texts else ()
-        ):
-            kind = connection.msgtype
-            message = decoders[kind](raw)
-            if kind == TEXT:
-                description = message.data
-                continue
-            samples[connection.topic, kind] += SAMPLES[kind](message, logged)
-        others = [c for c in reader.connections if c not in known + texts]
-        unread = tuple(dict.fromkeys(f"{c.topic} ({c.msgtype})" for c in others))
+    stores, unknown = _fitting_stores(path, content)
+    for topic, kind, logged, raw in content.messages:
+        if kind in unknown:
+            continue
+        message = _decoded(path, kind, raw, stores[kind])
+        if kind == TEXT:
+            description = message.data
+        else:
+            samples[topic, kind] += SAMPLES[kind](message, logged)
     for (topic, kind), found in samples.items():
         if kind == JOINT_TRAJECTORY:
             samples[topic, kind] = followed_trajectories(found)
-    tables, notes = tables_of_samples(path, samples)
+    tables = tables_of_samples(path, samples)
+    if unknown and not tables:
+        raise next(iter(unknown.values()))
+    unread = (*content.unread, *(f"{kind}: of unknown form" for kind in unknown))
     storage = "MCAP" if _is_mcap(path) else "SQLite"
-    return Log(path, f"ROS 2 bag ({storage})", tables, description, notes, unread)
+    return Log(path, f"ROS 2 bag ({storage})", tables, description, unread=unread)
+
+
+@dataclass(frozen=True)
+class _Content:
+    """What a bag holds.
+
+    Attributes:
+        messages: topic, type, time of logging [ns] and bytes of each message about joints or the robot.
+        typestore: the definitions in the bag.
+        unread: the other topics with their types.
+    """
+
+    messages: Sequence[tuple[str, str, int, bytes]]
+    typestore: Any
+    unread: tuple[str, ...]
+
+
+def _content(path: Path) -> _Content:
+    """The messages of a bag, still encoded.
+
+    Raises:
+        InputError: the bag is damaged or incomplete.
+    """
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    try:
+        store = get_typestore(Stores.ROS2_HUMBLE)
+        with AnyReader([path], default_typestore=store) as reader:
+            wanted = [
+                c
+                for c in reader.connections
+                if c.msgtype in SAMPLES or _describes_robot(c)
+            ]
+            # an empty choice of connections would mean all of them
+            found = reader.messages(wanted) if wanted else ()
+            messages = [
+                (c.topic, c.msgtype, logged, bytes(raw)) for c, logged, raw in found
+            ]
+            others = [c for c in reader.connections if c not in wanted]
+            unread = tuple(dict.fromkeys(f"{c.topic} ({c.msgtype})" for c in others))
+            return _Content(messages, reader.typestore, unread)
+    # the library passes on whatever SQLite, MCAP and decompressors raise on damaged files
+    except Exception as error:
+        raise InputError(
+            f"cannot be read as a ROS 2 bag ({error})",
+            "is the file complete? try ros2 bag info on it",
+            file=path,
+        ) from error
 
 
 def _describes_robot(connection: Any) -> bool:
@@ -74,65 +115,42 @@ def _is_mcap(path: Path) -> bool:
     return any(file.suffix.lower() == ".mcap" for file in files)
 
 
-@contextmanager
-def _opened(path: Path) -> Iterator[Any]:
-    """A reader of the bag; what a damaged bag makes it raise becomes an ``InputError``."""
-    from rosbags.highlevel import AnyReader, AnyReaderError
-    from rosbags.rosbag2 import ReaderError
-    from rosbags.typesys import Stores, get_typestore
+def _fitting_stores(
+    path: Path, content: _Content
+) -> tuple[dict[str, Any], dict[str, InputError]]:
+    """For each type of messages the definitions by which its first message can be decoded, or why there are none."""
+    first: dict[str, bytes] = {}
+    for _, kind, _, raw in content.messages:
+        first.setdefault(kind, raw)
+    stores: dict[str, Any] = {}
+    unknown: dict[str, InputError] = {}
+    for kind, raw in first.items():
+        in_bag = kind in content.typestore.fielddefs
+        for store in [content.typestore] if in_bag else known_typestores():
+            try:
+                _decoded(path, kind, raw, store)
+            except InputError as error:
+                unknown[kind] = error
+            else:
+                stores[kind] = store
+                unknown.pop(kind, None)
+                break
+    return stores, unknown
 
-    damaged = (
-        AnyReaderError,
-        ReaderError,
-        sqlite3.Error,
-        struct.error,
-        OSError,
-        EOFError,
-        AssertionError,
-        ValueError,
-        LookupError,
-        MemoryError,
-    )
+
+def _decoded(path: Path, kind: str, raw: bytes, store: Any) -> Any:
+    """A message by the definitions of a type store.
+
+    Raises:
+        InputError: they do not fit.
+    """
+    from rosbags.serde import SerdeError
+
     try:
-        store = get_typestore(Stores.ROS2_HUMBLE)
-        with AnyReader([path], default_typestore=store) as reader:
-            yield reader
-    except damaged as error:
+        return store.deserialize_cdr(raw, kind)
+    except (SerdeError, IndexError, MemoryError) as error:
         raise InputError(
-            f"cannot be read as a ROS 2 bag ({error})",
-            "is the file complete? try ros2 bag info on it",
+            f"a message of type {kind} cannot be decoded ({error})",
+            "record the bag with its message definitions (MCAP does), or convert it with ros2 bag convert",
             file=path,
         ) from None
-
-
-class _Decoder:
-    """Decodes the messages of one type: by the bag's definition, else by the version that fits the first message."""
-
-    def __init__(self, path: Path, kind: str, typestore: Any) -> None:
-        self._path, self._kind = path, kind
-        self._stores: Sequence[Any] = [typestore]
-        if kind not in typestore.fielddefs:
-            self._stores = known_typestores()
-
-    def __call__(self, raw: bytes) -> Any:
-        """The message.
-
-        Raises:
-            InputError: no version fits.
-        """
-        from rosbags.serde import SerdeError
-
-        problem = ""
-        for store in self._stores:
-            try:
-                message = store.deserialize_cdr(raw, self._kind)
-            except (SerdeError, IndexError, MemoryError) as error:
-                problem = str(error)
-                continue
-            self._stores = [store]
-            return message
-        raise InputError(
-            f"a message of type {self._kind} cannot be decoded ({problem})",
-            "record the bag with its message definitions (MCAP does), or convert it with ros2 bag convert",
-            file=self._path,
-        )

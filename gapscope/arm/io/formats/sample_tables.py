@@ -21,8 +21,8 @@ LOGGING_TIME = "time is that of logging: the stamps in the messages are not set"
 
 def tables_of_samples(
     path: Path, topics: Mapping[tuple[str, str], Sequence[Sample]]
-) -> tuple[tuple[LogTable, ...], tuple[str, ...]]:
-    """A table for each topic and set of joints, in the order of the bag; and notes.
+) -> tuple[LogTable, ...]:
+    """A table for each topic and set of joints, in the order of the bag.
 
     Args:
         path: the bag, for messages.
@@ -43,7 +43,7 @@ def tables_of_samples(
         for group in groups.values():
             table = _table(path, group, start, lead)
             tables.append(LogTable(topic, kind, table))
-    return tuple(tables), ()
+    return tuple(tables)
 
 
 def _table(path: Path, samples: Sequence[Sample], start: int, lead: int) -> Table:
