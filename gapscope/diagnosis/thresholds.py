@@ -149,8 +149,7 @@ LATTICE_SAMPLES = 6000  # Positions of a joint that are looked at, from each rec
 # --- setup_faults: references, velocities, gains
 SET_POINT_LEAST = 30  # Set points of a reference at least, for their distance to be regular. (hand)
 SET_POINT_REGULARITY = 0.8  # Share of their distances that are alike within a row, at least [1]. (hand)
-# A row is the corner of a line if the second difference there exceeds this share of that at nearly all corners [1].
-# (hand)
+# A row is the corner of a line if the second difference there exceeds this share of that at the plainest [1]. (hand)
 CORNER_SHARE = 0.02
 # Correlation of the torque with the steps of a coarse reference from which on the controller did follow them [1].
 # (hand)

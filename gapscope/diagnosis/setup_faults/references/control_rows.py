@@ -132,7 +132,7 @@ def _rows(
     rows: list[list[np.ndarray]] = []
     for segment in segments:
         motion = segment.motion
-        q_ref, dq_ref, q, dq = _on_grid(recording, motion.t)
+        q_ref, dq_ref, q, dq = _on_grid(recording, motion.t, _filter_delay(case))
         bodies = body.carrying(segment.payload)
         needed = CorrectedArm(case.arm).predict(bodies, motion)
         torque = needed if segment.torque is None or not recorded else segment.torque
@@ -153,14 +153,25 @@ def _rows(
     return [np.concatenate(x) for x in zip(*rows, strict=True)]
 
 
-def _on_grid(recording: Recording, t: np.ndarray) -> list[np.ndarray]:
-    """q_ref, dq_ref, q, dq of a recording at other times, (M, n) each; dq that of the positions if not recorded."""
+def _filter_delay(case: Case) -> float:
+    """Delay of the declared controller's velocity filter at low frequency, 2 zeta / w [s]; 0 if there is none."""
+    controller = case.controller
+    if controller is None or controller.velocity_cutoff is None:
+        return 0.0
+    return controller.velocity_damping / (np.pi * controller.velocity_cutoff)
+
+
+def _on_grid(recording: Recording, t: np.ndarray, delay: float) -> list[np.ndarray]:
+    """q_ref, dq_ref, q, dq of a recording at other times [s], (M, n) each.
+
+    A velocity that was not recorded is that of the positions a ``delay`` ago, as a controller's filter has it.
+    """
     q_ref, dq_ref = references(recording, "controller")
-    dq = recording.dq
+    dq, dq_time = recording.dq, t
     if dq is None:
-        dq = np.gradient(recording.q, recording.t, axis=0)
-    series = (q_ref, dq_ref, recording.q, dq)
+        dq, dq_time = np.gradient(recording.q, recording.t, axis=0), t - delay
+    series = ((t, q_ref), (t, dq_ref), (t, recording.q), (dq_time, dq))
     return [
-        np.column_stack([np.interp(t, recording.t, column) for column in x.T])
-        for x in series
+        np.column_stack([np.interp(at, recording.t, column) for column in x.T])
+        for at, x in series
     ]

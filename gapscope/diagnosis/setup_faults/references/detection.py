@@ -116,8 +116,8 @@ def _followed(recording: Recording, points: SetPoints) -> bool:
     smooth = points.smooth(recording)
     if recording.tau is None or recording.q_ref is None or smooth.q_ref is None:
         return False
-    # what changes within a few set points
-    band = recording.rate / points.every / 4
+    # what changes faster than set points can tell: half of their rate
+    band = recording.rate / points.every / 2
     steps, torque = (
         x - low_pass(x, recording.rate, band)
         for x in (recording.q_ref - smooth.q_ref, recording.tau)

@@ -53,7 +53,8 @@ def set_points(recording: Recording) -> SetPoints | None:
         np.ptp(recording.q_ref, axis=0), 1e-9
     )
     most = bend.max(axis=1)
-    corners = np.flatnonzero(most > CORNER_SHARE * np.quantile(most, 0.98)) + 1
+    plain = np.sort(most)[-SET_POINT_LEAST]
+    corners = np.flatnonzero(most > CORNER_SHARE * plain) + 1
     return _regular("interpolated", corners)
 
 
