@@ -115,6 +115,8 @@ ORDINARY_FRICTION = 0.7  # Torque of friction, dry or viscous, over the deviatio
 ORDINARY_SPRING = 0.5  # Torque of a spring, likewise [1]. (hand)
 ORDINARY_OFFSET = 0.5  # Offset of the torque, likewise [1]. (hand)
 FAULT_SIGN_WIDTH = 0.02  # Velocity scale of the smoothed sign in dry friction [rad/s]. (physical)
+# Least misfit of an arm from whose torque an integrator's start is estimated, over the torque's deviation [1]. (hand)
+LEAST_INTEGRATOR_MISFIT = 3e-3
 INTEGRATOR_SAMPLES = 400  # Samples of a stretch from which an integrator's start is estimated. (compute)
 ORDINARY_GAP_DEVIATION = 0.1  # Gap that counts as one standard deviation, over the torque's [1]. (hand)
 # Least deviation of a torque, over the largest joint's [1]: motors of small joints. (physical)

@@ -7,6 +7,7 @@ when a recording began is not recorded: it is estimated (``integrator_start``).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -107,12 +108,13 @@ def _filled(case: Case, rule: str) -> Case:
     """The case with the torque of the recordings that have a reference."""
     controller = case.controller
     assert controller is not None
+    every = (*case.recordings, *case.judged)
+    referred = [recording for recording in every if recording.q_ref is not None]
+    torques = commanded_torques(case.arm, controller, referred, rule)
+    of_each = {id(r): torque for r, torque in zip(referred, torques, strict=True)}
 
     def filled(recording: Recording) -> Recording:
-        if recording.q_ref is None:
-            return recording
-        torque = commanded_torque(case.arm, controller, recording, rule)
-        return replace(recording, tau=torque)
+        return replace(recording, tau=of_each.get(id(recording)))
 
     recordings, judged = (
         tuple(map(filled, part)) for part in (case.recordings, case.judged)
@@ -120,41 +122,52 @@ def _filled(case: Case, rule: str) -> Case:
     return replace(case, recordings=recordings, judged=judged)
 
 
-def commanded_torque(
+def commanded_torques(
     arm: NominalArm,
     controller: Controller,
-    recording: Recording,
+    recordings: Sequence[Recording],
     rule: str = "bilinear",
-) -> np.ndarray:
-    """Torque that a controller commanded at the rows of a recording with ``q_ref`` [N m], shape (N, n).
+) -> list[np.ndarray]:
+    """Torque that a controller commanded at the rows of recordings with ``q_ref`` [N m], shape (N, n) each.
 
     A stretch between gaps that is too short to be used has none, and holds zeros.
 
     Args:
         arm: the nominal arm, which the feedforward believes.
         controller: in the arm's joint order.
-        recording: with ``q_ref``; its ``dq``, if recorded, is the velocity that the controller has.
+        recordings: with ``q_ref``; their ``dq``, if recorded, is the velocity that the controller has.
         rule: of its velocity filter, one of ``gapscope.arm.velocity_filter.RULES``.
     """
-    spans = pieces(recording)
-    out = np.zeros_like(recording.q)
-    if not controller.integrates:
-        for span in spans:
-            out[span] = _stateless(arm, controller, recording.part(span), rule)
-        return out
-    stretches = [recording.part(span) for span in spans]
+    spans = [(k, span) for k, r in enumerate(recordings) for span in pieces(r)]
+    stretches = [recordings[k].part(span) for k, span in spans]
+    if controller.integrates:
+        torques = _integrated(arm, controller, stretches, rule)
+    else:
+        torques = [_stateless(arm, controller, s, rule) for s in stretches]
+    out = [np.zeros_like(recording.q) for recording in recordings]
+    for (k, span), torque in zip(spans, torques, strict=True):
+        out[k][span] = torque
+    return out
+
+
+def _integrated(
+    arm: NominalArm, controller: Controller, stretches: list[Recording], rule: str
+) -> list[np.ndarray]:
+    """Torque that a law with an integrator commanded in stretches without gaps [N m], (N, n) each."""
+    if not stretches:
+        return []
     from_zero = [
-        _integrated(arm, controller, stretch, rule, np.zeros(arm.n_joints))
+        replace(
+            stretch,
+            tau=_started(arm, controller, stretch, rule, np.zeros(arm.n_joints)),
+        )
         for stretch in stretches
     ]
-    without = [
-        replace(stretch, tau=torque)
-        for stretch, torque in zip(stretches, from_zero, strict=True)
+    starts = integrator_starts(arm, from_zero)
+    return [
+        _started(arm, controller, stretch, rule, start)
+        for stretch, start in zip(stretches, starts, strict=True)
     ]
-    starts = integrator_starts(arm, without)
-    for span, stretch, start in zip(spans, stretches, starts, strict=True):
-        out[span] = _integrated(arm, controller, stretch, rule, start)
-    return out
 
 
 def _stateless(
@@ -175,7 +188,7 @@ def _stateless(
     return ControlLoop(controller, arm)(targets, stretch.q, dq)[back]
 
 
-def _integrated(
+def _started(
     arm: NominalArm,
     controller: Controller,
     stretch: Recording,

@@ -16,7 +16,7 @@ from gapscope.arm.errors import GapscopeError
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.gap.commanded_torque import (
-    commanded_torque,
+    commanded_torques,
     with_commanded_torque,
 )
 from gapscope.effects.applied import AppliedEffect
@@ -55,40 +55,48 @@ def test_it_is_the_torque_that_was_commanded(
         case().recordings, without(case(), *channels).recordings, strict=True
     ):
         assert told.tau is not None
-        torque = commanded_torque(case().arm, controller, bare)
+        torque = commanded_torques(case().arm, controller, [bare])[0]
         inner = slice(75, -75)
         error = np.sqrt(((torque - told.tau)[inner] ** 2).mean(axis=0))
         assert (error < close * told.tau.std(axis=0)).all()
 
 
+PAYLOAD = AppliedEffect("payload", (), {"mass": 1.5, "com": [0.0, 0.0, 0.1]})
+
+
+@pytest.mark.parametrize("effects", [(), (COULOMB, PAYLOAD)], ids=["healthy", "both"])
 @pytest.mark.parametrize("kind", [kind for kind in LAWS if kind != "pd"])
-def test_other_laws_commanded_it_too(kind: str) -> None:
-    """An integrator that started before the recording costs little more than a constant of the estimate."""
-    plan = Plan(recordings=1, duration=6.0, noise=0.0)
-    payload = AppliedEffect("payload", (), {"mass": 1.5, "com": [0.0, 0.0, 0.1]})
+def test_other_laws_commanded_it_too(
+    kind: str, effects: tuple[AppliedEffect, ...]
+) -> None:
+    """What an integrator held when the recordings began is found, whatever load there is."""
     made = record_case(
         kind,
         synthetic.arm(),
-        (COULOMB, payload),
-        plan,
+        effects,
+        Plan(recordings=2, duration=6.0, noise=0.0),
         np.random.default_rng(2),
         controller=kind,
     )
-    recording, controller = made.recordings[0], made.controller
+    controller = made.controller
     assert controller is not None and controller.kind == kind
-    assert recording.tau is not None
-    torque = commanded_torque(made.arm, controller, replace(recording, tau=None))
-    error = (torque - recording.tau)[75:-75]
-    spread = recording.tau.std(axis=0)
-    assert (error.std(axis=0) < 2e-3 * spread).all()
-    assert (np.abs(error.mean(axis=0)) < 0.1 * spread).all()
+    bare = without(made, "tau").recordings
+    torques = commanded_torques(made.arm, controller, bare)
+    for torque, recording in zip(torques, made.recordings, strict=True):
+        assert recording.tau is not None
+        error = (torque - recording.tau)[75:-75]
+        spread = recording.tau.std(axis=0)
+        scale = np.maximum(spread, 0.05 * spread.max())
+        assert (error.std(axis=0) < 3e-3 * scale).all()
+        # two causes at once are none of the choices from which a constant is told
+        assert (np.abs(error.mean(axis=0)) < (0.15 if effects else 0.03) * scale).all()
 
 
 def test_it_is_clipped_at_the_limit() -> None:
     controller = case().controller
     assert controller is not None
     limited = replace(case().arm, torque_limit=np.array([1.0, 5.0, 2.0]))
-    torque = commanded_torque(limited, controller, case().recordings[-1])
+    torque = commanded_torques(limited, controller, case().recordings[-1:])[0]
     assert np.abs(torque).max(axis=0) == pytest.approx([1.0, 5.0, 2.0])
 
 
@@ -154,7 +162,7 @@ def test_a_gap_in_time_is_not_bridged() -> None:
         dq_ref=whole.dq_ref[kept],
     )
     assert whole.tau is not None
-    torque = commanded_torque(case().arm, controller, cut)
+    torque = commanded_torques(case().arm, controller, [cut])[0]
     late = cut.t > 3.4
     assert (
         np.abs(torque - whole.tau[kept])[late].max() < 0.2 * whole.tau.std(axis=0).max()
