@@ -93,7 +93,7 @@ class DiagnosisResult(Result):
         out = Path(folder)
         begin_results(out, DOCUMENT)
         mended = write_mended_case(
-            self.diagnosis.faults, self.case.arm, lambda: case_file(self.case, out), out
+            self.diagnosis.faults, self.case, lambda: case_file(self.case, out), out
         )
         if self.change is None:
             return *write_diagnosis(self.diagnosis, out), *mended

@@ -10,6 +10,7 @@ from typing import Any
 
 import yaml
 
+from gapscope.arm.case import Case
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.case_file import read_case_file
 from gapscope.arm.io.case_paths import moved
@@ -23,7 +24,7 @@ CASE, URDF = "mended_case.yaml", "mended.urdf"
 
 def write_mended_case(
     faults: Sequence[FoundFault],
-    arm: NominalArm,
+    case: Case,
     case_file: Callable[[], Path],
     folder: Path,
 ) -> tuple[Path, ...]:
@@ -33,7 +34,7 @@ def write_mended_case(
 
     Args:
         faults: as a diagnosis of the case found them.
-        arm: the nominal arm of the case.
+        case: the case.
         case_file: gives the case file; asked only if there is anything to put right.
         folder: to write to; the recordings stay where they are.
 
@@ -45,17 +46,22 @@ def write_mended_case(
     """
     for name in (CASE, URDF):
         (folder / name).unlink(missing_ok=True)
-    mended = mending(faults, arm.n_joints)
+    mended = mending(faults, case)
     if not mended:
         return ()
     source = case_file()
     content = moved(read_case_file(source), source.parent, folder)
     content["name"] = f"{content['name']} mended"
     written = [folder / CASE]
-    if mended.link_shift:
-        _write_urdf(arm, mended, folder / URDF)
+    if mended.reason("robot"):
+        _write_urdf(case.arm, mended, folder / URDF)
         content["robot"] = URDF
         written.append(folder / URDF)
+    if mended.reason("controller"):
+        at_work = mended.controller(case.controller)
+        assert at_work is not None
+        gains = {g.name: getattr(at_work, g.name).tolist() for g in at_work.gains}
+        content["controller"] = {**content["controller"], **gains}
     with atomic_write(folder / CASE) as aside:
         aside.write_text(_text(content, mended, source), encoding="utf-8")
     return tuple(written)
@@ -64,30 +70,34 @@ def write_mended_case(
 def _text(content: dict[str, Any], mended: Mending, source: Path) -> str:
     """The case file, with a comment on each line that was changed."""
     lines = [f"# {source.name}, with what gapscope diagnose found wrong put right"]
+    lines += [f"# left to every diagnosis: {fault}" for fault in mended.others]
     section = dict(content.pop("import", None) or {})
-    before = section.pop("mend", None) or {}
+    mend = mended.after(section.pop("mend", None) or {})
+    section |= dict.fromkeys(mended.unread)
     for key, value in content.items():
-        entry = _entry(key, value)
-        if key == "robot" and mended.link_shift:
-            entry[0] += f"  # {mended.reason('robot')}"
-        lines += entry
-    lines.append("import:")
+        lines += _entry(key, value, mended.reason(key))
+    if section or mend:
+        lines.append("import:")
     for key, value in section.items():
-        lines += [f"  {line}" for line in _entry(key, value)]
-    lines.append("  mend:  # after all other keys of this section")
-    for key, value in mended.after(before).items():
-        why = mended.reason(key)
-        comment = f"  # {why}" if why else ""
-        lines.append(f"    {key}: {_flow(value)}{comment}")
+        why = mended.reason(key) if key in mended.unread else ""
+        lines += [f"  {line}" for line in _entry(key, value, why)]
+    if mend:
+        lines.append("  mend:  # after all other keys of this section")
+    for key, value in mend.items():
+        lines += [f"    {key}: {_flow(value)}{_comment(mended.reason(key))}"]
     return "\n".join(lines) + "\n"
 
 
-def _entry(key: str, value: Any) -> list[str]:
-    """Lines of a key with its value, a mapping over several."""
+def _entry(key: str, value: Any, why: str) -> list[str]:
+    """Lines of a key with its value, a mapping over several, and why it was changed."""
     if not isinstance(value, dict) or not value:
-        return [f"{key}: {_flow(value)}"]
+        return [f"{key}: {_flow(value)}{_comment(why)}"]
     inner = [f"  {name}: {_flow(part)}" for name, part in value.items()]
-    return [f"{key}:", *inner]
+    return [f"{key}:{_comment(why)}", *inner]
+
+
+def _comment(why: str) -> str:
+    return f"  # {why}" if why else ""
 
 
 def _flow(value: Any) -> str:
@@ -100,7 +110,7 @@ def _flow(value: Any) -> str:
 
 def _write_urdf(arm: NominalArm, mended: Mending, path: Path) -> None:
     """The arm's URDF with its inertials moved, and its meshes found from the new place."""
-    fault = ShiftedInertials(mended.link_shift, mended.moved_only)
+    fault = ShiftedInertials(*mended.shift)
     root = ET.fromstring(fault.urdf(arm.urdf.read_text(encoding="utf-8")))
     for mesh in root.iter("mesh"):
         name = mesh.get("filename", "")

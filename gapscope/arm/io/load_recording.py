@@ -160,8 +160,7 @@ def _recording(
     values, found = untrusted_torque(values)
     notes += turns + found + gap_notes(t)
     recording = Recording(main.path.name, t, payload=payload, **values)  # type: ignore[arg-type]
-    # a late torque has no value at the last rows: who wants every row does without that repair
-    mend = replace(importing.mend, delay=0.0) if every_row else importing.mend
+    mend = importing.mend.of_every_row if every_row else importing.mend
     recording = mend(recording, arm)
     notes += check_positions(recording, arm, main, any_unit=any_unit)
     return replace(recording, notes=notes)

@@ -15,6 +15,7 @@ import numpy as np
 from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
+from gapscope.arm.reference_column import at_pace, without_lead
 from gapscope.arm.torque_column import advanced, with_gravity
 
 MOTION = ("q", "dq", "q_ref", "dq_ref")
@@ -79,6 +80,8 @@ class Mend:
         sensor: of tau_sensor.
         delay: by which tau is late against the motion [s].
         without_gravity: whether the nominal arm's gravity torque was left out of tau.
+        lead: kd / kp of a controller that ignores the velocity's reference [s]; 0: it does not.
+        pace: the arm's speed over that of the reference [1].
         time_scale: true over recorded period [1], ...
         files: ...of the files of these names; of all if empty.
     """
@@ -88,6 +91,8 @@ class Mend:
     sensor: ColumnChange | None = None
     delay: float = 0.0
     without_gravity: bool = False
+    lead: float = 0.0
+    pace: float = 1.0
     time_scale: float = 1.0
     files: tuple[str, ...] = ()
 
@@ -116,8 +121,15 @@ class Mend:
             series = getattr(recording, name)
             if series is not None and change is not None:
                 changed[name] = change(series)
-        out = advanced(replace(recording, **changed), self.delay)  # type: ignore[arg-type]
+        out = replace(recording, **changed)  # type: ignore[arg-type]
+        out = at_pace(without_lead(out, self.lead), self.pace)
+        out = advanced(out, self.delay)
         return with_gravity(out, arm) if self.without_gravity else out
+
+    @property
+    def of_every_row(self) -> Mend:
+        """The same without what leaves rows out: a late torque, and a reference that ended."""
+        return replace(self, delay=0.0, pace=1.0)
 
 
 def parse_mend(section: Mapping[str, Any], n_joints: int, source: Path) -> Mend:
@@ -132,10 +144,13 @@ def parse_mend(section: Mapping[str, Any], n_joints: int, source: Path) -> Mend:
         if key in section
     }
     torque, time = section.get("torque", {}), section.get("time", {})
+    reference = section.get("reference", {})
     return Mend(
         **changes,
         delay=float(torque.get("delay", 0.0)),
         without_gravity=torque.get("gravity") == "left_out",
+        lead=float(reference.get("lead", 0.0)),
+        pace=float(reference.get("pace", 1.0)),
         time_scale=float(time.get("scale", 1.0)),
         files=tuple(time.get("files", ())),
     )

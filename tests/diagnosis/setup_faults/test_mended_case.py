@@ -13,9 +13,11 @@ import synthetic
 import yaml
 
 from gapscope.arm.case import Case, load_case
+from gapscope.arm.control.pd import PD
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.write_case import write_case
+from gapscope.arm.recording import CHANNELS
 from gapscope.diagnosis.setup_faults.candidates import motor_side
 from gapscope.diagnosis.setup_faults.channel_mapping import (
     ChannelMapping,
@@ -29,7 +31,11 @@ from gapscope.diagnosis.setup_faults.channel_mapping import (
     timed,
     without_gravity,
 )
-from gapscope.diagnosis.setup_faults.found_fault import FoundFault
+from gapscope.diagnosis.setup_faults.found_fault import (
+    FaultParameter,
+    FoundFault,
+    repaired,
+)
 from gapscope.diagnosis.setup_faults.shifted_inertials import shifted_arm
 from gapscope.effects.setup_faults.channel_faults import (
     JointSwap,
@@ -151,16 +157,92 @@ def test_a_fault_of_the_catalogue_is_put_right(label: str, tmp_path: Path) -> No
     """Every row but the first and last ones of a torque that was late, by a multiple of the period."""
     fault, diagnosed = FAULTS[label]
     file = write_case(spoilt(fault), tmp_path / "case", ending="npz")
-    arm = load_case(file, read_recordings=False).arm
+    bad = load_case(file, any_unit=True)
     out = tmp_path / "results" / "here"
-    first, *_ = write_mended_case((diagnosed,), arm, lambda: file, out)
+    first, *_ = write_mended_case((diagnosed,), bad, lambda: file, out)
     right = load_case(first)
     assert first == out / CASE
     assert_sound(right, 0.98 if diagnosed.name == "late_torque" else 1.0)
 
 
+def of_references(name: str, **values: float) -> FoundFault:
+    """A fault of references or of the controller on all joints."""
+    parameters = {key: FaultParameter("1", (x,) * N) for key, x in values.items()}
+    return FoundFault(name, (1, 2, 3), "", parameters, 1.0)
+
+
+OF_REFERENCES: dict[str, tuple[FoundFault, str]] = {
+    "velocity of the reference": (of_references("velocity_of_reference"), "  dq: null"),
+    "velocity reference ignored": (
+        of_references("ignored_velocity_reference", lead=0.05),
+        "    reference: {lead: 0.05}",
+    ),
+    "slower than the reference": (
+        of_references("speed_scaling", factor=0.6),
+        "    reference: {pace: 0.6}",
+    ),
+    "other gains": (
+        of_references("gain_mismatch", kp_factor=4.0, kd_factor=0.5),
+        "controller:",
+    ),
+    "torque of gains": (
+        of_references("unmeasured_torque", kp_at_work=80.0, kd_at_work=4.0),
+        "  tau: null",
+    ),
+}
+
+
+@pytest.mark.parametrize("label", OF_REFERENCES)
+def test_references_and_controller_are_read_as_the_diagnosis_reads_them(
+    label: str, tmp_path: Path
+) -> None:
+    diagnosed, line = OF_REFERENCES[label]
+    gains = {"kp": np.full(N, 80.0), "kd": np.full(N, 4.0)}
+    referred = tuple(
+        replace(r, q_ref=r.q + 0.01 * np.sin(r.q), dq=0.9 * r.q, dq_ref=r.q)
+        for r in sound().recordings
+    )
+    case = replace(
+        sound(),
+        recordings=referred,
+        controller=PD(rate=500.0, velocity_cutoff=50.0, **gains),
+    )
+    file = write_case(case, tmp_path / "case", ending="npz")
+    bad = load_case(file)
+    first, *_ = write_mended_case((diagnosed,), bad, lambda: file, tmp_path)
+    given, expected = load_case(first), repaired(bad, (diagnosed,))
+    assert f"{line}  # {diagnosed}" in first.read_text().splitlines()
+    assert isinstance(given.controller, PD) and isinstance(expected.controller, PD)
+    np.testing.assert_allclose(given.controller.kp, expected.controller.kp)
+    np.testing.assert_allclose(given.controller.kd, expected.controller.kd)
+    for one, other in zip(given.recordings, expected.recordings, strict=True):
+        # without a torque one row more is taken for a repeated one
+        assert len(other.t) - len(one.t) in (0, 1)
+        rows = np.searchsorted(other.t, one.t - 1e-6)
+        for channel in ("t", *CHANNELS):
+            series, right = getattr(one, channel), getattr(other, channel)
+            assert (series is None) == (right is None), channel
+            if right is not None:
+                np.testing.assert_allclose(series, right[rows], rtol=1e-9, atol=1e-9)
+
+
 def test_every_fault_of_the_catalogue_is_tried() -> None:
-    assert {diagnosed.name for _, diagnosed in FAULTS.values()} == set(CATALOGUE)
+    tried = {diagnosed.name for _, diagnosed in FAULTS.values()}
+    tried |= {diagnosed.name for diagnosed, _ in OF_REFERENCES.values()}
+    # a reference that was recorded coarsely is smoothed by every diagnosis
+    assert tried | {"coarse_reference"} == set(CATALOGUE)
+
+
+def test_what_a_case_file_cannot_say_is_said_to_be_left(tmp_path: Path) -> None:
+    """A slider at another place in one recording: its pace is no line of the case."""
+    file = write_case(sound(), tmp_path / "case", ending="npz")
+    case = load_case(file)
+    slider = of_references("speed_scaling", factor=0.6)
+    slider = replace(slider, joints=(), recordings=(case.recordings[0].name,))
+    _, turned = FAULTS["torque turned"]
+    first, *_ = write_mended_case((turned, slider), case, lambda: file, tmp_path)
+    assert "# left to every diagnosis: speed_scaling" in first.read_text()
+    assert "pace" not in first.read_text()
 
 
 def test_two_faults_with_the_reason_on_each_line(tmp_path: Path) -> None:
@@ -171,7 +253,7 @@ def test_two_faults_with_the_reason_on_each_line(tmp_path: Path) -> None:
         FAULTS["joints exchanged"][1],
         found("unit_mismatch", "degrees", scaled(N, (1,), np.pi / 180)),
     )
-    first, *_ = write_mended_case(faults, case.arm, lambda: file, tmp_path)
+    first, *_ = write_mended_case(faults, case, lambda: file, tmp_path)
     assert_sound(load_case(first))
     lines = {
         line.split(":")[0].strip(): line for line in first.read_text().splitlines()
@@ -185,7 +267,7 @@ def test_what_asks_for_no_other_reading_leaves_no_file(tmp_path: Path) -> None:
     """Jitter is put right at every diagnosis; what an earlier run has left is removed."""
     (tmp_path / CASE).write_text("name: of an earlier run")
     jitter = FoundFault("time_stamps", (), "jitter", {}, 1.0)
-    assert write_mended_case((jitter,), sound().arm, Path, tmp_path) == ()
+    assert write_mended_case((jitter,), sound(), Path, tmp_path) == ()
     assert not (tmp_path / CASE).exists()
 
 
@@ -217,19 +299,13 @@ def test_it_comes_on_top_of_the_import_section_of_the_case(tmp_path: Path) -> No
     file.write_text(yaml.safe_dump(content))
     _, turned = FAULTS["torque turned"]
     _, exchanged = FAULTS["torques exchanged"]
-    first, *_ = write_mended_case(
-        (turned,), case.arm, lambda: file, tmp_path / "results"
-    )
+    first, *_ = write_mended_case((turned,), case, lambda: file, tmp_path / "results")
     assert_sound(load_case(first))
     # what exchanges the torques once more on top of that puts them right
-    wrong, *_ = write_mended_case(
-        (exchanged,), case.arm, lambda: first, tmp_path / "wrong"
-    )
+    wrong, *_ = write_mended_case((exchanged,), case, lambda: first, tmp_path / "wrong")
     with pytest.raises(AssertionError):
         assert_sound(load_case(wrong))
-    again, *_ = write_mended_case(
-        (exchanged,), case.arm, lambda: wrong, tmp_path / "again"
-    )
+    again, *_ = write_mended_case((exchanged,), case, lambda: wrong, tmp_path / "again")
     assert_sound(load_case(again))
 
 
@@ -243,7 +319,7 @@ def test_stamps_of_some_files_alone(tmp_path: Path) -> None:
     name = load_case(file, any_unit=True).recordings[0].name
     _, diagnosed = FAULTS["milliseconds"]
     diagnosed = replace(diagnosed, recordings=(name,))
-    made, *_ = write_mended_case((diagnosed,), case.arm, lambda: file, tmp_path)
+    made, *_ = write_mended_case((diagnosed,), case, lambda: file, tmp_path)
     assert_sound(load_case(made))
 
 

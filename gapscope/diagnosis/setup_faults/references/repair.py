@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from gapscope.arm.recording import Recording
+from gapscope.arm.reference_column import at_pace, without_lead
 from gapscope.diagnosis.setup_faults.references.set_points import set_points
 from gapscope.effects.setup_faults.reference_faults import references
 
@@ -16,31 +16,6 @@ from gapscope.effects.setup_faults.reference_faults import references
 def without_velocity(recording: Recording) -> Recording:
     """The recording without its velocity, which was the reference's: that of the positions takes its place."""
     return replace(recording, dq=None)
-
-
-def without_lead(recording: Recording, lead: float) -> Recording:
-    """The recording with q_ref - (kd / kp) dq_ref as its reference position, which ``lead`` = kd / kp [s] is.
-
-    Under gains kp and kd a controller that ignores its velocity reference commands what one does that uses it and is
-    given this position: kp (q_ref - T dq_ref - q) + kd (dq_ref - dq) = kp (q_ref - q) - kd dq. The velocity's reference
-    stays, for a feedforward.
-    """
-    q_ref, dq_ref = references(recording, "ignored_velocity_reference")
-    return replace(recording, q_ref=q_ref - lead * dq_ref, dq_ref=dq_ref)
-
-
-def at_pace(recording: Recording, factor: float) -> Recording:
-    """The recording with its reference at the arm's pace, q_ref(t0 + s (t - t0)); rows beyond its end are left out."""
-    t = recording.t
-    reached = t[0] + (t - t[0]) * factor
-    inside = reached <= t[-1]
-    changed: dict[str, Any] = {}
-    for channel, times in (("q_ref", 1.0), ("dq_ref", factor)):
-        series = getattr(recording, channel)
-        if series is not None:
-            columns = [np.interp(reached[inside], t, column) for column in series.T]
-            changed[channel] = times * np.column_stack(columns)
-    return replace(recording.part(inside), **changed)
 
 
 def smoothed(recording: Recording) -> Recording:
