@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from gapscope.arm.io.formats.lerobot import dataset_episodes, is_dataset
+from gapscope.arm.io.formats.lerobot import dataset_episodes, episode_name, is_dataset
 from gapscope.arm.io.import_section import Import
 
 Entry = Path | dict[str, Path]
@@ -29,10 +29,15 @@ class Part:
 
 
 def fitted_parts(entry: Entry, importing: Import) -> list[Part]:
-    """The recordings of an entry that may be fitted: by default all rows, of all episodes."""
+    """The recordings of an entry that may be fitted: by default all rows, of all episodes.
+
+    An episode may also be named as a table is, in ``topic``.
+    """
     episodes: Iterable[int] = importing.fit_episodes
     if isinstance(entry, Path) and is_dataset(entry):
         episodes = episodes or dataset_episodes(entry)
+        if importing.topic is not None:
+            episodes = [k for k in episodes if episode_name(k) == importing.topic]
         return [Part(entry, episode=episode) for episode in episodes]
     return _ranges(entry, importing.fit or (None,))
 

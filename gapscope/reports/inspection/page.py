@@ -117,8 +117,10 @@ def torque_rows(found: Inspection) -> Iterator[tuple[str, str]]:
 
 def joint_rows(found: Inspection) -> Iterator[tuple[str, str, str, str]]:
     """Range and speed of each joint over all recordings, as the log has them."""
-    series = [(table.time.seconds, guess) for entry in found.entries for table in entry.values()
-              if (guess := table.best("q"))]  # fmt: skip
+    # other topics may name the joints in another order
+    label, _ = found.chosen["q"]
+    tables = [entry[label] for entry in found.entries]
+    series = [(t.time.seconds, guess) for t in tables if (guess := t.best("q"))]
     unit = series[0][1].unit
     for j, name in enumerate(names_of(found)):
         columns = [guess.group.values[:, j] for _, guess in series]

@@ -187,7 +187,10 @@ def test_a_case_chooses_episodes(folder: Path, urdf: Path) -> None:
     case = load_case(file)
     assert [r.name[-1] for r in case.recordings] == ["0", "2"]
     assert [r.name[-1] for r in case.judged] == ["1"]
-    content["import"]["episodes"] = {"fit": [7]}
+    content["import"] = {"q": {"unit": "deg"}, "tau": None, "topic": "episode 1"}
+    file.write_text(yaml.safe_dump(content))
+    assert [r.name for r in load_case(file).recordings] == ["dataset episode 1"]
+    content["import"] = {"q": {"unit": "deg"}, "tau": None, "episodes": {"fit": [7]}}
     file.write_text(yaml.safe_dump(content))
     with pytest.raises(InputError, match="has no episode 7; it has 0, 1, 2"):
         load_case(file)

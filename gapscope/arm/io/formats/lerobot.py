@@ -44,6 +44,11 @@ def dataset_episodes(path: Path) -> list[int]:
     return sorted(numbers)
 
 
+def episode_name(number: int) -> str:
+    """Name of the table of an episode."""
+    return f"episode {number}"
+
+
 def read_dataset(path: Path, episodes: Iterable[int] | None = None) -> Log:
     """Episodes of a dataset as tables: ``t`` [s] and ``observation.state[shoulder_pan.pos]`` and the like.
 
@@ -74,7 +79,7 @@ def read_dataset(path: Path, episodes: Iterable[int] | None = None) -> Log:
         columns = _columns(path, parts, names, float(info["fps"]))
         rows = range(1, len(columns["t"]) + 1)
         table = Table(path, columns, rows, "frame")
-        tables.append(LogTable(f"episode {number}", LEROBOT, table))
+        tables.append(LogTable(episode_name(number), LEROBOT, table))
     videos = [key for key, f in features.items() if f.get("dtype") in _PICTURES]
     version = f"LeRobot dataset {info.get('codebase_version', '')}".strip()
     return Log(path, version, tuple(tables), unread=tuple(videos))
