@@ -33,6 +33,10 @@ ROD_THICKNESS = 0.2
 FLOOR = 0.05
 """Added to misfits before their logarithm, so that a perfect fit of one link does not decide [1]."""
 
+TIED = 0.01
+"""Gains below this are none: neighbours are the same part."""
+LEAST_TOLD = 2
+"""Fewest links on which the neighbour's inertial has to make a difference."""
 ROUNDING = 0.02
 """Spread of logarithms that numbers of two digits have by rounding [1]."""
 
@@ -59,12 +63,20 @@ def check_shifted(
     description: Description, geometries: Mapping[str, Geometry]
 ) -> Iterator[Finding]:
     """Inertials, or masses alone, that fit better if each is taken from the neighbouring link."""
-    links = [x for x in description.in_tree_order() if x.inertial is not None]
     extents = _extents(description, geometries)
-    bodies = [link.inertial for link in links if link.inertial is not None]
-    places = [extents.get(link.name) for link in links]
-    whole = list(_whole(links, bodies, places))
-    yield from whole or _masses(links, bodies, places)
+    # a converter goes through the links branch by branch, or as the file lists them
+    orders = {
+        tuple(link.name for link in order): [x for x in order if x.inertial is not None]
+        for order in (description.in_tree_order(), description.links)
+    }
+    shifts = [shift for links in orders.values() for shift in _whole(links, extents)]
+    if shifts:
+        yield max(shifts, key=lambda shift: shift.size)
+        return
+    for links in orders.values():
+        for found in _masses(links, extents):
+            yield found
+            return
 
 
 def misfit(inertial: Inertial, extent: Extent) -> float:
@@ -83,27 +95,25 @@ def _root(matrix: np.ndarray) -> np.ndarray:
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T)
 
 
-def _whole(
-    links: Sequence[Link],
-    bodies: Sequence[Inertial],
-    places: Sequence[Extent | None],
-) -> Iterator[Finding]:
-    """The whole inertials are those of the link before or behind."""
+def _whole(links: Sequence[Link], extents: Mapping[str, Extent]) -> Iterator[Finding]:
+    """The whole inertials are those of the link before or behind, in this order of the links that have one."""
+    bodies = [link.inertial for link in links if link.inertial is not None]
+    places = [extents.get(link.name) for link in links]
     best: tuple[float, float, int, int] | None = None
     for step in (1, -1):
-        gains = []
-        for own in range(len(links)):
-            giver, extent = own + step, places[own]
-            if extent is None or not 0 <= giver < len(links):
-                continue
-            if bodies[own].is_body and bodies[giver].is_body:
-                fits = [misfit(bodies[k], extent) for k in (own, giver)]
-                gains.append(np.log((FLOOR + fits[0]) / (FLOOR + fits[1])))
-        if len(gains) < SHIFT_LINKS:
+        fits = [
+            _fits(bodies, places, own, own + step)
+            for own in range(len(links))
+            if 0 <= own + step < len(links)
+        ]
+        gains = np.array([gain for gain in fits if gain is not None])
+        # neighbours with the same inertial say nothing
+        told = gains[np.abs(gains) > TIED]
+        if len(gains) < SHIFT_LINKS or len(told) < LEAST_TOLD:
             continue
-        mean, share = float(np.mean(gains)), float(np.mean(np.array(gains) > 0))
+        mean, share = float(gains.mean()), float(np.mean(told > 0))
         if best is None or mean > best[0]:
-            best = mean, share, step, len(gains)
+            best = mean, share, step, len(told)
     if best is None or best[0] < SHIFT_GAIN or best[1] < SHIFT_SHARE:
         return
     mean, share, step, count = best
@@ -121,16 +131,25 @@ def _whole(
     )
 
 
-def _masses(
-    links: Sequence[Link],
-    bodies: Sequence[Inertial],
-    places: Sequence[Extent | None],
-) -> Iterator[Finding]:
+def _fits(
+    bodies: Sequence[Inertial], places: Sequence[Extent | None], own: int, giver: int
+) -> float | None:
+    """By how much the giver's inertial fits a link better than its own, as a logarithm; ``None`` if not known."""
+    extent = places[own]
+    if extent is None or not (bodies[own].is_body and bodies[giver].is_body):
+        return None
+    now, then = (misfit(bodies[k], extent) for k in (own, giver))
+    return float(np.log((FLOOR + now) / (FLOOR + then)))
+
+
+def _masses(links: Sequence[Link], extents: Mapping[str, Extent]) -> Iterator[Finding]:
     """Only the masses are those of the link before or behind: moments per mass then follow the links' sizes.
 
     With s_i = ln(tr(I_i) / L_i^2), L the links' sizes, and masses m, arms have similar s_i - ln(m_i) on all links; the
     F test compares its spread with that of s_i - ln(m_k), k the neighbour.
     """
+    bodies = [link.inertial for link in links if link.inertial is not None]
+    places = [extents.get(link.name) for link in links]
     best: tuple[float, float, float, int, int] | None = None
     for step in (1, -1):
         spread, own_masses, other_masses = [], [], []
