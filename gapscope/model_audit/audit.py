@@ -14,6 +14,7 @@ from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.model_audit.check_geometry import check_geometry
 from gapscope.model_audit.check_inertials import check_inertials
 from gapscope.model_audit.check_joints import check_joints
+from gapscope.model_audit.check_products import check_products
 from gapscope.model_audit.check_repeats import check_repeats
 from gapscope.model_audit.description import Description
 from gapscope.model_audit.find_robot import RobotFile, find_robot
@@ -118,6 +119,7 @@ def check_description(
     found = [
         *check_inertials(description, geometries),
         *check_geometry(description, geometries),
+        *check_products(description, geometries),
         *check_shifted(description, geometries),
         *check_repeats(description),
         *check_joints(description),

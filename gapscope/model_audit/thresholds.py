@@ -33,6 +33,12 @@ LEAST_MOMENT_SHARE = 0.1
 # The centre of mass may lie outside the hull by this share of its largest edge [1]. (hand)
 OUTSIDE = 0.15
 
+# Products of inertia tell a sign if they are this share of the trace of the variance at least [1]. (hand)
+SKEW = 0.05
+OPPOSITE_PRODUCTS = -0.7  # Cosine between the products of body and shape below which they are opposite [1]. (hand)
+OPPOSITE_LINKS = 2  # Fewest such links [1]. (hand)
+OPPOSITE_SHARE = 0.75  # Share of the links that tell a sign [1]. (hand)
+
 # --- inertials of neighbours
 # By how much another assignment has to fit better, mean over links of the logarithm of the misfit [1]. (hand)
 SHIFT_GAIN = 0.25

@@ -21,7 +21,7 @@ def test_takes_a_case_and_writes_page_and_document(
     content = json.loads((tmp_path / "out" / "audit.json").read_text())
     assert content["robot"] == "two" and content["total_mass"] == 8
     page = (tmp_path / "out" / "audit.html").read_text()
-    assert "What is odd about two" in page and "http" not in page
+    assert "What is odd about two" in page and "https:" not in page
 
 
 def test_prints_json_alone(gapscope, sick: Path) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
 
+import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
 
@@ -157,6 +158,31 @@ def test_a_link_that_is_no_mirror_image_is_named(file_of: Write) -> None:
     wrong = head + arm("left", 0.1, 0.004) + arm("right", -0.1, 0.004) + tail
     assert "mirror_image" not in found(audit_model(file_of(right)))
     assert found(audit_model(file_of(wrong)))["mirror_image"] == "link right_arm"
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_products_of_inertia_of_the_opposite_sign_are_found(
+    file_of: Write, sign: int
+) -> None:
+    """Boxes that lie askew: turned by 0.5 rad about z, with ixy of the CAD program's sign."""
+    sides, mass, turn = np.array([0.4, 0.1, 0.1]), 4.0, 0.5
+    along = mass / 12 * ((sides**2).sum() - sides**2)
+    c, s = np.cos(turn), np.sin(turn)
+    rotation = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    moments = rotation @ np.diag(along) @ rotation.T
+
+    def askew(number: int) -> str:
+        return f"""<link name="link_{number}"><inertial><mass value="{mass}"/>
+          <inertia ixx="{moments[0, 0]}" ixy="{sign * moments[0, 1]}" ixz="0" iyy="{moments[1, 1]}" iyz="0"
+            izz="{moments[2, 2]}"/></inertial>
+          <visual><origin rpy="0 0 {turn}"/><geometry><box size="0.4 0.1 0.1"/></geometry></visual></link>
+        <joint name="joint_{number}" type="revolute"><parent link="{"base" if number == 0 else f"link_{number - 1}"}"/>
+          <child link="link_{number}"/><origin xyz="0.3 0 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/>
+        </joint>"""
+
+    parts = "".join(askew(number) for number in range(3))
+    audit = audit_model(file_of(f'<robot name="x"><link name="base"/>{parts}</robot>'))
+    assert ("products_of_inertia" in found(audit)) == (sign < 0)
 
 
 def test_a_model_that_cannot_be_built_is_audited_all_the_same(
