@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.errors import InputError
 from gapscope.commands.options import (
     Acceleration,
     CasePath,
@@ -121,6 +121,7 @@ def read_findings(
     """
     from gapscope.arm.case import load_case
     from gapscope.diagnosis.diagnose import diagnose
+    from gapscope.diagnosis.document.diagnosis_json import read_document
     from gapscope.effects.corrected_file import read_corrected
 
     progress("reads the case")
@@ -128,7 +129,7 @@ def read_findings(
     if folder is None:
         result = diagnose(case, progress)
         return case, (result.document, result.effects)
-    document = _read_document(folder / "diagnosis.json")
+    document = read_document(folder / "diagnosis.json")
     joints = len(document["gap"]["before"]["torque_nrmse"])
     if joints != case.arm.n_joints:
         raise InputError(
@@ -137,21 +138,6 @@ def read_findings(
             file=folder / "diagnosis.json",
         )
     return case, (document, read_corrected(folder / "corrected.yaml"))
-
-
-def _read_document(path: Path) -> Mapping[str, Any]:
-    from gapscope.arm.io.json_file import read_json
-    from gapscope.diagnosis.document.diagnosis_json import validate
-
-    remedy = "give the folder that gapscope diagnose wrote"
-    content = read_json(path, remedy)
-    if not isinstance(content, dict):
-        raise InputError("is no diagnosis", remedy, file=path)
-    try:
-        validate(content)
-    except GapscopeError as error:
-        raise InputError(error.message, remedy, file=path) from None
-    return content
 
 
 def read_payload(mass: float | None, centre: str) -> KnownLoad | None:

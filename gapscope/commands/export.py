@@ -14,7 +14,14 @@ Corrected = Annotated[
     Path, typer.Argument(help="corrected.yaml of a diagnosis", metavar="CORRECTED")
 ]
 Out = Annotated[Path, typer.Option(help="file to write", metavar="FILE")]
-ExportFormat = Annotated[str, typer.Option("--format", help="urdf, mjcf or sdf")]
+ExportFormat = Annotated[
+    str,
+    typer.Option(
+        "--format",
+        help="urdf, mjcf or sdf: the whole arm; isaac_lab, mjlab, newton, genesis, drake, gazebo, ros2_control, "
+        "playground or environment: a snippet in the simulator's words",
+    ),
+]
 NominalCase = Annotated[
     Path | None,
     typer.Option(
@@ -33,6 +40,21 @@ RelativeMeshes = Annotated[
         help="name meshes from the folder of FILE, not absolutely",
     ),
 ]
+Randomise = Annotated[
+    bool,
+    typer.Option(
+        "--randomise",
+        help="with ranges to draw from: the 95 % intervals of the diagnosis beside CORRECTED",
+    ),
+]
+Units = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--unit",
+        help="with --randomise: diagnosis of another unit, which the ranges hold too; may be repeated",
+        metavar="DIR",
+    ),
+]
 Notes = tuple[tuple[str, ...], tuple[str, ...]]
 """What a format leaves out, and what is odd."""
 
@@ -44,15 +66,28 @@ def export(
     case: NominalCase = None,
     robot: Robot = None,
     relative_meshes: RelativeMeshes = False,
+    randomise: Randomise = False,
+    unit: Units = None,
 ) -> None:
     """Write the corrected arm for other simulators.
 
     What the format cannot hold is listed in the file and on the terminal.
     """
+    units = tuple(unit or ())
+    if units and not randomise:
+        raise InputError(
+            "other units matter for ranges alone", "add --randomise", where="--unit"
+        )
     with Progress(corrected.name) as progress:
         progress(f"writes {file_format}")
         left_out, odd = export_path(
-            corrected, case, robot, file_format, out, relative_meshes
+            corrected,
+            case,
+            robot,
+            file_format,
+            out,
+            relative_meshes,
+            units if randomise else None,
         )
     for title, lines in ((f"left out of {out.name}:", left_out), ("odd:", odd)):
         if lines:
@@ -67,16 +102,18 @@ def export_path(
     file_format: str,
     out: Path,
     relative_meshes: bool,
+    units: tuple[Path, ...] | None = None,
 ) -> Notes:
-    """Write the arm of a ``corrected.yaml`` as URDF, MJCF or SDF.
+    """Write the arm of a ``corrected.yaml`` for another simulator.
 
     Args:
         corrected: the file with the effects.
         case: the case whose nominal arm they add to, or ``None``.
         robot: a name, URDF or case in its place, or ``None``; exactly one of both must be given.
-        file_format: ``urdf``, ``mjcf`` or ``sdf``.
+        file_format: one of ``gapscope.envs.export.formats.ALL_FORMATS``.
         out: the file to write.
         relative_meshes: name meshes from the folder of ``out``.
+        units: diagnoses of other units that ranges hold beside the own; ``None`` for no ranges.
 
     Returns:
         What is left out, and what is odd; see ``gapscope.envs.export.formats.export``.
@@ -86,23 +123,32 @@ def export_path(
         GapscopeError: the file cannot be written.
     """
     from gapscope.arm.nearest_name import check_known
-    from gapscope.commands.inputs import read_arm
+    from gapscope.commands.inputs import read_arm_and_controller
+    from gapscope.diagnosis.fleet.unit_ranges import read_ranges
     from gapscope.effects.corrected_file import error_context, read_corrected_arm
+    from gapscope.envs.export.formats import ALL_FORMATS
     from gapscope.envs.export.formats import export as export_arm
-    from gapscope.envs.export.left_out import FORMATS
 
-    check_known("format", file_format, FORMATS, where="--format")
+    check_known("format", file_format, ALL_FORMATS, where="--format")
     if (case is None) == (robot is None):
         raise InputError(
             "expected one of --case and --robot",
             "give the case that was diagnosed, with its data sheet; or a robot without one",
             where="--case",
         )
-    arm = read_arm(str(robot if case is None else case))
+    arm, controller = read_arm_and_controller(str(robot if case is None else case))
     if out.exists() and out.resolve() in (corrected.resolve(), arm.urdf.resolve()):
         raise InputError(
             "would be overwritten", "choose another file with --out", file=out
         )
     found = read_corrected_arm(arm, corrected)
+    ranges = None if units is None else read_ranges(corrected, found, units)
     with error_context(corrected, found.effects):
-        return export_arm(found, file_format, out, relative=relative_meshes)
+        return export_arm(
+            found,
+            file_format,
+            out,
+            relative=relative_meshes,
+            controller=controller,
+            ranges=ranges,
+        )

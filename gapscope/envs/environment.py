@@ -28,6 +28,7 @@ from gapscope.envs.course import (
     FeedforwardModel,
     Timing,
 )
+from gapscope.envs.effect_ranges import EffectRanges
 from gapscope.envs.episode import EpisodeOptions, EpisodeSource
 from gapscope.envs.episode_info import divergence_info, ending, stop_info, title, truth
 from gapscope.envs.given_effects import Effects, chosen_effects
@@ -110,7 +111,7 @@ class ArmTracking(gymnasium.Env):
         action_reach: float | None = None,
         bandwidth: float = 2.0,
         reward: Reward | None = None,
-        randomisation: Randomisation | None = None,
+        randomisation: Randomisation | EffectRanges | None = None,
         debug: bool = False,
         render_mode: str | None = None,
     ) -> None:

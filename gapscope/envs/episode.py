@@ -17,6 +17,7 @@ from gapscope.effects.arm_scale import ArmScale
 from gapscope.envs.actions import Control
 from gapscope.envs.arguments import checked_motion
 from gapscope.envs.course import Course, FeedforwardModel, Timing
+from gapscope.envs.effect_ranges import EffectRanges
 from gapscope.envs.given_effects import chosen_effects
 from gapscope.envs.randomisation import (
     Randomisation,
@@ -36,7 +37,7 @@ class EpisodeOptions(NamedTuple):
 
     motion: str | ReferenceMotion
     effects: tuple[AppliedEffect, ...]
-    randomisation: Randomisation | None
+    randomisation: Randomisation | EffectRanges | None
 
 
 class EpisodePlan(NamedTuple):

@@ -21,6 +21,7 @@ from gapscope.effects.effect import Transmission
 from gapscope.effects.parameter import Parameter
 from gapscope.effects.severity import draw
 from gapscope.envs.arguments import record_of
+from gapscope.envs.effect_ranges import EffectRanges
 
 REVERSED = {
     ("torque_saturation", "limit"),
@@ -44,7 +45,10 @@ INCIDENTAL = {
     *(("external_force", "start"), ("external_force", "end")),
 }
 """Parameters that say where or when, not how severe."""
-GIVE = "give an gapscope.envs.randomisation.Randomisation"
+GIVE = (
+    "give a gapscope.envs.randomisation.Randomisation, or the ranges that "
+    "gapscope.envs.effect_ranges.read_effect_ranges reads"
+)
 """What to do if something else was given."""
 LEAST, MOST = 1e-3, 10.0
 """Bounds of severities [1]."""
@@ -100,14 +104,16 @@ class Randomisation:
         _check_range("severity", self.severity, LEAST, MOST)
 
 
-def checked_randomisation(randomisation: Randomisation | None) -> Randomisation | None:
+def checked_randomisation(
+    randomisation: Randomisation | EffectRanges | None,
+) -> Randomisation | EffectRanges | None:
     """What is to be drawn, or ``None`` for nothing.
 
     Raises:
         InputError: it is something else.
     """
-    if randomisation is None:
-        return None
+    if randomisation is None or isinstance(randomisation, EffectRanges):
+        return randomisation
     return record_of("randomisation", randomisation, Randomisation, GIVE)
 
 
@@ -146,7 +152,7 @@ def _check_range(name: str, value: object, least: float, most: float) -> None:
 def draw_effects(
     rng: np.random.Generator,
     arm: NominalArm,
-    wanted: Randomisation,
+    wanted: Randomisation | EffectRanges,
     scale: ArmScale,
     given: tuple[AppliedEffect, ...] = (),
 ) -> tuple[AppliedEffect, ...]:
@@ -161,6 +167,24 @@ def draw_effects(
         wanted: what to draw.
         scale: what is large on this arm.
         given: effects that the arm has anyway.
+
+    Raises:
+        InputError: a joint that the arm does not have.
+    """
+    drawn = (
+        wanted.draw(rng)
+        if isinstance(wanted, EffectRanges)
+        else _draw_some(rng, arm, wanted, scale)
+    )
+    known = {other.name for other in given}
+    drawn = tuple(applied for applied in drawn if applied.name not in known)
+    return drawn + _rotors(arm, (*given, *drawn), scale)
+
+
+def _draw_some(
+    rng: np.random.Generator, arm: NominalArm, wanted: Randomisation, scale: ArmScale
+) -> tuple[AppliedEffect, ...]:
+    """Some effects of the catalogue, on some joints.
 
     Raises:
         InputError: a joint that the arm does not have.
@@ -181,13 +205,7 @@ def draw_effects(
         str(name)
         for name in rng.choice(sorted(set(wanted.names)), size=count, replace=False)
     ]
-    drawn = tuple(_draw(rng, name, joints, wanted, scale) for name in sorted(names))
-    drawn = tuple(
-        applied
-        for applied in drawn
-        if applied.name not in {other.name for other in given}
-    )
-    return drawn + _rotors(arm, (*given, *drawn), scale)
+    return tuple(_draw(rng, name, joints, wanted, scale) for name in sorted(names))
 
 
 def _draw(
@@ -249,11 +267,14 @@ class RandomiseEffects(gymnasium.Wrapper):
         InputError: what is to be drawn is no ``Randomisation``.
     """
 
-    def __init__(self, env: gymnasium.Env, randomisation: Randomisation) -> None:
+    def __init__(
+        self, env: gymnasium.Env, randomisation: Randomisation | EffectRanges
+    ) -> None:
         super().__init__(env)
-        self._randomisation = record_of(
-            "randomisation", randomisation, Randomisation, GIVE
-        )
+        checked = checked_randomisation(randomisation)
+        if checked is None:
+            raise InputError("there is nothing to draw", GIVE, where="randomisation")
+        self._randomisation = checked
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from gapscope.arm.controller import Controller
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.export.formats import export as write_arm
 from gapscope.interface.result import Result
@@ -20,9 +21,10 @@ class ExportResult(Result):
     Attributes:
         corrected: the arm in it.
         file: the file.
-        format: ``urdf``, ``mjcf`` or ``sdf``.
+        format: one of ``gapscope.envs.export.formats.ALL_FORMATS``.
         left_out: effects that the format cannot hold; a sentence each.
         remarks: what is odd about the bodies; a sentence each.
+        controller: whose gains are in it, or ``None``.
     """
 
     corrected: CorrectedArm
@@ -30,12 +32,13 @@ class ExportResult(Result):
     format: str
     left_out: tuple[str, ...]
     remarks: tuple[str, ...]
+    controller: Controller | None = None
 
     def save(self, folder: str | Path) -> tuple[Path, ...]:
         """Write the file, under the same name, into another folder."""
         make_folder(Path(folder))
         file = Path(folder) / self.file.name
-        write_arm(self.corrected, self.format, file)
+        write_arm(self.corrected, self.format, file, controller=self.controller)
         return (file,)
 
     def summary(self) -> str:
@@ -51,21 +54,27 @@ class ExportResult(Result):
 
 
 def export(
-    corrected: CorrectedArm, file: str | Path, format: str | None = None
+    corrected: CorrectedArm,
+    file: str | Path,
+    format: str | None = None,
+    controller: Controller | None = None,
 ) -> ExportResult:
-    """Write a corrected arm as URDF, MJCF or SDF.
+    """Write a corrected arm as URDF, MJCF or SDF, or as a snippet in the words of a simulator.
 
     Args:
         corrected: of a diagnosis (``result.corrected``) or a file (``gapscope.read_corrected``).
         file: the file to write.
-        format: ``urdf``, ``mjcf`` or ``sdf``; by default the ending of ``file`` says which.
+        format: ``urdf``, ``mjcf`` or ``sdf``, by default as the ending of ``file`` says; or ``isaac_lab``, ``mjlab``,
+            ``newton``, ``genesis``, ``drake``, ``gazebo``, ``ros2_control``.
+        controller: of the case (``case.controller``), whose gains a snippet then holds.
 
     Raises:
         InputError: no such format, or an effect that no arm can have.
         GapscopeError: the file cannot be written.
 
     >>> import gapscope, tempfile, pathlib
-    >>> from gapscope.effects.corrected import CorrectedArm
+    >>> from gapscope.arm.controller import Controller
+    from gapscope.effects.corrected import CorrectedArm
     >>> arm = CorrectedArm(gapscope.make_arm("kuka_iiwa"))
     >>> file = pathlib.Path(tempfile.mkdtemp()) / "arm.urdf"
     >>> gapscope.export(arm, file).left_out
@@ -74,5 +83,5 @@ def export(
     file = Path(file)
     ending = file.suffix.removeprefix(".")
     form = format or {"xml": "mjcf"}.get(ending, ending)
-    left_out, remarks = write_arm(corrected, form, file)
-    return ExportResult(corrected, file, form, left_out, remarks)
+    left_out, remarks = write_arm(corrected, form, file, controller=controller)
+    return ExportResult(corrected, file, form, left_out, remarks, controller)

@@ -12,8 +12,8 @@ from typing import Any
 from jsonschema import Draft202012Validator
 from jsonschema.exceptions import best_match
 
-from gapscope.arm.errors import GapscopeError
-from gapscope.arm.io.json_file import plain, write_json
+from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.io.json_file import plain, read_json, write_json
 from gapscope.diagnosis.document.document_checks import (
     Problem,
     inconsistencies,
@@ -46,6 +46,23 @@ def write_document(document: Mapping[str, Any], path: Path | str) -> None:
     """
     validate(document)
     write_json(document, path)
+
+
+def read_document(path: Path) -> Mapping[str, Any]:
+    """A ``diagnosis.json``.
+
+    Raises:
+        InputError: it is missing, or not of its schema.
+    """
+    remedy = "give the folder that gapscope diagnose wrote"
+    content = read_json(path, remedy)
+    if not isinstance(content, dict):
+        raise InputError("is no diagnosis", remedy, file=path)
+    try:
+        validate(content)
+    except GapscopeError as error:
+        raise InputError(error.message, remedy, file=path) from None
+    return content
 
 
 def _problems(content: Any) -> Iterator[Problem]:

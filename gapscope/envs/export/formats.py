@@ -5,41 +5,63 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+from gapscope.arm.controller import Controller
+from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.nearest_name import check_known
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.envs.effect_ranges import EffectRanges
 from gapscope.envs.export.heading import heading
 from gapscope.envs.export.left_out import FORMATS, left_out, remarks
 from gapscope.envs.export.mjcf import as_mjcf
 from gapscope.envs.export.plain_arm import plain_arm
 from gapscope.envs.export.sdf import as_sdf
+from gapscope.envs.export.snippets.targets import TARGETS, drawing, write_snippet
 from gapscope.envs.export.urdf import as_urdf
 
 WRITERS = {"urdf": as_urdf, "mjcf": as_mjcf, "sdf": as_sdf}
-"""Writers by format."""
+"""Writers of whole arms by format."""
+ALL_FORMATS = (*FORMATS, *TARGETS)
+"""Formats of whole arms, and those of snippets."""
 
 
 def export(
-    corrected: CorrectedArm, form: str, out: Path, *, relative: bool = False
+    corrected: CorrectedArm,
+    form: str,
+    out: Path,
+    *,
+    relative: bool = False,
+    controller: Controller | None = None,
+    ranges: EffectRanges | None = None,
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Write a corrected arm; ``out`` never holds half of it.
 
     Args:
         corrected: the arm with its effects.
-        form: one of ``FORMATS``.
+        form: one of ``ALL_FORMATS``.
         out: the file.
-        relative: name meshes from the folder of ``out``, not absolutely.
+        relative: name meshes from the folder of ``out``, not absolutely; whole arms alone have meshes.
+        controller: of the case, whose gains a snippet may hold.
+        ranges: what a snippet lets draw, or ``None``.
 
     Returns:
         What the file leaves out, and what is odd about the bodies; a sentence each. Both are in the file too.
 
     Raises:
         InputError: no such format, an effect on a joint that does not exist, friction or armature that is negative in
-            total, or bodies that no torque can move.
+            total, bodies that no torque can move, or ranges for a format that has none.
         GapscopeError: the file cannot be written.
     """
-    check_known("format", form, FORMATS, where="format")
+    check_known("format", form, ALL_FORMATS, where="format")
+    if form not in TARGETS and ranges is not None:
+        raise InputError(
+            f"a file of {form} has no ranges",
+            f"leave it out, or choose one of {', '.join(drawing())}",
+            where="--randomise",
+        )
     arm = plain_arm(corrected)
+    if form in TARGETS:
+        return write_snippet(arm, form, out, controller, ranges), remarks(arm)
     root, more = WRITERS[form](arm, out, relative)
     ET.indent(root)
     comment = ET.tostring(

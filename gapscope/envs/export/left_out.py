@@ -40,7 +40,7 @@ def left_out(arm: PlainArm, form: str) -> tuple[str, ...]:
     """What a file of this format leaves out of a corrected arm, in words and figures."""
     corrected = arm.corrected
     lines = [
-        _said(e)
+        described(e)
         for e in corrected.effects
         if e.name not in HELD[form] and e.name != "armature"
     ]
@@ -75,7 +75,7 @@ def remarks(arm: PlainArm) -> tuple[str, ...]:
     )
 
 
-def _said(applied: AppliedEffect) -> str:
+def described(applied: AppliedEffect) -> str:
     """An effect with its joints and values."""
     definition = applied.effect
     joints = (

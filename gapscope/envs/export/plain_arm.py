@@ -121,7 +121,7 @@ def plain_arm(corrected: CorrectedArm) -> PlainArm:
         nominal,
         body,
         moving_links(body),
-        _drives(corrected, body),
+        joint_drives(corrected, body),
         upright(corrected.arm.gravity) @ corrected.base_rotation(),
         strength,
         read_frames(body),
@@ -145,7 +145,12 @@ def upright(gravity: np.ndarray) -> np.ndarray:
     )
 
 
-def _drives(corrected: CorrectedArm, body: RigidBody) -> dict[str, JointDrive]:
+def joint_drives(corrected: CorrectedArm, body: RigidBody) -> dict[str, JointDrive]:
+    """Drives by name of the joint.
+
+    Raises:
+        InputError: friction or armature is negative in total.
+    """
     arm, value = corrected.arm, corrected.value
     columns = {
         "damping": total(

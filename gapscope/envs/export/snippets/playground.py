@@ -1,0 +1,91 @@
+"""MuJoCo Playground: a randomisation function over the model that ``gapscope export --format mjcf`` writes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from gapscope.envs.export.snippets.arm_values import SnippetArm
+from gapscope.envs.export.snippets.target import JOINTS, Target
+
+FIELDS = {
+    "dof_frictionloss": "friction",
+    "dof_damping": "damping",
+    "dof_armature": "armature",
+}
+"""Fields of ``mjx.Model``, one number for each degree of freedom, and the values of a joint."""
+TEMPLATE = """
+import jax
+import jax.numpy as jp
+
+RANGES = {  # by field of mjx.Model, then by joint
+{% for field, ends in fields.items() %}
+    "{{ field }}": {{ ends | table(4) }},
+{% endfor %}
+}
+ADDED_MASS = {{ mass | table }}  # kg, by body
+ADDED_COM = {  # m along x, y, z of the body
+{% for body in arm.bodies %}
+    {{ body.name | quoted }}: ({{ body.com[0] | pair }}, {{ body.com[1] | pair }}, {{ body.com[2] | pair }}),
+{% endfor %}
+}
+
+
+def domain_randomizer(mj_model):
+    \"\"\"A randomization_fn(model, rng) for the joints and bodies of a mujoco.MjModel, by their names.\"\"\"
+    dofs = {joint: mj_model.joint(joint).dofadr[0] for ends in RANGES.values() for joint in ends}
+    bodies = {body: mj_model.body(body).id for body in (*ADDED_MASS, *ADDED_COM)}
+
+    def domain_randomize(model, rng):
+        @jax.vmap
+        def drawn(rng):
+            fields = {name: getattr(model, name) for name in (*RANGES, "body_mass", "body_ipos")}
+            for name, ends in RANGES.items():
+                for joint, (low, high) in ends.items():
+                    rng, key = jax.random.split(rng)
+                    value = jax.random.uniform(key, minval=low, maxval=high)
+                    fields[name] = fields[name].at[dofs[joint]].set(value)
+            for body, (low, high) in ADDED_MASS.items():
+                rng, key = jax.random.split(rng)
+                mass = jax.random.uniform(key, minval=low, maxval=high)
+                fields["body_mass"] = fields["body_mass"].at[bodies[body]].add(mass)
+            for body, ends in ADDED_COM.items():
+                rng, key = jax.random.split(rng)
+                low, high = jp.array(ends).T
+                shift = jax.random.uniform(key, (3,), minval=low, maxval=high)
+                fields["body_ipos"] = fields["body_ipos"].at[bodies[body]].add(shift)
+            return fields
+
+        fields = drawn(rng)
+        in_axes = jax.tree_util.tree_map(lambda x: None, model)
+        in_axes = in_axes.tree_replace({name: 0 for name in fields})
+        return model.tree_replace(fields), in_axes
+
+    return domain_randomize
+"""
+
+
+def values(arm: SnippetArm) -> Mapping[str, Any]:
+    """The ranges by field, and the masses."""
+    fields = {}
+    for field, name in FIELDS.items():
+        ends = {joint: e for joint, e in arm.ends(name).items() if e[0] < e[1]}
+        if ends:
+            fields[field] = ends
+    return {"fields": fields, "mass": {body.name: body.mass for body in arm.bodies}}
+
+
+PLAYGROUND = Target(
+    name="playground",
+    title="MuJoCo Playground 0.2",
+    template=TEMPLATE,
+    held=JOINTS - {"torque_saturation"},
+    notes=(
+        "Only what has a range is drawn; the values found are in the file of gapscope export --format mjcf.",
+        "body_ipos is along the body's axes; the inertia tensor stays as it is.",
+    ),
+    model="mjcf",
+    needs_ranges=True,
+    values=values,
+)
+"""The target."""

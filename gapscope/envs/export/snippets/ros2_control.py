@@ -1,0 +1,64 @@
+"""ros2_control: gains, limits and feedforward of a joint trajectory controller that commands effort."""
+
+from __future__ import annotations
+
+from gapscope.envs.export.snippets.target import Target
+
+TEMPLATE = """
+joint_trajectory_controller:
+  ros__parameters:
+    joints: [{{ joints | map(attribute="name") | map("quoted") | join(", ") }}]
+    command_interfaces: [effort]
+    state_interfaces: [position, velocity]
+    gains:
+{% for joint in joints %}
+      {{ joint.name | quoted }}:
+        p: {{ (joint.kp / joint.torque_gain) | number }}
+        d: {{ (joint.kd / joint.torque_gain) | number }}
+        ff_velocity_scale: {{ (joint.damping / joint.torque_gain) | number }}  # N m s/rad: viscous friction
+{% if joint.effort < inf %}
+        u_clamp_max: {{ (joint.effort / joint.torque_gain) | number }}
+        u_clamp_min: {{ (-joint.effort / joint.torque_gain) | number }}
+{% endif %}
+{% endfor %}
+
+# What to add to effort of each point of a trajectory, at its velocity v and acceleration a, beside gravity and inertia:
+#   effort = (armature * a + friction * tanh(v / 0.005) + spring_stiffness * (q - spring_rest) - torque_offset)
+#            / torque_gain
+{% for joint in joints %}
+# {{ joint.name }}: armature {{ joint.armature | number }}, friction {{ joint.friction | number }}, spring_stiffness {{
+joint.spring_stiffness | number }}, spring_rest {{ joint.spring_rest | number }}, torque_offset {{
+joint.torque_offset | number }}, torque_gain {{ joint.torque_gain | number }}
+{% endfor %}
+{% if joints | selectattr("encoder_offset") | list %}
+
+# <param name="offset"> of the joints' <transmission> in the URDF, by which encoders that read too much are corrected:
+{% for joint in joints if joint.encoder_offset %}
+# {{ joint.name }}: {{ (-joint.encoder_offset) | number }} rad
+{% endfor %}
+{% endif %}
+"""
+
+ROS2_CONTROL = Target(
+    name="ros2_control",
+    title="ros2_control (joint_trajectory_controller of ros2_controllers 4 and later)",
+    template=TEMPLATE,
+    held=frozenset(
+        {"viscous_friction", "coulomb_friction", "armature", "torque_saturation"}
+        | {"torque_scale", "torque_offset", "parallel_spring", "encoder_offset"}
+    ),
+    hints={
+        "payload": "in the file of gapscope export --format urdf, from which gravity and inertia are computed",
+        "actuator_delay": "bounds the bandwidth: nothing in a controller undoes it",
+        "actuator_lag": "bounds the bandwidth: nothing in a controller undoes it",
+    },
+    notes=(
+        "This compensates on the real arm what a simulator would add. Start with half of friction and "
+        "ff_velocity_scale: friction that is compensated in full can drive a joint into a limit cycle.",
+        "effort in a trajectory point is added to the command if the only command interface is effort.",
+        "Keep integral gain small: it and compensated dry friction hunt about the target.",
+    ),
+    draws=False,
+    values=lambda arm: {"inf": float("inf")},
+)
+"""The target."""

@@ -1,0 +1,164 @@
+"""A simulator for which a snippet is written, and how its text comes about."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+import jinja2
+import numpy as np
+
+from gapscope.envs.export.left_out import HINTS, described
+from gapscope.envs.export.snippets.arm_values import SnippetArm
+
+BODIES = frozenset({"payload", "link_inertia", "base_tilt"})
+"""Effects that change bodies: they are in the file of the arm that a snippet belongs to."""
+JOINTS = frozenset(
+    {"coulomb_friction", "viscous_friction", "armature", "torque_saturation"}
+)
+"""Effects that most snippets hold."""
+
+
+LONGEST = 100
+"""Characters of a line of Python, beyond which a dict takes several."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """A simulator.
+
+    Attributes:
+        name: of the format.
+        title: its name and the versions whose words are used.
+        template: of the text below the head, in Jinja.
+        held: effects that the snippet holds, as far as ``hints`` says.
+        hints: what else there is to say on an effect.
+        notes: what to know of the simulator, a sentence each.
+        model: format of the file of bodies that it belongs to; empty if the snippet has none.
+        comment: how a line of comment begins; ``<!--`` stands for one comment in XML.
+        needs_ranges: whether there is nothing to write without ranges.
+        draws: whether ranges can be written.
+        values: more for the template, from the arm.
+    """
+
+    name: str
+    title: str
+    template: str
+    held: frozenset[str]
+    hints: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    model: str = "urdf"
+    comment: str = "#"
+    needs_ranges: bool = False
+    draws: bool = True
+    values: Callable[[SnippetArm], Mapping[str, Any]] = lambda arm: {}
+
+    def text(self, arm: SnippetArm) -> str:
+        """The snippet."""
+        body = _jinja().from_string(self.template)
+        rendered = body.render(arm=arm, joints=arm.joints, **self.values(arm))
+        return self.head(arm) + rendered.lstrip("\n")
+
+    def head(self, arm: SnippetArm) -> str:
+        """The comment at its head: what it is, what it leaves out, what to know."""
+        plain = arm.plain
+        effects = ", ".join(dict.fromkeys(e.name for e in plain.corrected.effects))
+        lines = [
+            f"Corrected arm of {plain.body.file.name} for {self.title}, written by gapscope export;",
+            f"SI units, joint side. Effects: {effects or 'none'}.",
+        ]
+        if arm.ranges is not None:
+            lines.append(
+                "Ranges are 95 % intervals of the diagnosis, from the lowest to the highest end of its units."
+            )
+        missing = self.left_out(arm)
+        lines.append(
+            "Left out, or held in part:" if missing else "Nothing is left out."
+        )
+        lines += [f"  {line}" for line in missing]
+        if self.notes:
+            lines.append("To know:")
+        lines += [f"  {note}" for note in self.notes]
+        if self.comment == "<!--":
+            text = "\n".join(lines)
+            while "--" in text:  # which a comment of XML may not hold
+                text = text.replace("--", "- -")
+            return f"<!--\n{text}\n-->\n"
+        return "".join(f"{self.comment} {line}\n" for line in lines) + "\n"
+
+    def left_out(self, arm: SnippetArm) -> tuple[str, ...]:
+        """What the snippet does not hold, or not as it is, in words and figures."""
+        corrected = arm.plain.corrected
+        lines = []
+        for applied in corrected.effects:
+            hint = self.hints.get(applied.name)
+            if applied.name in self.held and hint is None:
+                continue
+            line = described(applied)
+            if applied.name in BODIES and self.model and hint is None:
+                hint = f"in the file of gapscope export --format {self.model}, which this belongs to"
+            known = HINTS.get(applied.name)
+            if hint is not None:
+                line = line.removesuffix(f" ({known})") + f" ({hint})"
+            lines.append(line)
+        if corrected.residual is not None:
+            lines.append(
+                "residual network: residual.onnx of gapscope residual --onnx predicts torque; nothing here calls it"
+            )
+        return tuple(lines)
+
+
+def number(value: float) -> str:
+    """A number as Python and YAML read it, with six digits; infinity as ``float("inf")``."""
+    if not np.isfinite(value):
+        return 'float("inf")'
+    return repr(float(f"{value:.6g}"))
+
+
+def pair(ends: tuple[float, float]) -> str:
+    """Two numbers in parentheses."""
+    return f"({number(ends[0])}, {number(ends[1])})"
+
+
+def quoted(name: str) -> str:
+    """A name as Python and YAML read it."""
+    return json.dumps(name, ensure_ascii=False)
+
+
+def finite(values: Mapping[str, float]) -> dict[str, float]:
+    """The entries that are finite."""
+    return {name: value for name, value in values.items() if np.isfinite(value)}
+
+
+def table(values: Mapping[str, Any], indent: int = 0) -> str:
+    """A dict in Python with a number or pair for each name, a line each if it is long.
+
+    Args:
+        values: the numbers or pairs.
+        indent: of the line on which it begins.
+    """
+    items = [
+        f"{quoted(name)}: {pair(value) if isinstance(value, tuple) else number(value)}"
+        for name, value in values.items()
+    ]
+    line = "{" + ", ".join(items) + "}"
+    if len(line) + indent <= LONGEST:
+        return line
+    rows = "".join(f"{' ' * (indent + 4)}{item},\n" for item in items)
+    return "{\n" + rows + " " * indent + "}"
+
+
+@cache
+def _jinja() -> jinja2.Environment:
+    made = jinja2.Environment(
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,
+    )
+    made.filters |= {"number": number, "pair": pair, "table": table, "quoted": quoted}
+    return made
