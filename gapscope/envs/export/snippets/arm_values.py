@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,8 +21,6 @@ LEAST_SHARE = 0.01
 class JointValues:
     """What acts on one joint, nominal values and effects together, joint side.
 
-    Gains and the limit are those of the torque that reaches the joint: ``torque_gain`` times what is commanded.
-
     Attributes:
         name: name of the joint.
         damping: viscous friction [N m s/rad].
@@ -30,9 +28,9 @@ class JointValues:
         static_friction: friction at rest, with the Stribeck torque [N m].
         armature: rotor inertia [kg m^2].
         spring_stiffness, spring_rest: of the parallel spring [N m/rad], [rad].
-        effort: limit of the torque [N m], infinite if none is known.
+        effort: limit of the commanded torque [N m], infinite if none is known.
         velocity: limit of the velocity [rad/s], infinite if none is known.
-        kp, kd: gains [N m/rad], [N m s/rad]; 0 if the controller is no PD law.
+        kp, kd: gains of the commanded torque [N m/rad], [N m s/rad]; 0 if the controller is no PD law.
         torque_gain: torque that reaches the joint over the one commanded [1].
         torque_offset: torque that arrives beside it [N m].
         delay: time from a command to its torque [s].
@@ -54,6 +52,21 @@ class JointValues:
     torque_offset: float
     delay: float
     encoder_offset: float
+
+    @property
+    def applied_kp(self) -> float:
+        """Torque that reaches the joint over the position's error [N m/rad]."""
+        return self.torque_gain * self.kp
+
+    @property
+    def applied_kd(self) -> float:
+        """Torque that reaches the joint over the velocity's error [N m s/rad]."""
+        return self.torque_gain * self.kd
+
+    @property
+    def applied_effort(self) -> float:
+        """Limit of the torque that reaches the joint [N m]."""
+        return self.torque_gain * self.effort
 
 
 @dataclass(frozen=True)
@@ -139,8 +152,7 @@ def _joints(
     gains = [getattr(controller, x) if pd else np.zeros(len(drives)) for x in _GAINS]
     joints = []
     for j, (name, drive) in enumerate(drives.items()):
-        gain = 1.0 + drive.scale
-        kp, kd = (gain * float(values[j]) for values in gains)
+        kp, kd = (float(values[j]) for values in gains)
         joints.append(
             JointValues(
                 name=name,
@@ -150,11 +162,11 @@ def _joints(
                 armature=drive.armature,
                 spring_stiffness=drive.stiffness,
                 spring_rest=drive.rest,
-                effort=np.inf if drive.effort is None else gain * drive.effort,
+                effort=np.inf if drive.effort is None else drive.effort,
                 velocity=np.inf if drive.velocity is None else drive.velocity,
                 kp=kp,
                 kd=kd,
-                torque_gain=gain,
+                torque_gain=1.0 + drive.scale,
                 torque_offset=drive.offset,
                 delay=float(delay[j]),
                 encoder_offset=float(offset[j]),
@@ -231,7 +243,3 @@ def _moments(plain: PlainArm, corrected: CorrectedArm) -> tuple[np.ndarray, np.n
     own = plain.nominal.inertial_parameters().reshape(-1, 10)
     total = own + corrected.inertial_increments(plain.nominal)
     return total[:, 0], total[:, 1:4]
-
-
-VALUES = tuple(field.name for field in fields(JointValues) if field.name != "name")
-"""Names of the values of a joint."""

@@ -8,7 +8,7 @@ from gapscope.envs.export.snippets.target import JOINTS, Target
 
 NAMES = (
     *("damping", "friction", "armature", "spring_stiffness", "spring_rest"),
-    *("effort", "kp", "kd"),
+    *("effort", "kp", "kd", "torque_gain"),
 )
 """Values in the table."""
 TEMPLATE = (
@@ -34,12 +34,13 @@ def set_joints(plant{{ ", rng=None" if arm.ranges else "" }}):
             actuator = plant.get_mutable_joint_actuator(actuated[name])
         else:
             actuator = plant.AddJointActuator(name, joint)
+        gain = values["torque_gain"]  # torque at the joint over the commanded one
         if "effort" in values:
-            actuator.set_effort_limit(values["effort"])
+            actuator.set_effort_limit(gain * values["effort"])
         actuator.set_default_gear_ratio(GEAR_RATIO)
         actuator.set_default_rotor_inertia(values["armature"] / GEAR_RATIO**2)
         if values["kp"] > 0:
-            actuator.set_controller_gains(PdControllerGains(p=values["kp"], d=values["kd"]))
+            actuator.set_controller_gains(PdControllerGains(p=gain * values["kp"], d=gain * values["kd"]))
         if isinstance(joint, RevoluteJoint) and (values["friction"] or values["spring_stiffness"]):
             config = DoorHingeConfig(
                 dynamic_friction_torque=values["friction"],
@@ -61,7 +62,7 @@ DRAKE = Target(
     template=TEMPLATE,
     held=JOINTS | {"torque_scale", "parallel_spring"},
     hints={
-        "torque_scale": "in gains and limits; multiply what you feed into the actuation port by 1 + scale",
+        "torque_scale": "as torque_gain, in gains and limits; multiply what you feed into the actuation port by it",
     },
     notes=(
         "MultibodyPlant reads no <dynamics friction> of a URDF; DoorHinge adds the law here, on revolute joints. It is "

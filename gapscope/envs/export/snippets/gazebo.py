@@ -9,8 +9,8 @@ TEMPLATE = """
 {% for joint in joints %}
   <joint name="{{ joint.name | e }}"><axis>
     <limit>
-{% if joint.effort < inf %}
-      <effort>{{ joint.effort | number }}</effort>
+{% if joint.applied_effort < inf %}
+      <effort>{{ joint.applied_effort | number }}</effort>
 {% endif %}
 {% if joint.velocity < inf %}
       <velocity>{{ joint.velocity | number }}</velocity>

@@ -7,7 +7,7 @@ from gapscope.envs.export.snippets.target import JOINTS, Target
 
 NAMES = (
     *("damping", "friction", "armature", "spring_stiffness", "spring_rest"),
-    *("effort", "kp", "kd"),
+    *("effort", "kp", "kd", "torque_gain"),
 )
 """Values in the table."""
 TEMPLATE = (
@@ -34,22 +34,24 @@ def set_joints(robot{{ ", rng=None, n_envs=0" if arm.ranges else "" }}):
         return rows if n_envs else rows[0]
 
     limit = np.array([[values.get("effort", np.inf) for values in row] for row in draws])
-    limit = limit if n_envs else limit[0]
+    gain = column("torque_gain")  # torque at the joint over the commanded one
+    limit = gain * (limit if n_envs else limit[0])
 {% else %}
     values = [values_of(name) for name in JOINTS]
 
     def column(key):
         return np.array([each[key] for each in values])
 
-    limit = np.array([each.get("effort", np.inf) for each in values])
+    gain = column("torque_gain")  # torque at the joint over the commanded one
+    limit = gain * np.array([each.get("effort", np.inf) for each in values])
 {% endif %}
 
     robot.set_dofs_damping(column("damping"), dofs)
     robot.set_dofs_frictionloss(column("friction"), dofs)
     robot.set_dofs_armature(column("armature"), dofs)
     robot.set_dofs_stiffness(column("spring_stiffness"), dofs)
-    robot.set_dofs_kp(column("kp"), dofs)
-    robot.set_dofs_kv(column("kd"), dofs)
+    robot.set_dofs_kp(gain * column("kp"), dofs)
+    robot.set_dofs_kv(gain * column("kd"), dofs)
     robot.set_dofs_force_range(-limit, limit, dofs)
 """
 )
@@ -60,7 +62,7 @@ GENESIS = Target(
     template=TEMPLATE,
     held=JOINTS | {"torque_scale"},
     hints={
-        "torque_scale": "in gains and limits; multiply efforts that you command by 1 + scale",
+        "torque_scale": "as torque_gain, in gains and limits; multiply efforts that you command by it",
         "parallel_spring": "its stiffness is set, but a joint springs back to where its file has it at rest: move "
         "that by spring_rest",
     },

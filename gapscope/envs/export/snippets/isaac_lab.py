@@ -28,10 +28,10 @@ ACTUATORS = {  # actuators= of ArticulationCfg
 {% for group in groups %}
     "{{ group.label }}": DelayedPDActuatorCfg(
         joint_names_expr=[{{ group.names | map("quoted") | join(", ") }}],
-        stiffness={{ group.table("kp") | table(8) }},
-        damping={{ group.table("kd") | table(8) }},
-{% if group.table("effort") %}
-        actuator_effort_limit={{ group.table("effort") | table(8) }},  # 2.x: effort_limit
+        stiffness={{ group.table("applied_kp") | table(8) }},
+        damping={{ group.table("applied_kd") | table(8) }},
+{% if group.table("applied_effort") %}
+        actuator_effort_limit={{ group.table("applied_effort") | table(8) }},  # 2.x: effort_limit
 {% endif %}
 {% if group.table("velocity") %}
         actuator_velocity_limit={{ group.table("velocity") | table(8) }},  # 2.x: velocity_limit
@@ -151,7 +151,7 @@ def values(arm: SnippetArm) -> Mapping[str, Any]:
         "groups": groups,
         "gains": gains,
         "friction": factors(arm, "static_friction", "friction", "damping"),
-        "gain": factors(arm, "kp", "kd"),
+        "gain": factors(arm, "applied_kp", "applied_kd"),
     }
 
 

@@ -29,9 +29,9 @@ ACTUATORS = (  # actuators= of EntityArticulationInfoCfg
 {% set delay = arm.ends("delay")[joint.name] %}
     IdealPdActuatorCfg(
         target_names_expr=({{ joint.name | quoted }},),
-        stiffness={{ joint.kp | number }},
-        damping={{ joint.kd | number }},
-        effort_limit={{ joint.effort | number }},
+        stiffness={{ joint.applied_kp | number }},
+        damping={{ joint.applied_kd | number }},
+        effort_limit={{ joint.applied_effort | number }},
         armature={{ joint.armature | number }},
         frictionloss={{ joint.friction | number }},
         viscous_damping={{ joint.damping | number }},
@@ -122,7 +122,7 @@ def values(arm: SnippetArm) -> Mapping[str, Any]:
         "gains": {j.name: j.torque_gain for j in arm.joints if j.torque_gain != 1.0},
         "drawn": drawn,
         "biased": biased,
-        "gain": factors(arm, "kp", "kd"),
+        "gain": factors(arm, "applied_kp", "applied_kd"),
         "events": arm.ranges is not None or bool(biased),
     }
 

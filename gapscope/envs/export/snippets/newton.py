@@ -7,7 +7,7 @@ from gapscope.envs.export.snippets.target import JOINTS, Target
 
 NAMES = (
     *("damping", "friction", "armature", "spring_stiffness", "spring_rest"),
-    *("effort", "kp", "kd", "torque_offset", "delay"),
+    *("effort", "kp", "kd", "torque_gain", "torque_offset", "delay"),
 )
 """Values in the table."""
 TEMPLATE = (
@@ -34,13 +34,14 @@ def add_actuators(builder{{ ", rng=None" if arm.ranges else "" }}):
         builder.joint_rest_q[dof] = values["spring_rest"]
         # the drive below in place of the solver's own
         builder.joint_target_ke[dof] = builder.joint_target_kd[dof] = 0.0
-        clamping = [(ClampingMaxEffort, {"max_effort": values["effort"]})] if "effort" in values else []
+        gain = values["torque_gain"]  # torque at the joint over the commanded one
+        clamping = [(ClampingMaxEffort, {"max_effort": gain * values["effort"]})] if "effort" in values else []
         builder.add_actuator(
             DrivePD,
             index=dof,
             pos_index=position,
-            kp=values["kp"],
-            kd=values["kd"],
+            kp=gain * values["kp"],
+            kd=gain * values["kd"],
             const_effort=values["torque_offset"],
             clamping=clamping,
             delay_steps=round(values["delay"] / PHYSICS_DT) or None,
@@ -55,7 +56,7 @@ NEWTON = Target(
     held=JOINTS
     | {"actuator_delay", "torque_scale", "torque_offset", "parallel_spring"},
     hints={
-        "torque_scale": "in gains and limits; multiply feedforward efforts by 1 + scale",
+        "torque_scale": "as torque_gain, in gains and limits; multiply feedforward efforts by it",
         "torque_offset": "as const_effort of DrivePD, which the limit clips too",
     },
     notes=(

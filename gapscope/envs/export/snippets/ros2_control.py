@@ -13,12 +13,12 @@ joint_trajectory_controller:
     gains:
 {% for joint in joints %}
       {{ joint.name | quoted }}:
-        p: {{ (joint.kp / joint.torque_gain) | number }}
-        d: {{ (joint.kd / joint.torque_gain) | number }}
+        p: {{ joint.kp | number }}
+        d: {{ joint.kd | number }}
         ff_velocity_scale: {{ (joint.damping / joint.torque_gain) | number }}  # N m s/rad: viscous friction
 {% if joint.effort < inf %}
-        u_clamp_max: {{ (joint.effort / joint.torque_gain) | number }}
-        u_clamp_min: {{ (-joint.effort / joint.torque_gain) | number }}
+        u_clamp_max: {{ joint.effort | number }}
+        u_clamp_min: {{ (-joint.effort) | number }}
 {% endif %}
 {% endfor %}
 

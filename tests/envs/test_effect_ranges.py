@@ -1,0 +1,127 @@
+"""Ranges of effects: intervals, several units, what is physically possible, the file, and the draw."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gapscope.arm.errors import InputError
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.envs.effect_ranges import (
+    EffectRange,
+    EffectRanges,
+    read_effect_ranges,
+    write_effect_ranges,
+)
+from gapscope.envs.environment import ArmTracking
+from gapscope.envs.export.unit_spread import effect_range, spread, within_nominal
+
+
+def friction(
+    joints: tuple[int, ...], low: list[float], high: list[float]
+) -> EffectRange:
+    ends = (
+        AppliedEffect("coulomb_friction", joints, {"torque": x}) for x in (low, high)
+    )
+    return EffectRange(*ends)
+
+
+def test_an_interval_is_1_96_deviations_wide_on_each_side() -> None:
+    applied = AppliedEffect("coulomb_friction", (2,), {"torque": [4.0]})
+    found = effect_range(applied, {"torque": np.array([0.5])})
+    assert found.low.parameters["torque"] == pytest.approx(4.0 - 0.98)
+    assert found.high.parameters["torque"] == pytest.approx(4.0 + 0.98)
+
+
+def test_an_interval_stays_within_the_catalogue() -> None:
+    applied = AppliedEffect("actuator_delay", (1,), {"delay": [0.002]})
+    found = effect_range(applied, {"delay": np.array([0.01])})
+    assert found.low.parameters["delay"] == 0.0
+
+
+def test_friction_of_the_data_sheet_is_not_undone_below_zero() -> None:
+    arm = replace(load_nominal_arm("kuka_iiwa"), coulomb=np.array([1.0] + [0.0] * 6))
+    ranges = within_nominal([friction((1, 2), [-3.0, -3.0], [2.0, 2.0])], arm)
+    assert ranges.ranges[0].low.parameters["torque"].tolist() == [-1.0, 0.0]
+    assert ranges.ranges[0].high.parameters["torque"].tolist() == [2.0, 2.0]
+
+
+def test_several_units_are_all_held_and_absence_is_zero() -> None:
+    units = [
+        [friction((1, 2), [2.0, 3.0], [2.5, 3.5])],
+        [friction((2,), [4.0], [5.0])],
+        [],
+    ]
+    (found,) = spread(units)
+    assert found.low.joints == (1, 2)
+    assert found.low.parameters["torque"].tolist() == [0.0, 0.0]
+    assert found.high.parameters["torque"].tolist() == [2.5, 5.0]
+    (both,) = spread(units[:2])
+    assert both.low.parameters["torque"].tolist() == [0.0, 3.0]
+
+
+def test_a_limit_comes_from_the_units_that_have_it() -> None:
+    ends = (AppliedEffect("torque_saturation", (3,), {"limit": [x]}) for x in (18, 22))
+    (found,) = spread([[EffectRange(*ends)], []])
+    assert found.low.parameters["limit"].tolist() == [18.0]
+
+
+def test_a_force_of_one_recording_has_no_range() -> None:
+    force = AppliedEffect(
+        "external_force", (), {"force": [1, 2, 3], "start": 0, "end": 1}
+    )
+    assert spread([[EffectRange(force, force)]]) == ()
+
+
+def test_the_file_is_read_back(tmp_path: Path) -> None:
+    payload = AppliedEffect("payload", (), {"mass": 1.0, "com": [0.1, 0.0, -0.1]})
+    stds = {"mass": np.array(0.1), "com": np.full(3, 0.01)}
+    ranges = EffectRanges(
+        (effect_range(payload, stds), friction((1,), [1.0], [2.0])),
+    )
+    write_effect_ranges(ranges, tmp_path / "ranges.yaml", "# head\n")
+    again = read_effect_ranges(tmp_path / "ranges.yaml")
+    for one, other in zip(again.ranges, ranges.ranges, strict=True):
+        for end in ("low", "high"):
+            a, b = getattr(one, end), getattr(other, end)
+            assert (a.name, a.joints) == (b.name, b.joints)
+            for name, value in a.parameters.items():
+                assert value.tolist() == b.parameters[name].tolist()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("schema: 1\n", "ranges"),
+        ("ranges: [{effect: coulomb_friction}]\n", "low: and high:"),
+        (
+            "ranges: [{effect: coulomb_friction, joints: [1], low: {torque: [3]}, high: {torque: [2]}}]\n",
+            "higher in low:",
+        ),
+        (
+            "ranges: [{effect: coulomb_frictio, joints: [1], low: {torque: [1]}, high: {torque: [2]}}]\n",
+            "coulomb_friction",
+        ),
+    ],
+)
+def test_a_bad_file_is_told(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "ranges.yaml").write_text(text)
+    with pytest.raises(InputError, match=message) as error:
+        read_effect_ranges(tmp_path / "ranges.yaml")
+    assert "ranges.yaml" in str(error.value)
+
+
+def test_the_environment_draws_all_of_them_at_each_reset() -> None:
+    ranges = EffectRanges((friction((1, 4), [1.0, 2.0], [3.0, 2.0]),))
+    env = ArmTracking(episode_length=0.1, randomisation=ranges, debug=True)
+    drawn = []
+    for seed in (1, 2, 1):
+        _, info = env.reset(seed=seed)
+        (effect,) = info["effects"]
+        drawn.append(np.array(effect["parameters"]["torque"]))
+    assert 1.0 <= drawn[0][0] <= 3.0 and drawn[0][1] == 2.0
+    assert drawn[0][0] != drawn[1][0] and drawn[0].tolist() == drawn[2].tolist()

@@ -1,0 +1,369 @@
+"""Snippets for other simulators: they run with stand-ins of the packages, and hold the arm's numbers."""
+
+from __future__ import annotations
+
+import ast
+import sys
+import types
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from gapscope.arm.control.pd import PD
+from gapscope.arm.errors import InputError
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.envs.effect_ranges import EffectRanges
+from gapscope.envs.export.formats import export
+from gapscope.envs.export.snippets.targets import TARGETS
+from gapscope.envs.export.unit_spread import effect_range, within_nominal
+
+EFFECTS = (
+    AppliedEffect("coulomb_friction", (2,), {"torque": [4.0]}),
+    AppliedEffect("viscous_friction", (2,), {"coefficient": [3.0]}),
+    AppliedEffect("stribeck_friction", (2,), {"torque": [1.5], "velocity": [0.1]}),
+    AppliedEffect("armature", (1,), {"inertia": [0.4]}),
+    AppliedEffect("payload", (), {"mass": 1.0, "com": [0.02, 0.0, 0.05]}),
+    AppliedEffect("actuator_delay", (4,), {"delay": [0.0101]}),
+    AppliedEffect("torque_scale", (3,), {"scale": [0.2]}),
+    AppliedEffect("torque_offset", (5,), {"torque": [0.7]}),
+    AppliedEffect("encoder_offset", (6,), {"offset": [0.02]}),
+    AppliedEffect("parallel_spring", (2,), {"stiffness": [12.0], "rest": [0.3]}),
+    AppliedEffect("torque_saturation", (4,), {"limit": [20.0]}),
+)
+KP, KD = 100.0 * np.arange(1, 8), 10.0 * np.arange(1, 8)
+WIDTH = 0.1 * 1.96
+"""Half an interval over its value, if the standard deviation is a tenth of the value."""
+PYTHON = ("isaac_lab", "mjlab", "newton", "genesis", "drake")
+ISAAC_LAB = {
+    *("joint_names_expr", "stiffness", "damping", "armature", "friction"),
+    *("dynamic_friction", "viscous_friction", "min_delay", "max_delay"),
+    *("actuator_effort_limit", "actuator_velocity_limit"),
+}
+"""Fields of DelayedPDActuatorCfg of Isaac Lab 3.0, see docs/export_targets.md."""
+MJLAB = {
+    *("target_names_expr", "stiffness", "damping", "effort_limit", "armature"),
+    *("frictionloss", "viscous_damping", "delay_min_lag", "delay_max_lag"),
+    *("delay_update_period", "delay_per_env_phase"),
+}
+"""Fields of IdealPdActuatorCfg of mjlab 1.6, see docs/export_targets.md."""
+
+
+@pytest.fixture(scope="module")
+def corrected() -> CorrectedArm:
+    return CorrectedArm(load_nominal_arm("kuka_iiwa"), EFFECTS)
+
+
+@pytest.fixture(scope="module")
+def ranges(corrected: CorrectedArm) -> EffectRanges:
+    found = [
+        effect_range(e, {k: 0.1 * np.abs(v) for k, v in e.parameters.items()})
+        for e in EFFECTS
+    ]
+    return within_nominal(found, corrected.arm)
+
+
+@pytest.fixture(scope="module")
+def controller() -> PD:
+    return PD(rate=500.0, kp=KP, kd=KD)
+
+
+class Anything(types.ModuleType):
+    """A module of which each name is a class that keeps its arguments."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+
+        def keep(*args: Any, **kwargs: Any) -> types.SimpleNamespace:
+            return types.SimpleNamespace(kind=name, args=args, **kwargs)
+
+        keep.__name__ = name
+        return keep
+
+
+def imported(tree: ast.AST) -> list[str]:
+    """Names of the modules that a text imports from."""
+    names = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom):
+            module = node.module or ""
+            inner = [f"{module}.{x.name}" for x in node.names if x.name.islower()]
+            names += [module, *inner]
+        elif isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+    return names
+
+
+def run(path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """Names that a snippet defines, with stand-ins for what it imports."""
+    text = path.read_text(encoding="utf-8")
+    modules: dict[str, Anything] = {}
+    for name in imported(ast.parse(text)):
+        if name in ("math", "numpy"):
+            continue
+        parts = name.split(".")
+        for k in range(1, len(parts) + 1):
+            inner = ".".join(parts[:k])
+            module = modules.setdefault(inner, Anything(inner))
+            monkeypatch.setitem(sys.modules, inner, module)
+            if k > 1:
+                setattr(modules[".".join(parts[: k - 1])], parts[k - 1], module)
+    scope: dict[str, Any] = {}
+    exec(compile(text, str(path), "exec"), scope)
+    return scope
+
+
+@pytest.fixture
+def snippet(
+    corrected: CorrectedArm,
+    controller: PD,
+    ranges: EffectRanges,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> Any:
+    """Runs the snippet of a simulator."""
+
+    def written(form: str, randomise: bool = False) -> dict[str, Any]:
+        path = tmp_path / f"{form}.py"
+        chosen = ranges if randomise else None
+        export(corrected, form, path, controller=controller, ranges=chosen)
+        return run(path, monkeypatch)
+
+    return written
+
+
+class TestIsaacLab:
+    def test_groups_joints_by_delay_in_physics_steps(self, snippet: Any) -> None:
+        scope = snippet("isaac_lab")
+        assert scope["PHYSICS_DT"] == 0.005
+        groups = list(scope["ACTUATORS"].values())
+        assert [len(group.joint_names_expr) for group in groups] == [6, 1]
+        assert [(g.min_delay, g.max_delay) for g in groups] == [(0, 0), (2, 2)]
+
+    def test_holds_friction_rotors_limits_and_gains(self, snippet: Any) -> None:
+        groups = snippet("isaac_lab")["ACTUATORS"].values()
+        first, late = groups
+        one, two, three = (f"lbr_iiwa_joint_{k}" for k in (1, 2, 3))
+        assert (first.dynamic_friction[two], first.friction[two]) == (4.0, 5.5)
+        assert first.viscous_friction[two] == 3.5  # of which 0.5 in the URDF
+        assert first.armature == pytest.approx(
+            {one: 0.4} | {n: 0.0 for n in first.joint_names_expr if n != one}
+        )
+        # what reaches joint 3 is 1.2 times what is commanded
+        assert first.stiffness[three] == pytest.approx(360)
+        assert late.actuator_effort_limit == {"lbr_iiwa_joint_4": 20.0}
+        for group in groups:
+            assert set(vars(group)) - {"kind", "args"} <= ISAAC_LAB
+
+    def test_draws_within_the_intervals(self, snippet: Any) -> None:
+        scope = snippet("isaac_lab", randomise=True)
+        events, (_, late) = scope["EVENTS"], scope["ACTUATORS"].values()
+        armature = events["armature_lbr_iiwa_joint_1"]
+        assert armature.func.__name__ == "randomize_joint_parameters"
+        low, high = armature.params["armature_distribution_params"]
+        assert (low, high) == pytest.approx((0.4 * (1 - WIDTH), 0.4 * (1 + WIDTH)))
+        # a factor for all of the joint's friction: the widest of its parts
+        factor = events["friction_lbr_iiwa_joint_2"].params
+        assert factor["operation"] == "scale"
+        assert factor["friction_distribution_params"] == pytest.approx(
+            (1 - WIDTH, 1 + WIDTH)
+        )
+        mass = events["mass_lbr_iiwa_link_7"].params
+        assert mass["mass_distribution_params"] == pytest.approx((-WIDTH, WIDTH))
+        # 0.0101 s +- 0.00198 s in steps of 5 ms, outwards
+        assert (late.min_delay, late.max_delay) == (1, 3)
+
+
+class TestMjlab:
+    def test_holds_the_joints(self, snippet: Any) -> None:
+        actuators = {a.target_names_expr[0]: a for a in snippet("mjlab")["ACTUATORS"]}
+        two, four = (actuators[f"lbr_iiwa_joint_{k}"] for k in (2, 4))
+        assert (two.frictionloss, two.viscous_damping) == (4.0, 3.5)
+        assert (four.delay_min_lag, four.delay_max_lag) == (5, 5)
+        assert four.effort_limit == 20.0
+        for actuator in actuators.values():
+            assert set(vars(actuator)) - {"kind", "args"} <= MJLAB
+
+    def test_biases_encoders_and_draws_by_joint(self, snippet: Any) -> None:
+        events = snippet("mjlab", randomise=True)["EVENTS"]
+        ranges = events["joint_friction"].params["ranges"]
+        assert list(ranges) == ["lbr_iiwa_joint_2"]
+        assert ranges["lbr_iiwa_joint_2"] == pytest.approx(
+            (4 * (1 - WIDTH), 4 * (1 + WIDTH))
+        )
+        bias = events["encoder_lbr_iiwa_joint_6"].params["bias_range"]
+        assert bias == pytest.approx((0.02 * (1 - WIDTH), 0.02 * (1 + WIDTH)))
+
+
+@dataclass
+class Builder:
+    """As much of newton.ModelBuilder as the snippet uses."""
+
+    joint_label: list[str]
+    actuators: list[dict[str, Any]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        n = len(self.joint_label)
+        self.joint_qd_start = self.joint_q_start = list(range(n))
+        for name in ("damping", "friction", "armature", "stiffness", "rest_q"):
+            setattr(self, f"joint_{name}", [0.0] * n)
+        self.joint_target_ke, self.joint_target_kd = [9.0] * n, [9.0] * n
+
+    def add_actuator(self, drive: Any, **given: Any) -> None:
+        self.actuators.append(given)
+
+
+class TestNewton:
+    def test_sets_each_joint_of_the_builder(self, snippet: Any) -> None:
+        builder = Builder([f"arm/lbr_iiwa_joint_{k}" for k in (4, 3, 2)] + ["other"])
+        snippet("newton")["add_actuators"](builder)
+        assert builder.joint_friction == [0.0, 0.0, 4.0, 0.0]
+        assert builder.joint_stiffness == [0.0, 0.0, 12.0, 0.0]
+        assert builder.joint_target_ke == [0.0, 0.0, 0.0, 9.0]
+        four, three, _ = builder.actuators
+        assert (four["delay_steps"], three["delay_steps"]) == (5, None)
+        assert three["kp"] == pytest.approx(360)
+        assert four["clamping"][0][1] == {"max_effort": 20.0}
+
+    def test_draws_one_factor_for_gains_and_limit(self, snippet: Any) -> None:
+        builder = Builder(["lbr_iiwa_joint_3"] * 20)
+        rng = np.random.default_rng(0)
+        snippet("newton", randomise=True)["add_actuators"](builder, rng)
+        kp = np.array([a["kp"] for a in builder.actuators])
+        kd = np.array([a["kd"] for a in builder.actuators])
+        limits = [a["clamping"][0][1]["max_effort"] for a in builder.actuators]
+        assert kp / 300 == pytest.approx(kd / 30)
+        assert kp / 300 == pytest.approx(np.array(limits) / 300)
+        spread = 0.2 * WIDTH
+        assert np.all((kp / 300 >= 1.2 - spread) & (kp / 300 <= 1.2 + spread))
+        assert np.ptp(kp) > 0
+
+
+def test_genesis_has_values_of_its_own_in_each_environment(snippet: Any) -> None:
+    calls: dict[str, Any] = {}
+
+    class Robot:
+        def get_joint(self, name: str) -> Any:
+            return types.SimpleNamespace(dofs_idx_local=[int(name[-1]) - 1])
+
+        def __getattr__(self, name: str) -> Any:
+            return lambda *values: calls.__setitem__(name, values)
+
+    set_joints = snippet("genesis", randomise=True)["set_joints"]
+    set_joints(Robot())
+    assert calls["set_dofs_frictionloss"][0].tolist() == [0, 4, 0, 0, 0, 0, 0]
+    assert calls["set_dofs_frictionloss"][1] == list(range(7))
+    set_joints(Robot(), np.random.default_rng(0), 5)
+    drawn = calls["set_dofs_frictionloss"][0]
+    assert drawn.shape == (5, 7) and np.ptp(drawn[:, 1]) > 0
+    low, high, _ = calls["set_dofs_force_range"]
+    assert (low == -high).all() and high[:, 2] == pytest.approx(
+        300 * calls["set_dofs_kp"][0][:, 2] / 300
+    )
+
+
+def test_drake_divides_the_rotor_by_the_square_of_the_gear(snippet: Any) -> None:
+    scope = snippet("drake")
+    made: dict[str, Any] = {}
+
+    class Actuator:
+        def __getattr__(self, name: str) -> Any:
+            return lambda value: made.__setitem__(name, value)
+
+    plant = types.SimpleNamespace(
+        GetJointActuatorIndices=lambda: [],
+        GetJointByName=lambda name: types.SimpleNamespace(set_default_damping=print),
+        AddJointActuator=lambda name, joint: Actuator(),
+    )
+    scope["RevoluteJoint"] = str
+    scope["GEAR_RATIO"] = 100.0
+    scope["JOINTS"] = {"lbr_iiwa_joint_1": scope["JOINTS"]["lbr_iiwa_joint_1"]}
+    scope["set_joints"](plant)
+    assert made["set_default_rotor_inertia"] == pytest.approx(0.4 / 1e4)
+    assert made["set_default_gear_ratio"] == 100.0
+
+
+def test_gazebo_holds_dynamics_and_limits(
+    corrected: CorrectedArm, tmp_path: Path
+) -> None:
+    export(corrected, "gazebo", tmp_path / "joints.xml")
+    joints = ET.parse(tmp_path / "joints.xml").getroot()
+    two = joints.find("joint[@name='lbr_iiwa_joint_2']/axis/dynamics")
+    assert two is not None
+    assert {each.tag: float(each.text or "") for each in two} == {
+        "damping": 3.5,
+        "friction": 4.0,
+        "spring_reference": 0.3,
+        "spring_stiffness": 12.0,
+    }
+
+
+def test_ros2_control_feeds_viscous_friction_forward(
+    corrected: CorrectedArm, controller: PD, tmp_path: Path
+) -> None:
+    export(corrected, "ros2_control", tmp_path / "c.yaml", controller=controller)
+    text = (tmp_path / "c.yaml").read_text(encoding="utf-8")
+    gains = yaml.safe_load(text)["joint_trajectory_controller"]["ros__parameters"]
+    four, three = (gains["gains"][f"lbr_iiwa_joint_{k}"] for k in (4, 3))
+    assert (four["p"], four["u_clamp_max"], four["u_clamp_min"]) == (400, 20, -20)
+    # 1.2 times what is commanded arrives, so that less has to be
+    assert three["ff_velocity_scale"] == pytest.approx(0.5 / 1.2, rel=1e-5)
+    assert "lbr_iiwa_joint_6: -0.02 rad" in text
+
+
+@pytest.mark.parametrize("form", PYTHON)
+def test_what_is_not_held_is_in_the_head_and_returned(
+    corrected: CorrectedArm, tmp_path: Path, form: str
+) -> None:
+    left_out, _ = export(corrected, form, tmp_path / "s.py")
+    head = (tmp_path / "s.py").read_text(encoding="utf-8").split("import")[0]
+    named = {line.split(":")[0].split(",")[0] for line in left_out}
+    assert "payload" in named
+    assert ("torque_offset" in named) and ("parallel_spring" in named) == (
+        form in ("isaac_lab", "mjlab", "genesis")
+    )
+    assert all(line in head for line in left_out)
+
+
+def test_without_a_pd_law_gains_are_zero(
+    corrected: CorrectedArm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    export(corrected, "mjlab", tmp_path / "s.py")
+    actuators = run(tmp_path / "s.py", monkeypatch)["ACTUATORS"]
+    assert {(a.stiffness, a.damping) for a in actuators} == {(0.0, 0.0)}
+
+
+@pytest.mark.parametrize("form", ["gazebo", "ros2_control", "urdf"])
+def test_ranges_for_a_format_without_them_are_refused(
+    corrected: CorrectedArm, ranges: EffectRanges, tmp_path: Path, form: str
+) -> None:
+    with pytest.raises(InputError, match="ranges") as error:
+        export(corrected, form, tmp_path / "file", ranges=ranges)
+    assert "isaac_lab" in error.value.remedy
+    assert not (tmp_path / "file").exists()
+
+
+@pytest.mark.parametrize("form", [n for n, t in TARGETS.items() if t.needs_ranges])
+def test_a_format_of_ranges_alone_needs_them(
+    corrected: CorrectedArm, tmp_path: Path, form: str
+) -> None:
+    with pytest.raises(InputError, match="ranges alone"):
+        export(corrected, form, tmp_path / "file")
+
+
+def test_a_healthy_arm_has_a_snippet(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    nominal: NominalArm = load_nominal_arm("franka_panda")
+    for form in PYTHON:
+        left_out, _ = export(CorrectedArm(nominal), form, tmp_path / "s.py")
+        assert left_out == ()
+        run(tmp_path / "s.py", monkeypatch)
