@@ -71,7 +71,7 @@ NOISE = {"as it is": (0.0, 0.0), "noise": (0.05, 2e-4)}
 """Added to the torque, over its deviation [1], and to positions [rad]."""
 ANGLES = (-90.0, 60.0, 180.0)
 """Zeros are off by so much [deg]."""
-TURNS = ((180.0, 0.0), (90.0, 0.0), (135.0, 0.0), (-50.0, 35.0))
+TURNS = ((180.0, 0.0), (135.0, 0.0), (-50.0, 35.0))
 """Roll and pitch of the gravity that a case states [deg]."""
 ORDINARY = (
     AppliedEffect("coulomb_friction", (2, 4), {"torque": [6.0, 4.0]}),

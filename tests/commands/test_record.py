@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 from gapscope.arm.case import Case, load_case
+from gapscope.arm.control.pd import PD
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.formats.table_files import read_csv, read_npz, read_parquet
 from gapscope.arm.nominal import NominalArm
@@ -344,12 +345,13 @@ def test_a_controller_file_at_fault_is_named(
 
 
 def test_setup_faults_are_recorded(effects: Path, tmp_path: Path) -> None:
-    """The same session with and without them: one torque is mirrored, and the inertials lie on other links."""
+    """The same session with and without them: a torque mirrored, inertials on other links, other gains declared."""
     text = effects.read_text(encoding="utf-8")
     faulty = tmp_path / "faulty.yaml"
     faults = [
         "{effect: sign_flip, joints: [4], variant: torque}",
         "{effect: shifted_inertials, parameters: {by: 1}}",
+        "{effect: gain_mismatch, parameters: {kp_factor: 2, kd_factor: 0.5}}",
     ]
     faulty.write_text(
         text + "".join(f"- {fault}\n" for fault in faults), encoding="utf-8"
@@ -365,6 +367,9 @@ def test_setup_faults_are_recorded(effects: Path, tmp_path: Path) -> None:
         RigidBody(right.arm).model.inertias[3].mass
         != RigidBody(wrong.arm).model.inertias[3].mass
     )
+    assert isinstance(right.controller, PD) and isinstance(wrong.controller, PD)
+    np.testing.assert_allclose(wrong.controller.kp, right.controller.kp / 2)
+    np.testing.assert_allclose(wrong.controller.kd, right.controller.kd * 2)
     assert [
         e["effect"]
         for e in yaml.safe_load((tmp_path / "wrong" / "truth.yaml").read_text())[
@@ -375,6 +380,7 @@ def test_setup_faults_are_recorded(effects: Path, tmp_path: Path) -> None:
         "actuator_delay",
         "sign_flip",
         "shifted_inertials",
+        "gain_mismatch",
     ]
 
 

@@ -132,7 +132,7 @@ def _refined_unit(
 
         return _PatternSearch(scorer, before, built, NARROW_NUISANCE_FACTOR)
 
-    groups = np.zeros(len(joints), dtype=int)
+    groups: np.ndarray = np.zeros(len(joints), dtype=int)
     x = search(groups).minimum(np.array([np.median(starts)]), UNIT_LAST_STEP)
     least = search(groups).cost(x)
     for j, start in enumerate(starts):

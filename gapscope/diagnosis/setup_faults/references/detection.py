@@ -36,8 +36,8 @@ from gapscope.ident.signals.conditioning import low_pass
 
 COMPUTED = (
     "the torque is kp (q_ref - q) + kd (dq_ref - dq) to rounding in every row, with kp {kp} N m/rad and kd {kd} "
-    "N m s/rad: it was computed from these columns, not measured. It fits the motion; what the loop adds behind these "
-    "gains, a delay above all, shows as an effect of the arm"
+    "N m s/rad: it was computed from these columns, not measured. No other gains fit the motion decidedly better; what "
+    "the loop adds behind them, a delay above all, shows as an effect of the arm"
 )
 """Note on a torque that follows from the log's other columns."""
 
