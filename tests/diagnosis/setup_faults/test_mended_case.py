@@ -216,8 +216,8 @@ def test_references_and_controller_are_read_as_the_diagnosis_reads_them(
     np.testing.assert_allclose(given.controller.kp, expected.controller.kp)
     np.testing.assert_allclose(given.controller.kd, expected.controller.kd)
     for one, other in zip(given.recordings, expected.recordings, strict=True):
-        # without a torque one row more is taken for a repeated one
-        assert len(other.t) - len(one.t) in (0, 1)
+        # without a torque, whose noise tells, a few more rows are taken for repeated ones
+        assert 0 <= len(other.t) - len(one.t) < 10
         rows = np.searchsorted(other.t, one.t - 1e-6)
         for channel in ("t", *CHANNELS):
             series, right = getattr(one, channel), getattr(other, channel)
