@@ -52,6 +52,7 @@ class Layout:
         source: where this is documented.
         kind: type of messages or format to which it belongs; empty: any table with its columns.
         time: the ``time`` entry of the import section; ``None``: a column ``t`` in s.
+        marks: patterns of which the table must have one, if its positions have a name that others use too.
     """
 
     name: str
@@ -59,6 +60,7 @@ class Layout:
     source: str
     kind: str = ""
     time: str | Mapping[str, Any] | None = None
+    marks: tuple[str, ...] = ()
 
     def place(self, channel: str, table: Table) -> Place | None:
         """Where a table of this layout holds a channel, or ``None``."""
@@ -66,11 +68,14 @@ class Layout:
         return next((place for place in places if place.joints(table)), None)
 
     def fits(self, table: Table) -> bool:
-        """Whether a table has the positions and the time of this layout."""
+        """Whether a table has the positions, the time and the marks of this layout."""
         column = self.time
         if isinstance(column, Mapping):
             column = column.get("column")
-        return self.place("q", table) is not None and ((column or "t") in table.columns)
+        marked = [mark for mark in self.marks if joints_in(mark, table.columns)]
+        timed = (column or "t") in table.columns
+        named = bool(marked) or not self.marks
+        return timed and named and self.place("q", table) is not None
 
     def channels(self, table: Table) -> dict[str, Place]:
         """The channels that a table of this layout holds."""
@@ -243,6 +248,7 @@ LAYOUTS: tuple[Layout, ...] = (
         },
         "libfranka, franka::RobotState, its fields as columns",
         time="time",
+        marks=("tau_J[{j0}]", "tau_J_{j0}"),
     ),
     Layout(
         "Kinova Kortex, cyclic feedback",
@@ -257,6 +263,7 @@ LAYOUTS: tuple[Layout, ...] = (
         },
         "Kinova Kortex API, BaseCyclic ActuatorFeedback",
         time="timestamp",
+        marks=("current_motor_{j0}", "temperature_motor_{j0}"),
     ),
     Layout(
         "joint trajectory",

@@ -1,0 +1,93 @@
+"""Layouts of known logs: recognised by their columns, and turned into an import section that reads them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gapscope.arm.io.case_file import check
+from gapscope.arm.io.column_pattern import joints_in
+from gapscope.arm.io.formats.joint_messages import JOINT_STATE
+from gapscope.arm.io.import_section import parse_import
+from gapscope.arm.io.layouts import LAYOUTS, LEROBOT, layout_of
+from gapscope.arm.io.table import Table
+from gapscope.arm.recording import CHANNELS
+
+
+def table(*columns: str) -> Table:
+    """A table of ten rows with these columns."""
+    return Table(Path("log.csv"), {name: np.zeros(10) for name in columns}, range(10))
+
+
+HEADERS = {
+    "case format": ("t", "q1", "q2", "tau1", "tau2"),
+    "UR, RTDE": ("timestamp", "actual_q_0", "actual_q_1", "actual_current_0"),
+    "UR5 degradation, NIST": ("ROBOT_TIME", "ROBOT_ACTUAL_JOINT_POSITIONS (J1)"),
+    "libfranka, logToCSV": ("time", "success_rate", "state.q[0]", "state.tau_J[0]"),
+    "Franka robot state": ("time", "q_0", "q_1", "tau_J_0"),
+    "Kinova Kortex, cyclic feedback": ("timestamp", "position_0", "current_motor_0"),
+}
+
+
+@pytest.mark.parametrize("name", HEADERS)
+def test_a_header_gives_its_layout(name: str) -> None:
+    layout = layout_of(table(*HEADERS[name]))
+    assert layout is not None and layout.name == name
+
+
+def test_a_type_of_messages_gives_its_layout() -> None:
+    states = table("t", "position[elbow]", "effort[elbow]")
+    layout = layout_of(states, JOINT_STATE)
+    assert layout is not None and layout.name == "joint states of ROS"
+    # the same columns in a file are no message
+    assert layout_of(states) is None
+    assert layout_of(table("t", "x", "y")) is None
+    # names that everybody uses
+    assert layout_of(table("timestamp", "position_0", "torque_0")) is None
+    assert layout_of(table("time", "q_0", "tau_0")) is None
+
+
+def test_the_measured_torque_is_taken_before_the_computed_one() -> None:
+    columns = ("timestamp", "actual_q_0", "target_moment_0", "actual_current_0")
+    log = table(*columns)
+    layout = layout_of(log)
+    assert layout is not None
+    place = layout.channels(log)["tau"]
+    assert (place.column, place.unit) == ("actual_current_{j0}", "A")
+    without = table(*columns[:3])
+    assert "no measurement" in layout.channels(without)["tau"].torque
+
+
+@pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.name)
+def test_each_layout_gives_a_valid_import_section(layout, tmp_path: Path) -> None:
+    patterns = [place.column for places in layout.places.values() for place in places]
+    names = [p.replace("{joint}", "elbow").replace("{j0}", "0") for p in patterns]
+    log = table("t", *(name.replace("{j}", "1") for name in names))
+    section = layout.section(log)
+    tau = section.get("tau")
+    if isinstance(tau, dict) and tau.get("unit") == "A":
+        tau |= {"motor_constant": 0.1}
+    check({"name": "x", "robot": "x", "recordings": ["x"], "import": section}, tmp_path)
+    importing = parse_import(section, 1, tmp_path / "case.yaml")
+    assert all(name in CHANNELS for name in layout.places)
+    for name in set(section) & set(CHANNELS):
+        channel = importing.channels[name]
+        assert channel is not None
+        assert joints_in(str(channel.column), log.columns), name
+
+
+def test_numbers_count_from_the_first_without_a_gap() -> None:
+    assert joints_in("q{j}", ["q1", "q2", "q4", "q12x"]) == ["1", "2"]
+    assert joints_in("q{j}", ["q0", "q2"]) == []
+    assert joints_in("x[{joint}]", ["x[a.pos]", "y[b]"]) == ["a.pos"]
+    assert joints_in("plain", ["plain"]) == []
+
+
+def test_a_dataset_is_read_by_names_with_or_without_the_ending() -> None:
+    names = ("t", "observation.state[elbow.pos]", "action[elbow.pos]")
+    log = table(*names)
+    layout = layout_of(log, LEROBOT)
+    assert layout is not None
+    assert layout.section(log)["q"] == "observation.state[{joint}.pos]"
