@@ -115,27 +115,27 @@ def check_motion(motions: JointMotions, per_radian: np.ndarray) -> Iterator[Rema
     flat &= motions.gravity < GRAVITY_SHARE * could
     yield from _of_joints(
         still,
-        "does not move: nothing can be told of its friction and rotor",
-        "record a motion of this joint",
+        "at rest: nothing can be told of friction and rotor",
+        "record a motion to and fro",
     )
     yield from _of_joints(
         one_speed,
-        "slides at one speed, or hardly: Coulomb and viscous friction cannot be told apart",
+        "hardly more than one speed: Coulomb and viscous friction cannot be told apart",
         "repeat the motion ten times slower, and faster",
     )
     yield from _of_joints(
         one_way,
-        "moves one way: friction cannot be told from a constant torque",
+        "one direction only: friction cannot be told from a constant torque",
         "move it to and fro",
     )
     yield from _of_joints(
         few,
-        f"turns round less than {FEW_REVERSALS} times: backlash and dry friction show at reversals",
+        f"fewer than {FEW_REVERSALS} reversals: backlash and dry friction show at reversals",
         "move it to and fro several times",
     )
     yield from _of_joints(
         flat,
-        "sees hardly any change of gravity torque: torque scale, offset and joint zero cannot be told apart",
+        "hardly any change of gravity torque: torque scale, offset and joint zero cannot be told apart",
         "record in postures that differ more, arm stretched and folded",
     )
     if not (still | one_speed | one_way | few | flat).any():

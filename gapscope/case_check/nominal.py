@@ -9,6 +9,7 @@ import numpy as np
 
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.nominal import NominalArm
 from gapscope.case_check.remark import Remark, numbers
 from gapscope.model_audit.audit import audit_model
 
@@ -19,47 +20,8 @@ def check_nominal(case: Case, body: RigidBody) -> Iterator[Remark]:
     yield Remark(
         "ok", "data sheet", "", f"joints in this order: {', '.join(arm.joints)}"
     )
-    if arm.friction_source:
-        said = (
-            f"coulomb {_listed(arm.coulomb)} N m, viscous {_listed(arm.viscous)} "
-            f"N m s/rad, from {arm.friction_source}"
-        )
-        placeholder = "data sheet" not in arm.friction_source and _alike(
-            arm.coulomb, arm.viscous
-        )
-        yield Remark(
-            "warn" if placeholder else "ok",
-            "data sheet",
-            "",
-            f"{said}: the same on all joints" if placeholder else said,
-            "a placeholder, as it seems: give nominal: {coulomb: [...], viscous: [...]}"
-            if placeholder
-            else "",
-        )
-    else:
-        yield Remark(
-            "warn",
-            "data sheet",
-            "",
-            "no friction is stated: all of it will be found as an effect",
-            "give nominal: {coulomb: [...], viscous: [...]}, or identify the arm (gapscope identify)",
-        )
-    if not arm.armature.any():
-        yield Remark(
-            "warn",
-            "data sheet",
-            "",
-            "no rotor inertia is stated: it will be found as an effect",
-            "give nominal: {armature: [...]}: inertia of the rotor times the gear ratio squared [kg m^2]",
-        )
-    if arm.torque_limit is None and not body.effort_limits().any():
-        yield Remark(
-            "warn",
-            "data sheet",
-            "",
-            "no torque limits: saturation is told by the torque alone",
-            "give nominal: {torque_limit: [...]}",
-        )
+    yield _friction(arm)
+    yield from _drives(arm, body)
     yield from _model(case)
 
 
@@ -108,9 +70,47 @@ def check_ranges(case: Case, body: RigidBody) -> Iterator[Remark]:
         "warn",
         "positions",
         numbers((np.flatnonzero(outside) + 1).tolist()),
-        "leaves the limits of the model",
+        "beyond the limits of the model",
         "check unit, zero and order of the joints in import:",
     )
+
+
+def _friction(arm: NominalArm) -> Remark:
+    """Nominal friction and where it comes from."""
+    give = "give nominal: {coulomb: [...], viscous: [...]}"
+    if not arm.friction_source:
+        said = "no friction is stated: all of it will be found as an effect"
+        remedy = f"{give}, or identify the arm (gapscope identify)"
+        return Remark("warn", "data sheet", "", said, remedy)
+    said = (
+        f"coulomb {_listed(arm.coulomb)} N m, viscous {_listed(arm.viscous)} "
+        f"N m s/rad, from {arm.friction_source}"
+    )
+    measured = "data sheet" in arm.friction_source
+    if measured or np.ptp(arm.coulomb) > 0 or np.ptp(arm.viscous) > 0:
+        return Remark("ok", "data sheet", "", said)
+    said = f"{said}: the same on all joints"
+    return Remark("warn", "data sheet", "", said, f"a placeholder, as it seems: {give}")
+
+
+def _drives(arm: NominalArm, body: RigidBody) -> Iterator[Remark]:
+    """Rotors and torque limits that are not stated."""
+    if not arm.armature.any():
+        yield Remark(
+            "warn",
+            "data sheet",
+            "",
+            "no rotor inertia is stated: it will be found as an effect",
+            "give nominal: {armature: [...]}: inertia of the rotor times the gear ratio squared [kg m^2]",
+        )
+    if arm.torque_limit is None and not body.effort_limits().any():
+        yield Remark(
+            "warn",
+            "data sheet",
+            "",
+            "no torque limits: saturation is told by the torque alone",
+            "give nominal: {torque_limit: [...]}",
+        )
 
 
 def _model(case: Case) -> Iterator[Remark]:
@@ -128,7 +128,3 @@ def _model(case: Case) -> Iterator[Remark]:
 
 def _listed(values: np.ndarray) -> str:
     return ", ".join(f"{value:.3g}" for value in values)
-
-
-def _alike(*series: np.ndarray) -> bool:
-    return all(np.ptp(values) == 0 for values in series)

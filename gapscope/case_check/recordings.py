@@ -160,7 +160,7 @@ def _reference(recording: Recording) -> Iterator[Remark]:
             "warn",
             "controller",
             recording.name,
-            f"{numbers((np.flatnonzero(off) + 1).tolist())} does not follow q_ref: they differ by more than half of "
+            f"{numbers((np.flatnonzero(off) + 1).tolist())} far from q_ref: they differ by more than half of "
             "the joint's range",
             "check unit and order of import: {q_ref: ...}",
         )

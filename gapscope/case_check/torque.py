@@ -89,7 +89,7 @@ def _limits(case: Case) -> Iterator[Remark]:
             "warn",
             "torque",
             numbers(joints),
-            f"is at its limit in up to {at_limit.max():.0%} of the samples",
+            f"at the torque limit in up to {at_limit.max():.0%} of the samples",
             "what is clipped says little of the arm: record a slower motion; if the drive allows more, correct "
             "nominal: {torque_limit: ...}",
         )

@@ -68,8 +68,9 @@ def _check_body(link: Link, inertial: Inertial) -> Iterator[Finding]:
             "give the mass of the data sheet or the drawing",
             size=1e3,
         )
-        return
-    if not moments.any():
+    elif moments.any():
+        yield from _check_moments(place, inertial, moments)
+    else:
         yield Finding(
             "implausible" if inertial.mass > POINT_MASS else "note",
             "no_moments",
@@ -80,7 +81,12 @@ def _check_body(link: Link, inertial: Inertial) -> Iterator[Finding]:
             "give them; a simulator may refuse a body of zero inertia, or make up its own",
             size=inertial.mass,
         )
-        return
+
+
+def _check_moments(
+    place: str, inertial: Inertial, moments: np.ndarray
+) -> Iterator[Finding]:
+    """Principal moments [kg m^2], (3,), in rising order: above zero, and none above the sum of the others."""
     if moments[0] <= 0:
         yield Finding(
             "impossible",

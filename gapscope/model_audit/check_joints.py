@@ -114,7 +114,7 @@ def _limits(joint: Joint, form: str) -> Iterator[Finding]:
                 "implausible",
                 "limits",
                 joint,
-                f"lower limit {lower or 0:g}, upper limit {upper or 0:g}: it cannot move",
+                f"lower limit {lower or 0:g}, upper limit {upper or 0:g}: some readers lock it, others free it",
                 "lower below upper",
                 'give the range of the data sheet, or type="continuous" if it turns without end',
                 0.5,

@@ -59,6 +59,24 @@ class Extent:
     size: float
 
 
+@dataclass(frozen=True)
+class MassSpread:
+    """Spread of the logarithm of moments over mass and squared size.
+
+    Attributes:
+        step: which neighbour's mass.
+        count: number of links.
+        now, then: standard deviation with each link's own mass, and with the neighbour's [1].
+        p: of an F test that the neighbour's is no better [1].
+    """
+
+    step: int
+    count: int
+    now: float
+    then: float
+    p: float
+
+
 def check_shifted(
     description: Description, geometries: Mapping[str, Geometry]
 ) -> Iterator[Finding]:
@@ -150,46 +168,51 @@ def _masses(links: Sequence[Link], extents: Mapping[str, Extent]) -> Iterator[Fi
     """
     bodies = [link.inertial for link in links if link.inertial is not None]
     places = [extents.get(link.name) for link in links]
-    best: tuple[float, float, float, int, int] | None = None
-    for step in (1, -1):
-        spread, own_masses, other_masses = [], [], []
-        for own in range(len(links)):
-            giver, extent = own + step, places[own]
-            if extent is None or not 0 <= giver < len(links):
-                continue
-            # moments that no body has say nothing of the mass
-            if not (possible(bodies[own]) and bodies[giver].is_body):
-                continue
-            if not extent.size:
-                continue
-            moments = np.trace(bodies[own].moments)
-            spread.append(np.log(moments / extent.size))
-            own_masses.append(np.log(bodies[own].mass))
-            other_masses.append(np.log(bodies[giver].mass))
-        count = len(spread)
-        if count < SHIFT_LINKS + 1 or np.ptp(own_masses) == 0:
-            continue
-        sizes = np.array(spread)
-        now = float(np.std(sizes - own_masses, ddof=1))
-        then = max(ROUNDING, float(np.std(sizes - other_masses, ddof=1)))
-        p = float(fisher.sf((now / then) ** 2, count - 1, count - 1))
-        if best is None or p < best[0]:
-            best = p, now, then, step, count
-    if best is None or best[0] > MASS_SHIFT_LEVEL or best[2] > MASS_SHIFT_SPREAD:
+    spreads = [
+        spread
+        for step in (1, -1)
+        if (spread := _mass_spread(bodies, places, step)) is not None
+    ]
+    best = min(spreads, key=lambda spread: spread.p, default=None)
+    if best is None or best.p > MASS_SHIFT_LEVEL or best.then > MASS_SHIFT_SPREAD:
         return
-    p, now, then, step, count = best
-    beyond = "next" if step > 0 else "previous"
+    now, then = best.now, best.then
+    beyond = "next" if best.step > 0 else "previous"
     yield _shifted(
         links,
         "shifted_masses",
         places,
         f"the masses look shifted by one link: moments over mass and size differ by {np.expm1(now):.0%} between "
-        f"{count} links, with the mass of the {beyond} link each by {np.expm1(then):.0%} (p = {p:.1g}); centres and "
-        "moments are in place",
+        f"{best.count} links, with the mass of the {beyond} link each by {np.expm1(then):.0%} (p = {best.p:.1g}); "
+        "centres and moments are in place",
         "mass and moments of the same link",
         f"give each link the <mass> of the {beyond} one, compare with the data sheet, and run the audit again",
         float(np.log(now / then)),
     )
+
+
+def _mass_spread(
+    bodies: Sequence[Inertial], places: Sequence[Extent | None], step: int
+) -> MassSpread | None:
+    """How moments over mass and size spread, now and with the masses ``step`` links further; ``None`` of few links."""
+    sizes, own_masses, other_masses = [], [], []
+    for own, extent in enumerate(places):
+        giver = own + step
+        if extent is None or not extent.size or not 0 <= giver < len(bodies):
+            continue
+        # moments that no body has say nothing of the mass
+        if possible(bodies[own]) and bodies[giver].is_body:
+            sizes.append(np.log(np.trace(bodies[own].moments) / extent.size))
+            own_masses.append(np.log(bodies[own].mass))
+            other_masses.append(np.log(bodies[giver].mass))
+    count = len(sizes)
+    if count < SHIFT_LINKS + 1 or np.ptp(own_masses) == 0:
+        return None
+    now = float(np.std(np.subtract(sizes, own_masses), ddof=1))
+    then = float(np.std(np.subtract(sizes, other_masses), ddof=1))
+    then = max(ROUNDING, then)
+    p = float(fisher.sf((now / then) ** 2, count - 1, count - 1))
+    return MassSpread(step, count, now, then, p)
 
 
 def possible(inertial: Inertial) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 
 from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.errors import InputError
+from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
@@ -205,37 +205,44 @@ def _explanations(
         explained("torque of the opposite sign on all joints", torque + by_model),
     ]
     scale = float((torque * by_model).sum() / (by_model**2).sum())
-    found.append(
-        explained(
-            f"one scale of {scale:.3g} on all joints", torque - scale * by_model, 1
-        )
-    )
-    correlation = np.array(
-        [_line(model[:, j], tau[:, j])[0] for j in range(len(arm.joints))]
-    )
-    # a joint on which gravity hardly acts has no sign to tell
-    signs = np.where(correlation < OPPOSITE, -1.0, 1.0)
+    name = f"one scale of {scale:.3g} on all joints"
+    found.append(explained(name, torque - scale * by_model, 1))
+    signs = _signs(tau, model)
     if (signs < 0).any() and (signs > 0).any():
-        names = ", ".join(str(j + 1) for j in np.flatnonzero(signs < 0))
-        found.append(
-            explained(
-                f"torque of the opposite sign on joint {names}",
-                torque - signs * by_model,
-            )
-        )
-    for by, word in ((1, "next"), (-1, "previous")):
-        # the file's inertials go back to where they belong
-        other = shifted_arm(arm, -by)
-        if other is not arm:
-            shifted = _gravity(other, q)
-            name = f"each link with the inertial of the {word} one"
-            found.append(explained(name, torque - shifted + shifted.mean(axis=0)))
+        joints = ", ".join(str(j + 1) for j in np.flatnonzero(signs < 0))
+        name = f"torque of the opposite sign on joint {joints}"
+        found.append(explained(name, torque - signs * by_model))
+    for word, shifted in _shifted_gravity(arm, q):
+        name = f"each link with the inertial of the {word} one"
+        found.append(explained(name, torque - shifted + shifted.mean(axis=0)))
     found += _wrong_links(arm, q, torque - by_model, size)
 
     def criterion(one: Explanation) -> float:
         return count * 2 * np.log(max(one.misfit, 1e-6)) + 2 * one.parameters
 
     return tuple(sorted(found, key=criterion))
+
+
+def _signs(tau: np.ndarray, model: np.ndarray) -> np.ndarray:
+    """-1 of joints whose torque has the opposite sign, else 1, also of those on which gravity hardly acts; (n,)."""
+    joints = range(tau.shape[1])
+    correlation = np.array([_line(model[:, j], tau[:, j])[0] for j in joints])
+    return np.where(correlation < OPPOSITE, -1.0, 1.0)
+
+
+def _shifted_gravity(
+    arm: NominalArm, q: np.ndarray
+) -> Iterator[tuple[str, np.ndarray]]:
+    """Gravity torque with the inertials of the next and of the previous link, if they make an arm."""
+    for by, word in ((1, "next"), (-1, "previous")):
+        # the file's inertials go back to where they belong
+        other = shifted_arm(arm, -by)
+        if other is arm:
+            continue
+        try:
+            yield word, _gravity(other, q)
+        except GapscopeError:
+            continue  # moved this way, the inertials leave no arm
 
 
 def _wrong_links(

@@ -56,7 +56,7 @@ def test_nothing_is_wrong_with_a_good_case(make_case: Make) -> None:
         ({"import": {"tau": {"column": "tau{j}", "scale": 40}}}, "40 times the"),
         ({"import": {"q": ["q1", "q1"]}}, "q1 and q2 are the same column"),
         ({"import": {"dq": {"column": "dq{j}", "scale": 3}}}, "3 times it"),
-        ({"import": {"q_ref": {"column": "q_ref{j}", "scale": 5}}}, "not follow q_ref"),
+        ({"import": {"q_ref": {"column": "q_ref{j}", "scale": 5}}}, "far from q_ref"),
     ],
 )  # fmt: skip
 def test_one_fault_of_the_case_file_is_a_warning(
@@ -70,10 +70,10 @@ def test_one_fault_of_the_case_file_is_a_warning(
 @pytest.mark.parametrize(
     ("motion", "said"),
     [
-        (lambda t: np.column_stack([np.sin(2 * t), 0 * t + 0.3]), "joint 2: does not move"),
-        (lambda t: np.column_stack([np.sin(2 * t), np.abs((0.4 * t) % 2 - 1)]), "joint 2: slides at one speed"),
-        (lambda t: np.column_stack([np.sin(2 * t), 0.02 * t**2 - 1]), "joint 2: moves one way"),
-        (lambda t: np.column_stack([np.sin(2 * t), np.sin(0.4 * t)]), "joint 2: turns round less than 4 times"),
+        (lambda t: np.column_stack([np.sin(2 * t), 0 * t + 0.3]), "joint 2: at rest"),
+        (lambda t: np.column_stack([np.sin(2 * t), np.abs((0.4 * t) % 2 - 1)]), "joint 2: hardly more than one speed"),
+        (lambda t: np.column_stack([np.sin(2 * t), 0.02 * t**2 - 1]), "joint 2: one direction only"),
+        (lambda t: np.column_stack([np.sin(2 * t), np.sin(0.4 * t)]), "joint 2: fewer than 4 reversals"),
         (lambda t: 0.05 * np.column_stack([np.sin(2 * t), np.sin(3 * t)]), "hardly any change of gravity"),
     ],
 )  # fmt: skip
@@ -89,7 +89,7 @@ def test_samples_at_the_torque_limit_are_said(make_case: Make) -> None:
     check = check_case(
         make_case(spoil=clip, nominal={**sheet, "torque_limit": [20, 40]})
     )
-    assert "joint 1: is at its limit" in warned(check)
+    assert "joint 1: at the torque limit" in warned(check)
 
 
 def test_jitter_and_a_low_rate_are_said(make_case: Make) -> None:
