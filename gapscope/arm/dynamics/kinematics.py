@@ -47,7 +47,8 @@ class Kinematics:
         jacobian = pin.computeFrameJacobian(
             self._model, self._data, q[self._to_model], self._tool, frame
         )
-        return jacobian[:, self._to_arm]
+        # of one joint pinocchio returns a vector
+        return jacobian.reshape(6, -1)[:, self._to_arm]
 
     def skeleton(self, q: np.ndarray) -> np.ndarray:
         """Base, origins of the joints from the base on, and tip [m], shape (n + 2, 3).
