@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.data_sheet import UNITS, checked_sheet
-from gapscope.arm.dynamics.kinematic_tree import KinematicTree
-from gapscope.arm.dynamics.locked_joints import lock
 from gapscope.arm.dynamics.robot_file import (
     actuated_joints,
     impossible_links,
     mjcf_entries,
     tree_of,
 )
+from gapscope.arm.dynamics.tree.kinematic_tree import KinematicTree
+from gapscope.arm.dynamics.tree.locked_joints import lock
 from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.known_robots import locate
 from gapscope.arm.nominal import NominalArm

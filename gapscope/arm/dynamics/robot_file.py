@@ -14,7 +14,6 @@ import pinocchio as pin
 
 from gapscope.arm.dynamics import mjcf
 from gapscope.arm.dynamics.inertials import inertial_faults
-from gapscope.arm.dynamics.kinematic_tree import SEVERAL, KinematicTree, read_tree
 from gapscope.arm.dynamics.mjcf import (
     check_mjcf,
     check_references,
@@ -22,6 +21,7 @@ from gapscope.arm.dynamics.mjcf import (
     name_bodies,
 )
 from gapscope.arm.dynamics.mjcf_actuators import position_gains, torque_limits
+from gapscope.arm.dynamics.tree.kinematic_tree import SEVERAL, KinematicTree, read_tree
 from gapscope.arm.errors import InputError, ModelWarning
 
 UNEXPANDED = re.compile(r"<xacro:|\$\((find|arg|eval|env|optenv)\b|\$\{")

@@ -1,0 +1,1 @@
+"""Joints of a robot file as a tree, and what becomes of those that are none of the arm's."""
