@@ -15,6 +15,7 @@ from gapscope.arm.robots import load_nominal_arm
 from gapscope.inspection.channels import ChannelGuess
 from gapscope.inspection.columns import ColumnGroup
 from gapscope.inspection.inspected_table import InspectedTable
+from gapscope.inspection.time_column import TimeGuess
 from gapscope.inspection.torque_fit import TorqueFit, fits_of
 
 LONGEST = 60.0
@@ -97,10 +98,24 @@ def _recording(
 def _values(
     entry: dict[str, InspectedTable], torque: ChannelGuess
 ) -> np.ndarray | None:
-    """The columns of a torque in one recording."""
+    """The columns of a torque in one recording, at the rows of its positions."""
+    main = next(iter(entry.values()))
     for table in entry.values():
         for guess in table.channels:
             same = guess.group.pattern == torque.group.pattern
             if same and guess.channel == torque.channel:
-                return guess.group.values
+                return _at_rows_of(main.time, table.time, guess.group.values)
     return None
+
+
+def _at_rows_of(
+    main: TimeGuess, own: TimeGuess, values: np.ndarray
+) -> np.ndarray | None:
+    """Values at the rows of another table, by its clock if it has other rows; ``None`` without a common clock."""
+    if len(values) == len(main.seconds):
+        return values
+    if not (own.column and main.column):
+        return None
+    t = main.start + main.seconds
+    columns = [np.interp(t, own.start + own.seconds, column) for column in values.T]
+    return np.column_stack(columns)

@@ -44,6 +44,7 @@ class TimeGuess:
         rate: median rate [Hz], of the stamps or, if they tell none, as guessed.
         seconds: (N,), from 0.
         why: what the guess rests on.
+        start: time of the first row on the clock of the log [s].
         certain: whether the log itself tells the rate.
     """
 
@@ -52,6 +53,7 @@ class TimeGuess:
     rate: float
     seconds: np.ndarray
     why: str
+    start: float = 0.0
     certain: bool = True
 
 
@@ -112,7 +114,8 @@ def _stamped(name: str, stamps: np.ndarray) -> TimeGuess | None:
         if PLAUSIBLE_RATES[0] <= rate <= PLAUSIBLE_RATES[1]:
             seconds = (stamps - stamps[0]) * factor
             why = f"its steps in {unit} make {rate:.4g} Hz"
-            return TimeGuess(name, unit, rate, seconds, why)
+            start = float(stamps[0]) * factor
+            return TimeGuess(name, unit, rate, seconds, why, start)
     return None
 
 
@@ -131,7 +134,8 @@ def _counted(
         if found is not None:
             rate, certain = _usual(found), True
             why = f"{what}; the velocity is the derivative of the position at {found:.4g} Hz"
-    return TimeGuess(column, "", rate, np.arange(length) / rate, why, certain)
+    seconds = np.arange(length) / rate
+    return TimeGuess(column, "", rate, seconds, why, certain=certain)
 
 
 def rate_of_derivative(position: np.ndarray, velocity: np.ndarray) -> float | None:
