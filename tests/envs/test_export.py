@@ -35,10 +35,13 @@ DRIVES = (
     AppliedEffect("parallel_spring", (2,), {"stiffness": [12.0], "rest": [0.3]}),
     AppliedEffect("torque_saturation", (4,), {"limit": [20.0]}),
 )
+OFF = (AppliedEffect("encoder_offset", (2, 4), {"offset": [0.03, -0.05]}),)
 HARD = (
-    AppliedEffect("stribeck_friction", (2,), {"torque": [1.0], "velocity": [0.1]}),
-    AppliedEffect("actuator_delay", (4,), {"delay": [0.008]}),
-    AppliedEffect("encoder_offset", (3,), {"offset": [0.02]}),
+    AppliedEffect("load_friction", (2,), {"coefficient": [0.1]}),
+    AppliedEffect(
+        "friction_drift", (4,), {"amplitude": [0.5], "time_constant": [60.0]}
+    ),
+    AppliedEffect("encoder_quantization", (3,), {"step": [0.002]}),
 )
 ROBOTS = ("kuka_iiwa", "franka_panda")
 Torque = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
@@ -147,7 +150,7 @@ class TestTorque:
     ) -> None:
         import mujoco
 
-        arm = CorrectedArm(nominal, BODIES + DRIVES)
+        arm = CorrectedArm(nominal, BODIES + DRIVES + OFF)
         missing, _ = export(arm, "mjcf", tmp_path / "arm.xml")
         assert missing == ("velocity limits of the joints: MuJoCo knows none",)
         model = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
@@ -172,7 +175,7 @@ class TestTorque:
     def test_of_sdf_in_dart(self, tmp_path: Path) -> None:
         import dartpy
 
-        arm = CorrectedArm(load_nominal_arm("kuka_iiwa"), BODIES)
+        arm = CorrectedArm(load_nominal_arm("kuka_iiwa"), BODIES + OFF)
         export(arm, "sdf", tmp_path / "arm.sdf")
         text = ET.parse(tmp_path / "arm.sdf")
         for link in text.getroot().iter("link"):  # DART is slow at shapes
@@ -193,6 +196,20 @@ class TestTorque:
         motion = states(arm)
         assert each(motion, torque) == pytest.approx(
             arm.rigid_torque(RigidBody(arm.arm), motion), rel=1e-6, abs=1e-9
+        )
+
+    def test_at_what_encoders_with_an_offset_read(self, tmp_path: Path) -> None:
+        arm = CorrectedArm(load_nominal_arm("kuka_iiwa"), OFF)
+        export(arm, "urdf", tmp_path / "arm.urdf")
+        again = RigidBody(load_nominal_arm(tmp_path / "arm.urdf"))
+        motion = states(arm)
+        want = arm.rigid_torque(RigidBody(arm.arm), motion)
+        got = again.inverse_dynamics(motion.q, motion.dq, motion.ddq)
+        assert got == pytest.approx(want, rel=1e-9)
+        low, high = RigidBody(arm.arm).position_limits()
+        shift = np.array([0.0, 0.03, 0.0, -0.05, 0.0, 0.0, 0.0])
+        assert np.array(again.position_limits()) == pytest.approx(
+            np.array([low + shift, high + shift])
         )
 
     def test_stands_as_gravity_of_the_case_says(self, tmp_path: Path) -> None:
@@ -354,9 +371,9 @@ class TestLeftOut:
         text = out.read_text(encoding="utf-8")
         said = "\n".join(missing)
         for part in (
-            "velocity 0.1 rad/s",
-            "actuator_delay, joint 4: delay 0.008 s",
-            "encoder_offset, joint 3",
+            "nearest: Coulomb friction higher by",
+            "friction_drift, joint 4: amplitude 0.5; time_constant 60 s",
+            "encoder_quantization, joint 3: step 0.002 rad",
         ):
             assert part in said
         assert ("armature" in said) == (form != "mjcf") and (
@@ -367,7 +384,7 @@ class TestLeftOut:
     @pytest.mark.parametrize("form", FORMATS)
     @pytest.mark.parametrize("name", CATALOGUE)
     def test_every_effect_is_held_or_told(
-        self, tmp_path: Path, form: str, name: str
+        self, data_sheet_arm: NominalArm, tmp_path: Path, form: str, name: str
     ) -> None:
         definition = CATALOGUE[name]
         typical = {
@@ -383,9 +400,7 @@ class TestLeftOut:
             name, (1,) if definition.scope == "joint" else (), values
         )
         missing, _ = export(
-            CorrectedArm(load_nominal_arm("kuka_iiwa"), (effect,)),
-            form,
-            tmp_path / "arm.xml",
+            CorrectedArm(data_sheet_arm, (effect,)), form, tmp_path / "arm.xml"
         )
         assert any(line.startswith(name) for line in missing) != (name in HELD[form])
 

@@ -25,6 +25,21 @@ TOOTH_DAMPING = 0.2
 """Damping ratio of that resonance [1]."""
 
 
+def teeth(
+    inertia: np.ndarray, link_inertia: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Stiffness [N m/rad] and damping [N m s/rad] of teeth in contact, a stiff spring since a step knows no impacts.
+
+    Args:
+        inertia: of the rotors [kg m^2], shape (n,).
+        link_inertia: of each joint's link side [kg m^2], shape (n,).
+    """
+    w = 2 * np.pi * TOOTH_FREQUENCY
+    total = np.maximum(inertia + link_inertia, 1e-300)
+    reduced = inertia * link_inertia / total
+    return w**2 * reduced, 2 * TOOTH_DAMPING * w * reduced
+
+
 class TwoMass:
     """The motors of the joints with elasticity or backlash; each motor has its own position and velocity.
 
@@ -70,12 +85,9 @@ class TwoMass:
             )
         rigid_gear = self.joints & (k == 0)
         if rigid_gear.any():
-            # teeth in contact are a stiff spring, since the step knows no impacts
-            w = 2 * np.pi * TOOTH_FREQUENCY
-            total = np.maximum(inertia + link_inertia, 1e-300)
-            reduced = inertia * link_inertia / total
-            k = np.where(rigid_gear, w**2 * reduced, k)
-            d = np.where(rigid_gear, 2 * TOOTH_DAMPING * w * reduced, d)
+            tooth_stiffness, tooth_damping = teeth(inertia, link_inertia)
+            k = np.where(rigid_gear, tooth_stiffness, k)
+            d = np.where(rigid_gear, tooth_damping, d)
         self.stiffness, self.damping = k, d
         self._rigid = ~self.joints
         self._inertia = np.where(self.joints, inertia, 1.0)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from gapscope.arm.dynamics.odd_inertials import odd_inertials
+from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.arm_scale import ArmScale
 from gapscope.envs.export.plain_arm import PlainArm
 
 FORMATS = ("urdf", "mjcf", "sdf")
@@ -17,38 +19,44 @@ EVERYWHERE = {
     "coulomb_friction",
     "viscous_friction",
     "torque_saturation",
+    "encoder_offset",
 }
 """Effects that every format holds."""
 HELD = {
     "urdf": EVERYWHERE,
     "sdf": EVERYWHERE | {"parallel_spring"},
     "mjcf": EVERYWHERE
-    | {"parallel_spring", "armature", "torque_scale", "torque_offset", "actuator_lag"},
+    | {"parallel_spring", "armature", "stribeck_friction", "saturating_friction"}
+    | {"torque_scale", "torque_offset", "torque_ripple"}
+    | {"actuator_lag", "actuator_delay", "joint_elasticity", "backlash"},
 }
 """Effects that a format holds."""
+TWO_MASSES = ("joint_elasticity", "backlash")
+"""Effects that need a motor of its own, with a rotor."""
 HINTS = {
-    "encoder_offset": "joints of the file are at their true positions, what encoders read minus the offset",
-    "friction_drift": "friction of the file is that without drift",
+    "friction_drift": "friction of the file is that without drift; at the start of a recording it is 1 + amplitude "
+    "times as large",
     "external_force": "it belongs to the recording in which it acted",
+    "encoder_quantization": "round what is read to it",
+    "actuator_delay": "hold the command back by it",
     "stribeck_friction": "friction of the file at rest is lower by it",
     "saturating_friction": "friction of the file in motion is lower by it",
 }
-"""Remarks on effects that are left out."""
+"""What to do about effects that are left out."""
 
 
 def left_out(arm: PlainArm, form: str) -> tuple[str, ...]:
     """What a file of this format leaves out of a corrected arm, in words and figures."""
     corrected = arm.corrected
     lines = [
-        described(e)
+        described(e, corrected.arm)
         for e in corrected.effects
         if e.name not in HELD[form] and e.name != "armature"
     ]
-    rotors = [arm.drives[joint].armature for joint in corrected.arm.joints]
-    if form != "mjcf" and any(rotors):
-        lines.append(
-            f"armature (nominal and found), joints in order: inertia {_figures(np.array(rotors))} kg m^2"
-        )
+    if form == "mjcf":
+        lines += _without_rotor(arm)
+    else:
+        lines += _beside_the_format(arm)
     if corrected.residual is not None:
         lines.append("residual network: it predicts torque and moves nothing")
     if corrected.arm.encoder_step:
@@ -67,6 +75,39 @@ def left_out(arm: PlainArm, form: str) -> tuple[str, ...]:
     )
 
 
+def _without_rotor(arm: PlainArm) -> list[str]:
+    """Effects of a gear on joints whose rotor is not known."""
+    lines = []
+    names = arm.corrected.arm.joints
+    for effect in arm.corrected.effects:
+        if effect.name not in TWO_MASSES:
+            continue
+        rigid = [j for j in effect.joints if arm.drives[names[j - 1]].gear is None]
+        if rigid:
+            lines.append(
+                f"{effect.name}, joint{'s' * (len(rigid) > 1)} {_figures(np.array(rigid))}: a motor of its own needs "
+                "a rotor; give nominal.armature in the data sheet, or add the effect armature"
+            )
+    return lines
+
+
+def _beside_the_format(arm: PlainArm) -> list[str]:
+    """What the joints of the data sheet have and the format does not."""
+    joints = [arm.drives[joint] for joint in arm.corrected.arm.joints]
+    rotors = np.array([drive.armature for drive in joints])
+    distances = np.array([drive.presliding for drive in joints])
+    lines = []
+    if rotors.any():
+        lines.append(
+            f"armature (nominal and found), joints in order: inertia {_figures(rotors)} kg m^2"
+        )
+    if distances.any():
+        lines.append(
+            f"presliding, joints in order: distance {_figures(distances)} rad (friction of the file sets in at once)"
+        )
+    return lines
+
+
 def remarks(arm: PlainArm) -> tuple[str, ...]:
     """Implausible bodies, a sentence each, with the file's name instead of its path."""
     return tuple(
@@ -75,8 +116,8 @@ def remarks(arm: PlainArm) -> tuple[str, ...]:
     )
 
 
-def described(applied: AppliedEffect) -> str:
-    """An effect with its joints and values."""
+def described(applied: AppliedEffect, arm: NominalArm) -> str:
+    """An effect on an arm with its joints and values, and what to do about it where it is left out."""
     definition = applied.effect
     joints = (
         f", joint{'s' * (len(applied.joints) > 1)} {', '.join(map(str, applied.joints))}"
@@ -89,7 +130,20 @@ def described(applied: AppliedEffect) -> str:
         for p in definition.parameters
     )
     hint = HINTS.get(applied.name)
+    if applied.name == "load_friction":
+        hint = _nearest_of_load_friction(applied, arm)
     return f"{applied.name}{joints}: {values}" + (f" ({hint})" if hint else "")
+
+
+def _nearest_of_load_friction(applied: AppliedEffect, arm: NominalArm) -> str:
+    """Coulomb friction that takes as much from a motor that carries the arm's usual weight."""
+    rows = np.array(applied.joints, dtype=int) - 1
+    usual = ArmScale.of(arm).torque[rows]
+    nearest = applied.parameters["coefficient"] * usual
+    return (
+        f"nearest: Coulomb friction higher by {_figures(nearest)} N m, at the RMS of gravity and dry friction over "
+        "all postures"
+    )
 
 
 def _figures(values: np.ndarray) -> str:

@@ -1,4 +1,4 @@
-"""A corrected arm as MJCF: bodies, friction, rotors and springs, and an actuator per joint for its drive."""
+"""A corrected arm as MJCF: bodies, their joints, shapes and motors; ``mjcf_drive`` says how the motors act."""
 
 from __future__ import annotations
 
@@ -11,7 +11,17 @@ from scipy.spatial.transform import Rotation
 from gapscope.arm.dynamics.link_shapes import Shape
 from gapscope.arm.dynamics.plain_urdf import Link, numbers, rotation
 from gapscope.envs.export.heading import mesh_path
-from gapscope.envs.export.plain_arm import JointDrive, PlainArm
+from gapscope.envs.export.mjcf_drive import (
+    add_actuators,
+    add_encoders,
+    add_friction_default,
+    add_gears,
+    add_motor,
+    set_drive,
+    set_values,
+    time_step,
+)
+from gapscope.envs.export.plain_arm import PlainArm
 
 MESHES = (".stl", ".obj", ".msh")
 """Endings of the meshes that MuJoCo reads."""
@@ -29,7 +39,8 @@ def as_mjcf(
     """The arm as MJCF, and what else is left out.
 
     Collision shapes are in group 3, visual ones in group 2; links that are fixed to a body are sites. What an actuator
-    is commanded is the recorded torque: clipped, lagged, scaled and offset as the drive does it.
+    is commanded is the recorded torque: clipped, delayed, lagged, scaled and offset as the drive does it. A joint with
+    elasticity or free play has a second joint beside it, that of its motor. Sensors hold what the encoders read.
 
     Args:
         arm: the arm.
@@ -39,9 +50,15 @@ def as_mjcf(
     root = ET.Element("mujoco", model=arm.corrected.arm.name)
     compiler = ET.SubElement(root, "compiler", angle="radian", autolimits="true")
     notes = _bounds(compiler, arm)
+    step = time_step(arm)
     ET.SubElement(
-        root, "option", gravity=f"0 0 {-arm.gravity!r}", integrator="implicitfast"
+        root,
+        "option",
+        timestep=repr(step),
+        gravity=f"0 0 {-arm.gravity!r}",
+        integrator="Euler",
     )
+    add_friction_default(root, step)
     assets, world = ET.SubElement(root, "asset"), ET.SubElement(root, "worldbody")
     base = ET.SubElement(world, "body", name=arm.body_name(""))
     _place(base, np.zeros(3), arm.mount)
@@ -67,9 +84,9 @@ def as_mjcf(
                 mesh_path_of(shape, out, relative),
             )
     _exclude_neighbours(root, arm)
-    actuators = ET.SubElement(root, "actuator")
-    for joint, drive in arm.drives.items():
-        _add_actuator(actuators, joint, drive)
+    add_gears(root, arm)
+    notes += add_actuators(root, arm, step)
+    add_encoders(root, arm)
     return root, tuple(dict.fromkeys(notes))
 
 
@@ -101,7 +118,7 @@ def _bounds(compiler: ET.Element, arm: PlainArm) -> list[str]:
 
 
 def _add_body(parent: ET.Element, link: Link, arm: PlainArm) -> ET.Element:
-    """A moving body with its joint."""
+    """A moving body with its joint; beside it its motor, if there is a gear between."""
     body = ET.SubElement(parent, "body", name=arm.body_name(link.joint))
     _place(body, link.origin[0], rotation(link.origin))
     inertial = ET.SubElement(
@@ -111,25 +128,20 @@ def _add_body(parent: ET.Element, link: Link, arm: PlainArm) -> ET.Element:
         diaginertia=numbers(_within(link.moments)),
     )
     _place(inertial, link.inertial[0], rotation(link.inertial))
-    drive, kind = (
-        arm.drives[link.joint],
-        "hinge" if link.kind == "revolute" else "slide",
-    )
+    drive = arm.drives[link.joint]
+    kind = "hinge" if link.kind == "revolute" else "slide"
     joint = ET.SubElement(
         body, "joint", name=link.joint, type=kind, axis=numbers(link.axis)
     )
     if link.limits is not None:
         joint.set("range", numbers(np.array(link.limits)))
-    values = {
-        "damping": drive.damping,
-        "frictionloss": drive.friction,
-        "armature": drive.armature,
-        "stiffness": drive.stiffness,
-        "springref": drive.rest if drive.stiffness else 0.0,
-    }
-    for name, value in values.items():
-        if value:
-            joint.set(name, repr(value))
+    rest = drive.rest if drive.stiffness else 0.0
+    set_values(joint, {"stiffness": drive.stiffness, "springref": rest})
+    if drive.gear is None:
+        set_drive(joint, drive)
+    else:
+        motor = add_motor(parent, link, drive)
+        _place(motor, link.origin[0], rotation(link.origin))
     return body
 
 
@@ -204,21 +216,6 @@ def _exclude_neighbours(root: ET.Element, arm: PlainArm) -> None:
             body1=arm.body_name(link.parent),
             body2=arm.body_name(link.joint),
         )
-
-
-def _add_actuator(actuators: ET.Element, joint: str, drive: JointDrive) -> None:
-    """Torque arrives as (1 + scale) times the lagged command, plus the offset."""
-    actuator = ET.SubElement(
-        actuators, "general", name=joint, joint=joint, gainprm=repr(1.0 + drive.scale)
-    )
-    if drive.offset:
-        actuator.set("biastype", "affine")
-        actuator.set("biasprm", f"{drive.offset!r} 0 0")
-    if drive.lag:
-        actuator.set("dyntype", "filterexact")
-        actuator.set("dynprm", repr(drive.lag))
-    if drive.effort is not None:
-        actuator.set("ctrlrange", numbers(np.array([-drive.effort, drive.effort])))
 
 
 def _place(element: ET.Element, position: np.ndarray, turn: np.ndarray) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -13,39 +13,12 @@ from gapscope.arm.dynamics.plain_urdf import (
     check_inertia,
     link_name,
     moving_links,
+    rotation,
 )
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import LinkChange
-from gapscope.envs.drive.friction import total
-
-
-@dataclass(frozen=True)
-class JointDrive:
-    """What acts on one joint, nominal values and effects together, joint side.
-
-    Attributes:
-        damping: viscous friction [N m s/rad].
-        friction: Coulomb friction [N m].
-        armature: rotor inertia [kg m^2].
-        stiffness, rest: of the parallel spring [N m/rad], [rad].
-        scale: share by which more torque arrives than is commanded [1].
-        offset: torque that arrives beside it [N m].
-        lag: time constant between the two [s].
-        effort: limit of the commanded torque [N m], or ``None`` if none is known.
-        velocity: limit of the joint's velocity [rad/s], or ``None``.
-    """
-
-    damping: float
-    friction: float
-    armature: float
-    stiffness: float
-    rest: float
-    scale: float
-    offset: float
-    lag: float
-    effort: float | None
-    velocity: float | None
+from gapscope.envs.export.joint_drive import JointDrive, joint_drives
 
 
 @dataclass(frozen=True)
@@ -56,7 +29,7 @@ class PlainArm:
         corrected: the arm that it was made from.
         nominal: the bodies of the nominal arm.
         body: the bodies of the corrected arm.
-        links: the moving bodies, parents before children.
+        links: the moving bodies, parents before children; their joints' coordinates are what the encoders read.
         drives: by name of the joint.
         mount: R from the base to a world whose gravity points along -z, shape (3, 3): the orientation of the base, with
             tilt.
@@ -116,12 +89,14 @@ def plain_arm(corrected: CorrectedArm) -> PlainArm:
     )
     strength = float(np.linalg.norm(corrected.arm.gravity))
     shapes, missing = read_shapes(body)
+    drives = joint_drives(corrected, body)
+    links = tuple(_shifted(x, drives[x.joint].zero) for x in moving_links(body))
     return PlainArm(
         corrected,
         nominal,
         body,
-        moving_links(body),
-        joint_drives(corrected, body),
+        links,
+        drives,
         upright(corrected.arm.gravity) @ corrected.base_rotation(),
         strength,
         read_frames(body),
@@ -145,45 +120,22 @@ def upright(gravity: np.ndarray) -> np.ndarray:
     )
 
 
-def joint_drives(corrected: CorrectedArm, body: RigidBody) -> dict[str, JointDrive]:
-    """Drives by name of the joint.
-
-    Raises:
-        InputError: friction or armature is negative in total.
-    """
-    arm, value = corrected.arm, corrected.value
-    columns = {
-        "damping": total(
-            arm.viscous + value("viscous_friction", "coefficient"),
-            "viscous_friction",
-            "N m s/rad",
-        ),
-        "friction": total(
-            arm.coulomb + value("coulomb_friction", "torque"), "coulomb_friction", "N m"
-        ),
-        "armature": total(
-            arm.armature + value("armature", "inertia"), "armature", "kg m^2"
-        ),
-        "stiffness": value("parallel_spring", "stiffness"),
-        "rest": value("parallel_spring", "rest"),
-        "scale": value("torque_scale", "scale"),
-        "offset": value("torque_offset", "torque"),
-        "lag": value("actuator_lag", "time_constant"),
-    }
-    efforts = body.effort_limits() if arm.torque_limit is None else arm.torque_limit
-    saturated, velocities = value("torque_saturation", "limit"), body.velocity_limits()
-    return {
-        joint: JointDrive(
-            **{name: float(column[j]) for name, column in columns.items()},
-            effort=min(
-                (x for x in (efforts[j], saturated[j]) if 0 < x < np.inf), default=None
-            ),
-            velocity=float(velocities[j]) if 0 < velocities[j] < np.inf else None,
-        )
-        for j, joint in enumerate(arm.joints)
-    }
+def _shifted(link: Link, zero: float) -> Link:
+    """A body whose joint coordinate is the true one plus ``zero`` [rad or m]: the same place, reached further on."""
+    if zero == 0:
+        return link
+    place, turn = link.origin[0], rotation(link.origin)
+    if link.kind == "revolute":
+        turn = turn @ Rotation.from_rotvec(-zero * link.axis).as_matrix()
+    else:
+        place = place - zero * turn @ link.axis
+    limits = link.limits
+    if limits is not None:
+        limits = (limits[0] + zero, limits[1] + zero)
+    angles = Rotation.from_matrix(turn).as_euler("xyz")
+    return replace(link, origin=(place, angles), limits=limits)
 
 
-def _none(rotation: np.ndarray) -> bool:
+def _none(turn: np.ndarray) -> bool:
     """Whether a rotation is the identity."""
-    return bool(np.abs(rotation - np.eye(3)).max() < 1e-12)
+    return bool(np.abs(turn - np.eye(3)).max() < 1e-12)

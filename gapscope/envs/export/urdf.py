@@ -16,10 +16,18 @@ from gapscope.arm.dynamics.urdf_inertials import (
     set_parameters,
 )
 from gapscope.envs.export.heading import mesh_path
-from gapscope.envs.export.plain_arm import JointDrive, PlainArm
+from gapscope.envs.export.joint_drive import JointDrive
+from gapscope.envs.export.plain_arm import PlainArm
 
 MOVABLE = ("revolute", "continuous", "prismatic", "floating", "planar")
 """Types of joints that move."""
+LIMITS = (
+    ("limit", "lower"),
+    ("limit", "upper"),
+    ("safety_controller", "soft_lower_limit"),
+    ("safety_controller", "soft_upper_limit"),
+)
+"""Elements and attributes that hold a position of a joint."""
 
 
 def as_urdf(
@@ -40,6 +48,7 @@ def as_urdf(
     if root.tag == "robot":
         notes = (*_fix_others(root, arm), *_name_meshes(root, arm, out, relative))
         _set_bodies(root, arm)
+        _shift_zeros(root, arm)
     else:
         root = ET.fromstring(plain_urdf(arm.links))
         root.set("name", arm.corrected.arm.name)
@@ -82,7 +91,7 @@ def _fix_others(root: ET.Element, arm: PlainArm) -> tuple[str, ...]:
 
 
 def _set_origin(joint: ET.Element, position: float) -> None:
-    """Give a joint that is to be fixed the origin that it has at a position [rad or m]."""
+    """Move the origin of a joint to where it takes its link at a position [rad or m]."""
     if position == 0:
         return
     origin, axis = joint.find("origin"), joint.find("axis")
@@ -161,6 +170,20 @@ def _set_drive(joint: ET.Element, drive: JointDrive) -> None:
         limit.set("effort", repr(float(drive.effort)))
     if drive.velocity is not None:
         limit.set("velocity", repr(drive.velocity))
+
+
+def _shift_zeros(root: ET.Element, arm: PlainArm) -> None:
+    """Let the coordinates of the joints be what their encoders read, the true ones plus a zero [rad or m]."""
+    for joint in root.findall("joint"):
+        drive = arm.drives.get(joint.get("name", ""))
+        if drive is None or drive.zero == 0:
+            continue
+        _set_origin(joint, -drive.zero)
+        for tag, name in LIMITS:
+            element = joint.find(tag)
+            limit = None if element is None else element.get(name)
+            if element is not None and limit is not None:
+                element.set(name, repr(float(limit) + drive.zero))
 
 
 def _turn_base(root: ET.Element, mount: np.ndarray) -> None:

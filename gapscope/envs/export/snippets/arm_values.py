@@ -11,7 +11,8 @@ from gapscope.arm.controller import Controller
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.effect_ranges import EffectRange, EffectRanges
-from gapscope.envs.export.plain_arm import PlainArm, joint_drives
+from gapscope.envs.export.joint_drive import joint_drives
+from gapscope.envs.export.plain_arm import PlainArm
 
 LEAST_SHARE = 0.01
 """Share of a link's mass that remains at the lower end of a range [1]."""
@@ -27,7 +28,7 @@ class JointValues:
         friction: Coulomb friction [N m].
         static_friction: friction at rest, with the Stribeck torque [N m].
         armature: rotor inertia [kg m^2].
-        spring_stiffness, spring_rest: of the parallel spring [N m/rad], [rad].
+        spring_stiffness, spring_rest: of the parallel spring [N m/rad], [rad] of what the encoder reads.
         effort: limit of the commanded torque [N m], infinite if none is known.
         velocity: limit of the velocity [rad/s], infinite if none is known.
         kp, kd: gains of the commanded torque [N m/rad], [N m s/rad]; 0 if the controller is no PD law.
@@ -144,10 +145,7 @@ def _joints(
     plain: PlainArm, corrected: CorrectedArm, controller: Controller | None
 ) -> tuple[JointValues, ...]:
     """The values of the joints with the effects of an arm."""
-    drives, value = joint_drives(corrected, plain.body), corrected.value
-    stribeck = value("stribeck_friction", "torque")
-    delay = value("actuator_delay", "delay")
-    offset = value("encoder_offset", "offset")
+    drives = joint_drives(corrected, plain.body)
     pd = controller is not None and controller.kind == "pd"
     gains = [getattr(controller, x) if pd else np.zeros(len(drives)) for x in _GAINS]
     joints = []
@@ -158,7 +156,7 @@ def _joints(
                 name=name,
                 damping=drive.damping,
                 friction=drive.friction,
-                static_friction=drive.friction + float(stribeck[j]),
+                static_friction=drive.friction + drive.stribeck.torque,
                 armature=drive.armature,
                 spring_stiffness=drive.stiffness,
                 spring_rest=drive.rest,
@@ -168,8 +166,8 @@ def _joints(
                 kd=kd,
                 torque_gain=1.0 + drive.scale,
                 torque_offset=drive.offset,
-                delay=float(delay[j]),
-                encoder_offset=float(offset[j]),
+                delay=drive.delay,
+                encoder_offset=drive.zero,
             )
         )
     return tuple(joints)

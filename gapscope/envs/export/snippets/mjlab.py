@@ -108,7 +108,13 @@ TERMS = (("friction", "friction"), ("damping", "damping"), ("armature", "armatur
 
 def values(arm: SnippetArm) -> Mapping[str, Any]:
     """Gains of the torque, and what the events draw."""
-    biased = {n: e for n, e in arm.ends("encoder_offset").items() if any(e)}
+    # the file of the arm has the offsets themselves
+    found = {joint.name: joint.encoder_offset for joint in arm.joints}
+    biased = {
+        name: (low - found[name], high - found[name])
+        for name, (low, high) in arm.ends("encoder_offset").items()
+        if low < high
+    }
     drawn = [
         (
             f"joint_{func}",
@@ -134,7 +140,8 @@ MJLAB = Target(
     held=JOINTS | {"actuator_delay", "torque_scale", "encoder_offset"},
     hints={
         "torque_scale": "in gains and limits; multiply efforts that you command by TORQUE_GAIN",
-        "encoder_offset": "as the event dr.encoder_bias; observe joint_pos_biased",
+        "encoder_offset": "in the file of gapscope export --format mjcf; its range as the event dr.encoder_bias, for "
+        "which observe joint_pos_biased",
         "parallel_spring": "in the file of gapscope export --format mjcf, which this belongs to",
     },
     notes=(

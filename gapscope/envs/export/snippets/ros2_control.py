@@ -27,7 +27,8 @@ joint_trajectory_controller:
 #            / torque_gain
 {% for joint in joints %}
 # {{ joint.name }}: armature {{ joint.armature | number }}, friction {{ joint.friction | number }}, spring_stiffness {{
-joint.spring_stiffness | number }}, spring_rest {{ joint.spring_rest | number }}, torque_offset {{
+joint.spring_stiffness | number }}, spring_rest {{
+(joint.spring_rest - joint.encoder_offset) | number }}, torque_offset {{
 joint.torque_offset | number }}, torque_gain {{ joint.torque_gain | number }}
 {% endfor %}
 {% if joints | selectattr("encoder_offset") | list %}
@@ -49,6 +50,7 @@ ROS2_CONTROL = Target(
     ),
     hints={
         "payload": "in the file of gapscope export --format urdf, from which gravity and inertia are computed",
+        "encoder_offset": "as the offset of a transmission, or by the URDF of gapscope export; not by both",
         "actuator_delay": "bounds the bandwidth: nothing in a controller undoes it",
         "actuator_lag": "bounds the bandwidth: nothing in a controller undoes it",
     },

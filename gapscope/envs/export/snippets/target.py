@@ -14,8 +14,8 @@ import numpy as np
 from gapscope.envs.export.left_out import HINTS, described
 from gapscope.envs.export.snippets.arm_values import SnippetArm
 
-BODIES = frozenset({"payload", "link_inertia", "base_tilt"})
-"""Effects that change bodies: they are in the file of the arm that a snippet belongs to."""
+BODIES = frozenset({"payload", "link_inertia", "base_tilt", "encoder_offset"})
+"""Effects on bodies and where they are: in the file of the arm that a snippet belongs to."""
 JOINTS = frozenset(
     {"coulomb_friction", "viscous_friction", "armature", "torque_saturation"}
 )
@@ -97,7 +97,7 @@ class Target:
             hint = self.hints.get(applied.name)
             if applied.name in self.held and hint is None:
                 continue
-            line = described(applied)
+            line = described(applied, corrected.arm)
             if applied.name in BODIES and self.model and hint is None:
                 hint = f"in the file of gapscope export --format {self.model}, which this belongs to"
             known = HINTS.get(applied.name)

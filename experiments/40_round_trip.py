@@ -1,0 +1,195 @@
+"""Round trip: every effect exported, simulated by other engines alone, and compared with the arm that has it.
+
+    .venv/bin/python experiments/40_round_trip.py [--effects NAME,...] [--out out/round_trip]
+
+The arm that has the effect is Gapscope's simulated iiwa under a PD loop with feedforward; with rotors and friction for
+MuJoCo, without both for PyBullet and DART, whose formats hold no rotors. The engine loads the exported nominal arm,
+then the exported corrected one, by its own reader (`round_trip_engines.py` imports nothing of Gapscope), and runs each
+under the same references and the same loop. Gap: RMS over joints and 3 s of motion of what the encoders read in the
+engine minus what they read on the arm [mrad]; before with the nominal arm, after with the corrected one. Injecting and
+exporting use the same law: this checks the files, not the laws.
+
+Effects are drawn as for simulated cases, on joints 2, 4 and 6, with a fixed seed; the row `friction` has Coulomb and
+viscous friction on all joints. Prints the table of `docs/export.md`; takes some minutes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from round_trip_engines import PERIOD, TARGETS, Command
+
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.io.json_file import write_json
+from gapscope.arm.nominal import NominalArm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.arm_scale import ArmScale
+from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import Transmission
+from gapscope.effects.severity import draw
+from gapscope.envs.export.formats import export
+from gapscope.envs.export.left_out import HELD
+from gapscope.envs.mystery_arm import iiwa
+from gapscope.envs.simulated_arm import SimulatedArm
+
+JOINTS = (2, 4, 6)
+"""Joints that the effects act on."""
+BEFORE, MOTION = 1.0, 3.0
+"""Seconds of motion before those that count, in which friction forgets how the arm was put there; and counted."""
+POSTURE = np.array([0.2, 0.5, -0.3, -1.2, 0.4, 0.8, 0.3])
+"""Posture about which the arm moves [rad]."""
+SWING = np.array([0.5, 0.4, 0.5, 0.5, 0.6, 0.6, 0.8])
+"""Amplitude of each joint [rad]."""
+FREQUENCY = np.array([0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1])
+"""Frequency of each joint [Hz]."""
+LOOP = 4.0
+"""Natural frequency of the position loop [Hz]."""
+SEED = 40
+"""Of the effects' values."""
+
+
+class Gaps(NamedTuple):
+    """Gap before and after [mrad], ``None`` without a simulation, and whether the format leaves the effect out."""
+
+    before: float | None
+    after: float | None
+    left_out: bool
+
+    def __str__(self) -> str:
+        """As a cell of the table."""
+        if self.before is None or self.after is None:
+            return "left out"
+        figures = f"{self.before:.3g} → {self.after:.2g}"
+        return f"{figures} (left out)" if self.left_out else figures
+
+
+class Loop:
+    """PD with the nominal arm's torque fed forward; the velocity is the difference of two readings."""
+
+    def __init__(self, arm: NominalArm) -> None:
+        body = RigidBody(arm)
+        self.q, dq, ddq = reference()
+        inertia = np.diag(body.mass_matrix(POSTURE)) + arm.armature
+        self.feedforward = body.inverse_dynamics(self.q, dq, ddq) + arm.armature * ddq
+        w = 2 * np.pi * LOOP
+        self.kp, self.kd = w**2 * inertia, 2 * w * inertia
+
+    def command(self) -> Command:
+        """The loop's torque, from rest."""
+        before = self.q[0].copy()
+
+        def torque(tick: int, seen: np.ndarray) -> np.ndarray:
+            error, earlier = self.q[tick] - seen, self.q[max(tick - 1, 0)] - before
+            before[:] = seen
+            rate = (error - earlier) / PERIOD
+            return self.feedforward[tick] + self.kp * error + self.kd * rate
+
+        return torque
+
+
+def reference() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Position [rad], velocity and acceleration of the reference, (ticks, n) each."""
+    t = np.arange(round((BEFORE + MOTION) / PERIOD))[:, None] * PERIOD
+    w, half = 2 * np.pi * FREQUENCY, 0.5 * SWING
+    q = POSTURE + half * (1 - np.cos(w * t))
+    return q, half * w * np.sin(w * t), half * w**2 * np.cos(w * t)
+
+
+def arm_without_shapes(folder: Path) -> NominalArm:
+    """The iiwa without shapes, which would collide in one engine and not in the other."""
+    arm = iiwa()
+    tree = ET.parse(arm.urdf)
+    for link in tree.getroot().iter("link"):
+        for shape in (*link.findall("visual"), *link.findall("collision")):
+            link.remove(shape)
+    file = folder / "iiwa.urdf"
+    tree.write(file)
+    return replace(arm, urdf=file)
+
+
+def effects_of(name: str, arm: NominalArm) -> tuple[AppliedEffect, ...]:
+    """What the arm has in a row of the table."""
+    if name == "none":
+        return ()
+    if name == "friction":
+        joints = tuple(range(1, arm.n_joints + 1))
+        coulomb = AppliedEffect("coulomb_friction", joints, {"torque": arm.coulomb})
+        viscous = AppliedEffect(
+            "viscous_friction", joints, {"coefficient": arm.viscous}
+        )
+        return coulomb, viscous
+    rng = np.random.default_rng(SEED)
+    return (draw(name, rng, ArmScale.of(arm), JOINTS),)
+
+
+def on_the_arm(
+    arm: NominalArm, effects: tuple[AppliedEffect, ...], loop: Loop
+) -> np.ndarray:
+    """What the encoders read on the arm with the effects [rad], (ticks, n)."""
+    command, out = loop.command(), np.empty_like(loop.q)
+    with SimulatedArm(arm, effects, PERIOD) as simulated:
+        simulated.start(loop.q[0], time=-BEFORE)
+        for tick in range(len(out)):
+            out[tick] = simulated.encoders()
+            simulated.step(command(tick, out[tick]))
+    return out
+
+
+def gap(a: np.ndarray, b: np.ndarray) -> float:
+    """RMS over joints and the motion that counts [mrad]."""
+    counted = slice(round(BEFORE / PERIOD), None)
+    return 1e3 * float(np.sqrt(np.mean((a[counted] - b[counted]) ** 2)))
+
+
+def round_trip(
+    arm: NominalArm, effects: tuple[AppliedEffect, ...], folder: Path
+) -> dict[str, Gaps]:
+    """Gaps by simulator."""
+    none = np.zeros(arm.n_joints)
+    bare = replace(arm, armature=none, coulomb=none, viscous=none)
+    needs_rotors = any(isinstance(e.effect, Transmission) for e in effects)
+    gaps = {}
+    for name, (form, run) in TARGETS.items():
+        left_out = any(e.name not in HELD[form] for e in effects)
+        own = arm if form == "mjcf" else bare
+        if needs_rotors and own is bare:
+            gaps[name] = Gaps(None, None, left_out)
+            continue
+        loop, both = Loop(own), []
+        recorded = on_the_arm(own, effects, loop)
+        for these in ((), effects):
+            file = folder / f"arm.{form}"
+            export(CorrectedArm(own, these), form, file)
+            ticks = len(loop.q)
+            seen = run(file, own.joints, loop.q[0], ticks, loop.command())
+            both.append(gap(seen, recorded))
+        gaps[name] = Gaps(both[0], both[1], left_out)
+    return gaps
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--effects", default=",".join(("none", "friction", *CATALOGUE)))
+    parser.add_argument("--out", type=Path, default=Path("out/round_trip"))
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    arm = arm_without_shapes(options.out)
+    results = {}
+    heads = [f"{name} ({form})" for name, (form, _) in TARGETS.items()]
+    print("| effect | " + " | ".join(heads) + " |\n" + "|---" * (len(heads) + 1) + "|")
+    for name in options.effects.split(","):
+        results[name] = round_trip(arm, effects_of(name, arm), options.out)
+        cells = [str(each) for each in results[name].values()]
+        print(f"| `{name}` | " + " | ".join(cells) + " |", flush=True)
+    write_json(results, options.out / "round_trip.json")
+
+
+if __name__ == "__main__":
+    main()
