@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.channel_entry import Channel
@@ -98,5 +99,7 @@ def join(
     if importing.join == "hold":
         last = np.searchsorted(time, t, side="right") - 1
         return values[np.maximum(last, 0)], covered
-    columns = [np.interp(t, time, column) for column in values.T]
-    return np.column_stack(columns), covered
+    # straight lines would look like the set points of a slow controller; PCHIP does not overshoot steps
+    different = np.r_[True, np.diff(time) > 0]
+    curve = PchipInterpolator(time[different], values[different])
+    return curve(np.clip(t, time[0], time[-1])), covered

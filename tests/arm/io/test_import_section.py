@@ -149,6 +149,31 @@ def test_commands_with_their_own_time(
     assert recording.notes == ("rows cut outside the time of the other files: 2",)
 
 
+def test_interpolation_adds_no_corners_and_does_not_overshoot(
+    arm: NominalArm, tmp_path: Path
+) -> None:
+    t = np.arange(N) * 10.0
+    state = write(tmp_path / "s.csv", time=t, q1=A, q2=B)
+    slow = t[::4] / 1000
+    smooth, stepped = np.sin(10 * slow), np.where(slow < 0.3, 0.0, 1.0)
+    command = write(tmp_path / "c.csv", time=t[::4], r1=smooth, r2=stepped)
+    section = imported(
+        arm,
+        time={"column": "time", "unit": "ms"},
+        join="interpolate",
+        q={"column": "q{j}", "file": "state"},
+        q_ref={"column": "r{j}", "file": "command"},
+    )
+    recording = load_recording({"state": state, "command": command}, arm, section)
+    assert recording.q_ref is not None
+    assert recording.q_ref[:, 1].min() == 0 and recording.q_ref[:, 1].max() == 1
+    inner = slice(8, -8)
+    error = recording.q_ref[inner, 0] - np.sin(10 * recording.t[inner])
+    straight = np.interp(recording.t, slow, smooth)[inner]
+    straight = straight - np.sin(10 * recording.t[inner])
+    assert np.sqrt(np.mean(error**2)) < 0.5 * np.sqrt(np.mean(straight**2))
+
+
 def test_a_count_of_samples_shows_missing_ones(arm: NominalArm, tmp_path: Path) -> None:
     count = np.delete(np.arange(N + 10), np.arange(20, 30))
     path = write(tmp_path / "a.csv", n=count, q1=A, q2=B)
