@@ -35,7 +35,7 @@ from gapscope.effects.setup_faults.torque_faults import LateTorque, TorqueUnit
 
 REAL = ("ur10", "panda", "tx40", "kinova", "kuka")
 """Carriers; the torque of a sixth, the Z1, is computed from gains and so no measurement."""
-ROBOTS = ("kuka_iiwa", "franka_panda", "ur5_like", "ur10_like")
+ROBOTS = ("kuka_iiwa", "ur5_like", "franka_panda")
 """Arms of the generator."""
 NOISE = (1.0, 3.0)
 """Factors on the noise of their encoders."""
@@ -121,7 +121,7 @@ FAULTS: dict[str, tuple[Spoil, str, str, float]] = {
     "filtered, 50 ms": (_of(lambda n: LateTorque("filter", 0.05)), "late_torque", "delay", 0.05),
 }  # fmt: skip
 """Faults put in: how, the name and variant to be found, and its value where one stands for all."""
-BESIDE_ORDINARY = ("gravity left out", "amperes, one constant", "late by 50 ms")
+BESIDE_ORDINARY = ("gravity left out", "amperes, one constant")
 """Faults that are put in beside ordinary effects."""
 AS_IT_IS = "as it is"
 

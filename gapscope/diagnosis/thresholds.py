@@ -87,6 +87,7 @@ TORQUE_SHIFTS = tuple(TORQUE_SHIFT_STEP * k for k in range(41))
 TORQUE_DELAY_STARTS = (0.01, 0.02, 0.04, 0.08, 0.16)
 # A torque is in another unit from this factor on, either way [1]; nearer to one it is a constant that is off. (hand)
 UNIT_FACTOR = 1.9
+OWN_UNIT_FACTOR = 1.3  # A joint whose factor is nearer to one than this has no other unit [1]. (hand)
 # A joint's factor is known from the nominal torque if they share this part of their variance [1]. (hand)
 KNOWN_FACTOR_R2 = 0.3
 # With fewer joints that travel too far, each is tried by itself as one read on its motor's side. (budget)
@@ -94,9 +95,10 @@ FEW_FAR_JOINTS = 4
 REFINE_FIRST_STEP = 0.1  # First step of the logarithm of a fault's value [1]. (budget)
 REFINE_LAST_STEP = 0.003  # Step at which refining a fault's value ends [1]. (budget)
 UNIT_LAST_STEP = 0.02  # The same for a torque's unit, which inertials leave open to a few per cent [1]. (budget)
-# Factor on the prior of ordinary errors while ratios and factors are refined [1]: wide errors replace a wrong ratio,
+# Factor on the prior of ordinary errors while gear ratios are refined [1]: wide errors replace a wrong ratio,
 # of wrists above all. (hand)
 NARROW_NUISANCE_FACTOR = 0.1
+UNIT_NUISANCE_FACTOR = 0.3  # The same while a torque's unit is refined: nominal friction is often none [1]. (hand)
 # Held-out gap, over the torque's deviation, that an arm with ordinary effects may leave [1]. (hand)
 ORDINARY_GAP = 0.05
 ORDINARY_PENALTY = 3.0  # Penalty of the prior on the values of an arm with ordinary effects [nats]. (hand)
@@ -104,8 +106,9 @@ WORST_GAP = 1e3  # Gaps beyond this many deviations are all alike [1]. (hand)
 
 # --- setup_faults: priors of an ordinary arm (standard deviations, relative unless a unit is given)
 ORDINARY_INERTIALS = 0.3  # Errors of the nominal inertials [1]. (hand)
-# The arm's weight as a whole, of what the model says, may lack this [1]; a load may add any. (hand)
-ORDINARY_WEIGHT = 0.25
+# Logarithm of the arm's weight as a whole over what its model says, below one; a load may add any [1]... (hand)
+ORDINARY_WEIGHT = 0.35
+LEAST_WEIGHT = 0.1  # ...and the weight below which there is as good as none [1]. (hand)
 ORDINARY_TILT = 0.1  # Tilt of the base [rad]. (hand)
 ORDINARY_LOAD = 0.6  # Mass of a load, in masses of the arm [1]. (hand)
 ORDINARY_LEVER = 0.3  # Lever of a load, in lengths of the arm [1]. (hand)

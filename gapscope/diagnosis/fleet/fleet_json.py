@@ -20,7 +20,14 @@ from gapscope.diagnosis.fleet.compare_units import (
 )
 from gapscope.diagnosis.fleet.confusion import NOMINAL, ConfusionColumn, FleetUnit
 
-SPOILS = ("sign_flip", "joint_swap", "unit_mismatch", "shifted_inertials")
+SPOILS = (
+    "sign_flip",
+    "joint_swap",
+    "unit_mismatch",
+    "shifted_inertials",
+    "torque_unit",
+    "gravity_compensated_torque",
+)
 """Faults of a set-up with which the recordings, or the arm believed, are of no use to another unit."""
 
 Document = Mapping[str, Any]

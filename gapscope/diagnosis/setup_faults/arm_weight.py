@@ -15,11 +15,17 @@ from gapscope.diagnosis.setup_faults.nuisance import (
     FoldEquations,
     ReadTorque,
 )
-from gapscope.diagnosis.thresholds import ORDINARY_GAP_DEVIATION, ORDINARY_WEIGHT
+from gapscope.diagnosis.thresholds import (
+    LEAST_WEIGHT,
+    ORDINARY_GAP_DEVIATION,
+    ORDINARY_WEIGHT,
+)
 
 
 def weight_penalty(eq: FoldEquations, torque: ReadTorque, spread: float) -> float:
-    """Half the squared error of the arm's weight, in deviations of its prior; 0 for an arm that is as heavy or more.
+    """Half the squared error of the arm's weight, ln b, in deviations of its prior [nats].
+
+    0 for an arm that is as heavy as its model or more: a load may add any weight.
 
     Args:
         eq: normal equations under a mapping.
@@ -27,8 +33,10 @@ def weight_penalty(eq: FoldEquations, torque: ReadTorque, spread: float) -> floa
         spread: factor on the deviation of the prior.
     """
     share, std = weight_share(eq, torque)
-    lacking = max(1.0 - share, 0.0)
-    return 0.5 * lacking**2 / ((spread * ORDINARY_WEIGHT) ** 2 + std**2)
+    # the logarithm of nothing, or of a weight that pulls upwards, is that of the least weight
+    share = max(share, LEAST_WEIGHT)
+    lacking = max(-np.log(share), 0.0)
+    return 0.5 * lacking**2 / ((spread * ORDINARY_WEIGHT) ** 2 + (std / share) ** 2)
 
 
 def weight_share(eq: FoldEquations, torque: ReadTorque) -> tuple[float, float]:

@@ -16,9 +16,9 @@ from gapscope.diagnosis.setup_faults.candidates import (
 from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
 from gapscope.diagnosis.setup_faults.mapping_score import MappingScorer
 from gapscope.diagnosis.setup_faults.torque_column import (
-    gross_joints,
     late_torque,
     torque_unit,
+    without_right_joints,
 )
 from gapscope.diagnosis.thresholds import (
     LEAST_ZERO_OFFSET,
@@ -26,6 +26,7 @@ from gapscope.diagnosis.thresholds import (
     REFINE_FIRST_STEP,
     REFINE_LAST_STEP,
     UNIT_LAST_STEP,
+    UNIT_NUISANCE_FACTOR,
 )
 
 CURVED = 0.02
@@ -54,7 +55,7 @@ def refined(
     if candidate.name == "zero_offset":
         return _refined_zero(scorer, before, candidate)
     if candidate.name == "torque_unit":
-        return gross_joints(n, *_refined_unit(scorer, before, candidate))
+        return without_right_joints(n, *_refined_unit(scorer, before, candidate))
     if candidate.variant == "motor_side":
         return _refined_by_joint(
             scorer, before, candidate, lambda values: motor_side(n, joints, values)
@@ -130,7 +131,7 @@ def _refined_unit(
         def built(x: np.ndarray) -> FaultCandidate:
             return torque_unit(n, joints, tuple(np.exp(x[groups]).tolist()))
 
-        return _PatternSearch(scorer, before, built, NARROW_NUISANCE_FACTOR)
+        return _PatternSearch(scorer, before, built, UNIT_NUISANCE_FACTOR)
 
     groups: np.ndarray = np.zeros(len(joints), dtype=int)
     x = search(groups).minimum(np.array([np.median(starts)]), UNIT_LAST_STEP)

@@ -23,6 +23,7 @@ from gapscope.diagnosis.setup_faults.nuisance import (
 )
 from gapscope.diagnosis.thresholds import (
     KNOWN_FACTOR_R2,
+    OWN_UNIT_FACTOR,
     TORQUE_DELAY_STARTS,
     UNIT_FACTOR,
 )
@@ -61,19 +62,17 @@ def unit_candidates(eq: FoldEquations, mapping: ChannelMapping) -> list[FaultCan
     return candidates
 
 
-def gross_joints(
+def without_right_joints(
     n: int, candidate: FaultCandidate, std: tuple[float, ...]
 ) -> tuple[FaultCandidate, tuple[float, ...]]:
-    """A unit of those joints alone whose factor is gross, with the deviations; the same if all or none are."""
+    """A unit of those joints alone whose factor is not about one, with the deviations; the same if none or all are."""
     factors = np.array(candidate.values["factor"])
-    gross = _is_gross(factors)
-    if gross.all() or not gross.any():
+    off = np.abs(np.log(factors)) > np.log(OWN_UNIT_FACTOR)
+    if off.all() or not off.any():
         return candidate, std
-    joints = tuple(
-        j - 1 for j, is_so in zip(candidate.joints, gross, strict=True) if is_so
-    )
-    reduced = torque_unit(n, joints, tuple(factors[gross].tolist()))
-    return reduced, tuple(np.array(std)[gross].tolist())
+    joints = tuple((np.array(candidate.joints)[off] - 1).tolist())
+    reduced = torque_unit(n, joints, tuple(factors[off].tolist()))
+    return reduced, tuple(np.array(std)[off].tolist())
 
 
 def factor_starts(
@@ -103,7 +102,7 @@ def is_ordinary(candidate: FaultCandidate) -> bool:
     """Whether a torque in another unit is near enough to N m for a constant that is off."""
     if candidate.name != "torque_unit":
         return False
-    return not _is_gross(np.array(candidate.values["factor"])).all()
+    return not _is_gross(np.median(candidate.values["factor"]))
 
 
 def torque_unit(
