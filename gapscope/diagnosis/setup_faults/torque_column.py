@@ -102,7 +102,7 @@ def is_ordinary(candidate: FaultCandidate) -> bool:
     """Whether a torque in another unit is near enough to N m for a constant that is off."""
     if candidate.name != "torque_unit":
         return False
-    return not _is_gross(np.median(candidate.values["factor"]))
+    return not _is_gross(float(np.median(candidate.values["factor"])))
 
 
 def torque_unit(
