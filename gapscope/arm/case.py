@@ -268,7 +268,7 @@ def _read_all(
 
 
 def case_files(path: str | Path, *, data_root: Path | None = None) -> tuple[Path, ...]:
-    """Files that a case is read from: the case file, the robot's, its recordings with every file of a bag's folder.
+    """Files that a case is read from: the case file, the robot's, calibration, recordings with every file of a folder.
 
     Raises:
         InputError: the case file or the robot cannot be used.
@@ -278,6 +278,9 @@ def case_files(path: str | Path, *, data_root: Path | None = None) -> tuple[Path
     content = read_case_file(file)
     paths = CasePaths(file, data_root)
     found = [file, case.arm.urdf]
+    calibration = (content.get("import") or {}).get("calibration")
+    if calibration is not None:
+        found.append(file.parent / calibration)
     for part in ("recordings", "judge"):
         for text in content.get(part, []):
             entry = paths.entry(text, part)

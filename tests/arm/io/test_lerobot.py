@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
-from gapscope.arm.case import load_case
+from gapscope.arm.case import case_files, load_case
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.case_paths import files_of
 from gapscope.arm.io.import_section import parse_import
@@ -200,6 +200,18 @@ def test_videos_are_no_files_of_a_case(folder: Path) -> None:
     (folder / "videos").mkdir()
     (folder / "videos" / "top.mp4").touch()
     assert {path.suffix for path in files_of(folder)} == {".json", ".parquet"}
+
+
+def test_a_calibration_is_a_file_of_a_case(folder: Path, urdf: Path) -> None:
+    motor = {"drive_mode": 0, "homing_offset": 0, "range_min": 0, "range_max": 4096}
+    calibration = folder.parent / "arm.json"
+    calibration.write_text(json.dumps({"shoulder": motor, "elbow": motor}))
+    section = {"q": {"unit": "normalised"}, "tau": None, "calibration": "arm.json"}
+    content = {"name": "hobby", "robot": urdf.name, "recordings": [folder.name]}
+    (folder.parent / "case.yaml").write_text(
+        yaml.safe_dump(content | {"import": section})
+    )
+    assert calibration in case_files(folder.parent)
 
 
 @pytest.mark.parametrize("damage", ["info", "pointer", "no data", "names"])
