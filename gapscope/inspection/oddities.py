@@ -16,6 +16,8 @@ CLIPPED = 0.02
 """Share of rows at exactly the largest or least value from which a column counts as clipped [1]."""
 SPIKE = 20.0
 """Step of one row and back over that of all but one in a hundred from which it counts as a spike [1]."""
+TURN = {"rad": 2 * np.pi, "deg": 360.0, "rev": 1.0}
+"""A turn in each unit of positions."""
 HELD = 0.5
 """Share of rows in which a moving reference stands still from which it counts as held [1]."""
 
@@ -133,6 +135,9 @@ def _spikes(where: str, guess: ChannelGuess) -> Iterator[Oddity]:
     values = guess.group.values
     if len(values) < 100:
         return
+    if guess.channel == "q":
+        # a position that restarts after a turn is taken back on reading
+        values = np.unwrap(values, period=TURN.get(guess.unit, TURN["rad"]), axis=0)
     bend = np.abs(values[1:-1] - 0.5 * (values[:-2] + values[2:]))
     usual = np.quantile(bend, 0.99, axis=0)
     for j in range(values.shape[1]):

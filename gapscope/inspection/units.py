@@ -34,6 +34,9 @@ def position_unit(name: str, positions: np.ndarray, moved: float | None) -> Gues
     reach = float(np.nanmax(np.abs(positions)))
     if reach <= FARTHEST:
         return "rad", f"it reaches {reach:.3g}, less than a turn"
+    if reach <= 100.0 and "observation" in words_of(name):
+        why = "degrees, or LeRobot's normalised -100 to 100: then unit: normalised, and calibration: with the arm's file"
+        return "deg", f"it reaches {reach:.3g}: {why}"
     if reach <= 400.0:
         return "deg", f"it reaches {reach:.3g}, more than a turn in radians"
     reason = f"it reaches {reach:.3g}: the motor's side, or counts of an encoder"
