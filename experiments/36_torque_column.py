@@ -13,6 +13,7 @@ Each answer is appended to ``answers.jsonl``, so that a run which was interrupte
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import time
 from collections.abc import Callable, Iterator
@@ -262,20 +263,18 @@ def main() -> None:
     )
     asked = {(one["case"], one["label"]) for one in known}
     sources = {"real": real_cases, "generated": generated_cases}
-    for name, source in sources.items():
-        if options.only not in (None, name):
-            continue
+    chosen = [x for name, x in sources.items() if options.only in (None, name)]
+    # false alarms first: they are asked of the most cases
+    for as_it_is, source in itertools.product((True, False), chosen):
         for group, case_name, case in source(out):
-            faults = BESIDE_ORDINARY if group == "ordinary effect" else FAULTS
-            for label in (AS_IT_IS, *faults):
+            faults = BESIDE_ORDINARY if group == "ordinary effect" else tuple(FAULTS)
+            for label in (AS_IT_IS,) if as_it_is else faults:
                 if (case_name, label) in asked:
                     continue
                 one = {"group": group, "case": case_name, "label": label}
                 one |= answer(case, label)
-                print(
-                    f"{case_name}, {label}: {kind(label, one['found'])} ({one['seconds']} s)",
-                    flush=True,
-                )
+                said = kind(label, one["found"])
+                print(f"{case_name}, {label}: {said} ({one['seconds']} s)", flush=True)
                 known.append(one)
                 with file.open("a") as stream:
                     stream.write(json.dumps(one) + "\n")
