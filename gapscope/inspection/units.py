@@ -35,7 +35,7 @@ def position_unit(name: str, positions: np.ndarray, moved: float | None) -> Gues
     if reach <= FARTHEST:
         return "rad", f"it reaches {reach:.3g}, less than a turn"
     if reach <= 100.0 and "observation" in words_of(name):
-        why = "degrees, or LeRobot's normalised -100 to 100: then unit: normalised, and calibration: with the arm's file"
+        why = "degrees, or LeRobot's normalised -100 to 100: then unit: normalised, and calibration: with its file"
         return "deg", f"it reaches {reach:.3g}: {why}"
     if reach <= 400.0:
         return "deg", f"it reaches {reach:.3g}, more than a turn in radians"
