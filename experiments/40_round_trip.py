@@ -10,7 +10,8 @@ engine minus what they read on the arm [mrad]; before with the nominal arm, afte
 exporting use the same law: this checks the files, not the laws.
 
 Effects are drawn as for simulated cases, on joints 2, 4 and 6, with a fixed seed; the row `friction` has Coulomb and
-viscous friction on all joints. Prints the table of `docs/export.md`; takes some minutes.
+viscous friction on all joints. Beside load friction, which no format holds, the Coulomb friction that the file names as
+nearest is exported. Prints the table of `docs/export.md`; takes some minutes.
 """
 
 from __future__ import annotations
@@ -31,10 +32,10 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.effect import Transmission
+from gapscope.effects.effect import Drift, Transmission
 from gapscope.effects.severity import draw
 from gapscope.envs.export.formats import export
-from gapscope.envs.export.left_out import HELD
+from gapscope.envs.export.left_out import HELD, nearest_coulomb
 from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.simulated_arm import SimulatedArm
 
@@ -50,6 +51,8 @@ FREQUENCY = np.array([0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1])
 """Frequency of each joint [Hz]."""
 LOOP = 4.0
 """Natural frequency of the position loop [Hz]."""
+LEAST = 1e-6
+"""Gap that counts as none [mrad]."""
 SEED = 40
 """Of the effects' values."""
 
@@ -65,8 +68,15 @@ class Gaps(NamedTuple):
         """As a cell of the table."""
         if self.before is None or self.after is None:
             return "left out"
-        figures = f"{self.before:.3g} → {self.after:.2g}"
-        return f"{figures} (left out)" if self.left_out else figures
+        if self.left_out and self.after == self.before:
+            return f"{figure(self.before)}, left out"
+        figures = f"{figure(self.before)} → {figure(self.after)}"
+        return f"{figures}, nearest" if self.left_out else figures
+
+
+def figure(value: float) -> str:
+    """Two digits, without those that rounding makes."""
+    return "0" if value < LEAST else f"{value:.2g}"
 
 
 class Loop:
@@ -128,6 +138,18 @@ def effects_of(name: str, arm: NominalArm) -> tuple[AppliedEffect, ...]:
     return (draw(name, rng, ArmScale.of(arm), JOINTS),)
 
 
+def exported(
+    effects: tuple[AppliedEffect, ...], arm: NominalArm
+) -> tuple[AppliedEffect, ...]:
+    """The effects of an arm as they are exported: Coulomb friction beside load friction, as the file advises."""
+    load = [e for e in effects if e.name == "load_friction"]
+    nearest = (
+        AppliedEffect("coulomb_friction", e.joints, {"torque": nearest_coulomb(e, arm)})
+        for e in load
+    )
+    return (*effects, *nearest)
+
+
 def on_the_arm(
     arm: NominalArm, effects: tuple[AppliedEffect, ...], loop: Loop
 ) -> np.ndarray:
@@ -153,17 +175,17 @@ def round_trip(
     """Gaps by simulator."""
     none = np.zeros(arm.n_joints)
     bare = replace(arm, armature=none, coulomb=none, viscous=none)
-    needs_rotors = any(isinstance(e.effect, Transmission) for e in effects)
+    needs = any(isinstance(e.effect, Transmission | Drift) for e in effects)
     gaps = {}
     for name, (form, run) in TARGETS.items():
         left_out = any(e.name not in HELD[form] for e in effects)
         own = arm if form == "mjcf" else bare
-        if needs_rotors and own is bare:
+        if needs and own is bare:
             gaps[name] = Gaps(None, None, left_out)
             continue
         loop, both = Loop(own), []
         recorded = on_the_arm(own, effects, loop)
-        for these in ((), effects):
+        for these in ((), exported(effects, own)):
             file = folder / f"arm.{form}"
             export(CorrectedArm(own, these), form, file)
             ticks = len(loop.q)

@@ -13,6 +13,22 @@ POSTURES = 50
 """Postures over which the scale of an arm is taken."""
 
 
+def usual_load(arm: NominalArm) -> np.ndarray:
+    """RMS of gravity over postures within the limits, plus dry friction [N m], shape (n,)."""
+    body = RigidBody(arm)
+    q = _postures(body)
+    still = np.zeros_like(q)
+    gravity = body.inverse_dynamics(q, still, still)
+    return np.sqrt(np.mean(gravity**2, axis=0)) + arm.coulomb
+
+
+def _postures(body: RigidBody) -> np.ndarray:
+    """Postures within the limits [rad], shape (POSTURES, n), the same each time."""
+    low, high = (np.clip(limit, -np.pi, np.pi) for limit in body.position_limits())
+    share = np.random.default_rng(0).uniform(size=(POSTURES, body.n_joints))
+    return low + share * (high - low)
+
+
 class ArmScale(NamedTuple):
     """What is large on an arm with n joints.
 
@@ -36,15 +52,8 @@ class ArmScale(NamedTuple):
     def of(cls, arm: NominalArm) -> ArmScale:
         """The scale of a nominal arm, from postures within its limits."""
         body = RigidBody(arm)
-        low, high = (np.clip(limit, -np.pi, np.pi) for limit in body.position_limits())
-        q = low + np.random.default_rng(0).uniform(size=(POSTURES, arm.n_joints)) * (
-            high - low
-        )
-        still = np.zeros_like(q)
-        gravity = (
-            np.sqrt(np.mean(body.inverse_dynamics(q, still, still) ** 2, axis=0))
-            + arm.coulomb
-        )
+        q = _postures(body)
+        gravity = usual_load(arm)
         inertia = np.mean([np.diag(body.mass_matrix(posture)) for posture in q], axis=0)
         torque = np.maximum(gravity, 0.05 * gravity.max())
         torque = np.maximum(torque, inertia)  # without gravity: 1 rad/s^2

@@ -7,7 +7,7 @@ import numpy as np
 from gapscope.arm.dynamics.odd_inertials import odd_inertials
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.arm_scale import ArmScale
+from gapscope.effects.arm_scale import usual_load
 from gapscope.envs.export.plain_arm import PlainArm
 
 FORMATS = ("urdf", "mjcf", "sdf")
@@ -28,7 +28,8 @@ HELD = {
     "mjcf": EVERYWHERE
     | {"parallel_spring", "armature", "stribeck_friction", "saturating_friction"}
     | {"torque_scale", "torque_offset", "torque_ripple"}
-    | {"actuator_lag", "actuator_delay", "joint_elasticity", "backlash"},
+    | {"actuator_lag", "actuator_delay", "joint_elasticity", "backlash"}
+    | {"coupled_coulomb_friction", "coupled_viscous_friction", "coupled_armature"},
 }
 """Effects that a format holds."""
 TWO_MASSES = ("joint_elasticity", "backlash")
@@ -129,21 +130,29 @@ def described(applied: AppliedEffect, arm: NominalArm) -> str:
         + ("" if p.unit == "1" else f" {p.unit}")
         for p in definition.parameters
     )
-    hint = HINTS.get(applied.name)
-    if applied.name == "load_friction":
-        hint = _nearest_of_load_friction(applied, arm)
+    hint = _hint(applied, arm)
     return f"{applied.name}{joints}: {values}" + (f" ({hint})" if hint else "")
 
 
-def _nearest_of_load_friction(applied: AppliedEffect, arm: NominalArm) -> str:
-    """Coulomb friction that takes as much from a motor that carries the arm's usual weight."""
-    rows = np.array(applied.joints, dtype=int) - 1
-    usual = ArmScale.of(arm).torque[rows]
-    nearest = applied.parameters["coefficient"] * usual
+def _hint(applied: AppliedEffect, arm: NominalArm) -> str | None:
+    """What to do about an effect that is left out, if there is anything to say."""
+    if applied.name != "load_friction":
+        return HINTS.get(applied.name)
+    nearest = _figures(nearest_coulomb(applied, arm))
     return (
-        f"nearest: Coulomb friction higher by {_figures(nearest)} N m, at the RMS of gravity and dry friction over "
-        "all postures"
+        f"nearest: Coulomb friction higher by {nearest} N m, the coefficient times the RMS of the load over all "
+        "postures; better, times the load of your motion"
     )
+
+
+def nearest_coulomb(load: AppliedEffect, arm: NominalArm) -> np.ndarray:
+    """Coulomb friction that takes as much as load friction from a motor that carries the usual load [N m], per joint.
+
+    That is the RMS of gravity and dry friction over all postures.
+    """
+    rows = np.array(load.joints, dtype=int) - 1
+    usual = usual_load(arm)[rows]
+    return np.asarray(load.parameters["coefficient"] * usual)
 
 
 def _figures(values: np.ndarray) -> str:

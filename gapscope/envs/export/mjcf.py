@@ -11,12 +11,14 @@ from scipy.spatial.transform import Rotation
 from gapscope.arm.dynamics.link_shapes import Shape
 from gapscope.arm.dynamics.plain_urdf import Link, numbers, rotation
 from gapscope.envs.export.heading import mesh_path
+from gapscope.envs.export.mjcf_coupling import add_coupled_motors
 from gapscope.envs.export.mjcf_drive import (
     add_actuators,
     add_encoders,
     add_friction_default,
     add_gears,
     add_motor,
+    how_to_use,
     set_drive,
     set_values,
     time_step,
@@ -48,6 +50,7 @@ def as_mjcf(
         relative: whether meshes are named from the folder of ``out``.
     """
     root = ET.Element("mujoco", model=arm.corrected.arm.name)
+    root.append(ET.Comment(how_to_use(arm)))
     compiler = ET.SubElement(root, "compiler", angle="radian", autolimits="true")
     notes = _bounds(compiler, arm)
     step = time_step(arm)
@@ -84,7 +87,9 @@ def as_mjcf(
                 mesh_path_of(shape, out, relative),
             )
     _exclude_neighbours(root, arm)
-    add_gears(root, arm)
+    tendons = ET.SubElement(root, "tendon")
+    add_gears(tendons, arm)
+    add_coupled_motors(tendons, arm)
     notes += add_actuators(root, arm, step)
     add_encoders(root, arm)
     return root, tuple(dict.fromkeys(notes))

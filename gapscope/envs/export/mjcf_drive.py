@@ -33,6 +33,33 @@ PASSIVE = {"input": "none", "motorconst": "1e-6", "resistance": "1"}
 """A ``dcmotor`` without a winding's torque: nothing is commanded, and its back-EMF damps by 1e-12 N m s/rad."""
 
 
+USE = """
+  Command the actuator of a joint's name, with the torque as recorded; read the sensor of its name. Coordinates of
+  joints are what encoders read. Keep the time step: delays would be shorter with a shorter one, friction and gears
+  shake with a longer one.
+"""
+"""What to know of every file."""
+USE_OF_GEARS = """\
+  A joint with a gear has its motor's joint beside it, called ..._motor: start both at the same position.
+"""
+"""What to know of a file with gears."""
+USE_OF_MEMORY = """\
+  Before the first command delays and lags hold zero: see mj_initCtrlHistory, and act of mjData.
+"""
+"""What to know of a file with delays or lags."""
+
+
+def how_to_use(arm: PlainArm) -> str:
+    """What to know of a file, as the text of a comment."""
+    drives = arm.drives.values()
+    text = USE
+    if any(drive.gear is not None for drive in drives):
+        text += USE_OF_GEARS
+    if any(drive.delay or drive.lag for drive in drives):
+        text += USE_OF_MEMORY
+    return text
+
+
 def time_step(arm: PlainArm) -> float:
     """Time step that follows the gears and springs [s].
 
@@ -62,11 +89,12 @@ def motor_name(joint: str, drive: JointDrive) -> str:
 
 
 def add_friction_default(root: ET.Element, step: float) -> None:
-    """Let dry friction of all joints stick within two steps."""
+    """Let dry friction of all joints and coupled motors stick within two steps."""
     default = ET.SubElement(root, "default")
-    ET.SubElement(
-        default, "joint", solreffriction=f"{2 * step!r} 1", solimpfriction=HARD
-    )
+    for tag in ("joint", "tendon"):
+        ET.SubElement(
+            default, tag, solreffriction=f"{2 * step!r} 1", solimpfriction=HARD
+        )
 
 
 def set_drive(joint: ET.Element, drive: JointDrive) -> None:
@@ -99,9 +127,8 @@ def add_motor(parent: ET.Element, link: Link, drive: JointDrive) -> ET.Element:
     return body
 
 
-def add_gears(root: ET.Element, arm: PlainArm) -> None:
+def add_gears(tendons: ET.Element, arm: PlainArm) -> None:
     """Springs, dampers and free play between motors and joints, as tendons whose length is theta - q."""
-    tendons = ET.SubElement(root, "tendon")
     for joint, drive in arm.drives.items():
         if drive.gear is None:
             continue
