@@ -145,9 +145,8 @@ def how_far(diagnosis: Diagnosis) -> dict[str, Any]:
     before, after = document["gap"]["before"], document["gap"]["after"]
     rows = [row for row in gap_rows(document) if None not in row]
     closed = None if document["verdict"] == "no_gap" else document["closed"]
-    [replay_before], [replay_after] = _angles(
-        [_mean(_turning(document, before["replay_rmse"]))],
-        [_mean(_turning(document, after["replay_rmse"]))],
+    replay_before, replay_after = _mean_motions(
+        document, before["replay_rmse"], after["replay_rmse"]
     )
     return {
         "closed": closed,
@@ -161,7 +160,7 @@ def how_far(diagnosis: Diagnosis) -> dict[str, Any]:
             "by_torque": document["gap"].get("replayed") == "torque",
         },
         "elsewhere": [
-            _elsewhere(engine, before, after)
+            _elsewhere(document, engine, before, after)
             for engine in before.get("replay_elsewhere", {})
         ],
         "judged_on": document.get("judged_on", "data that was not used to fit"),
@@ -169,11 +168,14 @@ def how_far(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def _elsewhere(
-    engine: str, before: dict[str, Any], after: dict[str, Any]
+    document: Mapping[str, Any],
+    engine: str,
+    before: dict[str, Any],
+    after: dict[str, Any],
 ) -> dict[str, str]:
     """Mean replay gap before and after in another engine."""
-    gaps = [_mean(stage["replay_elsewhere"].get(engine)) for stage in (before, after)]
-    [first], [second] = _angles(gaps[:1], gaps[1:])
+    gaps = [stage["replay_elsewhere"].get(engine) for stage in (before, after)]
+    first, second = _mean_motions(document, *gaps)
     return {
         "engine": ENGINE_NAMES.get(engine, engine),
         "before": first,
@@ -296,13 +298,15 @@ def _mean(values: Iterable[float | None] | None) -> float | None:
     return sum(known) / len(known) if known else None
 
 
-def _turning(
-    document: Mapping[str, Any], values: list[float | None] | None
-) -> list[float | None]:
-    """Values of joints that turn [rad]: a mean over them and slides would mean nothing."""
+def _mean_motions(
+    document: Mapping[str, Any], *columns: list[float | None] | None
+) -> list[str]:
+    """Means over the joints that turn as text, or over slides if all slide: one over both would mean nothing."""
     slides = joint_slides(document)
-    pairs = zip(values or [None] * len(slides), slides, strict=True)
-    return [value for value, slides_too in pairs if not slides_too]
+    kept = [j for j, slid in enumerate(slides) if not slid or all(slides)]
+    means = [_mean([column[j] for j in kept] if column else None) for column in columns]
+    shown = _angles(*[[mean] for mean in means], unit="m" if all(slides) else "rad")
+    return [texts[0] for texts in shown]
 
 
 def _motions(slides: list[bool], *columns: list[float | None]) -> list[list[str]]:
