@@ -51,8 +51,8 @@ FREQUENCY = np.array([0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1])
 """Frequency of each joint [Hz]."""
 LOOP = 4.0
 """Natural frequency of the position loop [Hz]."""
-LEAST = 1e-6
-"""Gap that counts as none [mrad]."""
+LEAST = 1e-3
+"""Gap that counts as none [mrad]: a fiftieth of a step of the iiwa's encoders."""
 SEED = 40
 """Of the effects' values."""
 
@@ -75,8 +75,10 @@ class Gaps(NamedTuple):
 
 
 def figure(value: float) -> str:
-    """Two digits, without those that rounding makes."""
-    return "0" if value < LEAST else f"{value:.2g}"
+    """Two digits; below ``LEAST`` none."""
+    if value < LEAST:
+        return f"< {LEAST:g}"
+    return f"{value:.0f}" if value >= 10 else f"{value:.2g}"
 
 
 class Loop:
