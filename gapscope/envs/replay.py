@@ -15,6 +15,7 @@ from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
 from gapscope.arm.control.control_loop import ControlLoop, Targets
+from gapscope.arm.control.recorded_start import integral_at_start
 from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.rollout import (
@@ -182,10 +183,13 @@ def _tracked(
         recorded,
     )
     control = ControlLoop(controller, corrected.arm)
-    if controller.integrator is not None:
+    if controller.integrator is not None and recording.tau is not None:
+        held = integral_at_start(recording.part(rows), controller, commands)
+        control.integral = controller.integrator.bounded(held)
+    elif controller.integrator is not None:
         speed = first.dq if recorded is None else recorded
-        torque = _torque_at_start(corrected, recording, rows, reference)
-        control.start_with(torque, first, start, speed)
+        needed = _torque_at_start(corrected, recording, reference)
+        control.start_with(needed, first, start, speed)
     q, tau = np.empty_like(commands.q), np.empty_like(commands.q)
     steps = steps_per_tick(controller)
     dt = 1.0 / (controller.rate * steps)
@@ -209,11 +213,9 @@ def _tracked(
 
 
 def _torque_at_start(
-    corrected: CorrectedArm, recording: Recording, rows: slice, reference: Motion
+    corrected: CorrectedArm, recording: Recording, reference: Motion
 ) -> np.ndarray:
-    """Torque with which a stretch begins [N m], (n,): as recorded, else what the arm needs for its reference."""
-    if recording.tau is not None:
-        return recording.tau[rows][0]
+    """Torque that the arm needs at the start of its reference [N m], (n,)."""
     body = RigidBody(corrected.arm).carrying(recording.payload)
     without_network = replace(corrected, residual=None)
     return without_network.predict(body, reference)[0]
