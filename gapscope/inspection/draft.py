@@ -12,6 +12,7 @@ import numpy as np
 import yaml
 
 from gapscope.arm.dynamics.robot_file import actuated_joints
+from gapscope.arm.io.layouts import LEROBOT
 from gapscope.arm.recording import CHANNELS
 from gapscope.inspection.against_arm import columns_of_arm
 from gapscope.inspection.channels import ChannelGuess
@@ -88,7 +89,11 @@ def _import(found: Inspection) -> Iterator[tuple[str, str]]:
     """Lines of the import section, each with its reason."""
     yield _time(found)
     main = found.main
-    if len(main.log.tables) > 1:
+    if main.part.kind == LEROBOT:
+        numbers = list(range(len(main.log.tables)))
+        listed = _flow({"fit": numbers[:-1] or numbers, "judge": numbers[-1:]})
+        yield f"# episodes: {listed}", "all are fitted; hold some out by this line"
+    elif len(main.log.tables) > 1:
         yield f"topic: {_scalar(main.part.name)}", "holds the positions"
     if _renamed(found):
         listed = _flow(list(found.chosen["q"][1].group.labels))
