@@ -195,8 +195,8 @@ def as_table(rows: list[dict[str, Any]]) -> str:
     for each in rows:
         cells = []
         for name in head:
-            text = str(each.get(name, ""))
-            if len(text) > 40:
+            text = str(each.get(name, "–"))
+            if len(text) > 40 and name != "robot":
                 messages.setdefault(text, []).append(each["robot"])
                 text = f"({list(messages).index(text) + 1})"
             cells.append(text)
