@@ -63,10 +63,11 @@ def other_gains(case: Case, rows: ControlRows) -> FoundFault | None:
     factors: dict[int, np.ndarray] = {}
     for j in np.flatnonzero(rows.moves):
         error, rate = rows.error[:, j], rows.rate[:, j]
-        gains, left = rows.fit(j, rows.torque, (error, rate))
+        # a wrong gravity in the feedforward must not pass for gains: errors under a load go with gravity too
+        gravity = rows.any_gravity(j)
+        gains, left = rows.fit(j, rows.torque, (error, rate, *gravity))
         stated = np.array([declared.kp[j], declared.kd[j]])
-        y = rows.torque[:, j]
-        as_declared = rows.left(j, y - stated[0] * error - stated[1] * rate, y)
+        as_declared = _left_beside(rows, j, rows.torque, stated, gravity)
         explains = left < LAW_EXPLAINS and left * LAW_GAIN < as_declared
         if not explains or (gains[:2] <= 0).any() or (stated <= 0).any():
             continue
@@ -171,14 +172,29 @@ def _against_motion(
 
 def _left_by(rows: ControlRows, joint: int, gains: np.ndarray, share: float) -> float:
     """What gains and a share of the declared feedforward leave of what the nominal arm needs, beside friction [1]."""
+    target = rows.needed - share * rows.feedforward
+    return _left_beside(rows, joint, target, gains, rows.friction(joint), rows.needed)
+
+
+def _left_beside(
+    rows: ControlRows,
+    joint: int,
+    target: np.ndarray,
+    gains: np.ndarray,
+    columns: list[np.ndarray],
+    scale: np.ndarray | None = None,
+) -> float:
+    """What gains, (2,), leave of a joint's column of a target, (M, n), beside free columns and an offset [1].
+
+    Over the deviation of ``scale``, the target by default.
+    """
     law = gains @ np.array([rows.error[:, joint], rows.rate[:, joint]])
-    law = law + share * rows.feedforward[:, joint]
-    y = rows.needed[:, joint]
-    remainder = rows.needed.copy()
-    remainder[:, joint] = y - law
-    friction, _ = rows.fit(joint, remainder, rows.friction(joint))
-    columns = np.column_stack([*rows.friction(joint), np.ones_like(y)])
-    return rows.left(joint, y - law - columns @ friction, y)
+    remainder = target.copy()
+    remainder[:, joint] -= law
+    free, _ = rows.fit(joint, remainder, columns)
+    x = np.column_stack([*columns, np.ones(len(law))])
+    of = target if scale is None else scale
+    return rows.left(joint, remainder[:, joint] - x @ free, of[:, joint])
 
 
 def _unmeasured(

@@ -41,6 +41,8 @@ class ControlRows:
             recorded.
         needed: what the nominal arm needs, friction included [N m], (M, n).
         feedforward: declared [N m], (M, n); zero without a declared controller.
+        gravity: torque of gravity of 1 m/s^2 along each axis of the base [N m], on the reference, (M, n, 3); zero
+            without a declared feedforward, which may believe in another gravity.
         recorded: whether ``torque`` was.
         fitted: rows to fit, (M,); the others judge.
         moves: joints that move, (n,).
@@ -53,6 +55,7 @@ class ControlRows:
     torque: np.ndarray
     needed: np.ndarray
     feedforward: np.ndarray
+    gravity: np.ndarray
     recorded: bool
     fitted: np.ndarray
     moves: np.ndarray
@@ -62,6 +65,11 @@ class ControlRows:
     def rate(self) -> np.ndarray:
         """dq_ref - dq [rad/s], (M, n)."""
         return self.dq_ref - self.dq
+
+    def any_gravity(self, joint: int) -> list[np.ndarray]:
+        """Columns of gravity in any direction, (M,) each; none without a declared feedforward."""
+        columns = self.gravity[:, joint].T
+        return list(columns) if columns.any() else []
 
     def friction(self, joint: int) -> list[np.ndarray]:
         """Columns of dry and viscous friction, (M,) each."""
@@ -101,7 +109,7 @@ def control_rows(case: Case) -> ControlRows | None:
     body = RigidBody(case.arm)
     parts = [_rows(case, body, r, recorded) for r in recordings]
     series = [np.concatenate(x) for x in zip(*parts, strict=True)]
-    error, dq_ref, dq, torque, needed, forward, free = series
+    error, dq_ref, dq, torque, needed, forward, gravity, free = series
     planned = np.max(
         [np.ptp(references(r, "controller")[0], axis=0) for r in recordings], axis=0
     )
@@ -112,6 +120,7 @@ def control_rows(case: Case) -> ControlRows | None:
         torque,
         needed,
         forward,
+        gravity,
         recorded,
         np.concatenate([_fitted(len(p[0])) for p in parts]),
         planned > LEAST_MOTION_SHARE * planned.max(),
@@ -141,13 +150,16 @@ def _rows(
         if limit is not None and recorded:
             free = (np.abs(torque) < CLIPPED * limit).astype(float)
         forward = np.zeros_like(torque)
+        gravity = np.zeros((*torque.shape, 3))
         if isinstance(case.controller, PD):
             ddq_ref = np.gradient(dq_ref, motion.t, axis=0)
             kind = case.controller.feedforward
             forward = feedforward(case.arm, body, kind, q_ref, dq_ref, ddq_ref)
+            if kind != "none":
+                gravity = body.gravity_regressor(q_ref)
         filtered = [
             low_pass(x, motion.rate, TORQUE_CUTOFF)[segment.inner]
-            for x in (q_ref - q, dq_ref, dq, torque - forward, needed, forward)
+            for x in (q_ref - q, dq_ref, dq, torque - forward, needed, forward, gravity)
         ]
         rows.append([*filtered, free[segment.inner]])
     return [np.concatenate(x) for x in zip(*rows, strict=True)]

@@ -17,6 +17,7 @@ from synthetic import Truth
 
 from gapscope.arm.case import Case
 from gapscope.arm.control.pd import PD
+from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.gap.commanded_torque import with_commanded_torque
 from gapscope.diagnosis.setup_faults.references.detection import find_reference_faults
@@ -156,6 +157,27 @@ def test_what_is_put_right_commands_the_torque_of_the_right_set_up(
         error = given.tau[inner] - right.tau[:count][inner]
         deviation = right.tau.std(axis=0)
         assert (np.median(np.abs(error), axis=0) < tolerance * deviation).all()
+
+
+def test_a_wrong_gravity_in_the_feedforward_does_not_pass_for_gains() -> None:
+    """The case states gravity upside down; under a load position errors go with gravity, as if gains were larger."""
+    case = under_pd("healthy")
+    body = RigidBody(case.arm)
+    recordings = []
+    for r in case.recordings:
+        still = np.zeros_like(r.q)
+        gravity = body.inverse_dynamics(r.q, still, still)
+        # the controller fed the right gravity forward; a load of a fifth of it is left to the tracking error
+        followed = _with_references(replace(r, tau=0.2 * gravity))
+        fed = body.inverse_dynamics(followed.q_ref, still, still)
+        recordings.append(replace(followed, tau=fed + 0.2 * gravity))
+    given = replace(
+        case,
+        recordings=tuple(recordings),
+        controller=replace(case.controller, feedforward="gravity"),
+        arm=replace(case.arm, gravity=-case.arm.gravity),
+    )
+    assert find_reference_faults(given)[1] == ()
 
 
 def test_steps_that_the_torque_follows_are_no_fault() -> None:
