@@ -7,7 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.arm.motions.motion import Motion
-from gapscope.effects.residual.memory import STATES, memory_series
+from gapscope.effects.residual.memory import (
+    REACHES,
+    STATES,
+    WARMING,
+    memory_series,
+)
 
 SPEEDS = np.array([0.003, 0.01, 0.03, 0.1, 0.3, 1.0])
 """Speeds v at which a direction tanh(dq / v) turns [rad/s]."""
@@ -31,6 +36,20 @@ class Layout:
     def channels(self) -> int:
         """Number C of channels."""
         return self.angle + 3 * self.n
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the channels in their order; ``other_1`` is the first of the arm's other joints."""
+        own = ("velocity", "acceleration", "load")
+        directions = [f"direction_{speed:g}" for speed in SPEEDS]
+        memory = [f"strain_{reach:g}" for reach in REACHES]
+        memory += [f"warmth_{time:g}" for time in WARMING]
+        others = [f"other_{k}" for k in range(1, self.n)]
+        signals = (*own, f"direction_{SPEEDS[OF_OTHERS]:g}")
+        of_others = [f"{signal}_{other}" for signal in signals for other in others]
+        angles = ["position", *(f"position_{other}" for other in others)]
+        posture = [f"{f}{angle}" for f in ("", "sin_", "cos_") for angle in angles]
+        return (*own, *directions, *memory, *of_others, *posture)
 
     @property
     def direction(self) -> slice:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 from pathlib import Path
 from typing import Any
 
@@ -91,7 +92,8 @@ def onnx_model(residual: ResidualNetwork, path: Path | str | None = None) -> Any
     """The network as an ONNX model in double precision; written to ``path`` if one is given.
 
     Its input ``windows``, (n, N, taps, C), are the normalised windows of ``Inputs``; its output ``torque`` is the
-    residual torque [N m], (N, n), with trust and bound.
+    residual torque [N m], (N, n), with trust and bound. The property ``metadata`` of the model says as JSON what a
+    program needs to make the windows, see ``metadata``.
 
     Raises:
         GapscopeError: the package onnx is not installed, or the file cannot be written.
@@ -115,10 +117,39 @@ def onnx_model(residual: ResidualNetwork, path: Path | str | None = None) -> Any
     limited = graph.node("Max", limited, graph.constant(-bound))
     torque = graph.node("Transpose", limited, perm=[1, 0])
     model = graph.model(torque, (n, "N", taps, inputs.channels), ("N", n))
+    entry = model.metadata_props.add()
+    entry.key, entry.value = "metadata", json.dumps(metadata(residual))
     if path is not None:
         with atomic_write(path) as aside:
             aside.write_bytes(model.SerializeToString())
     return model
+
+
+def metadata(residual: ResidualNetwork) -> dict[str, Any]:
+    """What the graph expects and gives, by the keys that Newton's neural drives use.
+
+    ``input_columns`` names the C channels; ``sample_dt_s`` is the time between the taps of a window [s], the oldest
+    first; ``normalization.inputs`` holds mean and std by channel, a number for each joint, to make the windows with.
+    Torque comes out in N m, so that ``torque_mean`` is 0 and ``torque_std`` 1.
+    """
+    inputs, n = residual.inputs, residual.inputs.n
+    names = inputs.layout.names
+
+    def by_channel(values: np.ndarray) -> dict[str, list[float]]:
+        return dict(zip(names, values.T.tolist(), strict=True))
+
+    mean, std = [0.0] * n, [1.0] * n
+    return {
+        "input_columns": list(names),
+        "taps": inputs.taps,
+        "sample_dt_s": inputs.spacing,
+        "normalization": {
+            "inputs": {"mean": by_channel(inputs.mean), "std": by_channel(inputs.std)},
+            "targets": {"mean": {"torque": mean}, "std": {"torque": std}},
+        },
+        "torque_mean": mean,
+        "torque_std": std,
+    }
 
 
 def _mean(graph: Graph, network: Network, now: str, n: int, layout: Layout) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 import torch
@@ -51,7 +53,8 @@ def test_the_onnx_model_says_the_same(form: str, tmp_path) -> None:
 
     residual, _ = toy.trained(form)
     onnx_model(residual, tmp_path / "residual.onnx")
-    model = ReferenceEvaluator(onnx.load(tmp_path / "residual.onnx"))
+    loaded = onnx.load(tmp_path / "residual.onnx")
+    model = ReferenceEvaluator(loaded)
     # within the training data and far outside, where trust fades
     for speed in (1.0, 4.0):
         m = toy.motion(9, speed=speed)
@@ -60,3 +63,28 @@ def test_the_onnx_model_says_the_same(form: str, tmp_path) -> None:
         expected = residual.of_windows(windows).torque
         (found,) = model.run(None, {"windows": windows})
         np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+def test_the_onnx_model_says_how_its_windows_are_made(tmp_path) -> None:
+    onnx = pytest.importorskip("onnx")
+
+    residual, _ = toy.trained("mlp")
+    inputs, m = residual.inputs, toy.motion(9)
+    onnx_model(residual, tmp_path / "residual.onnx")
+    (entry,) = onnx.load(tmp_path / "residual.onnx").metadata_props
+    said = json.loads(entry.value)
+    columns, scaling = said["input_columns"], said["normalization"]["inputs"]
+    assert (said["sample_dt_s"], said["taps"]) == (inputs.spacing, inputs.taps)
+    windows = inputs.windows(m, 5.0 * np.cos(m.q))
+    # the newest tap of the last joint, by the names of its channels
+    j = inputs.n - 1
+    raw = {
+        "velocity": m.dq[:, j],
+        "load": 5.0 * np.cos(m.q[:, j]),
+        "position": m.q[:, j],
+        "direction_0.1": np.tanh(m.dq[:, j] / 0.1),
+        **({"sin_position_other_1": np.sin(m.q[:, 0])} if j else {}),
+    }
+    for name, value in raw.items():
+        scaled = (value - scaling["mean"][name][j]) / scaling["std"][name][j]
+        np.testing.assert_allclose(windows[j, :, -1, columns.index(name)], scaled)

@@ -33,7 +33,7 @@ joint.torque_offset | number }}, torque_gain {{ joint.torque_gain | number }}
 {% endfor %}
 {% if joints | selectattr("encoder_offset") | list %}
 
-# <param name="offset"> of the joints' <transmission> in the URDF, by which encoders that read too much are corrected:
+# <offset> of the <joint> in a SimpleTransmission of the URDF, by which encoders that read too much are corrected:
 {% for joint in joints if joint.encoder_offset %}
 # {{ joint.name }}: {{ (-joint.encoder_offset) | number }} rad
 {% endfor %}
@@ -42,7 +42,7 @@ joint.torque_offset | number }}, torque_gain {{ joint.torque_gain | number }}
 
 ROS2_CONTROL = Target(
     name="ros2_control",
-    title="ros2_control (joint_trajectory_controller of ros2_controllers 4 and later)",
+    title="ros2_control (joint_trajectory_controller of ROS 2 Kilted)",
     template=TEMPLATE,
     held=frozenset(
         {"viscous_friction", "coulomb_friction", "armature", "torque_saturation"}
@@ -57,7 +57,8 @@ ROS2_CONTROL = Target(
     notes=(
         "This compensates on the real arm what a simulator would add. Start with half of friction and "
         "ff_velocity_scale: friction that is compensated in full can drive a joint into a limit cycle.",
-        "effort in a trajectory point is added to the command if the only command interface is effort.",
+        "Newer versions add effort of a trajectory point to the command if effort is the only command interface; those "
+        "of ROS 2 Humble do not, and have no u_clamp_max.",
         "Keep integral gain small: it and compensated dry friction hunt about the target.",
     ),
     draws=False,
