@@ -4,12 +4,13 @@
     python experiments/41_snippets.py torque drake --out out/snippets
     python experiments/41_snippets.py names isaac_lab --source FOLDER --out out/snippets
 
-``write`` exports a KUKA iiwa with a payload, a tilted base, friction, rotors and a parallel spring, and the torque that
-it needs at random states. The other two need no Gapscope and run in any Python: ``torque`` one with numpy and the
-simulator (drake, newton with its extra sim, or mjlab), which loads the exported arm and the snippet and is asked for
-the inverse dynamics at these states; printed is the largest difference. Dry friction is a constraint in MuJoCo, of which
-mjlab and Newton's solver are made, so its full size is added there. ``names`` looks up every method, every keyword and
-every parameter of an event in the classes and functions of an unpacked wheel or a checkout, and prints what is missing.
+``write`` exports a KUKA iiwa with a payload, a tilted base, friction, rotors, a parallel spring and encoder offsets,
+and the torque that it needs at random states. The other two need no Gapscope and run in any Python. ``torque`` runs in
+one with numpy and the simulator (drake, newton with its extra sim, or mjlab), which loads the exported arm and the
+snippet and is asked for the inverse dynamics at these states; printed is the largest difference. Dry friction is a
+constraint in MuJoCo, of which mjlab and Newton's solver are made, so its full size is added there. ``names`` looks up
+every method, every keyword and every parameter of an event in the classes and functions of an unpacked wheel or a
+checkout, and prints what is missing.
 The same formula is on both sides: this checks units, signs and names, no accuracy.
 """
 
@@ -51,6 +52,7 @@ def write(out: Path) -> None:
         Effect("viscous_friction", (1, 2), {"coefficient": [2.0, 3.0]}),
         Effect("armature", (1, 2), {"inertia": [0.4, 0.3]}),
         Effect("parallel_spring", (2,), {"stiffness": [12.0], "rest": [0.3]}),
+        Effect("encoder_offset", (2, 4), {"offset": [0.05, -0.03]}),
     )
     arm = CorrectedArm(load_nominal_arm("kuka_iiwa"), effects)
     out.mkdir(parents=True, exist_ok=True)

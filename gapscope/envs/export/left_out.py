@@ -117,8 +117,14 @@ def remarks(arm: PlainArm) -> tuple[str, ...]:
     )
 
 
-def described(applied: AppliedEffect, arm: NominalArm) -> str:
-    """An effect on an arm with its joints and values, and what to do about it where it is left out."""
+def described(applied: AppliedEffect, arm: NominalArm, hint: str | None = None) -> str:
+    """An effect on an arm with its joints and values, and what to do about it where it is left out.
+
+    Args:
+        applied: the effect.
+        arm: the nominal arm.
+        hint: what to do, in place of what holds for every format.
+    """
     definition = applied.effect
     joints = (
         f", joint{'s' * (len(applied.joints) > 1)} {', '.join(map(str, applied.joints))}"
@@ -130,7 +136,7 @@ def described(applied: AppliedEffect, arm: NominalArm) -> str:
         + ("" if p.unit == "1" else f" {p.unit}")
         for p in definition.parameters
     )
-    hint = _hint(applied, arm)
+    hint = hint or _hint(applied, arm)
     return f"{applied.name}{joints}: {values}" + (f" ({hint})" if hint else "")
 
 

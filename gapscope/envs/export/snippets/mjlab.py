@@ -13,7 +13,7 @@ TEMPLATE = """
 import math
 
 from mjlab.actuator import IdealPdActuatorCfg
-{% if events %}
+{% if arm.ranges %}
 from mjlab.envs.mdp import dr
 from mjlab.managers.event_manager import EventTermCfg
 from mjlab.managers.scene_entity_config import SceneEntityCfg
@@ -47,7 +47,7 @@ ACTUATORS = (  # actuators= of EntityArticulationInfoCfg
     ),
 {% endfor %}
 )
-{% if events %}
+{% if arm.ranges %}
 
 EVENTS = {  # events= of ManagerBasedRlEnvCfg
 {% for key, func, ends in drawn %}
@@ -102,6 +102,11 @@ EVENTS = {  # events= of ManagerBasedRlEnvCfg
 }
 {% endif %}
 """
+TWO_MASSES = (
+    "the file of gapscope export --format mjcf has a joint of the motor for it, with rotor and friction: act on that "
+    "joint, and leave armature, frictionloss and viscous_damping of this one out"
+)
+"""What to know of joints with elasticity or backlash."""
 TERMS = (("friction", "friction"), ("damping", "damping"), ("armature", "armature"))
 """Values of a joint, and what ``dr.joint_*`` calls them."""
 
@@ -129,7 +134,6 @@ def values(arm: SnippetArm) -> Mapping[str, Any]:
         "drawn": drawn,
         "biased": biased,
         "gain": factors(arm, "applied_kp", "applied_kd"),
-        "events": arm.ranges is not None or bool(biased),
     }
 
 
@@ -137,7 +141,7 @@ MJLAB = Target(
     name="mjlab",
     title="mjlab 1.6",
     template=TEMPLATE,
-    held=JOINTS | {"actuator_delay", "torque_scale", "encoder_offset"},
+    held=JOINTS | {"actuator_delay", "torque_scale"},
     hints={
         "torque_scale": "in gains and limits; multiply efforts that you command by TORQUE_GAIN",
         "encoder_offset": "in the file of gapscope export --format mjcf; its range as the event dr.encoder_bias, for "

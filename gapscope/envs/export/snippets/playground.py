@@ -65,6 +65,18 @@ def domain_randomizer(mj_model):
 """
 
 
+LUGRE = (
+    "in the file of gapscope export --format mjcf, where dry friction of the joint is lugre of an actuator: leave "
+    "dof_frictionloss of the joint out"
+)
+"""What to know of joints whose dry friction is not constant."""
+TWO_MASSES = (
+    "in the file of gapscope export --format mjcf, which has a joint of the motor for it, with rotor and friction: "
+    "name that joint in RANGES"
+)
+"""What to know of joints with elasticity or backlash."""
+
+
 def values(arm: SnippetArm) -> Mapping[str, Any]:
     """The ranges by field, and the masses."""
     fields = {}
@@ -80,6 +92,12 @@ PLAYGROUND = Target(
     title="MuJoCo Playground 0.2",
     template=TEMPLATE,
     held=JOINTS - {"torque_saturation"},
+    hints={
+        "stribeck_friction": LUGRE,
+        "saturating_friction": LUGRE,
+        "joint_elasticity": TWO_MASSES,
+        "backlash": TWO_MASSES,
+    },
     notes=(
         "Only what has a range is drawn; the values found are in the file of gapscope export --format mjcf.",
         "body_ipos is along the body's axes; the inertia tensor stays as it is.",

@@ -33,7 +33,8 @@ joint.torque_offset | number }}, torque_gain {{ joint.torque_gain | number }}
 {% endfor %}
 {% if joints | selectattr("encoder_offset") | list %}
 
-# <offset> of the <joint> in a SimpleTransmission of the URDF, by which encoders that read too much are corrected:
+# <offset> of the <joint> in a SimpleTransmission, by which encoders that read too much are corrected. Not with the URDF
+# of gapscope export, whose joints are at what the encoders read:
 {% for joint in joints if joint.encoder_offset %}
 # {{ joint.name }}: {{ (-joint.encoder_offset) | number }} rad
 {% endfor %}

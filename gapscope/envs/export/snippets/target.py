@@ -11,7 +11,7 @@ from typing import Any
 import jinja2
 import numpy as np
 
-from gapscope.envs.export.left_out import HINTS, described
+from gapscope.envs.export.left_out import described
 from gapscope.envs.export.snippets.arm_values import SnippetArm
 
 BODIES = frozenset({"payload", "link_inertia", "base_tilt", "encoder_offset"})
@@ -97,13 +97,9 @@ class Target:
             hint = self.hints.get(applied.name)
             if applied.name in self.held and hint is None:
                 continue
-            line = described(applied, corrected.arm)
             if applied.name in BODIES and self.model and hint is None:
                 hint = f"in the file of gapscope export --format {self.model}, which this belongs to"
-            known = HINTS.get(applied.name)
-            if hint is not None:
-                line = line.removesuffix(f" ({known})") + f" ({hint})"
-            lines.append(line)
+            lines.append(described(applied, corrected.arm, hint))
         if corrected.residual is not None:
             lines.append(
                 "residual network: residual.onnx of gapscope residual --onnx predicts torque; nothing here calls it"
