@@ -137,12 +137,6 @@ def values(arm: SnippetArm) -> Mapping[str, Any]:
     }
 
 
-OF_GEARS = (
-    "in the file of gapscope export --format mjcf: let the actuator name the motor's joint, ..._motor, in place of "
-    "the joint"
-)
-"""What to do about a joint behind a gear."""
-
 MJLAB = Target(
     name="mjlab",
     title="mjlab 1.6",
@@ -152,8 +146,8 @@ MJLAB = Target(
         "torque_scale": "in gains and limits; multiply efforts that you command by TORQUE_GAIN",
         "encoder_offset": "in the file of gapscope export --format mjcf; its range as the event dr.encoder_bias, for "
         "which observe joint_pos_biased",
-        "joint_elasticity": OF_GEARS,
-        "backlash": OF_GEARS,
+        "joint_elasticity": TWO_MASSES,
+        "backlash": TWO_MASSES,
         "parallel_spring": "in the file of gapscope export --format mjcf, which this belongs to",
     },
     notes=(
