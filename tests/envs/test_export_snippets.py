@@ -15,6 +15,7 @@ import pytest
 import yaml
 
 from gapscope.arm.control.pd import PD
+from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
@@ -290,6 +291,19 @@ def test_drake_divides_the_rotor_by_the_square_of_the_gear(snippet: Any) -> None
     scope["set_joints"](plant)
     assert made["set_default_rotor_inertia"] == pytest.approx(0.4 / 1e4)
     assert made["set_default_gear_ratio"] == 100.0
+
+
+def test_playground_names_fields_joints_and_bodies(snippet: Any) -> None:
+    scope = snippet("playground", randomise=True)
+    assert set(scope["RANGES"]) == {"dof_frictionloss", "dof_damping", "dof_armature"}
+    assert scope["RANGES"]["dof_damping"] == {
+        "lbr_iiwa_joint_2": pytest.approx((3.5 - 3 * WIDTH, 3.5 + 3 * WIDTH))
+    }
+    assert scope["ADDED_MASS"]["lbr_iiwa_link_7"] == pytest.approx((-WIDTH, WIDTH))
+    # the centre of link and payload together moves by the payload's share of the mass
+    (low, high), *_ = scope["ADDED_COM"]["lbr_iiwa_link_7"]
+    own = RigidBody(load_nominal_arm("kuka_iiwa")).inertial_parameters()[-10]
+    assert high == pytest.approx(0.02 * WIDTH / (1.0 + own), rel=1e-5) and low == -high
 
 
 def test_gazebo_holds_dynamics_and_limits(
