@@ -73,8 +73,7 @@ def export(
         GapscopeError: the file cannot be written.
 
     >>> import gapscope, tempfile, pathlib
-    >>> from gapscope.arm.controller import Controller
-    from gapscope.effects.corrected import CorrectedArm
+    >>> from gapscope.effects.corrected import CorrectedArm
     >>> arm = CorrectedArm(gapscope.make_arm("kuka_iiwa"))
     >>> file = pathlib.Path(tempfile.mkdtemp()) / "arm.urdf"
     >>> gapscope.export(arm, file).left_out
