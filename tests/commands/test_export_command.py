@@ -72,3 +72,36 @@ def test_the_nominal_arm_is_not_overwritten(
         "export", corrected, "--case", sick, "--format", "urdf", "--out", source
     )
     assert done.code == 2 and "overwritten" in done.err
+
+
+def test_writes_a_snippet_with_the_friction_of_the_case(
+    gapscope: Command, sick: Path, corrected: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "mjlab.py"
+    done = gapscope(
+        "export", corrected, "--case", sick, "--format", "mjlab", "--out", out
+    )
+    assert done.code == 0, done.err
+    assert "viscous_damping=4.0" in out.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--format", "mjlab", "--randomise"), "diagnosis.json"),
+        (("--format", "mjlab", "--unit", "other"), "add --randomise"),
+        (("--format", "playground"), "ranges alone"),
+    ],
+)
+def test_ranges_that_cannot_be_written_are_told(
+    gapscope: Command,
+    sick: Path,
+    corrected: Path,
+    tmp_path: Path,
+    arguments: tuple[str, ...],
+    message: str,
+) -> None:
+    out = tmp_path / "snippet.py"
+    done = gapscope("export", corrected, "--case", sick, *arguments, "--out", out)
+    assert done.code == 2 and message in done.err and "Traceback" not in done.err
+    assert not out.exists()

@@ -21,7 +21,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.envs.effect_ranges import EffectRanges
+from gapscope.envs.effect_ranges import EffectRange, EffectRanges
 from gapscope.envs.export.formats import export
 from gapscope.envs.export.snippets.targets import TARGETS
 from gapscope.envs.export.unit_spread import effect_range, within_nominal
@@ -181,6 +181,19 @@ class TestIsaacLab:
         assert mass["mass_distribution_params"] == pytest.approx((-WIDTH, WIDTH))
         # 0.0101 s +- 0.00198 s in steps of 5 ms, outwards
         assert (late.min_delay, late.max_delay) == (1, 3)
+
+    def test_a_range_from_zero_is_said_to_have_no_factor(
+        self, corrected: CorrectedArm, tmp_path: Path
+    ) -> None:
+        ends = ([0.0], [1.5])
+        friction = [
+            AppliedEffect("coulomb_friction", (6,), {"torque": x}) for x in ends
+        ]
+        ranges = EffectRanges((EffectRange(*friction),))
+        export(corrected, "isaac_lab", tmp_path / "s.py", ranges=ranges)
+        text = (tmp_path / "s.py").read_text(encoding="utf-8")
+        assert "# friction of lbr_iiwa_joint_6 is 0 here and (0.0, 1.5)" in text
+        assert "friction_lbr_iiwa_joint_6" not in text
 
 
 class TestMjlab:

@@ -65,6 +65,9 @@ EVENTS = {  # for name, term in EVENTS.items(): setattr(cfg.events, name, term)
         },
     ),
 {% endfor %}
+{% for name, value, ends in without_factor %}
+    # {{ value }} of {{ name }} is 0 here and {{ ends | pair }} over all units: no factor of 0 draws that
+{% endfor %}
 {% for name, ends in arm.ends("armature").items() if ends[0] < ends[1] %}
     "armature_{{ name }}": EventTermCfg(
         func=mdp.randomize_joint_parameters,
@@ -112,6 +115,10 @@ EVENTS = {  # for name, term in EVENTS.items(): setattr(cfg.events, name, term)
 """
 
 
+FRICTION = ("static_friction", "friction", "damping")
+"""Values of a joint that one range of Isaac Lab scales."""
+
+
 class Group:
     """Joints with the same delay, which one actuator configuration has for all of its joints.
 
@@ -150,8 +157,14 @@ def values(arm: SnippetArm) -> Mapping[str, Any]:
     return {
         "groups": groups,
         "gains": gains,
-        "friction": factors(arm, "static_friction", "friction", "damping"),
+        "friction": factors(arm, *FRICTION),
         "gain": factors(arm, "applied_kp", "applied_kd"),
+        "without_factor": [
+            (joint.name, value, arm.ends(value)[joint.name])
+            for joint in arm.joints
+            for value in FRICTION
+            if getattr(joint, value) == 0 < arm.ends(value)[joint.name][1]
+        ],
     }
 
 
