@@ -3,7 +3,7 @@ PYTHON ?= python3
 PIP_INSTALL := -m pip --disable-pip-version-check install --quiet -c constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-learn demo test lint types wheel second-python check clean
+.PHONY: help setup setup-learn demo test lint types site wheel second-python check clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 20
@@ -26,6 +26,10 @@ setup-learn: .venv/.learn ## add what the agents need (torch, stable-baselines3,
 	.venv/bin/python $(PIP_INSTALL) -e '.[learn]'
 	@touch $@
 
+.venv/.docs: .venv/.setup
+	.venv/bin/python $(PIP_INSTALL) -e '.[docs]'
+	@touch $@
+
 demo: setup ## record and diagnose a mystery arm
 	.venv/bin/gapscope demo --out out/demo
 
@@ -39,6 +43,10 @@ lint: setup ## check style and format
 types: setup ## check types
 	.venv/bin/python -m mypy
 
+site: .venv/.docs ## build the documentation into out/site, warnings are errors
+	NO_MKDOCS_2_WARNING=1 .venv/bin/python -m mkdocs build --strict --quiet
+	@echo "out/site/index.html"
+
 wheel: setup ## build the wheel, check what it holds, run it in a fresh environment
 	rm -rf dist out/wheel
 	.venv/bin/python -m build --quiet --outdir dist
@@ -51,7 +59,7 @@ wheel: setup ## build the wheel, check what it holds, run it in a fresh environm
 second-python: wheel ## run the demo and a core of the tests on another Python, if there is one
 	.ci/second_python
 
-check: test lint types wheel ## all of these checks
+check: test lint types site wheel ## all of these checks
 
 clean: ## remove everything that was made here
 	rm -rf .venv build dist out *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
+import yaml
 
 import gapscope
 
@@ -53,6 +54,16 @@ def test_every_page_is_in_the_index() -> None:
     listed = {(ROOT / "docs" / link).resolve() for link in LINK.findall(index)}
     pages = set((ROOT / "docs").rglob("*.md")) - {ROOT / "docs/README.md"}
     assert {page.resolve() for page in pages} <= listed
+
+
+def test_every_page_is_in_the_navigation_of_the_site() -> None:
+    site = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    listed = re.findall(r"[\w/]+\.md", str(yaml.safe_load(site)["nav"]))
+    pages = [
+        page.relative_to(ROOT / "docs").as_posix()
+        for page in (ROOT / "docs").rglob("*.md")
+    ]
+    assert sorted(listed) == sorted(pages)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name)
