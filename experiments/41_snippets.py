@@ -8,7 +8,8 @@
 and the torque that it needs at random states. The other two need no Gapscope and run in any Python. ``torque`` runs in
 one with numpy and the simulator (drake, newton with its extra sim, or mjlab), which loads the exported arm and the
 snippet and is asked for the inverse dynamics at these states; printed is the largest difference. Dry friction is a
-constraint in MuJoCo, of which mjlab and Newton's solver are made, so its full size is added there. ``names`` looks up
+constraint in MuJoCo, of which mjlab and Newton's solver are made, so its full size is added there. In Newton a command
+is also sent through the actuators, and the step at which it arrives is printed, with its size. ``names`` looks up
 every method, every keyword and every parameter of an event in the classes and functions of an unpacked wheel or a
 checkout, and prints what is missing.
 The same formula is on both sides: this checks units, signs and names, no accuracy.
@@ -37,6 +38,7 @@ Torque = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 def write(out: Path) -> None:
     """The arm, its snippets with and without ranges, and the torque that it needs."""
+    from gapscope.arm.control.pd import PD
     from gapscope.arm.dynamics.rigid_body import RigidBody
     from gapscope.arm.motions.motion import Motion
     from gapscope.arm.robots import load_nominal_arm
@@ -53,6 +55,10 @@ def write(out: Path) -> None:
         Effect("armature", (1, 2), {"inertia": [0.4, 0.3]}),
         Effect("parallel_spring", (2,), {"stiffness": [12.0], "rest": [0.3]}),
         Effect("encoder_offset", (2, 4), {"offset": [0.05, -0.03]}),
+        Effect("actuator_delay", (4,), {"delay": [0.0088]}),
+        Effect("torque_scale", (3,), {"scale": [0.2]}),
+        Effect("torque_offset", (5,), {"torque": [0.7]}),
+        Effect("torque_saturation", (6,), {"limit": [20.0]}),
     )
     arm = CorrectedArm(load_nominal_arm("kuka_iiwa"), effects)
     out.mkdir(parents=True, exist_ok=True)
@@ -63,10 +69,13 @@ def write(out: Path) -> None:
         for e in effects
     ]
     ranges = within_nominal(tenth, arm.arm)
+    n = arm.arm.n_joints
+    pd = PD(rate=500.0, kp=np.full(n, 100.0), kd=np.full(n, 10.0))
     for form in FORMATS:
-        export(arm, form, out / f"on_{form}.py")
-        export(arm, form, out / f"drawn_on_{form}.py", ranges=ranges)
-    rng, n = np.random.default_rng(0), arm.arm.n_joints
+        export(arm, form, out / f"on_{form}.py", controller=pd)
+        file = out / f"drawn_on_{form}.py"
+        export(arm, form, file, controller=pd, ranges=ranges)
+    rng = np.random.default_rng(0)
     motion = Motion(
         np.arange(STATES) / 250,
         rng.uniform(-1.5, 1.5, (STATES, n)),
@@ -123,8 +132,26 @@ def newton(out: Path, states: Any) -> Torque:
     builder.add_urdf(str(without_shapes(out)), floating=False)
     importlib.import_module("on_newton").add_actuators(builder)
     model = builder.finalize(device="cpu")
+    arrivals(model, [label.rsplit("/", 1)[-1] for label in builder.joint_label[-7:]])
     solver = newton.solvers.SolverMuJoCo(model, use_mujoco_cpu=True)
     return of_mujoco(solver.mj_model)
+
+
+def arrivals(model: Any, names: list[str]) -> None:
+    """Print what reaches the joints of a model in Newton when each is sent 1 rad away, and after how many steps."""
+    state, control = model.state(), model.control()
+    buffers = [(a, a.state(), a.state()) for a in model.actuators]
+    efforts = []
+    for step in range(10):
+        control.joint_target_q.assign(np.full(len(names), float(step > 0), np.float32))
+        control.joint_f.zero_()
+        for i, (actuator, now, after) in enumerate(buffers):
+            actuator.step(state, control, now, after, dt=0.002)
+            buffers[i] = (actuator, after, now)
+        efforts.append(control.joint_f.numpy().copy())
+    changed = np.argmax(np.array(efforts) != efforts[0], axis=0) - 1
+    for name, steps, effort in zip(names, changed, efforts[-1], strict=True):
+        print(f"  {name}: {effort:.4g} N m after {steps} steps")
 
 
 def mjlab(out: Path, states: Any) -> Torque:
