@@ -6,7 +6,7 @@ import ast
 import sys
 import types
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -359,6 +359,13 @@ def test_what_is_not_held_is_in_the_head_and_returned(
         form in ("isaac_lab", "mjlab", "genesis")
     )
     assert all(line in head for line in left_out)
+
+
+def test_presliding_is_told_as_left_out(tmp_path: Path) -> None:
+    nominal = load_nominal_arm("kuka_iiwa")
+    bent = replace(nominal, presliding=np.array([0.0, 0.02] + [0.0] * 5))
+    (line,), _ = export(CorrectedArm(bent), "newton", tmp_path / "s.py")
+    assert "lbr_iiwa_joint_2 0.02 rad" in line and "joint_1" not in line
 
 
 def test_without_a_pd_law_gains_are_zero(

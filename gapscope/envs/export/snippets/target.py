@@ -100,6 +100,12 @@ class Target:
             if applied.name in BODIES and self.model and hint is None:
                 hint = f"in the file of gapscope export --format {self.model}, which this belongs to"
             lines.append(described(applied, corrected.arm, hint))
+        distances = {n: d.presliding for n, d in arm.plain.drives.items()}
+        if any(distances.values()):
+            figures = ", ".join(f"{n} {x:.3g}" for n, x in distances.items() if x)
+            lines.append(
+                f"presliding, {figures} rad: dry friction sets in at once, not over this distance"
+            )
         if corrected.residual is not None:
             lines.append(
                 "residual network: residual.onnx of gapscope residual --onnx predicts torque; nothing here calls it"
