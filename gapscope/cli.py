@@ -28,7 +28,8 @@ from gapscope.commands.predict import predict
 from gapscope.commands.record import record
 from gapscope.commands.replay import replay
 from gapscope.commands.residual import residual
-from gapscope.commands.view import view
+from gapscope.commands.viewing.serve import serve
+from gapscope.commands.viewing.view import view
 from gapscope.terminal import note
 
 COMMANDS = (
@@ -49,6 +50,7 @@ COMMANDS = (
     train,
     export,
     view,
+    serve,
     demo,
     doctor,
 )

@@ -26,9 +26,14 @@ def write_html(template: str, path: Path | str, **content: Any) -> None:
     Raises:
         GapscopeError: ``path`` cannot be written.
     """
-    html = environment().get_template(template).render(**content)
+    html = render_html(template, **content)
     with atomic_write(path) as aside:
         aside.write_text(html, encoding="utf-8")
+
+
+def render_html(template: str, **content: Any) -> str:
+    """Fill a template, as ``write_html`` does, without a file."""
+    return environment().get_template(template).render(**content)
 
 
 @cache

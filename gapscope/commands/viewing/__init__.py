@@ -1,0 +1,1 @@
+"""Commands that show results: a recording in 3D, and many diagnoses in a browser."""

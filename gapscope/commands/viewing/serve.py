@@ -1,0 +1,47 @@
+"""The command ``gapscope serve``: many diagnoses in a browser on this machine."""
+
+from __future__ import annotations
+
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gapscope.terminal import Progress, say
+
+Folder = Annotated[
+    Path,
+    typer.Argument(help="folder with diagnoses, at any depth", metavar="DIR"),
+]
+Port = Annotated[
+    int, typer.Option(min=0, max=65535, help="on 127.0.0.1; 0: any that is free")
+]
+UnitsBy = Annotated[
+    str,
+    typer.Option(
+        help="what names a unit, without dates: case, or the folder above a diagnosis"
+    ),
+]
+Show = Annotated[bool, typer.Option("--open", help="open the browser")]
+
+
+def serve(
+    folder: Folder, port: Port = 0, units_by: UnitsBy = "case", show: Show = False
+) -> None:
+    """Show many diagnoses as a table, and the effects of each unit over time; read-only, on this machine alone."""
+    from gapscope.archive.archive import Archive
+    from gapscope.serving.server import ArchiveServer
+
+    archive = Archive(folder, units_by)
+    with ArchiveServer(archive, port) as server:
+        with Progress(str(folder)) as progress:
+            count = len(archive.entries(progress))
+        noun = "diagnosis" if count == 1 else "diagnoses"
+        say(f"{count} {noun} at {server.address} (Ctrl-C ends)")
+        if show:
+            webbrowser.open(server.address)
+        try:
+            server.serve_forever()
+        except KeyboardInterrupt:
+            say("stopped")

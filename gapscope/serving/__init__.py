@@ -1,0 +1,1 @@
+"""An archive of diagnoses for a browser on the same machine, read-only."""

@@ -1,0 +1,244 @@
+"""The server, asked as a browser or an intruder would: pages, files of results, and refusals."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import threading
+from collections.abc import Iterator
+from http.client import HTTPConnection
+from pathlib import Path
+from typing import NamedTuple
+from urllib.request import urlopen
+
+import documents
+import pytest
+
+from gapscope.archive.archive import Archive
+from gapscope.arm.errors import InputError
+from gapscope.serving.server import ArchiveServer
+
+SECRET = "not for the browser"
+EVIL = "<script>alert('x')</script>"
+
+
+class Got(NamedTuple):
+    """Status, headers and text of an answer."""
+
+    status: int
+    headers: dict[str, str]
+    text: str
+
+
+def put(root: Path, folder: str, **changes: object) -> None:
+    """Write results with some keys of the diagnosis changed."""
+    place = root / folder
+    place.mkdir(parents=True)
+    content = {**documents.two_effects(), **changes}
+    (place / "diagnosis.json").write_text(json.dumps(content))
+    (place / "report.html").write_text(f"report of {folder}")
+    (place / "corrected.yaml").write_text("schema: 1\n")
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An archive of three months, one of them half written, beside files that are nobody's business."""
+    above = tmp_path_factory.mktemp("above")
+    for name in ("secret.txt", "report.html", "diagnosis.json"):
+        (above / name).write_text(SECRET)
+    root = above / "archive"
+    put(root, "2026-01/cell", case="cell")
+    put(root, "2026-02/cell", case="cell")
+    put(root, "2026-03/odd & café", case=EVIL)
+    (root / "2026-04" / "cell").mkdir(parents=True)
+    (root / "2026-04" / "cell" / "diagnosis.json").write_text('{"schema": 1, "ca')
+
+    for name in ("secret.txt", ".hidden", "case.yaml"):
+        (root / name).write_text(SECRET)
+    (root / ".git").mkdir()
+    (root / ".git" / "report.html").write_text(SECRET)
+    links = root / "links"
+    links.mkdir()
+    (links / "report.html").symlink_to(above / "secret.txt")
+    (links / "out").symlink_to(above)
+    (links / "diagnosis.json").mkdir()
+    (links / "corrected.yaml").symlink_to(links / "corrected.yaml")
+    return root
+
+
+@pytest.fixture(scope="module")
+def server(root: Path) -> Iterator[ArchiveServer]:
+    with ArchiveServer(Archive(root)) as started:
+        thread = threading.Thread(target=started.serve_forever)
+        thread.start()
+        yield started
+        started.shutdown()
+        thread.join()
+
+
+@pytest.fixture
+def ask(server: ArchiveServer):
+    """Sends a request as it is given, nothing in its address made harmless."""
+
+    def call(target: str, method: str = "GET", host: str | None = None) -> Got:
+        connection = HTTPConnection("127.0.0.1", server.server_port, timeout=20)
+        connection.putrequest(
+            method, target, skip_host=host is not None, skip_accept_encoding=True
+        )
+        if host:
+            connection.putheader("Host", host)
+        connection.endheaders()
+        found = connection.getresponse()
+        got = Got(found.status, dict(found.getheaders()), found.read().decode())
+        connection.close()
+        return got
+
+    return call
+
+
+def test_the_table_shows_every_diagnosis_with_values_and_links(server):
+    with urlopen(server.address) as page:
+        html = page.read().decode()
+    assert "2026-01-01" in html and "2026-02-01" in html
+    assert "Actuator delay" in html and "joints 4 and 5" in html
+    assert 'href="/unit/cell"' in html
+    assert 'href="/files/2026-01/cell/report.html"' in html
+    assert 'href="/files/2026-03/odd%20%26%20caf%C3%A9/report.html"' in html
+
+
+def test_a_half_written_diagnosis_is_shown_as_such(ask):
+    html = ask("/").text
+    assert "1 unreadable" in html and "is not valid JSON" in html
+
+
+def test_names_are_escaped(ask):
+    html = ask("/").text
+    assert EVIL not in html and "&lt;script&gt;alert" in html
+
+
+def test_the_page_of_a_unit_draws_each_effect_and_joint(ask):
+    html = ask("/unit/cell").text
+    for title in ("Actuator delay, joint 4", "Actuator delay, joint 5", "Payload, the whole arm"):  # fmt: skip
+        assert f"<h2>{title}</h2>" in html
+    assert html.count("Plotly.newPlot(") == 3 and "error_y" in html
+    assert "Named in 2 of 2 diagnoses" in html
+    assert ask("/unit/nobody").status == 404
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "begin"),
+    [
+        ("report.html", "text/html; charset=utf-8", "report of 2026-01/cell"),
+        ("diagnosis.json", "application/json", '{"schema": 1'),
+        ("corrected.yaml", "application/yaml", "schema: 1"),
+    ],
+)
+def test_files_of_results_have_their_types(ask, name, kind, begin):
+    got = ask(f"/files/2026-01/cell/{name}")
+    assert got.status == 200 and got.text.startswith(begin)
+    assert got.headers["Content-Type"] == kind
+    assert "sandbox" in got.headers["Content-Security-Policy"]
+
+
+def test_a_name_with_spaces_and_accents_leads_to_its_report(ask):
+    got = ask("/files/2026-03/odd%20%26%20caf%C3%A9/report.html")
+    assert got.text == "report of 2026-03/odd & café"
+
+
+@pytest.mark.parametrize(
+    "target",
+    [
+        "/files/../report.html",
+        "/files/2026-01/../../report.html",
+        "/files/%2e%2e/report.html",
+        "/files/%2E%2E%2freport.html",
+        "/files/..%2freport.html",
+        "/files/%252e%252e/report.html",
+        "/files/..%5creport.html",
+        "/files/..\\report.html",
+        "/files/.%2e/secret.txt",
+        "/files/....//report.html",
+        "/files//{above}/report.html",
+        "/files/{above}/report.html",
+        "/files/%2f{above}/report.html",
+        "//{above}/report.html",
+        "/files/C:/report.html",
+        "/files/report.html%00",
+        "/files/2026-01/cell/report.html/",
+        "/files/2026-01/cell/",
+        "/files/2026-01/cell",
+        "/files/2026-01/cell/./report.html",
+        "/files/",
+        "/files",
+        "/files/secret.txt",
+        "/files/case.yaml",
+        "/files/.hidden",
+        "/files/.git/report.html",
+        "/files/links/report.html",
+        "/files/links/out/report.html",
+        "/files/links/diagnosis.json",
+        "/files/links/corrected.yaml",
+        "/files/" + "x" * 3000 + "/report.html",
+        "/../secret.txt",
+        "/secret.txt",
+        "/unit/../files/secret.txt",
+        "/?page=0",
+        "/?page=2",
+        "/?page=-1",
+        "/?page=9" + "9" * 5000,
+        "file:///etc/passwd",
+        "http://127.0.0.1/",
+        "*",
+    ],
+)
+def test_nothing_else_is_served(ask, root, target):
+    got = ask(target.format(above=root.parent))
+    assert got.status == 404
+    assert SECRET not in got.text and got.headers["X-Content-Type-Options"] == "nosniff"
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "PATCH", "DELETE", "OPTIONS", "TRACE"])  # fmt: skip
+def test_only_reading_is_allowed(ask, method):
+    got = ask("/", method)
+    assert got.status == 405 and got.headers["Allow"] == "GET, HEAD"
+    assert ask("/", "MAKE").status == 501
+
+
+def test_head_has_the_headers_of_get_and_no_content(ask):
+    head, get = ask("/", "HEAD"), ask("/")
+    assert (head.status, head.text) == (200, "")
+    assert head.headers["Content-Length"] == get.headers["Content-Length"]
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "localhost.evil.example", "127.0.0.1.nip.io", "0.0.0.0", "localhost:1:2", ""]
+)  # fmt: skip
+def test_a_foreign_host_is_refused(ask, host):
+    got = ask("/", host=host)
+    assert got.status == 421 and "cell" not in got.text
+
+
+@pytest.mark.parametrize("host", ["localhost", "LOCALHOST:9000", "127.0.0.1:80"])
+def test_names_of_this_machine_are_accepted(ask, host):
+    assert ask("/", host=host).status == 200
+
+
+def test_pages_may_load_and_send_nothing(ask):
+    for target in ("/", "/unit/cell"):
+        policy = ask(target).headers["Content-Security-Policy"]
+        assert "default-src 'none'" in policy and "form-action 'none'" in policy
+        assert "frame-ancestors 'none'" in policy
+
+
+def test_new_results_appear_on_reload(ask, root):
+    assert "2025-12-01" not in ask("/").text
+    put(root, "2025-12/later", case="later")
+    assert "2025-12-01" in ask("/").text
+    shutil.rmtree(root / "2025-12")
+    assert "2025-12-01" not in ask("/").text
+
+
+def test_it_listens_on_the_loopback_interface_alone(server):
+    assert server.server_address[0] == "127.0.0.1"
+    with pytest.raises(InputError, match="another --port"):
+        ArchiveServer(server.archive, server.server_port)
