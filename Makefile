@@ -44,7 +44,7 @@ types: setup ## check types
 	.venv/bin/python -m mypy
 
 site: .venv/.docs ## build the documentation into out/site, warnings are errors
-	NO_MKDOCS_2_WARNING=1 .venv/bin/python -m mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 .venv/bin/python -m mkdocs build --strict
 	@echo "out/site/index.html"
 
 wheel: setup ## build the wheel, check what it holds, run it in a fresh environment
