@@ -44,13 +44,18 @@ class Link:
     moments: np.ndarray
 
 
-def moving_links(body: RigidBody) -> tuple[Link, ...]:
+def moving_links(body: RigidBody, *, movable: bool = True) -> tuple[Link, ...]:
     """The moving bodies of an arm, parents before children.
+
+    Args:
+        body: the arm.
+        movable: whether a finite torque has to be able to move them; a picture does not need it.
 
     Raises:
         InputError: a body has a negative mass, or the mass matrix is not positive definite.
     """
-    check_inertia(body)
+    if movable:
+        check_inertia(body)
     model, data = body.model, body.model.createData()
     pin.computeJointJacobians(model, data, np.zeros(model.nq))
     links = []

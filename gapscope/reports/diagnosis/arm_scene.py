@@ -29,7 +29,7 @@ def arm_scene(diagnosis: Diagnosis) -> dict[str, Any] | None:
     if diagnosis.arm is None or not diagnosis.traces:
         return None
     body = RigidBody(diagnosis.arm)
-    links = moving_links(body)
+    links = moving_links(body, movable=False)
     names = [link.joint for link in links]
     joints = []
     for link in links:
