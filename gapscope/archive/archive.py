@@ -15,6 +15,8 @@ from gapscope.diagnosis.document.diagnosis_json import read_document
 DOCUMENT, REPORT = "diagnosis.json", "report.html"
 LARGEST = 50_000_000
 """Files that are larger are no diagnosis, which has some 100 kB [bytes]."""
+_OTHER_VERSION = (LookupError, TypeError, ValueError, ArithmeticError)
+"""What a document of the schema can still lead to; it must not hide the others."""
 _State = tuple[int, int, bool]
 """Time of the last change [ns], size [bytes], and whether there is a report."""
 
@@ -89,13 +91,16 @@ class Archive:
             return unreadable(place, changed, problem)
         try:
             document = read_document(file)
+            return read_entry(
+                document, place, changed, units_by=self.units_by, has_report=has_report
+            )
         except InputError as error:
-            return unreadable(place, changed, error.problem)
+            problem = error.problem
         except RecursionError:
-            return unreadable(place, changed, "is nested too deeply")
-        return read_entry(
-            document, place, changed, units_by=self.units_by, has_report=has_report
-        )
+            problem = "is nested too deeply"
+        except _OTHER_VERSION as error:
+            problem = f"is of another version of Gapscope ({error!r})"
+        return unreadable(place, changed, problem)
 
     def _refusal(self, file: Path, size: int) -> str:
         """Why a file is not read at all; empty if it is."""

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from gapscope.archive.dates import split_date
+from gapscope.diagnosis.document.change_findings import change_text
 from gapscope.diagnosis.document.wording import acts_on, effect_name, parameter_texts
 
 UNREADABLE = "unreadable"
@@ -75,6 +76,7 @@ class Entry:
         verdict: as in ``diagnosis.json``, or ``unreadable``.
         effects: those named, the largest share first.
         possible: those possible, not confirmed.
+        changes: what changed during a recording, in words.
         closed: share of the gap above the floor that is closed [1]; ``None`` without a gap.
         has_report: whether ``report.html`` is beside it.
         problem: why it cannot be read.
@@ -88,6 +90,7 @@ class Entry:
     verdict: str
     effects: tuple[ArchivedEffect, ...] = ()
     possible: tuple[ArchivedEffect, ...] = ()
+    changes: tuple[str, ...] = ()
     closed: float | None = None
     has_report: bool = False
     problem: str = ""
@@ -127,6 +130,7 @@ def read_entry(
         document["verdict"],
         tuple(_effect(entry) for entry in document["effects"]),
         tuple(_effect(entry) for entry in document["possible"]),
+        tuple(change_text(change) for change in document.get("changes", [])),
         document["closed"],
         has_report,
     )

@@ -17,12 +17,17 @@ _FORBIDDEN = ("/", "\\", ":", "\0")
 """Not part of one name on some system."""
 
 
-def decoded(parts: Sequence[str]) -> list[str] | None:
-    """Names in the parts of an address; ``None`` if one is no plain name, or hidden.
+def plain_text(quoted: str) -> str:
+    """A part of an address, decoded once, as a name on disk."""
+    return os.fsdecode(unquote_to_bytes(quoted))
 
-    Parts are decoded once and after the address was split, so that an encoded slash or dot stays in its part.
+
+def file_names(path: str) -> list[str] | None:
+    """Names of folders and file in the path of an address; ``None`` if one is no plain name, or hidden.
+
+    It is split before it is decoded, so that an encoded slash or dot stays in its part.
     """
-    names = [os.fsdecode(unquote_to_bytes(part)) for part in parts]
+    names = [plain_text(part) for part in path.split("/")]
     for name in names:
         # a first dot is that of "." and ".." too
         if not name or name.startswith(".") or any(c in name for c in _FORBIDDEN):
@@ -35,12 +40,12 @@ def result_file(root: Path, names: Sequence[str]) -> Path | None:
 
     Args:
         root: the folder, resolved.
-        names: of the folders below it, and of the file.
+        names: of the folders below it, and of the file at the end.
 
     Returns:
         The file, links resolved; ``None`` if its name is not that of a result, it is no file, or it lies outside.
     """
-    if not names or names[-1] not in TYPES:
+    if names[-1] not in TYPES:
         return None
     try:
         path = root.joinpath(*names).resolve(strict=True)

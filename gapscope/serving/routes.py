@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from http import HTTPStatus
 from typing import NamedTuple
 from urllib.parse import parse_qs
@@ -12,7 +11,7 @@ from gapscope.archive.entry import UNREADABLE
 from gapscope.reports.archive.addresses import FILES, UNITS
 from gapscope.reports.archive.history_page import render_history
 from gapscope.reports.archive.table_page import page_count, render_table
-from gapscope.serving.result_file import TYPES, decoded, result_file
+from gapscope.serving.result_file import TYPES, file_names, plain_text, result_file
 
 HTML, TEXT = "text/html; charset=utf-8", "text/plain; charset=utf-8"
 
@@ -36,15 +35,13 @@ def refusal(status: HTTPStatus, reason: str = "") -> Answer:
 def answer(archive: Archive, target: str) -> Answer:
     """What is at the target of a request, as it stands in its first line."""
     path, _, query = target.partition("?")
-    names = [] if path == "/" else decoded(path.split("/")[1:])
-    if names is None or not path.startswith("/"):
-        return refusal(HTTPStatus.NOT_FOUND)
-    if not names:
+    if path == "/":
         return _table(archive, query)
-    place, *rest = names
-    if place == UNITS and len(rest) == 1:
-        return _unit(archive, rest[0])
-    return _file(archive, rest) if place == FILES else refusal(HTTPStatus.NOT_FOUND)
+    if path.startswith(f"/{UNITS}/"):
+        return _unit(archive, path.removeprefix(f"/{UNITS}/"))
+    if path.startswith(f"/{FILES}/"):
+        return _file(archive, path.removeprefix(f"/{FILES}/"))
+    return refusal(HTTPStatus.NOT_FOUND)
 
 
 def _table(archive: Archive, query: str) -> Answer:
@@ -57,7 +54,8 @@ def _table(archive: Archive, query: str) -> Answer:
     return _page(render_table(entries, archive.root.name, number))
 
 
-def _unit(archive: Archive, unit: str) -> Answer:
+def _unit(archive: Archive, quoted: str) -> Answer:
+    unit = plain_text(quoted)
     of_unit = [
         entry
         for entry in archive.entries()
@@ -68,9 +66,10 @@ def _unit(archive: Archive, unit: str) -> Answer:
     return _page(render_history(of_unit, unit))
 
 
-def _file(archive: Archive, names: Sequence[str]) -> Answer:
-    file = result_file(archive.root, names)
-    if file is None:
+def _file(archive: Archive, path: str) -> Answer:
+    names = file_names(path)
+    file = result_file(archive.root, names) if names else None
+    if names is None or file is None:
         return refusal(HTTPStatus.NOT_FOUND)
     try:
         content = file.read_bytes()

@@ -67,6 +67,19 @@ def test_a_broken_file_is_an_entry_that_says_why(tmp_path, text, problem):
     assert whole.verdict == "effects_found"
 
 
+def test_a_document_of_another_version_is_an_entry_that_says_so(tmp_path):
+    change = {"recording": "a", "what": "payload", "joints": [], "time": 3.7}
+    change |= {"interval": [3.0, 4.0], "parameters": {}, "times_threshold": 9.0}
+    put(tmp_path, "x", changes=[change])
+    (entry,) = Archive(tmp_path).entries()
+    assert entry.verdict == "unreadable" and "mass" in entry.problem
+
+    change["parameters"] = {"mass": {"unit": "kg", "value": 1.5, "std": 0.01}}
+    put(tmp_path, "x", changes=[change], case="again")
+    (entry,) = Archive(tmp_path).entries()
+    assert entry.changes == ("load of 1.500 ± 0.010 kg picked up at 3.70 s of a",)
+
+
 def test_a_link_that_leaves_the_folder_is_not_read(tmp_path):
     secret = put(tmp_path / "outside", "x", case="secret")
     (tmp_path / "inside" / "y").mkdir(parents=True)

@@ -50,6 +50,7 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     put(root, "2026-01/cell", case="cell")
     put(root, "2026-02/cell", case="cell")
     put(root, "2026-03/odd & café", case=EVIL)
+    put(root, "2026-03/slashes", case="hall/é:7")
     (root / "2026-04" / "cell").mkdir(parents=True)
     (root / "2026-04" / "cell" / "diagnosis.json").write_text('{"schema": 1, "ca')
 
@@ -123,6 +124,11 @@ def test_the_page_of_a_unit_draws_each_effect_and_joint(ask):
     assert html.count("Plotly.newPlot(") == 3 and "error_y" in html
     assert "Named in 2 of 2 diagnoses" in html
     assert ask("/unit/nobody").status == 404
+
+
+def test_a_unit_may_have_any_name(ask):
+    assert 'href="/unit/hall%2F%C3%A9%3A7"' in ask("/").text
+    assert "hall/é:7: effects over time" in ask("/unit/hall%2F%C3%A9%3A7").text
 
 
 @pytest.mark.parametrize(

@@ -44,7 +44,7 @@ def render_table(entries: Sequence[Entry], folder: str, number: int = 1) -> str:
         folder=folder,
         total=len(entries),
         counts=[(words, kinds[kind]) for kind, words in COUNTED.items() if kinds[kind]],
-        units=sorted(units),
+        units=len(units),
         number=number,
         pages=page_count(entries),
         **row_content(entries[start : start + ROWS]),

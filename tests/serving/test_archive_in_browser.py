@@ -1,0 +1,87 @@
+"""The pages of an archive in a real browser: filtered, followed to a unit and a report, accessible."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import threading
+
+import documents
+import pytest
+
+from gapscope.archive.archive import Archive
+from gapscope.reports.diagnosis import render
+from gapscope.serving.server import ArchiveServer
+
+playwright = pytest.importorskip(
+    "playwright.sync_api", reason="Playwright is not installed: make setup"
+)
+CHROMIUM = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))),
+    None,
+)
+pytestmark = pytest.mark.skipif(
+    CHROMIUM is None, reason="no Chromium on this machine (Debian: chromium)"
+)
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory):
+    """An archive of one arm over two months, and a healthy one."""
+    root = tmp_path_factory.mktemp("archive")
+    for folder, document in (
+        ("2026-01/arm", documents.two_effects()),
+        ("2026-02/arm", documents.two_effects()),
+        ("2026-02/well", documents.no_gap()),
+    ):
+        document["case"] = folder.split("/")[1]
+        (root / folder).mkdir(parents=True)
+        (root / folder / "diagnosis.json").write_text(json.dumps(document))
+        render(documents.diagnosis(document), root / folder / "report.html")
+    with ArchiveServer(Archive(root)) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield server.address
+        server.shutdown()
+        thread.join()
+
+
+@pytest.fixture
+def page(address):
+    """The table; no page may complain or ask for anything elsewhere."""
+    with playwright.sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=CHROMIUM)
+        opened = browser.new_page()
+        complaints, asked = [], []
+        opened.on("pageerror", lambda error: complaints.append(str(error)))
+        opened.on("console", lambda said: complaints.append(said.text) if said.type == "error" else None)  # fmt: skip
+        opened.on("request", lambda request: asked.append(request.url))
+        opened.goto(address)
+        yield opened
+        browser.close()
+    assert complaints == []
+    assert all(url.startswith((address, "data:", "blob:")) for url in asked)
+
+
+def test_from_the_table_to_a_unit_and_to_a_report(page):
+    page.fill("#filter", "ARM payload")
+    assert page.locator(".archive tbody tr:visible").count() == 2
+    assert "2 of the 3 rows" in page.inner_text("#shown")
+
+    page.click("a[href='/unit/arm'] >> nth=0")
+    assert page.locator(".js-plotly-plot .main-svg").count() > 0
+    points = "document.querySelector('.js-plotly-plot').data[0].x.length"
+    assert page.evaluate(points) == 2
+
+    page.click("text=report >> nth=0")
+    assert "Torque over time" in page.inner_text("main")
+    assert page.locator(".js-plotly-plot .main-svg").count() > 0
+    assert page.evaluate("window.origin") == "null"  # shut in
+
+
+def test_no_accessibility_problem_is_found(page):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
+    for address in (page.url, f"{page.url}unit/arm"):
+        page.goto(address)
+        found = axe.run(page).response["violations"]
+        assert [(problem["id"], problem["nodes"][0]["html"]) for problem in found] == []
