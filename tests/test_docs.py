@@ -92,3 +92,9 @@ def test_the_python_page_lists_the_interface() -> None:
     text = (ROOT / "docs/python.md").read_text(encoding="utf-8")
     listed = set(re.findall(r"^\| `(\w+)\(", text, flags=re.MULTILINE))
     assert listed | {"Case"} == set(gapscope.__all__)
+
+
+def test_the_python_reference_describes_the_interface() -> None:
+    text = (ROOT / "docs/api.md").read_text(encoding="utf-8")
+    described = re.findall(r"^::: gapscope\.(\w+)$", text, flags=re.MULTILINE)
+    assert sorted(described) == sorted(gapscope.__all__)

@@ -89,7 +89,8 @@ class Case:
             q: joint positions [rad], shape (N, n).
             tau: joint torque, commanded or derived from motor current [N m], shape (N, n).
             dq: velocity [rad/s], shape (N, n).
-            q_ref, dq_ref: reference position [rad] and velocity [rad/s], shape (N, n).
+            q_ref: reference position [rad], shape (N, n).
+            dq_ref: reference velocity [rad/s], shape (N, n).
             tau_sensor: joint torque sensor [N m], shape (N, n).
             temperature: of the joints [deg C], shape (N, n).
             **description: ``name``, ``joints``, ``chain``, ``locked``, ``gravity``, ``nominal`` and ``controller`` as
@@ -98,11 +99,12 @@ class Case:
         Raises:
             InputError: the robot or an array cannot be used; names recording, row and column.
 
-        >>> import numpy as np
-        >>> t = np.arange(0.0, 2.0, 0.01)
-        >>> q = np.sin(t)[:, None] * np.ones(7)
-        >>> Case.from_arrays("kuka_iiwa", t=t, q=q, tau=0 * q).recordings[0].duration
-        1.99
+        Examples:
+            >>> import numpy as np
+            >>> t = np.arange(0.0, 2.0, 0.01)
+            >>> q = np.sin(t)[:, None] * np.ones(7)
+            >>> Case.from_arrays("kuka_iiwa", t=t, q=q, tau=0 * q).recordings[0].duration
+            1.99
         """
         channels = {
             "q": q,
@@ -201,8 +203,9 @@ def load_case(
     Raises:
         InputError: the case file, the URDF or a recording cannot be used; names the file and the line or field.
 
-    >>> load_case("my_arm").recordings[0].duration  # doctest: +SKIP
-    40.0
+    Examples:
+        >>> load_case("my_arm").recordings[0].duration  # doctest: +SKIP
+        40.0
     """
     file = Path(path)
     file = file / "case.yaml" if file.is_dir() else file

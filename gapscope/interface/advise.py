@@ -70,8 +70,9 @@ def advise(
     Raises:
         InputError: the limits allow no trajectory.
 
-    >>> import gapscope
-    >>> gapscope.advise(gapscope.diagnose("my_arm")).save("next")  # doctest: +SKIP
+    Examples:
+        >>> import gapscope
+        >>> gapscope.advise(gapscope.diagnose("my_arm")).save("next")  # doctest: +SKIP
     """
     result = (
         diagnosis if isinstance(diagnosis, DiagnosisResult) else diagnose(diagnosis)

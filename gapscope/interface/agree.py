@@ -75,8 +75,9 @@ def agree(
     Raises:
         InputError: the case cannot be used, or has fewer than two recordings with torque.
 
-    >>> import gapscope
-    >>> gapscope.agree("my_arm").to_frame()  # doctest: +SKIP
+    Examples:
+        >>> import gapscope
+        >>> gapscope.agree("my_arm").to_frame()  # doctest: +SKIP
     """
     progress("reads the case")
     loaded = case if isinstance(case, Case) else load_case(case)

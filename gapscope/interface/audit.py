@@ -66,9 +66,10 @@ def audit(
     Raises:
         InputError: there is no such file, it is no robot, or the recording has no static poses.
 
-    >>> import gapscope
-    >>> gapscope.audit("kuka_iiwa").document["robot"]
-    'lbr_iiwa'
+    Examples:
+        >>> import gapscope
+        >>> gapscope.audit("kuka_iiwa").document["robot"]
+        'lbr_iiwa'
     """
     progress("reads the model and its shapes")
     return AuditResult(

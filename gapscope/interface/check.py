@@ -69,8 +69,9 @@ def check(
         case: folder of the case, or its case file.
         progress: called with a few words at each step.
 
-    >>> import gapscope
-    >>> gapscope.check("my_arm").can_be_diagnosed  # doctest: +SKIP
-    True
+    Examples:
+        >>> import gapscope
+        >>> gapscope.check("my_arm").can_be_diagnosed  # doctest: +SKIP
+        True
     """
     return CheckResult(check_case(Path(case), progress))

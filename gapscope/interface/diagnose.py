@@ -136,10 +136,11 @@ def diagnose(
         InputError: the case cannot be used; names the file and the line or field.
         GapscopeError: no recording carries a torque that can be trusted, nor is there a known controller.
 
-    >>> import gapscope
-    >>> result = gapscope.diagnose("my_arm")  # doctest: +SKIP
-    >>> result.verdict, [effect.name for effect in result.effects]  # doctest: +SKIP
-    ('effects_found', ['payload'])
+    Examples:
+        >>> import gapscope
+        >>> result = gapscope.diagnose("my_arm")  # doctest: +SKIP
+        >>> result.verdict, [effect.name for effect in result.effects]  # doctest: +SKIP
+        ('effects_found', ['payload'])
     """
     progress("reads the case")
     loaded = case if isinstance(case, Case) else load_case(case, any_unit=True)

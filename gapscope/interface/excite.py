@@ -80,8 +80,9 @@ def excite(
     Raises:
         InputError: an argument is at fault, or the limits allow no trajectory.
 
-    >>> import gapscope
-    >>> gapscope.excite("kuka_iiwa", seed=1).save("out")  # doctest: +SKIP
+    Examples:
+        >>> import gapscope
+        >>> gapscope.excite("kuka_iiwa", seed=1).save("out")  # doctest: +SKIP
     """
     arm, plan = make_arm(robot), plan or ExcitationPlan()
     rng = np.random.default_rng(seed)

@@ -72,12 +72,13 @@ def export(
         InputError: no such format, or an effect that no arm can have.
         GapscopeError: the file cannot be written.
 
-    >>> import gapscope, tempfile, pathlib
-    >>> from gapscope.effects.corrected import CorrectedArm
-    >>> arm = CorrectedArm(gapscope.make_arm("kuka_iiwa"))
-    >>> file = pathlib.Path(tempfile.mkdtemp()) / "arm.urdf"
-    >>> gapscope.export(arm, file).left_out
-    ()
+    Examples:
+        >>> import gapscope, tempfile, pathlib
+        >>> from gapscope.effects.corrected import CorrectedArm
+        >>> arm = CorrectedArm(gapscope.make_arm("kuka_iiwa"))
+        >>> file = pathlib.Path(tempfile.mkdtemp()) / "arm.urdf"
+        >>> gapscope.export(arm, file).left_out
+        ()
     """
     file = Path(file)
     ending = file.suffix.removeprefix(".")

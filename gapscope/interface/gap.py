@@ -69,8 +69,9 @@ def gap(case: Case | str | Path, model: Model = None) -> GapResult:
         InputError: the case or the model cannot be used.
         GapscopeError: no recording carries a torque.
 
-    >>> import gapscope
-    >>> gapscope.gap("my_arm", "out/corrected.yaml").to_frame()  # doctest: +SKIP
+    Examples:
+        >>> import gapscope
+        >>> gapscope.gap("my_arm", "out/corrected.yaml").to_frame()  # doctest: +SKIP
     """
     loaded = case if isinstance(case, Case) else load_case(case, any_unit=True)
     return GapResult(gap_document(loaded, corrected_arm(loaded.arm, model)))

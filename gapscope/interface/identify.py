@@ -73,8 +73,9 @@ def identify(
         InputError: the case cannot be identified from.
         GapscopeError: no physically consistent parameters were found.
 
-    >>> import gapscope
-    >>> gapscope.identify("my_arm").save("out")  # doctest: +SKIP
+    Examples:
+        >>> import gapscope
+        >>> gapscope.identify("my_arm").save("out")  # doctest: +SKIP
     """
     progress("reads the case")
     chosen = settings or IdentificationSettings()

@@ -30,9 +30,10 @@ def make_arm(robot: str | Path | NominalArm | Case, **sheet: Any) -> NominalArm:
     Raises:
         InputError: no such robot, or a data sheet that cannot be used.
 
-    >>> import gapscope
-    >>> gapscope.make_arm("kuka_iiwa", coulomb=[1.0] * 7).n_joints
-    7
+    Examples:
+        >>> import gapscope
+        >>> gapscope.make_arm("kuka_iiwa", coulomb=[1.0] * 7).n_joints
+        7
     """
     if isinstance(robot, Case):
         return robot.arm
@@ -56,12 +57,13 @@ def read_corrected(
     Raises:
         InputError: the file cannot be used, or names a joint that the arm does not have.
 
-    >>> import gapscope, tempfile, pathlib
-    >>> file = pathlib.Path(tempfile.mkdtemp()) / "corrected.yaml"
-    >>> effect = "{effect: payload, parameters: {mass: 1.0, com: [0, 0, 0.1]}}"
-    >>> _ = file.write_text("schema: 1\ncase: demo\neffects: [" + effect + "]\n")
-    >>> [effect.name for effect in gapscope.read_corrected(file, "kuka_iiwa").effects]
-    ['payload']
+    Examples:
+        >>> import gapscope, tempfile, pathlib
+        >>> file = pathlib.Path(tempfile.mkdtemp()) / "corrected.yaml"
+        >>> effect = "{effect: payload, parameters: {mass: 1.0, com: [0, 0, 0.1]}}"
+        >>> _ = file.write_text("schema: 1\ncase: demo\neffects: [" + effect + "]\n")
+        >>> [effect.name for effect in gapscope.read_corrected(file, "kuka_iiwa").effects]
+        ['payload']
     """
     return read_corrected_arm(make_arm(robot), Path(path))
 

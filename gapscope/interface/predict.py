@@ -70,12 +70,13 @@ def predict(
     Raises:
         InputError: the arm or the model cannot be used.
 
-    >>> import numpy as np, gapscope
-    >>> t = np.arange(0.0, 2.0, 0.01)
-    >>> q = 0.1 * np.sin(t)[:, None] * np.ones(7)
-    >>> case = gapscope.Case.from_arrays("kuka_iiwa", t=t, q=q)
-    >>> gapscope.predict(case).tau.shape
-    (200, 7)
+    Examples:
+        >>> import numpy as np, gapscope
+        >>> t = np.arange(0.0, 2.0, 0.01)
+        >>> q = 0.1 * np.sin(t)[:, None] * np.ones(7)
+        >>> case = gapscope.Case.from_arrays("kuka_iiwa", t=t, q=q)
+        >>> gapscope.predict(case).tau.shape
+        (200, 7)
     """
     if isinstance(recording, Recording):
         chosen, arm = recording, make_arm(case)

@@ -81,8 +81,9 @@ def replay(
         InputError: the case or the model cannot be used.
         GapscopeError: the arm cannot be simulated, or diverges.
 
-    >>> import gapscope
-    >>> gapscope.replay("my_arm", 0, "out/corrected.yaml").rmse  # doctest: +SKIP
+    Examples:
+        >>> import gapscope
+        >>> gapscope.replay("my_arm", 0, "out/corrected.yaml").rmse  # doctest: +SKIP
     """
     loaded = case if isinstance(case, Case) else load_case(case)
     chosen = recording_of(loaded, recording)
