@@ -1,10 +1,11 @@
-"""The two pictures of the README: an overview, and the first screen of a report.
+"""The pictures of README and front page: an overview, and the first screens of two reports.
 
     GAPSCOPE_DATA=... .venv/bin/python experiments/24_readme_pictures.py [--out docs/pictures] [--work out/pictures]
 
-Both show the public UR10 recording (unisa-acg/inverse-dynamics-solver, BSD-3-Clause). The overview is drawn from its
-diagnosis: torque of the joint whose gap closes most, and the gap of all joints. The report is photographed by Chromium;
-without one the overview alone is drawn. Prints the files written and their sizes.
+Overview and report show the public UR10 recording (unisa-acg/inverse-dynamics-solver, BSD-3-Clause). The overview is
+drawn from its diagnosis: torque of the joint whose gap closes most, and the gap of all joints. The second report is
+that of `gapscope demo`. Reports are photographed by Chromium; without one the overview alone is drawn. Prints the files
+written and their sizes.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ from gapscope.arm.case import load_case
 
 CASE = Path(__file__).parent / "cases" / "ur10.yaml"
 RECORDING = "ur10/ur10_exciting.db3"
+DEMO_SEED = 3
+"""The mystery arm of the front page."""
 SCREEN = (1200, 1600)
 """Window of the browser [pixels]."""
 PAPER, INK, SOFT, LINE = "#ffffff", "#1f2328", "#57606a", "#d0d7de"
@@ -38,7 +41,7 @@ POINTS = 240
 
 
 def main() -> None:
-    """Diagnose the recording unless that is done, draw both pictures."""
+    """Diagnose the recording unless that is done, draw the pictures."""
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--out", type=Path, default=Path("docs/pictures"))
     options.add_argument("--work", type=Path, default=Path("out/pictures"))
@@ -52,11 +55,19 @@ def main() -> None:
     overview.write_text(draw_overview(chosen.work), encoding="utf-8")
     print(f"{overview}: {overview.stat().st_size / 1000:.0f} kB")
 
-    report = chosen.out / "report.png"
-    if photograph(chosen.work / "report.html", report):
-        print(f"{report}: {report.stat().st_size / 1000:.0f} kB")
-    else:
-        print("no Chromium: the report is not photographed")
+    demo = chosen.work / "demo"
+    if not (demo / "diagnosis").is_dir():
+        gapscope("demo", "--seed", DEMO_SEED, "--out", demo)
+    reports = {
+        "report.png": chosen.work / "report.html",
+        "demo.png": demo / "diagnosis" / "report.html",
+    }
+    for name, page in reports.items():
+        picture = chosen.out / name
+        if not photograph(page, picture):
+            print("no Chromium: reports are not photographed")
+            break
+        print(f"{picture}: {picture.stat().st_size / 1000:.0f} kB")
 
 
 def gapscope(*arguments: object) -> None:
