@@ -277,13 +277,13 @@ def test_unknown_name_offers_the_nearest() -> None:
             "stribeck_friction",
             (1,),
             {"torque": [-1.0], "velocity": [0.1]},
-            r"value \[-1.0\] outside 0 .. 200 N m",
+            r"value \[-1.0\] outside 0 .. 5000 N m",
         ),
         (
             "saturating_friction",
             (1,),
             {"torque": [-1.0], "velocity": [0.1]},
-            r"value \[-1.0\] outside 0 .. 200 N m",
+            r"value \[-1.0\] outside 0 .. 5000 N m",
         ),
         (
             "link_inertia",

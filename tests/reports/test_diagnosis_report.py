@@ -264,7 +264,7 @@ def test_the_summary_has_one_row_per_case(tmp_path: Path) -> None:
         tmp_path / "s.html",
     )
     page = Page((tmp_path / "s.html").read_text(encoding="utf-8"))
-    assert page.addresses == [
+    assert [x for x in page.addresses if x != "#content"] == [
         f"./cell%20{document['case']}/report.html" for document in made
     ]
     for expected in (
