@@ -107,7 +107,7 @@ def _unit(factors: np.ndarray) -> str:
     sign = ""
     if turned:
         sign = ", its sign turned" + (
-            "" if turned == len(factors) else f" on {turned} joints"
+            "" if turned == len(factors) else f" on {turned} of {len(factors)} joints"
         )
     if 0.5 < np.median(size) < 2.0:
         return "in N m of the joint" + sign
