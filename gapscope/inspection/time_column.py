@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.arm.io.plausibility import PLAUSIBLE_RATES
+from gapscope.inspection.units import derivative_ratio
 from gapscope.inspection.words import meaning_of
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -130,30 +131,13 @@ def _counted(
     rate, certain = FALLBACK_RATE, False
     why = f"{what}, and nothing in the log tells the rate: look it up"
     if position is not None and velocity is not None:
-        found = rate_of_derivative(position, velocity)
-        if found is not None:
+        # per row in place of per second, the ratio is the rate
+        found = derivative_ratio(np.arange(length), position, velocity)
+        if found is not None and found > 0:
             rate, certain = _usual(found), True
             why = f"{what}; the velocity is the derivative of the position at {found:.4g} Hz"
     seconds = np.arange(length) / rate
     return TimeGuess(column, "", rate, seconds, why, certain=certain)
-
-
-def rate_of_derivative(position: np.ndarray, velocity: np.ndarray) -> float | None:
-    """Rate [Hz] at which velocity, (N, n), is the derivative of position, (N, n); ``None`` if at none.
-
-    velocity = rate x (difference of positions per row), least squares over all joints; the median of the joints that
-    agree with their derivative (correlation above 0.9).
-    """
-    step = 0.5 * (position[2:] - position[:-2])
-    middle = velocity[1:-1]
-    rates = []
-    for j in range(min(step.shape[1], middle.shape[1])):
-        power = float(step[:, j] @ step[:, j])
-        scale = np.sqrt(power * float(middle[:, j] @ middle[:, j]))
-        product = float(step[:, j] @ middle[:, j])
-        if scale > 0 and product / scale > 0.9:
-            rates.append(product / power)
-    return float(np.median(rates)) if rates else None
 
 
 def _usual(rate: float) -> float:

@@ -11,7 +11,7 @@ import pytest
 from gapscope.arm.io.case_file import check
 
 ROOT = Path(__file__).parents[3]
-SCRIPT = runpy.run_path(str(ROOT / "experiments" / "36_reference_pages.py"))
+SCRIPT = runpy.run_path(str(ROOT / "experiments" / "44_reference_pages.py"))
 SCHEMA = SCRIPT["read_schema"]()
 
 
@@ -53,7 +53,7 @@ EVERY = [
 @pytest.mark.parametrize("name", ["case.md", "controller.md", "import.md"])
 def test_pages_are_up_to_date(name: str) -> None:
     written = (ROOT / "docs" / "reference" / name).read_text(encoding="utf-8")
-    assert written == SCRIPT["pages"](SCHEMA)[name], "run 36_reference_pages.py"
+    assert written == SCRIPT["pages"](SCHEMA)[name], "run 44_reference_pages.py"
 
 
 def test_every_key_has_a_description() -> None:

@@ -1,6 +1,6 @@
 """The reference pages of ``docs/reference/``: every key of a case file, from ``gapscope/arm/io/case.schema.json``.
 
-    .venv/bin/python experiments/36_reference_pages.py [--check]
+    .venv/bin/python experiments/44_reference_pages.py [--check]
 
 ``--check`` writes nothing, and ends with 1 if a page is not up to date.
 """
@@ -35,7 +35,7 @@ CHANNELS = ("angle", "velocity", "torque", "temperature")
 """Definitions of the schema that say where a channel of a log stands."""
 HEAD = "| key | value | meaning | example |\n|---|---|---|---|"
 NOTE = (
-    "Generated from `gapscope/arm/io/case.schema.json` by `experiments/36_reference_pages.py`. A key in bold must be "
+    "Generated from `gapscope/arm/io/case.schema.json` by `experiments/44_reference_pages.py`. A key in bold must be "
     "there if\nits mapping is; `[]` stands for each entry of a list, `NAME` for a name."
 )
 
