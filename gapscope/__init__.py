@@ -11,7 +11,6 @@ The functions below are the Python interface; each takes a case, a folder or arr
 from __future__ import annotations
 
 from importlib import import_module
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 from gapscope.envs.registration import register_environment
@@ -31,7 +30,8 @@ if TYPE_CHECKING:
     from gapscope.interface.predict import predict
     from gapscope.interface.replay import replay
 
-__version__ = version("gapscope")
+    __version__: str
+
 __all__ = [
     "Case",
     "advise",
@@ -78,6 +78,8 @@ register_environment()
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":  # a look into the installed packages, which takes time
+        return import_module("importlib.metadata").version("gapscope")
     if name not in _MODULES:
         raise AttributeError(f"module 'gapscope' has no attribute {name!r}")
     return getattr(import_module(f"gapscope.{_MODULES[name]}"), name)

@@ -11,7 +11,6 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import joblib
 import numpy as np
 
 from gapscope.arm.case import Case, case_files
@@ -109,6 +108,8 @@ def fingerprint(value: Any) -> str:
     Raises:
         GapscopeError: a file cannot be read.
     """
+    import joblib  # here, because diagnoses of files need no fingerprint
+
     return str(joblib.hash(_contents(value), hash_name="sha1"))
 
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any
 
 import typer
 
 from gapscope.commands.options import Results
 from gapscope.terminal import Progress, console, say, wrote
 
-if TYPE_CHECKING:
-    from gapscope.commands.diagnosis_batch import Batch
+LOADS = "loads the libraries"
+"""The first line of progress; it comes before the imports, which take a second or two."""
 
 Cases = Annotated[
     list[Path],
@@ -49,9 +49,7 @@ def diagnose(
 ) -> None:
     """Find where the gap lies, what causes it, and how far it closes."""
     if len(cases) > 1:
-        from gapscope.commands.diagnosis_batch import Batch
-
-        _several(Batch(tuple(cases), out, jobs, backend, again, against))
+        _several(cases, out, jobs=jobs, backend=backend, again=again, against=against)
     elif against is None:
         _one(cases[0], out)
     else:
@@ -59,32 +57,40 @@ def diagnose(
 
 
 def _one(case: Path, out: Path) -> None:
-    from gapscope.commands.diagnose_path import diagnose_path
-    from gapscope.reports.diagnosis.terminal_summary import print_summary
-
     with Progress(case.name or str(case)) as progress:
+        progress(LOADS)
+        from gapscope.commands.diagnose_path import diagnose_path
+        from gapscope.reports.diagnosis.terminal_summary import print_summary
+
         result, paths = diagnose_path(case, out, progress)
     print_summary(result.document, console)
     wrote(*paths)
     _say_mended(paths)
 
 
-def _several(batch: Batch) -> None:
-    from gapscope.commands.diagnosis_batch import SUMMARY, UNITS, diagnose_all
+def _several(cases: Sequence[Path], out: Path, **options: Any) -> None:
+    with Progress(f"{len(cases)} cases") as progress:
+        progress(LOADS)
+        from gapscope.commands.diagnosis_batch import (
+            SUMMARY,
+            UNITS,
+            Batch,
+            diagnose_all,
+        )
 
-    with Progress(f"{len(batch.cases)} cases") as progress:
-        code = diagnose_all(batch, progress)
-    paths = (batch.out / SUMMARY, batch.out / UNITS)
+        code = diagnose_all(Batch(tuple(cases), out, **options), progress)
+    paths = (out / SUMMARY, out / UNITS)
     wrote(*(path for path in paths if path.is_file()))
     raise typer.Exit(code)
 
 
 def _against(case: Path, reference: Path, out: Path) -> None:
-    from gapscope.commands.diagnose_path import diagnose_path
-    from gapscope.outputs.diagnosis import CASE, CORRECTED
-    from gapscope.reports.diagnosis.terminal_summary import print_summary
-
     with Progress(case.name or str(case)) as progress:
+        progress(LOADS)
+        from gapscope.commands.diagnose_path import diagnose_path
+        from gapscope.outputs.diagnosis import CASE, CORRECTED
+        from gapscope.reports.diagnosis.terminal_summary import print_summary
+
         result, paths = diagnose_path(case, out, progress, against=reference)
     print_summary(result.document, console)
     wrote(*paths)
