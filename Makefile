@@ -3,7 +3,7 @@ PYTHON ?= python3
 PIP_INSTALL := -m pip --disable-pip-version-check install --quiet -c constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-learn demo test lint types site wheel second-python check clean
+.PHONY: help setup setup-learn demo test lint types site wheel second-python benchmark check clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 20
@@ -58,6 +58,9 @@ wheel: setup ## build the wheel, check what it holds, run it in a fresh environm
 
 second-python: wheel ## run the demo and a core of the tests on another Python, if there is one
 	.ci/second_python
+
+benchmark: setup ## measure times and memory, out/benchmarks; hours, and goes on where it was stopped
+	OMP_NUM_THREADS=1 .venv/bin/python -m experiments.benchmarks
 
 check: test lint types site wheel ## all of these checks
 

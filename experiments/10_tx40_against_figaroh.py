@@ -6,8 +6,9 @@ Rows 0-24749 of the published log are fitted, rows 29250-44999 judged; every row
 both ends, where the filter settles. Both sides pass a zero-phase Butterworth filter of order 4 at 10 and at 100 Hz. The
 error is the RMS residual over the RMS torque, stacked over joints and per joint; *moving* are samples with |dq| > 0.05
 rad/s. FIGAROH is installed in an environment of its own and runs as a child on the arrays that the project fits;
-``experiments/figaroh_fit.py`` says what of it is called. *Plain* is least squares of minimum norm on all columns, with
-the smoothed sign of the velocity; *sharp* has its sign, as FIGAROH, and *unfiltered* columns that pass no filter.
+``experiments/benchmarks/children/figaroh_fit.py`` says what of it is called. *Plain* is least squares of minimum norm
+on all columns, with the smoothed sign of the velocity; *sharp* has its sign, as FIGAROH, and *unfiltered* columns that
+pass no filter.
 
 Then the residual on joint rows of the project's fit is explained by one effect after another, fitted to the residual
 of the fitted rows, and judged on the residual of the others.
@@ -16,14 +17,14 @@ of the fitted rows, and judged on the residual of the others.
 from __future__ import annotations
 
 import argparse
-import subprocess
 import sys
-import xml.etree.ElementTree as ET
 from pathlib import Path
 from time import perf_counter, process_time
+from typing import Any
 
 import numpy as np
-from figaroh_environment import FIGAROH, install
+from benchmarks.child import run_child
+from benchmarks.figaroh import FIGAROH, install, without_meshes
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.nominal import smooth_sign
@@ -43,19 +44,9 @@ ORDERS = (1, 2)
 """Cycles of ripple per turn of a motor."""
 
 
-def without_meshes(urdf: Path, path: Path) -> Path:
-    """A copy of a URDF without shapes, whose meshes FIGAROH would look for."""
-    tree = ET.parse(urdf)
-    for link in tree.getroot().iter("link"):
-        for shape in [*link.findall("visual"), *link.findall("collision")]:
-            link.remove(shape)
-    tree.write(path)
-    return path
-
-
 def figaroh(
     python: Path, case: Case, fit: Segment, judged: Segment, cutoff: float, out: Path
-) -> dict[str, np.ndarray]:
+) -> dict[str, Any]:
     """Torque of FIGAROH's fit on both segments [N m], (N, 6), number of parameters, wall and processor time [s]."""
     motions = {
         key: np.stack([s.motion.q, s.motion.dq, s.motion.ddq])
@@ -71,12 +62,8 @@ def figaroh(
         cutoff=cutoff,
         urdf=str(urdf.resolve()),
     )
-    subprocess.run(
-        [python, HERE / "figaroh_fit.py", arrays, result],
-        check=True,
-        stderr=subprocess.DEVNULL,
-    )
-    return dict(np.load(result))
+    times = run_child("figaroh_fit.py", arrays, result, python=python)
+    return {**np.load(result), **times}
 
 
 class SharpLaw(FrictionLaw):
@@ -235,9 +222,9 @@ def main() -> None:
         print(
             f"  Gapscope: {result.base.count} base parameters, {seconds:.2f} s, {work:.2f} s of processor"
         )
-        seconds, work = float(other["seconds"]), float(other["work"])
+        seconds, work = other["seconds"], other["work"]
         print(
-            f"  FIGAROH: {int(other['count'])} base parameters, {seconds:.2f} s, {work:.2f} s of processor"
+            f"  FIGAROH: {other['count']} base parameters, {seconds:.2f} s, {work:.2f} s of processor"
         )
         for name, law, filtered in (
             ("plain", FrictionLaw(), True),

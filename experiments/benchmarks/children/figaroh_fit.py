@@ -1,6 +1,6 @@
 """FIGAROH's base-parameter fit on given arrays; runs in FIGAROH's own environment, apart from the project.
 
-    PYTHON experiments/figaroh_fit.py ARRAYS.npz OUT.npz
+    PYTHON experiments/benchmarks/children/figaroh_fit.py ARRAYS.npz OUT.npz
 
 What is called of FIGAROH: ``Robot``; ``RegressorBuilder.build_basic_regressor`` with friction, actuator inertia and
 joint offset; ``get_standard_parameters``, ``add_standard_additional_parameters``, ``get_index_eliminate``,
@@ -12,6 +12,7 @@ Regressor and torque pass the filter that the arrays name.
 
 from __future__ import annotations
 
+import json
 import sys
 from time import perf_counter, process_time
 
@@ -108,10 +109,8 @@ def main() -> None:
         sys.argv[2],
         fit=(build_baseRegressor(reduced, places) @ values).reshape(6, -1).T,
         judged=(build_baseRegressor(judged, places) @ values).reshape(6, -1).T,
-        count=len(values),
-        seconds=seconds,
-        work=work,
     )
+    print(json.dumps({"count": len(values), "seconds": seconds, "work": work}))
 
 
 if __name__ == "__main__":

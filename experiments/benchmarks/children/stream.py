@@ -1,0 +1,67 @@
+"""Samples of random Fourier motions streamed into triangular factors; prints time, memory and error as JSON.
+
+    python experiments/benchmarks/children/stream.py SAMPLES
+
+Motions of the KUKA iiwa are made on the fly, in chunks. ``making`` is the part of the time that goes into them.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+
+import numpy as np
+from memory import peak_mb
+from threadpoolctl import threadpool_limits
+
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.motions.trajectory import Fourier, urdf_limits
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.ident.model.base_parameters import structural_base
+from gapscope.ident.model.regressor import Regressor
+from gapscope.ident.model.tsqr import JointFactors
+
+CHUNK, RATE, NOISE = 5_000, 1e3, 0.5
+"""Samples at a time, their rate [Hz], and noise of their torque [N m]."""
+SHEET = {"coulomb": [1.0] * 7, "viscous": [0.5] * 7}
+"""Data sheet of the arm: friction [N m], [N m s/rad]."""
+
+
+def stream(samples: int) -> dict[str, float]:
+    """Stream samples: time of the processor [s], how much of it made motions, peak memory [MB], error [std]."""
+    regressor = Regressor(load_nominal_arm("kuka_iiwa", sheet=SHEET))
+    rng = np.random.default_rng(0)
+    base = structural_base(regressor, rng)
+    factors = JointFactors(regressor.support)
+    Y = np.empty((CHUNK, 7, len(regressor.names)))
+    start, making = time.process_time(), 0.0
+    for _ in range(samples // CHUNK):
+        tick = time.process_time()
+        motion, noise = _chunk(regressor, rng)
+        making += time.process_time() - tick
+        regressor.matrix(motion, Y)
+        factors.add(Y, Y @ regressor.nominal() + noise)
+    factor = factors.stacked().select(base.kept)
+    off = factor.solve() - base.of(regressor.nominal())
+    error = off / np.sqrt(np.diag(factor.covariance()))
+    return {
+        "cpu": time.process_time() - start,
+        "making": making,
+        "memory": peak_mb(),
+        "error": float(np.sqrt(np.mean(error**2))),
+    }
+
+
+def _chunk(regressor: Regressor, rng: np.random.Generator) -> tuple[Motion, np.ndarray]:
+    """A random motion, and noise of the torque."""
+    limits = urdf_limits(regressor.body, 6.0)
+    t = np.arange(CHUNK) / RATE
+    path = Fourier.random(rng, limits, duration=CHUNK / RATE, frequency=0.3)
+    motion = Motion(t, path.position(t), path.velocity(t), path.acceleration(t))
+    return motion, NOISE * rng.standard_normal((CHUNK, 7))
+
+
+if __name__ == "__main__":
+    with threadpool_limits(1):
+        print(json.dumps(stream(int(sys.argv[1]))))

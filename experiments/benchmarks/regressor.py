@@ -1,0 +1,145 @@
+"""Regressor and base parameters of 40 000 states of the KUKA iiwa, against a bare pinocchio loop and FIGAROH.
+
+280 000 rows by 98 columns (70 inertial ones, rotor inertia, viscous and Coulomb friction, offset), the same states for
+all, one thread each. *Streamed* never holds the regressor, which is all that base parameters and estimates need. Base
+parameters include their expressions in the standard ones; FIGAROH's decomposition includes a copy of the base columns.
+
+Then samples of random motions, made on the fly in chunks, go into triangular factors, each length in a process of its
+own: time, peak memory, and the error of the base parameters in their standard deviations, about 1 in RMS.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+import pinocchio as pin
+from threadpoolctl import threadpool_limits
+
+from experiments.benchmarks.child import run_child
+from experiments.benchmarks.figaroh import FIGAROH, install, without_meshes
+from experiments.benchmarks.point import Point, Settings
+from experiments.benchmarks.row import Row, compared
+from gapscope.arm.motions.motion import Motion
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.ident.model.base_parameters import base_parameters, random_states
+from gapscope.ident.model.regressor import Regressor
+from gapscope.ident.model.tsqr import JointFactors, factored
+
+OURS, STREAMED, BARE = "Gapscope", "Gapscope, streamed", "bare pinocchio loop"
+STATES, FEW = 40_000, 4_000
+LENGTHS, SHORT = (100_000, 1_000_000, 10_000_000), 10_000
+"""Samples that are streamed; the last of the first takes some ten minutes."""
+Times = tuple[float, float]
+"""Of the regressor, and of the base parameters after it [s]."""
+
+
+def iiwa() -> Regressor:
+    """The regressor of the KUKA iiwa with rotors, friction and offsets."""
+    sheet = {"coulomb": [1.0] * 7, "viscous": [0.5] * 7}
+    return Regressor(load_nominal_arm("kuka_iiwa", sheet=sheet))
+
+
+def points(settings: Settings) -> list[Point]:
+    """Regressor and base parameters at once, because they share the rounds; then streaming."""
+    states = FEW if settings.quick else STATES
+    together = partial(_compared, settings, states)
+    lengths = (SHORT,) if settings.quick else LENGTHS
+    return [
+        Point(f"{states} states", together),
+        *(Point(f"streamed {n} samples", partial(_streaming, n)) for n in lengths),
+    ]
+
+
+def _streaming(samples: int) -> list[Row]:
+    found = run_child("stream.py", samples)
+    row = Row(
+        f"streaming {samples} samples into triangular factors",
+        1e6 * (found["cpu"] - found["making"]) / samples,
+        "µs a sample",
+        note="without making the motions; error in standard deviations",
+        details={"memory_mb": found["memory"], "error": found["error"]},
+    )
+    return [row]
+
+
+def _compared(settings: Settings, states: int) -> list[Row]:
+    regressor = iiwa()
+    motion = random_states(regressor, np.random.default_rng(0), states)
+    loops: dict[str, Callable[[], Times]] = {
+        OURS: lambda: _ours(regressor, motion),
+        STREAMED: lambda: _streamed(regressor, motion),
+        BARE: lambda: _bare(regressor, motion),
+    }
+    figaroh = _figaroh(settings, regressor, motion)
+    if figaroh is not None:
+        loops[FIGAROH] = figaroh
+    with threadpool_limits(1):
+        rounds = [
+            {name: loop() for name, loop in loops.items()}
+            for _ in range(settings.rounds)
+        ]
+    return [*_regressor_rows(rounds, states), *_base_rows(rounds, states)]
+
+
+def _regressor_rows(rounds: list[dict[str, Times]], states: int) -> list[Row]:
+    names = [name for name in rounds[0] if name != STREAMED]
+    times = {name: [r[name][0] for r in rounds] for name in names}
+    return compared(times, BARE, "µs a state", states * 1e-6, "regressor")
+
+
+def _base_rows(rounds: list[dict[str, Times]], states: int) -> list[Row]:
+    """Regressor and base parameters together, because the streamed form does not part them."""
+    names = [name for name in rounds[0] if name != BARE]
+    times = {name: [sum(r[name]) for r in rounds] for name in names}
+    yardstick = FIGAROH if FIGAROH in names else OURS
+    return compared(times, yardstick, "µs a state", states * 1e-6, "base parameters")
+
+
+def _bare(regressor: Regressor, motion: Motion) -> Times:
+    """Pinocchio's regressor alone, called from a loop that keeps nothing."""
+    model, data = regressor.body.model, regressor.body.model.createData()
+    start = time.process_time()
+    for sample in zip(motion.q, motion.dq, motion.ddq, strict=True):
+        pin.computeJointTorqueRegressor(model, data, *sample)
+    return time.process_time() - start, 0.0
+
+
+def _ours(regressor: Regressor, motion: Motion) -> Times:
+    start = time.process_time()
+    Y = regressor.matrix(motion)
+    between = time.process_time()
+    factors = JointFactors(regressor.support)
+    factors.add(Y)
+    base = base_parameters(factors.stacked().triangle, regressor.names)
+    base.expressions()
+    np.take(Y.reshape(-1, Y.shape[2]), base.kept, axis=1)  # as FIGAROH does
+    return between - start, time.process_time() - between
+
+
+def _streamed(regressor: Regressor, motion: Motion) -> Times:
+    start = time.process_time()
+    triangle = factored(regressor, motion).stacked().triangle
+    base_parameters(triangle, regressor.names).expressions()
+    return 0.0, time.process_time() - start
+
+
+def _figaroh(
+    settings: Settings, regressor: Regressor, motion: Motion
+) -> Callable[[], Times] | None:
+    """A call of FIGAROH in its own environment, which is installed if it is missing; ``None`` if that fails."""
+    settings.out.mkdir(parents=True, exist_ok=True)
+    python = install(settings.out.parent / "figaroh")
+    if python is None:
+        return None
+    states = settings.out / "states.npz"
+    np.savez(states, q=motion.q, dq=motion.dq, ddq=motion.ddq)
+    urdf = without_meshes(regressor.arm.urdf, settings.out / "arm.urdf")
+
+    def times() -> Times:
+        found = run_child("figaroh_speed.py", urdf, states, python=python)
+        return found["regressor"][1], found["base"][1]
+
+    return times
