@@ -53,8 +53,7 @@ class Recording:
             value = getattr(self, field.name)
             if field.name in ("name", "notes", "payload") or value is None:
                 continue
-            array = np.array(value, dtype=float)
-            array.setflags(write=False)
+            array = _frozen(value)
             object.__setattr__(self, field.name, array)
         if self.t.ndim != 1 or self.q.ndim != 2:
             raise InputError(
@@ -109,3 +108,13 @@ class Recording:
             if series is not None:
                 chosen[name] = series[rows]
         return replace(self, **chosen, **changed)
+
+
+def _frozen(value: Any) -> np.ndarray:
+    """A read-only array of numbers: the array itself if it is one, as those of another recording are, else a copy."""
+    shared = isinstance(value, np.ndarray) and value.dtype == float
+    if shared and not value.flags.writeable:
+        return value
+    array = np.array(value, dtype=float)
+    array.setflags(write=False)
+    return array

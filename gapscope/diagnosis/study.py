@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from gapscope.diagnosis.gap.commanded_torque import (
     with_commanded_torque,
     with_likelier_rule,
 )
+from gapscope.diagnosis.gap.excerpt import excerpt, grouped
 from gapscope.diagnosis.gap.plausible_data import check_stamps, check_torque
 from gapscope.diagnosis.gap.torque_gap import TorqueGap
 from gapscope.diagnosis.model.terms import Term
@@ -56,7 +57,8 @@ class Study:
     """Everything from which the findings on one case are written; n joints.
 
     Attributes:
-        case: the case, with the set-up faults repaired, a torque in its recordings, and these cut where they change.
+        case: the case, with the set-up faults repaired, a torque in its recordings, these cut where they change, and
+            of long ones the windows that are looked at.
         body: dynamics of its nominal arm.
         position_cutoff: cut-off of the positions [Hz].
         selection: result of the search, less what was rejected and what is possible only.
@@ -114,7 +116,8 @@ def examine(case: Case, progress: Progress, baseline: Baseline | None = None) ->
     """
     check_stamps(case)
     # A torque is worked out of references and gains: these are put right first.
-    case, references = find_reference_faults(case)
+    seen, references = find_reference_faults(excerpt(case))
+    case = replace(repaired(case, references), warnings=seen.warnings)
     case = with_commanded_torque(case)
     check_torque(case)
     study = _examine(case, progress, baseline, references)
@@ -136,10 +139,10 @@ def _examine(
     progress("conditions the signals")
     cutoff = position_cutoff(case.recordings)
     progress("looks for changes during recordings")
-    changes = changes_during(case, cutoff)
+    changes = changes_during(excerpt(case), cutoff)
     for change in changes:
         progress(f"finds {change}")
-    case = up_to_changes(case, changes)
+    case = excerpt(up_to_changes(case, changes))
     found, rejections = _select(case, cutoff, progress, baseline)
     measured = measured_gap(found, baseline)
     naming = divide(found, measured.residual)
@@ -197,7 +200,7 @@ def _repair(
     if baseline is not None:
         case = baseline.adjusted(case)
     # A wrong unit scales the step of an encoder: quantisation is measured after the repair.
-    faults = (*references, *setup_faults, *find_quantization(case))
+    faults = (*references, *setup_faults, *find_quantization(excerpt(case)))
     if baseline is not None:
         faults = tuple(f for f in faults if (f.name, f.variant) not in baseline.faults)
     for fault in faults:
@@ -230,16 +233,16 @@ def _select(
 
 
 def _folds(case: Case, cutoff: float) -> list[list[Segment]]:
-    """Segments of each recording with a torque; of a single one the segments of its blocks."""
+    """Segments of each recording with a torque, of a single one the segments of its blocks, in not too many folds."""
     recordings = [r for r in case.recordings if r.tau is not None]
     folds = [condition(recording, cutoff) for recording in recordings]
-    if len(folds) > 1:
-        return folds
-    return [
-        [block]
-        for segment in folds[0]
-        for block in blocks(segment, SINGLE_RECORDING_FOLDS)
-    ]
+    if len(folds) == 1:
+        folds = [
+            [block]
+            for segment in folds[0]
+            for block in blocks(segment, SINGLE_RECORDING_FOLDS)
+        ]
+    return grouped(folds)
 
 
 def _instrumented_effects(

@@ -30,6 +30,14 @@ MODEL_FORM = 0.004  # Share of the torque's deviation that a healthy arm leaves 
 FRICTION_FORM = 0.03  # Share by which healthy dry friction differs from c sgn v when it slides [1]. (hand)
 EFFECT_FORM = 0.03  # Share of its torque by which a real effect differs from the catalogue's form [1]. (hand)
 
+# --- gap: long recordings
+# Recordings longer than this in all are looked at in windows [s]... (budget)
+LONG_RECORDINGS = 300.0
+EXAMINED = 240.0  # ...of this length in all [s]... (budget)
+WINDOW = 20.0  # ...and of about this length each [s], as recordings of single motions have... (hand)
+LEAST_WINDOW = 4.0  # ...or of many recordings no less than this [s]. (hand)
+MOST_FOLDS = 12  # Folds whose equations are kept apart; of more recordings neighbours share one. (budget)
+
 # --- gap: recordings that hold what no arm can have
 LARGEST_POSITION = 1e5  # Degrees of a motor behind a gear of 1 : 500 stay below [rad]. (physical)
 LARGEST_TORQUE = 1e6  # The largest industrial arms hold some 1e5 N m [N m]. (physical)

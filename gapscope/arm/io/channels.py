@@ -53,7 +53,10 @@ def read_channel(table: Table, channel: Channel, arm: NominalArm) -> np.ndarray:
             "give the URDF of the recorded arm, or list the columns to use in the case's import section",
             file=table.path,
         )
-    return values * channel.factor + channel.offset
+    # in place: a channel of a long log is large
+    values *= channel.factor
+    values += channel.offset
+    return values
 
 
 def how_to_join(table: Table, importing: Import) -> str:

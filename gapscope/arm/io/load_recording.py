@@ -149,8 +149,9 @@ def _recording(
     notes += found
     if not every_row:
         repeated, found = repeated_rows(t, values)
-        t = t[~repeated]
-        values = {name: x[~repeated] for name, x in values.items()}
+        if repeated.any():
+            t = t[~repeated]
+            values = {name: x[~repeated] for name, x in values.items()}
         notes += found
         even = even_stamps_of_rows(t, values["q"]) if repeated.any() else None
         if even is not None:
@@ -159,6 +160,9 @@ def _recording(
     values, turns = without_turns(values)
     values, found = untrusted_torque(values)
     notes += turns + found + gap_notes(t)
+    # read-only from here on, so that the recording shares them
+    for series in (t, *values.values()):
+        series.setflags(write=False)
     recording = Recording(main.path.name, t, payload=payload, **values)  # type: ignore[arg-type]
     mend = importing.mend.of_every_row if every_row else importing.mend
     recording = mend(recording, arm)
@@ -243,11 +247,12 @@ def _channels(
             read, covered = join(read, source.table, main, t, importing)
             inside &= covered
         values[name] = read
-    covered_by_all = {name: x[inside] for name, x in values.items()}
     cut = int((~inside).sum())
+    if not cut:
+        return t, importing.to_joint_side(values), ()
+    covered_by_all = {name: x[inside] for name, x in values.items()}
     note = f"rows cut outside the time of the other files: {cut}"
-    notes = (note,) if cut else ()
-    return t[inside], importing.to_joint_side(covered_by_all), notes
+    return t[inside], importing.to_joint_side(covered_by_all), (note,)
 
 
 def _missing_channel(

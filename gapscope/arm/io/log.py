@@ -16,8 +16,8 @@ from gapscope.arm.io.table import Table
 __all__ = ["READERS", "Log", "LogTable", "open_log"]
 
 
-LARGEST_TABLE = 1_000_000_000
-"""Size of the largest file that is read whole into memory, as CSV, Parquet and NPZ are [bytes]."""
+LARGEST_TABLE = 2_000_000_000
+"""Size of the largest file whose numbers are held in memory, of CSV, Parquet and NPZ [bytes]."""
 
 
 def _of_one_table(read: Callable[[Path], Table]) -> Callable[[Path], Log]:

@@ -180,9 +180,10 @@ def _stored_twice(values: dict[str, np.ndarray], count: int) -> np.ndarray:
     stale = np.zeros(count, dtype=bool)
     if "dq" not in values and "tau" not in values:
         return stale
-    names = [name for name in ("q", "dq", "tau", "tau_sensor") if name in values]
-    measured = np.hstack([values[name] for name in names])
-    same = np.r_[False, (np.diff(measured, axis=0) == 0).all(axis=1)]
+    same = np.r_[False, np.ones(count - 1, dtype=bool)]
+    for name in ("q", "dq", "tau", "tau_sensor"):
+        if name in values:
+            same[1:] &= (values[name][1:] == values[name][:-1]).all(axis=1)
     # runs of repeated rows begin and end where the mask changes
     edges = np.flatnonzero(np.diff(np.r_[False, same, False].astype(int)))
     for start, stop in zip(edges[::2], edges[1::2], strict=True):

@@ -172,12 +172,12 @@ def _held_out(case: Case, predictor: HeldOutPredictor) -> Recording:
     if predictor.set_aside:
         return next(r for r in case.judged if r.tau is not None)
 
-    # Of several recordings the last fold is all of the last one; of a single one its last block.
+    # Of several recordings the last fold holds all of the last one; of a single one its last block.
     with_torque = [r for r in case.recordings if r.tau is not None]
     recording = with_torque[-1]
-    last_fold = predictor.folds[-1]
-    start = last_fold[0].motion.t[0]
-    end = last_fold[-1].motion.t[-1]
+    of_it = [s for s in predictor.folds[-1] if s.recording == recording.name]
+    start = of_it[0].motion.t[0]
+    end = of_it[-1].motion.t[-1]
     inside = (recording.t >= start) & (recording.t <= end)
     return recording.part(inside)
 

@@ -48,8 +48,10 @@ def check_torque(case: Case) -> None:
         _check_size(recording, "q", LARGEST_POSITION, "rad")
         _check_size(recording, "tau", LARGEST_TORQUE, "N m")
         _check_size(recording, "tau_sensor", LARGEST_TORQUE, "N m")
-    torque = np.vstack([r.tau for r in carrying if r.tau is not None])
-    if np.ptp(torque, axis=0).max() < LEAST_TORQUE_CHANGE:
+    torques = [r.tau for r in carrying if r.tau is not None]
+    highest = np.max([tau.max(axis=0) for tau in torques], axis=0)
+    lowest = np.min([tau.min(axis=0) for tau in torques], axis=0)
+    if (highest - lowest).max() < LEAST_TORQUE_CHANGE:
         names = ", ".join(r.name for r in carrying)
         raise GapscopeError(
             f"{case.name}: the torque of no joint changes ({names})",

@@ -15,6 +15,7 @@ from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.plausibility import PLAUSIBLE_RATES
+from gapscope.diagnosis.gap.excerpt import excerpt
 from gapscope.diagnosis.gap.plausible_data import check_rates
 from gapscope.diagnosis.gap.torque_gap import torque_gap
 from gapscope.diagnosis.setup_faults.candidates import inertial_candidates
@@ -51,11 +52,11 @@ def find_setup_faults(case: Case) -> tuple[FoundFault, ...]:
     alone = sum(r.tau is not None for r in case.recordings) == 1
     # Shifted inertials are looked for by themselves only if the torque shows no fault.
     for search in (faults_by_torque, _shifted_inertials):
-        found = _with_gaps(case, merged((*stamps, *search(even))))
+        found = _with_gaps(excerpt(case), merged((*stamps, *search(excerpt(even)))))
         kept = tuple(fault for fault in found if _lowers_gap(fault, alone))
         if len(kept) > len(stamps):
             break
-    return found if len(kept) == len(found) else _with_gaps(case, kept)
+    return found if len(kept) == len(found) else _with_gaps(excerpt(case), kept)
 
 
 def _shifted_inertials(case: Case) -> list[FoundFault]:

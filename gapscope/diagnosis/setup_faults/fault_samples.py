@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from gapscope.diagnosis.gap.excerpt import grouped
 from gapscope.diagnosis.thresholds import (
     FAULT_SAMPLES,
     MOTION_INDEPENDENT_RATE,
@@ -81,6 +82,7 @@ def sample(recordings: Sequence[list[Segment]]) -> FaultSamples:
             for segment in folds[0]
             for block in blocks(segment, SINGLE_RECORDING_FOLDS)
         ]
+    folds = grouped(folds)
     segments = [segment for fold in folds for segment in fold]
     sample_counts = [len(s.motion.t[s.inner]) for s in segments]
     seconds = sum(

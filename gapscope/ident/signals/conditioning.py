@@ -100,19 +100,25 @@ def position_cutoff(recordings: tuple[Recording, ...]) -> float:
 
     The noise floor of a joint is the median power density in the upper half of the band; the crossing is the highest
     frequency whose density exceeds ten times it. The largest crossing over joints and recordings counts; twice it
-    leaves the band below untouched. The result lies between 5 and 40 Hz, and below 0.8 of Nyquist.
+    leaves the band below untouched. The result lies between 5 and 40 Hz, and below 0.8 of Nyquist. What was not
+    recorded for ``SHORTEST`` seconds or more has no spectrum: the parts before and after it count as recordings.
     """
     crossings = [LEAST_CUTOFF / 2]
     for recording in recordings:
-        _, q = uniform(recording.t, recording.q, recording.rate)
-        window = min(len(q), int(4 * recording.rate))
-        frequency, density = welch(q, recording.rate, nperseg=window, axis=0)
-        upper_half = frequency > recording.rate / 4
-        noise = np.median(density[upper_half], axis=0)
-        above = (density > 10 * noise).any(axis=1)
-        crossings.append(float(frequency[above].max(initial=0.0)))
+        for span in _pieces(recording.t, SHORTEST) or [slice(None)]:
+            q = uniform(recording.t[span], recording.q[span], recording.rate)[1]
+            crossings.append(_noise_crossing(q, recording.rate))
     nyquist = min(recording.rate for recording in recordings) / 2
     return float(min(2 * max(crossings), LARGEST_CUTOFF, 0.8 * nyquist))
+
+
+def _noise_crossing(q: np.ndarray, rate: float) -> float:
+    """Highest frequency at which the spectrum of positions, (N, n), exceeds its noise floor [Hz]."""
+    window = min(len(q), int(4 * rate))
+    frequency, density = welch(q, rate, nperseg=window, axis=0)
+    noise = np.median(density[frequency > rate / 4], axis=0)
+    above = (density > 10 * noise).any(axis=1)
+    return float(frequency[above].max(initial=0.0))
 
 
 def uniform(

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.io.formats.numeric_csv import numeric_columns
 from gapscope.arm.io.table import Table
 
 LARGEST_UNPACKED = 2_000_000_000
@@ -41,8 +42,14 @@ def read_csv(path: Path) -> Table:
             )
             names = [name.strip() for name in next(reader, [])]
             _check_header(names, path)
+            first = next(reader, [])
+            if len(first) == len(names) and delimiter != " ":
+                columns = numeric_columns(path, names, delimiter, first)
+                if columns is not None:
+                    count = len(next(iter(columns.values())))
+                    return Table(path, columns, range(2, count + 2), "line")
             rows, lines = [], []
-            for row in reader:
+            for row in itertools.chain([first], reader):
                 if not row:
                     continue
                 if len(row) != len(names):
@@ -110,15 +117,20 @@ def read_parquet(path: Path) -> Table:
     import pyarrow.parquet as pq
 
     try:
-        content = pq.read_table(path)
+        file = pq.ParquetFile(path)
+        # one column at a time: never two copies of the file
+        columns = {
+            name: file.read([name]).column(name).to_numpy()
+            for name in file.schema_arrow.names
+        }
     except (pa.ArrowException, OSError) as error:
         raise InputError(
             f"cannot be read as Parquet ({error})", "is the file complete?", file=path
         ) from None
-    if not content.num_rows:
+    count = file.metadata.num_rows
+    if not count:
         raise InputError("has no rows", "give a file with samples", file=path)
-    columns = {name: content.column(name).to_numpy() for name in content.column_names}
-    return Table(path, columns, range(1, content.num_rows + 1))
+    return Table(path, columns, range(1, count + 1))
 
 
 def read_npz(path: Path) -> Table:
