@@ -51,8 +51,8 @@ def discrepancy(
         deviation: of the torque, (m,) [N m].
         theta: parameters of the model so far, (P,).
     """
-    gram = np.array([fold.gram.sum(axis=0)[:, :-1, :-1] for fold in folds])
-    count = np.array([fold.rows.sum(axis=0) for fold in folds])
+    gram = np.array([fold.total[:, :-1, :-1] for fold in folds])
+    count = np.array([fold.count for fold in folds])
     precision = _precision(gram, count, deviation, halves[0])
     values = _held_out_values(gram, count, precision)
 

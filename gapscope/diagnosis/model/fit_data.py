@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 
 import numpy as np
@@ -11,7 +12,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.gap.torque_gap import filtered_torque, torque_scale
 from gapscope.diagnosis.model.body_jacobian import Bodies
-from gapscope.diagnosis.model.nonlinear_scan import ripple_candidates, waves
+from gapscope.diagnosis.model.candidate_columns import CandidateColumns
 from gapscope.diagnosis.model.nuisance_prior import (
     NuisancePrior,
     ReferenceErrors,
@@ -38,6 +39,7 @@ class FitData:
         own: of each segment the filtered columns of the joints' parameters that a reference leaves open, (M, n, q).
         prior: of the nuisances.
         bodies: what the columns need of each segment's bodies.
+        candidates: columns of what a search for nonlinear parameters tries.
     """
 
     def __init__(
@@ -63,7 +65,7 @@ class FitData:
             self.nuisance.append(self.thin(regressor * self.units, s))
             if reference is not None:
                 self.own.append(self.thin(reference.columns(s.motion), s))
-        self._ripples: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        self.candidates = CandidateColumns(self)
 
     def _prior(self) -> NuisancePrior:
         """What is believed of the nuisances: of the inertials, then of the sensors or of the reference."""
@@ -90,35 +92,10 @@ class FitData:
             out[:, moving] = kept[inner.start : inner.stop : self.step(segment)]
         return out
 
-    def ripples(self, j: int) -> tuple[np.ndarray, np.ndarray]:
-        """Cycles of ripples to look for on a joint, (K,), and their columns on the rows of all segments, (M, 2 K)."""
-        if j not in self._ripples:
-            q = [s.motion.q[:, j, None] for s in self.segments]
-            # of a slide, periods per 2 pi of what counts as a radian
-            size = self.arm.per_radian[j]
-            dq = np.concatenate([s.motion.dq[:, j] for s in self.segments])
-            cycles = ripple_candidates([x / size for x in q], dq / size) / size
-            columns = [
-                self._sparse(s, waves(cycles, x[:: self._stride(s)]))
-                for s, x in zip(self.segments, q, strict=True)
-            ]
-            self._ripples[j] = cycles, np.vstack(columns).astype(np.float32)
-        return self._ripples[j]
-
-    def _stride(self, segment: Segment) -> int:
-        """Every how many samples many columns are computed: a divisor of ``step`` that leaves four times the band."""
-        step, most = (
-            self.step(segment),
-            max(1, int(segment.motion.rate // (4 * self.cutoff))),
-        )
-        return max(k for k in range(1, most + 1) if step % k == 0)
-
-    def _sparse(self, segment: Segment, series: np.ndarray) -> np.ndarray:
-        """Rows of series that are given on every so many samples only."""
-        stride, inner = self._stride(segment), segment.inner
-        kept = low_pass(series, segment.motion.rate / stride, self.cutoff)
-        rows = np.arange(inner.start, inner.stop, self.step(segment)) / stride
-        return kept[np.minimum(np.round(rows).astype(int), len(kept) - 1)]
+    def rows(self, series: Sequence[np.ndarray]) -> np.ndarray:
+        """Series of every segment, (N, K) each, on its rows, one below the other, (M, K)."""
+        pairs = zip(series, self.segments, strict=True)
+        return np.vstack([self.thin(x, s) for x, s in pairs])
 
     def step(self, segment: Segment) -> int:
         """Every how many samples the rows are taken."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 
@@ -84,6 +85,16 @@ class Fold:
     def scored(self) -> Fold:
         """What evidence is drawn from: both sides if they are known, the joint's torque otherwise."""
         return self.sides or self
+
+    @cached_property
+    def total(self) -> np.ndarray:
+        """X^T W X of all pieces per joint, (n, P + K + 2, P + K + 2)."""
+        return np.asarray(self.gram.sum(axis=0))
+
+    @cached_property
+    def count(self) -> np.ndarray:
+        """Weight of the rows of all pieces, (n,)."""
+        return np.asarray(self.rows.sum(axis=0))
 
 
 def fold_of(rows: EquationRows, count: int) -> Fold:

@@ -88,15 +88,13 @@ class GapScanner:
         """The best nonlinear parameters of a term on a joint; near those in use if there are any."""
         j = term.joint - 1
         scan, known = self._scans[j], self._terms.shapes.get(term)
-        if known is None and term.effect == "torque_ripple":
-            return scan.best(*self._data.ripples(j), 2)
         if known is not None:
             scan = replace(self._scan(j, term), noise=scan.noise)
         needed = [part.predicted[:, j] for part in self._rows]
         return search_nonlinear(
             term,
             self._corrected,
-            self._data.segments,
+            self._data,
             scan,
             None if known is None else known[0],
             needed,
@@ -116,11 +114,9 @@ class GapScanner:
         residual = gap - basis @ (basis.T @ gap)
         independent = independent_samples(residual[:, None])[0]
 
-        def thin(series: Sequence[np.ndarray]) -> np.ndarray:
-            pairs = zip(series, self._data.segments, strict=True)
-            return self._weighted([self._data.thin(x, s) for x, s in pairs], j)
-
-        return Scan(residual, basis, thin, float(residual @ residual / independent))
+        trust = np.concatenate([of[:, j] for of in self._trust])
+        noise = float(residual @ residual / independent)
+        return Scan(residual, basis, trust, noise)
 
     def _take_out(
         self, common: np.ndarray, own: np.ndarray, term: Term, j: int

@@ -1,8 +1,7 @@
-"""One joint's residual, and how candidates of a nonlinear parameter are compared on it."""
+"""One joint's residual, on which candidates of a nonlinear parameter are compared."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,20 +22,23 @@ class NonlinearParameters:
 
 @dataclass(frozen=True)
 class Scan:
-    """The residual of one joint's gap, and how columns are brought to its rows.
+    """The residual of one joint's gap.
 
     Attributes:
         residual: what no column of the basis explains [N m], (M,).
         basis: orthonormal columns taken out of it, (M, K).
-        thin: from series on the segments' grids to the rows: filtered, trimmed, decimated and weighted; takes one array
-            (N, K) per segment and gives (M, K).
+        trust: square root of the weight of each row, (M,).
         noise: variance of the residual, counted per independent sample [N^2 m^2].
     """
 
     residual: np.ndarray
     basis: np.ndarray
-    thin: Callable[[Sequence[np.ndarray]], np.ndarray]
+    trust: np.ndarray
     noise: float
+
+    def weighted(self, columns: np.ndarray) -> np.ndarray:
+        """Columns on the rows, (M, K), by the trust in the rows."""
+        return self.trust[:, None] * columns
 
     def gains(self, columns: np.ndarray, per_candidate: int) -> np.ndarray:
         """Sum of squares explained by each candidate's columns, which lie side by side, (M, K per_candidate)."""

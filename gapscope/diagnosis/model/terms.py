@@ -125,13 +125,11 @@ class Terms:
         Raises:
             InputError: a value lies outside the bounds of its parameter.
         """
-        chosen = [
-            t
-            for t in self.all
-            if (
-                theta[list(t.columns)].any() if terms is None else t in frozenset(terms)
-            )
-        ]
+        if terms is None:
+            chosen = [t for t in self.all if theta[list(t.columns)].any()]
+        else:
+            wanted = frozenset(terms)
+            chosen = [t for t in self.all if t in wanted]
         found: dict[str, list[Term]] = {}
         for term in chosen:
             found.setdefault(term.finding, []).append(term)

@@ -91,7 +91,7 @@ def nominal_model(
     terms = Terms(arm.n_joints, motors=arm.coupled_motors)
     linear = Linearisation(data, np.zeros(terms.size), terms)
     mean_squares = [
-        fold.gram[:, :, -2, -2].sum(axis=0) / np.maximum(fold.rows.sum(axis=0), 1e-9)
+        fold.total[:, -2, -2] / np.maximum(fold.count, 1e-9)
         for fold in (half.scored for half in linear.folds)
     ]
     ranked = evidences(linear, np.array(mean_squares), frozenset())
@@ -122,10 +122,20 @@ def fit_terms(
 
 
 def relinearise(model: Model) -> Model:
-    """The same terms, linearised around their values, so that what could be added is looked for in what is left."""
-    if np.array_equal(model.linear.theta, _expansion_point(model.fit)):
+    """The same terms, linearised around their values, so that what could be added is looked for in what is left.
+
+    A model whose torque is at its values what its own linearisation says of the same terms stays as it is.
+    """
+    linear, fit = model.linear, model.fit
+    if _in_use(linear) == fit.terms and _nearly_linear(linear, fit):
         return model
-    return _linearised_around(model, model.fit)
+    return _linearised_around(model, fit)
+
+
+def _in_use(linear: Linearisation) -> frozenset[Term]:
+    """The terms around whose values a linearisation is."""
+    theta = linear.theta
+    return frozenset(t for t in linear.terms.all if theta[list(t.columns)].any())
 
 
 def _nearly_linear(linear: Linearisation, fit: Fit) -> bool:

@@ -28,10 +28,10 @@ class FoldEquations:
         self, folds: Sequence[Fold], skew: float, healthy: Discrepancy
     ) -> None:
         self.skew = skew
-        gram = np.array([fold.gram.sum(axis=0) for fold in folds])
-        self.gram = with_skew(gram, skew)
+        gram = np.array([fold.total for fold in folds])
         self.without_skew = with_skew(gram, 0.0)
-        self.count = np.array([fold.rows.sum(axis=0) for fold in folds])
+        self.gram = with_skew(gram, skew)
+        self.count = np.array([fold.count for fold in folds])
         self.floor2 = np.array([fold.floor for fold in folds]) ** 2
         joints = self.floor2.shape[1]
         self.independent = self.count / healthy.inflation[:joints]
