@@ -39,18 +39,16 @@ class EquationRows:
         """Mean square of a healthy arm on these rows [N^2 m^2], (m,)."""
         return np.asarray(self.steady2.mean(axis=0))
 
-    @property
+    @cached_property
     def weight(self) -> np.ndarray:
         """Weight of each row, less while a joint may stick, (M, m)."""
         return np.asarray(self.known / (1.0 + self.sticking**2 / self.floor2))
 
-    @property
-    def stacked(self) -> np.ndarray:
-        """X, (M, m, P + K + 2)."""
-        blocks = [self.terms, self.inertials, self.others]
-        return np.concatenate(
-            [*blocks, self.y[:, :, None], self.rate[:, :, None]], axis=2
-        )
+    def of_joint(self, j: int) -> np.ndarray:
+        """Rows of X of one joint, by the square root of their weight, (M, P + K + 2)."""
+        blocks = [self.terms[:, j], self.inertials[:, j], self.others[:, j]]
+        x = np.hstack([*blocks, self.y[:, j, None], self.rate[:, j, None]])
+        return np.asarray(x * np.sqrt(self.weight[:, j, None]))
 
     def halves(self) -> tuple[EquationRows, EquationRows]:
         """The first and the second half of the rows."""
@@ -63,22 +61,19 @@ class EquationRows:
 
 @dataclass(frozen=True)
 class Fold:
-    """Normal equations of half a recording, B pieces in time, n joints.
+    """Normal equations of half a recording, m rows at a time: joints, or both sides of each joint.
 
-    X = [A, N, y, d] has P columns for the parameters, K for the nominal inertials and the sensors' errors, one for the
-    gap, one for the skew.
+    X = [A, N, E, y, d] has P columns for the parameters, K for the nominal inertials and the other nuisances, one for
+    the gap, one for the skew.
 
     Attributes:
-        gram: X^T W X per piece and joint, shape (B, n, P + K + 2, P + K + 2); W weighs rows down while a joint may
-            stick.
-        rows: weight of the rows of each piece, decimated to about twice the filter's cut-off, shape (B, n).
-        floor: RMS that noise, timing and the form of friction leave on this fold [N m], (n,).
+        equations: the rows, decimated to about twice the filter's cut-off.
+        pieces: number of pieces of equal length into which they are cut for a bootstrap.
         sides: with a joint torque sensor the same of 2 n rows, the actuator side of each joint, then the link side.
     """
 
-    gram: np.ndarray
-    rows: np.ndarray
-    floor: np.ndarray
+    equations: EquationRows
+    pieces: int
     sides: Fold | None = None
 
     @property
@@ -88,24 +83,36 @@ class Fold:
 
     @cached_property
     def total(self) -> np.ndarray:
-        """X^T W X of all pieces per joint, (n, P + K + 2, P + K + 2)."""
-        return np.asarray(self.gram.sum(axis=0))
+        """X^T W X of each joint, (m, P + K + 2, P + K + 2); W weighs rows down while a joint may stick."""
+        joints = range(self.equations.y.shape[1])
+        return np.array([_gram(self.equations.of_joint(j)) for j in joints])
 
     @cached_property
     def count(self) -> np.ndarray:
-        """Weight of the rows of all pieces, (n,)."""
-        return np.asarray(self.rows.sum(axis=0))
+        """Weight of the rows, (m,)."""
+        return np.asarray(self.equations.weight.sum(axis=0))
+
+    @property
+    def floor(self) -> np.ndarray:
+        """RMS that noise, timing and the form of friction leave on this fold [N m], (m,)."""
+        return np.sqrt(self.equations.floor2)
+
+    def by_piece(self, places: np.ndarray) -> np.ndarray:
+        """X^T W X of some columns of each piece and joint, (pieces, m, C, C)."""
+        rows, joints = self.equations.y.shape
+        edges = np.linspace(0, rows, self.pieces + 1).astype(int)
+        out = np.zeros((self.pieces, joints, len(places), len(places)))
+        for j in range(joints):
+            x = self.equations.of_joint(j)[:, places]
+            for piece, (start, end) in enumerate(itertools.pairwise(edges)):
+                out[piece, j] = x[start:end].T @ x[start:end]
+        return out
 
 
-def fold_of(rows: EquationRows, count: int) -> Fold:
-    """Normal equations of rows, in ``count`` pieces of equal length."""
-    weight = rows.weight
-    # one joint after the other: (m, M, P + K + 2)
-    weighted = (rows.stacked * np.sqrt(weight)[:, :, None]).transpose(1, 0, 2)
-    grams, weights = [], []
-    edges = np.linspace(0, len(weight), count + 1).astype(int)
-    for start, end in itertools.pairwise(edges):
-        piece = weighted[:, start:end]
-        grams.append(piece.transpose(0, 2, 1) @ piece)
-        weights.append(weight[start:end].sum(axis=0))
-    return Fold(np.array(grams), np.array(weights), np.sqrt(rows.floor2))
+def _gram(x: np.ndarray) -> np.ndarray:
+    """X^T X of X (M, D), (D, D); most columns do nothing to one joint, and are left out of the product."""
+    out = np.zeros((x.shape[1], x.shape[1]))
+    acting = np.flatnonzero(x.any(axis=0))
+    within = x[:, acting]
+    out[np.ix_(acting, acting)] = within.T @ within
+    return out

@@ -20,7 +20,7 @@ from gapscope.diagnosis.gap.noise_floor import NoiseFloor, noise_floor
 from gapscope.diagnosis.model.body_jacobian import link_tangent
 from gapscope.diagnosis.model.discrepancy import Discrepancy, discrepancy
 from gapscope.diagnosis.model.fit_data import FitData
-from gapscope.diagnosis.model.fold import EquationRows, Fold, fold_of
+from gapscope.diagnosis.model.fold import EquationRows, Fold
 from gapscope.diagnosis.model.gap_scanner import GapScanner
 from gapscope.diagnosis.model.jacobian import columns
 from gapscope.diagnosis.model.scan import NonlinearParameters
@@ -220,11 +220,11 @@ class Linearisation:
         """The rows of some segments, cut in the middle, as normal equations, and the rows that are scored."""
         torque, count = self._equations(places), self._pieces(places)
         halves = torque.halves()
-        folds = [fold_of(half, count) for half in halves]
+        folds = [Fold(half, count) for half in halves]
         if not self._links:
             return folds, halves
         both = two_sides(torque, [self._links[k] for k in places], self.theta).halves()
-        sides = [fold_of(half, count) for half in both]
+        sides = [Fold(half, count) for half in both]
         sensed = [
             replace(fold, sides=side) for fold, side in zip(folds, sides, strict=True)
         ]

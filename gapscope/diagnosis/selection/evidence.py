@@ -332,33 +332,38 @@ def evidences(
     def score(evidence: Evidence) -> float:
         return evidence.fit(terms).score
 
+    torque, scored = _equations(linearisation)
     levels = list(linearisation.data.prior.levels)
     # the second level suits most arms: skews are compared under it
     first = levels[1]
     by_skew = [
-        Evidence(
-            linearisation,
-            scored_mse,
-            first,
-            *_equations(linearisation, s),
-        )
-        for s in SKEWS
+        Evidence(linearisation, scored_mse, first, *_at(torque, scored, skew))
+        for skew in SKEWS
     ]
     best = max(by_skew, key=score)
-    by_error = [
+    others = [
         Evidence(linearisation, scored_mse, level, best.torque, best.scored)
         for level in levels
+        if level != first
     ]
-    return tuple(sorted(by_error, key=score, reverse=True))
+    return tuple(sorted([best, *others], key=score, reverse=True))
 
 
 def _equations(
-    linearisation: Linearisation, skew: float
+    linearisation: Linearisation,
 ) -> tuple[FoldEquations, FoldEquations]:
     """Equations of the recorded torque, and those that are scored: the same without sensors."""
     healthy = linearisation.discrepancy
-    torque = FoldEquations(linearisation.folds, skew, healthy)
+    torque = FoldEquations(linearisation.folds, healthy)
     if not linearisation.data.sensed:
         return torque, torque
     sides = [fold.scored for fold in linearisation.folds]
-    return torque, FoldEquations(sides, skew, healthy)
+    return torque, FoldEquations(sides, healthy)
+
+
+def _at(
+    torque: FoldEquations, scored: FoldEquations, skew: float
+) -> tuple[FoldEquations, FoldEquations]:
+    """Both at a skew of sampling [s]."""
+    skewed = torque.at(skew)
+    return skewed, skewed if scored is torque else scored.at(skew)

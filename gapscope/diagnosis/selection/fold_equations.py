@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 
@@ -25,17 +26,23 @@ class FoldEquations:
     """
 
     def __init__(
-        self, folds: Sequence[Fold], skew: float, healthy: Discrepancy
+        self, folds: Sequence[Fold], healthy: Discrepancy, skew: float = 0.0
     ) -> None:
         self.skew = skew
-        gram = np.array([fold.total for fold in folds])
-        self.without_skew = with_skew(gram, 0.0)
-        self.gram = with_skew(gram, skew)
+        self._with_rate = np.array([fold.total for fold in folds])
+        self.without_skew = with_skew(self._with_rate, 0.0)
+        self.gram = with_skew(self._with_rate, skew)
         self.count = np.array([fold.count for fold in folds])
         self.floor2 = np.array([fold.floor for fold in folds]) ** 2
         joints = self.floor2.shape[1]
         self.independent = self.count / healthy.inflation[:joints]
         self.expected2 = np.maximum(self.floor2, healthy.mean_square[:joints])
+
+    def at(self, skew: float) -> FoldEquations:
+        """The same at another skew [s]."""
+        other = copy(self)
+        other.skew, other.gram = skew, with_skew(self._with_rate, skew)
+        return other
 
     def mean_square(
         self,

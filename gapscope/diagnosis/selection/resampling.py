@@ -46,12 +46,15 @@ def alternate_pieces(evidence: Evidence) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _pieces(evidence: Evidence, places: np.ndarray) -> np.ndarray:
-    """Weighted normal equations of every piece of the data, over some of the columns, (pieces, C, C)."""
+    """Weighted normal equations of every piece of the data, over some of the columns, (pieces, C, C).
+
+    The last of the columns is y; that of the skew is read beside it.
+    """
     out = []
+    with_rate = np.append(places, places[-1] + 1)
     for fold, weights in zip(evidence.linear.folds, evidence.weights, strict=True):
-        gram = with_skew(fold.scored.gram, evidence.skew)
-        chosen = gram[:, :, places[:, None], places]
-        out.append(np.einsum("bjxy,j->bxy", chosen, weights))
+        gram = with_skew(fold.scored.by_piece(with_rate), evidence.skew)
+        out.append(np.einsum("bjxy,j->bxy", gram, weights))
     return np.concatenate(out)
 
 

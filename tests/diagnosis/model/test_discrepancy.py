@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gapscope.diagnosis.model.discrepancy import Discrepancy, discrepancy
-from gapscope.diagnosis.model.fold import EquationRows, fold_of
+from gapscope.diagnosis.model.fold import EquationRows, Fold
 
 ROWS = 400
 RNG = np.random.default_rng(3)
@@ -38,7 +38,7 @@ def halves(gap: np.ndarray) -> list[EquationRows]:
 
 def learnt(gap: np.ndarray) -> Discrepancy:
     parts = halves(gap)
-    folds = [fold_of(half, 2) for half in parts]
+    folds = [Fold(half, 2) for half in parts]
     return discrepancy(folds, parts, np.array([gap.std()]), np.zeros(1))
 
 

@@ -240,12 +240,12 @@ def compare(names: tuple[str, ...], effects: set[str], tolerance: float = 0.05) 
     assert {owners[c].effect for c in moving} == effects, (
         "an effect that does nothing anywhere"
     )
-    gram = sum(fold.gram.sum(axis=0) for fold in linear.folds)
+    gram = sum(fold.total for fold in linear.folds)
     for c in owners.keys() - moving:  # the offset of an encoder on a vertical axis, say
         assert np.abs(gram[:, c]).max() < 1e-6 * np.abs(gram).max()
     places = sorted(moving)
     chosen = [*places, known.size]
-    size_of = linear.folds[0].gram.shape[-1]
+    size_of = linear.folds[0].total.shape[-1]
     to = np.eye(size_of)[:, [*range(known.size), size_of - 2]]
     to[: known.size, -1] = -around  # the gap at theta_0 is y - A theta_0
     found = (to.T @ gram @ to)[:, chosen][:, :, chosen]
@@ -288,7 +288,7 @@ def test_saturation_counts_the_torque_beyond_the_limit() -> None:
         for x in (beyond, torque[:, 1:2] - beyond - predict(())[:, 1:2])
     )
     y, k = gap + cut, term.columns[0]
-    gram = sum(fold.gram[:, 1].sum(axis=0) for fold in linear.folds)
+    gram = sum(fold.total[1] for fold in linear.folds)
     limited = AppliedEffect("torque_saturation", (2,), {"limit": [limit]})
     doubt = noise_floor(
         CorrectedArm(synthetic.arm(), (limited,)), synthetic.body(), segment()
@@ -318,10 +318,7 @@ def test_columns_before_a_joint_bends_or_plays(
     assert tuple(places) == PLAIN.of(name)[joint - 1].columns
     bent = replace(segment(), torque=predict(PLAIN.effects(around)))
     data = FitData(synthetic.arm(), synthetic.body(), [[bent]], CUTOFF)
-    gram = sum(
-        f.gram.sum(axis=0)
-        for f in Linearisation(data, np.zeros(PLAIN.size), PLAIN).folds
-    )
+    gram = sum(f.total for f in Linearisation(data, np.zeros(PLAIN.size), PLAIN).folds)
     columns, last = gram[:, places[:, None], places], gram[:, places, -2]
     before = gram[:, -2, -2]
     after = (
@@ -341,19 +338,12 @@ def test_terms_of_one_half_do_not_reach_the_other() -> None:
     first, second, of_two, other_of_two = Linearisation(
         data, np.zeros(PLAIN.size), PLAIN
     ).folds
-    one, two = (
-        a.gram.sum(axis=0) + b.gram.sum(axis=0)
-        for a, b in ((first, second), (of_two, other_of_two))
-    )
+    one, two = (a.total + b.total for a, b in ((first, second), (of_two, other_of_two)))
     np.testing.assert_allclose(two, 2 * one, rtol=1e-6, atol=1e-6 * two.max())
     for half in (
         of_two,
         other_of_two,
     ):  # each is the whole of one of the two equal segments
-        np.testing.assert_allclose(
-            half.gram.sum(axis=0), one, rtol=1e-6, atol=1e-6 * one.max()
-        )
-        np.testing.assert_allclose(
-            half.rows.sum(axis=0), first.rows.sum(axis=0) + second.rows.sum(axis=0)
-        )
-    assert not np.allclose(first.gram.sum(axis=0), second.gram.sum(axis=0), rtol=0.1)
+        np.testing.assert_allclose(half.total, one, rtol=1e-6, atol=1e-6 * one.max())
+        np.testing.assert_allclose(half.count, first.count + second.count)
+    assert not np.allclose(first.total, second.total, rtol=0.1)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gapscope.diagnosis.model.discrepancy import Discrepancy
-from gapscope.diagnosis.model.fold import Fold
+from gapscope.diagnosis.model.fold import EquationRows, Fold
 from gapscope.diagnosis.model.normal_equations import NormalEquations
 from gapscope.diagnosis.selection.fold_equations import FoldEquations, with_skew
 
@@ -21,10 +21,19 @@ def gram(*columns: np.ndarray) -> np.ndarray:
 
 
 def fold(y: np.ndarray) -> Fold:
-    """Two pieces of two rows, one joint."""
-    x = np.stack([A, N, y, D], axis=1)
-    grams = np.array([[x[:2].T @ x[:2]], [x[2:].T @ x[2:]]])
-    return Fold(grams, np.full((2, 1), 2.0), np.array([0.5]))
+    """Four rows of one joint with one term and one inertial, whose floor is 0.5 N m."""
+    flat = np.zeros((4, 1))
+    rows = EquationRows(
+        terms=A[:, None, None],
+        inertials=N[:, None, None],
+        others=np.zeros((4, 1, 0)),
+        y=y[:, None],
+        rate=D[:, None],
+        sticking=flat,
+        steady2=flat + 0.25,
+        known=flat + 1.0,
+    )
+    return Fold(rows, 2)
 
 
 def test_a_skew_takes_its_share_of_the_rate_from_the_gap() -> None:
@@ -34,8 +43,8 @@ def test_a_skew_takes_its_share_of_the_rate_from_the_gap() -> None:
     np.testing.assert_allclose(with_skew(gram(A, N, Y, D), 0.0), gram(A, N, Y))
 
 
-def test_pieces_are_summed_and_floors_squared() -> None:
-    equations = FoldEquations([fold(Y), fold(2 * Y)], 0.0, HEALTHY)
+def test_rows_are_summed_and_floors_squared() -> None:
+    equations = FoldEquations([fold(Y), fold(2 * Y)], HEALTHY)
     np.testing.assert_allclose(equations.gram[0, 0], gram(A, N, Y))
     np.testing.assert_allclose(equations.gram[1, 0], gram(A, N, 2 * Y))
     assert equations.count.tolist() == [[4.0], [4.0]]
@@ -44,14 +53,20 @@ def test_pieces_are_summed_and_floors_squared() -> None:
 
 def test_rows_count_by_the_discrepancy_and_it_is_what_is_expected_to_be_left() -> None:
     """Two rows count as one sample; a mean square of 0.36 is left where noise explains 0.25."""
-    equations = FoldEquations([fold(Y)], 0.0, HEALTHY)
+    equations = FoldEquations([fold(Y)], HEALTHY)
     assert equations.independent.tolist() == [[2.0]]
     assert equations.expected2.tolist() == [[0.36]]
 
 
+def test_equations_at_a_skew_are_those_of_the_gap_without_it() -> None:
+    skewed = FoldEquations([fold(Y)], HEALTHY).at(0.25)
+    np.testing.assert_allclose(skewed.gram[0, 0], gram(A, N, Y - 0.25 * D))
+    np.testing.assert_allclose(skewed.without_skew[0, 0], gram(A, N, Y))
+
+
 def test_a_fold_is_predicted_with_the_values_of_its_own_equations() -> None:
     """y = 2 A on one fold, 3 A on the other; each predicted with the other's value leaves |A|^2 = 6 over 4 rows."""
-    equations = FoldEquations([fold(2 * A), fold(3 * A)], 0.0, HEALTHY)
+    equations = FoldEquations([fold(2 * A), fold(3 * A)], HEALTHY)
     own = NormalEquations(equations.gram[:, 0], 1, np.array([[1e12]]))
     others = NormalEquations(equations.gram[::-1, 0], 1, np.array([[1e12]]))
     columns = np.array([0])
