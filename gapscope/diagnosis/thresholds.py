@@ -358,8 +358,9 @@ LISTED_PROBABILITY = 0.01  # Names less probable than this are not listed in a s
 LEAST_PROBABILITY = 0.02
 MOST_PROBABILITY = 0.995  # ...nor above this [1]. (statistics)
 REFERENCE_GAP_GROWTH = 2.0  # What the reference leaves is taken to grow with the torque up to this factor [1]. (hand)
-# Ticks of the controller that are replayed: 12 s at 1 kHz, which takes a second or two... (budget)
-REPLAYED_TICKS = 12_000
+# Ticks of the controller that are replayed, from the start of a recording: 5 s at 1 kHz, which take a fifth of a
+# second for each arm... (budget)
+REPLAYED_TICKS = 5_000
 # ...and of an arm with compliant joints, which takes steps as small as its resonance asks for. (budget)
 REPLAYED_TICKS_COMPLIANT = 4_000
 

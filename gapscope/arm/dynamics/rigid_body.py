@@ -160,14 +160,16 @@ class RigidBody:
         model, data = self.model, self._data
         last = int(self.links[self.last_link])
         lever = self.unladen.model.inertias[last].lever
-        out = np.empty((*q.shape, 3))
+        jacobians, places = np.empty((len(q), 6, q.shape[1])), np.empty((len(q), 1, 3))
         for i in range(len(q)):
             # pinocchio gives a single column without its second axis
-            jacobian = pin.computeJointJacobians(model, data, q[i]).reshape(6, -1)
-            linear, angular = jacobian[:3], jacobian[3:]
-            place = data.oMi[last].act(lever)
-            out[i] = (linear + np.cross(angular, place, axis=0)).T
-        return out[:, self._to_arm]
+            jacobian = pin.computeJointJacobians(model, data, q[i])
+            jacobians[i] = jacobian.reshape(6, -1)
+            places[i] = data.oMi[last].act(lever)
+        linear, angular = jacobians[:, :3], jacobians[:, 3:]
+        by_joint = (linear.transpose(0, 2, 1), angular.transpose(0, 2, 1))
+        out = by_joint[0] + np.cross(by_joint[1], places)
+        return np.asarray(out[:, self._to_arm])
 
     def force_torque(self, q: np.ndarray, force: np.ndarray) -> np.ndarray:
         """J^T f [N m], shape (N, n): joint torque of a force on the arm at the last link's centre of mass.
@@ -245,10 +247,10 @@ class RigidBody:
     def gravity_regressor(self, q: np.ndarray) -> np.ndarray:
         """G(q) [kg m], shape (N, n, 3), with g(q) = G(q) g for gravity g in the base frame [m/s^2]."""
         still = np.zeros_like(q)
-        no_change = np.zeros((self.n_joints, 10))
+        turned = self.changed(np.zeros((self.n_joints, 10)), np.zeros(3))
         columns = []
         for gravity in np.eye(3):
-            turned = self.changed(no_change, gravity)
+            turned.model.gravity = pin.Motion(gravity, np.zeros(3))
             columns.append(turned.inverse_dynamics(q, still, still))
         return np.stack(columns, axis=2)
 

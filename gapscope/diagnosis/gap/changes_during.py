@@ -5,15 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from gapscope.arm.case import Case
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.thresholds import LEAST_UNCHANGED
-from gapscope.ident.kalman.changes import MOST, RecordingChange, find_changes
+from gapscope.ident.kalman.changes import (
+    RecordingChange,
+    find_changes,
+    samples_of_each,
+)
 from gapscope.ident.model.base_parameters import base_parameters
 from gapscope.ident.model.friction_law import FrictionLaw
 from gapscope.ident.model.model_columns import ModelColumns
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
-from gapscope.ident.signals.samples import Band, Samples
+from gapscope.ident.signals.samples import Band
 
 
 def changes_during(case: Case, cutoff: float) -> tuple[RecordingChange, ...]:
@@ -25,18 +31,16 @@ def changes_during(case: Case, cutoff: float) -> tuple[RecordingChange, ...]:
         case: with a torque in its recordings.
         cutoff: of the positions [Hz]; torque is compared below that of the torque gap.
     """
-    recordings = (*case.recordings, *case.judged)
-    band = Band(min(TORQUE_CUTOFF, cutoff))
-    segments = band.segments(recordings)
     columns, law = ModelColumns(case.arm), FrictionLaw()
-    samples = Samples(columns, segments, band.bounded(segments, MOST * len(recordings)))
-    matrix = samples.matrix(law)
+    band = Band(min(TORQUE_CUTOFF, cutoff))
+    found = samples_of_each((*case.recordings, *case.judged), columns, band)
+    matrix = np.concatenate([each.samples.matrix(law) for each in found])
     names = columns.names(law)
+    rows = matrix.reshape(-1, len(names))
     # too short to determine the parameters once, let alone twice
-    if samples.torque.size < len(names):
+    if len(rows) < len(names):
         return ()
-    base = base_parameters(matrix.reshape(-1, len(names)), names)
-    return find_changes(recordings, columns, law, base, band)
+    return find_changes(found, law, base_parameters(rows, names))
 
 
 def up_to_changes(case: Case, changes: Sequence[RecordingChange]) -> Case:

@@ -17,11 +17,12 @@ from gapscope.diagnosis.thresholds import (
     MOST_REFERENCE_SKEW,
     VENDOR_INERTIALS,
 )
-from gapscope.ident.identification import (
-    Identification,
+from gapscope.ident.fitted_parameters import (
+    FittedParameters,
     IdentificationSettings,
-    identify,
+    fit_parameters,
 )
+from gapscope.ident.identification import Identification, examine_fit
 from gapscope.ident.signals.conditioning import position_cutoff
 from gapscope.ident.signals.effective_samples import independent_samples
 
@@ -71,14 +72,15 @@ def fit_reference(
     recordings = with_torque or reference.recordings
     reference = replace(reference, recordings=recordings, judged=recordings[-1:])
     settings = IdentificationSettings(plain=True)
-    result = identify(reference, settings, progress)
-    rows = _rows(result, with_torque)
-    skew = _skew(rows, result.physical.value)
-    # a skew looks like damping and armature: identify once more without it
+    fitted = fit_parameters(reference, settings, progress)
+    rows = _rows(fitted, with_torque)
+    skew = _skew(rows, fitted.physical.value)
+    # a skew looks like damping and armature: fit once more without it
     if abs(skew) > LEAST_REFERENCE_SKEW:
         reference = back_in_time(reference, skew)
-        result = identify(reference, settings, progress)
-        rows = _rows(result, reference.recordings)
+        fitted = fit_parameters(reference, settings, progress)
+        rows = _rows(fitted, reference.recordings)
+    result = examine_fit(fitted, progress)
     nominal = result.columns.nominal(result.choice.law)
     prior = vendor_precision(rows, result.columns.scale(result.choice.law))
     held_out_rms = _held_out_rms(rows, nominal, prior)
@@ -97,10 +99,10 @@ def fit_reference(
     )
 
 
-def _rows(result: Identification, recordings: tuple[Recording, ...]) -> ReferenceRows:
+def _rows(fitted: FittedParameters, recordings: tuple[Recording, ...]) -> ReferenceRows:
     """Rows of recordings with the columns of the identified model."""
     cutoff = position_cutoff(recordings)
-    return stack(result.columns, result.choice.law, recordings, cutoff)
+    return stack(fitted.columns, fitted.choice.law, recordings, cutoff)
 
 
 def _precision(

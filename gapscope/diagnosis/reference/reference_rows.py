@@ -51,7 +51,7 @@ def stack(
         if recording.tau is not None
         for segment in condition(recording, cutoff)
     ]
-    band = Band(TORQUE_CUTOFF)
+    band = Band(TORQUE_CUTOFF).bounded(segments)
     samples = Samples(columns, segments, band)
     slopes = [np.gradient(np.asarray(s.torque), s.motion.t, axis=0) for s in segments]
     return ReferenceRows(

@@ -15,6 +15,7 @@ from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.plausibility import PLAUSIBLE_RATES
+from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.gap.excerpt import excerpt
 from gapscope.diagnosis.gap.plausible_data import check_rates
 from gapscope.diagnosis.gap.torque_gap import torque_gap
@@ -32,7 +33,7 @@ from gapscope.diagnosis.thresholds import (
     SHIFTED_INERTIALS_FALL,
 )
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.ident.signals.conditioning import condition, position_cutoff
+from gapscope.ident.signals.conditioning import Segment, condition, position_cutoff
 
 
 def find_setup_faults(case: Case) -> tuple[FoundFault, ...]:
@@ -65,13 +66,14 @@ def _shifted_inertials(case: Case) -> list[FoundFault]:
     A load and wrong inertials can replace the shift, so that held-out torque may not show it; but they leave a
     gap.
     """
-    before = _nrmse(case)
+    segments = _segments(case)
+    before = _nrmse_of(case.arm, segments)
     if before is None or before.max() < NOMINAL_RIGHT_RATIO * NOMINAL_RIGHT_NRMSE:
         return []
     for candidate in inertial_candidates(case.arm.n_joints):
         fault = found_fault(candidate, (), OBVIOUS_FAULT_PROBABILITY)
         try:
-            after = _nrmse(repaired(case, (fault,)))
+            after = _nrmse_of(fault.repair_arm(case.arm), segments)
         except GapscopeError:
             continue  # moved this way, the inertials leave no arm
         if after is None or after.max() >= NOMINAL_RIGHT_NRMSE:
@@ -130,13 +132,27 @@ def _with_gaps(case: Case, faults: tuple[FoundFault, ...]) -> tuple[FoundFault, 
 
 def _nrmse(case: Case) -> np.ndarray | None:
     """Torque NRMSE of the nominal arm over all recordings with a torque, (n,); ``None`` if it makes no sense."""
+    return _nrmse_of(case.arm, _segments(case))
+
+
+def _segments(case: Case) -> list[Segment]:
+    """Segments of all recordings with a torque; none if they cannot be conditioned."""
     recordings = tuple(r for r in (*case.recordings, *case.judged) if r.tau is not None)
     if not recordings or min(r.rate for r in recordings) < PLAUSIBLE_RATES[0]:
-        return None
+        return []
     try:
         cutoff = position_cutoff(recordings)
-        segments = [s for r in recordings for s in condition(r, cutoff)]
-        gap = torque_gap(CorrectedArm(case.arm), RigidBody(case.arm), segments).nrmse
+        return [s for r in recordings for s in condition(r, cutoff)]
+    except (GapscopeError, ValueError):
+        return []
+
+
+def _nrmse_of(arm: NominalArm, segments: list[Segment]) -> np.ndarray | None:
+    """Torque NRMSE of an arm on segments, (n,); ``None`` if there are none, or it is not finite."""
+    if not segments:
+        return None
+    try:
+        gap = torque_gap(CorrectedArm(arm), RigidBody(arm), segments).nrmse
     except (GapscopeError, ValueError):
         return None
     return gap if np.isfinite(gap).all() else None

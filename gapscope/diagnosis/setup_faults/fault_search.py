@@ -150,12 +150,18 @@ def _screened(
     candidates: list[FaultCandidate],
     charges: dict[_Kind, float],
 ) -> list[FaultCandidate]:
-    """The best few candidates that gain anything, one of each fault, variant and set of joints."""
+    """The best few candidates that gain anything, one of each fault, variant and set of joints.
+
+    Most would gain nothing even if no fold were held out: these are not compared on held-out folds.
+    """
     before = coarse.score(mapping)
     gains = []
     for candidate in candidates:
-        score = coarse.score(mapping.then(candidate.mapping))
-        gains.append(score.gain(before) - charges[_kind(candidate)])
+        read, charge = mapping.then(candidate.mapping), charges[_kind(candidate)]
+        gain = coarse.best_score(read).gain(before) - charge
+        if gain > 0:
+            gain = coarse.score(read).gain(before) - charge
+        gains.append(gain)
     kept: dict[tuple[str, str, tuple[int, ...]], FaultCandidate] = {}
     for index in np.argsort(gains)[::-1][:FAULT_FINALISTS]:
         candidate = candidates[index]

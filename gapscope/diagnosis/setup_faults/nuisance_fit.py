@@ -41,29 +41,52 @@ def held_out_gap(
         squared size of the values fitted to all folds, in deviations of their prior.
     """
     torque = eq.read(mapping)
-    deviation = torque.deviation
     target, square = _against_nominal(eq, torque)
     # cross-validation over the folds
     folds = np.arange(len(eq.rows))
-    gap = np.empty((len(folds), len(deviation)))
-    for k in folds:
-        others = folds != k
-        values = _fit(
+    left_out = [
+        _fit(
             eq,
-            eq.gram[others].sum(axis=0),
-            target[others].sum(axis=0),
-            deviation,
+            eq.gram[folds != k].sum(axis=0),
+            target[folds != k].sum(axis=0),
+            torque.deviation,
             spread,
         )
-        explained = 2 * (values * target[k]).sum(axis=1)
-        fitted_square = np.einsum("jd,jde,je->j", values, eq.gram[k], values)
-        squared_error = np.clip(square[k] - explained + fitted_square, 0, None)
-        gap[k] = np.sqrt(squared_error / eq.rows[k])
-    values = _fit(eq, eq.gram.sum(axis=0), target.sum(axis=0), deviation, spread)
+        for k in folds
+    ]
+    gap = _gap(eq, target, square, np.array(left_out)) / torque.deviation
+    values = _fit(eq, eq.gram.sum(axis=0), target.sum(axis=0), torque.deviation, spread)
+    return gap, _penalty(eq, torque, values, spread)
+
+
+def fitted_gap(eq: FoldEquations, mapping: ChannelMapping) -> tuple[np.ndarray, float]:
+    """The same with the gap on each fold of the values fitted to all folds: smaller, at a fraction of the cost."""
+    torque = eq.read(mapping)
+    target, square = _against_nominal(eq, torque)
+    values = _fit(eq, eq.gram.sum(axis=0), target.sum(axis=0), torque.deviation, 1.0)
+    on_each = np.broadcast_to(values, (len(eq.rows), *values.shape))
+    gap = _gap(eq, target, square, on_each) / torque.deviation
+    return gap, _penalty(eq, torque, values, 1.0)
+
+
+def _gap(
+    eq: FoldEquations, target: np.ndarray, square: np.ndarray, values: np.ndarray
+) -> np.ndarray:
+    """RMS of what values, (K, n, D), leave on each fold [N m], (K, n)."""
+    explained = 2 * (values * target).sum(axis=2)
+    fitted_square = (values * (eq.gram @ values[..., None])[..., 0]).sum(axis=2)
+    squared_error = np.clip(square - explained + fitted_square, 0, None)
+    return np.asarray(np.sqrt(squared_error / eq.rows[:, None]))
+
+
+def _penalty(
+    eq: FoldEquations, torque: ReadTorque, values: np.ndarray, spread: float
+) -> float:
+    """Half the squared size of values, (n, D), and of the arm's weight, in deviations of their prior."""
     inertial = values[0, : eq.shared]
-    own = values[:, eq.shared :] / _own_prior_std(eq, deviation)
+    own = values[:, eq.shared :] / _own_prior_std(eq, torque.deviation)
     penalty = 0.5 * float((inertial**2).sum() + (own**2).sum()) / spread**2
-    return gap / deviation, penalty + weight_penalty(eq, torque, spread)
+    return penalty + weight_penalty(eq, torque, spread)
 
 
 def _against_nominal(

@@ -115,10 +115,10 @@ def _sharpened(q: np.ndarray, step: float) -> tuple[float, float] | None:
         near = offset[np.abs(offset) <= reach]
         count = np.round(near / step)
         if np.ptp(count) >= 1:
-            slope = np.polyfit(count, near, 1)[0]
+            slope = _line(count, near)[0]
             if not 0.8 < slope / step < 1.25:
                 return None
-            step = float(slope)
+            step = slope
         if reach >= travel:
             break
         reach *= 2
@@ -134,7 +134,14 @@ def _line_through_levels(offset: np.ndarray, step: float) -> tuple[float, float]
         or len(np.unique(count)) < LATTICE_LEVELS
     ):
         return None
-    slope, start = np.polyfit(count, offset, 1)
+    slope, start = _line(count, offset)
     residual = offset - start - slope * count
     std = residual.std() / (count.std() * np.sqrt(len(offset)))
-    return float(slope), float(max(std, 1e-12))
+    return slope, float(max(std, 1e-12))
+
+
+def _line(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    """Slope and start of the straight line through points, by least squares."""
+    centred = x - x.mean()
+    slope = float(centred @ y) / float(centred @ centred)
+    return slope, float(y.mean() - slope * x.mean())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from gapscope.ident.model.base_parameters import BaseParameters
 from gapscope.ident.model.friction_law import FrictionLaw
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.model_columns import ModelColumns
+from gapscope.ident.signals.conditioning import thinned
 from gapscope.ident.signals.samples import Band, Samples
 from gapscope.ident.uncertainty.validation import MOVING
 
@@ -25,6 +27,8 @@ PAYLOAD = "payload"
 """Name of the hypothesis that a load on the last link changed."""
 MOST = 500
 """Samples of a recording among which a change is looked for; 10 s at a cut-off of 12 Hz."""
+COLUMN_RATE = 100.0
+"""Rate at which the model's columns are computed before they are filtered [Hz]: eight times a cut-off of 12 Hz."""
 EDGE = 1.0
 """Time from both ends of a recording in which no change is looked for [s]: a joint that has hardly turned round there
 lets any asymmetry of its friction pass for a change."""
@@ -66,12 +70,36 @@ class RecordingChange:
         return f"{change.hypothesis.name} changed {when}: {', '.join(parts)}"
 
 
+class RecordingSamples(NamedTuple):
+    """What a change is looked for in, of one recording."""
+
+    recording: str
+    samples: Samples
+
+
+def samples_of_each(
+    recordings: Sequence[Recording], columns: ModelColumns, band: Band
+) -> list[RecordingSamples]:
+    """At most about ``MOST`` samples of each recording with a torque.
+
+    Columns are computed at no less than ``COLUMN_RATE``.
+
+    Args:
+        recordings: those without a torque are left out.
+        columns: the model.
+        band: that both sides are compared in.
+    """
+    found = []
+    for recording in recordings:
+        segments = [thinned(s, COLUMN_RATE) for s in band.segments([recording])]
+        if segments:
+            samples = Samples(columns, segments, band.bounded(segments, MOST))
+            found.append(RecordingSamples(recording.name, samples))
+    return found
+
+
 def find_changes(
-    recordings: Sequence[Recording],
-    columns: ModelColumns,
-    law: FrictionLaw,
-    base: BaseParameters,
-    band: Band,
+    recordings: Sequence[RecordingSamples], law: FrictionLaw, base: BaseParameters
 ) -> tuple[RecordingChange, ...]:
     """At most one change in each recording: of a load on the last link, or of a joint's viscous and Coulomb friction.
 
@@ -79,34 +107,22 @@ def find_changes(
     Recordings that are too short are skipped.
 
     Args:
-        recordings: those with torque are looked at.
-        columns: the model.
+        recordings: the samples of each.
         law: the friction law.
         base: base parameters of the fitted samples.
-        band: that both sides are compared in.
     """
-    joints = range(1, columns.arm.n_joints + 1)
-    hypotheses = [payload_hypothesis(base, columns.body.last_link + 1)]
-    hypotheses += [friction_hypothesis(base, joint) for joint in joints]
-    return tuple(_each(recordings, columns, law, base, band, hypotheses))
+    return tuple(_each(recordings, law, base))
 
 
 def _each(
-    recordings: Sequence[Recording],
-    columns: ModelColumns,
-    law: FrictionLaw,
-    base: BaseParameters,
-    band: Band,
-    hypotheses: list,
+    recordings: Sequence[RecordingSamples], law: FrictionLaw, base: BaseParameters
 ) -> Iterator[RecordingChange]:
     names = [base.names[k] for k in base.kept]
-    for recording in recordings:
-        segments = band.segments([recording])
-        if not segments:
-            continue
-        samples = Samples(columns, segments, band.bounded(segments, MOST))
-        whole = samples.problem(law, base.kept, names)
-        problem, times = _moving(samples, whole)
+    for name, samples in recordings:
+        arm, body = samples.columns.arm, samples.columns.body
+        hypotheses = [payload_hypothesis(base, body.last_link + 1)]
+        hypotheses += [friction_hypothesis(base, j + 1) for j in range(arm.n_joints)]
+        problem, times = _moving(samples, samples.problem(law, base.kept, names))
         if not len(times):
             continue
         try:
@@ -114,7 +130,7 @@ def _each(
         except InputError:  # too short
             continue
         if change is not None and change.statistic >= PLAIN:
-            yield RecordingChange(recording.name, change)
+            yield RecordingChange(name, change)
 
 
 def _moving(samples: Samples, problem: Problem) -> tuple[Problem, np.ndarray]:

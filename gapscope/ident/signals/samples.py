@@ -44,7 +44,15 @@ class Band:
 
     def filtered(self, series: np.ndarray, segment: Segment) -> np.ndarray:
         """A series of a segment in the band, trimmed; axis 0 is time."""
-        return low_pass(series, segment.motion.rate, self.cutoff)[self.rows(segment)]
+        rows = self.rows(segment)
+        # a joint's torque has nothing of the bodies before it: half of a regressor is zero, filtered or not
+        present = series.any(axis=0)
+        if series.ndim == 1 or present.all():
+            return low_pass(series, segment.motion.rate, self.cutoff)[rows]
+        out = np.zeros_like(series[rows])
+        some = series[:, present]
+        out[:, present] = low_pass(some, segment.motion.rate, self.cutoff)[rows]
+        return out
 
     def rows(self, segment: Segment) -> slice:
         """The samples of a segment that count."""

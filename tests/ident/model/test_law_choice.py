@@ -7,10 +7,10 @@ import pytest
 
 from gapscope.arm.case import Case
 from gapscope.effects.applied import AppliedEffect
-from gapscope.ident.identification import split
 from gapscope.ident.model.law_choice import PULLS, STRONGEST, Choice, choose
 from gapscope.ident.model.model_columns import ModelColumns
 from gapscope.ident.signals.samples import Band, Samples
+from gapscope.ident.signals.split import split
 
 
 def chosen(case: Case) -> tuple[Choice, list[float]]:

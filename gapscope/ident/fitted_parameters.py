@@ -1,0 +1,198 @@
+"""The first half of the pipeline: samples in a band, friction law, base parameters, and those of bodies that can exist.
+
+What needs no more than the parameters themselves, such as the skew of a reference's torque, ends here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gapscope.arm.case import Case
+from gapscope.arm.errors import InputError
+from gapscope.arm.recording import Recording
+from gapscope.ident.checks.fit_evidence import NominalSimilarity, nominal_similarity
+from gapscope.ident.checks.plausible_samples import (
+    check_count,
+    check_recordings,
+    check_unit,
+)
+from gapscope.ident.estimators.by_name import Given, method
+from gapscope.ident.estimators.closed_loop import closed_loop
+from gapscope.ident.estimators.estimate import Estimate, Estimator
+from gapscope.ident.held_out import base_problem
+from gapscope.ident.model.base_parameters import BaseParameters, base_parameters
+from gapscope.ident.model.friction_law import FrictionLaw
+from gapscope.ident.model.law_choice import Choice, choose, penalties
+from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.model.model_columns import ModelColumns
+from gapscope.ident.model.physical_parameters import Physical, consistent
+from gapscope.ident.signals.conditioning import position_cutoff
+from gapscope.ident.signals.samples import Band, Samples
+from gapscope.ident.signals.split import split
+from gapscope.ident.uncertainty.intervals import Uncertainty
+
+FILTERS = ("recursive", "unscented")
+"""What follows the parameters over time; the recursive filter always does."""
+
+
+@dataclass(frozen=True)
+class IdentificationSettings:
+    """How to identify.
+
+    Attributes:
+        cutoff: of both sides [Hz]; chosen from the spectra of the positions if ``None``.
+        estimator: one of ``gapscope.ident.estimators.by_name.METHODS``.
+        judge: names of recordings to hold out; if empty those that the case holds out, else the last one.
+        any_torque: continue if the torque seems to be in another unit.
+        trim: leave out both ends of a segment, where the filter settles.
+        filter: ``recursive``, or ``unscented`` to follow states and friction together as well.
+        plain: only what URDF, data sheet and effects can express: no friction that keeps its direction at rest.
+    """
+
+    cutoff: float | None = None
+    estimator: str = "consistent"
+    judge: tuple[str, ...] = ()
+    any_torque: bool = False
+    trim: bool = True
+    filter: str = "recursive"
+    plain: bool = False
+
+
+@dataclass(frozen=True)
+class FittedParameters:
+    """Parameters fitted to the recordings of a case, p of the model and b of its base.
+
+    Attributes:
+        case: the case.
+        settings: with the cut-off that was used.
+        fit, held_out: recordings that were fitted, and others.
+        samples: those of the fit, in the band.
+        similarity: how far the nominal bodies explain the torque.
+        choice: friction law, pull and noise.
+        matrix: W in the band, shape (M, n, p).
+        base: base parameters of the samples.
+        problem: in the base columns.
+        estimator: that solved it.
+        estimate: of the base parameters.
+        uncertainty: of the base parameters, as belongs to the estimator.
+        penalty: of the pull to the nominal arm, shape (p,).
+        physical: consistent parameters.
+    """
+
+    case: Case
+    settings: IdentificationSettings
+    fit: Sequence[Recording]
+    held_out: Sequence[Recording]
+    samples: Samples
+    similarity: NominalSimilarity
+    choice: Choice
+    matrix: np.ndarray
+    base: BaseParameters
+    problem: Problem
+    estimator: Estimator
+    estimate: Estimate
+    uncertainty: Uncertainty
+    penalty: np.ndarray
+    physical: Physical
+
+    @property
+    def columns(self) -> ModelColumns:
+        """The model tau = W x."""
+        return self.samples.columns
+
+
+def fit_parameters(
+    case: Case,
+    settings: IdentificationSettings,
+    progress: Callable[[str], None] = lambda message: None,
+) -> FittedParameters:
+    """Fit the parameters of an arm to the recordings of a case.
+
+    Raises:
+        InputError: the recordings or the settings cannot be used.
+        GapscopeError: no physically consistent parameters were found.
+    """
+    chosen = method(settings.estimator)
+    if settings.filter not in FILTERS:
+        raise InputError(
+            f"unknown filter {settings.filter!r}",
+            f"use {' or '.join(FILTERS)}",
+            where="--filter",
+        )
+    fit, held_out = split(case, settings.judge)
+    check_recordings(fit, held_out, case.name)
+    # one cut-off for all recordings, so that their equations are comparable
+    if settings.cutoff is None:
+        settings = replace(settings, cutoff=position_cutoff(tuple(fit)))
+    samples, similarity = _samples(case, fit, settings)
+    columns = samples.columns
+    progress("chooses the form of the friction")
+    rich = not chosen.simulates
+    choice = choose(samples, nonlinear=rich, presliding=rich and not settings.plain)
+    matrix = samples.matrix(choice.law)
+    base = _sample_base(matrix, columns, choice.law)
+    progress(f"estimates {base.count} base parameters")
+    problem = base_problem(samples, choice, base)
+    nominal = columns.nominal(choice.law)
+    given = Given(base, nominal, lambda: closed_loop(case, fit, samples, base, problem))
+    estimator = chosen.make(given)
+    estimate = estimator.estimate(problem)
+    uncertainty = chosen.interval(problem, estimator, estimate)
+    progress("recovers physical parameters")
+    weighted = matrix[:, :, base.kept] / choice.noise[:, None]
+    flat = weighted.reshape(-1, base.count)
+    penalty = choice.pull * penalties(samples, choice.law, matrix, choice.noise)
+    physical = consistent(
+        base,
+        estimate.value,
+        flat.T @ flat,
+        nominal,
+        samples.torque.size * penalty,
+        columns.arm.n_joints,
+    )
+    return FittedParameters(
+        case=case,
+        settings=settings,
+        fit=fit,
+        held_out=held_out,
+        samples=samples,
+        similarity=similarity,
+        choice=choice,
+        matrix=matrix,
+        base=base,
+        problem=problem,
+        estimator=estimator,
+        estimate=estimate,
+        uncertainty=uncertainty,
+        penalty=penalty,
+        physical=physical,
+    )
+
+
+def _samples(
+    case: Case, fit: Sequence[Recording], settings: IdentificationSettings
+) -> tuple[Samples, NominalSimilarity]:
+    """Samples of the recordings to fit, enough and in the right unit, and how like the nominal arm they are."""
+    assert settings.cutoff is not None
+    band = Band(settings.cutoff, settings.trim)
+    columns = ModelColumns(case.arm)
+    segments = band.segments(fit)
+    samples = Samples(columns, segments, band.bounded(segments))
+    similarity = nominal_similarity(samples)
+    # another unit would be fitted without complaint, as heavier links
+    if not settings.any_torque:
+        check_unit(similarity, fit[0].name)
+    # whether the samples suffice is known with the simplest friction law
+    simplest = _sample_base(samples.matrix(FrictionLaw()), columns, FrictionLaw())
+    check_count(samples, simplest.count, fit[0].name)
+    return samples, similarity
+
+
+def _sample_base(
+    matrix: np.ndarray, columns: ModelColumns, law: FrictionLaw
+) -> BaseParameters:
+    """Base parameters that the samples of a regressor, shape (M, n, p), excite."""
+    return base_parameters(matrix.reshape(-1, matrix.shape[2]), columns.names(law))
