@@ -90,6 +90,9 @@ class VelocityFilter:
         rule: one of ``RULES``.
         first: what the first call gives for ``position`` [rad/s], shape (n,), if it is known that the filter had
             not settled; the velocity until then by default.
+
+    Attributes:
+        past: rows q[k], q[k-1], q[k-2] [rad], v[k-1], v[k-2] [rad/s], as the gains are ordered, shape (5, n).
     """
 
     def __init__(
@@ -105,17 +108,16 @@ class VelocityFilter:
         gains = filter_gains(rate, cutoff, damping, rule)
         self._gains = np.array(gains)
         moved = np.asarray(velocity, dtype=float) / rate
-        # rows q[k], q[k-1], q[k-2], v[k-1], v[k-2], as the gains are ordered
-        self._past = np.array(
+        self.past = np.array(
             [position, position - moved, position - 2 * moved, velocity, velocity]
         )
-        self._flat = self._past.reshape(5, -1)
+        self._flat = self.past.reshape(5, -1)
         if first is not None and gains.a2:
             self._flat[4] += (np.ravel(first) - self._gains @ self._flat) / gains.a2
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
         """Filtered velocity [rad/s] for the next position q [rad], each of the shape of the position at the start."""
-        past = self._past
+        past = self.past
         past[0] = q
         v = self._gains.dot(self._flat).reshape(past.shape[1:])
         past[1:3] = past[:2]

@@ -58,14 +58,14 @@ class Control(NamedTuple):
 
 
 def scaled(gains: Gains, action: np.ndarray) -> tuple[np.ndarray, Gains]:
-    """Factor of the feedforward [1], shape (n,), and gains of an action a of kind ``scale``, shape (2 n,).
+    """Factor of the feedforward [1], shape (..., n), and gains of an action a of kind ``scale``, shape (..., 2 n).
 
     The feedforward of joint i is multiplied by 1 + a_i / 2, kp by 2^a_(n+i) and kd by its square root, so that the
     damping ratio stays.
     """
     n = len(gains.kp)
-    factor = 2.0 ** action[n:]
-    return 1.0 + FEEDFORWARD_SPAN * action[:n], Gains(
+    factor = 2.0 ** action[..., n:]
+    return 1.0 + FEEDFORWARD_SPAN * action[..., :n], Gains(
         gains.kp * factor, gains.kd * np.sqrt(factor)
     )
 

@@ -168,14 +168,23 @@ def checked_action(action: object, size: int) -> np.ndarray:
     Raises:
         InputError: it has another shape, or holds what is not a finite number.
     """
-    array = numbers_of("action", action)
-    if array.shape != (size,):
+    return checked_actions(action, (size,))
+
+
+def checked_actions(actions: object, shape: tuple[int, ...]) -> np.ndarray:
+    """An action, shape (size,), or those of N environments, shape (N, size).
+
+    Raises:
+        InputError: they have another shape, or hold what is not a finite number.
+    """
+    array = numbers_of("action", actions)
+    if array.shape != shape:
+        wanted = f"{shape[0]} numbers" if len(shape) == 1 else f"shape {shape}"
         raise InputError(
-            f"expected {size} numbers in -1 .. 1, got shape {array.shape}",
-            where="action",
+            f"expected {wanted} in -1 .. 1, got shape {array.shape}", where="action"
         )
     if (
-        not array.dot(array) < np.inf and not np.isfinite(array).all()
+        not np.vdot(array, array) < np.inf and not np.isfinite(array).all()
     ):  # the first is fast
         raise InputError(
             f"holds a number that is not finite, {array.tolist()}",

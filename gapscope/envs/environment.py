@@ -29,7 +29,7 @@ from gapscope.envs.course import (
     Timing,
 )
 from gapscope.envs.effect_ranges import EffectRanges
-from gapscope.envs.episode import EpisodeOptions, EpisodeSource
+from gapscope.envs.episode import EpisodeOptions, EpisodeSource, Setup
 from gapscope.envs.episode_info import divergence_info, ending, stop_info, title, truth
 from gapscope.envs.given_effects import Effects, chosen_effects
 from gapscope.envs.observation import Layout
@@ -142,16 +142,7 @@ class ArmTracking(gymnasium.Env):
         # an arm instead of the nominal one brings its own effects
         own = None if simulated is None else base.effects
         given = chosen_effects(effects, self.arm) if own is None else own
-        self._plant = ControlledArm(
-            base,
-            self.arm.encoder_step or 0.0,
-            arguments.noise("encoder_noise", encoder_noise, n),
-            engine,
-            given,
-            self._control,
-            self._timing,
-        )
-        self._source = EpisodeSource(
+        source = EpisodeSource(
             self.arm,
             self.body,
             self.space,
@@ -160,22 +151,30 @@ class ArmTracking(gymnasium.Env):
             chosen_model,
             EpisodeOptions(chosen_motion, given, chosen_randomisation),
         )
-        self._reward = chosen_reward(reward)
-        self._debug = debug
+        lower, upper = self.body.position_limits()
+        self.layout = Layout(n, self._timing.look_ahead, self._control.size)
+        self.setup = Setup(
+            self.arm,
+            self.body,
+            base,
+            arguments.noise("encoder_noise", encoder_noise, n),
+            given,
+            self._control,
+            self._timing,
+            source,
+            chosen_reward(reward),
+            self.layout,
+            (lower + NEAR_STOP, upper - NEAR_STOP),
+            debug,
+        )
+        self._plant = ControlledArm(self.setup, engine)
+        self._source, self._reward, self._debug = source, self.setup.reward, debug
         self._course: Course | None = None
-        self._set_spaces()
-        self._set_rendering(render_mode)
-
-    def _set_spaces(self) -> None:
-        """Set the spaces of actions and observations, and the positions at which a joint has come to its stop."""
         size = self._control.size
-        look_ahead = self._timing.look_ahead
-        self.layout = Layout(self.arm.n_joints, look_ahead, size)
         self.observation_space = self.layout.space
         self.action_space = Box(-1.0, 1.0, (size,), dtype=np.float32)
         self._lowest, self._highest = -np.ones(size), np.ones(size)
-        lower, upper = self.body.position_limits()
-        self._stops = lower + NEAR_STOP, upper - NEAR_STOP
+        self._set_rendering(render_mode)
 
     def _set_rendering(self, render_mode: str | None) -> None:
         """Open a screen if one is wanted."""
@@ -233,7 +232,7 @@ class ArmTracking(gymnasium.Env):
             self._screen.begin(title(self.arm, episode.effects), episode.course.q)
         self._show({})
         error = episode.course.q[0] - self._plant.position
-        return self._observation(error), truth(self._plant) if self._debug else {}
+        return self._observation(error), self._truth() if self._debug else {}
 
     def step(
         self, action: np.ndarray
@@ -261,7 +260,7 @@ class ArmTracking(gymnasium.Env):
         info["torque_rate"] = self._plant.torque_rate
         info |= self._early_end(done)
         if self._debug:
-            info |= truth(self._plant)
+            info |= self._truth()
         terminated = "divergence" in info or "limit" in info
         truncated = self._count >= self._timing.actions
         observation = self._observation(error)
@@ -286,15 +285,19 @@ class ArmTracking(gymnasium.Env):
         measured = (plant.position, plant.velocity, error, self._action)
         return self.layout.assemble(measured, self._running.planned[self._count])
 
+    def _truth(self) -> dict[str, Any]:
+        plant, simulated = self._plant, self._plant.simulated
+        motion = simulated.q, simulated.dq
+        return truth(*motion, plant.torque, simulated.applied, plant.effects)
+
     def _early_end(self, done: int) -> dict[str, Any]:
         """Why the episode ends early, if it does, after the steps of an action that were done."""
-        steps = self._timing.sub_steps
+        steps, plant = self._timing.sub_steps, self._plant
         if done < steps:
             number = (self._count - 1) * steps + done
-            return divergence_info(
-                self.arm, self.body, self._control, self._timing.dt, number, self._plant
-            )
-        return stop_info(self.arm, self._plant, *self._stops)
+            state = plant.position, plant.simulated.dq
+            return divergence_info(self.setup, number, *state, plant.effects)
+        return stop_info(self.setup, plant.simulated.q, plant.position)
 
     def _show(self, info: dict[str, Any]) -> None:
         if self._screen is None:

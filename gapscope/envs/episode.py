@@ -14,16 +14,19 @@ from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
+from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.actions import Control
 from gapscope.envs.arguments import checked_motion
 from gapscope.envs.course import Course, FeedforwardModel, Timing
 from gapscope.envs.effect_ranges import EffectRanges
 from gapscope.envs.given_effects import chosen_effects
+from gapscope.envs.observation import Layout
 from gapscope.envs.randomisation import (
     Randomisation,
     checked_randomisation,
     draw_effects,
 )
+from gapscope.envs.reward import Reward
 
 
 class EpisodeOptions(NamedTuple):
@@ -38,6 +41,37 @@ class EpisodeOptions(NamedTuple):
     motion: str | ReferenceMotion
     effects: tuple[AppliedEffect, ...]
     randomisation: Randomisation | EffectRanges | None
+
+
+class Setup(NamedTuple):
+    """What all episodes of an environment share.
+
+    Attributes:
+        arm, body: the nominal arm and its rigid bodies.
+        base: the arm that is simulated; its effects are not used.
+        encoder_noise: standard deviation [rad], shape (n,).
+        effects: of episodes for which none are drawn or given.
+        control: how actions become torque.
+        timing: of an episode.
+        source: makes the episodes.
+        reward: of an action.
+        layout: of the observation.
+        stops: lowest and highest positions [rad] short of the joints' stops, each (n,).
+        debug: whether the truth is told.
+    """
+
+    arm: NominalArm
+    body: RigidBody
+    base: CorrectedArm
+    encoder_noise: np.ndarray
+    effects: tuple[AppliedEffect, ...]
+    control: Control
+    timing: Timing
+    source: EpisodeSource
+    reward: Reward
+    layout: Layout
+    stops: tuple[np.ndarray, np.ndarray]
+    debug: bool
 
 
 class EpisodePlan(NamedTuple):

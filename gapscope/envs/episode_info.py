@@ -7,12 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
-from gapscope.envs.actions import Control
 from gapscope.envs.divergence import explain
-from gapscope.envs.plant import ControlledArm
+from gapscope.envs.episode import Setup
 
 
 def title(arm: NominalArm, effects: Sequence[AppliedEffect]) -> str:
@@ -22,32 +20,37 @@ def title(arm: NominalArm, effects: Sequence[AppliedEffect]) -> str:
 
 
 def divergence_info(
-    arm: NominalArm,
-    body: RigidBody,
-    control: Control,
-    dt: float,
+    setup: Setup,
     steps: int,
-    plant: ControlledArm,
+    q: np.ndarray,
+    dq: np.ndarray,
+    effects: tuple[AppliedEffect, ...],
 ) -> dict[str, Any]:
-    """``divergence``: why the arm diverged after some steps of the episode of dt [s] each."""
-    velocity = plant.simulated.dq
-    time, q = steps * dt, plant.position
-    divergence = explain(arm, body, control, dt, time, q, velocity, plant.effects)
+    """``divergence``: why the arm diverged after some steps of the episode.
+
+    Args:
+        setup: of the environment.
+        steps: of the simulation.
+        q: last reading of the encoders [rad], shape (n,).
+        dq: true velocity [rad/s], shape (n,).
+        effects: of the episode.
+    """
+    dt = setup.timing.dt
+    arm, body, control = setup.arm, setup.body, setup.control
+    divergence = explain(arm, body, control, dt, steps * dt, q, dq, effects)
     return {"divergence": divergence.as_info()}
 
 
-def stop_info(
-    arm: NominalArm, plant: ControlledArm, lowest: np.ndarray, highest: np.ndarray
-) -> dict[str, str]:
-    """``limit``: which joint came to its stop, if one lies outside these positions [rad], shape (n,)."""
-    q = plant.simulated.q
+def stop_info(setup: Setup, q: np.ndarray, reading: np.ndarray) -> dict[str, str]:
+    """``limit``: which joint came to its stop, if one did; true position and reading [rad], shape (n,)."""
+    lowest, highest = setup.stops
     stopped = (q <= lowest) | (q >= highest)
     if not np.count_nonzero(stopped):
         return {}
     joint = int(stopped.argmax())
-    read = f"its encoder reads {plant.position[joint]:.4g} rad"
+    name, read = setup.arm.joints[joint], f"{reading[joint]:.4g} rad"
     return {
-        "limit": f"joint {joint + 1} ({arm.joints[joint]}) came to its stop; {read}"
+        "limit": f"joint {joint + 1} ({name}) came to its stop; its encoder reads {read}"
     }
 
 
@@ -57,15 +60,20 @@ def ending(info: Mapping[str, Any]) -> str:
     return info.get("limit") or divergence.split("\n")[0]
 
 
-def truth(plant: ControlledArm) -> dict[str, Any]:
-    """The true motion and torque, and the effects: hidden from controllers."""
-    simulated = plant.simulated
+def truth(
+    q: np.ndarray,
+    dq: np.ndarray,
+    commanded: np.ndarray,
+    applied: np.ndarray,
+    effects: Sequence[AppliedEffect],
+) -> dict[str, Any]:
+    """The true motion [rad], [rad/s] and torque [N m], each (n,), and the effects: hidden from controllers."""
     return {
-        "q_true": simulated.q.copy(),
-        "dq_true": simulated.dq.copy(),
-        "torque_commanded": plant.torque.copy(),
-        "torque_applied": simulated.applied.copy(),
-        "effects": [described(applied) for applied in plant.effects],
+        "q_true": q.copy(),
+        "dq_true": dq.copy(),
+        "torque_commanded": commanded.copy(),
+        "torque_applied": applied.copy(),
+        "effects": [described(applied) for applied in effects],
     }
 
 

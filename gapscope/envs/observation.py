@@ -81,7 +81,7 @@ class Layout:
     def assemble(
         self, measured: tuple[np.ndarray, ...], planned: np.ndarray
     ) -> np.ndarray:
-        """The observation from the four measured quantities, and the planned ones in one row."""
-        row = np.concatenate((*measured, planned), dtype=np.float32)
+        """The observation from the four measured quantities, and the planned ones in one row; or those of N rows."""
+        row = np.concatenate((*measured, planned), axis=-1, dtype=np.float32)
         np.maximum(row, self._low, row)
         return np.minimum(row, self._high, row)

@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.velocity_filter import VelocityFilter
 from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.corrected import CorrectedArm
-from gapscope.envs.actions import Control, Gains, scaled
+from gapscope.envs.actions import Gains, scaled
 from gapscope.envs.course import Course, Timing
 from gapscope.envs.divergence import diverged
+from gapscope.envs.episode import Setup
 from gapscope.envs.network_torque import NetworkTorque
 from gapscope.envs.simulated_arm import SimulatedArm
 from gapscope.envs.velocity_estimate import VELOCITY_DAMPING, cutoff
@@ -28,14 +29,8 @@ class ControlledArm:
     the differentiator's lag is not treated as an error. Otherwise dq = D(q).
 
     Args:
-        base: the arm that is simulated: nominal or identified, with its residual network if it has one; its effects are
-            not used.
-        encoder_step: quantisation of the encoders [rad].
-        encoder_noise: standard deviation of their white noise before rounding [rad], a number or shape (n,).
+        setup: of the environment.
         engine: name of the engine.
-        effects: what the simulated arm has beyond the base.
-        control: how actions become torque.
-        timing: of an episode.
 
     Attributes:
         effects: what it has beyond the base.
@@ -53,23 +48,19 @@ class ControlledArm:
 
     def __init__(
         self,
-        base: CorrectedArm,
-        encoder_step: float,
-        encoder_noise: np.ndarray | float,
+        setup: Setup,
         engine: str | None,
-        effects: tuple[AppliedEffect, ...],
-        control: Control,
-        timing: Timing,
     ) -> None:
-        self._base, self._encoder_step, self._encoder_noise = (
-            base,
-            encoder_step,
-            encoder_noise,
-        )
+        self._base, self._encoder_step = setup.base, setup.arm.encoder_step or 0.0
+        self._encoder_noise, effects = setup.encoder_noise, setup.effects
         self._rng = np.random.default_rng()
-        self._engine, self._control, self._timing = engine, control, timing
+        self._engine, self._control, self._timing = engine, setup.control, setup.timing
+        self._nominal: RigidBody | None = None
         self.effects, self.simulated = effects, self._simulate(effects)
-        self._chunk = 1 if control.gains is not None else _chunk(timing)
+        self._nominal = self.simulated.nominal
+        self._chunk = (
+            1 if setup.control.gains is not None else sensor_chunk(setup.timing)
+        )
         self._network: NetworkTorque | None = None
 
     def close(self) -> None:
@@ -198,10 +189,11 @@ class ControlledArm:
             encoder_step=self._encoder_step,
             encoder_noise=self._encoder_noise,
             rng=self._rng,
+            nominal=self._nominal,
         )
 
 
-def _chunk(timing: Timing) -> int:
+def sensor_chunk(timing: Timing) -> int:
     """Steps between readings of the encoders: as many as fit into ``SENSOR_PERIOD``, and divide those of an action."""
     fits = max(1, int(SENSOR_PERIOD / timing.dt + 1e-9))
     return max(steps for steps in range(1, fits + 1) if timing.sub_steps % steps == 0)

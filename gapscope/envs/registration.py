@@ -28,7 +28,9 @@ def register_environment() -> None:
 def _register(registration: ModuleType) -> None:
     if NAME not in registration.registry:
         registration.register(
-            id=NAME, entry_point="gapscope.envs.environment:ArmTracking"
+            id=NAME,
+            entry_point="gapscope.envs.environment:ArmTracking",
+            vector_entry_point="gapscope.envs.vector.environment:VectorArmTracking",
         )
 
 

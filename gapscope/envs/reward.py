@@ -73,6 +73,16 @@ class Reward:
             -self.smoothness * float(jump.dot(jump)) / len(jump),
         )
 
+    def of_rows(
+        self, errors: np.ndarray, loads: np.ndarray, jumps: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Parts of the rewards of N actions, each (N,): errors (N, n), loads (N,) and jumps (N, ...) as in a call."""
+        scale = errors.shape[1] * self.tolerance**2
+        tracking = 1.0 / (1.0 + np.vecdot(errors, errors) / scale)
+        squares = np.vecdot(jumps, jumps)
+        smoothness = -self.smoothness * squares / jumps.shape[1]
+        return tracking, -self.effort * loads, smoothness
+
 
 def chosen_reward(reward: Reward | None) -> Reward:
     """The reward, or the default one; raises ``InputError`` if it is none."""

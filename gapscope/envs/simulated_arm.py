@@ -2,28 +2,16 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 
-from gapscope.arm.dynamics.odd_inertials import odd_inertials
-from gapscope.arm.dynamics.plain_urdf import check_inertia, moving_links
+from gapscope.arm.dynamics.plain_urdf import moving_links
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.errors import ModelWarning
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.effect import LinkChange
-from gapscope.effects.rigid_body import ARMATURE
-from gapscope.envs.drive.coupled_motors import CoupledMotors
+from gapscope.envs.drive.arm_drive import ArmDrive, nominal_body
 from gapscope.envs.drive.encoders import Encoders
-from gapscope.envs.drive.friction import Friction, total
-from gapscope.envs.drive.loads import Loads, check_simulated
 from gapscope.envs.drive.movers import Native, Predicted
-from gapscope.envs.drive.path import TorquePath
-from gapscope.envs.drive.substeps import least_inertia, mass_matrices, substeps
-from gapscope.envs.drive.two_mass import TwoMass
 from gapscope.envs.engines import make_engine
 from gapscope.envs.engines.engine import RotorEngine
 
@@ -43,13 +31,15 @@ class SimulatedArm:
         encoder_noise: standard deviation of white noise of the encoders [rad], a number or shape (n,).
         rng: source of the noise.
         load: known body on the last link, beyond the effects.
+        nominal: the nominal rigid bodies with that load, if they are there already; see ``nominal_body``.
 
     Attributes:
         q: true joint positions [rad], shape (n,).
         dq: true joint velocities [rad/s], shape (n,).
         applied: motor torque that reached the joints in the last step, before friction [N m], shape (n,).
         time: since the start of the recording [s]; drift and external force go by it.
-        body: rigid-body model of the arm with its load, payload, link errors and tilt.
+        nominal: nominal rigid bodies with the known load.
+        body: the rigid bodies with its load, payload, link errors and tilt.
         parts: into how many parts a step is divided.
 
     Raises:
@@ -68,67 +58,33 @@ class SimulatedArm:
         encoder_noise: np.ndarray | float = 0.0,
         rng: np.random.Generator | None = None,
         load: KnownLoad | None = None,
+        nominal: RigidBody | None = None,
     ) -> None:
-        with_effects = CorrectedArm(arm, effects)
-        with_effects.check()
-        check_simulated(effects)
-        nominal = RigidBody(arm)
-        check_inertia(nominal)
-        for note in odd_inertials(nominal):
-            warnings.warn(note, ModelWarning, stacklevel=2)
-        nominal = nominal.carrying(load)
-        self.arm, self.dt = arm, dt
-        self.body = with_effects.body(nominal)
-        changes = [e.name for e in effects if isinstance(e.effect, LinkChange)]
-        check_inertia(self.body, ", ".join(changes))
-        self._order, self._places = nominal.order, nominal.places
+        self.nominal = nominal_body(arm, load) if nominal is None else nominal
+        drive = ArmDrive(arm, effects, dt, self.nominal)
+        self.arm, self.dt, self.body, self.parts = arm, dt, drive.body, drive.parts
+        self._order, self._places = self.nominal.order, self.nominal.places
         self._ordered = bool((self._order == np.arange(arm.n_joints)).all())
-        self._encoders = Encoders(with_effects, encoder_step, encoder_noise, rng)
-        rotors = self._set_drives(with_effects, nominal)
-        self._set_engine(engine, rotors)
+        self._encoders = Encoders(drive.corrected, encoder_step, encoder_noise, rng)
+        self._loads, self._motors, self._path = drive.loads, drive.motors, drive.path
+        self._friction, self._rigid, self._h = drive.friction, drive.rigid, drive.h
+        self._two_mass, self._direct = not drive.rigid.all(), drive.direct
+        self._set_engine(engine, drive)
         self._q, self._u = self._step.q, np.zeros(arm.n_joints)
         self._advance = (
             self._advance_two_mass if self._two_mass else self._advance_rigid
         )
         self.reset(np.zeros(arm.n_joints))
 
-    def _set_drives(self, with_effects: CorrectedArm, nominal: RigidBody) -> np.ndarray:
-        """Set what acts between command and bodies, and the step; the rotors [kg m^2], shape (n,), kinematic order."""
-        order, masses = self._order, mass_matrices(self.body)
-        added = with_effects.value(ARMATURE.name, "inertia")
-        all_rotors = total(self.arm.armature + added, ARMATURE.name, "kg m^2")
-        rotors = all_rotors[order]
-        self._loads = Loads(with_effects, nominal)
-        self._motors = TwoMass(with_effects, order, rotors, least_inertia(masses))
-        self.parts = substeps(
-            masses,
-            rotors,
-            self._motors.joints,
-            self._motors.stiffness,
-            self._motors.damping,
-            self._loads.stiffness,
-            self.dt,
-        )
-        self._h = self.dt / self.parts
-        self._friction = Friction(with_effects, order, self._h)
-        self._path = TorquePath.of(with_effects, order, self._h)
-        self._rigid = ~self._motors.joints
-        self._two_mass = bool(self._motors.joints.any())
-        # with nothing between torque and bodies the engine steps on its own
-        between = self._friction.present or rotors.any() or self._loads.present
-        self._coupled = CoupledMotors(with_effects, self.body, self._h)
-        self._direct = not (between or self._two_mass or self._coupled.present)
-        return rotors
-
-    def _set_engine(self, name: str | None, rotors: np.ndarray) -> None:
-        """Make the engine's world, and the steps of its joints; rotors [kg m^2], shape (n,), kinematic order."""
+    def _set_engine(self, name: str | None, drive: ArmDrive) -> None:
+        """Make the engine's world, and the steps of its joints."""
         links = moving_links(self.body)
         gravity = np.asarray(self.body.gravity)
         self._engine = make_engine(name, links, gravity, self._h)
         # motors of their own keep their rotor and their friction
         stepped = (
             self.body,
-            np.where(self._rigid, rotors, 0.0),
+            np.where(self._rigid, drive.rotors, 0.0),
             self._friction.viscous * self._rigid,
             self._friction.dry & self._rigid,
             self._h,
@@ -139,8 +95,8 @@ class SimulatedArm:
         else:
             limits = np.array([link.limits or (-np.inf, np.inf) for link in links]).T
             self._step = Predicted(self._engine, *stepped, limits)
-        if self._coupled.present:
-            self._step.coupled = self._coupled
+        if drive.coupled.present:
+            self._step.coupled = drive.coupled
 
     def __enter__(self) -> SimulatedArm:
         """Use as a context that closes the world at its end."""
@@ -168,7 +124,8 @@ class SimulatedArm:
         self._start_time, self._count = time, 0
         self._engine.reset(q, dq)
         self._step.reset()
-        self._motors.reset(q, dq, self._weight(q, dq, time))
+        if self._two_mass:
+            self._motors.reset(q, dq, self._weight(q, dq, time))
         self._path.reset()
         self._drift()
         self._u = np.zeros(len(q))

@@ -43,6 +43,11 @@ def plain_mjcf(links: tuple[Link, ...], gravity: np.ndarray, dt: float) -> str:
 
 
 def _place(element: ET.Element, frame: tuple[np.ndarray, np.ndarray]) -> None:
-    x, y, z, w = pin.Quaternion(pin.rpy.rpyToMatrix(frame[1])).coeffs()
     element.set("pos", numbers(frame[0]))
-    element.set("quat", numbers(np.array([w, x, y, z])))
+    element.set("quat", numbers(quaternion(frame)))
+
+
+def quaternion(frame: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """Orientation (w, x, y, z) [1] of a pose (xyz [m], roll-pitch-yaw [rad]), shape (4,)."""
+    x, y, z, w = pin.Quaternion(pin.rpy.rpyToMatrix(frame[1])).coeffs()
+    return np.array([w, x, y, z])

@@ -50,8 +50,9 @@ class CoupledMotors:
         self._dt = dt
         self._viscous, self._rotors = viscous[motors], rotors[motors]
         self._tied = np.hstack([self._drives, -np.eye(len(motors))])
-        self._forward = ForwardDynamics(body, np.zeros(n))
-        self._friction = DryFriction(n + len(motors))
+        if self.present:
+            self._forward = ForwardDynamics(body, np.zeros(n))
+            self._friction = DryFriction(n + len(motors))
 
     def reset(self) -> None:
         """Forget the step before: all rests."""

@@ -6,9 +6,10 @@ import numpy as np
 
 from gapscope.effects.actuation import ripple_torque, saturate
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.envs.drive.rows import Rows
 
 
-class TorquePath:
+class TorquePath(Rows):
     """applied = (1 + s) u + offset + A sin(n q + phi), with u the command clipped, delayed and lagged, step by step.
 
     The commanded torque is held over each step, so that a delayed one changes at most once within a step, after the
@@ -26,7 +27,13 @@ class TorquePath:
 
     Attributes:
         constant: whether a held command always gives the same torque.
+        changing: mask of the joints of arms in which it does not, shape (n,).
     """
+
+    ROWS = (
+        *("_whole", "_fraction", "_gain", "_offset", "_limit", "changing", "_lagging"),
+        *("_amplitude", "_cycles", "_phase", "_fresh"),
+    )
 
     def __init__(
         self,
@@ -39,23 +46,36 @@ class TorquePath:
         ripple: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
     ) -> None:
         steps = np.asarray(delay) / dt
-        self._late = bool(np.any(delay))
+        none = np.zeros(len(steps))
         self._whole = np.floor(steps + 1e-9).astype(int)
         self._fraction = np.clip(steps - self._whole, 0.0, 1.0)
-        # a ring of the commands held in the last steps, as many as the longest delay needs
-        self._length = int(self._whole.max()) + 2
-        self._held = np.zeros((self._length, len(steps)))
-        self._columns = np.arange(len(steps))
-        self._gain, self._offset = 1.0 + scale, offset
-        self._changes = bool(np.any(scale) or np.any(offset))
-        # what does nothing is left out of the step
-        self._limit = limit if limit is not None and np.any(limit) else None
-        self._ripple = ripple if ripple is not None and np.any(ripple[0]) else None
-        self._lag: _Lag | None = None
-        if lag is not None and np.any(lag):
-            self._lag = _Lag(lag, self._fraction, dt)
-        self.constant = not self._late and self._lag is None and self._ripple is None
+        self._gain, self._offset = 1.0 + scale, np.array(offset, dtype=float)
+        self._limit = none if limit is None else limit
+        amplitude, cycles, phase = ripple or (none, none, none)
+        self._amplitude, self._cycles, self._phase = amplitude, cycles, phase
+        time_constant = none if lag is None else lag
+        self._lag = _Lag(time_constant, self._fraction, dt)
+        # a lag on one joint of an arm takes all its joints through the same formula
+        self._lagging = np.full(len(steps), bool(np.any(time_constant)))
+        changes = self._lagging.any() or np.any(delay) or np.any(self._amplitude)
+        self.changing = np.full(len(steps), bool(changes))
+        self._fresh = np.ones(len(steps), dtype=bool)
+        self._held = np.zeros((2, len(steps)))
+        self._note()
         self.reset()
+
+    def _note(self) -> None:
+        """Note what does nothing and is left out of a step, and hold as many commands as the longest delay needs."""
+        self._columns = np.arange(len(self._whole))
+        self._late = bool(self._whole.any() or self._fraction.any())
+        self._lags = bool(self._lagging.any())
+        self._scales = bool(np.any(self._gain != 1.0) or self._offset.any())
+        self._limits = bool(self._limit.any())
+        self._ripples = bool(self._amplitude.any())
+        self.constant = not self.changing.any()
+        length = int(self._whole.max()) + 2
+        if self._held.shape != (length, len(self._whole)):
+            self._held, self._now = np.zeros((length, len(self._whole))), -1
 
     @classmethod
     def of(cls, arm: CorrectedArm, order: np.ndarray, dt: float) -> TorquePath:
@@ -77,9 +97,36 @@ class TorquePath:
             ripple=(a, n, phi),
         )
 
+    def beside(self, count: int) -> TorquePath:
+        """The same for ``count`` such arms; all commands are forgotten."""
+        many = super().beside(count)
+        many._lag = self._lag.beside(count)
+        many._held = np.zeros((len(self._held), len(many._whole)))
+        many._note()
+        many.reset()
+        return many
+
+    def put(self, number: int, one: TorquePath) -> None:
+        """Take over the way of one arm as that of arm ``number``, whose commands are forgotten."""
+        before, now, length = self._held, self._now, len(self._held)
+        super().put(number, one)
+        self._lag.put(number, one._lag)
+        size = len(one._whole)
+        self._fresh[number * size : (number + 1) * size] = True
+        self._starts = True
+        self._note()
+        if len(self._held) != length:
+            # the commands of the other arms, in a ring of another length
+            self._now = now
+            for ago in range(min(length, len(self._held), now + 1)):
+                row = before[(now - ago) % length]
+                self._held[(now - ago) % len(self._held)] = row
+
     def reset(self) -> None:
         """Forget all commands."""
         self._now = -1
+        self._fresh[:] = True
+        self._starts = True
 
     def __call__(
         self, commanded: np.ndarray, position: np.ndarray | None = None
@@ -90,34 +137,40 @@ class TorquePath:
             commanded: [N m], shape (n,).
             position: of the motors [rad], shape (n,); needed for ripple only.
         """
-        u = commanded if self._limit is None else saturate(commanded, None, self._limit)
-        if self._late or self._lag is not None:
+        u = saturate(commanded, None, self._limit) if self._limits else commanded
+        if self._late or self._lags:
             u = self._through_time(u)
-        u = self._gain * u + self._offset if self._changes else np.array(u)
-        if self._ripple is not None and position is not None:
-            u += ripple_torque(position, *self._ripple)
+        u = self._gain * u + self._offset if self._scales else np.array(u)
+        if self._ripples and position is not None:
+            u += ripple_torque(position, self._amplitude, self._cycles, self._phase)
         return u
 
     def _through_time(self, u: np.ndarray) -> np.ndarray:
         """Delay and lag."""
-        if self._now < 0:
-            self._held[:] = u
-            if self._lag is not None:
-                self._lag.reset(u)
+        if self._starts:
+            np.copyto(self._held, u, where=self._fresh)
+            self._lag.start(u, self._fresh)
+            self._fresh[:] = False
+            self._starts = False
         self._now += 1
-        self._held[self._now % self._length] = u
+        length = len(self._held)
+        self._held[self._now % length] = u
         late = self._now - self._whole
         newer, older = (
-            self._held[index % self._length, self._columns]
-            for index in (late, late - 1)
+            self._held[index % length, self._columns] for index in (late, late - 1)
         )
-        if self._lag is not None:
-            return self._lag(older, newer)
-        return (1.0 - self._fraction) * newer + self._fraction * older
+        late_only = (1.0 - self._fraction) * newer + self._fraction * older
+        if not self._lags:
+            return late_only
+        return np.where(self._lagging, self._lag(older, newer), late_only)
 
 
-class _Lag:
+class _Lag(Rows):
     """Exact 1 / (1 + T s) of a torque that changes once within each step, after ``fraction`` of it."""
+
+    ROWS = (
+        *("_before", "_after", "_span_before", "_span_after", "_fraction", "_state"),
+    )
 
     def __init__(
         self, time_constant: np.ndarray, fraction: np.ndarray, dt: float
@@ -131,9 +184,9 @@ class _Lag:
         self._fraction = fraction
         self._state = np.zeros_like(time_constant)
 
-    def reset(self, torque: np.ndarray) -> None:
-        """At rest under a torque [N m]."""
-        self._state = np.array(torque, dtype=float)
+    def start(self, torque: np.ndarray, fresh: np.ndarray) -> None:
+        """The joints of a mask are at rest under a torque [N m]."""
+        self._state = np.where(fresh, torque, self._state)
 
     def __call__(self, older: np.ndarray, newer: np.ndarray) -> np.ndarray:
         """Mean over the step [N m]; the state moves on to its end."""

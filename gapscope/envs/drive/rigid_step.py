@@ -12,6 +12,7 @@ with M and h of the loaded arm.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from functools import cached_property
 
 import numpy as np
 from numpy import multiply, sign, subtract
@@ -58,7 +59,7 @@ class RigidStep(ABC):
         n = len(rotors)
         self.coupled: CoupledMotors | None = None
         self.q, self.dq = np.zeros((2, n))
-        self._forward = ForwardDynamics(body, rotors)
+        self._body = body
         self._rotors, self._dt, self._any_dry = rotors, dt, bool(dry.any())
         self._dry, self._dry_mask, self._all_dry = (
             dry,
@@ -71,6 +72,10 @@ class RigidStep(ABC):
         self._steps = np.full(n, dt)
         self.set_viscous(viscous)
         self._assume(self._direction)
+
+    @cached_property
+    def _forward(self) -> ForwardDynamics:
+        return ForwardDynamics(self._body, self._rotors)
 
     @abstractmethod
     def _set_rotors(self, rotors: np.ndarray) -> None:

@@ -27,16 +27,9 @@ class MuJoCoEngine(RotorEngine):
     """
 
     def __init__(self, links: tuple[Link, ...], gravity: np.ndarray, dt: float) -> None:
-        self._model = mujoco.MjModel.from_xml_string(plain_mjcf(links, gravity, dt))
-        joints = [self._model.joint(link.joint) for link in links]
-        for link, joint in zip(links, joints, strict=True):
-            body = int(self._model.jnt_bodyid[joint.id])
-            self._model.body_mass[body] = link.mass
-            self._model.body_inertia[body] = link.moments
+        self._model = arm_model(links, gravity, dt)
         self._data = mujoco.MjData(self._model)
         mujoco.mj_setConst(self._model, self._data)
-        # bodies are numbered depth first, links parents first; both are the same for arms
-        assert [joint.qposadr[0] for joint in joints] == list(range(len(links)))
         self.q, self.dq, self._old_position, self._old_velocity = np.zeros(
             (4, len(links))
         )
@@ -77,3 +70,24 @@ class MuJoCoEngine(RotorEngine):
 
     def close(self) -> None:
         """Nothing outlives the object."""
+
+
+def arm_model(
+    links: tuple[Link, ...], gravity: np.ndarray, dt: float
+) -> mujoco.MjModel:
+    """The model of an arm; constants that follow from masses are those of bodies of 1 kg until ``mj_setConst``.
+
+    Args:
+        links: the moving bodies, parents before children.
+        gravity: in the base frame [m/s^2], shape (3,).
+        dt: time step [s].
+    """
+    model = mujoco.MjModel.from_xml_string(plain_mjcf(links, gravity, dt))
+    joints = [model.joint(link.joint) for link in links]
+    # bodies are numbered depth first, links parents first; both are the same for arms
+    assert [joint.qposadr[0] for joint in joints] == list(range(len(links)))
+    for link, joint in zip(links, joints, strict=True):
+        body = int(model.jnt_bodyid[joint.id])
+        model.body_mass[body] = link.mass
+        model.body_inertia[body] = link.moments
+    return model

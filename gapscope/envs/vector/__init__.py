@@ -1,0 +1,1 @@
+"""Many environments of one arm in one process, stepped together on MuJoCo."""

@@ -1,0 +1,187 @@
+"""The vector environment: N environments that do, bit by bit, what each does alone."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+import gapscope  # noqa: F401 (makes the environment known)
+from gapscope.arm.errors import InputError
+from gapscope.arm.nominal import NominalArm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.arm_scale import ArmScale
+from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.severity import draw
+from gapscope.envs.environment import ArmTracking
+from gapscope.envs.randomisation import Randomisation
+from gapscope.envs.vector.environment import VectorArmTracking
+
+NAME = "gapscope/ArmTracking-v0"
+ALONE = ("joint_elasticity", "backlash")
+"""Effects with which an arm is not stepped beside others."""
+TOGETHER = tuple(
+    name
+    for name, effect in CATALOGUE.items()
+    if name not in ALONE and effect.reach != "motor"
+)
+
+
+def _assert_equal(alone: object, together: object) -> None:
+    """The same values of the same types, in nested dictionaries and arrays of objects too."""
+    if isinstance(alone, dict) and isinstance(together, dict):
+        assert alone.keys() == together.keys()
+        for key, value in alone.items():
+            _assert_equal(value, together[key])
+    elif isinstance(alone, tuple) or (
+        isinstance(alone, np.ndarray) and alone.dtype == object
+    ):
+        for one, other in zip(alone, together, strict=True):
+            _assert_equal(one, other)
+    elif isinstance(alone, np.ndarray):
+        assert alone.dtype == together.dtype
+        np.testing.assert_array_equal(alone, together)
+    else:
+        assert alone == together
+
+
+def _compare(
+    arm: NominalArm | str,
+    *,
+    count: int = 3,
+    steps: int = 12,
+    size: float = 1.0,
+    mode: AutoresetMode = AutoresetMode.NEXT_STEP,
+    **options: object,
+) -> int:
+    """Assert that both forms are equal under random actions; returns how many episodes ended."""
+    options = {"episode_length": 0.16, "debug": True, "motion": "fourier", **options}
+    alone = SyncVectorEnv(
+        [lambda: ArmTracking(arm, engine="mujoco", **options)] * count,
+        autoreset_mode=mode,
+    )
+    together = VectorArmTracking(count, arm, autoreset_mode=mode, **options)
+    rng, ended = np.random.default_rng(1), 0
+    _assert_equal(alone.reset(seed=5), together.reset(seed=5))
+    for _ in range(steps):
+        actions = size * rng.uniform(-1, 1, together.action_space.shape)
+        results = [env.step(actions.astype(np.float32)) for env in (alone, together)]
+        _assert_equal(*results)
+        ended += int((results[0][2] | results[0][3]).sum())
+    alone.close()
+    together.close()
+    return ended
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+@pytest.mark.parametrize("action", ["residual", "scale", "torque"])
+def test_equal_to_single_environments_with_effects_drawn(
+    data_sheet_arm: NominalArm, action: str, mode: AutoresetMode
+) -> None:
+    drawn = Randomisation(TOGETHER, count=(0, 4))
+    size = 0.2 if action == "torque" else 1.0
+    options = {"action": action, "size": size, "mode": mode, "count": 4}
+    assert _compare(data_sheet_arm, randomisation=drawn, **options) >= 4
+
+
+@pytest.mark.parametrize("name", TOGETHER)
+def test_equal_to_single_environments_with_each_effect(
+    data_sheet_arm: NominalArm, name: str
+) -> None:
+    scale = ArmScale.of(data_sheet_arm)
+    effect = draw(name, np.random.default_rng(7), scale, joints=(2, 4))
+    _compare(data_sheet_arm, effects=(effect,), count=2, steps=4)
+
+
+def test_equal_without_friction_with_noise_and_on_a_branched_hand(
+    bare_arm: NominalArm,
+) -> None:
+    _compare(bare_arm, action="torque", size=0.05, encoder_noise=1e-4)
+    _compare("franka_panda", encoder_noise=1e-4, steps=6)
+
+
+def test_equal_if_joints_are_in_another_order(bare_arm: NominalArm) -> None:
+    backwards = NominalArm(
+        "part",
+        bare_arm.urdf,
+        tuple(reversed(bare_arm.joints[:5])),
+        coulomb=np.full(5, 0.5),
+    )
+    _compare(backwards, motion="fourier", steps=6)
+
+
+@pytest.mark.parametrize("action", ["residual", "torque"])
+def test_arms_that_diverge_end_alone(bare_arm: NominalArm, action: str) -> None:
+    options = {"action": action, "action_share": 30.0, "episode_length": 1.0}
+    assert _compare(bare_arm, steps=6, **options) > 0
+
+
+def test_drift_of_held_and_of_delayed_torque(data_sheet_arm: NominalArm) -> None:
+    """Drift is taken over before or after the torque, depending on whether that changes within an action."""
+    joints = (1, 2, 3)
+    warm = AppliedEffect(
+        "friction_drift", joints, {"amplitude": 0.8, "time_constant": 0.1}
+    )
+    load = AppliedEffect("load_friction", joints, {"coefficient": 0.2})
+    late = AppliedEffect("actuator_delay", (2,), {"delay": 2.3e-3})
+    for effects in ((warm, load), (warm, load, late)):
+        _compare(data_sheet_arm, effects=effects, action="torque", size=0.2)
+
+
+def test_made_by_name(data_sheet_arm: NominalArm) -> None:
+    made = gym.make_vec(NAME, num_envs=3, robot=data_sheet_arm, episode_length=0.1)
+    assert isinstance(made.unwrapped, VectorArmTracking)
+    assert made.metadata["autoreset_mode"] == AutoresetMode.NEXT_STEP
+    observations, _ = made.reset(seed=0)
+    assert observations in made.observation_space
+    after, rewards, _, _, infos = made.step(made.action_space.sample())
+    assert after in made.observation_space and rewards.shape == (3,)
+    assert infos["_reward_tracking"].all()
+    made.close()
+
+
+def test_options_for_each_environment(data_sheet_arm: NominalArm) -> None:
+    payload = AppliedEffect("payload", (), {"mass": 2.0, "com": [0.0, 0.0, 0.1]})
+    env = VectorArmTracking(2, data_sheet_arm, episode_length=0.1)
+    env.reset(seed=0, options={"each": [{"effects": payload}, {}]})
+    assert [len(effects) for effects in env.effects] == [1, 0]
+    with pytest.raises(InputError, match="expected 2, one for each environment"):
+        env.reset(options={"each": [{}]})
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"engine": "pybullet"}, "runs on mujoco, not on pybullet"),
+        ({"render_mode": "rgb_array"}, "draws nothing"),
+        ({"autoreset_mode": "Disabled"}, "expected NextStep or SameStep"),
+        ({"num_envs": 0}, "whole number from 1 on"),
+    ],
+)
+def test_what_it_does_not_do_is_refused(options: dict, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        VectorArmTracking(**{"num_envs": 2, **options})
+
+
+@pytest.mark.parametrize("name", ALONE)
+def test_arms_with_motors_of_their_own_are_refused(
+    data_sheet_arm: NominalArm, name: str
+) -> None:
+    scale = ArmScale.of(data_sheet_arm)
+    effect = draw(name, np.random.default_rng(7), scale, joints=(2, 4))
+    with pytest.raises(InputError, match="motor of its own") as caught:
+        VectorArmTracking(2, data_sheet_arm, effects=(effect,))
+    assert "sync" in caught.value.remedy
+
+
+def test_threads_do_not_change_the_result(data_sheet_arm: NominalArm) -> None:
+    rows = []
+    for threads in (1, 2):
+        env = VectorArmTracking(
+            5, data_sheet_arm, threads=threads, episode_length=0.1, motion="fourier"
+        )
+        env.reset(seed=3)
+        action = np.full(env.action_space.shape, 0.5, np.float32)
+        rows.append([env.step(action)[0] for _ in range(4)])
+    np.testing.assert_array_equal(*rows)
