@@ -10,7 +10,7 @@ help: ## list the targets
 
 setup: .venv/.setup ## create .venv with the command and the tools in it
 
-setup-learn: .venv/.learn ## add what the agents need (torch, stable-baselines3, ...)
+setup-learn: .venv/.learn ## add what agents and clusters need (torch, stable-baselines3, ray, ...)
 
 .venv/.setup: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || \
@@ -23,7 +23,7 @@ setup-learn: .venv/.learn ## add what the agents need (torch, stable-baselines3,
 	@touch $@
 
 .venv/.learn: .venv/.setup
-	.venv/bin/python $(PIP_INSTALL) -e '.[learn]'
+	.venv/bin/python $(PIP_INSTALL) -e '.[cluster,learn]'
 	@touch $@
 
 .venv/.docs: .venv/.setup

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from gapscope.interface.diagnose import diagnose
     from gapscope.interface.excite import excite
     from gapscope.interface.export import export
+    from gapscope.interface.fleet import fleet
     from gapscope.interface.gap import gap
     from gapscope.interface.identify import identify
     from gapscope.interface.models import make_arm, read_corrected
@@ -41,6 +42,7 @@ __all__ = [
     "diagnose",
     "excite",
     "export",
+    "fleet",
     "gap",
     "identify",
     "load_case",
@@ -65,6 +67,7 @@ _MODULES = {
             "diagnose",
             "excite",
             "export",
+            "fleet",
             "gap",
             "identify",
             "predict",

@@ -24,6 +24,7 @@ from gapscope.commands.export import export
 from gapscope.commands.gap import gap
 from gapscope.commands.identify import identify
 from gapscope.commands.inspect import inspect
+from gapscope.commands.many.fleet import fleet
 from gapscope.commands.predict import predict
 from gapscope.commands.record import record
 from gapscope.commands.replay import replay
@@ -35,6 +36,7 @@ from gapscope.terminal import note
 COMMANDS = (
     inspect,
     diagnose,
+    fleet,
     predict,
     replay,
     gap,

@@ -22,7 +22,7 @@ LAYERS: tuple[set[str], ...] = (
     {"agents", "blind_check", "model_audit", "case_check"},
     {"reports"},
     {"outputs"},
-    {"interface", "serving"},
+    {"interface", "serving", "fleets"},
     {"terminal", "commands"},
     {"cli", "__main__"},
 )

@@ -120,7 +120,7 @@ def read_entry(
         has_report: whether ``report.html`` is beside the file.
     """
     case = document["case"]
-    date = _date_in_names(case, folder)
+    date = date_in_names(case, folder)
     return Entry(
         folder,
         case,
@@ -139,7 +139,7 @@ def read_entry(
 def unreadable(folder: str, changed: datetime, problem: str) -> Entry:
     """The entry of a file that is no diagnosis, or not yet."""
     case = PurePath(folder).name
-    date = _date_in_names("", folder)
+    date = date_in_names("", folder)
     dated = date is not None
     return Entry(folder, case, "", date or changed, dated, UNREADABLE, problem=problem)
 
@@ -160,7 +160,7 @@ def unit_name(case: str, folder: str, units_by: str = CASE) -> str:
     return next((rest for rest in rests if rest), case)
 
 
-def _date_in_names(case: str, folder: str) -> datetime | None:
+def date_in_names(case: str, folder: str) -> datetime | None:
     """The date in the name of the case, or of the nearest folder that has one."""
     names = (case, *reversed(PurePath(folder).parts))
     dates = (split_date(name)[0] for name in names)

@@ -56,6 +56,12 @@ class InputError(GapscopeError):
         return InputError(self.problem, self.remedy, file=file, where=place)
 
 
+class InterruptedRunError(GapscopeError):
+    """The run was stopped from outside."""
+
+    exit_code = 130
+
+
 class ModelWarning(UserWarning):
     """Something odd in a model, which is used all the same; says how."""
 

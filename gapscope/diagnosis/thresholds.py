@@ -419,6 +419,14 @@ LEAST_STRETCHES = 4  # Least stretches of time, each predicted from all others. 
 # Values differ between units if one common value would scatter as much with less than this probability, divided by
 # the number of values that the effect has [1]. (statistics)
 FLEET_LEVEL = 0.01
+# --- fleet: one unit over time
+SHORTEST_HISTORY = 3  # Least diagnoses of a unit in which a change is looked for [1]. (statistics)
+# Share of the changes reported, over all units and effects, that are false on average [1]. (definition)
+FALSE_CHANGES = 0.05
+# Least differences of successive estimates from which scatter beyond their deviations is estimated [1]. (statistics)
+LEAST_DIFFERENCES = 20
+
+# --- fleet: which unit is which
 # Two arms predict a unit alike if no joint's torque NRMSE differs by this much [1]. (definition)
 ALIKE_NRMSE = VISIBLE_EFFECT
 

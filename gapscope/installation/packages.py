@@ -9,7 +9,7 @@ from importlib import metadata
 
 NEEDED_FOR = {
     "blind": "a faster gapscope blind make",
-    "cluster": "gapscope diagnose --backend ray",
+    "cluster": "gapscope fleet and diagnose --backend ray",
     "dart": "--engine dart",
     "hdf5": "logs in HDF5 and MATLAB 7.3 files",
     "learn": "gapscope train, gapscope residual, agents in gapscope evaluate",

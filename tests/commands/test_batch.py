@@ -17,11 +17,11 @@ from typing import Any
 import pytest
 
 from gapscope.arm.errors import GapscopeError
-from gapscope.commands.diagnosis_batch import KeptReference, _resume_hint, finished
+from gapscope.commands.many.diagnosis_batch import KeptReference, _resume_hint, finished
 from gapscope.diagnosis.reference.identify_reference import identify_reference
 from gapscope.interface.reference import kept_reference
 from gapscope.provenance import made_from
-from gapscope.workers import in_order
+from gapscope.workers.in_order import in_order
 
 Command = Callable[..., Any]
 
@@ -243,48 +243,6 @@ def test_interrupted_says_how_to_go_on_and_leaves_nothing_half(
     done = gapscope("diagnose", *cases, "--out", out)
     assert done.code == 0 and done.out.count("kept from an earlier run") == len(before)
     assert (out / "summary.html").is_file()
-
-
-@pytest.mark.skipif(
-    find_spec("ray") is None,
-    reason="Ray is not installed: pip install 'gapscope[cluster]'",
-)
-def test_ray_gives_the_same_diagnoses(
-    gapscope: Command,
-    sick: Path,
-    healthy: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    for backend in ("local", "ray"):
-        done = gapscope(
-            "diagnose",
-            "sick",
-            "healthy",
-            "--out",
-            backend,
-            "--jobs",
-            "2",
-            "--backend",
-            backend,
-        )
-        assert done.code == 0, done.err
-    assert texts(tmp_path / "local") == texts(tmp_path / "ray")
-    units = [
-        (tmp_path / backend / "units.json").read_bytes() for backend in ("local", "ray")
-    ]
-    assert units[0] == units[1]
-
-
-@pytest.mark.skipif(
-    find_spec("ray") is None,
-    reason="Ray is not installed: pip install 'gapscope[cluster]'",
-)
-def test_a_worker_that_is_lost_costs_its_own_call_only() -> None:
-    made = list(in_order(_inverse(), [(2,), (0,), (4,)], jobs=2, backend="ray"))
-    assert made[0] == 0.5 and made[2] == 0.25
-    assert isinstance(made[1], Exception)
 
 
 def _inverse() -> Callable[[int], float]:

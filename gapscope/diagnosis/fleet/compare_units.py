@@ -134,7 +134,8 @@ def _shared(
 ) -> SharedEffect:
     """One effect on one place of the units that have it."""
     values = tuple(_values(entries))
-    agree = _agree(values) if len(entries) > 1 else None
+    together = [value.pooled for value in values]
+    agree = units_agree(together) if len(entries) > 1 else None
     instead = {}
     for unit, document in documents.items():
         other = None if unit in entries else _instead(document, effect, joint)
@@ -144,7 +145,7 @@ def _shared(
         effect,
         joint or None,
         link or None,
-        _kind(agree, on_all=len(entries) == len(documents)),
+        kind_of(agree, on_all=len(entries) == len(documents)),
         tuple(entries),
         {unit: float(found.entry["share"]) for unit, found in entries.items()},
         agree,
@@ -153,13 +154,13 @@ def _shared(
     )
 
 
-def _agree(values: Sequence[SharedParameter]) -> bool:
+def units_agree(values: Sequence[Pooled | None]) -> bool:
     """Whether no value differs between the units; the level is divided by the number of values tested."""
     level = FLEET_LEVEL / max(len(values), 1)
-    return all(v.pooled is None or v.pooled.p >= level for v in values)
+    return all(value is None or value.p >= level for value in values)
 
 
-def _kind(agree: bool | None, *, on_all: bool) -> str:
+def kind_of(agree: bool | None, *, on_all: bool) -> str:
     """The kind of an effect; ``agree`` is ``None`` if one unit has it."""
     if agree is None:
         return ONE
@@ -197,11 +198,11 @@ def _values(entries: Mapping[str, _Found]) -> Iterable[SharedParameter]:
                 parameter["unit"],
                 values,
                 stds,
-                _pooled(name, list(values.values()), list(stds.values())),
+                pooled_parameter(name, list(values.values()), list(stds.values())),
             )
 
 
-def _pooled(
+def pooled_parameter(
     name: str, values: Sequence[float], stds: Sequence[float | None]
 ) -> Pooled | None:
     """The values of all units taken together; ``None`` for one unit."""

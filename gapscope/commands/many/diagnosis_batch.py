@@ -11,7 +11,7 @@ from typing import Any
 
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-from gapscope.arm.errors import GapscopeError
+from gapscope.arm.errors import GapscopeError, InterruptedRunError
 from gapscope.arm.io.json_file import write_json
 from gapscope.commands.diagnose_path import diagnose_path
 from gapscope.diagnosis.document.diagnosis_json import validate
@@ -29,15 +29,10 @@ from gapscope.provenance import KEY, made_from
 from gapscope.reports.diagnosis.fleet_tables import fleet_tables
 from gapscope.reports.diagnosis.summary import SummaryRow, render_summary
 from gapscope.terminal import console, say
-from gapscope.workers import RAY, check_backend, in_order
+from gapscope.workers.backends import RAY, check_backend
+from gapscope.workers.in_order import in_order
 
 SUMMARY, UNITS = "summary.html", "units.json"
-
-
-class InterruptedRunError(GapscopeError):
-    """The run was stopped from outside."""
-
-    exit_code = 130
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,97 @@
+"""The command ``gapscope fleet``: many cases at any address, diagnosed and compared."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gapscope.commands.options import Results
+from gapscope.terminal import Progress, console, say, wrote
+
+PACE = 1.0
+"""Least time between two lines of progress [s]."""
+GIGABYTE = 1e9
+
+Cases = Annotated[
+    list[str],
+    typer.Argument(
+        help="folders or archives of cases, lists of them (.txt, .csv), or URLs: s3://..., gs://..., zip://...",
+        metavar="CASES...",
+    ),
+]
+Jobs = Annotated[
+    int | None,
+    typer.Option(min=1, help="cases at a time; default: 1, on a cluster all its cores"),
+]
+Backend = Annotated[str, typer.Option(help="local, or ray (needs ray installed)")]
+Again = Annotated[bool, typer.Option("--again", help="diagnose also what is done")]
+Keep = Annotated[
+    str, typer.Option(help="files kept of each diagnosis: nothing, json or report")
+]
+UnitsBy = Annotated[
+    str, typer.Option(help="what names the unit of a case: case or folder")
+]
+Largest = Annotated[
+    float, typer.Option(min=0.0, help="size that a case may have [GB]", metavar="GB")
+]
+Scratch = Annotated[
+    Path | None,
+    typer.Option(help="folder for cases while they are diagnosed", metavar="DIR"),
+]
+Tries = Annotated[
+    int, typer.Option(min=1, help="times that a case is begun if its workers die")
+]
+
+
+def fleet(
+    cases: Cases,
+    out: Results,
+    jobs: Jobs = None,
+    backend: Backend = "local",
+    again: Again = False,
+    keep: Keep = "json",
+    units_by: UnitsBy = "case",
+    largest: Largest = 2.0,
+    scratch: Scratch = None,
+    tries: Tries = 3,
+) -> None:
+    """Diagnose many cases, compare their units, and find what changed."""
+    from gapscope.interface.fleet import DOCUMENT, PAGE, fleet
+    from gapscope.reports.fleet.terminal_summary import print_fleet
+
+    with Progress("fleet") as progress:
+        overview = fleet(
+            cases,
+            out,
+            progress=_paced(progress),
+            jobs=jobs,
+            backend=backend,
+            again=again,
+            keep=keep,
+            units_by=units_by,
+            largest=int(largest * GIGABYTE),
+            scratch=scratch,
+            tries=tries,
+        )
+    say(str(overview.counts))
+    print_fleet(overview.document, console)
+    wrote(out / PAGE, out / DOCUMENT)
+    raise typer.Exit(1 if overview.counts.failed else 0)
+
+
+def _paced(progress: Progress) -> Callable[[str], None]:
+    """Passes a message on unless one was passed on just now: there may be thousands a minute."""
+    last = -PACE
+
+    def show(message: str) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if now - last >= PACE:
+            last = now
+            progress(message)
+
+    return show

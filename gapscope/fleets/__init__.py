@@ -1,0 +1,1 @@
+"""Many cases at any address: found, fetched, diagnosed side by side, kept as Parquet, and compared."""

@@ -1,0 +1,209 @@
+"""Cases at an address: a folder or an archive, on this machine or in the storage of a network."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import PurePosixPath
+from typing import Any
+
+import fsspec
+from fsspec.core import url_to_fs
+from fsspec.implementations.local import LocalFileSystem
+from fsspec.utils import get_protocol
+
+from gapscope.arm.errors import GapscopeError, InputError
+
+CASE_FILE = "case.yaml"
+STAMPS = (
+    ("ETag", "etag", "content_md5", "md5Hash", "CRC", "crc32c"),
+    ("mtime", "LastModified", "last_modified", "updated", "created", "date_time"),
+)
+"""What storages say of a file's content, and of its last change; the first that is there is taken."""
+GLOB = "*?["
+PROCESS_ONLY = ("memory",)
+"""Storages that other processes do not see."""
+
+
+@dataclass(frozen=True)
+class CaseAddress:
+    """Where a case is, and what is known of it before it is read.
+
+    Attributes:
+        address: of its folder: an absolute path, or a URL as fsspec takes it.
+        unit: name of the arm, if a list gives it.
+        date: ``YYYY-MM-DD``, if a list gives it.
+        fingerprint: hash of names, sizes and stamps of its files; empty if they have not been listed, or have no stamp.
+        changed: last change of its files [s since 1970]; ``None`` if not known.
+    """
+
+    address: str
+    unit: str = ""
+    date: str = ""
+    fingerprint: str = ""
+    changed: float | None = None
+
+
+@dataclass(frozen=True)
+class CaseListing:
+    """The files of a case in its storage.
+
+    Attributes:
+        files: what the storage says of each, by its path below the folder of the case.
+    """
+
+    files: Mapping[str, Mapping[str, Any]]
+
+    @property
+    def fingerprint(self) -> str:
+        """Hash of names, sizes and stamps; empty if a file has no stamp."""
+        digest = hashlib.sha256()
+        for name, info in sorted(self.files.items()):
+            stamp = _first(info, STAMPS[0]) or _first(info, STAMPS[1])
+            if stamp is None:
+                return ""
+            digest.update(f"{name}\0{info.get('size')}\0{stamp}\0".encode())
+        return digest.hexdigest()
+
+    @property
+    def changed(self) -> float | None:
+        """Last change [s since 1970], of the file changed last."""
+        stamps = [_first(info, STAMPS[1]) for info in self.files.values()]
+        seconds = [time for time in map(_seconds, stamps) if time is not None]
+        return max(seconds, default=None)
+
+
+def open_address(address: str) -> tuple[Any, str]:
+    """File system and path of an address.
+
+    Raises:
+        InputError: there is no such kind of address.
+        GapscopeError: a package for it is missing.
+    """
+    try:
+        return url_to_fs(address)
+    except ImportError as error:
+        raise GapscopeError(
+            f"{address}: cannot be read ({error})",
+            "install the package of fsspec for this storage: s3fs, gcsfs, adlfs, ...",
+        ) from None
+    except (ValueError, OSError) as error:
+        raise InputError(
+            f"{address}: cannot be opened ({error})",
+            "give a folder, a zip archive, a list of cases, or a URL such as s3://bucket/cases",
+        ) from None
+
+
+def is_process_only(address: str) -> bool:
+    """Whether other processes cannot read what is at an address."""
+    parts = address.split("::")
+    return any(get_protocol(part) in PROCESS_ONLY for part in parts)
+
+
+def find_cases(address: str) -> Iterator[CaseAddress]:
+    """Every case at an address, or at any depth below it, in the order of their paths.
+
+    Args:
+        address: a folder of a case, its ``case.yaml``, a folder of cases, a zip archive of them, or a pattern (``*``,
+            ``**``, ``?``) of any of these; a path, or a URL of fsspec.
+
+    Raises:
+        InputError: the address cannot be read, or there is no case.
+    """
+    if address.endswith(".zip") and "::" not in address:
+        address = f"zip://::{address}"
+    system, path = open_address(address)
+    try:
+        roots = sorted(system.glob(path)) if set(path) & set(GLOB) else [path]
+        count = 0
+        for root in roots:
+            for case in _below(system, root, address):
+                count += 1
+                yield case
+    except OSError as error:
+        raise InputError(
+            f"{address}: cannot be listed ({error})", "check address and rights"
+        ) from None
+    if not count:
+        raise InputError(
+            f"{address}: no {CASE_FILE} is there or below",
+            "give the folder of a case, a folder of such folders, or a list of them (.txt, .csv)",
+        )
+
+
+def _below(system: Any, root: str, address: str) -> Iterator[CaseAddress]:
+    """The cases at or below a path."""
+    if PurePosixPath(root).name == CASE_FILE:
+        root = _parent(root)
+    if root.endswith(".zip"):
+        yield from find_cases(_full(system, root, address))
+        return
+    listed = system.find(root, detail=True)
+    folders = {
+        _parent(path) for path in listed if PurePosixPath(path).name == CASE_FILE
+    }
+    files: dict[str, dict[str, Any]] = {folder: {} for folder in sorted(folders)}
+    for path, info in listed.items():
+        folder = _case_folder(path, folders)
+        if folder is not None:
+            files[folder][_inside(path, folder)] = info
+    for folder, members in files.items():
+        listing = CaseListing(members)
+        full = _full(system, folder, address)
+        yield CaseAddress(
+            full, fingerprint=listing.fingerprint, changed=listing.changed
+        )
+
+
+def list_case(system: Any, folder: str) -> CaseListing:
+    """List the files of one case.
+
+    Raises:
+        InputError: there is no case.
+    """
+    listed = system.find(folder, detail=True)
+    listing = CaseListing({_inside(path, folder): i for path, i in listed.items()})
+    if CASE_FILE not in listing.files:
+        raise InputError(f"{folder}: has no {CASE_FILE}", "give the folder of a case")
+    return listing
+
+
+def _case_folder(path: str, folders: set[str]) -> str | None:
+    """The nearest folder with a case that holds a path."""
+    while path:
+        path = _parent(path)
+        if path in folders:
+            return path
+    return None
+
+
+def _parent(path: str) -> str:
+    return path.rpartition("/")[0]
+
+
+def _inside(path: str, folder: str) -> str:
+    return path[len(folder) :].removeprefix("/")
+
+
+def _full(system: Any, path: str, address: str) -> str:
+    """The address of a path in a file system that an address has opened."""
+    if isinstance(system, LocalFileSystem):
+        return path
+    _, *archive = address.split("::")
+    return "::".join([f"{_protocol(address)}://{path.lstrip('/')}", *archive])
+
+
+def _protocol(address: str) -> str:
+    return str(fsspec.core.split_protocol(address.split("::")[0])[0])
+
+
+def _first(info: Mapping[str, Any], keys: Sequence[str]) -> Any:
+    return next((info[key] for key in keys if info.get(key) is not None), None)
+
+
+def _seconds(stamp: Any) -> float | None:
+    """Seconds since 1970 of a number or a date; ``None`` of anything else."""
+    if isinstance(stamp, (int, float)):
+        return float(stamp)
+    return float(stamp.timestamp()) if hasattr(stamp, "timestamp") else None

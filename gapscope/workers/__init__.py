@@ -1,0 +1,1 @@
+"""Calls of one function that run side by side: on this machine's processes, or on a cluster."""

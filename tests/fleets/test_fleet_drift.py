@@ -1,0 +1,165 @@
+"""A fleet over time: what changed is found on the unit and the day where it changed, and on no other."""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gapscope.fleets.fleet_json import fleet_document
+from gapscope.fleets.store import FleetStore
+from gapscope.reports.fleet.page import render_fleet
+from gapscope.reports.fleet.wording import change_line
+
+FIRST = datetime(2026, 1, 1)
+DAYS = 12
+
+
+def fill(
+    folder: Path, values: dict[str, list[float | None]], **case: Any
+) -> FleetStore:
+    """A store with a value of Coulomb friction for each unit and day, ``None`` if it is not named."""
+    store = FleetStore(folder)
+    cases, effects = [], []
+    for unit, of_unit in values.items():
+        for day, value in enumerate(of_unit):
+            row = row_of(unit, day) | case
+            cases.append(row)
+            if value is not None:
+                effects.append(effect_of(row, value))
+    store.append(cases, effects)
+    return store
+
+
+def row_of(unit: str, day: int) -> dict[str, Any]:
+    """The row of a case."""
+    time = FIRST + timedelta(days=day)
+    return {
+        "result": f"{unit}-{day}",
+        "case": f"/cases/{unit}/{day}",
+        "unit": unit,
+        "robot": "two joints/a",
+        "joints": ["yaw", "pitch"],
+        "date": f"{time:%Y-%m-%d}",
+        "recorded_at": time,
+        "finished": datetime.now(timezone.utc),
+        "nominal_sha256": "n",
+        "verdict": "effects_found",
+        "excess": 0.1 * len(unit),
+        "gap": 0.2,
+        "left": 0.0,
+        "effects": ["coulomb_friction"],
+        "error": "",
+        "kept": f"diagnoses/{unit}/{day}",
+        "recorded_seconds": 60.0,
+        "processor_seconds": 5.0,
+        "tries": 1,
+    }
+
+
+def effect_of(row: dict[str, Any], value: float) -> dict[str, Any]:
+    """The number of an effect."""
+    keys = ("result", "case", "unit", "robot", "date", "nominal_sha256")
+    number = {"parameter": "torque", "component": "", "si_unit": "N m"}
+    return {
+        **{key: row[key] for key in keys},
+        **number,
+        "named": True,
+        "effect": "coulomb_friction",
+        "joint": 2,
+        "value": value,
+        "std": 0.02,
+        "share": 0.5,
+    }
+
+
+def quiet(rng: np.random.Generator, units: int, std: float) -> dict[str, list[Any]]:
+    """Units whose friction of 2 N m does not change."""
+    return {
+        f"arm{k:02d}": list(2.0 + std * rng.standard_normal(DAYS)) for k in range(units)
+    }
+
+
+def test_a_step_is_found_and_nothing_else(tmp_path: Path) -> None:
+    values = quiet(np.random.default_rng(1), 20, 0.06)
+    values["arm07"][5:] = [value + 0.6 for value in values["arm07"][5:]]
+    values["arm09"][:8] = [None] * 8
+    content = fleet_document(fill(tmp_path, values))
+    step, appeared = content["changes"]
+    assert (step["unit"], step["kind"], step["joint"]) == ("arm07", "value", 2)
+    assert (step["last_before"], step["first_after"]) == ("2026-01-05", "2026-01-06")
+    assert step["kept"] == "diagnoses/arm07/5"
+    assert step["after"]["value"] - step["before"]["value"] == pytest.approx(
+        0.6, abs=0.1
+    )
+    assert (appeared["unit"], appeared["kind"]) == ("arm09", "appeared")
+    assert appeared["first_after"] == "2026-01-09"
+    assert "torque from 2.0" in change_line(step)
+    (robot,) = content["robots"]
+    (effect,) = robot["effects"]
+    assert (robot["units"], effect["units"], effect["kind"]) == (
+        20,
+        20,
+        "shared_differing_size",
+    )
+    assert effect["parameters"][0]["extremes"][0]["unit"] == "arm07"
+    render_fleet(content, tmp_path / "fleet.html", reports=True)
+    page = (tmp_path / "fleet.html").read_text("utf-8")
+    assert 'href="diagnoses/arm07/5/report.html"' in page
+    assert page.count('class="sparkline"') == 2
+
+
+def test_scatter_of_the_whole_fleet_is_no_change(tmp_path: Path) -> None:
+    """Estimates that scatter five times as much as they say, as from day to day."""
+    values = quiet(np.random.default_rng(2), 20, 5 * 0.063)
+    content = fleet_document(fill(tmp_path, values))
+    assert content["changes"] == []
+    (scatter,) = content["scatter"]
+    assert scatter["factor"] == pytest.approx(5.0, rel=0.2)
+
+
+def test_a_new_nominal_arm_is_no_change(tmp_path: Path) -> None:
+    values = quiet(np.random.default_rng(3), 4, 0.06)
+    fill(tmp_path, values)
+    later = {
+        unit: [None] * DAYS + [v + 1.0 for v in old] for unit, old in values.items()
+    }
+    store = FleetStore(tmp_path)
+    cases = [
+        row_of(unit, day) | {"nominal_sha256": "m"}
+        for unit in later
+        for day in range(DAYS, 2 * DAYS)
+    ]
+    effects = [
+        effect_of(row, later[row["unit"]][int(row["result"].split("-")[1])])
+        for row in cases
+    ]
+    store.append(cases, effects)
+    content = fleet_document(store)
+    assert content["cases"] == 8 * DAYS and content["changes"] == []
+
+
+def test_the_last_row_of_a_case_and_date_counts(tmp_path: Path) -> None:
+    store = fill(tmp_path, {"arm": [1.0, 1.0]})
+    newer = row_of("arm", 0) | {"result": "newer", "excess": 7.0}
+    store.append([newer], [effect_of(newer, 3.0)])
+    for _ in range(2):
+        cases = store.cases()
+        assert sorted(cases["result"]) == ["arm-1", "newer"]
+        values = store.effects("two joints/a", cases["result"])["value"]
+        assert sorted(values) == [1.0, 3.0]
+        store.merge()  # changes nothing but the number of files
+    assert len(list((tmp_path / "cases").rglob("*.parquet"))) == 2
+
+
+def test_a_failure_counts_until_the_case_is_diagnosed(tmp_path: Path) -> None:
+    store = fill(
+        tmp_path, {"arm": [None]}, robot="unknown", error="lost", date="2025-12-31"
+    )
+    assert fleet_document(store)["failed"] == 1
+    fill(tmp_path, {"arm": [1.0]})
+    content = fleet_document(store)
+    assert (content["failed"], content["cases"]) == (0, 1)

@@ -1,0 +1,131 @@
+"""``gapscope fleet`` from cases to tables and page: what is done again, what is kept, what a failure leaves."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import fsspec
+import pandas as pd
+import pytest
+from filelock import FileLock
+
+import gapscope
+from gapscope.arm.errors import GapscopeError, InputError, InterruptedRunError
+from gapscope.cli import main
+from gapscope.fleets.run import FleetPlan, run_fleet
+from gapscope.fleets.store import FleetStore
+
+
+def run(*arguments: object) -> int:
+    """The exit code of ``gapscope fleet``."""
+    with pytest.raises(SystemExit) as ended:
+        main(["fleet", *map(str, arguments)])
+    return int(ended.value.code or 0)
+
+
+@pytest.mark.slow
+def test_from_cases_to_page_and_again(
+    fleet_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert run(fleet_folder, "--out", out) == 1
+    said = capsys.readouterr().out
+    assert "2 diagnosed, 1 failed, 0 kept" in said and "arm_A" in said
+    store = FleetStore(out)
+    cases = store.cases().set_index("unit")
+    assert list(cases["date"]) == ["2026-03-14"] * 3
+    assert cases.loc["arm_A", "verdict"] == "effects_found"
+    assert cases.loc["arm_B", "verdict"] == "no_gap"
+    assert "field robot: names ../../robot.urdf" in cases.loc["arm_C", "error"]
+    assert not list(Path(out / "cases").rglob(".*.parquet"))
+
+    # the numbers are those of the diagnosis that was kept
+    kept = out / cases.loc["arm_A", "kept"]
+    document = json.loads((kept / "diagnosis.json").read_text("utf-8"))
+    (effect,) = document["effects"]
+    plain = pd.read_parquet(out / "effects", filters=[("named", "==", True)])
+    (row,) = plain.to_dict("records")
+    parameter = effect["parameters"]["coefficient"]
+    assert (row["effect"], row["joint"], row["si_unit"]) == (
+        "viscous_friction",
+        1,
+        "N m s/rad",
+    )
+    assert [row["value"], row["std"]] == [*parameter["value"], *parameter["std"]]
+    assert row["low"] < row["value"] < row["high"]
+    overview = json.loads((out / "fleet.json").read_text("utf-8"))
+    assert [unit["unit"] for unit in overview["worst"]] == ["arm_A", "arm_B"]
+    page = (out / "fleet.html").read_text("utf-8")
+    assert f'href="{cases.loc["arm_A", "kept"]}/diagnosis.json"' in page
+    assert "../../robot.urdf" in page
+
+    # a touched case is fetched and found unchanged; a changed one replaces its row; what failed is tried again
+    (fleet_folder / "arm_A_2026-03-14" / "case.yaml").touch()
+    again = gapscope.fleet(fleet_folder, out)
+    assert str(again.counts).startswith("0 diagnosed, 1 failed, 2 kept")
+    assert again.to_frame()["result"].nunique() == 3
+    broken, healthy = (fleet_folder / f"arm_{name}_2026-03-14" for name in "CB")
+    shutil.rmtree(broken)
+    shutil.copytree(healthy, broken)
+    assert run(fleet_folder, "--out", out) == 0
+    cases = FleetStore(out).cases()
+    assert len(cases) == 3 and (cases["error"] == "").all()
+    # merged: one file of each table for a robot and date
+    assert len(list((out / "cases/robot=one").rglob("*.parquet"))) == 1
+
+
+def test_cases_in_memory_are_diagnosed_by_this_process_alone(
+    fleet_folder: Path, tmp_path: Path
+) -> None:
+    memory = fsspec.filesystem("memory")
+    memory.put(str(fleet_folder / "arm_B_2026-03-14"), "/b_2026-05", recursive=True)
+    try:
+        with pytest.raises(InputError, match="other processes do not see"):
+            run_fleet(FleetPlan(("memory://",), tmp_path, jobs=2), print)
+        counts = run_fleet(FleetPlan(("memory://",), tmp_path, keep="nothing"), print)
+        assert counts.diagnosed == 1
+        (row,) = FleetStore(tmp_path).cases().to_dict("records")
+        assert row["case"] == "memory://b_2026-05" and row["kept"] == ""
+        assert not (tmp_path / "diagnoses").exists()
+    finally:
+        memory.store.clear()
+
+
+def test_one_run_at_a_time(fleet_folder: Path, tmp_path: Path) -> None:
+    with (
+        FileLock(tmp_path / ".lock"),
+        pytest.raises(GapscopeError, match="another run writes"),
+    ):
+        run_fleet(FleetPlan((str(fleet_folder),), tmp_path), print)
+
+
+def test_what_was_done_before_an_interruption_is_kept(
+    fleet_folder: Path, tmp_path: Path
+) -> None:
+    broken = fleet_folder / "arm_C_2026-03-14"
+
+    def interrupt(message: str) -> None:
+        if message.startswith("0 diagnosed, 1 failed"):
+            raise KeyboardInterrupt
+
+    with pytest.raises(InterruptedRunError, match="1 failed"):
+        run_fleet(FleetPlan((str(broken), str(fleet_folder)), tmp_path), interrupt)
+    assert list(FleetStore(tmp_path).cases()["case"]) == [str(broken)]
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("--keep", "all"), ("--units-by", "robot"), ("--backend", "slurm")],
+)
+def test_options_are_checked_before_any_work(
+    fleet_folder: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    option: str,
+    value: str,
+) -> None:
+    assert run(fleet_folder, "--out", tmp_path / "out", option, value) == 2
+    assert option in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
