@@ -24,7 +24,7 @@ from gapscope.diagnosis.gap.commanded_torque import (
     with_commanded_torque,
     with_likelier_rule,
 )
-from gapscope.diagnosis.gap.excerpt import excerpt, grouped
+from gapscope.diagnosis.gap.excerpt import excerpt, folds_of
 from gapscope.diagnosis.gap.plausible_data import check_stamps, check_torque
 from gapscope.diagnosis.gap.torque_gap import TorqueGap
 from gapscope.diagnosis.model.terms import Term
@@ -37,13 +37,11 @@ from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.diagnosis.setup_faults.quantization import find_quantization
 from gapscope.diagnosis.setup_faults.references.detection import find_reference_faults
-from gapscope.diagnosis.thresholds import SINGLE_RECORDING_FOLDS
 from gapscope.effects.applied import AppliedEffect
 from gapscope.ident.kalman.changes import RecordingChange
 from gapscope.ident.signals.conditioning import (
     TORQUE_CUTOFF,
     Segment,
-    blocks,
     condition,
     position_cutoff,
 )
@@ -233,16 +231,9 @@ def _select(
 
 
 def _folds(case: Case, cutoff: float) -> list[list[Segment]]:
-    """Segments of each recording with a torque, of a single one the segments of its blocks, in not too many folds."""
+    """Folds of the segments of all recordings with a torque."""
     recordings = [r for r in case.recordings if r.tau is not None]
-    folds = [condition(recording, cutoff) for recording in recordings]
-    if len(folds) == 1:
-        folds = [
-            [block]
-            for segment in folds[0]
-            for block in blocks(segment, SINGLE_RECORDING_FOLDS)
-        ]
-    return grouped(folds)
+    return folds_of([condition(recording, cutoff) for recording in recordings])
 
 
 def _instrumented_effects(

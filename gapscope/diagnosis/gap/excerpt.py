@@ -11,7 +11,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 
@@ -23,10 +22,10 @@ from gapscope.diagnosis.thresholds import (
     LEAST_WINDOW,
     LONG_RECORDINGS,
     MOST_FOLDS,
+    SINGLE_RECORDING_FOLDS,
     WINDOW,
 )
-
-Item = TypeVar("Item")
+from gapscope.ident.signals.conditioning import Segment, blocks
 
 
 def excerpt(case: Case) -> Case:
@@ -40,13 +39,22 @@ def excerpt(case: Case) -> Case:
     return replace(case, recordings=fitted, judged=judged)
 
 
-def grouped(folds: Sequence[list[Item]]) -> list[list[Item]]:
-    """Folds, neighbours joined so that there are no more than ``MOST_FOLDS``: their equations are kept one by one."""
+def folds_of(recordings: Sequence[list[Segment]]) -> list[list[Segment]]:
+    """Folds of the segments of each recording, a recording each; of a single one its blocks.
+
+    No more than ``MOST_FOLDS``, since their equations are kept one by one: neighbours are joined.
+    """
+    folds = list(recordings)
+    if len(folds) == 1:
+        segments = folds[0]
+        # windows of a long recording are short enough as they are
+        count = SINGLE_RECORDING_FOLDS if len(segments) < MOST_FOLDS else 1
+        folds = [[block] for segment in segments for block in blocks(segment, count)]
     if len(folds) <= MOST_FOLDS:
-        return list(folds)
+        return folds
     edges = np.linspace(0, len(folds), MOST_FOLDS + 1).astype(int)
     return [
-        [item for fold in folds[start:stop] for item in fold]
+        [segment for fold in folds[start:stop] for segment in fold]
         for start, stop in itertools.pairwise(edges)
     ]
 

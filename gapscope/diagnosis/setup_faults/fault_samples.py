@@ -10,15 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from gapscope.diagnosis.gap.excerpt import grouped
+from gapscope.diagnosis.gap.excerpt import folds_of
 from gapscope.diagnosis.thresholds import (
     FAULT_SAMPLES,
     MOTION_INDEPENDENT_RATE,
-    SINGLE_RECORDING_FOLDS,
     TORQUE_SHIFT_STEP,
     TORQUE_SHIFTS,
 )
-from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, Segment, blocks, low_pass
+from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, Segment, low_pass
 from gapscope.ident.signals.effective_samples import motion_samples
 
 
@@ -74,15 +73,8 @@ class FaultSamples:
 
 
 def sample(recordings: Sequence[list[Segment]]) -> FaultSamples:
-    """Samples of the segments of each recording; a single recording is cut into blocks."""
-    folds = [list(segments) for segments in recordings]
-    if len(folds) == 1:
-        folds = [
-            [block]
-            for segment in folds[0]
-            for block in blocks(segment, SINGLE_RECORDING_FOLDS)
-        ]
-    folds = grouped(folds)
+    """Samples of the segments of each recording, in folds."""
+    folds = folds_of(recordings)
     segments = [segment for fold in folds for segment in fold]
     sample_counts = [len(s.motion.t[s.inner]) for s in segments]
     seconds = sum(

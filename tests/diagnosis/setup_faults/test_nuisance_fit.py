@@ -3,10 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
+import synthetic
 
-from gapscope.diagnosis.setup_faults.nuisance_fit import bounded_minimum
+from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
+from gapscope.diagnosis.setup_faults.fault_samples import sample
+from gapscope.diagnosis.setup_faults.nuisance import fold_equations
+from gapscope.diagnosis.setup_faults.nuisance_fit import (
+    bounded_minimum,
+    fitted_gap,
+    held_out_gap,
+)
+from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, condition
 
 FREE = np.full(2, -np.inf)
+IDENTITY = ChannelMapping.identity(synthetic.arm().n_joints)
 
 
 def test_without_bounds_it_solves_the_normal_equations() -> None:
@@ -26,3 +36,14 @@ def test_a_bound_that_is_kept_has_no_influence() -> None:
     a = np.eye(2)
     found = bounded_minimum(a, np.array([1.0, 2.0]), np.array([0.0, 1.5]))
     np.testing.assert_allclose(found, [1.0, 2.0])
+
+
+def test_what_was_fitted_leaves_less_than_what_was_held_out() -> None:
+    """The screening of faults leaves out what would not gain even then."""
+    segments = [condition(r, TORQUE_CUTOFF) for r in synthetic.case().recordings]
+    arm, body = synthetic.arm(), synthetic.body()
+    eq = fold_equations(arm, body, sample(segments), IDENTITY)
+    held_out, penalty = held_out_gap(eq, IDENTITY)
+    fitted, same_penalty = fitted_gap(eq, IDENTITY)
+    assert same_penalty == penalty
+    assert (np.sum(fitted**2, axis=0) < np.sum(held_out**2, axis=0)).all()

@@ -35,6 +35,13 @@ def numeric_columns(
         name: pa.float64() if _is_number(cell) else pa.string()
         for name, cell in zip(names, first, strict=True)
     }
+    # every column is allocated once, before its blocks are read: never two copies of the file
+    count = _lines(path) - 1
+    columns = {
+        name: np.empty(count, dtype=float if kind == pa.float64() else object)
+        for name, kind in types.items()
+    }
+    filled = 0
     try:
         blocks = csv.open_csv(
             path,
@@ -43,24 +50,29 @@ def numeric_columns(
             # an empty cell is an error that has a place, not a missing value
             csv.ConvertOptions(column_types=types, null_values=[]),
         )
-        parts = [
-            dict(zip(names, (x.to_numpy(False) for x in block), strict=True))
-            for block in blocks
-        ]
-    except (pa.ArrowException, OSError, UnicodeDecodeError):
+        for block in blocks:
+            rows = slice(filled, filled + block.num_rows)
+            for column, cells in zip(columns.values(), block, strict=True):
+                column[rows] = cells.to_numpy(zero_copy_only=False)
+            filled += block.num_rows
+    except (pa.ArrowException, OSError, ValueError):
         return None
-    if not parts:
+    # fewer rows than lines: empty lines, or cells of several; what is not finite is shown as it is written
+    if filled != count or not all(map(_is_finite, columns.values())):
         return None
-    # the blocks of a column are let go as soon as it is whole: never two copies of the file
-    columns = [np.concatenate([part.pop(name) for part in parts]) for name in names]
-    numbers = [x for x in columns if x.dtype == float]
-    finite = all(np.isfinite(x).all() for x in numbers)
-    if not finite or _lines(path) != len(columns[0]) + 1:
-        return None
-    return {
-        name: x if x.dtype == float else tuple(text.lstrip() for text in x)
-        for name, x in zip(names, columns, strict=True)
-    }
+    return {name: _cells(column) for name, column in columns.items()}
+
+
+def _is_finite(column: np.ndarray) -> bool:
+    """Whether all numbers of a column are finite; texts are."""
+    return column.dtype == object or bool(np.isfinite(column).all())
+
+
+def _cells(column: np.ndarray) -> Any:
+    """Numbers as they are, texts without the spaces before them."""
+    if column.dtype != object:
+        return column
+    return tuple(text.lstrip() for text in column)
 
 
 def _is_number(cell: str) -> bool:
