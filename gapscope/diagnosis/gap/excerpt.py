@@ -40,19 +40,24 @@ def excerpt(case: Case) -> Case:
 
 
 def folds_of(recordings: Sequence[list[Segment]]) -> list[list[Segment]]:
-    """Folds of the segments of each recording, a recording each; of a single one its blocks.
+    """Folds of the segments of each recording: a recording each, or the blocks of a single one.
 
-    No more than ``MOST_FOLDS``, since their equations are kept one by one: neighbours are joined.
+    Their equations are kept one by one: of more than ``MOST_FOLDS`` neighbours are joined, and of a single recording
+    in many pieces those that make up ``SINGLE_RECORDING_FOLDS`` parts of it.
     """
-    folds = list(recordings)
-    if len(folds) == 1:
-        segments = folds[0]
-        # windows of a long recording are short enough as they are
-        count = SINGLE_RECORDING_FOLDS if len(segments) < MOST_FOLDS else 1
-        folds = [[block] for segment in segments for block in blocks(segment, count)]
-    if len(folds) <= MOST_FOLDS:
-        return folds
-    edges = np.linspace(0, len(folds), MOST_FOLDS + 1).astype(int)
+    if len(recordings) > 1:
+        return _joined(recordings, MOST_FOLDS)
+    segments = recordings[0]
+    if len(segments) > SINGLE_RECORDING_FOLDS:
+        return _joined([[segment] for segment in segments], SINGLE_RECORDING_FOLDS)
+    parts = [blocks(segment, SINGLE_RECORDING_FOLDS) for segment in segments]
+    return _joined([[block] for cut in parts for block in cut], MOST_FOLDS)
+
+
+def _joined(folds: Sequence[list[Segment]], most: int) -> list[list[Segment]]:
+    """Folds, neighbours joined if there are more than so many."""
+    count = min(len(folds), most)
+    edges = np.linspace(0, len(folds), count + 1).astype(int)
     return [
         [segment for fold in folds[start:stop] for segment in fold]
         for start, stop in itertools.pairwise(edges)

@@ -26,7 +26,8 @@ def force_window(
 
     What a window needs, sums over its rows, is the difference of two cumulative sums over bins of
     ``FORCE_WINDOW_BIN``, so that a window costs the same however long it is. All pairs of every so many edges are
-    compared, ``FORCE_WINDOW_EDGES`` at most, and then all pairs of edges near the best one's.
+    compared, ``FORCE_WINDOW_EDGES`` at most, and then all pairs of edges near the best one's. Bins without a row,
+    between the parts of a recording with gaps, do not count.
 
     Args:
         t: time of the rows since the start of their recording [s], (M,).
@@ -36,11 +37,12 @@ def force_window(
         bases: per joint what was taken out of the residual, orthonormal columns, (M, K).
     """
     first = t.min()
-    bins = int(np.ceil((t.max() - first) / FORCE_WINDOW_BIN))
-    least = round(LEAST_FORCE_WINDOW / FORCE_WINDOW_BIN)
+    last = max(int(np.ceil((t.max() - first) / FORCE_WINDOW_BIN)) - 1, 0)
+    in_time = np.minimum(((t - first) / FORCE_WINDOW_BIN).astype(int), last)
+    present, of_row = np.unique(in_time, return_inverse=True)
+    bins, least = len(present), round(LEAST_FORCE_WINDOW / FORCE_WINDOW_BIN)
     if bins <= least:
         return None
-    of_row = np.minimum(((t - first) / FORCE_WINDOW_BIN).astype(int), bins - 1)
     windows = _Windows(of_row, bins, residual, force, weight, bases)
 
     stride = -(-bins // FORCE_WINDOW_EDGES)
@@ -50,7 +52,9 @@ def force_window(
         near = np.arange(-stride, stride + 1)
         starts, ends = (np.clip(edge + near, 0, bins) for edge in (start, end))
         start, end = windows.best(np.unique(starts), np.unique(ends), least)
-    seconds = (float(first + FORCE_WINDOW_BIN * edge) for edge in (start, end))
+    # a window begins with its first bin, and ends with its last one
+    edges = (present[start], present[end - 1] + 1)
+    seconds = (float(first + FORCE_WINDOW_BIN * edge) for edge in edges)
     return NonlinearParameters(
         tuple(seconds), (FORCE_WINDOW_BIN / 2, FORCE_WINDOW_BIN / 2)
     )
