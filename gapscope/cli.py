@@ -31,6 +31,7 @@ from gapscope.commands.replay import replay
 from gapscope.commands.residual import residual
 from gapscope.commands.viewing.serve import serve
 from gapscope.commands.viewing.view import view
+from gapscope.commands.viewing.watch import watch
 from gapscope.terminal import note
 
 COMMANDS = (
@@ -53,6 +54,7 @@ COMMANDS = (
     export,
     view,
     serve,
+    watch,
     demo,
     doctor,
 )

@@ -17,7 +17,7 @@ LAYERS: tuple[set[str], ...] = (
     {"effects"},
     {"envs", "ident"},
     {"diagnosis"},
-    {"inspection", "installation", "archive"},
+    {"inspection", "installation", "archive", "watching"},
     {"provenance", "workers"},
     {"agents", "blind_check", "model_audit", "case_check"},
     {"reports"},

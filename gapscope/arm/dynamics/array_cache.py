@@ -15,9 +15,14 @@ Arrays = tuple[np.ndarray, ...]
 
 
 class ArrayCache:
-    """Arrays computed from arrays, kept by the content of their arguments; the ones not used for longest go first."""
+    """Arrays computed from arrays, kept by the content of their arguments; the ones not used for longest go first.
 
-    def __init__(self) -> None:
+    Args:
+        most_bytes: size up to which results are kept; the last one is kept whatever its size.
+    """
+
+    def __init__(self, most_bytes: int = MOST_BYTES) -> None:
+        self._most_bytes = most_bytes
         self._kept: OrderedDict[bytes, Arrays] = OrderedDict()
         self._bytes = 0
 
@@ -43,7 +48,7 @@ class ArrayCache:
             array.flags.writeable = False
         self._kept[key] = result
         self._bytes += sum(array.nbytes for array in result)
-        while self._bytes > MOST_BYTES and len(self._kept) > 1:
+        while self._bytes > self._most_bytes and len(self._kept) > 1:
             _, oldest = self._kept.popitem(last=False)
             self._bytes -= sum(array.nbytes for array in oldest)
         return result

@@ -8,7 +8,7 @@ from copy import copy
 import numpy as np
 import pinocchio as pin
 
-from gapscope.arm.dynamics.array_cache import ArrayCache
+from gapscope.arm.dynamics.array_cache import MOST_BYTES, ArrayCache
 from gapscope.arm.dynamics.robot_file import arm_model
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
@@ -28,14 +28,15 @@ class RigidBody:
     Attributes:
         file, joints: where the bodies come from, and the names of the joints that move them.
         per_radian: of the nominal arm, shape (n,).
+        most_bytes: size of the results that are remembered.
 
     Raises:
         InputError: the URDF lacks one of the arm's joints.
     """
 
-    def __init__(self, arm: NominalArm) -> None:
-        self.file, self.joints = arm.urdf, arm.joints
-        self.n_joints, self.per_radian = arm.n_joints, arm.per_radian
+    def __init__(self, arm: NominalArm, most_bytes: int = MOST_BYTES) -> None:
+        self.file, self.joints, self.n_joints = arm.urdf, arm.joints, arm.n_joints
+        self.per_radian = arm.per_radian
         self.model = arm_model(arm.urdf, arm.joints, arm.gravity, arm.locked)
         self._data = self.model.createData()
         self.links = np.array([self.model.getJointId(name) for name in arm.joints])
@@ -44,7 +45,7 @@ class RigidBody:
         self._to_model = np.argsort(columns)
         self._to_arm = columns
         self.last_link = int(self._to_model[-1])
-        self._cache = ArrayCache()
+        self._cache = ArrayCache(most_bytes)
         self._unladen: RigidBody | None = None
         self._laden: dict[KnownLoad, RigidBody] = {}
 

@@ -107,6 +107,23 @@ def _log(path: Path, episode: int | None, importing: Import) -> Log:
     return read_dataset(path, named if episode is None else [episode])
 
 
+def recording_of_log(
+    log: Log, arm: NominalArm, importing: Import | None = None
+) -> Recording:
+    """One recording of ``arm`` from a log that was read already, such as the newest rows of one that grows.
+
+    Args:
+        log: with the positions.
+        arm: the nominal arm.
+        importing: the case's import section.
+
+    Raises:
+        InputError: a channel is missing or implausible; names line and column.
+    """
+    importing = importing or Import()
+    return _recording({importing.main_file: log}, arm, importing)
+
+
 def recording_of_columns(
     name: str, columns: Mapping[str, np.ndarray], arm: NominalArm
 ) -> Recording:

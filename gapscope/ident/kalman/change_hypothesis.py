@@ -3,11 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from gapscope.arm.errors import InputError
-from gapscope.ident.model.base_parameters import BaseParameters
+
+
+class Parameters(Protocol):
+    """Parameters beta = C pi of a problem, such as ``BaseParameters``: names of pi, (p,), and C, (b, p)."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of pi."""
+
+    @property
+    def combination(self) -> np.ndarray:
+        """The matrix C."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +57,7 @@ class ChangeHypothesis:
         return replace(self, directions=longer(self.directions), beside=beside)
 
 
-def payload_hypothesis(base: BaseParameters, link: int) -> ChangeHypothesis:
+def payload_hypothesis(base: Parameters, link: int) -> ChangeHypothesis:
     """A payload picked up or put down: mass [kg] and first moment [kg m] of a link, in the frame of its joint.
 
     Its inertia about that frame, m c^2, is left out: it is small against rotor and link if the load is near.
@@ -59,7 +71,7 @@ def payload_hypothesis(base: BaseParameters, link: int) -> ChangeHypothesis:
     return ChangeHypothesis("payload", names, base.combination[:, places])
 
 
-def friction_hypothesis(base: BaseParameters, joint: int) -> ChangeHypothesis:
+def friction_hypothesis(base: Parameters, joint: int) -> ChangeHypothesis:
     """Viscous [N m s/rad] and Coulomb friction [N m] of a joint, counted from 1, changed.
 
     The joint's offset may change beside them: a change of friction has to show in both directions of motion. What shows

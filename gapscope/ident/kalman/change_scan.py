@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import gammaln
-from scipy.stats import chi2
 
 from gapscope.ident.kalman.change_hypothesis import ChangeHypothesis
+from gapscope.ident.kalman.tail import log_chance
 from gapscope.ident.model.linear_problem import Problem
 
-LARGE = 300.0
-"""Half a peak from which on its tail probability is computed by the leading term [1]; exp(-700) is the least number."""
 DEPENDENT = 1e-10
 """Directions of columns of RMS 1 with less than this share of the largest power are not determined [1]."""
 
@@ -71,15 +68,8 @@ class ChangeScan:
 
     @property
     def evidence(self) -> float:
-        """Minus log of the tail probability of the peak, whatever the number of parameters.
-
-        Of a large peak x with s parameters by the leading term, x / 2 - (s / 2 - 1) log(x / 2) + log Gamma(s / 2): the
-        probability itself is no number that a computer holds.
-        """
-        half, power = 0.5 * self.peak, 0.5 * len(self.size)
-        if half < LARGE:
-            return -float(chi2.logsf(self.peak, len(self.size)))
-        return float(half - (power - 1) * np.log(half) + gammaln(power))
+        """Minus log of the tail probability of the peak, whatever the number of parameters."""
+        return log_chance(self.peak, len(self.size))
 
     @classmethod
     def over(cls, sums: ChangeSums, hypothesis: ChangeHypothesis) -> ChangeScan:

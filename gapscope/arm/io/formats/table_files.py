@@ -32,44 +32,88 @@ def read_csv(path: Path) -> Table:
     """
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            header = file.readline().lstrip("#% ")
-            delimiter = max(_DELIMITERS, key=header.count)
-            text: Iterable[str] = itertools.chain([header], file)
-            if delimiter not in header.strip() and " " in header.strip():
-                delimiter, text = " ", (line.strip() for line in text)
-            reader = csv.reader(
-                text, delimiter=delimiter, strict=True, skipinitialspace=True
-            )
-            names = [name.strip() for name in next(reader, [])]
-            _check_header(names, path)
-            first = next(reader, [])
-            if len(first) == len(names) and delimiter != " ":
-                columns = numeric_columns(path, names, delimiter, first)
-                if columns is not None:
-                    count = len(next(iter(columns.values())))
-                    return Table(path, columns, range(2, count + 2), "line")
-            rows, lines = [], []
-            for row in itertools.chain([first], reader):
-                if not row:
-                    continue
-                if len(row) != len(names):
-                    raise InputError(
-                        f"has {len(row)} cells, the header has {len(names)}",
-                        "repair the row; was the file cut short while it was written?",
-                        file=path,
-                        where=f"line {reader.line_num}",
-                    )
-                rows.append(row)
-                lines.append(reader.line_num)
+            header, first = file.readline(), file.readline()
+            found = _numeric_table(path, header, first)
+            if found is not None:
+                return found
+            return table_of_lines(header, itertools.chain([first], file), path)
     except UnicodeDecodeError:
         raise InputError(
             "is not a text in UTF-8",
             "give a CSV, Parquet, NPZ, MCAP or .db3 file",
             file=path,
         ) from None
+
+
+def _numeric_table(path: Path, header: str, first: str) -> Table | None:
+    """The table of a file that holds nothing but numbers below its header, or ``None``.
+
+    Args:
+        path: the file.
+        header: its first line.
+        first: the one below.
+    """
+    header = header.lstrip("#% ")
+    delimiter = max(_DELIMITERS, key=header.count)
+    if delimiter not in header.strip():
+        return None
+    split = [
+        next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
+        for line in (header, first)
+    ]
+    names = [name.strip() for name in split[0]]
+    _check_header(names, path)
+    if len(split[1]) != len(names):
+        return None
+    columns = numeric_columns(path, names, delimiter, split[1])
+    if columns is None:
+        return None
+    count = len(next(iter(columns.values())))
+    return Table(path, columns, range(2, count + 2), "line")
+
+
+def table_of_lines(
+    header: str, below: Iterable[str], path: Path, first_line: int = 2
+) -> Table:
+    """Table of a CSV header and lines of the same file.
+
+    Args:
+        header: the first line of the file.
+        below: lines of samples.
+        path: the file, for messages.
+        first_line: number of the first of these lines in the file.
+
+    Raises:
+        InputError: see ``read_csv``.
+    """
+    header = header.lstrip("#% ")
+    delimiter = max(_DELIMITERS, key=header.count)
+    text: Iterable[str] = itertools.chain([header], below)
+    if delimiter not in header.strip() and " " in header.strip():
+        delimiter, text = " ", (line.strip() for line in text)
+    reader = csv.reader(text, delimiter=delimiter, strict=True, skipinitialspace=True)
+    skipped = first_line - 2
+    rows, lines = [], []
+    try:
+        names = [name.strip() for name in next(reader, [])]
+        _check_header(names, path)
+        for row in reader:
+            if not row:
+                continue
+            if len(row) != len(names):
+                raise InputError(
+                    f"has {len(row)} cells, the header has {len(names)}",
+                    "repair the row; was the file cut short while it was written?",
+                    file=path,
+                    where=f"line {reader.line_num + skipped}",
+                )
+            rows.append(row)
+            lines.append(reader.line_num + skipped)
     except csv.Error as error:
         raise InputError(
-            f"is not valid CSV ({error})", file=path, where=f"line {reader.line_num}"
+            f"is not valid CSV ({error})",
+            file=path,
+            where=f"line {reader.line_num + skipped}",
         ) from None
     if not rows:
         raise InputError(

@@ -1,0 +1,142 @@
+"""The command ``gapscope watch``: follows a recording while it grows, and says what changes on the arm."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import Annotated
+
+import typer
+
+from gapscope.terminal import note, say
+
+Followed = Annotated[
+    Path,
+    typer.Argument(
+        help="CSV that grows, or a folder in which recordings or files of ROS bags appear",
+        metavar="SOURCE",
+    ),
+]
+Case = Annotated[
+    Path | None,
+    typer.Option(help="case of the arm: says how its logs are read", metavar="CASE"),
+]
+Robot = Annotated[
+    str | None,
+    typer.Option(
+        help="in place of a case: kuka_iiwa, ..., or a URDF; logs are in the columns of the case format",
+        metavar="ROBOT",
+    ),
+]
+Corrected = Annotated[
+    Path | None,
+    typer.Option(
+        help="corrected.yaml of a diagnosis, or identified.yaml; default: the nominal arm",
+        metavar="FILE",
+    ),
+]
+Out = Annotated[
+    Path | None,
+    typer.Option(
+        help="folder for events.jsonl and the state that a later run goes on from",
+        metavar="DIR",
+    ),
+]
+Learn = Annotated[
+    float, typer.Option(help="motion from which normal behaviour is learnt [s]")
+]
+FalseAlarms = Annotated[
+    float, typer.Option(help="wanted per 24 h of motion at most, for a perfect model")
+]
+Rest = Annotated[
+    float,
+    typer.Option(help="a file in a folder is complete after this time unwritten [s]"),
+]
+Once = Annotated[
+    bool, typer.Option("--once", help="use what is there, and end; for cron")
+]
+UntilIdle = Annotated[
+    float | None,
+    typer.Option(help="end when nothing new came for this long [s]", metavar="S"),
+]
+
+
+def watch(
+    source: Followed,
+    case: Case = None,
+    robot: Robot = None,
+    corrected: Corrected = None,
+    out: Out = None,
+    learn: Learn = 60.0,
+    false_alarms: FalseAlarms = 0.1,
+    rest: Rest = 5.0,
+    once: Once = False,
+    until_idle: UntilIdle = None,
+) -> None:
+    """Follow a recording while it grows, and name what changes: a load, friction, an offset, an encoder."""
+    from gapscope.arm.case import load_case
+    from gapscope.arm.errors import InputError
+    from gapscope.arm.robots import load_nominal_arm
+    from gapscope.interface.models import corrected_arm
+    from gapscope.watching.settings import WatchSettings
+    from gapscope.watching.watch import Watch
+
+    if (case is None) == (robot is None):
+        raise InputError(
+            "expected one of --case and --robot",
+            "give the case of the arm, or the robot if its logs are in the columns of the case format",
+        )
+    settings = WatchSettings(
+        source=source,
+        out=out,
+        learning=learn,
+        false_alarms=false_alarms,
+        rest=rest,
+        until_idle=0.0 if once else until_idle,
+    )
+    loaded = load_case(case, read_recordings=False) if case else None
+    arm = loaded.arm if loaded else load_nominal_arm(str(robot))
+    watched = Watch(corrected_arm(arm, corrected), settings, loaded)
+    model = (
+        f"{arm.name} as {corrected} corrects it"
+        if corrected
+        else f"{arm.name}, nominal"
+    )
+    begun = (
+        "goes on where it ended"
+        if watched.resumed
+        else f"learns from {learn:g} s of motion"
+    )
+    note(f"watching {source} with {model}: {begun}; Ctrl-C ends")
+    with _stop_on_signals() as asked:
+        for event in watched.run(lambda: bool(asked)):
+            say(f"{event.event}: {event.sentence}")
+    share = watched.detector.learnt
+    if share < 1:
+        note(f"ended while learning, at {share:.0%} of {learn:g} s of motion")
+    note(f"{watched.alarms} alarms")
+    if out is not None:
+        say(f"wrote {out}")
+
+
+@contextmanager
+def _stop_on_signals() -> Iterator[list[int]]:
+    """A list that is no longer empty once the process was asked to end; asked again, it ends at once."""
+    asked: list[int] = []
+
+    def ask(number: int, _: FrameType | None) -> None:
+        if asked:
+            raise KeyboardInterrupt
+        asked.append(number)
+
+    before = {
+        number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield asked
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

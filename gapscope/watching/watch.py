@@ -1,0 +1,155 @@
+"""The watch: what a source gives goes through the detector, and what that says to the terminal and to a file."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from gapscope.arm.case import Case
+from gapscope.arm.known_load import KnownLoad
+from gapscope.arm.recording import Recording
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.watching.alarm import ALARM, NOTE, Event
+from gapscope.watching.detection.detector import Detector
+from gapscope.watching.event_file import EVENTS, EventFile
+from gapscope.watching.segments import SegmentStream
+from gapscope.watching.settings import WatchSettings
+from gapscope.watching.sources.folder import Folder
+from gapscope.watching.sources.growing_file import GrowingFile
+from gapscope.watching.sources.source import (
+    Reading,
+    Source,
+    check_readable,
+    is_text,
+)
+from gapscope.watching.state import STATE, Resumed, fingerprint, load_state, save_state
+
+SAVE_EVERY = 30.0
+"""Time after which a state is saved that changed [s]; after every alarm as well."""
+
+
+class Watch:
+    """A source that is watched with an arm.
+
+    Args:
+        corrected: the arm with its effects.
+        settings: what the user chooses.
+        case: how files are read, and known bodies they had mounted; ``None``: in the columns of the case format.
+
+    Raises:
+        InputError: source, settings or state cannot be used.
+    """
+
+    def __init__(
+        self,
+        corrected: CorrectedArm,
+        settings: WatchSettings,
+        case: Case | None = None,
+    ) -> None:
+        check_readable(settings.source)
+        self.settings = settings
+        self.detector = Detector(corrected, settings.false_alarms, settings.learning)
+        self.stream = SegmentStream()
+        self.alarms = 0
+        self.resumed = False
+        self._arm = fingerprint(corrected, settings.learning)
+        earlier = self._earlier()
+        importing = case.importing if case else None
+        self._reading = Reading(corrected.arm, importing)
+        position = earlier.position if earlier and earlier.position else None
+        self.source = self._source(position, case)
+        self._events = None
+        if settings.out is not None:
+            count = earlier.count if earlier else 0
+            self._events = EventFile(settings.out / EVENTS, count)
+
+    def run(self, stopped: Callable[[], bool] = lambda: False) -> Iterator[Event]:
+        """Events as they happen, until the source has rested for ``until_idle`` or ``stopped`` says so.
+
+        Raises:
+            InputError: the source ended, and nothing of it could be used.
+        """
+        idle_since = saved = time.monotonic()
+        until_idle = self.settings.until_idle
+        while not stopped():
+            new = False
+            for item in self.source.poll():
+                new, before = True, self.alarms
+                yield from self._said(self._events_of(item))
+                late = time.monotonic() - saved > SAVE_EVERY
+                if late or self.alarms > before:
+                    self._save()
+                    saved = time.monotonic()
+                if stopped():
+                    break
+            now = time.monotonic()
+            idle_since = now if new else idle_since
+            if until_idle is not None and now - idle_since >= until_idle:
+                break
+            if not new:
+                time.sleep(self.settings.poll)
+        yield from self._end(stopped())
+
+    def _end(self, interrupted: bool) -> Iterator[Event]:
+        """What is left when no more will come; after an interruption the rest may come in the next run."""
+        if not interrupted and self.settings.until_idle is not None:
+            self.source.finish()
+            for item in self.source.poll():
+                yield from self._said(self._events_of(item))
+        self._save()
+        failure = self._reading.failure
+        if failure is not None and not self._reading.succeeded:
+            raise failure
+
+    def _events_of(self, item: Recording | Event) -> Iterator[Event]:
+        if isinstance(item, Event):
+            yield item
+            return
+        if item.tau is None:
+            yield Event(event=NOTE, sentence=f"{item.name}: has no torque, left out")
+        for segment in self.stream.add(item):
+            yield from self.detector.add(segment)
+
+    def _said(self, events: Iterator[Event]) -> Iterator[Event]:
+        """The events, written to the file before they are passed on."""
+        for event in events:
+            if self._events is not None:
+                self._events.write(event)
+            if event.event == ALARM:
+                self.alarms += 1
+            yield event
+
+    def _source(self, position: dict[str, Any] | None, case: Case | None) -> Source:
+        path = self.settings.source
+        if path.is_file() and is_text(path):
+            return GrowingFile(path, self._reading, position)
+
+        def no_load(_: Path) -> KnownLoad | None:
+            return None
+
+        return Folder(
+            path,
+            self._reading,
+            self.settings.rest,
+            position,
+            without=self.settings.out,
+            payload_of=case.payload_of if case else no_load,
+        )
+
+    def _earlier(self) -> Resumed | None:
+        """What an earlier run left, if it watched the same arm."""
+        out = self.settings.out
+        if out is None or not (out / STATE).is_file():
+            return None
+        earlier = load_state(out / STATE, self.detector, self.stream, self._arm)
+        self.resumed = earlier is not None and self.detector.monitor is not None
+        return earlier
+
+    def _save(self) -> None:
+        out = self.settings.out
+        if out is None or self._events is None:
+            return
+        resumed = Resumed(self.source.position(), self._events.count)
+        save_state(out / STATE, self.detector, self.stream, resumed, self._arm)
