@@ -9,7 +9,6 @@ import numpy as np
 from gapscope.arm.recording import Recording
 from gapscope.ident.signals.conditioning import (
     GAP_STEPS,
-    SHORTEST,
     TRIM,
     Segment,
     condition,
@@ -20,6 +19,8 @@ from gapscope.watching.thresholds import BLOCK, FIRST
 
 WINDOW = BLOCK + 2 * TRIM
 """Length of a piece [s]: a block, and what trimming takes from both ends."""
+LEAST_LEFT = 2.0
+"""The end of a recording is used if this much of it is left [s]."""
 STILL = 1e-3
 """A first motion in which no joint travels farther shows no band [rad]."""
 
@@ -27,8 +28,8 @@ STILL = 1e-3
 class SegmentStream:
     """Recordings that arrive in parts, as segments of ``WINDOW`` seconds whose trimmed samples follow each other.
 
-    Both ends of a recording lose ``TRIM`` seconds, as they do in a diagnosis. No more than ``FIRST`` seconds of
-    samples are held.
+    Both ends of a recording lose ``TRIM`` seconds, as they do in a diagnosis. Of a recording
+    that comes in small parts no more than ``FIRST`` seconds are held.
 
     Args:
         cutoff: of the positions [Hz]; ``None``: chosen on the first motion (``position_cutoff``).
@@ -51,26 +52,48 @@ class SegmentStream:
         if part.tau is None:
             return
         own = part if self.held is None else _joined(self.held, part)
-        length = WINDOW if self.cutoff is not None else FIRST
-        while own is not None and own.duration >= length:
-            if self.cutoff is None:
-                first = own.part(own.t < own.t[0] + FIRST)
-                if np.ptp(first.q, axis=0).max() > STILL:
-                    self.cutoff = position_cutoff((first,))
-                    length = WINDOW
-                else:
-                    own = own.part(own.t >= own.t[0] + 0.5 * FIRST)
-                    continue
-            stop = int(np.searchsorted(own.t, own.t[0] + WINDOW, side="left")) + 1
-            yield from self._conditioned(own.part(slice(0, stop)))
-            own = own.part(own.t >= own.t[0] + BLOCK)
+        if self.cutoff is None:
+            own = self._from_motion_on(own)
         self.held = own
+        if self.cutoff is not None:
+            yield from self._windows(own, WINDOW)
 
     def finish(self) -> Iterator[Segment]:
-        """The last segment of a recording that has ended, if what is left is long enough."""
+        """The last segments of a recording that has ended, if what is left is long enough."""
         own, self.held = self.held, None
-        if own is not None and self.cutoff is not None and own.duration >= 2 * SHORTEST:
-            yield from self._conditioned(own)
+        if own is None or own.duration < LEAST_LEFT:
+            return
+        if self.cutoff is not None or self._chosen(own):
+            yield from self._windows(own, LEAST_LEFT)
+            self.held = None
+
+    def _windows(self, own: Recording, least: float) -> Iterator[Segment]:
+        """Segments of windows that begin ``BLOCK`` seconds after each other while ``least`` seconds are left."""
+        first = 0
+        while own.t[-1] - own.t[first] >= least:
+            begin = own.t[first]
+            stop = int(np.searchsorted(own.t, begin + WINDOW)) + 1
+            following = int(np.searchsorted(own.t, begin + BLOCK))
+            piece = own.part(slice(first, stop))
+            first = min(following, len(own.t) - 1)
+            yield from self._conditioned(piece)
+        self.held = own.part(slice(first, None))
+
+    def _from_motion_on(self, own: Recording) -> Recording:
+        """What is left of the first samples when those before a motion are dropped; the cut-off is chosen on it."""
+        while own.duration >= FIRST:
+            first = own.part(own.t < own.t[0] + FIRST)
+            if self._chosen(first):
+                break
+            own = own.part(own.t >= own.t[0] + 0.5 * FIRST)
+        return own
+
+    def _chosen(self, first: Recording) -> bool:
+        """Whether the cut-off could be chosen on the first motion."""
+        if np.ptp(first.q, axis=0).max() <= STILL:
+            return False
+        self.cutoff = position_cutoff((first,))
+        return True
 
     def _conditioned(self, piece: Recording) -> Iterator[Segment]:
         assert self.cutoff is not None

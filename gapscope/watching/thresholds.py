@@ -37,14 +37,15 @@ WALK_HORIZON = 1800.0  # Everything else wanders by its FORM value in this time 
 # --- the test for a change between blocks
 ONSETS = (2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 32)  # Blocks after the moments that are tried. (budget)
 GUARD = 1  # Blocks before a moment that count neither before nor after: the change may lie in them. (hand)
-CONFIRM = 2  # Blocks in a row that must exceed the threshold. (hand)
+CONFIRM = 3  # Blocks in a row that must exceed the threshold... (hand)
+PERSISTS = 2  # ...and still do so without the first ones of them. (hand)
 PATIENCE = 6  # Blocks at most that an alarm waits until one hypothesis stands out. (hand)
 STANDS_OUT = 7.0  # The best hypothesis is likelier than the next by this much in ln of chance [1]. (hand)
+RIGHT_MOMENT = 0.9  # The share it explains at the right moment, over the largest at any moment [1]. (hand)
 NAMED_SHARE = 0.7  # A named change explains this share of what any change of the parameters would [1]. (hand)
 USUAL_LEVELS = (0.5, 0.9)  # Quantiles of a statistic so far that widen it, beside chi-squared's [1]. (statistics)
 USUAL_KEPT = 900  # Statistics from which these quantiles come: 30 min of motion. (budget)
 USUAL_LEAST = 15  # Fewer say nothing of quantiles. (statistics)
-WIDER = 3.0  # After an alarm the change is known to this many times its own variance [1]. (hand)
 
 # --- what no parameter explains
 RISE = 3.0  # Noise power of a joint that is held for normal, over the learnt one [1]. (hand)

@@ -26,18 +26,16 @@ class Candidate:
         change: what; ``None`` for any parameters.
         fit: its size and statistic; ``None`` for any parameters.
         onset: blocks after the moment.
-        before: the filter's estimate before it.
         statistic: 2 log L over its usual size [1].
         freedom: degrees of freedom [1].
         raw: 2 log L [1].
-        share: of what any change of the parameters explains at the same moment beyond chance, the part that this one
-            does [1].
+        share: of what any change of the parameters explains at the same moment beyond what is usual, the part that this
+            one does [1].
     """
 
     change: WatchedChange | None
     fit: HypothesisFit | None
     onset: int
-    before: ParameterState
     statistic: float
     freedom: float
     raw: float
@@ -96,47 +94,42 @@ def find_changes(
     for onset in ONSETS:
         if onset + GUARD > min(since, len(ring)):
             break
-        for candidate in _at_moment(base, ring, onset, scales, changes):
-            size = usual[candidate.key].factor(candidate.freedom)
-            found.append(replace(candidate, statistic=candidate.raw / size))
+        compared = _compared(base, ring, onset, scales)
+        found += _at_moment(compared, onset, scales, changes, usual)
     return Findings(tuple(found)) if found else None
 
 
 def _at_moment(
-    base: ParameterState,
-    ring: Sequence[Block],
+    compared: BeforeAfter,
     onset: int,
     scales: Scales,
     changes: Sequence[WatchedChange],
+    usual: Mapping[str, UsualSize],
 ) -> Iterator[Candidate]:
-    """All hypotheses at one moment."""
-    before, compared = _compared(base, ring, onset, scales)
+    """All hypotheses at one moment; statistics are divided, errors widened, by how large they usually are."""
     total, freedom = compared.of_anything(scales.prior)
-    yield Candidate(None, None, onset, before, total, freedom, total, 1.0)
+    factor = usual[ANYTHING].factor(freedom)
+    yield Candidate(None, None, onset, total / factor, freedom, total, 1.0)
+    # what any change explains without one: chance, and errors of the model as usual
+    background = factor * freedom
     for change in changes:
         fit = compared.fit(change.hypothesis)
+        factor = usual[change.hypothesis.name].factor(len(fit.size))
         yield Candidate(
             change=change,
-            fit=fit,
+            fit=replace(fit, covariance=factor * fit.covariance),
             onset=onset,
-            before=before,
-            statistic=fit.statistic,
+            statistic=fit.statistic / factor,
             freedom=float(len(fit.size)),
             raw=fit.statistic,
-            share=_share(fit.statistic, len(fit.size), total, freedom),
+            share=fit.statistic / max(total - background, fit.statistic, 1e-12),
         )
-
-
-def _share(named: float, few: int, total: float, freedom: float) -> float:
-    """2 log L of a named change over that of any, which exceeds it by the difference in freedom even if it is true."""
-    beyond_chance = max(total - max(freedom - few, 0.0), named, 1e-12)
-    return named / beyond_chance
 
 
 def _compared(
     base: ParameterState, ring: Sequence[Block], onset: int, scales: Scales
-) -> tuple[ParameterState, BeforeAfter]:
-    """The estimate before a moment, and what the blocks after it say."""
+) -> BeforeAfter:
+    """What the blocks after a moment say beside the estimate before it."""
     count = len(scales.prior)
     cut = len(ring) - onset
     A, s, _ = summed(ring[: cut - GUARD], count)
@@ -144,4 +137,4 @@ def _compared(
     A, s, _ = summed(ring[cut:], count)
     elapsed = sum(block.duration for block in ring)
     allowed = scales.form**2 + scales.walk**2 * elapsed
-    return before, BeforeAfter.of(before, allowed, A, s)
+    return BeforeAfter.of(before, allowed, A, s)

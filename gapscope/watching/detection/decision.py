@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import log
 
@@ -12,6 +13,8 @@ from gapscope.watching.thresholds import (
     NAMED_SHARE,
     ONSETS,
     PATIENCE,
+    PERSISTS,
+    RIGHT_MOMENT,
     STANDS_OUT,
 )
 
@@ -62,9 +65,11 @@ def decide(
     beyond = findings.beyond(limit)
     if blocks < CONFIRM or not beyond:
         return None
-    named = [c for c in beyond if c.change is not None and c.share >= NAMED_SHARE]
-    if named:
-        best = max(named, key=lambda candidate: candidate.evidence)
+    # a single odd block exceeds the threshold as long as it lies after the moment; a change does so in later blocks too
+    if beyond[0].onset > suspected - PERSISTS:
+        return None
+    best = _best_named(beyond)
+    if best is not None:
         rivals = tuple(
             other
             for other in findings.candidates
@@ -79,3 +84,15 @@ def decide(
         return None
     strongest = max(beyond, key=lambda candidate: candidate.evidence)
     return Decision(None, strongest, suspected)
+
+
+def _best_named(beyond: Sequence[Candidate]) -> Candidate | None:
+    """The likeliest named change that explains enough, at a moment at which it explains almost as much as at any."""
+    named = [c for c in beyond if c.change is not None and c.share >= NAMED_SHARE]
+    if not named:
+        return None
+    likeliest = max(named, key=lambda candidate: candidate.evidence)
+    own = [c for c in named if c.key == likeliest.key]
+    largest = max(candidate.share for candidate in own)
+    fitting = [c for c in own if c.share >= RIGHT_MOMENT * largest]
+    return max(fitting, key=lambda candidate: candidate.evidence)

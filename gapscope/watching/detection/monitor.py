@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gapscope.ident.kalman.online.block import Block, Equations
+from gapscope.ident.kalman.online.block import Block, Equations, summed
 from gapscope.ident.kalman.online.estimate import ParameterState
 from gapscope.watching.alarm import Event
 from gapscope.watching.detection.change_test import ANYTHING, Findings, find_changes
@@ -24,7 +24,7 @@ from gapscope.watching.detection.wording import (
     named_alarm,
     other_alarm,
 )
-from gapscope.watching.thresholds import GUARD, ONSETS, USUAL_DELAY, USUAL_LEAST, WIDER
+from gapscope.watching.thresholds import GUARD, ONSETS, USUAL_DELAY, USUAL_LEAST
 
 RING = ONSETS[-1] + GUARD + 1
 """Blocks that are kept."""
@@ -168,7 +168,8 @@ class Monitor:
     def _alarm(self, decision: Decision) -> Event:
         ring = self.state.ring
         cut = len(ring) - decision.onset
-        when = _moment(ring[cut - GUARD]), _moment(ring[cut]), _moment(ring[-1])
+        low = max(cut - GUARD - 1, 0)
+        when = _moment(ring[low]), _moment(ring[cut]), _moment(ring[-1])
         strongest = decision.strongest
         evidence = {
             "ln_chance": -strongest.evidence,
@@ -191,21 +192,18 @@ class Monitor:
 
     def _restart(self, decision: Decision) -> None:
         """Go on from the estimate before the change, with the change, and the blocks after it."""
-        state, chosen = self.state, decision.strongest
+        state, prior = self.state, self.state.normal.scales.prior
+        older = state.ring[: -decision.onset - GUARD]
+        A, s, _ = summed(older, len(prior))
+        before = state.base.assimilated(A, s)
+        # what changed is learnt anew: anything, or the parameters of the change
+        D, size = np.eye(len(prior)), np.zeros_like(prior)
         fit = None if decision.named is None else decision.named.fit
-        prior = state.normal.scales.prior
-        if fit is None:
-            # anything may have changed
-            everything = np.eye(len(prior))
-            state.base = chosen.before.changed(
-                everything, np.zeros_like(prior), np.diag(prior**2)
-            )
-        else:
-            spread = WIDER * fit.covariance
-            D = fit.hypothesis.directions
-            state.base = chosen.before.changed(D, fit.size, spread)
-            added = D @ fit.size
+        if fit is not None:
+            D, size = fit.hypothesis.directions, fit.size
+            added = D @ size
             state.drift.reference = state.drift.reference + added[state.drift.places]
+        state.base = before.changed(D, size, np.diag(D.T**2 @ prior**2))
         state.ring = state.ring[-decision.onset :]
         state.since, state.beyond = 0, 0
         state.pending.clear()

@@ -1,0 +1,90 @@
+"""A small arm at work, whose samples the tests hand to a watch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.io.write_case import write_columns
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.blind_check.generator.arms import draw_arm
+
+RATE = 100.0
+
+
+@dataclass(frozen=True)
+class AtWork:
+    """Recordings of a small arm whose true friction is arctan-shaped."""
+
+    arm: NominalArm
+    change: float = 90.0
+    """When something changes [s]."""
+
+    def recording(
+        self,
+        seconds: float,
+        *,
+        load: float = 0.0,
+        friction: float = 1.0,
+        shaking: float = 0.0,
+        start: float = 0.0,
+    ) -> Recording:
+        """A recording in which a load [kg], a factor on friction of joint 2 or noise [N m] of joint 1 sets in."""
+        rng = np.random.default_rng(3)
+        n = self.arm.n_joints
+        t = start + np.arange(round(seconds * RATE)) / RATE
+        rate = 2 * np.pi * rng.uniform(0.08, 0.35, (n, 3))
+        size = rng.uniform(0.15, 0.35, (n, 3))
+        angle = t[:, None, None] * rate + rng.uniform(0, 6, (n, 3))
+        q = (size * np.sin(angle)).sum(axis=2)
+        dq = (size * rate * np.cos(angle)).sum(axis=2)
+        ddq = -(size * rate**2 * np.sin(angle)).sum(axis=2)
+        body = RigidBody(self.arm)
+        after = t >= self.change
+        tau = body.inverse_dynamics(q, dq, ddq) + self.arm.armature * ddq
+        columns = body.last_link_regressor(q, dq, ddq)
+        one = np.r_[load, 0.0, 0.0, 0.08 * load, np.zeros(6)]
+        tau[after] += columns[after] @ one
+        dry = 1.1 * self.arm.coulomb * 2 / np.pi * np.arctan(dq / 0.004)
+        rubbing = dry + self.arm.viscous * dq
+        rubbing[after, 1] *= friction
+        noise = 0.03 * self.arm.coulomb * rng.standard_normal(tau.shape)
+        wild = np.random.default_rng(4).standard_normal(len(t))
+        noise[after, 0] += shaking * wild[after]
+        q = q + 1e-5 * rng.standard_normal(q.shape)
+        return Recording("shift.csv", t, q, tau=tau + rubbing + noise)
+
+
+@pytest.fixture(scope="session")
+def at_work(tmp_path_factory: pytest.TempPathFactory) -> AtWork:
+    sheet = draw_arm("small", np.random.default_rng(1))
+    urdf = tmp_path_factory.mktemp("small_arm") / "robot.urdf"
+    urdf.write_text(sheet.urdf, encoding="utf-8")
+    values = {
+        "armature": sheet.armature.tolist(),
+        "coulomb": sheet.coulomb.tolist(),
+        "viscous": sheet.viscous.tolist(),
+    }
+    return AtWork(load_nominal_arm(urdf, sheet=values))
+
+
+@pytest.fixture(scope="session")
+def write_csv() -> Callable[[Recording, Path], Path]:
+    """Writes a recording in the columns of the case format."""
+
+    def write(recording: Recording, file: Path) -> Path:
+        columns = {"t": recording.t}
+        columns |= {f"q{j + 1}": x for j, x in enumerate(recording.q.T)}
+        tau = np.asarray(recording.tau)
+        columns |= {f"tau{j + 1}": x for j, x in enumerate(tau.T)}
+        write_columns(columns, file)
+        return file
+
+    return write

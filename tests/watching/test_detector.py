@@ -1,0 +1,88 @@
+"""What a detector says of an arm on which something changes, and how much it remembers."""
+
+from __future__ import annotations
+
+import tracemalloc
+from typing import Any
+
+import pytest
+
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.watching.alarm import ALARM, NOTE, Event
+from gapscope.watching.detection.detector import Detector
+from gapscope.watching.segments import SegmentStream
+
+LEARNING, SECONDS = 20.0, 116.0
+
+
+def events(at_work: Any, **change: float) -> list[Event]:
+    detector = Detector(CorrectedArm(at_work.arm), learning=LEARNING)
+    stream = SegmentStream()
+    recording = at_work.recording(SECONDS, **change)
+    return [e for s in stream.add(recording) for e in detector.add(s)]
+
+
+def alarms(at_work: Any, **change: float) -> list[Event]:
+    return [e for e in events(at_work, **change) if e.event == ALARM]
+
+
+def test_healthy_arm_raises_no_alarm(at_work: Any) -> None:
+    found = events(at_work)
+    assert [e.event for e in found] == [NOTE]
+    assert "learnt 20 s" in found[0].sentence
+
+
+def test_load_is_named_with_its_mass(at_work: Any) -> None:
+    (found,) = alarms(at_work, load=2.0)
+    mass = found.sizes["mass"]
+    assert (found.effect, found.change, list(found.joints)) == (
+        "payload",
+        "picked up",
+        [],
+    )
+    assert mass.value == pytest.approx(2.0, abs=3 * mass.std)
+    assert mass.std < 0.4
+    assert abs(found.time - at_work.change) < 3.0
+    assert found.interval[0] <= at_work.change <= found.interval[1]
+
+
+def test_friction_is_named_with_its_joint(at_work: Any) -> None:
+    (found,) = alarms(at_work, friction=1.8)
+    assert (found.effect, found.change, list(found.joints)) == (
+        "friction",
+        "risen",
+        [2],
+    )
+    size = found.sizes["torque_at_usual_speed"]
+    assert size.value > 4 * size.std
+
+
+def test_friction_that_falls_has_fallen(at_work: Any) -> None:
+    assert alarms(at_work, friction=0.3)[0].change == "fallen"
+
+
+def test_what_no_name_fits_is_something_else(at_work: Any) -> None:
+    shaking = 3 * float(at_work.arm.coulomb[0])
+    (found,) = alarms(at_work, shaking=shaking)
+    assert (found.effect, list(found.joints)) == ("other", [1])
+    assert found.evidence["growth_1"] > 2
+
+
+def test_memory_does_not_grow_with_the_stream(at_work: Any) -> None:
+    detector = Detector(CorrectedArm(at_work.arm), learning=LEARNING)
+    stream = SegmentStream()
+    peaks = []
+    tracemalloc.start()
+    try:
+        for part in range(40):
+            seconds = 10.0
+            piece = at_work.recording(seconds, start=part * seconds)
+            for segment in stream.add(piece):
+                list(detector.add(segment))
+            peaks.append(tracemalloc.get_traced_memory()[0])
+    finally:
+        tracemalloc.stop()
+    # the ring is full after 70 s of watching, 20 s of learning before
+    assert max(peaks[20:]) < 1.1 * max(peaks[:20])
+    assert detector.monitor is not None
+    assert len(detector.monitor.state.ring) < 40
