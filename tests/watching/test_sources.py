@@ -1,0 +1,188 @@
+"""Growing files and folders: what is new, once, whatever the writer does."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gapscope.arm.recording import Recording
+from gapscope.watching.alarm import Event
+from gapscope.watching.sources.folder import Folder
+from gapscope.watching.sources.growing_file import GrowingFile
+from gapscope.watching.sources.source import Reading
+
+Write = Callable[[Recording, Path], Path]
+
+
+def samples(items: list[Any]) -> np.ndarray:
+    """Times of all rows that a source gave."""
+    parts = [item.t for item in items if isinstance(item, Recording)]
+    return np.concatenate([np.empty(0), *parts])
+
+
+def notes(items: list[Any]) -> str:
+    return "\n".join(item.sentence for item in items if isinstance(item, Event))
+
+
+@pytest.fixture
+def reading(at_work: Any) -> Reading:
+    return Reading(at_work.arm, None)
+
+
+@pytest.fixture
+def log(at_work: Any, write_csv: Write, tmp_path: Path) -> bytes:
+    """The text of a recording of 4 s."""
+    return write_csv(at_work.recording(4.0), tmp_path / "whole.csv").read_bytes()
+
+
+def test_half_a_line_waits_for_the_rest(reading: Reading, log: bytes, tmp_path: Path):
+    file, cut = tmp_path / "log.csv", len(log) // 2
+    file.write_bytes(log[:cut])
+    source = GrowingFile(file, reading)
+    first = list(source.poll())
+    with file.open("ab") as growing:
+        growing.write(log[cut:])
+    second = list(source.poll())
+    t = samples(first + second)
+    assert np.allclose(t, np.arange(400) / 100)
+    assert 0 < len(samples(first)) < 400
+
+
+def test_a_later_run_goes_on_at_the_position(
+    reading: Reading, log: bytes, tmp_path: Path
+):
+    file, cut = tmp_path / "log.csv", len(log) // 2
+    file.write_bytes(log[:cut])
+    source = GrowingFile(file, reading)
+    first = list(source.poll())
+    with file.open("ab") as growing:
+        growing.write(log[cut:])
+    second = list(GrowingFile(file, reading, source.position()).poll())
+    assert np.allclose(samples(first + second), np.arange(400) / 100)
+
+
+def test_a_file_that_was_cut_is_read_from_its_start(
+    reading: Reading, log: bytes, tmp_path: Path
+):
+    file = tmp_path / "log.csv"
+    file.write_bytes(log)
+    source = GrowingFile(file, reading)
+    list(source.poll())
+    file.write_bytes(b"\n".join(log.split(b"\n")[:201]) + b"\n")
+    again = list(source.poll())
+    assert "was cut" in notes(again)
+    assert len(samples(again)) == 200
+    assert again[-1].name == "log.csv (2)"
+
+
+def test_rotation_loses_nothing(reading: Reading, log: bytes, tmp_path: Path):
+    file = tmp_path / "log.csv"
+    lines = log.split(b"\n")
+    file.write_bytes(b"\n".join(lines[:101]) + b"\n")
+    source = GrowingFile(file, reading)
+    first = list(source.poll())
+    with file.open("ab") as growing:
+        growing.write(b"\n".join(lines[101:201]) + b"\n")
+    os.rename(file, tmp_path / "log.csv.1")
+    file.write_bytes(b"\n".join([lines[0], *lines[201:]]))
+    second = list(source.poll())
+    assert "took its place" in notes(second)
+    assert np.allclose(samples(first + second), np.arange(400) / 100)
+
+
+def test_a_damaged_row_is_left_out_with_its_line(
+    reading: Reading, log: bytes, tmp_path: Path
+):
+    lines = log.split(b"\n")
+    file = tmp_path / "log.csv"
+    file.write_bytes(b"\n".join(lines[:101]) + b"\n")
+    source = GrowingFile(file, reading)
+    list(source.poll())
+    bad = lines[150].split(b",")
+    bad[3] = b"nan"
+    with file.open("ab") as growing:
+        growing.write(b"\n".join([*lines[101:150], b",".join(bad), lines[151]]) + b"\n")
+    said = list(source.poll())
+    assert "line 151" in notes(said)
+    assert reading.failure is None
+    with file.open("ab") as growing:
+        growing.write(b"\n".join(lines[152:]))
+    assert len(samples(list(source.poll()))) > 200
+
+
+def test_a_file_in_a_folder_is_read_once_it_rests(
+    reading: Reading, log: bytes, tmp_path: Path
+):
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    for name in ("run_10.csv", "run_9.csv", ".hidden.csv", "run_11.csv.part"):
+        (folder / name).write_bytes(log)
+    writing = folder / "run_10.csv"
+    old = writing.stat().st_mtime - 60
+    os.utime(folder / "run_9.csv", (old, old))
+    source = Folder(folder, reading, rest=30.0)
+    assert [item.name for item in source.poll()] == ["run_9.csv"]
+    os.utime(writing, (old, old))
+    assert [item.name for item in source.poll()] == ["run_10.csv"]
+    assert list(source.poll()) == []
+    resumed = Folder(folder, reading, rest=30.0, position=source.position())
+    assert list(resumed.poll()) == []
+
+
+def test_an_unreadable_file_is_tried_again_when_it_grew(
+    reading: Reading, log: bytes, tmp_path: Path
+):
+    file = tmp_path / "run.csv"
+    file.write_bytes(b"")
+    source = Folder(tmp_path, reading, rest=0.0, without=None)
+    (tmp_path / "whole.csv").unlink()
+    assert "run.csv" in notes(list(source.poll()))
+    assert list(source.poll()) == []
+    file.write_bytes(log)
+    assert len(samples(list(source.poll()))) == 400
+
+
+def test_a_split_bag_is_read_file_by_file(
+    at_work: Any, reading: Reading, tmp_path: Path
+):
+    """Of a bag that is still being written, all files but the newest are complete."""
+    rosbag2 = pytest.importorskip("rosbags.rosbag2")
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    state = store.types["sensor_msgs/msg/JointState"]
+    header, stamp = (
+        store.types["std_msgs/msg/Header"],
+        store.types["builtin_interfaces/msg/Time"],
+    )
+    bag = tmp_path / "logs" / "work"
+    bag.mkdir(parents=True)
+    recording = at_work.recording(6.0)
+    for number in range(2):
+        single = tmp_path / f"single_{number}"
+        with rosbag2.Writer(single, version=9) as writer:
+            topic = writer.add_connection(
+                "/joint_states", state.__msgtype__, typestore=store
+            )
+            for k in range(300 * number, 300 * (number + 1)):
+                seconds, rest = divmod(recording.t[k], 1.0)
+                when = stamp(sec=int(seconds), nanosec=int(rest * 1e9))
+                message = state(
+                    header=header(stamp=when, frame_id=""),
+                    name=list(at_work.arm.joints),
+                    position=recording.q[k],
+                    velocity=np.empty(0),
+                    effort=np.asarray(recording.tau)[k],
+                )
+                raw = store.serialize_cdr(message, state.__msgtype__)
+                writer.write(topic, int(recording.t[k] * 1e9), raw)
+        next(single.glob("*.db3")).rename(bag / f"work_{number}.db3")
+    source = Folder(bag.parent, reading, rest=3600.0)
+    assert [item.name for item in source.poll()] == ["work/work_0.db3"]
+    (bag / "metadata.yaml").write_text("", encoding="utf-8")
+    assert [item.name for item in source.poll()] == ["work/work_1.db3"]

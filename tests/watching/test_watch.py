@@ -1,0 +1,122 @@
+"""The watch as a user runs it: a log in parts, a restart between them, events in a file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from gapscope.arm.errors import InputError
+from gapscope.arm.recording import Recording
+from gapscope.cli import app
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.watching.settings import WatchSettings
+from gapscope.watching.state import STATE
+from gapscope.watching.watch import Watch
+
+Write = Callable[[Recording, Path], Path]
+
+
+@pytest.fixture
+def case(at_work: Any, tmp_path: Path) -> Path:
+    """A case of the arm, without recordings that are there."""
+    arm = at_work.arm
+    sheet = {key: getattr(arm, key).tolist() for key in ("coulomb", "viscous")}
+    sheet["armature"] = arm.armature.tolist()
+    content = {
+        "name": "watched",
+        "robot": str(arm.urdf),
+        "nominal": sheet,
+        "recordings": ["log.csv"],
+    }
+    file = tmp_path / "case.yaml"
+    file.write_text(yaml.safe_dump(content), encoding="utf-8")
+    return file
+
+
+def run(*arguments: Any) -> str:
+    result = CliRunner().invoke(app, ["watch", *map(str, arguments)])
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def test_restarted_watch_says_the_same_as_one_that_ran_through(
+    at_work: Any, write_csv: Write, case: Path, tmp_path: Path
+) -> None:
+    recording = at_work.recording(112.0, load=2.0)
+    whole = write_csv(recording, tmp_path / "log.csv").read_bytes().split(b"\n")
+    growing, out = tmp_path / "part" / "log.csv", tmp_path / "out"
+    growing.parent.mkdir()
+    options = (case, "--learn", 20, "--once", "--out", out)
+    said = []
+    for stop in (8001, 9502, len(whole)):
+        growing.write_bytes(b"\n".join(whole[:stop]) + b"\n")
+        said.append(run(growing, "--case", *options))
+    assert "learnt 20 s" in said[0]
+    assert "a load was picked up" in said[2]
+    lines = (out / "events.jsonl").read_text(encoding="utf-8").splitlines()
+    stored = [json.loads(line) for line in lines]
+    assert [entry["number"] for entry in stored] == [1, 2]
+    through = Watch(
+        CorrectedArm(at_work.arm),
+        WatchSettings(tmp_path / "log.csv", learning=20.0, until_idle=0.0),
+    )
+    once = [json.loads(e.as_line(k)) for k, e in enumerate(through.run(), start=1)]
+    assert stored == once
+    schema = resources.files("gapscope.watching").joinpath("event.schema.json")
+    for entry in stored:
+        jsonschema.validate(entry, json.loads(schema.read_text(encoding="utf-8")))
+
+
+def test_state_of_another_arm_is_not_gone_on_with(
+    at_work: Any, write_csv: Write, tmp_path: Path
+) -> None:
+    log = write_csv(at_work.recording(24.0), tmp_path / "log.csv")
+    settings = WatchSettings(log, tmp_path / "out", learning=20.0, until_idle=0.0)
+    list(Watch(CorrectedArm(at_work.arm), settings).run())
+    assert Watch(CorrectedArm(at_work.arm), settings).resumed
+    other = replace(at_work.arm, coulomb=2 * at_work.arm.coulomb)
+    assert not Watch(CorrectedArm(other), settings).resumed
+
+
+def test_a_damaged_state_is_an_error_that_says_what_to_do(
+    at_work: Any, write_csv: Write, tmp_path: Path
+) -> None:
+    log = write_csv(at_work.recording(4.0), tmp_path / "log.csv")
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / STATE).write_bytes(b"no state")
+    with pytest.raises(InputError, match="delete it"):
+        Watch(CorrectedArm(at_work.arm), WatchSettings(log, out))
+
+
+def test_a_source_of_which_nothing_can_be_used_is_an_error(
+    at_work: Any, tmp_path: Path
+) -> None:
+    log = tmp_path / "log.csv"
+    log.write_text("time,a\n" + "1,2\n" * 60, encoding="utf-8")
+    watch = Watch(CorrectedArm(at_work.arm), WatchSettings(log, until_idle=0.0))
+    with pytest.raises(InputError, match="log.csv"):
+        list(watch.run())
+
+
+def test_a_request_to_stop_ends_between_two_parts(
+    at_work: Any, write_csv: Write, tmp_path: Path
+) -> None:
+    log = write_csv(at_work.recording(24.0), tmp_path / "log.csv")
+    watch = Watch(CorrectedArm(at_work.arm), WatchSettings(log, tmp_path / "out"))
+    assert list(watch.run(lambda: True)) == []
+    assert (tmp_path / "out" / STATE).is_file()
+
+
+def test_robot_and_case_exclude_each_other(tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["watch", str(tmp_path)])
+    assert isinstance(result.exception, InputError)
