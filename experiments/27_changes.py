@@ -35,6 +35,8 @@ from gapscope.ident.kalman.changes import PAYLOAD, RecordingChange
 from gapscope.ident.signals.conditioning import condition, position_cutoff
 
 CASES = Path(__file__).parent / "cases"
+KEPT = tempfile.TemporaryDirectory(prefix="gapscope-")
+"""Holds the URDF of every case until the end."""
 REAL = (
     "staubli_tx40",
     "ur10",
@@ -143,7 +145,7 @@ def written(setup: CaseSetup, plant: TrueArm, rows: list[Columns]) -> Case:
         case = load_case(path / "case")
         # the nominal arm's dynamics is built while its URDF is there
         RigidBody(case.arm)
-        keep = Path(tempfile.mkdtemp()) / "robot.urdf"
+        keep = Path(tempfile.mkdtemp(dir=KEPT.name)) / "robot.urdf"
         keep.write_text(case.arm.urdf.read_text(encoding="utf-8"), encoding="utf-8")
     return replace(case, arm=replace(case.arm, urdf=keep))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -11,6 +12,20 @@ import pytest
 from gapscope.arm.known_robots import KNOWN_ROBOTS
 
 BESIDE_THE_PROJECT = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Let temporary files of the tests, and of programs that they start or kill, lie in one folder that goes with them.
+
+    The folders of ``tmp_path`` stay where pytest keeps them for a look at failed tests.
+    """
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        return  # a worker has the folder of the process that started it
+    os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", tempfile.gettempdir())
+    # a short name: paths of sockets have at most 107 characters
+    folder = tempfile.TemporaryDirectory(prefix="gapscope-", ignore_cleanup_errors=True)
+    os.environ["TMPDIR"] = tempfile.tempdir = folder.name
+    config.add_cleanup(folder.cleanup)
 
 
 @pytest.fixture(scope="session")

@@ -38,7 +38,9 @@ class Gravity:
     """
 
     def __init__(self, arm: NominalArm) -> None:
-        self._body, self._still = RigidBody(arm), np.zeros(arm.n_joints)
+        # a controller meets each motion once
+        self._body = RigidBody(arm, most_bytes=0)
+        self._still = np.zeros(arm.n_joints)
 
     def __call__(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         """g(q) [N m], shape (n,)."""
@@ -78,7 +80,7 @@ class ArmModel:
             e for e in corrected.effects if not isinstance(e.effect, External)
         )
         self._corrected = replace(corrected, effects=lasting)
-        self._nominal = RigidBody(corrected.arm)
+        self._nominal = RigidBody(corrected.arm, most_bytes=0)
         self._body = self._corrected.body(self._nominal)
         times = [
             corrected.value(name, parameter) for name, parameter in STATEFUL.items()

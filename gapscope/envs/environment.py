@@ -116,7 +116,8 @@ class ArmTracking(gymnasium.Env):
         render_mode: str | None = None,
     ) -> None:
         self.arm = arguments.chosen_robot(robot, sheet)
-        self.body = RigidBody(self.arm)
+        # every episode has another motion: kept results would only grow
+        self.body = RigidBody(self.arm, most_bytes=0)
         n = self.arm.n_joints
         chosen_model = arguments.chosen_feedforward(feedforward)
         chosen_motion = arguments.checked_motion(motion, n)

@@ -15,7 +15,7 @@ from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.diagnosis.setup_faults.shifted_inertials import shifted_arm
+from gapscope.diagnosis.setup_faults.shifted_inertials import shifted_body
 from gapscope.model_audit.finding import Finding
 from gapscope.model_audit.thresholds import (
     GRAVITY_MISFIT,
@@ -90,7 +90,7 @@ def static_poses(robot: str | Path, recording: Path) -> StaticPoses:
             file=recording,
         )
     q, tau = (np.array([rest[k] for rest in rests]) for k in (0, 1))
-    model = _gravity(arm, q)
+    model = _gravity(RigidBody(arm), q)
     fits = [_line(model[:, j], tau[:, j]) for j in range(arm.n_joints)]
     correlation, scale, offset = np.array(fits).T
     return StaticPoses(
@@ -174,9 +174,9 @@ def _rests(recording: Recording) -> Iterator[tuple[np.ndarray, np.ndarray]]:
             yield recording.q[rows].mean(axis=0), recording.tau[rows].mean(axis=0)
 
 
-def _gravity(arm: NominalArm, q: np.ndarray) -> np.ndarray:
+def _gravity(body: RigidBody, q: np.ndarray) -> np.ndarray:
     still = np.zeros_like(q)
-    return RigidBody(arm).inverse_dynamics(q, still, still)
+    return body.inverse_dynamics(q, still, still)
 
 
 def _line(model: np.ndarray, tau: np.ndarray) -> tuple[float, float, float]:
@@ -235,14 +235,13 @@ def _shifted_gravity(
 ) -> Iterator[tuple[str, np.ndarray]]:
     """Gravity torque with the inertials of the next and of the previous link, if they make an arm."""
     for by, word in ((1, "next"), (-1, "previous")):
-        # the file's inertials go back to where they belong
-        other = shifted_arm(arm, -by)
-        if other is arm:
-            continue
         try:
-            yield word, _gravity(other, q)
+            # the file's inertials go back to where they belong
+            other = shifted_body(arm, -by)
         except GapscopeError:
             continue  # moved this way, the inertials leave no arm
+        if other is not None:
+            yield word, _gravity(other, q)
 
 
 def _wrong_links(

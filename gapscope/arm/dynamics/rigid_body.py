@@ -28,7 +28,7 @@ class RigidBody:
     Attributes:
         file, joints: where the bodies come from, and the names of the joints that move them.
         per_radian: of the nominal arm, shape (n,).
-        most_bytes: size of the results that are remembered.
+        most_bytes: size of the results for whole motions that are remembered [bytes]; 0 where no motion comes again.
 
     Raises:
         InputError: the URDF lacks one of the arm's joints.

@@ -27,7 +27,7 @@ from gapscope.diagnosis.setup_faults.nuisance import (
     torque_deviation,
 )
 from gapscope.diagnosis.setup_faults.nuisance_fit import fitted_gap, held_out_gap
-from gapscope.diagnosis.setup_faults.shifted_inertials import shifted_arm
+from gapscope.diagnosis.setup_faults.shifted_inertials import shifted_body
 from gapscope.diagnosis.thresholds import (
     ORDINARY_GAP,
     ORDINARY_PENALTY,
@@ -143,9 +143,8 @@ class MappingScorer:
         key = (mapping.link_shift, mapping.moved_only, mapping.turn)
         if key not in self._bodies:
             try:
-                changed = shifted_arm(self.arm, mapping.link_shift, mapping.moved_only)
-                unchanged = changed is self.arm
-                body = self.body if unchanged else RigidBody(changed)
+                shifted = shifted_body(self.arm, mapping.link_shift, mapping.moved_only)
+                body = self.body if shifted is None else shifted
                 if any(mapping.turn):
                     gravity = tilt(*mapping.turn).T @ body.gravity
                     body = body.changed(np.zeros((self.arm.n_joints, 10)), gravity)

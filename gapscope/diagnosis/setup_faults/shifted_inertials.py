@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
 
@@ -16,18 +17,42 @@ def shifted_arm(arm: NominalArm, links: int, moved_only: bool = False) -> Nomina
     """The arm with each ``<inertial>`` moved ``links`` further among the links that have one, in file order.
 
     With ``moved_only`` among those of them that a joint moves. The new URDF lies in a temporary folder that lasts as
-    long as the process. An MJCF file is left as it is.
+    long as the process, one for each text. An MJCF file is left as it is.
     """
-    if links == 0 or ET.parse(arm.urdf).getroot().tag != "robot":
+    text = _shifted_text(arm, links, moved_only)
+    if text is None:
         return arm
-    path = Path(_folder(arm.urdf.resolve(), links, moved_only).name) / arm.urdf.name
-    return replace(arm, urdf=path)
+    return replace(arm, urdf=Path(_folder(text, arm.urdf.name).name) / arm.urdf.name)
+
+
+def shifted_body(
+    arm: NominalArm, links: int, moved_only: bool = False
+) -> RigidBody | None:
+    """Dynamics of ``shifted_arm``, for a trial that leaves no file behind; ``None`` if nothing would be moved.
+
+    Raises:
+        InputError: with its inertials moved the arm is none that can be.
+    """
+    text = _shifted_text(arm, links, moved_only)
+    if text is None:
+        return None
+    with TemporaryDirectory(prefix="gapscope-") as folder:
+        path = Path(folder) / arm.urdf.name
+        path.write_text(text, encoding="utf-8")
+        return RigidBody(replace(arm, urdf=path))
+
+
+def _shifted_text(arm: NominalArm, links: int, moved_only: bool) -> str | None:
+    """The changed URDF; ``None`` if nothing is moved, or the file is no URDF."""
+    if links == 0 or ET.parse(arm.urdf).getroot().tag != "robot":
+        return None
+    text = arm.urdf.read_text(encoding="utf-8")
+    return ShiftedInertials(links, moved_only).urdf(text)
 
 
 @cache
-def _folder(urdf: Path, links: int, moved_only: bool) -> TemporaryDirectory[str]:
-    """Temporary folder with the changed URDF."""
+def _folder(text: str, name: str) -> TemporaryDirectory[str]:
+    """Temporary folder with a URDF; kept by its text, so that a thousand cases of one arm share it."""
     folder: TemporaryDirectory[str] = TemporaryDirectory(prefix="gapscope-")
-    text = ShiftedInertials(links, moved_only).urdf(urdf.read_text(encoding="utf-8"))
-    (Path(folder.name) / urdf.name).write_text(text, encoding="utf-8")
+    (Path(folder.name) / name).write_text(text, encoding="utf-8")
     return folder
