@@ -182,12 +182,8 @@ class CorrectedArm:
         """Inverse dynamics of the links' motion [N m], (N, n), less what an external force does."""
         state = motion.q, motion.dq, motion.ddq
         torque = body.inverse_dynamics(*state)
-        last = body.last_link
-        if increments[last].any() and not np.delete(increments, last, axis=0).any():
-            # the regressor of one link costs a fraction of that of all
-            torque = torque + body.last_link_regressor(*state) @ increments[last]
-        elif increments.any():
-            torque = torque + body.regressor(*state) @ increments.ravel()
+        for link in np.flatnonzero(increments.any(axis=1)):
+            torque = torque + body.link_regressor(link, *state) @ increments[link]
         for applied in self.effects:
             if isinstance(applied.effect, External):
                 force, start, end = applied.parameters.values()

@@ -284,12 +284,18 @@ class RigidBody:
         self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
     ) -> np.ndarray:
         """The ten columns of the regressor that belong to the last link, shape (N, n, 10)."""
-        last = 10 * self.last_link
+        return self.link_regressor(self.last_link, q, dq, ddq)
+
+    def link_regressor(
+        self, link: int, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
+    ) -> np.ndarray:
+        """The ten columns of the regressor that belong to a link, from 0 in joint order, shape (N, n, 10)."""
+        own = slice(10 * link, 10 * link + 10)
 
         def columns(*motion: np.ndarray) -> tuple[np.ndarray]:
-            return (self.regressor(*motion)[:, :, last : last + 10].copy(),)
+            return (self.regressor(*motion)[:, :, own].copy(),)
 
-        return self._cached("last link", columns, q, dq, ddq)[0]
+        return self._cached(f"link {link}", columns, q, dq, ddq)[0]
 
     def inertial_parameters(self) -> np.ndarray:
         """Inertial parameters pi of the links in joint order, shape (10 n,); units kg, kg m, kg m^2."""

@@ -47,9 +47,14 @@ class NoiseFloor:
 
 
 def noise_floor(
-    corrected: CorrectedArm, body: RigidBody, segment: Segment
+    corrected: CorrectedArm,
+    body: RigidBody,
+    segment: Segment,
+    prediction: np.ndarray | None = None,
 ) -> NoiseFloor:
     """Estimate what a healthy arm would leave on a segment, from the segment itself.
+
+    ``prediction`` is the torque that the arm predicts without limits [N m], (N, n), if it is known already.
 
     *Noise*: the power density of the unfiltered gap above the band, taken as flat below. *Timing*: ``TIMING_SKEW``
     times the RMS rate of the torque. *Form of the model*: ``MODEL_FORM`` times the torque's deviation. *Dry
@@ -63,7 +68,9 @@ def noise_floor(
     def predicted(arm: CorrectedArm) -> np.ndarray:
         return arm.unlimited.predict(body, segment.motion)
 
-    gap = corrected.delivered(segment.torque) - predicted(corrected)
+    if prediction is None:
+        prediction = predicted(corrected)
+    gap = corrected.delivered(segment.torque) - prediction
     dry = dry_friction(corrected, segment)
     dry_rms = np.sqrt((dry**2).mean(axis=0))
     effect_rms = simplified_effect_rms(corrected, segment, predicted)

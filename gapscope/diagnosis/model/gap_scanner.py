@@ -137,18 +137,10 @@ class GapScanner:
         )
         arm = replace(self._corrected, effects=steady)
         places = [self._terms.of(name)[j].columns[0] for name in FRICTION]
-        data, out = self._data, []
-        for segment, bodies in zip(data.segments, data.bodies, strict=True):
-            _, x = columns(
-                arm,
-                data.body,
-                segment,
-                bodies,
-                self._terms,
-                self._theta,
-                set(FRICTION),
-            )
-            out.append(data.thin(x[:, j, places], segment))
+        out = []
+        for k in range(len(self._data.segments)):
+            _, x = columns(arm, self._data, k, self._terms, self._theta, set(FRICTION))
+            out.append(x[:, j, places])
         return self._weighted(out, j)
 
     def _contribution(self, term: Term, j: int) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""How the recorded torque changes with the linear coordinates of every term, on one segment.
+"""How the recorded torque changes with the linear coordinates of every term, on the rows of one segment.
 
 Most effects on a joint change the torque of that joint alone; their columns are finite differences of the corrected
 arm. What moves or loads the bodies changes the torque of all joints, by the derivatives of the inverse dynamics.
@@ -6,18 +6,15 @@ arm. What moves or loads the bodies changes the torque of all joints, by the der
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
-from gapscope.diagnosis.model.body_jacobian import (
-    Bodies,
-    bodily_columns,
-    forced_columns,
-)
+from gapscope.diagnosis.model.body_jacobian import bodily_columns, forced_columns
+from gapscope.diagnosis.model.candidate_columns import beyond
+from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.model.terms import Term, Terms, parametrisation_of
 from gapscope.diagnosis.thresholds import LEAST_TORQUE_GAIN, MOST_TORQUE_GAIN
 from gapscope.effects.catalogue import effect as by_name
@@ -28,40 +25,45 @@ from gapscope.ident.signals.conditioning import Segment
 
 def columns(
     corrected: CorrectedArm,
-    body: RigidBody,
-    segment: Segment,
-    bodies: Bodies,
+    data: FitData,
+    k: int,
     terms: Terms,
     theta: np.ndarray,
     only: frozenset[str] | set[str] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Predicted torque at theta, (N, n), and its derivatives by theta, (N, n, P); [N m] per unit of theta.
+    """Predicted torque at theta, (N, n), and rows of its derivatives by theta, (M, n, P); [N m] per unit of theta.
 
     Those of ``link_inertia`` are left zero: they are combinations of the inertial regressor.
 
     Args:
         corrected: the arm with the effects of theta.
-        body: dynamics of the nominal arm.
-        segment: the segment, with its torque.
-        bodies: what does not depend on theta.
+        data: the data, whose segment ``k`` is meant.
+        k: place of the segment.
         terms: all terms, with the shapes of those that have one.
         theta: linear coordinates around which to differentiate, shape (P,).
         only: effects whose columns are wanted; all if ``None``, the others' are zero.
     """
-    motion = segment.motion
-    arm, body = corrected.unlimited, segment.bodies(body)
+    segment, bodies = data.segments[k], data.bodies[k]
+    motion, body = segment.motion, segment.bodies(data.body)
+    arm = corrected.unlimited
     rigid = arm.rigid_torque(body, motion)
     base = _recorded(arm, rigid, motion)
-    out = np.zeros((len(motion.t), arm.arm.n_joints, terms.size))
+    joints = np.arange(arm.arm.n_joints)
+    out = np.zeros((len(data.time(segment)), len(joints), terms.size))
     for effect in terms.definitions:
         if only and effect.name not in only:
             continue
         if _acts_on_its_joint(effect, arm):
-            _add_differences(out, effect, arm, terms, theta, rigid, base, motion)
+            steps = _differences(effect, arm, terms, theta, rigid, base, motion)
+            for places, change in steps:
+                out[:, joints, places] = data.thin(change, segment)
         elif effect.reach == "motor":
-            _add_motors(out, effect, arm, terms, theta, rigid, base, motion)
+            moves = _of_motors(effect, arm, terms, theta, rigid, base, motion)
+            for place, change in moves:
+                out[:, :, place] = data.thin(change, segment)
     _rest(out, terms, theta)
-    _saturate(out, segment, terms)
+    for place, j, lost in _saturated(segment, terms):
+        out[:, j, place] = data.thin(lost, segment)
     # of the effects that reach other joints only a force has a nonlinear parameter, and is asked for alone
     if only:
         bodily = forced_columns(arm, segment, bodies, terms)
@@ -69,7 +71,8 @@ def columns(
         bodily = bodily_columns(arm, body, segment, bodies, terms, theta, rigid)
     if bodily:
         torque = np.stack(list(bodily.values()), axis=2)
-        out[:, :, list(bodily)] = _as_recorded(arm, torque, rigid, motion)
+        recorded = _as_recorded(arm, torque, rigid, motion)
+        out[:, :, list(bodily)] = data.thin(recorded, segment)
     return base, out
 
 
@@ -85,8 +88,7 @@ def _acts_on_its_joint(effect: Effect, arm: CorrectedArm) -> bool:
     return (effect.reach == "joint" or behind) and not effect.limits
 
 
-def _add_differences(
-    out: np.ndarray,
+def _differences(
     effect: Effect,
     arm: CorrectedArm,
     terms: Terms,
@@ -94,18 +96,16 @@ def _add_differences(
     rigid: np.ndarray,
     base: np.ndarray,
     motion: Motion,
-) -> None:
-    """Finite differences by the coordinates of an effect, moved on all joints at once, into (N, n, P)."""
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Finite differences by each coordinate of an effect, moved on all joints at once: its places, (n,), and (N, n)."""
     step = parametrisation_of(effect).step
     for coordinate, places in enumerate(terms.block(effect.name)):
         moved = moved_arm(arm, terms, theta, effect.name, coordinate)
         if moved is not None:
-            change = (_recorded(moved, rigid, motion) - base) / step
-            out[:, np.arange(len(places)), places] = change
+            yield places, (_recorded(moved, rigid, motion) - base) / step
 
 
-def _add_motors(
-    out: np.ndarray,
+def _of_motors(
     effect: Effect,
     arm: CorrectedArm,
     terms: Terms,
@@ -113,14 +113,14 @@ def _add_motors(
     rigid: np.ndarray,
     base: np.ndarray,
     motion: Motion,
-) -> None:
-    """Finite differences by the coordinate of an effect on coupled motors, one motor at a time, into (N, n, P)."""
+) -> Iterator[tuple[int, np.ndarray]]:
+    """Finite differences by the coordinate of an effect on each coupled motor: its place, and (N, n)."""
     step = parametrisation_of(effect).step
     motors = terms.of(effect.name)
     for term in motors:
         place = term.columns[0]
         moved = _stepped(arm, terms, theta, motors, [place])
-        out[:, :, place] = (_recorded(moved, rigid, motion) - base) / step
+        yield place, (_recorded(moved, rigid, motion) - base) / step
 
 
 def moved_arm(
@@ -167,15 +167,14 @@ def _rest(out: np.ndarray, terms: Terms, theta: np.ndarray) -> None:
     out[:, :, rest[unused]] = out[:, :, terms.block("torque_offset")[0][unused]]
 
 
-def _saturate(out: np.ndarray, segment: Segment, terms: Terms) -> None:
-    """What saturation keeps from the joint: the recorded torque beyond the limit, at the coordinate 1 of its term."""
+def _saturated(segment: Segment, terms: Terms) -> Iterator[tuple[int, int, np.ndarray]]:
+    """What saturation keeps from a joint: place of its term, joint from 0, recorded torque beyond the limit, (N,)."""
     assert segment.torque is not None
     for term in terms.of("torque_saturation"):
         if term in terms.shapes:
-            torque, limit = segment.torque[:, term.joint - 1], terms.shapes[term][0]
-            out[:, term.joint - 1, term.columns[0]] = torque - np.clip(
-                torque, -limit, limit
-            )
+            j = term.joint - 1
+            torque, limit = segment.torque[:, j], np.array(terms.shapes[term])
+            yield term.columns[0], j, beyond(torque, limit)
 
 
 def _delayed(corrected: CorrectedArm, columns: np.ndarray, t: np.ndarray) -> np.ndarray:

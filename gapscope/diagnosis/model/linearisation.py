@@ -136,14 +136,11 @@ class Linearisation:
         """Rows of segment k of some data of the same arm."""
         segment = data.segments[k]
         assert segment.torque is not None
-        predicted, x = columns(
-            self._corrected, self.body, segment, data.bodies[k], self.terms, self.theta
-        )
+        predicted, x = columns(self._corrected, data, k, self.terms, self.theta)
         gap = self._corrected.delivered(segment.torque) - predicted
         rate = np.gradient(predicted, segment.motion.t, axis=0)
-        floor = noise_floor(self._corrected, self.body, segment)
+        floor = noise_floor(self._corrected, self.body, segment, predicted)
         sticking = floor.sticking[:: data.step(segment)]
-        x = data.thin(x, segment)
         # a recorded torque is what reaches the joint over the scale of its torque
         gain = 1.0 / (1.0 + self._corrected.value("torque_scale", "scale"))
         self._add_link_inertia(x, data.nuisance[k], gain)
@@ -157,7 +154,12 @@ class Linearisation:
         )
 
     def _bodily_change(self, segment: Segment) -> np.ndarray:
-        """What the effects on bodies add to the torque of the nominal arm's [N m], (N, n)."""
+        """What the effects on bodies add to the torque of the nominal arm's [N m], (N, n).
+
+        Zero without a reference: only the errors that a reference leaves of the gains ask for it.
+        """
+        if self.data.reference is None:
+            return np.zeros_like(segment.motion.q)
         bodies = segment.bodies(self.body)
         nominal = CorrectedArm(self.arm).unlimited.rigid_torque(bodies, segment.motion)
         changed = self._corrected.unlimited.rigid_torque(bodies, segment.motion)
@@ -199,20 +201,9 @@ class Linearisation:
             return
         names = {t.effect for t in proposed}
         places = [c for t in proposed for c in t.columns]
-        data = self.data
-        for rows, segment, bodies in zip(
-            self._rows, data.segments, data.bodies, strict=True
-        ):
-            _, x = columns(
-                self._corrected,
-                self.body,
-                segment,
-                bodies,
-                self.terms,
-                self.theta,
-                names,
-            )
-            rows.columns[:, :, places] = data.thin(x[:, :, places], segment)
+        for k, rows in enumerate(self._rows):
+            _, x = columns(self._corrected, self.data, k, self.terms, self.theta, names)
+            rows.columns[:, :, places] = x[:, :, places]
 
     def _cut(
         self, places: list[int]

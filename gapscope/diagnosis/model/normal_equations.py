@@ -48,6 +48,10 @@ class NormalEquations:
         """Values of the terms in ``columns``, zeros elsewhere, shape (P,) or (F, P)."""
         return solve(self.least, columns, self.bounds)
 
+    def solve_each(self, columns: np.ndarray) -> np.ndarray:
+        """Values for each of S sets of C terms' columns, given by their places (S, C); (S, P) or (F, S, P)."""
+        return solve_each(self.least, columns, self.bounds)
+
     def spread_by_nuisances(self, columns: np.ndarray) -> np.ndarray:
         """Root R of the covariance R R^T that the nuisances add to values of the terms in ``columns``, (C, K).
 
@@ -92,6 +96,25 @@ class NormalEquations:
             squares += within - 2 * cross
         return np.maximum(squares, 0.0)
 
+    def reduced(self, gram: np.ndarray) -> np.ndarray:
+        """M with |y - A theta - N delta|^2 = [theta; 1]^T M [theta; 1], the best nuisances delta put in.
+
+        Args:
+            gram: X^T X per joint, shape (n, P + K + 1, P + K + 1), or F of them.
+
+        Returns:
+            Shape (n, P + 1, P + 1), or F of them.
+        """
+        outer = np.append(np.arange(self.size), gram.shape[-1] - 1)
+        sign = np.append(-np.ones(self.size), 1.0)
+        within = gram[..., self.size : -1, self.size : -1]
+        cross = gram[..., self.size : -1, outer] * sign
+        own = gram[..., outer[:, None], outer] * (sign[:, None] * sign)
+        delta = self.delta[..., None, :, :]
+        # z^T G z with z = [-theta; -delta; 1] and delta = D [theta; 1]
+        half = np.swapaxes(delta, -1, -2) @ (0.5 * (within @ delta) - cross)
+        return np.asarray(own + half + np.swapaxes(half, -1, -2))
+
     def nuisance(self, theta: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """The best nuisances delta for given values of the terms, shape (K,) or (F, K)."""
         slope, values = self.delta[..., columns], theta[..., columns, None]
@@ -122,6 +145,25 @@ def solve(
     for place in np.argwhere(below):
         index = tuple(place)
         theta[index] = _bounded(least[index], columns, bounds)
+    return theta
+
+
+def solve_each(
+    least: np.ndarray, columns: np.ndarray, bounds: np.ndarray | None = None
+) -> np.ndarray:
+    """The same for each of S sets of C columns, given by their places (S, C): (..., S, P)."""
+    size = least.shape[-1] - 1
+    sets = np.arange(len(columns))[:, None]
+    block = least[..., columns[:, :, None], columns[:, None, :]]
+    values = _least_squares(block, least[..., columns, -1])
+    theta = np.zeros((*least.shape[:-2], len(columns), size))
+    theta[..., sets, columns] = values
+    if bounds is None:
+        return theta
+    below = (values < bounds[columns]).any(axis=-1)
+    for place in np.argwhere(below):
+        *fold, own = place.tolist()
+        theta[tuple(place)] = _bounded(least[tuple(fold)], columns[own], bounds)
     return theta
 
 

@@ -43,11 +43,13 @@ class Scan:
     def gains(self, columns: np.ndarray, per_candidate: int) -> np.ndarray:
         """Sum of squares explained by each candidate's columns, which lie side by side, (M, K per_candidate)."""
         x = columns.reshape(len(columns), -1, per_candidate)
-        projected = self.basis.T @ columns
+        # in the precision of the columns, which would be copied otherwise
+        projected = self.basis.T.astype(columns.dtype) @ columns
         within = projected.reshape(self.basis.shape[1], -1, per_candidate)
         # X^T X outside the basis, without forming the columns outside it
         gram = _gram(x) - _gram(within)
-        right = (columns.T @ self.residual).reshape(-1, per_candidate)
+        residual = self.residual.astype(columns.dtype)
+        right = (residual @ columns).reshape(-1, per_candidate).astype(float)
         # a column within the basis explains nothing: the ridge keeps it from dividing by zero
         size2 = (columns**2).sum(axis=0).reshape(-1, per_candidate)
         ridge = 1e-4 * size2.max(axis=1) + 1e-12

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -52,8 +52,14 @@ class Model:
 
         An effect that wide errors replaced until now needs narrow ones beside it.
         """
-        fits = [evidence.fit(terms) for evidence in self.evidences]
-        return max(fits, key=lambda fit: fit.score)
+        (fit,) = self.best_of([terms])
+        return fit
+
+    def best_of(self, sets: Sequence[frozenset[Term]]) -> list[Fit]:
+        """The same for each of many sets of terms."""
+        by_level = [evidence.fits(sets) for evidence in self.evidences]
+        each = zip(*by_level, strict=True)
+        return [max(fits, key=lambda fit: fit.score) for fits in each]
 
     def gain_of(self, other: Model) -> float:
         """Evidence of another model less that of this one [nats], each around its own values.

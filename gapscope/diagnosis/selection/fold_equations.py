@@ -64,6 +64,23 @@ class FoldEquations:
         return squares / np.maximum(self.count, 1e-9)
 
 
+def mean_squares(
+    reduced: np.ndarray, theta: np.ndarray, count: np.ndarray
+) -> np.ndarray:
+    """Mean square of the residual of each fold under S sets of values [N^2 m^2], (S, F, m).
+
+    Args:
+        reduced: of the folds' equations, see ``NormalEquations.reduced``, (F, m, P + 1, P + 1).
+        theta: values for each fold, (F, S, P).
+        count: weight of the rows, (F, m).
+    """
+    ones = np.ones((*theta.shape[:2], 1))
+    # (F, 1, S, P + 1): the same values on all joints
+    values = np.concatenate([theta, ones], axis=2)[:, None]
+    squares = np.maximum(((values @ reduced) * values).sum(axis=-1), 0.0)
+    return np.moveaxis(squares, 2, 0) / np.maximum(count, 1e-9)
+
+
 def with_skew(gram: np.ndarray, skew: float) -> np.ndarray:
     """Normal equations of [A, N, y - skew d] from those of [A, N, y, d]; over the last two axes."""
     out = gram[..., :-1, :-1]

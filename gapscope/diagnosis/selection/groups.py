@@ -10,21 +10,25 @@ from gapscope.effects.effect import Effect
 
 def best_groups(model: Model) -> list[Fit]:
     """For each effect that can be added, the model with it on its best group of joints."""
-    groups = (_best_group(model, effect) for effect in model.terms.definitions)
-    return [group for group in groups if group is not None]
+    chosen = model.fit.terms
+    added = [term for term in model.terms.open if not clashes(term, chosen)]
+    fits = model.evidence.fits([chosen | {term} for term in added])
+    groups = []
+    for effect in model.terms.definitions:
+        pairs = zip(added, fits, strict=True)
+        singles = [fit for term, fit in pairs if term.effect == effect.name]
+        if singles:
+            groups.append(_best_group(model, effect, singles))
+    return groups
 
 
-def _best_group(model: Model, effect: Effect) -> Fit | None:
-    """The best group of joints for one effect; joints are added in the order of their own gain, links one at a time."""
-    evidence, chosen = model.evidence, model.fit.terms
-    singles = [
-        evidence.fit(chosen | {term})
-        for term in model.terms.open
-        if term.effect == effect.name and not clashes(term, chosen)
-    ]
-    if not singles:
-        return None
-    singles.sort(key=lambda fit: -fit.score)
+def _best_group(model: Model, effect: Effect, singles: list[Fit]) -> Fit:
+    """The best group of joints for one effect, from the fits of the model with it on one joint, or link, each.
+
+    Joints are added in the order of their own gain, links one at a time.
+    """
+    evidence = model.evidence
+    singles = sorted(singles, key=lambda fit: -fit.score)
     if effect.scope != "joint":
         return model.best(singles[0].terms)
     group = model.fit

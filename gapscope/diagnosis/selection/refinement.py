@@ -25,7 +25,7 @@ def refine(model: Model) -> Model:
             for terms in neighbours(model.fit.terms, model.terms)
             if terms not in visited
         ]
-        fits = [model.evidence.fit(terms) for terms in untried]
+        fits = model.evidence.fits(untried)
         best = max(fits, key=lambda fit: fit.score, default=model.fit)
         if best.score < model.fit.score + REFINE_GAIN:
             break
@@ -66,7 +66,7 @@ def drop_unneeded(model: Model) -> Model:
     nominal inertials may do as well without it.
     """
     while parts := by_finding(_removable(model)):
-        fits = [model.best(model.fit.terms - part) for part in parts]
+        fits = model.best_of([model.fit.terms - part for part in parts])
         best = max(fits, key=lambda fit: fit.score)
         if best.score <= model.fit.score - MOVE_GAIN:
             return model

@@ -224,7 +224,7 @@ def _best_pair(model: Model) -> Fit | None:
     """The two groups that raise the evidence most together."""
     groups = sorted(best_groups(model), key=lambda fit: -fit.score)[:PAIRED_GROUPS]
     sets = [one.terms | other.terms for one, other in combinations(groups, 2)]
-    fits = [model.best(terms) for terms in sets if consistent(terms)]
+    fits = model.best_of([terms for terms in sets if consistent(terms)])
     seen = [fit for fit in fits if visible(model, fit.terms)]
     return max(seen, key=lambda fit: fit.score, default=None)
 
