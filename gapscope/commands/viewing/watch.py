@@ -60,7 +60,7 @@ Once = Annotated[
 ]
 UntilIdle = Annotated[
     float | None,
-    typer.Option(help="end when nothing new came for this long [s]", metavar="S"),
+    typer.Option(help="end when nothing new came for this long [s]", metavar="N"),
 ]
 
 
