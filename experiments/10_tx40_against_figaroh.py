@@ -20,13 +20,11 @@ import argparse
 import sys
 from pathlib import Path
 from time import perf_counter, process_time
-from typing import Any
 
 import numpy as np
-from benchmarks.child import run_child
-from benchmarks.figaroh import FIGAROH, install, without_meshes
+from benchmarks.foreign import FIGAROH, figaroh_fit, install
 
-from gapscope.arm.case import Case, load_case
+from gapscope.arm.case import load_case
 from gapscope.arm.nominal import smooth_sign
 from gapscope.ident.identification import (
     Identification,
@@ -42,28 +40,6 @@ from gapscope.ident.uncertainty.validation import MOVING
 HERE = Path(__file__).parent
 ORDERS = (1, 2)
 """Cycles of ripple per turn of a motor."""
-
-
-def figaroh(
-    python: Path, case: Case, fit: Segment, judged: Segment, cutoff: float, out: Path
-) -> dict[str, Any]:
-    """Torque of FIGAROH's fit on both segments [N m], (N, 6), number of parameters, wall and processor time [s]."""
-    motions = {
-        key: np.stack([s.motion.q, s.motion.dq, s.motion.ddq])
-        for key, s in (("fit", fit), ("judged", judged))
-    }
-    arrays, result = out / "arrays.npz", out / "figaroh.npz"
-    urdf = without_meshes(case.arm.urdf, out / "arm.urdf")
-    np.savez(
-        arrays,
-        **motions,
-        torque=fit.torque,
-        rate=fit.motion.rate,
-        cutoff=cutoff,
-        urdf=str(urdf.resolve()),
-    )
-    times = run_child("figaroh_fit.py", arrays, result, python=python)
-    return {**np.load(result), **times}
 
 
 class SharpLaw(FrictionLaw):
@@ -214,7 +190,7 @@ def main() -> None:
         result = identify(case, IdentificationSettings(cutoff=cutoff, trim=False))
         seconds, work = perf_counter() - start, process_time() - work
         (fit,), (judged,) = band.segments(case.recordings), band.segments(case.judged)
-        other = figaroh(python, case, fit, judged, cutoff, out)
+        other = figaroh_fit(python, case, fit, judged, cutoff, out)
         possible = all(check.consistent for check in result.physical.after)
         print(
             f"\n{cutoff:g} Hz, {result.choice.law}; bodies {'all possible' if possible else 'NOT possible'}"

@@ -17,6 +17,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from experiments.benchmarks.machine import machine
+from experiments.benchmarks.measured_cases import Measured
 from experiments.benchmarks.parts import PARTS, conclusions_of, points_of
 from experiments.benchmarks.point import Point, Settings
 from experiments.benchmarks.row import Row
@@ -42,8 +43,24 @@ def arguments(words: Sequence[str] | None) -> argparse.Namespace:
     )
     add("--list", action="store_true", help="print the points and end")
     add("--against", type=Path, help="another checkout, measured in turns with this")
+    add(
+        "--case",
+        action="append",
+        default=[],
+        type=_case,
+        metavar="CASE[,REFERENCE]",
+        help="a case of your own that is diagnosed as well; repeatable",
+    )
     add("--into", type=Path, help="page whose tables are replaced, docs/benchmarks.md")
     return parser.parse_args(words)
+
+
+def _case(text: str) -> Measured:
+    """A case, and a reference after a comma."""
+    case, _, reference = text.partition(",")
+    path = Path(case).resolve()
+    name = path.parent.name if path.suffix else path.name
+    return Measured(name, path, Path(reference).resolve() if reference else None)
 
 
 class Run:
@@ -51,14 +68,23 @@ class Run:
 
     def __init__(self, options: argparse.Namespace) -> None:
         self.options = options
-        self.out = options.out / "quick" if options.quick else options.out
+        # what is stored of one kind of run must not stand for another
+        kinds = ("quick",) * options.quick + ("against",) * bool(options.against)
+        self.out = options.out.joinpath(*kinds).resolve()
         self.failed: list[str] = []
 
     def part(self, part: str) -> list[Row]:
         """Rows of a part, and what follows from them."""
         options = self.options
         against = options.against.resolve() if options.against else None
-        settings = Settings(self.out / part, options.rounds, options.quick, against)
+        # cases and foreign tools are the same for all kinds of runs
+        settings = Settings(
+            options.out.resolve() / part,
+            options.rounds,
+            options.quick,
+            against,
+            tuple(options.case),
+        )
         points = points_of(part, settings)
         rows = [row for point in points for row in self.point(part, point)]
         return [*rows, *conclusions_of(part, rows)]

@@ -11,6 +11,9 @@ from experiments.benchmarks.row import Row
 
 PARTS = {
     "regressor": "Regressor and base parameters",
+    "identification": "Identification",
+    "joint": "Friction and inertia of one joint",
+    "diagnosis": "Diagnosis",
 }
 """Title of each part in the table; its module has the part's name."""
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from experiments.benchmarks.measured_cases import Measured
 from experiments.benchmarks.row import Row
 
 
@@ -18,12 +19,14 @@ class Settings:
         rounds: how many times loops that take turns are run.
         quick: whether to measure small sizes only, to see that all works.
         against: another checkout of the project, whose code is measured in turns with this one's.
+        cases: cases of the user's own that are diagnosed as well.
     """
 
     out: Path
     rounds: int = 5
     quick: bool = False
     against: Path | None = None
+    cases: tuple[Measured, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,9 @@ import pinocchio as pin
 from threadpoolctl import threadpool_limits
 
 from experiments.benchmarks.child import run_child
-from experiments.benchmarks.figaroh import FIGAROH, install, without_meshes
+from experiments.benchmarks.foreign import FIGAROH, install, without_meshes
 from experiments.benchmarks.point import Point, Settings
-from experiments.benchmarks.row import Row, compared
+from experiments.benchmarks.row import MEMORY, Row, compared
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.ident.model.base_parameters import base_parameters, random_states
@@ -59,8 +59,8 @@ def _streaming(samples: int) -> list[Row]:
         f"streaming {samples} samples into triangular factors",
         1e6 * (found["cpu"] - found["making"]) / samples,
         "µs a sample",
-        note="without making the motions; error in standard deviations",
-        details={"memory_mb": found["memory"], "error": found["error"]},
+        note="without making the motions",
+        details={MEMORY: found["memory"], "RMS error [std]": found["error"]},
     )
     return [row]
 

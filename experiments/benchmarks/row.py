@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 Clock = Callable[[], float]
+MEMORY = "peak memory [MB]"
+"""Key of a row's details."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +26,8 @@ class Row:
         ratio_spread: half the distance between the quartiles of the ratio.
         yardstick: name of what the ratio is to.
         note: what else is to know in a few words.
-        details: other figures by name, for instance ``memory_mb`` or ``size``.
+        details: other figures by name, with their unit.
+        sizes: where it lies on a curve of growth; not part of the table.
     """
 
     name: str
@@ -36,6 +39,7 @@ class Row:
     yardstick: str = ""
     note: str = ""
     details: Mapping[str, float | str] = field(default_factory=dict)
+    sizes: Mapping[str, float | str] = field(default_factory=dict)
 
 
 def half_quartiles(values: Sequence[float]) -> float | None:

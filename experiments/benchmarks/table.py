@@ -21,7 +21,7 @@ def _line(row: Row) -> str:
     ratio = _with_spread(row.ratio, row.ratio_spread)
     if ratio and row.yardstick and not row.name.endswith(row.yardstick):
         ratio += f" to {row.yardstick}"
-    details = [f"{_word(key)} {_number(value)}" for key, value in row.details.items()]
+    details = [_detail(key, value) for key, value in row.details.items()]
     more = "; ".join([*filter(None, [row.note]), *details])
     figure = _with_spread(row.figure, row.spread)
     return f"| {row.name} | {figure} {row.unit} | {ratio} | {more} |"
@@ -43,8 +43,10 @@ def _number(value: float | str, digits: int = 3) -> str:
     return f"{rounded:.10f}".rstrip("0").rstrip(".")
 
 
-def _word(key: str) -> str:
-    return key.replace("_", " ")
+def _detail(key: str, value: float | str) -> str:
+    """A figure with the unit of its key behind it."""
+    name, _, unit = key.partition(" [")
+    return f"{name} {_number(value)} {unit.removesuffix(']')}".strip()
 
 
 def put_into(page: Path, part: str, text: str) -> None:

@@ -1,0 +1,113 @@
+"""Identification against FIGAROH on a real arm, and against a bare pinocchio loop on a simulated one.
+
+The Stäubli TX40, rows and filter of ``experiments/10_tx40_against_figaroh.py``: time of all of ``gapscope identify``
+and of FIGAROH's regressor and base-parameter fit, and the residual over the torque on held-out rows (RMS, all joints,
+where they move). The simulated minute is 7 joints at 500 Hz; the bare loop calls pinocchio's regressor once for each
+sample and keeps nothing.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+from threadpoolctl import threadpool_limits
+
+from experiments.benchmarks.foreign import FIGAROH, figaroh_fit, install
+from experiments.benchmarks.measured_cases import CASES, data_folder
+from experiments.benchmarks.point import Point, Settings
+from experiments.benchmarks.row import Row, compared, in_turns
+from experiments.benchmarks.simulated_cases import Simulated, simulated_case
+from gapscope.arm.case import Case, load_case
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.ident.identification import IdentificationSettings, identify
+from gapscope.ident.signals.conditioning import Segment
+from gapscope.ident.signals.samples import Band
+from gapscope.ident.uncertainty.validation import MOVING
+
+CUTOFF = 10.0
+"""Of the filter on both sides [Hz]."""
+TX40 = "staubli_tx40"
+OURS, BARE = "gapscope identify", "bare pinocchio loop"
+
+
+def points(settings: Settings) -> list[Point]:
+    """The real arm if its recording is there, and the simulated one."""
+    simulated = Simulated(6.0 if settings.quick else 60.0)
+    found = [Point(simulated.name, partial(_against_loop, settings, simulated))]
+    if data_folder() is not None:
+        found.append(Point("TX40", partial(_against_figaroh, settings)))
+    return found
+
+
+def _against_loop(settings: Settings, simulated: Simulated) -> list[Row]:
+    case = load_case(simulated_case(simulated, settings.out / "cases"))
+    loops = {OURS: lambda: identify(case), BARE: lambda: _bare(case)}
+    with threadpool_limits(1):
+        times = in_turns(loops, settings.rounds)
+    return compared(times, BARE, what=simulated.name)
+
+
+def _bare(case: Case) -> None:
+    """Pinocchio's regressor at each sample of the recordings, at the measured positions."""
+    model = RigidBody(case.arm).model
+    data = model.createData()
+    for recording in case.recordings:
+        rates = np.zeros_like(recording.q)
+        for sample in zip(recording.q, rates, rates, strict=True):
+            pin.computeJointTorqueRegressor(model, data, *sample)
+
+
+def _against_figaroh(settings: Settings) -> list[Row]:
+    case = load_case(CASES / f"{TX40}.yaml")
+    band = Band(CUTOFF, trim=False)
+    (fit,), (judged,) = band.segments(case.recordings), band.segments(case.judged)
+    fits: dict[str, Callable[[], tuple[float, np.ndarray]]] = {
+        OURS: lambda: _ours(case, judged, band)
+    }
+    python = install(settings.out.parent / "figaroh")
+    if python is not None:
+        fits[FIGAROH] = lambda: _theirs(python, case, fit, judged, settings.out)
+    runs: dict[str, list[tuple[float, np.ndarray]]] = {name: [] for name in fits}
+    with threadpool_limits(1):
+        for _ in range(settings.rounds):
+            for name, run in fits.items():
+                runs[name].append(run())
+    rows = compared(
+        {name: [seconds for seconds, _ in found] for name, found in runs.items()},
+        list(fits)[-1],
+        what="TX40",
+    )
+    errors = (_error(found[0][1], judged, band) for found in runs.values())
+    return [
+        replace(row, details={"held-out residual over torque [%]": 100 * error})
+        for row, error in zip(rows, errors, strict=True)
+    ]
+
+
+def _ours(case: Case, judged: Segment, band: Band) -> tuple[float, np.ndarray]:
+    """Processor time [s], and the torque predicted on the held-out rows, in the band [N m]."""
+    start = time.process_time()
+    found = identify(case, IdentificationSettings(cutoff=CUTOFF, trim=False))
+    cpu = time.process_time() - start
+    return cpu, band.filtered(found.predict(judged.motion), judged)
+
+
+def _theirs(
+    python: Path, case: Case, fit: Segment, judged: Segment, out: Path
+) -> tuple[float, np.ndarray]:
+    found = figaroh_fit(python, case, fit, judged, CUTOFF, out)
+    return found["work"], found["judged"]
+
+
+def _error(predicted: np.ndarray, judged: Segment, band: Band) -> float:
+    """RMS residual over RMS torque of the samples whose joint moves."""
+    torque = band.filtered(np.asarray(judged.torque), judged)
+    moving = np.abs(judged.motion.dq) > MOVING
+    residual = (torque - predicted)[moving]
+    return float(np.sqrt((residual**2).sum() / (torque[moving] ** 2).sum()))

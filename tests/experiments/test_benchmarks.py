@@ -1,0 +1,117 @@
+"""The benchmarks' machinery: rows from times, exponents, points that are stored, tables in a page, the pendulum."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from experiments.benchmarks import __main__ as benchmarks
+from experiments.benchmarks import one_joint, parts
+from experiments.benchmarks.growth import along, exponents
+from experiments.benchmarks.point import Point
+from experiments.benchmarks.row import MEMORY, Row, compared, in_turns
+from gapscope.arm.errors import InputError
+
+
+def test_loops_take_turns():
+    order = []
+    loops = {"a": lambda: order.append("a"), "b": lambda: order.append("b")}
+    times = in_turns(loops, 3)
+    assert order == ["a", "b"] * 3
+    assert {name: len(values) for name, values in times.items()} == {"a": 3, "b": 3}
+
+
+def test_ratio_is_the_median_of_the_rounds_ratios():
+    times = {"ours": [1.0, 2.0, 5.0], "bare": [2.0, 2.0, 20.0]}
+    ours, bare = compared(times, "bare", "µs", per=1e-6, what="step")
+    assert (ours.name, ours.figure, ours.ratio) == ("step, ours", 2e6, 2.0)
+    assert ours.spread == pytest.approx(1e6)  # quartiles 1.5 and 3.5 s
+    assert ours.ratio_spread == pytest.approx(0.75)  # ratios 2, 1, 4
+    assert (bare.ratio, bare.ratio_spread) == (1.0, 0.0)
+
+
+def sized(n: int, stopped: bool = False) -> Row:
+    details = {MEMORY: 100.0 * n**0.5} | ({"stopped after [s]": 1.0} if stopped else {})
+    sizes = {"length": n, "rate": 500}
+    return Row(f"{n}", 3.0 * n**1.5, "s", details=details, sizes=sizes)
+
+
+def test_exponents_of_a_power_law():
+    rows = [sized(8), sized(2), sized(4), sized(64, stopped=True)]
+    rows.append(Row("other rate", 1.0, "s", sizes={"length": 16, "rate": 100}))
+    curve = along(rows, "length", {"rate": 500})
+    assert [row.name for row in curve] == ["2", "4", "8"]
+    time, memory = exponents(curve, "length")
+    assert (time.figure, memory.figure) == pytest.approx((1.5, 0.5))
+    assert time.details["between the last two"] == pytest.approx(1.5)
+    assert exponents(curve[:2], "length") == []
+
+
+@pytest.fixture
+def part(monkeypatch):
+    """A part with a point that succeeds and one that fails at first."""
+    calls = []
+
+    def measure(name, fails):
+        calls.append(name)
+        if fails and calls.count(name) == 1:
+            raise ValueError("out of order")
+        return [Row(f"row of {name}", 0.25, "s", ratio=2.0, yardstick="other")]
+
+    module = type(sys)("experiments.benchmarks.fake")
+    module.points = lambda settings: [
+        Point("good", lambda: measure("good", False)),
+        Point("bad", lambda: measure("bad", True)),
+    ]
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    monkeypatch.setattr(parts, "PARTS", {"fake": "A part"})
+    monkeypatch.setattr(benchmarks, "PARTS", parts.PARTS)
+    return calls
+
+
+def test_a_run_goes_on_where_it_was_and_writes_into_the_page(part, tmp_path, capsys):
+    out = ["--out", str(tmp_path / "out")]
+    assert benchmarks.main(["fake", *out]) == 1
+    assert "failed: fake: bad" in capsys.readouterr().err
+    page = tmp_path / "page.md"
+    page.write_text(
+        "before\n<!-- fake: written by a script -->\nold\n<!-- end of fake -->\nafter\n"
+    )
+    assert benchmarks.main(["fake", *out, "--into", str(page)]) == 0
+    assert part == ["good", "bad", "bad"]
+    text = page.read_text()
+    assert text.startswith("before\n") and text.endswith("-->\nafter\n")
+    assert "| row of good | 0.25 s | 2 to other |  |" in text and "old" not in text
+    benchmarks.main(["fake", *out, "--again", "--only", "good"])
+    assert part == ["good", "bad", "bad", "good"]
+
+
+def test_a_page_without_a_place_is_named(part, tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("nothing here")
+    with pytest.raises(InputError, match="page.md"):
+        benchmarks.main(
+            ["fake", "--only", "good", "--out", str(tmp_path), "--into", str(page)]
+        )
+
+
+def test_the_pendulum_obeys_its_equation_and_sticks():
+    joint = one_joint.recorded(6.0, np.random.default_rng(3))
+    lever = one_joint.MASS * one_joint.GRAVITY * one_joint.LEVER
+    h = 1 / one_joint.RATE
+    # over a window of 20 ms the momentum changes by the impulse of all torques
+    truth, window = one_joint.TRUTH, 20
+    v = np.gradient(joint.q, h)
+    slides = np.abs(v) > 0.5
+    felt = joint.tau - lever * np.sin(joint.q) - one_joint.OFFSET
+    felt -= truth["viscous"] * v + truth["coulomb"] * np.sign(v)
+    impulse = np.convolve(felt, np.ones(window), "valid")[:-1] * h
+    change = truth["inertia"] * (v[window:] - v[:-window])
+    kept = np.convolve(~slides, np.ones(window + 1), "valid") == 0
+    assert kept.sum() > 500
+    error = (impulse - change)[kept]
+    assert np.sqrt((error**2).mean()) < 0.1 * change[kept].std()
+    # the joint does not move before its friction is overcome
+    overcome = np.argmax(np.abs(joint.tau - one_joint.OFFSET) > truth["coulomb"])
+    assert overcome > 10
+    assert np.abs(joint.q[:overcome]).max() < 10 * one_joint.ENCODER_NOISE
