@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from gapscope.diagnosis.setup_faults.arm_weight import weight_penalty
 from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
@@ -42,37 +41,28 @@ def held_out_gap(
     """
     torque = eq.read(mapping)
     target, square = _against_nominal(eq, torque)
-    # cross-validation over the folds
-    folds = np.arange(len(eq.rows))
-    left_out = [
-        _fit(
-            eq,
-            eq.gram[folds != k].sum(axis=0),
-            target[folds != k].sum(axis=0),
-            torque.deviation,
-            spread,
-        )
-        for k in folds
-    ]
-    gap = _gap(eq, target, square, np.array(left_out)) / torque.deviation
-    values = _fit(eq, eq.gram.sum(axis=0), target.sum(axis=0), torque.deviation, spread)
-    return gap, _penalty(eq, torque, values, spread)
+    # cross-validation over the folds; the last fit is to all of them
+    folds = len(eq.rows)
+    others = np.vstack([1.0 - np.eye(folds), np.ones(folds)])
+    values = _fit(eq, target, torque.deviation, spread, others)
+    gap = _gap(eq, target, square, values[:folds]) / torque.deviation
+    return gap, _penalty(eq, torque, values[folds], spread)
 
 
 def fitted_gap(eq: FoldEquations, mapping: ChannelMapping) -> tuple[np.ndarray, float]:
     """The same with the gap on each fold of the values fitted to all folds: smaller, at a fraction of the cost."""
     torque = eq.read(mapping)
     target, square = _against_nominal(eq, torque)
-    values = _fit(eq, eq.gram.sum(axis=0), target.sum(axis=0), torque.deviation, 1.0)
-    on_each = np.broadcast_to(values, (len(eq.rows), *values.shape))
-    gap = _gap(eq, target, square, on_each) / torque.deviation
-    return gap, _penalty(eq, torque, values, 1.0)
+    whole = np.ones((1, len(eq.rows)))
+    values = _fit(eq, target, torque.deviation, 1.0, whole)
+    gap = _gap(eq, target, square, values) / torque.deviation
+    return gap, _penalty(eq, torque, values[0], 1.0)
 
 
 def _gap(
     eq: FoldEquations, target: np.ndarray, square: np.ndarray, values: np.ndarray
 ) -> np.ndarray:
-    """RMS of what values, (K, n, D), leave on each fold [N m], (K, n)."""
+    """RMS of what values, (K, n, D) or (1, n, D) for all, leave on each fold [N m], (K, n)."""
     explained = 2 * (values * target).sum(axis=2)
     fitted_square = (values * (eq.gram @ values[..., None])[..., 0]).sum(axis=2)
     squared_error = np.clip(square - explained + fitted_square, 0, None)
@@ -108,42 +98,57 @@ def _against_nominal(
 
 def _fit(
     eq: FoldEquations,
-    gram: np.ndarray,
     target: np.ndarray,
     deviation: np.ndarray,
     spread: float,
+    weights: np.ndarray,
 ) -> np.ndarray:
-    """Most probable values of every joint's columns within their bounds, (n, D), from (n, D, D) and (n, D).
+    """Most probable values of every joint's columns within their bounds, (F, n, D), of several fits at once.
 
     The unknowns are the inertial errors, once, and then the own values of each joint.
+
+    Args:
+        eq: normal equations of K folds.
+        target: right sides, (K, n, D).
+        deviation: of each joint's torque [N m], (n,).
+        spread: factor on the standard deviations of the prior.
+        weights: of the folds in each fit, (F, K).
     """
-    n, shared = len(target), eq.shared
+    n, shared, fits = target.shape[1], eq.shared, len(weights)
     precision = eq.weight / (ORDINARY_GAP_DEVIATION * deviation) ** 2
-    weighted_gram = precision[:, None, None] * gram
-    weighted_target = precision[:, None] * target
+    gram = np.tensordot(weights, eq.gram, 1) * precision[:, None, None]
+    right = np.tensordot(weights, target, 1) * precision[:, None]
     own_precision = 1.0 / (spread * _own_prior_std(eq, deviation)) ** 2
 
     # all joints share the inertial errors; their own values meet only through these
-    inertial_block = weighted_gram[:, :shared, :shared].sum(axis=0)
-    inertial_block += np.eye(shared) / spread**2
-    coupling = np.hstack(list(weighted_gram[:, :shared, shared:]))
-    own_block = block_diag(*weighted_gram[:, shared:, shared:])
-    own_block += np.diag(own_precision.ravel())
-    matrix = np.block([[inertial_block, coupling], [coupling.T, own_block]])
-    inertial_side = weighted_target[:, :shared].sum(axis=0)
-    right_side = np.concatenate([inertial_side, weighted_target[:, shared:].ravel()])
+    size = shared + n * OWN
+    matrix = np.zeros((fits, size, size))
+    matrix[:, :shared, :shared] = gram[:, :, :shared, :shared].sum(axis=1)
+    matrix[:, :shared, :shared] += np.eye(shared) / spread**2
+    for j in range(n):
+        own = slice(shared + j * OWN, shared + (j + 1) * OWN)
+        coupling = gram[:, j, :shared, shared:]
+        matrix[:, :shared, own] = coupling
+        matrix[:, own, :shared] = coupling.transpose(0, 2, 1)
+        matrix[:, own, own] = gram[:, j, shared:, shared:] + np.diag(own_precision[j])
+    inertial_side = right[:, :, :shared].sum(axis=1)
+    own_side = right[:, :, shared:].reshape(fits, -1)
+    solved = bounded_minimum(matrix, np.hstack([inertial_side, own_side]), _lowest(eq))
+    inertial = np.repeat(solved[:, None, :shared], n, axis=1)
+    return np.concatenate([inertial, solved[:, shared:].reshape(fits, n, OWN)], axis=2)
 
+
+def _lowest(eq: FoldEquations) -> np.ndarray:
+    """Lower bounds of the unknowns: the inertial errors, then each joint's own values."""
+    n = eq.gram.shape[1]
     # scale, rotor, Coulomb and viscous friction have lower bounds; spring and offset have none
-    own_lowest = np.full((n, OWN), -np.inf)
-    own_lowest[:, 0] = LOWEST_TORQUE_SCALE
-    own_lowest[:, 1:4] = eq.lowest.T
+    own = np.full((n, OWN), -np.inf)
+    own[:, 0] = LOWEST_TORQUE_SCALE
+    own[:, 1:4] = eq.lowest.T
     # and no link weighs less than nothing
-    shared_lowest = np.full(shared, -np.inf)
-    shared_lowest[: 10 * n : 10] = eq.lowest_mass
-    lowest = np.concatenate([shared_lowest, own_lowest.ravel()])
-    solved = bounded_minimum(matrix, right_side, lowest)
-    own = solved[shared:].reshape(n, OWN)
-    return np.hstack([np.tile(solved[:shared], (n, 1)), own])
+    shared = np.full(eq.shared, -np.inf)
+    shared[: 10 * n : 10] = eq.lowest_mass
+    return np.concatenate([shared, own.ravel()])
 
 
 def _own_prior_std(eq: FoldEquations, deviation: np.ndarray) -> np.ndarray:
@@ -165,18 +170,27 @@ def _own_prior_std(eq: FoldEquations, deviation: np.ndarray) -> np.ndarray:
 
 
 def bounded_minimum(a: np.ndarray, b: np.ndarray, lowest: np.ndarray) -> np.ndarray:
-    """Minimum of x^T A x / 2 - b^T x for x >= lowest, by fixing what falls below, at most ``MOST_ROUNDS`` times; (P,).
+    """Minima of x^T A x / 2 - b^T x for x >= lowest, by fixing what falls below, at most ``MOST_ROUNDS`` times; (F, P).
 
     A value that was fixed is not freed again, so that the result may lie beside the exact optimum
     (``scipy.optimize.lsq_linear``): it is eight times as fast and called some hundred times per case.
+
+    Args:
+        a: A of each problem, (F, P, P).
+        b: of each problem, (F, P).
+        lowest: of all, (P,).
     """
-    fixed = np.zeros(len(b), dtype=bool)
-    x = np.zeros(len(b))
+    fixed = np.zeros(b.shape, dtype=bool)
+    bound = np.where(np.isfinite(lowest), lowest, 0.0)
+    diagonal = np.arange(b.shape[1])
     for _ in range(MOST_ROUNDS):
-        free = ~fixed
-        x[fixed] = lowest[fixed]
-        right_side = b[free] - a[np.ix_(free, fixed)] @ x[fixed]
-        x[free] = np.linalg.solve(a[np.ix_(free, free)], right_side)
+        held = fixed * bound
+        right_side = b - (a @ held[..., None])[..., 0]
+        # the equation of a value that is fixed says so
+        reduced = np.where(fixed[:, :, None] | fixed[:, None, :], 0.0, a)
+        reduced[:, diagonal, diagonal] += fixed
+        free = np.linalg.solve(reduced, np.where(fixed, 0.0, right_side)[..., None])
+        x = held + free[..., 0]
         below = x < lowest - 1e-12
         if not below.any():
             break
