@@ -113,6 +113,11 @@ class EpisodeSource:
         self._feedforward, self._options = feedforward, options
         self._scale = ArmScale.of(arm)
 
+    @property
+    def randomisation(self) -> Randomisation | EffectRanges | None:
+        """What is drawn if ``reset`` says nothing else."""
+        return self._options.randomisation
+
     def draw(self, options: Mapping[str, Any], seeds: np.ndarray) -> EpisodePlan:
         """An episode.
 

@@ -16,6 +16,7 @@ from gapscope.arm.io.json_file import plain
 from gapscope.arm.motions.named_motions import draw_motion
 from gapscope.arm.motions.trajectory import ReferenceMotion
 from gapscope.envs.environment import ArmTracking
+from gapscope.envs.vector.environment import VectorArmTracking
 
 Policy = Callable[[np.ndarray], np.ndarray]
 """Action of an observation as the environment gives it."""
@@ -64,15 +65,25 @@ def held_out(
 
 
 def idle(env: ArmTracking) -> Policy:
-    """The policy that does nothing."""
-    still = np.zeros(env.actions)
-    return lambda observation: still
+    """The policy that does nothing, in one environment or in several."""
+    size = env.actions
+    return lambda observation: np.zeros((*np.shape(observation)[:-1], size))
 
 
 def episodes(
-    env: ArmTracking, policy: Policy, motions: Sequence[tuple[str, ReferenceMotion]]
+    env: ArmTracking | VectorArmTracking,
+    policy: Policy,
+    motions: Sequence[tuple[str, ReferenceMotion]],
 ) -> list[AgentScore]:
-    """A score for each motion; effects that the environment draws are the same at each call."""
+    """A score for each motion; effects that the environment draws are the same at each call.
+
+    Args:
+        env: an environment, or one for each motion, stepped together.
+        policy: gives the action of an observation, or those of several in rows.
+        motions: names and motions.
+    """
+    if isinstance(env, VectorArmTracking):
+        return _together(env, policy, [motion for _, motion in motions])
     return [
         _episode(env, policy, motion, number)
         for number, (_, motion) in enumerate(motions)
@@ -80,7 +91,9 @@ def episodes(
 
 
 def judge(
-    env: ArmTracking, policy: Policy, motions: Sequence[tuple[str, ReferenceMotion]]
+    env: ArmTracking | VectorArmTracking,
+    policy: Policy,
+    motions: Sequence[tuple[str, ReferenceMotion]],
 ) -> AgentScore:
     """The mean score over motions."""
     scores = episodes(env, policy, motions)
@@ -106,8 +119,52 @@ def _episode(
         if terminated or truncated:
             break
     count = round(env.length / env.period)
-    reward = sum(rewards) / count
-    if terminated:
+    return _score(rewards, errors, rates, count, bool(terminated))
+
+
+def _together(
+    env: VectorArmTracking, policy: Policy, motions: Sequence[ReferenceMotion]
+) -> list[AgentScore]:
+    """The scores of one episode of each motion."""
+    seeds = [HELD_OUT + number for number in range(len(motions))]
+    each = [{"motion": motion} for motion in motions]
+    observations, _ = env.reset(seed=seeds, options={"each": each})
+    count = env.setup.timing.actions
+    # an action in which all episodes begin anew has no figures
+    none = np.zeros(len(motions))
+    rows, fallen, over = [], [], []
+    for _ in range(count):
+        found = env.step(policy(observations))
+        observations, reward, terminated, truncated, info = found
+        measures = (info.get(name, none) for name in ("tracking_rms", "torque_rate"))
+        rows.append((reward, *measures))
+        fallen.append(terminated)
+        over.append(terminated | truncated)
+    series, lengths = np.array(rows), np.argmax(over, axis=0) + 1
+    scores = []
+    for number, length in enumerate(lengths.tolist()):
+        rewards, errors, rates = series[:length, :, number].T
+        early = bool(fallen[length - 1][number])
+        scores.append(_score(rewards, errors, rates, count, early))
+    return scores
+
+
+def _score(
+    rewards: Sequence[float] | np.ndarray,
+    errors: Sequence[float] | np.ndarray,
+    rates: Sequence[float] | np.ndarray,
+    count: int,
+    ended: bool,
+) -> AgentScore:
+    """The score of an episode.
+
+    Args:
+        rewards, errors, rates: of its actions [1], [rad], [N m/s].
+        count: actions of a whole episode.
+        ended: whether it ended early.
+    """
+    reward = float(sum(rewards)) / count
+    if ended:
         return AgentScore(reward, inf, inf, 1, 1)
     error = float(np.sqrt(np.mean(np.square(errors))))
     rate = float(np.sqrt(np.mean(np.square(rates))))

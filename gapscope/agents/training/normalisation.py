@@ -84,14 +84,14 @@ class Normalisation:
         return cls(mean, np.maximum(spread, floor), *places)
 
     def __call__(self, observation: np.ndarray) -> np.ndarray:
-        """What the agent sees of an observation, each of shape (m,), float32."""
+        """What the agent sees of observations, each of shape (..., m), float32."""
         seen = (self._features(observation) - self.mean) / self.scale
         return np.minimum(np.maximum(seen, -LARGEST), LARGEST).astype(np.float32)
 
     def _features(self, observation: np.ndarray) -> np.ndarray:
         out = observation.astype(float)
         (a, b), (c, d) = self.velocity, self.reference_rate
-        out[a:b] = out[c:d] - out[a:b]
+        out[..., a:b] = out[..., c:d] - out[..., a:b]
         return out
 
     def write(self, path: Path) -> None:

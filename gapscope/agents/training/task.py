@@ -16,6 +16,7 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import External
 from gapscope.envs.environment import ArmTracking
+from gapscope.envs.vector.environment import VectorArmTracking
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,35 @@ class Task:
             settings: of the training.
             length: of an episode [s]; by default that of training.
         """
-        return self._environment(
+        return ArmTracking(**self._simulator(settings, length))
+
+    def simulators(self, settings: TrainingSettings) -> VectorArmTracking:
+        """The training environments, stepped together; an episode is followed by the next one at once.
+
+        Raises:
+            InputError: an engine other than MuJoCo, or an arm that cannot be stepped beside others.
+        """
+        return VectorArmTracking(
+            settings.environments,
+            autoreset_mode="SameStep",
+            **self._simulator(settings, None),
+        )
+
+    def trials(self, settings: TrainingSettings, count: int) -> VectorArmTracking:
+        """``simulator`` many times, stepped together, with episodes as long as an evaluation; raises likewise."""
+        arguments = self._simulator(settings, settings.duration)
+        return VectorArmTracking(count, **arguments)
+
+    def hidden_trials(
+        self, settings: TrainingSettings, count: int
+    ) -> VectorArmTracking:
+        """``hidden_arm`` many times, stepped together; raises likewise."""
+        return VectorArmTracking(count, **self._hidden(settings, settings.engine))
+
+    def _simulator(
+        self, settings: TrainingSettings, length: float | None
+    ) -> dict[str, Any]:
+        return self._arguments(
             settings,
             length,
             simulated=self.believed,
@@ -87,8 +116,11 @@ class Task:
         self, settings: TrainingSettings, engine: str | None = None
     ) -> ArmTracking:
         """The environment with the hidden effects; its episodes are as long as an evaluation."""
-        options = {"effects": self.hidden or (), "engine": engine or settings.engine}
-        return self._environment(settings, settings.duration, **options)
+        return ArmTracking(**self._hidden(settings, engine or settings.engine))
+
+    def _hidden(self, settings: TrainingSettings, engine: str) -> dict[str, Any]:
+        options = {"effects": self.hidden or (), "engine": engine}
+        return self._arguments(settings, settings.duration, **options)
 
     def normalised(
         self, settings: TrainingSettings, normalisation: Normalisation
@@ -98,23 +130,24 @@ class Task:
             partial(_normalised, self, settings, normalisation)
         ] * settings.environments
 
-    def _environment(
+    def _arguments(
         self, settings: TrainingSettings, length: float | None, **options: Any
-    ) -> ArmTracking:
+    ) -> dict[str, Any]:
+        """Arguments of an environment."""
         model = self.model()
-        return ArmTracking(
-            self.arm,
-            feedforward="none" if model is None else model,
-            action=settings.action,
-            action_reach=settings.action_reach
-            if settings.action == "residual"
-            else None,
-            bandwidth=settings.bandwidth,
-            motion=settings.motion,
-            episode_length=length or settings.episode_length,
-            reward=settings.reward,
-            **{"engine": settings.engine, **options},
-        )
+        reach = settings.action_reach if settings.action == "residual" else None
+        return {
+            "robot": self.arm,
+            "feedforward": "none" if model is None else model,
+            "action": settings.action,
+            "action_reach": reach,
+            "bandwidth": settings.bandwidth,
+            "motion": settings.motion,
+            "episode_length": length or settings.episode_length,
+            "reward": settings.reward,
+            "engine": settings.engine,
+            **options,
+        }
 
 
 def _normalised(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,8 @@ from gapscope.agents.training.normalisation import Normalisation
 from gapscope.agents.training.task import Task
 from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.errors import InputError
+from gapscope.envs.environment import ArmTracking
+from gapscope.envs.vector.environment import VectorArmTracking
 
 CHECKPOINTS, EVENTS = "checkpoint", "tensorboard"
 WEIGHTS, BEST, REPLAY, NORMALISATION = (
@@ -94,10 +97,8 @@ class Training:
         """Train to the end, or for so many rounds at most."""
         settings = self._settings
         self._simulator = self._task.simulator(settings, settings.duration)
-        self._hidden = (
-            None if self._task.hidden is None else self._task.hidden_arm(settings)
-        )
         self._motions = held_out(settings, self._simulator)
+        self._set_trials()
         found = read_checkpoint(self._folder / CHECKPOINTS)
         vector = None
         try:
@@ -124,15 +125,39 @@ class Training:
                 self._round(vector)
             return self._trained()
         finally:
-            for env in (self._simulator, self._hidden, vector):
+            for env in (self._simulator, self._trials, self._hidden, vector):
                 if env is not None:
                     env.close()
 
+    def _set_trials(self) -> None:
+        """Set the environments of the evaluations: all motions together, if such arms can be stepped together."""
+        task, settings, count = self._task, self._settings, len(self._motions)
+        self._trials: ArmTracking | VectorArmTracking = self._simulator
+        self._hidden: ArmTracking | VectorArmTracking | None = None
+        with suppress(InputError):
+            self._trials = task.trials(settings, count)
+        if task.hidden is None:
+            return
+        try:
+            self._hidden = task.hidden_trials(settings, count)
+        except InputError:
+            self._hidden = task.hidden_arm(settings)
+
     def _vector(self) -> Any:
+        """The training environments: stepped together, one by one, or in processes of their own."""
         from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
-        makers = self._task.normalised(self._settings, self._normalisation)
-        return SubprocVecEnv(makers) if self._settings.parallel else DummyVecEnv(makers)
+        from gapscope.agents.training.vector_adapter import NormalisedArms
+
+        settings, normalisation = self._settings, self._normalisation
+        makers = self._task.normalised(settings, normalisation)
+        if settings.parallel:
+            return SubprocVecEnv(makers)
+        try:
+            return NormalisedArms(self._task.simulators(settings), normalisation)
+        except InputError as error:
+            self._progress(f"environments are stepped one by one: {error.message}")
+        return DummyVecEnv(makers)
 
     def _round(self, vector: Any) -> None:
         settings, learner = self._settings, self._learner
@@ -157,7 +182,7 @@ class Training:
 
     def _point(self, policy: Policy) -> None:
         """Try the agent, and note whether it is the best so far."""
-        simulated = judge(self._simulator, policy, self._motions)
+        simulated = judge(self._trials, policy, self._motions)
         tried = (
             None if self._hidden is None else judge(self._hidden, policy, self._motions)
         )

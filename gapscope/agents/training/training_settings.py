@@ -16,7 +16,7 @@ from gapscope.arm.motions.named_motions import MOTIONS
 from gapscope.arm.nearest_name import check_known, nearest
 from gapscope.envs.actions import ACTION_KINDS
 from gapscope.envs.arguments import positive, whole
-from gapscope.envs.engines import check_engine, default_engine
+from gapscope.envs.engines import check_engine
 from gapscope.envs.mystery_arm import HIDDEN
 from gapscope.envs.randomisation import Randomisation
 from gapscope.envs.reward import Reward
@@ -60,7 +60,7 @@ class TrainingSettings:
         improvement: least gain of the mean reward per action that counts as improvement [1].
         randomise: effects that are drawn around the model at every reset; none by default.
         count, severity: how many, and how severe, see ``gapscope.envs.randomisation.Randomisation``.
-        engine: that simulates training.
+        engine: that simulates training; on ``mujoco`` all environments are stepped together.
         seed: of weights, motions and exploration.
 
     Raises:
@@ -92,7 +92,7 @@ class TrainingSettings:
     randomise: tuple[str, ...] = ()
     count: tuple[int, int] = (1, 3)
     severity: tuple[float, float] = (0.5, 1.5)
-    engine: str = field(default_factory=default_engine)
+    engine: str = "mujoco"
     seed: int = 0
 
     def __post_init__(self) -> None:

@@ -64,10 +64,11 @@ class RigidBody:
         self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
     ) -> tuple[np.ndarray]:
         q, dq, ddq = self._ordered(q, dq, ddq)
-        out = np.empty_like(q)
-        for i in range(len(q)):
-            out[i] = pin.rnea(self.model, self._data, q[i], dq[i], ddq[i])
-        return (out[:, self._to_arm],)
+        # one call for all samples, each computed as by pin.rnea
+        pool = pin.ModelPool(self.model, 1)
+        out = pin.rneaInParallel(1, pool, q.T, dq.T, ddq.T)
+        # a single sample comes back as a vector
+        return (out.reshape(q.shape[::-1], order="F").T[:, self._to_arm],)
 
     def _cached(
         self,

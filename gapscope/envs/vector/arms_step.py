@@ -56,22 +56,15 @@ class ArmsStep:
         self._friction[number].reset()
         self._viscous[number] = viscous
         self._effective[number] = self._rotors[number] + self._dt * viscous
-        self._assume(np.array([number]), np.zeros((1, self.q.shape[1])))
+        self._keep(np.array([number]), np.zeros((1, self.q.shape[1])))
+        rotors = self._effective[number] + HOLD * self._sticking[number]
+        self._engine.rotors[number] = rotors
 
     def set_viscous(self, viscous: np.ndarray) -> None:
         """Change b [N m s/rad]."""
         self._viscous[:] = viscous
         self._effective = self._rotors + self._dt * self._viscous
         self._engine.rotors[:] = self._effective + HOLD * self._sticking
-
-    def _assume(self, arms: np.ndarray, direction: np.ndarray) -> None:
-        """Guess the directions of the joints of some arms, shape (k, n), 0 if they stick."""
-        sticks = self._dry[arms] & (direction == 0)
-        hold = HOLD * sticks
-        self._direction[arms], self._sticking[arms] = direction, sticks
-        self._brake[arms] = hold / self._dt
-        self._engine.rotors[arms] = self._effective[arms] + hold
-        self._any_stuck = bool(self._sticking.any())
 
     def begin(self) -> np.ndarray:
         """Note the state before a step; the velocities [rad/s], valid until the next call."""
@@ -115,7 +108,7 @@ class ArmsStep:
             wrong |= over
         if not wrong.any():
             return
-        arms = np.flatnonzero(wrong.any(axis=1))
+        arms = np.flatnonzero(wrong.any(axis=1)).astype(np.int32)
         kept = np.where(self._direction[arms] == way[arms], way[arms], 0.0)
         if self._any_stuck:
             pushed = np.where(out[arms] > 0, 1.0, -1.0)
@@ -130,43 +123,61 @@ class ArmsStep:
         limit: np.ndarray,
     ) -> None:
         """Steps of some arms, k of them, whose first guess was wrong; directions, torque and limit of shape (k, n)."""
+        old = self._old_dq[arms]
+        work = torque - self._viscous[arms] * old
+        known = (old, work, limit, self._dry[arms], self._effective[arms])
+        left, guess = np.arange(len(arms)), direction.copy()
         for _ in range(GUESSES - 1):
-            self._assume(arms, direction)
-            wrong, direction = self._try(arms, direction, torque, limit)
-            if not len(wrong):
-                return
-            arms, direction = arms[wrong], direction[wrong]
-            torque, limit = torque[wrong], limit[wrong]
-        self._take_back(arms)
-        found = [
-            self._search(int(arm), torque[row], limit[row])
-            for row, arm in enumerate(arms)
-        ]
-        direction = np.array(found)
-        self._assume(arms, direction)
-        self._try(arms, direction, torque, limit)
+            wrong, following = self._try(
+                arms[left], guess[left], tuple(x[left] for x in known)
+            )
+            left = left[wrong]
+            if not len(left):
+                break
+            guess[left] = following[wrong]
+        if len(left):
+            self._take_back(arms[left])
+            for row in left.tolist():
+                guess[row] = self._search(int(arms[row]), torque[row], limit[row])
+            self._try(arms[left], guess[left], tuple(x[left] for x in known))
+        self._keep(arms, guess)
+
+    def _keep(self, arms: np.ndarray, direction: np.ndarray) -> None:
+        """Note the directions, shape (k, n), with which some arms have made their step."""
+        sticks = self._dry[arms] & (direction == 0)
+        self._direction[arms], self._sticking[arms] = direction, sticks
+        self._brake[arms] = HOLD * sticks / self._dt
+        self._any_stuck = bool(self._sticking.any())
 
     def _try(
         self,
         arms: np.ndarray,
         direction: np.ndarray,
-        torque: np.ndarray,
-        limit: np.ndarray,
+        known: tuple[np.ndarray, ...],
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Take the step of some arms back and make it as guessed; which of them are wrong, and the next guesses."""
+        """Take the step of some arms back and make it as guessed; which of them are wrong, and the next guesses.
+
+        Args:
+            arms: k numbers.
+            direction: guessed, shape (k, n).
+            known: velocity before the step [rad/s], torque less viscous friction [N m], limit of dry friction [N m],
+                where there is dry friction, and rotors with viscous friction [kg m^2], each (k, n).
+        """
+        old, work, limit, dry, effective = known
+        stuck = dry & (direction == 0)
+        hold = HOLD * stuck
+        inertia, braking = effective + hold, hold / self._dt * old
         self._take_back(arms)
-        old, stuck, mask = self._old_dq[arms], self._sticking[arms], self._mask[arms]
-        braking = self._brake[arms] * old
-        out = torque - self._viscous[arms] * old - direction * limit - braking
-        self._engine.step(out, only=arms)
+        self._engine.rotors[arms] = inertia
+        self._engine.step(work - direction * limit - braking, only=arms)
         velocity = np.where(stuck, 0.0, self.dq[arms])
         self.dq[arms] = velocity
-        held = self._engine.rotors[arms] * self._engine.acceleration[arms] + braking
+        held = inertia * self._engine.acceleration[arms] + braking
         over = stuck & (np.abs(held) > limit)
-        way = np.sign(velocity * mask)
-        wrong = ((way != direction) | over).any(axis=1)
+        way = np.sign(velocity * dry)
         kept = np.where(direction == way, direction, 0.0)
         following = np.where(over, np.where(held > 0, 1.0, -1.0), kept)
+        wrong = ((way != direction) | over).any(axis=1)
         return np.flatnonzero(wrong), following
 
     def _take_back(self, arms: np.ndarray) -> None:

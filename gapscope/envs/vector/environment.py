@@ -19,7 +19,7 @@ from gapscope.envs.arguments import checked_actions, whole
 from gapscope.envs.environment import REWARDS, ArmTracking
 from gapscope.envs.episode_info import divergence_info, stop_info, truth
 from gapscope.envs.vector.controlled_arms import ControlledArms
-from gapscope.envs.vector.simulated_arms import ONE_BY_ONE
+from gapscope.envs.vector.simulated_arms import ONE_BY_ONE, check_drawn
 
 MODES = (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP)
 """When an episode that ended is followed by the next one."""
@@ -71,6 +71,7 @@ class VectorArmTracking(VectorEnv):
         self.metadata = {"autoreset_mode": self._mode, "render_modes": []}
         one = ArmTracking(robot, engine="mujoco", **options)
         one.close()
+        check_drawn(one.setup.source.randomisation)
         self.arm, self.setup, self.layout = one.arm, one.setup, one.layout
         self.single_observation_space = one.observation_space
         self.single_action_space = one.action_space

@@ -8,14 +8,42 @@ from gapscope.arm.dynamics.plain_urdf import moving_links
 from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.effect import Transmission
 from gapscope.envs.drive.arm_drive import ArmDrive, nominal_body
+from gapscope.envs.effect_ranges import EffectRanges
 from gapscope.envs.engines.mujoco_batch import MuJoCoBatch
+from gapscope.envs.randomisation import Randomisation
 from gapscope.envs.vector.arms_step import ArmsStep
 
 ONE_BY_ONE = (
     "gymnasium.make_vec(..., vectorization_mode='sync') steps such arms one by one"
 )
 """What to do if arms cannot be stepped together."""
+
+
+def check_drawn(randomisation: Randomisation | EffectRanges | None) -> None:
+    """Check that no effect may be drawn with which an arm cannot be stepped beside others.
+
+    Raises:
+        InputError: one may be; names it.
+    """
+    if randomisation is None:
+        return
+    ranges = isinstance(randomisation, EffectRanges)
+    names = (
+        [item.low.name for item in randomisation.ranges]
+        if isinstance(randomisation, EffectRanges)
+        else list(randomisation.names)
+    )
+    for name in names:
+        effect = CATALOGUE[name]
+        if isinstance(effect, Transmission) or effect.reach == "motor":
+            raise InputError(
+                f"{name} may be drawn, with which arms are not stepped together",
+                ONE_BY_ONE,
+                where="ranges" if ranges else "randomisation.names",
+            )
 
 
 class SimulatedArms:
