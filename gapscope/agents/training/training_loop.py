@@ -156,7 +156,7 @@ class Training:
         try:
             return NormalisedArms(self._task.simulators(settings), normalisation)
         except InputError as error:
-            self._progress(f"environments are stepped one by one: {error.message}")
+            self._progress(f"environments are stepped one by one: {error.problem}")
         return DummyVecEnv(makers)
 
     def _round(self, vector: Any) -> None:
