@@ -36,7 +36,12 @@ def arguments(words: Sequence[str] | None) -> argparse.Namespace:
     add("--out", type=Path, default=Path("out/benchmarks"), help="folder for all files")
     add("--rounds", type=int, default=5, help="turns of loops that are compared")
     add("--quick", action="store_true", help="small sizes, to see that all works")
-    add("--only", default="", help="points whose names contain one of these, by commas")
+    add(
+        "--only",
+        action="append",
+        metavar="TEXT",
+        help="points whose names contain it; repeatable",
+    )
     add("--again", action="store_true", help="measure also what is stored")
     add(
         "--tables", action="store_true", help="measure nothing, tabulate what is stored"
@@ -106,7 +111,7 @@ class Run:
             return []
 
     def _wanted(self, point: Point, found: list[Row] | None) -> bool:
-        named = any(text in point.name for text in self.options.only.split(","))
+        named = any(text in point.name for text in self.options.only or [""])
         new = found is None or self.options.again
         return named and new and not self.options.tables
 
