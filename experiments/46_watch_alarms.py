@@ -44,6 +44,8 @@ from gapscope.watching.alarm import ALARM, DRIFT, Event
 from gapscope.watching.detection.detector import Detector
 from gapscope.watching.segments import SegmentStream
 from gapscope.watching.settings import WatchSettings
+from gapscope.watching.sources.growing_file import GrowingFile
+from gapscope.watching.sources.source import Reading
 from gapscope.watching.watch import Watch
 
 CASES = Path(__file__).parent / "cases"
@@ -288,7 +290,7 @@ def speed(seconds: float = 300.0) -> dict[str, float]:
         list(watch.run())
         found["watch"] = (time.process_time() - begin) / seconds
         begin = time.process_time()
-        for _ in watch._source(None, None).poll():
+        for _ in GrowingFile(file, Reading(arm, None)).poll():
             pass
         found["reading"] = (time.process_time() - begin) / seconds
     return found
@@ -324,16 +326,23 @@ def rows_of_healthy(found: list[dict[str, Any]]) -> list[str]:
         effects = [e for f in own for e in f["effects"]]
         names = ", ".join(f"{effects.count(e)} {e}" for e in dict.fromkeys(effects))
         drifts = sum(len(f.get("drifts", ())) for f in own)
-        lines.append(
-            f"| {label}, {len(own)} | {hours:.0f} | {len(effects)} | {per_day(len(effects), hours)} | {names} | {drifts} |"
-        )
+        rate = per_day(len(effects), hours)
+        cells = [
+            f"{label}, {len(own)}",
+            f"{hours:g}",
+            len(effects),
+            rate,
+            names,
+            drifts,
+        ]
+        lines.append("| " + " | ".join(map(str, cells)) + " |")
     return lines
 
 
 def rows_of_changes(rows: list[dict[str, Any]]) -> list[str]:
     """Table of what became of changes."""
     lines = [
-        "| change | cases | named right | called otherwise | missed | detected after (median, s) | size off by (median) |",
+        "| change | cases | named right | called otherwise | missed | known after (median, s) | size off by (median) |",
         "|" + "---|" * 7,
     ]
     for label in dict.fromkeys(row["label"] for row in rows):

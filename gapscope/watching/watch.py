@@ -90,14 +90,6 @@ class Watch:
                 break
             if not new:
                 time.sleep(self.settings.poll)
-        yield from self._end(stopped())
-
-    def _end(self, interrupted: bool) -> Iterator[Event]:
-        """What is left when no more will come; after an interruption the rest may come in the next run."""
-        if not interrupted and self.settings.until_idle is not None:
-            self.source.finish()
-            for item in self.source.poll():
-                yield from self._said(self._events_of(item))
         self._save()
         failure = self._reading.failure
         if failure is not None and not self._reading.succeeded:

@@ -65,9 +65,6 @@ class Folder:
         """Files that were read, or tried at some size [bytes]; those that are gone are forgotten."""
         return {"done": dict(self._done)}
 
-    def finish(self) -> None:
-        """Nothing more will come: a folder waits for nothing but files to rest."""
-
     def poll(self) -> Iterator[Recording | Event]:
         """The recordings that have become complete, in the order of their names."""
         files = self._files()
@@ -108,7 +105,15 @@ class Folder:
         if self.path.is_file():
             return [self.path]
         found = []
-        for entry in self.path.iterdir():
+        try:
+            entries = list(self.path.iterdir())
+        except OSError as error:
+            raise InputError(
+                f"cannot be looked into any more ({error.strerror})",
+                "start the watch again when the folder is back: it goes on where it ended",
+                file=self.path,
+            ) from None
+        for entry in entries:
             if entry.name.startswith(".") or entry.resolve() == self._without:
                 continue
             if entry.is_dir() and not is_dataset(entry):

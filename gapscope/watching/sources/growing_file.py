@@ -18,7 +18,7 @@ from gapscope.watching.sources.source import Reading
 MOST_BYTES = 2**20
 """Size that is read at once [bytes]: bounds the memory when a long file is caught up with."""
 FEWEST_LINES = 50
-"""Lines that are read together at least: fewer do not show a rate."""
+"""Lines that are read together at least, fewer wait for more: they would not show a rate."""
 
 
 class GrowingFile:
@@ -39,7 +39,6 @@ class GrowingFile:
         self.path, self.reading = path, reading
         self._file: BinaryIO = path.open("rb")
         self._header, self._line, self._part = "", 1, 1
-        self._last_poll = False
         if position is not None:
             self._resume(position)
 
@@ -52,10 +51,6 @@ class GrowingFile:
             "part": self._part,
             "header": self._header,
         }
-
-    def finish(self) -> None:
-        """Let the next ``poll`` use fewer lines than it would wait for: nothing more will come."""
-        self._last_poll = True
 
     def poll(self) -> Iterator[Recording | Event]:
         """Rows that were added, and notes if the file was begun anew."""
@@ -100,8 +95,7 @@ class GrowingFile:
             whole = raw[: raw.rfind(b"\n") + 1]
             lines = whole.count(b"\n")
             more = len(raw) == MOST_BYTES
-            least = 1 if self._last_poll else FEWEST_LINES
-            if not whole or (lines < least and not more):
+            if not whole or (lines < FEWEST_LINES and not more):
                 self._file.seek(start)
                 if more:
                     yield self._too_long()

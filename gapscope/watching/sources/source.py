@@ -20,9 +20,6 @@ class Source(Protocol):
     def poll(self) -> Iterator[Recording | Event]:
         """What is new since the last call: parts of recordings in the order of time, and notes about the source."""
 
-    def finish(self) -> None:
-        """Nothing more will come: the next ``poll`` gives the rest."""
-
     def position(self) -> dict[str, Any]:
         """Where it is, as data for JSON; right between two items of ``poll``."""
 
