@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import argparse
 import copy
-import tempfile
 import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -31,22 +30,17 @@ import numpy as np
 from joblib import Parallel, delayed
 from scipy.stats import chi2
 from threadpoolctl import threadpool_limits
+from watch_speed import READ, WATCH, shares
 from watched_arms import Change, WorkingArm
 
 from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.json_file import read_json, write_json
-from gapscope.arm.io.write_case import write_columns
 from gapscope.arm.recording import Recording
-from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.watching.alarm import ALARM, DRIFT, Event
 from gapscope.watching.detection.detector import Detector
 from gapscope.watching.segments import SegmentStream
-from gapscope.watching.settings import WatchSettings
-from gapscope.watching.sources.growing_file import GrowingFile
-from gapscope.watching.sources.source import Reading
-from gapscope.watching.watch import Watch
 
 CASES = Path(__file__).parent / "cases"
 REAL = ("ur10", "panda", "kuka_med7", "unitree_z1")
@@ -264,38 +258,6 @@ def with_change(recording: Recording, change: Change, body: RigidBody) -> Record
     return recording.part(inner, tau=(np.asarray(recording.tau) + added)[inner])
 
 
-def speed(seconds: float = 300.0) -> dict[str, float]:
-    """Processor time per second of a recording of seven joints at 1 kHz, in one CSV that is followed; the parts."""
-    arm = load_nominal_arm("kuka_iiwa")
-    rate, rng = 1000.0, np.random.default_rng(46)
-    t = np.arange(round(seconds * rate)) / rate
-    frequency = rng.uniform(0.05, 0.3, (7, 3))
-    amplitude = rng.uniform(0.05, 0.3, (7, 3))
-    angle = 2 * np.pi * t[:, None, None] * frequency + np.arange(3)
-    q = (amplitude * np.sin(angle)).sum(axis=2)
-    dq = (amplitude * 2 * np.pi * frequency * np.cos(angle)).sum(axis=2)
-    ddq = -(amplitude * (2 * np.pi * frequency) ** 2 * np.sin(angle)).sum(axis=2)
-    torque = RigidBody(arm, 0).inverse_dynamics(q, dq, ddq) + np.tanh(dq / 0.02)
-    torque += 0.1 * rng.standard_normal(q.shape)
-    found = {"seconds": seconds}
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "log.csv"
-        columns = {"t": t}
-        columns |= {f"q{j + 1}": x for j, x in enumerate(q.T)}
-        columns |= {f"tau{j + 1}": x for j, x in enumerate(torque.T)}
-        write_columns(columns, file)
-        settings = WatchSettings(file, Path(folder) / "out", until_idle=0.0)
-        watch = Watch(CorrectedArm(arm), settings)
-        begin = time.process_time()
-        list(watch.run())
-        found["watch"] = (time.process_time() - begin) / seconds
-        begin = time.process_time()
-        for _ in GrowingFile(file, Reading(arm, None)).poll():
-            pass
-        found["reading"] = (time.process_time() - begin) / seconds
-    return found
-
-
 def per_day(count: int, hours: float) -> str:
     """Rate per 24 h with its 95 % interval of Poisson's distribution."""
     low = chi2.ppf(0.025, 2 * count) / 2 if count else 0.0
@@ -420,9 +382,9 @@ def main() -> None:
         print("\n".join(["", *rows_of_changes(rows)]))
     if "speed" in parts:
         with threadpool_limits(1):
-            found = speed()
+            found = shares(1000.0)
         print(
-            f"\n7 joints at 1 kHz: {found['watch']:.1%} of a core, of which reading {found['reading']:.1%}"
+            f"\n7 joints at 1 kHz: {found[WATCH]:.1%} of a core, of which reading {found[READ]:.1%}"
         )
 
 

@@ -14,6 +14,7 @@ PARTS = {
     "identification": "Identification",
     "joint": "Friction and inertia of one joint",
     "diagnosis": "Diagnosis",
+    "watch": "Watching a recording that grows",
 }
 """Title of each part in the table; its module has the part's name."""
 
