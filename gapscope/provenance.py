@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.case import Case, case_files
-from gapscope.arm.errors import GapscopeError
+from gapscope.arm.input_file import read_bytes
 
 KEY = "made_from"
 """Key of ``diagnosis.json`` and of an evaluation's finished cells."""
@@ -130,12 +130,7 @@ def _contents(value: Any) -> Any:
 
 
 def _read(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise GapscopeError(
-            f"{path}: cannot be read ({error.strerror})", "check the path"
-        ) from None
+    return read_bytes(path, "check the path", None)
 
 
 def _place(path: Path) -> str:

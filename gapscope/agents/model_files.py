@@ -9,6 +9,7 @@ from gapscope.agents.agent_controller import AgentModel, Candidate
 from gapscope.agents.torque_model import ArmModel, Gravity, TorqueModel
 from gapscope.arm.case import load_case
 from gapscope.arm.errors import InputError
+from gapscope.arm.input_file import file_beside, is_folder
 from gapscope.arm.io.json_file import read_json
 from gapscope.arm.nearest_name import nearest
 from gapscope.arm.nominal import NominalArm
@@ -29,7 +30,7 @@ def named(entry: str) -> tuple[str, str]:
     if equals:
         return name, source
     path = Path(entry)
-    if path.is_dir():
+    if is_folder(path):
         return path.resolve().name, entry
     if entry in NAMES or not path.suffix:
         return entry, entry
@@ -60,7 +61,7 @@ def read_models(
             raise InputError(
                 f"two models are called {name!r}", f"write NAME={source}", where="MODEL"
             )
-        is_agent = Path(source).is_dir()
+        is_agent = is_folder(Path(source))
         models[name] = (
             read_agent(Path(source), arm) if is_agent else read_model(source, arm)
         )
@@ -100,11 +101,15 @@ def _identified(path: Path, arm: NominalArm) -> CorrectedArm:
         raise InputError(
             "names no files of an identified arm", remedy, file=path, where="files"
         )
-    identified = load_case(path.parent / str(files["case"]), read_recordings=False).arm
+    case, effects = (
+        file_beside(path.parent, files[name], path, f"files.{name}")
+        for name in ("case", "effects")
+    )
+    identified = load_case(case, read_recordings=False).arm
     if identified.joints != arm.joints:
         raise InputError(
             f"is of an arm with the joints {', '.join(identified.joints)}, not {', '.join(arm.joints)}",
             "identify the arm that is tracked, or give it as --robot",
             file=path,
         )
-    return read_corrected_arm(identified, path.parent / str(files["effects"]))
+    return read_corrected_arm(identified, effects)

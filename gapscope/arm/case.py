@@ -13,6 +13,7 @@ import numpy as np
 from gapscope.arm.controller import Controller
 from gapscope.arm.coupling import coupling_of_transmission
 from gapscope.arm.errors import InputError
+from gapscope.arm.input_file import is_folder, real_path
 from gapscope.arm.io.arrays import Samples, frames_of_arrays
 from gapscope.arm.io.case_file import read_case_file
 from gapscope.arm.io.case_paths import CasePaths, files_of, known_loads
@@ -179,7 +180,7 @@ class Case:
 
     def payload_of(self, file: Path) -> KnownLoad | None:
         """Known body that was mounted while the recording in a file was made, or ``None``."""
-        return self.payloads.get(file.resolve())
+        return self.payloads.get(real_path(file))
 
 
 def load_case(
@@ -208,7 +209,7 @@ def load_case(
         40.0
     """
     file = Path(path)
-    file = file / "case.yaml" if file.is_dir() else file
+    file = file / "case.yaml" if is_folder(file) else file
     content = read_case_file(file)
     paths = CasePaths(file, data_root)
     arm = load_nominal_arm(
@@ -277,7 +278,7 @@ def case_files(path: str | Path, *, data_root: Path | None = None) -> tuple[Path
         InputError: the case file or the robot cannot be used.
     """
     case = load_case(path, data_root=data_root, read_recordings=False)
-    file = Path(path) / "case.yaml" if Path(path).is_dir() else Path(path)
+    file = Path(path) / "case.yaml" if is_folder(Path(path)) else Path(path)
     content = read_case_file(file)
     paths = CasePaths(file, data_root)
     found = [file, case.arm.urdf]
@@ -303,7 +304,8 @@ def _read(
     """One recording of a case, with the known body that was mounted."""
     entry = part.entry
     files = [entry] if isinstance(entry, Path) else list(entry.values())
-    loads = [payloads[file.resolve()] for file in files if file.resolve() in payloads]
+    places = [real_path(file) for file in files]
+    loads = [payloads[place] for place in places if place in payloads]
     recording = load_recording(
         entry,
         arm,

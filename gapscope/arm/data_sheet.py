@@ -66,7 +66,7 @@ def _check_numbers(key: str, value: Any, n_joints: int, where: str) -> None:
     unit = UNITS[key]
     try:
         array = np.array(value, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(
             f"holds what is not a number, {value!r}",
             f"give numbers in {unit}",

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from gapscope.arm.beyond_any_arm import check_size
 from gapscope.arm.errors import InputError
 
 _UPPER = ([0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2])
@@ -50,12 +51,14 @@ class KnownLoad:
                 "give its mass in kg",
                 where="mass",
             )
+        check_size(self.mass, "mass", None, "mass")
         if len(self.com) != 3 or not np.isfinite(self.com).all():
             raise InputError(
                 "the centre of the payload needs x, y and z",
                 "give three numbers in m",
                 where="com",
             )
+        check_size(np.array(self.com), "length", None, "com")
 
     @property
     def parameters(self) -> np.ndarray:

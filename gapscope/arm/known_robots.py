@@ -9,6 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.input_file import check_file, is_file
 from gapscope.arm.nearest_name import nearest
 
 MODELS = Path(__file__).with_name("robot_models")
@@ -49,18 +50,18 @@ def locate(robot: str | Path, folder: Path) -> tuple[Path, tuple[str, ...] | Non
         InputError: there is neither such a file nor such a robot, or the package that has it is not installed.
     """
     path = folder / robot
-    if path.is_file():
+    if is_file(path):
         return path, None
     known = KNOWN_ROBOTS.get(str(robot))
     if known is None:
         if DESCRIPTION.fullmatch(str(robot)):
             return described(str(robot)), None
-        raise InputError(
-            "no such URDF file",
+        remedy = (
             f"{nearest(str(robot), KNOWN_ROBOTS)}give a URDF, or one of the known robots {', '.join(KNOWN_ROBOTS)}, or "
-            "name of robot_descriptions such as ur5e_description",
-            file=path,
+            "name of robot_descriptions such as ur5e_description"
         )
+        check_file(path, remedy, absent="no such URDF file")
+        return path, None
     package = find_spec("pybullet_data")
     if package is not None and package.submodule_search_locations:
         return Path(package.submodule_search_locations[0]) / known.urdf, known.joints

@@ -9,12 +9,20 @@ from typing import Any
 
 import numpy as np
 
+from gapscope.arm.beyond_any_arm import check_size
 from gapscope.arm.errors import InputError
 from gapscope.arm.joint_units import per_radian
 
 FRICTION_SMOOTHING = 0.005
 """Velocity scale v0 of the smoothed sign, sgn v = tanh(v / v0) [rad/s], as the case format fixes it; a slide's velocity
 is divided by ``NominalArm.per_radian`` first."""
+
+_QUANTITIES = {
+    "gravity": "gravity",
+    "armature": "armature",
+    "coulomb": "friction",
+    "viscous": "viscous friction",
+}
 
 
 @dataclass(frozen=True)
@@ -41,7 +49,7 @@ class NominalArm:
         friction_source: where ``coulomb`` and ``viscous`` come from, in words; empty if nothing states them.
 
     Raises:
-        InputError: a data sheet list does not have one number per joint.
+        InputError: a data sheet list does not have one number per joint, or one beyond any arm.
     """
 
     name: str
@@ -80,7 +88,7 @@ class NominalArm:
                 continue
             try:
                 array = np.array(value, dtype=float)
-            except (TypeError, ValueError):
+            except (TypeError, ValueError, OverflowError):
                 raise InputError(
                     f"holds what is not a number, {value!r}", where=f"nominal.{name}"
                 ) from None
@@ -96,6 +104,8 @@ class NominalArm:
                     file=self.urdf,
                     where=f"nominal.{name}",
                 )
+            if name in _QUANTITIES:
+                check_size(array, _QUANTITIES[name], self.urdf, f"nominal.{name}")
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         if self.coupling is not None:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.data_sheet import UNITS, checked_sheet
+from gapscope.arm.dynamics.mjcf import numbers
 from gapscope.arm.dynamics.robot_file import (
     actuated_joints,
     impossible_links,
@@ -155,5 +156,7 @@ def _dynamics(urdf: Path, joints: Sequence[str], attribute: str) -> np.ndarray:
     for joint in ET.parse(urdf).getroot().iter("joint"):
         dynamics = joint.find("dynamics")
         if dynamics is not None and joint.get("name") in values:
-            values[joint.get("name", "")] = float(dynamics.get(attribute, 0))
+            name, text = joint.get("name", ""), dynamics.get(attribute, "0")
+            place = f"joint {name}, <dynamics {attribute}>"
+            values[name] = float(numbers(text, 1, urdf, place)[0])
     return np.array(list(values.values()))

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.controller import Controller
+from gapscope.arm.input_file import is_folder
 from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
@@ -14,12 +15,12 @@ from gapscope.arm.robots import load_nominal_arm
 
 def is_case(path: Path) -> bool:
     """Whether a path names a case: a folder, or a YAML file."""
-    return path.is_dir() or path.suffix in (".yaml", ".yml")
+    return is_folder(path) or path.suffix in (".yaml", ".yml")
 
 
 def case_file(path: Path) -> Path:
     """The case file of a case that is given as folder or file."""
-    return path / "case.yaml" if path.is_dir() else path
+    return path / "case.yaml" if is_folder(path) else path
 
 
 def read_arm(robot: str) -> NominalArm:

@@ -85,7 +85,7 @@ class AppliedEffect:
         where = f"{self.name}.{parameter.name}"
         try:
             value = np.array(self.parameters[parameter.name], dtype=float)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise InputError(
                 f"holds a value that is not a number, {self.parameters[parameter.name]!r}",
                 f"give numbers in {parameter.unit}",

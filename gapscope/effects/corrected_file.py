@@ -12,6 +12,7 @@ from typing import Any
 import yaml
 
 from gapscope.arm.errors import InputError, ModelWarning
+from gapscope.arm.input_file import file_beside
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.case_file import read_yaml
 from gapscope.arm.nominal import NominalArm
@@ -104,7 +105,7 @@ def read_with_faults(
     faults = {
         i: x
         for i, x in enumerate(entries)
-        if isinstance(x, dict) and x.get("effect") in FAULTS
+        if isinstance(x, dict) and str(x.get("effect")) in FAULTS
     }
     effects = tuple(
         read_entry(x, f"effects[{i}]", path)
@@ -197,14 +198,7 @@ def _residual(content: dict[str, Any], path: Path) -> ResidualNetwork | None:
     name = content.get("residual")
     if name is None:
         return None
-    if not isinstance(name, str) or not name:
-        raise InputError(
-            "expected the name of a file",
-            "write residual: residual.npz",
-            file=path,
-            where="residual",
-        )
-    return read_residual(path.parent / name)
+    return read_residual(file_beside(path.parent, name, path, "residual"))
 
 
 def _content(path: Path) -> dict[str, Any]:

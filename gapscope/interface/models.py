@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from gapscope.arm.case import Case, load_case
+from gapscope.arm.input_file import is_folder
 from gapscope.arm.io.write_case import write_case
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
@@ -40,7 +41,7 @@ def make_arm(robot: str | Path | NominalArm | Case, **sheet: Any) -> NominalArm:
     if isinstance(robot, NominalArm):
         return robot
     path = Path(robot)
-    if path.suffix in (".yaml", ".yml") or path.is_dir():
+    if path.suffix in (".yaml", ".yml") or is_folder(path):
         return load_case(path, read_recordings=False).arm
     return load_nominal_arm(robot, sheet=sheet)
 

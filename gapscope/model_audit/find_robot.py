@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from gapscope.arm.input_file import is_folder
 from gapscope.arm.io.case_file import read_case_file
 from gapscope.arm.io.case_paths import CasePaths
 from gapscope.arm.known_robots import locate
@@ -32,9 +33,9 @@ def find_robot(robot: str | Path) -> RobotFile:
         InputError: there is none.
     """
     path = Path(robot)
-    if not (path.is_dir() or path.suffix in (".yaml", ".yml")):
+    if not (is_folder(path) or path.suffix in (".yaml", ".yml")):
         return RobotFile(locate(robot, Path())[0])
-    file = path / "case.yaml" if path.is_dir() else path
+    file = path / "case.yaml" if is_folder(path) else path
     content = read_case_file(file)
     named = CasePaths(file, None).expand(content["robot"], "robot")
     found, _ = locate(named, file.parent)

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gapscope.arm.dynamics.mjcf import NAMELESS, Attributes, default_classes
+from gapscope.arm.input_file import is_file
 from gapscope.model_audit.description import (
     Description,
     Inertial,
@@ -179,7 +180,7 @@ class MjcfReader:
                 return None, values.get("mesh", "")
             file = self._folder / asset.get("file", "")
             scale = self.numbers.several(asset, "scale", (1.0, 1.0, 1.0), place)
-            if not file.is_file():
+            if not is_file(file):
                 return None, asset.get("file", "")
             return Shape(use, "mesh", tuple(scale), pose, file.resolve()), ""
         text = values.get("size", "").split()

@@ -11,6 +11,7 @@ import numpy as np
 from gapscope.arm.case import load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.input_file import is_file, is_folder
 from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
@@ -133,8 +134,8 @@ def check_static(static: StaticPoses) -> Iterator[Finding]:
 def _read(robot: str | Path, recording: Path) -> tuple[NominalArm, list[Recording]]:
     """The arm, and its recordings with torque."""
     path = Path(robot)
-    robot_is_case = path.is_dir() or path.suffix in (".yaml", ".yml")
-    if recording.suffix in (".yaml", ".yml") or (recording / "case.yaml").is_file():
+    robot_is_case = is_folder(path) or path.suffix in (".yaml", ".yml")
+    if recording.suffix in (".yaml", ".yml") or is_file(recording / "case.yaml"):
         case = load_case(recording)
         arm, found = case.arm, [*case.recordings, *case.judged]
         if not robot_is_case:

@@ -7,6 +7,7 @@ from pathlib import Path
 from xml.parsers import expat
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.input_file import read_bytes
 
 Lines = dict[ET.Element, int]
 """Line, counted from 1, on which an element begins."""
@@ -28,14 +29,9 @@ def read_xml(path: Path) -> tuple[ET.Element, Lines]:
     parser.StartElementHandler = start
     parser.EndElementHandler = builder.end
     parser.CharacterDataHandler = builder.data
+    content = read_bytes(path, "give a URDF or MJCF file")
     try:
-        parser.Parse(path.read_bytes(), True)
-    except OSError as error:
-        raise InputError(
-            f"cannot be read ({error.strerror})",
-            "give a URDF or MJCF file",
-            file=path,
-        ) from None
+        parser.Parse(content, True)
     except expat.ExpatError as error:
         raise InputError(
             f"is not valid XML ({expat.ErrorString(error.code)})",

@@ -195,7 +195,7 @@ def test_models_of_files(two: NominalArm, tmp_path: Path) -> None:
     ("name", "text", "message"),
     [
         ("none.yaml", None, "no such file"),
-        ("none.json", None, "cannot be read"),
+        ("none.json", None, "no such file"),
         ("bad.json", "{", "not valid JSON"),
         ("bare.json", "{}", "names no files"),
         (

@@ -111,8 +111,8 @@ def test_faults_are_told(tmp_path: Path) -> None:
         "residual.npz",
         r"corrected.yaml, residual: .* an arm with 7 joints, this one has 6",
     )
-    fault("short.npz", r"short.npz: is no NPZ file, or was cut short")
-    fault("none.npz", r"none.npz: cannot be read")
+    fault("short.npz", r"short.npz: cannot be read as NPZ")
+    fault("none.npz", r"none.npz: no such file")
     fault(3, r"residual: expected the name of a file")
 
 
@@ -148,7 +148,7 @@ def test_arrays_that_do_not_fit_are_told(
 
 def test_one_array_or_a_pickle_is_no_network(tmp_path: Path) -> None:
     np.save(tmp_path / "one.npy", np.ones(3))
-    with pytest.raises(InputError, match="one array"):
+    with pytest.raises(InputError, match="cannot be read as NPZ"):
         read_residual(tmp_path / "one.npy")
     np.savez(tmp_path / "pickle.npz", schema=np.array([{}], dtype=object))
     with pytest.raises(InputError, match="cut short"):

@@ -9,6 +9,7 @@ from gapscope.agents.training.policy import DOCUMENT, read_agent
 from gapscope.agents.training.task import Task
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
+from gapscope.arm.input_file import is_file
 from gapscope.arm.motions.named_motions import workspace
 from gapscope.arm.nominal import NominalArm
 from gapscope.envs.actions import control
@@ -25,7 +26,7 @@ def read_agent_model(folder: Path, arm: NominalArm) -> AgentModel:
     agent = read_agent(folder, arm)
     source = str(agent.document["model"])
     path = Path(source)
-    if path.suffix and not path.is_file():
+    if path.suffix and not is_file(path):
         raise InputError(
             f"was trained on top of {source}, which is not there",
             "run this in the folder in which it was trained, or put the model's file back",
@@ -37,9 +38,15 @@ def read_agent_model(folder: Path, arm: NominalArm) -> AgentModel:
     trained_with = control(
         arm, body, workspace(body), settings.action, None, settings.bandwidth, reach
     )
+    try:
+        model = Task.of(source, arm).model()
+    except InputError as error:
+        raise (
+            error.at(folder / DOCUMENT, "model") if error.file is None else error
+        ) from None
     return AgentModel(
         policy=agent.act,
-        model=Task.of(source, arm).model(),
+        model=model,
         control=trained_with,
         look_ahead=LOOK_AHEAD,
         period=TIME_STEP * SUB_STEPS,

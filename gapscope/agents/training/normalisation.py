@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from gymnasium.spaces import Box
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.npz_file import read_arrays
 from gapscope.envs.environment import ArmTracking
 
 LARGEST = 10.0
@@ -113,19 +113,11 @@ class Normalisation:
         Raises:
             InputError: it is missing or not such a file.
         """
+        content = read_arrays(path, "train the agent again")
         try:
-            with np.load(path, allow_pickle=False) as content:
-                velocity, rate = (
-                    tuple(int(x) for x in row) for row in content["places"]
-                )
-                return cls(content["mean"], content["scale"], velocity, rate)  # type: ignore[arg-type]
-        except OSError as error:
-            raise InputError(
-                f"cannot be read ({error.strerror or error})",
-                "check the path",
-                file=path,
-            ) from None
-        except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            velocity, rate = (tuple(int(x) for x in row) for row in content["places"])
+            return cls(content["mean"], content["scale"], velocity, rate)  # type: ignore[arg-type]
+        except (ValueError, TypeError, KeyError, OverflowError) as error:
             raise InputError(
                 f"is no normalisation ({error})", "train the agent again", file=path
             ) from None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import platform
 import shutil
 from dataclasses import dataclass
@@ -19,14 +18,22 @@ from gapscope.agents.training.task import Task
 from gapscope.agents.training.training_loop import NORMALISATION, Trained
 from gapscope.agents.training.training_settings import TrainingSettings, from_plain
 from gapscope.arm.errors import InputError
+from gapscope.arm.input_file import (
+    LARGEST_IN_MEMORY,
+    check_file,
+    is_file,
+    is_folder,
+)
 from gapscope.arm.io.atomic_write import atomic_write
-from gapscope.arm.io.json_file import write_json
+from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.arm.nominal import NominalArm
 from gapscope.envs.environment import ArmTracking
 from gapscope.provenance import library_versions, sha256
 
 POLICY, DOCUMENT = "policy.zip", "agent.json"
 LIBRARIES = ("gapscope", "numpy", "torch", "stable_baselines3")
+LARGEST_SIZE = 10_000
+"""Numbers in an observation or action beyond which it is of no arm [1]."""
 _REMEDY = "give the folder that gapscope train wrote, or train again with --again"
 
 
@@ -121,36 +128,59 @@ def read_agent(folder: Path | str, arm: NominalArm) -> TrainedAgent:
     """
     folder = Path(folder)
     path = folder / DOCUMENT
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        joints, files, plain = content["joints"], content["files"], content["settings"]
-        size, actions = sum(content["observation"].values()), content["actions"]
-    except OSError as error:
-        raise InputError(
-            f"holds no trained agent ({error.strerror}: {DOCUMENT})",
-            _REMEDY,
-            file=folder,
-        ) from None
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise InputError(
-            f"is no document of a trained agent ({error})", _REMEDY, file=path
-        ) from None
-    _check_joints(joints, arm, path)
-    for name, digest in files.items():
-        if not (folder / name).is_file():
-            raise InputError("is missing", _REMEDY, file=folder / name)
-        if sha256(folder / name) != digest:
+    content = _document(folder)
+    _check_joints(content["joints"], arm, path)
+    for name in (POLICY, NORMALISATION):
+        check_file(folder / name, _REMEDY, LARGEST_IN_MEMORY)
+        if sha256(folder / name) != content["files"][name]:
             raise InputError(
                 "was cut short or changed since it was trained",
                 _REMEDY,
                 file=folder / name,
             )
-    settings = from_plain(plain)
-    learner = make_learner(settings, _Spaces(size, actions))
+    try:
+        settings = from_plain(content["settings"])
+    except InputError as error:
+        raise error.at(path, "settings") from None
+    normalisation = Normalisation.read(folder / NORMALISATION)
+    size, actions = sum(content["observation"].values()), content["actions"]
+    try:
+        learner = make_learner(settings, _Spaces(size, actions))
+    except AssertionError as error:  # of stable-baselines3 on its hyperparameters
+        raise InputError(
+            f"its hyperparameters do not fit together ({error})",
+            _REMEDY,
+            file=path,
+            where="settings",
+        ) from None
     read_weights(learner, folder / POLICY)
-    return TrainedAgent(
-        content, settings, Normalisation.read(folder / NORMALISATION), learner
-    )
+    return TrainedAgent(content, settings, normalisation, learner)
+
+
+def _document(folder: Path) -> dict[str, Any]:
+    """Content of ``agent.json``, its keys checked; sizes beyond any agent's are refused before networks are made."""
+    path = folder / DOCUMENT
+    if is_folder(folder) and not is_file(path):
+        raise InputError(
+            f"holds no trained agent (no file {DOCUMENT})", _REMEDY, file=folder
+        )
+    content = read_json(path, _REMEDY)
+    try:
+        sizes = [content["actions"], *content["observation"].values()]
+        usable = (
+            all(type(size) is int and 0 < size <= LARGEST_SIZE for size in sizes)
+            and all(isinstance(joint, str) for joint in content["joints"])
+            and set(content["files"]) == {POLICY, NORMALISATION}
+            and isinstance(content["settings"], dict)
+            and isinstance(content["model"], str)
+        )
+    except (TypeError, KeyError, AttributeError) as error:
+        raise InputError(
+            f"is no document of a trained agent ({error})", _REMEDY, file=path
+        ) from None
+    if not usable:
+        raise InputError("is no document of a trained agent", _REMEDY, file=path)
+    return dict(content)
 
 
 def _check_joints(joints: list[str], arm: NominalArm, path: Path | None) -> None:

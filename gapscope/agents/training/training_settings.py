@@ -31,6 +31,8 @@ POSITIVE = {
 }
 WHOLE = ("steps", "round_steps", "environments", "patience", "seeds")
 LISTS = ("network", "motions", "randomise")
+MOST_LAYERS, MOST_UNITS = 16, 4096
+"""Size of the largest network [1]: 16 MB for each two layers, many times what an arm needs."""
 
 
 @dataclass(frozen=True)
@@ -111,6 +113,11 @@ class TrainingSettings:
             object.__setattr__(self, name, tuple(values))
         for units in self.network:
             whole("network", units)
+        if len(self.network) > MOST_LAYERS or max(self.network, default=0) > MOST_UNITS:
+            raise InputError(
+                f"expected at most {MOST_LAYERS} layers of at most {MOST_UNITS} units",
+                where="network",
+            )
         motions = (*MOTIONS, "random")
         check_known("motion", self.motion, motions, where="motion")
         for name in self.motions:

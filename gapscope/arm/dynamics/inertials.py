@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gapscope.arm.beyond_any_arm import check_size
 from gapscope.arm.dynamics.mjcf import NAMELESS, numbers
 from gapscope.arm.errors import InputError
 
@@ -72,6 +73,9 @@ def _check_inertial(link: ET.Element, tag: str, path: Path) -> None:
             file=path,
             where=where,
         )
+    check_size(mass, "mass", path, where)
+    check_size(inertia, "moment of inertia", path, where)
+    check_size(_centre(inertial, tag, path, where), "length", path, where)
     moments = np.linalg.eigvalsh(inertia)
     if moments[0] < -max(1e-6 * abs(moments[2]), ROUNDING):
         raise InputError(
@@ -80,6 +84,17 @@ def _check_inertial(link: ET.Element, tag: str, path: Path) -> None:
             file=path,
             where=where,
         )
+
+
+def _centre(
+    inertial: ET.Element, tag: str, path: Path, where: str
+) -> np.ndarray | float:
+    """Centre of mass in the link's frame [m], shape (3,); zero if the file does not say."""
+    holder, key = (
+        (inertial.find("origin"), "xyz") if tag == "link" else (inertial, "pos")
+    )
+    text = None if holder is None else holder.get(key)
+    return 0.0 if text is None else numbers(text, 3, path, f"{where}, {key}")
 
 
 def _of_urdf(inertial: ET.Element, path: Path, where: str) -> tuple[float, np.ndarray]:

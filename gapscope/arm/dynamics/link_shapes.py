@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.input_file import is_file
 
 SCHEMES = ("package://", "model://", "file://")
 """How a URDF may begin the path of a mesh."""
@@ -104,7 +105,7 @@ def find_mesh(name: str, urdf: Path) -> Path | None:
     folders = urdf.resolve().parents[: 4 if in_package else 1]
     for part in parts:
         for folder in folders:
-            if (folder / part).is_file():
+            if is_file(folder / part):
                 return (folder / part).resolve()
     return None
 

@@ -218,8 +218,9 @@ def _unread_equality(root: ET.Element, path: Path) -> list[str]:
     """Constraints other than joints that follow another one in proportion."""
     notes = []
     for element in root.findall("equality/*"):
-        higher = (element.get("polycoef") or "0 1 0 0 0").split()[2:]
-        straight = not np.any(np.array(higher, dtype=float))
+        text = element.get("polycoef") or "0 1 0 0 0"
+        higher = numbers(text, None, path, f"<equality><{element.tag}>, polycoef")[2:]
+        straight = not higher.any()
         follows = element.tag == "joint" and element.get("joint2") and straight
         if not follows:
             between = ", ".join(

@@ -12,6 +12,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pinocchio as pin
 
+from gapscope.arm.beyond_any_arm import check_size
 from gapscope.arm.dynamics import mjcf
 from gapscope.arm.dynamics.inertials import inertial_faults
 from gapscope.arm.dynamics.mjcf import (
@@ -19,10 +20,12 @@ from gapscope.arm.dynamics.mjcf import (
     check_references,
     left_out,
     name_bodies,
+    numbers,
 )
 from gapscope.arm.dynamics.mjcf_actuators import position_gains, torque_limits
 from gapscope.arm.dynamics.tree.kinematic_tree import SEVERAL, KinematicTree, read_tree
 from gapscope.arm.errors import InputError, ModelWarning
+from gapscope.arm.input_file import read_bytes
 
 UNEXPANDED = re.compile(r"<xacro:|\$\((find|arg|eval|env|optenv)\b|\$\{")
 """Marks of xacro in a file that was not expanded."""
@@ -95,9 +98,34 @@ def arm_model(
         model = pin.buildReducedModel(full, others, posture)
     model.gravity = pin.Motion(np.array(gravity), np.zeros(3))
     model.armature = np.zeros(model.nv)
+    _check_axes(model, path)
     if model.nq != model.nv or model.nv != len(joints):
         raise InputError("has joints with more than one degree of freedom", file=path)
     return model
+
+
+def _check_axes(model: pin.Model, path: Path) -> None:
+    """Check that each joint of an arm moves along or about some direction.
+
+    Raises:
+        InputError: the axis of one has none.
+    """
+    data = model.createData()
+    columns = pin.computeJointJacobians(model, data, pin.neutral(model))
+    still = ~(np.linalg.norm(columns, axis=0) > 0)
+    if still.any():
+        index = int(still.argmax())
+        name = next(
+            name
+            for name, joint in zip(model.names, model.joints, strict=True)
+            if joint.idx_v == index
+        )
+        raise InputError(
+            "its axis has no direction, so that it moves nothing",
+            'correct <axis xyz="...">, or axis of an MJCF file',
+            file=path,
+            where=f"joint {name}",
+        )
 
 
 def actuated_joints(path: Path) -> list[str]:
@@ -174,12 +202,7 @@ def read_root(path: Path) -> ET.Element:
     Raises:
         InputError: there is no such file, or it is no robot; a xacro file comes with the command that expands it.
     """
-    try:
-        content = path.read_bytes()
-    except FileNotFoundError:
-        raise InputError(
-            "no such file", "check the robot: entry of the case", file=path
-        ) from None
+    content = read_bytes(path, "check the robot: entry of the case")
     text = COMMENT.sub("", content.decode("utf-8", "replace"))
     if path.suffix == ".xacro" or UNEXPANDED.search(text):
         raise InputError(
@@ -204,7 +227,24 @@ def read_root(path: Path) -> ET.Element:
         )
     if root.tag == "mujoco":
         name_bodies(root)
+    _check_places(root, path)
     return root
+
+
+def _check_places(root: ET.Element, path: Path) -> None:
+    """Check that no joint or body lies further from its parent than on any arm.
+
+    Raises:
+        InputError: one does, or its place is not three numbers.
+    """
+    places = [(joint, joint.find("origin"), "xyz") for joint in root.findall("joint")]
+    places += [(body, body, "pos") for body in root.iter("body")]
+    for element, holder, key in places:
+        text = None if holder is None else holder.get(key)
+        if text is None:
+            continue
+        where = f"{element.tag} {element.get('name', '')}, {key}"
+        check_size(numbers(text, 3, path, where), "length", path, where)
 
 
 def _drop_inertials(root: ET.Element, links: Collection[str]) -> None:

@@ -12,6 +12,13 @@ from typing import Any
 import yaml
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.input_file import read_text
+from gapscope.arm.io.json_file import LARGEST_WHOLE
+
+LARGEST_YAML = 5_000_000
+"""Size of the largest YAML file that is read [bytes]; that of a case has some kB."""
+LARGEST_EXPANSION = 1_000_000
+"""Values that a YAML file may stand for, aliases written out [1]."""
 
 _KINDS = {
     "object": "a mapping (key: value)",
@@ -30,16 +37,36 @@ class _Loader(yaml.SafeLoader):
         self, node: yaml.MappingNode, deep: bool = False
     ) -> dict[Any, Any]:
         """Mapping of a YAML node, each key once."""
-        keys = [key.value for key, _ in node.value]
-        for position, (key, _) in enumerate(node.value):
-            if key.value in keys[:position]:
-                raise yaml.MarkedYAMLError(
-                    problem=f"key {key.value!r} is given twice",
-                    problem_mark=key.start_mark,
-                )
+        if isinstance(node, yaml.MappingNode):
+            _check_keys(node)
         return super().construct_mapping(node, deep)
 
+    def construct_whole(self, node: yaml.ScalarNode) -> int:
+        """A whole number that a float can hold too."""
+        number = int(self.construct_yaml_int(node))
+        if abs(number) > LARGEST_WHOLE:
+            raise yaml.MarkedYAMLError(
+                problem="a whole number beyond any that counts something",
+                problem_mark=node.start_mark,
+            )
+        return number
 
+
+def _check_keys(node: yaml.MappingNode) -> None:
+    """Check that a mapping has each of its keys once."""
+    seen = set()
+    for key, _ in node.value:
+        if not isinstance(key, yaml.ScalarNode):
+            continue
+        if key.value in seen:
+            raise yaml.MarkedYAMLError(
+                problem=f"key {key.value!r} is given twice",
+                problem_mark=key.start_mark,
+            )
+        seen.add(key.value)
+
+
+_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_whole)
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float",
     re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+$"),
@@ -69,26 +96,60 @@ def read_yaml(path: Path, remedy: str) -> Any:
     Raises:
         InputError: there is no such file, or it is not YAML; the error names the line.
     """
+    text = read_text(path, remedy, LARGEST_YAML)
     try:
-        return yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
-    except FileNotFoundError:
-        raise InputError("no such file", remedy, file=path) from None
-    except OSError as error:
-        raise InputError(
-            f"cannot be read ({error.strerror})", remedy, file=path
-        ) from None
-    except UnicodeDecodeError:
-        raise InputError(
-            "is not a text in UTF-8", "give a YAML file", file=path
-        ) from None
+        return _loaded(text)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         where = f"line {mark.line + 1}, column {mark.column + 1}" if mark else ""
         raise InputError(
             f"is not valid YAML: {error.problem}", file=path, where=where
         ) from None
-    except yaml.YAMLError as error:
+    # dates and numbers that YAML allows and Python does not have
+    except (yaml.YAMLError, ValueError, OverflowError) as error:
         raise InputError(f"is not valid YAML: {error}", file=path) from None
+    except RecursionError:
+        raise InputError("is nested too deeply", remedy, file=path) from None
+
+
+def _loaded(text: str) -> Any:
+    """Content of a YAML text, in which aliases may stand for little more than what is written.
+
+    Raises:
+        yaml.YAMLError: it is no YAML, or its aliases stand for themselves or for too much.
+        RecursionError: it is nested too deeply.
+    """
+    loader = _Loader(text)
+    try:
+        root = loader.get_single_node()
+        if root is None:
+            return None
+        if _expanded_size(root, {}) > LARGEST_EXPANSION:
+            raise yaml.YAMLError(
+                f"its aliases stand for more than {LARGEST_EXPANSION} values"
+            )
+        return loader.construct_document(root)
+    finally:
+        loader.dispose()
+
+
+def _expanded_size(node: yaml.Node, known: dict[int, int]) -> int:
+    """Number of values of a node with every alias written out.
+
+    A few lines of aliases of aliases can stand for more values than a memory holds.
+    """
+    if id(node) in known:
+        if not known[id(node)]:
+            raise yaml.YAMLError("an alias stands for what it is part of")
+        return known[id(node)]
+    known[id(node)] = 0
+    size = 1
+    if isinstance(node, yaml.SequenceNode):
+        size += sum(_expanded_size(entry, known) for entry in node.value)
+    if isinstance(node, yaml.MappingNode):
+        size += sum(_expanded_size(part, known) for pair in node.value for part in pair)
+    known[id(node)] = size
+    return size
 
 
 def check(content: Any, path: Path, section: str = "") -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.input_file import is_file, is_folder, real_path
 from gapscope.arm.io.formats.lerobot import dataset_files, is_dataset
 from gapscope.arm.known_load import KnownLoad, parse_payloads
 
@@ -25,12 +26,19 @@ class CasePaths:
 
     def expand(self, text: str, field: str) -> Path:
         """A path with ``${GAPSCOPE_DATA}`` filled in; relative ones stay relative to the case's folder."""
+        if "\0" in text:
+            raise InputError(
+                f"{text!r} has a null byte, which no path has",
+                "correct the path",
+                file=self.file,
+                where=f"field {field}",
+            )
         mark = "${" + DATA_ROOT + "}"
         if mark not in text:
             return Path(text)
         beside = self.file.resolve().parent.parent.parent.parent / "shared" / "data"
         root = Path(self.data_root or os.environ.get(DATA_ROOT) or beside)
-        if not root.is_dir():
+        if not is_folder(root):
             raise InputError(
                 f"{mark} is replaced by {root}, which is not a folder",
                 f"set the environment variable {DATA_ROOT} to the folder with the data sets",
@@ -57,7 +65,7 @@ def moved(content: Mapping[str, Any], old: Path, new: Path) -> dict[str, Any]:
     Those that begin with ``${`` stay as they are, and so does a robot that is a name and no file.
     """
     out = dict(content)
-    if (old / content["robot"]).exists():
+    if is_file(old / content["robot"]):
         out["robot"] = _moved(content["robot"], old, new)
     for key in ("recordings", "judge"):
         if key in content:
@@ -83,7 +91,7 @@ def _moved(entry: Any, old: Path, new: Path) -> Any:
 
 def files_of(place: Path) -> list[Path]:
     """A file, or every file of a bag's folder; of a dataset those with numbers."""
-    if not place.is_dir():
+    if not is_folder(place):
         return [place]
     if is_dataset(place):
         return dataset_files(place)
@@ -102,4 +110,4 @@ def known_loads(content: Mapping[str, Any], paths: CasePaths) -> dict[Path, Know
             for text in texts:
                 files[text] = paths.file.parent / paths.expand(text, part)
     loads = parse_payloads(section, files, paths.file)
-    return {files[text].resolve(): load for text, load in loads.items()}
+    return {real_path(files[text]): load for text, load in loads.items()}

@@ -11,7 +11,11 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.input_file import read_text
 from gapscope.arm.io.atomic_write import atomic_write
+
+LARGEST_WHOLE = 2**63
+"""Size of the largest whole number in a JSON or YAML file [1]."""
 
 
 def read_json(path: Path, remedy: str) -> Any:
@@ -22,16 +26,23 @@ def read_json(path: Path, remedy: str) -> Any:
         remedy: what to do if it cannot be read.
 
     Raises:
-        InputError: there is no such file, or it is not JSON.
+        InputError: there is no such file, it is no file, or it is not JSON.
     """
+    text = read_text(path, remedy)
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(
-            f"cannot be read ({error.strerror})", remedy, file=path
-        ) from None
+        return json.loads(text, parse_int=_whole_number)
     except ValueError as error:
         raise InputError(f"is not valid JSON ({error})", remedy, file=path) from None
+    except RecursionError:
+        raise InputError("is nested too deeply", remedy, file=path) from None
+
+
+def _whole_number(text: str) -> int:
+    """A whole number that a computer counts with; longer ones are no number of an arm, and no float can hold them."""
+    number = int(text)
+    if abs(number) > LARGEST_WHOLE:
+        raise ValueError(f"a whole number of {len(text)} digits")
+    return number
 
 
 def plain(value: Any, *, null_if_not_finite: bool = False) -> Any:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.input_file import check_file, is_folder
 from gapscope.arm.io.formats.array_files import read_hdf5, read_mat
 from gapscope.arm.io.formats.lerobot import is_dataset, read_dataset
 from gapscope.arm.io.formats.rosbag import read_bag
@@ -16,6 +17,7 @@ from gapscope.arm.io.table import Table
 __all__ = ["READERS", "Log", "LogTable", "open_log"]
 
 
+CHECK_PATH = "check the path"
 LARGEST_TABLE = 2_000_000_000
 """Size of the largest file whose numbers are held in memory, of CSV, Parquet and NPZ [bytes]."""
 
@@ -24,13 +26,7 @@ def _of_one_table(read: Callable[[Path], Table]) -> Callable[[Path], Log]:
     """Reader of a log from the reader of a file with one table."""
 
     def open_table(path: Path) -> Log:
-        size = path.stat().st_size
-        if size > LARGEST_TABLE:
-            raise InputError(
-                f"has {size / 1e9:.1f} GB, at most {LARGEST_TABLE / 1e9:g} GB are read",
-                "cut the motion to be examined out of it; a bag or HDF5 may be larger",
-                file=path,
-            )
+        check_file(path, CHECK_PATH, LARGEST_TABLE)
         kind = path.suffix.lstrip(".").upper()
         return Log(path, kind, (LogTable("", kind, read(path)),))
 
@@ -59,10 +55,9 @@ def open_log(path: str | Path) -> Log:
         InputError: there is no such file, its format is not known, or it is damaged.
     """
     path = Path(path)
-    if not path.exists():
-        raise InputError("no such file or folder", "check the path", file=path)
-    if path.is_dir():
+    if is_folder(path):
         return read_dataset(path) if is_dataset(path) else read_bag(path)
+    check_file(path, CHECK_PATH)
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         raise InputError(

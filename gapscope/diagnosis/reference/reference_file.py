@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import zipfile
 from collections.abc import Mapping
 from functools import cache
 from importlib import resources
@@ -18,8 +17,16 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.input_file import (
+    LARGEST_IN_MEMORY,
+    is_file,
+    is_folder,
+    read_bytes,
+    read_text,
+)
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.json_file import read_json, write_json
+from gapscope.arm.npz_file import read_arrays
 from gapscope.diagnosis.reference.identified_reference import (
     URDF,
     IdentifiedReference,
@@ -37,10 +44,10 @@ REMEDY = "identify the reference again: gapscope diagnose CASE --against REFEREN
 
 def identified_folder(path: Path) -> Path | None:
     """The folder of an identified reference: the path itself, or ``identified`` in it; ``None`` if it is a case."""
-    if not path.is_dir() or (path / "case.yaml").is_file():
+    if not is_folder(path) or is_file(path / "case.yaml"):
         return None
     for folder in (path, path / FOLDER):
-        if any((folder / name).is_file() for name in (DOCUMENT, ARRAYS)):
+        if any(is_file(folder / name) for name in (DOCUMENT, ARRAYS)):
             return folder
     return None
 
@@ -118,7 +125,7 @@ def read_reference(folder: Path) -> IdentifiedReference:
         InputError: a file is missing, changed or not of this format; names the file and the field.
     """
     path = folder / DOCUMENT
-    if not path.is_file():
+    if not is_file(path):
         raise InputError(
             "is missing: the identified reference was not written to its end",
             REMEDY,
@@ -126,14 +133,15 @@ def read_reference(folder: Path) -> IdentifiedReference:
         )
     content = read_json(path, REMEDY)
     _check(content, path)
-    texts = {name: _unchanged(folder / name, content) for name in (URDF, ARRAYS)}
+    for name in (URDF, ARRAYS):
+        _check_unchanged(folder / name, content)
     joints, parameters = tuple(content["joints"]), tuple(content["parameters"])
     return IdentifiedReference(
         name=content["reference"],
         recordings=tuple(content["recordings"]),
         joints=joints,
         gravity=np.array(content["gravity"], dtype=float),
-        urdf=texts[URDF].decode(),
+        urdf=read_text(folder / URDF, REMEDY),
         armature=_per_joint("armature", content, path),
         coulomb=_per_joint("coulomb", content, path),
         viscous=_per_joint("viscous", content, path),
@@ -165,14 +173,9 @@ def _shapes(
     }
 
 
-def _unchanged(path: Path, content: Mapping[str, Any]) -> bytes:
-    """Content of a file beside ``reference.json``, which must have the hash that stands there."""
-    try:
-        found = path.read_bytes()
-    except OSError as error:
-        raise InputError(
-            f"cannot be read ({error.strerror})", REMEDY, file=path
-        ) from None
+def _check_unchanged(path: Path, content: Mapping[str, Any]) -> None:
+    """Check that a file beside ``reference.json`` has the hash that stands there."""
+    found = read_bytes(path, REMEDY, LARGEST_IN_MEMORY)
     if _sha256(found) != content["files"][path.name]:
         raise InputError(
             f"is not the file that {DOCUMENT} was written with",
@@ -180,7 +183,6 @@ def _unchanged(path: Path, content: Mapping[str, Any]) -> bytes:
             file=path,
             where=f"field files.{path.name} of {DOCUMENT}",
         )
-    return found
 
 
 def _per_joint(name: str, content: Mapping[str, Any], path: Path) -> np.ndarray:
@@ -210,14 +212,11 @@ def _read_arrays(
     path: Path, shapes: Mapping[str, tuple[int, ...]]
 ) -> dict[str, np.ndarray]:
     """The arrays of ``reference.npz``, finite and of these shapes."""
-    try:
-        with np.load(path, allow_pickle=False) as content:
-            arrays = {name: np.asarray(content[name]) for name in content.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(f"is no file of arrays ({error})", REMEDY, file=path) from None
+    arrays = read_arrays(path, REMEDY)
     for name, shape in shapes.items():
         found = arrays.get(name, np.array(np.nan))
-        if found.shape != shape or not np.isfinite(found).all():
+        numeric = found.dtype.kind in "fiu"
+        if found.shape != shape or not numeric or not np.isfinite(found).all():
             raise InputError(
                 f"expected finite numbers of shape {shape}",
                 REMEDY,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -11,6 +9,7 @@ import numpy as np
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.npz_file import read_arrays
 from gapscope.effects.residual.basis import Basis
 from gapscope.effects.residual.inputs import Inputs
 from gapscope.effects.residual.model import ResidualNetwork
@@ -32,6 +31,15 @@ _KEYS = (
     "bound",
     "cutoff",
 )
+_AXES = {
+    **dict.fromkeys(("schema", "taps", "spacing", "cutoff", "layers"), 0),
+    **dict.fromkeys(("scale", "bound", "radius", "chosen", "forms", "seen"), 1),
+    **dict.fromkeys(("mean", "std"), 2),
+    "landmarks": 3,
+}
+"""Axes of the arrays that are not checked by trying a window."""
+LARGEST_COUNT = 1000
+"""Taps of a window, or layers of a network, beyond which it is no network of Gapscope [1]."""
 _OF_BASIS = ("low", "high", "own", "everything")
 _REMEDY = "train it again, or remove the line residual: from corrected.yaml"
 
@@ -86,8 +94,9 @@ def read_residual(path: Path | str) -> ResidualNetwork:
         InputError: the file is missing, cut short, no residual network, or its arrays do not fit together.
     """
     path = Path(path)
-    arrays = _arrays(path)
+    arrays = read_arrays(path, _REMEDY)
     _need(arrays, _KEYS, path)
+    _check_kinds(arrays, path)
     forms = [str(form) for form in np.atleast_1d(arrays["forms"])]
     if int(arrays["schema"]) != SCHEMA or not set(forms) <= set(FORMS):
         raise InputError(
@@ -96,11 +105,6 @@ def read_residual(path: Path | str) -> ResidualNetwork:
             "train it again, or use the version of Gapscope that wrote it",
             file=path,
         )
-    for key, value in arrays.items():
-        if value.dtype.kind == "f" and not np.isfinite(value).all():
-            raise InputError(
-                "holds values that are not finite", _REMEDY, file=path, where=key
-            )
     inputs = Inputs(
         n=len(arrays["scale"]),
         taps=int(arrays["taps"]),
@@ -119,6 +123,41 @@ def read_residual(path: Path | str) -> ResidualNetwork:
     )
     _check_shapes(found, path)
     return found
+
+
+def _check_kinds(arrays: dict[str, np.ndarray], path: Path) -> None:
+    """Check that each array is of numbers, or the names of forms, with as many axes as it needs.
+
+    Raises:
+        InputError: one is not.
+    """
+    for key, value in arrays.items():
+        name = key.rpartition(".")[2]
+        axes = _AXES.get(name)
+        named = name == "forms"
+        kinds = "U" if named else "fiub"
+        if value.dtype.kind not in kinds or (axes is not None and value.ndim != axes):
+            expected = "names" if named else "numbers"
+            form = "" if axes is None else f" of {axes} axes"
+            raise InputError(
+                f"holds {value.dtype} of shape {value.shape}, expected {expected}{form}",
+                _REMEDY,
+                file=path,
+                where=key,
+            )
+        if value.dtype.kind == "f" and not np.isfinite(value).all():
+            raise InputError(
+                "holds values that are not finite", _REMEDY, file=path, where=key
+            )
+    counts = {key: arrays[key] for key in arrays if key.endswith(("taps", ".layers"))}
+    for key, count in counts.items():
+        if not 0 <= count <= LARGEST_COUNT:
+            raise InputError(
+                f"is {count}, expected 0 to {LARGEST_COUNT}",
+                _REMEDY,
+                file=path,
+                where=key,
+            )
 
 
 def _need(arrays: dict[str, np.ndarray], keys: Iterable[str], path: Path) -> None:
@@ -148,24 +187,6 @@ def _network(arrays: dict[str, np.ndarray], form: str, path: Path) -> Network:
     )
 
 
-def _arrays(path: Path) -> dict[str, np.ndarray]:
-    """All arrays of the file."""
-    try:
-        opened = np.load(path, allow_pickle=False)
-        if isinstance(opened, np.ndarray):
-            raise InputError("is no NPZ file, but holds one array", _REMEDY, file=path)
-        with opened as content:
-            return {key: content[key] for key in content.files}
-    except OSError as error:
-        raise InputError(
-            f"cannot be read ({error.strerror or error})", "check the path", file=path
-        ) from None
-    except (ValueError, EOFError, zipfile.BadZipFile, zlib.error, KeyError) as error:
-        raise InputError(
-            f"is no NPZ file, or was cut short ({error})", _REMEDY, file=path
-        ) from None
-
-
 def _check_shapes(found: ResidualNetwork, path: Path) -> None:
     """Check that every array has the shape that the others ask for, by trying one window and by name."""
     n, c = found.inputs.n, found.inputs.channels
@@ -190,7 +211,7 @@ def _check_shapes(found: ResidualNetwork, path: Path) -> None:
         found.of_windows(windows)
         for network in found.networks:
             network.outputs(windows)
-    except (ValueError, IndexError) as error:
+    except (ValueError, IndexError, TypeError) as error:
         raise InputError(
             f"its weights do not fit together ({error})", _REMEDY, file=path
         ) from None

@@ -58,7 +58,7 @@ def test_faults_name_the_file_and_a_remedy(tmp_path: Path) -> None:
     (tmp_path / "bad.json").write_text("{")
     with pytest.raises(InputError, match=r"bad\.json.*not valid JSON"):
         read_json(tmp_path / "bad.json", "mend it")
-    with pytest.raises(InputError, match=r"none\.json.*cannot be read"):
+    with pytest.raises(InputError, match=r"none\.json.*no such file"):
         read_json(tmp_path / "none.json", "give it")
     with pytest.raises(GapscopeError, match="cannot be written"):
         write_json([], tmp_path / "bad.json" / "below.json")

@@ -156,7 +156,7 @@ def test_normalised_positions_with_a_calibration(
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("[", "cannot be read as JSON"),
+        ("[", "is not valid JSON"),
         ("{}", "expected a mapping"),
         ('{"elbow": {"range_min": 1}}', "motor elbow: expected the numbers drive_mode"),
         (

@@ -118,8 +118,8 @@ def half_arrays(folder: Path) -> None:
     ("damage", "says"),
     [
         (lambda f: (f / "reference.json").unlink(), "reference.json: is missing.*end"),
-        (lambda f: (f / "reference.npz").unlink(), "reference.npz: cannot be read"),
-        (lambda f: (f / "identified.urdf").unlink(), "identified.urdf: cannot be read"),
+        (lambda f: (f / "reference.npz").unlink(), "reference.npz: no such file"),
+        (lambda f: (f / "identified.urdf").unlink(), "identified.urdf: no such file"),
         (half_arrays, "reference.npz, field files.reference.npz"),
         (
             lambda f: (f / "identified.urdf").write_text("<robot/>"),

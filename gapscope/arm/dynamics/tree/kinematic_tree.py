@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gapscope.arm.dynamics.mjcf import joint_attributes
+from gapscope.arm.dynamics.mjcf import joint_attributes, numbers
 from gapscope.arm.errors import InputError
 from gapscope.arm.nearest_name import nearest
 
@@ -136,11 +136,11 @@ class KinematicTree:
 
 def read_tree(root: ET.Element, path: Path) -> KinematicTree:
     """The joints of a URDF, or of an MJCF file whose bodies all have a name."""
-    joints = _of_urdf(root) if root.tag == "robot" else _of_mjcf(root)
+    joints = _of_urdf(root, path) if root.tag == "robot" else _of_mjcf(root, path)
     return KinematicTree(tuple(joints), path)
 
 
-def _of_urdf(root: ET.Element) -> Iterator[TreeJoint]:
+def _of_urdf(root: ET.Element, path: Path) -> Iterator[TreeJoint]:
     for joint in root.findall("joint"):
         parent, child = joint.find("parent"), joint.find("child")
         if parent is None or child is None:
@@ -151,21 +151,22 @@ def _of_urdf(root: ET.Element) -> Iterator[TreeJoint]:
             joint.get("type", ""),
             parent.get("link", ""),
             child.get("link", ""),
-            None if follows is None else _mimic(follows),
+            None if follows is None else _mimic(follows, joint, path),
         )
 
 
-def _mimic(element: ET.Element) -> Mimic:
-    return Mimic(
-        element.get("joint", ""),
-        float(element.get("multiplier", 1)),
-        float(element.get("offset", 0)),
+def _mimic(element: ET.Element, joint: ET.Element, path: Path) -> Mimic:
+    place = f"joint {joint.get('name', '')}, <mimic>"
+    multiplier, offset = (
+        float(numbers(element.get(key, default), 1, path, f"{place}, {key}")[0])
+        for key, default in (("multiplier", "1"), ("offset", "0"))
     )
+    return Mimic(element.get("joint", ""), multiplier, offset)
 
 
-def _of_mjcf(root: ET.Element) -> Iterator[TreeJoint]:
+def _of_mjcf(root: ET.Element, path: Path) -> Iterator[TreeJoint]:
     """Several joints of one body are a chain of links, as many less one without a name."""
-    follows, attributes = equality_mimics(root), joint_attributes(root)
+    follows, attributes = equality_mimics(root, path), joint_attributes(root)
     kinds = {"slide": "prismatic", "free": "floating", "ball": "ball"}
 
     def visit(body: ET.Element, parent: str) -> Iterator[TreeJoint]:
@@ -193,12 +194,13 @@ def _of_mjcf(root: ET.Element) -> Iterator[TreeJoint]:
         yield from visit(body, "world")
 
 
-def equality_mimics(root: ET.Element) -> dict[str, Mimic]:
+def equality_mimics(root: ET.Element, path: Path) -> dict[str, Mimic]:
     """Joints of an MJCF file that ``<equality>`` lets follow another one in proportion."""
     found = {}
     for element in root.findall("equality/joint"):
         coefficients = np.zeros(5)
-        given = np.array((element.get("polycoef") or "0 1 0 0 0").split(), dtype=float)
+        text = element.get("polycoef") or "0 1 0 0 0"
+        given = numbers(text, None, path, "<equality><joint>, polycoef")[:5]
         coefficients[: len(given)] = given
         linear = not coefficients[2:].any() and element.get("joint2") is not None
         if linear and element.get("active") != "false":

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.input_file import LARGEST_IN_MEMORY, LARGEST_UNPACKED, check_file
 from gapscope.arm.io.log_table import Log, LogTable
 from gapscope.arm.io.table import Table
 
@@ -18,6 +19,7 @@ LARGEST = 100_000_000
 """Numbers in an array from which it is left unread [1]: 800 MB."""
 
 _MATLAB_HDF5 = b"MATLAB 7.3"
+_COMPRESSED, _PIECE = 15, 1_000_000
 
 
 def read_hdf5(path: Path) -> Log:
@@ -59,10 +61,15 @@ def _hdf5_arrays(path: Path, separator: str) -> tuple[dict[str, np.ndarray], lis
 
     def collect(name: str, item: Any) -> None:
         # what MATLAB 7.3 keeps to itself
-        if not isinstance(item, h5py.Dataset) or name.startswith("#"):
+        if not isinstance(item, h5py.Dataset) or not isinstance(name, str):
+            return
+        if name.startswith("#"):
             return
         label = name.replace("/", separator)
-        if item.ndim in (1, 2) and item.size <= LARGEST and item.dtype.kind in "fiub":
+        # what lies in another file is not part of this one
+        elsewhere = item.external or item.is_virtual
+        numeric = item.ndim in (1, 2) and item.dtype.kind in "fiub"
+        if numeric and item.size <= LARGEST and not elsewhere:
             arrays[label] = item[()]
         else:
             unread.append(f"{label} {item.shape}")
@@ -80,24 +87,15 @@ def _hdf5_arrays(path: Path, separator: str) -> tuple[dict[str, np.ndarray], lis
 def _matlab_arrays(path: Path) -> dict[str, np.ndarray]:
     """Numeric arrays of a MATLAB file up to version 7.2 by name."""
     import scipy.io
-    from scipy.io.matlab import MatReadError
 
-    damaged = (
-        MatReadError,
-        ValueError,
-        TypeError,
-        LookupError,
-        EOFError,
-        OSError,
-        NotImplementedError,
-        OverflowError,
-        MemoryError,
-        struct.error,
-        zlib.error,
-    )
+    check_file(path, "is the file complete?", LARGEST_IN_MEMORY)
     try:
+        _check_unpacked(path)
         content = scipy.io.loadmat(path, simplify_cells=True)
-    except damaged as error:
+    except InputError:
+        raise
+    # the reader stumbles over damaged files in as many ways as it has lines
+    except Exception as error:
         raise InputError(
             f"cannot be read as a MATLAB file ({error})",
             "is the file complete? save it again, with -v7",
@@ -106,6 +104,38 @@ def _matlab_arrays(path: Path) -> dict[str, np.ndarray]:
     arrays: dict[str, np.ndarray] = {}
     _collect(content, "", arrays)
     return arrays
+
+
+def _check_unpacked(path: Path) -> None:
+    """Check that the compressed variables of a file are not beyond ``LARGEST_UNPACKED``.
+
+    After a header of 128 bytes each variable has two numbers, its kind and size [bytes].
+
+    Raises:
+        InputError: they are.
+        zlib.error, struct.error: the file is damaged.
+    """
+    unpacked = 0
+    with path.open("rb") as file:
+        order = ">" if file.read(128)[126:] == b"MI" else "<"
+        while len(tag := file.read(8)) == 8:
+            kind, size = struct.unpack(f"{order}II", tag)
+            left = size
+            if kind != _COMPRESSED:
+                file.seek(size, 1)
+                continue
+            stream = zlib.decompressobj()
+            while left > 0 and (packed := file.read(min(left, _PIECE))):
+                left -= len(packed)
+                while packed and unpacked <= LARGEST_UNPACKED:
+                    unpacked += len(stream.decompress(packed, _PIECE))
+                    packed = stream.unconsumed_tail
+            if unpacked > LARGEST_UNPACKED:
+                raise InputError(
+                    f"holds more than {LARGEST_UNPACKED / 1e9:g} GB unpacked",
+                    "cut the motion to be examined out of it",
+                    file=path,
+                )
 
 
 def _collect(content: Any, name: str, arrays: dict[str, np.ndarray]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,9 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.input_file import check_folder_files, is_file
+from gapscope.arm.io.formats.table_files import check_unpacked
+from gapscope.arm.io.json_file import read_json
 from gapscope.arm.io.layouts import LEROBOT
 from gapscope.arm.io.log_table import Log, LogTable
 from gapscope.arm.io.table import Table
@@ -24,7 +26,7 @@ _TIME = "timestamp"
 
 def is_dataset(path: Path) -> bool:
     """Whether a folder is a LeRobot dataset."""
-    return (path / INFO).is_file()
+    return is_file(path / INFO)
 
 
 def dataset_files(path: Path) -> list[Path]:
@@ -91,11 +93,11 @@ _PICTURES = ("video", "image")
 def _info(path: Path) -> Mapping[str, Any]:
     """What the dataset says of itself."""
     file = path / INFO
+    info = read_json(file, "is the dataset complete?")
     try:
-        info = json.loads(file.read_text(encoding="utf-8"))
         fps, features = float(info["fps"]), info["features"]
         complete = fps > 0 and all(isinstance(f, dict) for f in features.values())
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
         raise InputError(
             f"cannot be read as the description of a LeRobot dataset ({error!r})",
             "is the dataset complete? it needs fps and features",
@@ -122,6 +124,7 @@ def _data_files(path: Path, episodes: Sequence[int] | None = None) -> list[Path]
         raise InputError(
             "has no data/*/*.parquet", "is the dataset complete?", file=path
         )
+    check_folder_files(files)
     if episodes is None:
         return files
     own = {f"episode_{number:06d}" for number in episodes}
@@ -139,8 +142,9 @@ def _read(file: Path, columns: list[str] | None, episodes: Sequence[int] | None)
 
     chosen = None if episodes is None else [(_EPISODE, "in", list(episodes))]
     try:
+        check_unpacked(pq.read_metadata(file), file)
         return pq.read_table(file, columns=columns, filters=chosen)
-    except (pa.ArrowException, OSError, KeyError) as error:
+    except (pa.ArrowException, OSError, KeyError, MemoryError) as error:
         raise InputError(
             f"cannot be read as frames of a LeRobot dataset ({error})",
             "is the file complete? Git LFS leaves pointers in place of files that were not fetched",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.io.json_file import read_json
 
 STEPS_PER_TURN = 4096
 """Encoder steps in a turn of the servos [1]: Feetech STS3215, Dynamixel X series."""
@@ -51,16 +51,10 @@ def read_calibration(path: Path) -> dict[str, MotorRange]:
     Raises:
         InputError: there is no such file, or it is not of this form.
     """
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(
-            "no such file",
-            "give the calibration of the arm, ~/.cache/huggingface/lerobot/calibration/robots/*/*.json",
-            file=path,
-        ) from None
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise InputError(f"cannot be read as JSON ({error})", file=path) from None
+    content = read_json(
+        path,
+        "give the calibration of the arm, ~/.cache/huggingface/lerobot/calibration/robots/*/*.json",
+    )
     if not isinstance(content, Mapping) or not content:
         raise InputError("expected a mapping from motors to their ranges", file=path)
     return {name: _range(name, entry, path) for name, entry in content.items()}

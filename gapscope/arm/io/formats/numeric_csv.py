@@ -37,6 +37,9 @@ def numeric_columns(
     }
     # every column is allocated once, before its blocks are read: never two copies of the file
     count = _lines(path) - 1
+    # a cell takes a byte at least, so that rows of this many cells are not what the file holds
+    if count * len(names) > path.stat().st_size:
+        return None
     columns = {
         name: np.empty(count, dtype=float if kind == pa.float64() else object)
         for name, kind in types.items()

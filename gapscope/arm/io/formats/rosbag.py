@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.input_file import check_folder_files, is_folder
 from gapscope.arm.io.formats.control_messages import known_typestores
 from gapscope.arm.io.formats.joint_messages import JOINT_TRAJECTORY, SAMPLES, Sample
 from gapscope.arm.io.formats.sample_tables import (
@@ -33,6 +34,7 @@ def read_bag(path: Path) -> Log:
     Raises:
         InputError: the bag is damaged or incomplete, or a message is not what its type says.
     """
+    check_folder_files(bag_files(path))
     content = _content(path)
     samples: dict[tuple[str, str], list[Sample]] = defaultdict(list)
     description = None
@@ -90,9 +92,7 @@ def _content(path: Path) -> _Content:
             ]
             # an empty choice of connections would mean all of them
             found = reader.messages(wanted) if wanted else ()
-            messages = [
-                (c.topic, c.msgtype, logged, bytes(raw)) for c, logged, raw in found
-            ]
+            messages = [_message(c, logged, raw) for c, logged, raw in found]
             others = [c for c in reader.connections if c not in wanted]
             unread = tuple(dict.fromkeys(f"{c.topic} ({c.msgtype})" for c in others))
             return _Content(messages, reader.typestore, unread)
@@ -105,14 +105,27 @@ def _content(path: Path) -> _Content:
         ) from error
 
 
+def _message(connection: Any, logged: Any, raw: Any) -> tuple[str, str, int, bytes]:
+    """Topic, type, time of logging [ns] and bytes of a message; SQLite may hold anything in any column."""
+    if not isinstance(logged, int) or not isinstance(raw, (bytes, memoryview)):
+        raise ValueError("a message is not of bytes, or its time no whole number")
+    return connection.topic, connection.msgtype, logged, bytes(raw)
+
+
+def bag_files(path: Path) -> list[Path]:
+    """The files of a bag: those of a folder, or the bag itself."""
+    if not is_folder(path):
+        return [path]
+    return sorted(file for file in path.iterdir() if not is_folder(file))
+
+
 def _describes_robot(connection: Any) -> bool:
     topic = connection.topic.rsplit("/", 1)[-1]
     return connection.msgtype == TEXT and topic == "robot_description"
 
 
 def _is_mcap(path: Path) -> bool:
-    files = path.iterdir() if path.is_dir() else [path]
-    return any(file.suffix.lower() == ".mcap" for file in files)
+    return any(file.suffix.lower() == ".mcap" for file in bag_files(path))
 
 
 def _fitting_stores(

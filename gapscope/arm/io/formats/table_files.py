@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import csv
 import itertools
-import zipfile
-import zlib
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.input_file import LARGEST_UNPACKED
 from gapscope.arm.io.formats.numeric_csv import numeric_columns
 from gapscope.arm.io.table import Table
-
-LARGEST_UNPACKED = 2_000_000_000
-"""Size of the largest compressed file once unpacked [bytes]."""
+from gapscope.arm.npz_file import read_arrays
 
 _DELIMITERS = (",", ";", "\t")
 
@@ -161,20 +159,44 @@ def read_parquet(path: Path) -> Table:
     import pyarrow.parquet as pq
 
     try:
-        file = pq.ParquetFile(path)
-        # one column at a time: never two copies of the file
-        columns = {
-            name: file.read([name]).column(name).to_numpy()
-            for name in file.schema_arrow.names
-        }
-    except (pa.ArrowException, OSError) as error:
+        with pq.ParquetFile(path) as file:
+            check_unpacked(file.metadata, path)
+            # one column at a time: never two copies of the file
+            columns = {
+                name: file.read([name]).column(name).to_numpy()
+                for name in file.schema_arrow.names
+            }
+    except (
+        pa.ArrowException,
+        OSError,
+        ValueError,
+        LookupError,
+        MemoryError,
+    ) as error:
         raise InputError(
             f"cannot be read as Parquet ({error})", "is the file complete?", file=path
         ) from None
-    count = file.metadata.num_rows
+    count = len(next(iter(columns.values()), ()))
     if not count:
         raise InputError("has no rows", "give a file with samples", file=path)
     return Table(path, columns, range(1, count + 1))
+
+
+def check_unpacked(metadata: Any, path: Path) -> None:
+    """Check that a Parquet file is not beyond ``LARGEST_UNPACKED``: a run of one value takes no place in it.
+
+    Raises:
+        InputError: it is.
+    """
+    groups = [metadata.row_group(k) for k in range(metadata.num_row_groups)]
+    stated = sum(group.total_byte_size for group in groups)
+    size = max(stated, 8 * metadata.num_rows * metadata.num_columns)
+    if size > LARGEST_UNPACKED:
+        raise InputError(
+            f"holds {size / 1e9:.1f} GB unpacked, at most {LARGEST_UNPACKED / 1e9:g} GB are read",
+            "cut the motion to be examined out of it",
+            file=path,
+        )
 
 
 def read_npz(path: Path) -> Table:
@@ -183,23 +205,7 @@ def read_npz(path: Path) -> Table:
     Raises:
         InputError: the file is damaged, has no rows, or arrays of different length.
     """
-    try:
-        with np.load(path, allow_pickle=False) as content:
-            _check_size(content.zip, path)
-            arrays = {name: content[name] for name in content.files}
-    except (
-        zipfile.BadZipFile,
-        zlib.error,
-        ValueError,
-        EOFError,
-        OSError,
-        AttributeError,
-        NotImplementedError,
-        MemoryError,
-    ) as error:
-        raise InputError(
-            f"cannot be read as NPZ ({error})", "is the file complete?", file=path
-        ) from None
+    arrays = read_arrays(path, "is the file complete?")
     columns: dict[str, np.ndarray] = {}
     for name, array in arrays.items():
         if array.ndim == 2:
@@ -218,14 +224,3 @@ def read_npz(path: Path) -> Table:
             file=path,
         )
     return Table(path, columns, range(1, max(lengths) + 1))
-
-
-def _check_size(archive: zipfile.ZipFile, path: Path) -> None:
-    """Arrays that fit into memory once unpacked."""
-    size = sum(entry.file_size for entry in archive.infolist())
-    if size > LARGEST_UNPACKED:
-        raise InputError(
-            f"holds {size / 1e9:.1f} GB unpacked, at most {LARGEST_UNPACKED / 1e9:g} GB are read",
-            "cut the motion to be examined out of it",
-            file=path,
-        )

@@ -1,0 +1,436 @@
+"""Readers under test: for each a folder of valid files, the file that is mutated, and the call that a command makes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import fuzz_mutations as mutations
+import numpy as np
+
+from gapscope.agents.model_files import read_arm
+from gapscope.archive.archive import Archive
+from gapscope.arm.case import load_case
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.io.controller_file import read_controller
+from gapscope.arm.io.import_section import parse_import
+from gapscope.arm.io.load_recording import load_recording
+from gapscope.arm.io.log import open_log
+from gapscope.arm.io.write_case import write_recording
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
+from gapscope.arm.robots import load_nominal_arm
+from gapscope.diagnosis.document.diagnosis_json import read_document
+from gapscope.diagnosis.reference.reference_file import read_reference
+from gapscope.effects.corrected_file import read_corrected_arm, read_with_faults
+from gapscope.effects.residual.file import read_residual, write_residual
+from gapscope.effects.residual.inputs import Inputs, Layout
+from gapscope.effects.residual.model import ResidualNetwork
+from gapscope.effects.residual.network import Network
+from gapscope.effects.residual.trust import Trust
+from gapscope.model_audit.audit import audit_model
+from gapscope.serving.routes import answer
+
+CORPUS = Path(__file__).with_name("corpus")
+N = 60
+"""Samples of the recordings, at 50 Hz."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """A reader under test.
+
+    Attributes:
+        name: of the reader.
+        file: that is mutated, relative to the folder.
+        make: writes the valid files into a folder.
+        read: calls the reader on the folder, as a command does.
+        mutate: one mutation.
+        finish: what follows from the mutated file, such as a hash in another one.
+        may_name_files: whether the user's own file may name other files anywhere.
+    """
+
+    name: str
+    file: str
+    make: Callable[[Path], None]
+    read: Callable[[Path], object]
+    mutate: mutations.Mutation
+    finish: Callable[[Path], None] = lambda folder: None
+    may_name_files: bool = False
+
+
+@cache
+def arm() -> NominalArm:
+    """The two-joint arm of the corpus."""
+    return load_nominal_arm(CORPUS / "robot.urdf")
+
+
+def recording() -> Recording:
+    """Both joints moving to and fro."""
+    t = np.arange(N) / 50
+    q = np.column_stack([np.sin(3 * t), 0.5 * np.cos(4 * t)])
+    dq = np.column_stack([3 * np.cos(3 * t), -2 * np.sin(4 * t)])
+    return Recording("motion.csv", t, q.round(4), (dq + 1).round(4), dq.round(4))
+
+
+def copies(*names: str) -> Callable[[Path], None]:
+    """Writes files of the corpus."""
+
+    def make(folder: Path) -> None:
+        for name in names:
+            shutil.copyfile(CORPUS / name, folder / name)
+
+    return make
+
+
+def _log(name: str) -> Callable[[Path], object]:
+    def read(folder: Path) -> object:
+        return load_recording(folder / name, arm(), complete=True, any_unit=True)
+
+    return read
+
+
+def _table(ending: str, mutate: mutations.Mutation) -> Target:
+    name = f"motion.{ending}"
+
+    def make(folder: Path) -> None:
+        write_recording(recording(), folder / name)
+
+    return Target(ending, name, make, _log(name), mutate)
+
+
+def _bag(ending: str) -> Target:
+    name = f"motion.{ending}"
+
+    def make(folder: Path) -> None:
+        from rosbags.rosbag2 import StoragePlugin, Writer
+        from rosbags.typesys import Stores, get_typestore
+
+        store = get_typestore(Stores.ROS2_HUMBLE)
+        types, kind = store.types, "sensor_msgs/msg/JointState"
+        storage = StoragePlugin.MCAP if ending == "mcap" else StoragePlugin.SQLITE3
+        seed = recording()
+        aside = folder / "bag"
+        with Writer(aside, version=9, storage_plugin=storage) as writer:
+            connection = writer.add_connection("/joint_states", kind, typestore=store)
+            for i, t in enumerate(seed.t):
+                logged = round((1e9 + t) * 1e9)
+                stamp = types["builtin_interfaces/msg/Time"](
+                    sec=logged // 10**9, nanosec=logged % 10**9
+                )
+                header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="")
+                fields = {"position": seed.q[i], "effort": seed.tau[i]}
+                fields["velocity"] = seed.dq[i]
+                message = types[kind](header=header, name=list(arm().joints), **fields)
+                writer.write(connection, logged, store.serialize_cdr(message, kind))
+        next(aside.glob(f"*.{ending}")).rename(folder / name)
+        shutil.rmtree(aside)
+
+    return Target(ending, name, make, _log(name), mutations.of_bytes)
+
+
+def _bag_folder() -> Target:
+    inner = _bag("mcap")
+
+    def make(folder: Path) -> None:
+        inner.make(folder)
+        shutil.copyfile(CORPUS / "metadata.yaml", folder / "metadata.yaml")
+
+    def read(folder: Path) -> object:
+        return load_recording(folder, arm(), complete=True, any_unit=True)
+
+    mutate = mutations.either(mutations.of_yaml)
+    return Target("rosbag2_metadata", "metadata.yaml", make, read, mutate)
+
+
+def _hdf5() -> Target:
+    def make(folder: Path) -> None:
+        import h5py
+
+        seed = recording()
+        with h5py.File(folder / "motion.h5", "w") as file:
+            file["t"], file["q"], file["tau"] = seed.t, seed.q, seed.tau
+
+    return Target("hdf5", "motion.h5", make, _log("motion.h5"), mutations.of_bytes)
+
+
+def _mat() -> Target:
+    def make(folder: Path) -> None:
+        import scipy.io
+
+        seed = recording()
+        log = {"t": seed.t, "q": seed.q, "tau": seed.tau}
+        content = {**log, "log": log, "cells": np.array([1, "a"], object)}
+        scipy.io.savemat(folder / "motion.mat", content, do_compression=False)
+
+    return Target("mat", "motion.mat", make, _log("motion.mat"), mutations.of_bytes)
+
+
+def _dataset(file: str, mutate: mutations.Mutation) -> Target:
+    names = {"shape": [2], "names": [f"{joint}.pos" for joint in ("shoulder", "elbow")]}
+    data = "data/chunk-000/file-000.parquet"
+
+    def make(folder: Path) -> None:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        seed = recording()
+        lists = {
+            "observation.state": seed.q,
+            "action": seed.q,
+            "observation.effort": seed.tau,
+        }
+        columns: dict[str, Any] = {key: pa.array(list(x)) for key, x in lists.items()}
+        columns |= {"timestamp": seed.t, "frame_index": np.arange(N)}
+        columns["episode_index"] = np.zeros(N, int)
+        (folder / data).parent.mkdir(parents=True)
+        (folder / "meta").mkdir()
+        pq.write_table(pa.table(columns), folder / data)
+        info = {"fps": 50, "codebase_version": "v3.0"}
+        info["features"] = {key: {"dtype": "float32", **names} for key in lists}
+        (folder / "meta" / "info.json").write_text(json.dumps(info))
+
+    importing = parse_import({"q": {"unit": "deg"}, "tau": {}}, 2, CORPUS)
+
+    def read(folder: Path) -> object:
+        return load_recording(folder, arm(), importing, any_unit=True)
+
+    return Target(
+        f"lerobot_{Path(file).stem[:4]}",
+        data if file == "data" else file,
+        make,
+        read,
+        mutate,
+    )
+
+
+def _robot(name: str) -> Target:
+    def read(folder: Path) -> object:
+        found = load_nominal_arm(folder / name)
+        still = np.zeros((1, found.n_joints))
+        return RigidBody(found).inverse_dynamics(still, still, still)
+
+    mutate = mutations.either(mutations.of_xml)
+    return Target(
+        Path(name).suffix[1:].replace("xml", "mjcf"), name, copies(name), read, mutate
+    )
+
+
+def _audit(name: str) -> Target:
+    mutate = mutations.either(mutations.of_xml)
+    label = "audit_" + Path(name).suffix[1:].replace("xml", "mjcf")
+    return Target(
+        label, name, copies(name), lambda folder: audit_model(folder / name), mutate
+    )
+
+
+def _case() -> Target:
+    def make(folder: Path) -> None:
+        copies("case.yaml", "robot.urdf")(folder)
+        write_recording(recording(), folder / "motion.csv")
+
+    def read(folder: Path) -> object:
+        return load_case(folder, any_unit=True)
+
+    mutate = mutations.either(mutations.of_yaml)
+    return Target("case_yaml", "case.yaml", make, read, mutate, may_name_files=True)
+
+
+def _controller() -> Target:
+    return Target(
+        "controller_yaml",
+        "controller.yaml",
+        copies("controller.yaml"),
+        lambda folder: read_controller(folder / "controller.yaml", 2),
+        mutations.either(mutations.of_yaml),
+    )
+
+
+def _corrected() -> Target:
+    def read(folder: Path) -> object:
+        read_with_faults(folder / "corrected.yaml")
+        return read_corrected_arm(arm(), folder / "corrected.yaml")
+
+    mutate = mutations.either(mutations.of_yaml)
+    make = copies("corrected.yaml")
+    return Target("corrected_yaml", "corrected.yaml", make, read, mutate)
+
+
+def _identification() -> Target:
+    def read(folder: Path) -> object:
+        return read_arm(str(folder / "identification.json"), arm())
+
+    make = copies("identification.json", "corrected.yaml", "case.yaml", "robot.urdf")
+    mutate = mutations.either(mutations.of_json)
+    return Target("identification_json", "identification.json", make, read, mutate)
+
+
+def _diagnosis() -> Target:
+    def read(folder: Path) -> object:
+        archive = Archive(folder)
+        answer(archive, "/")
+        for entry in archive.entries():
+            answer(archive, f"/units/{entry.unit}")
+        return read_document(folder / "diagnosis.json")
+
+    mutate = mutations.either(mutations.of_json)
+    make = copies("diagnosis.json")
+    return Target("diagnosis_json", "diagnosis.json", make, read, mutate)
+
+
+def _address() -> Target:
+    """Addresses of requests to the server."""
+
+    def make(folder: Path) -> None:
+        copies("diagnosis.json")(folder)
+        (folder / "address.txt").write_text("/files/diagnosis.json?page=1")
+
+    def read(folder: Path) -> object:
+        place = folder / "address.txt"
+        if not place.is_file():
+            return None
+        return answer(Archive(folder), place.read_bytes().decode("latin-1"))
+
+    return Target("serve_address", "address.txt", make, read, mutations.of_bytes)
+
+
+def _residual() -> Target:
+    def make(folder: Path) -> None:
+        n, taps, rng = 2, 2, np.random.default_rng(0)
+        channels, near = Layout(n).channels, len(Layout(n).neighbourhood)
+        flat = np.zeros((n, channels))
+        inputs = Inputs(n, taps, 0.02, flat, flat + 1)
+        seen = inputs.seen_by_mlp
+        weights = tuple(rng.normal(size=(1, n, *s)) for s in ((len(seen), 2), (2, 2)))
+        network = Network("mlp", seen, weights, (np.zeros((1, n, 2)),) * 2)
+        trust = Trust(np.zeros((n, 2, near)), np.full(n, 50.0))
+        ones = np.ones(n)
+        residual = ResidualNetwork(
+            inputs, (network,), np.zeros(n, int), trust, ones, ones, 12.0
+        )
+        write_residual(residual, folder / "residual.npz")
+
+    def read(folder: Path) -> object:
+        return read_residual(folder / "residual.npz")
+
+    mutate = mutations.either(mutations.of_npz)
+    return Target("residual_npz", "residual.npz", make, read, mutate)
+
+
+def _reference(file: str, mutate: mutations.Mutation) -> Target:
+    names = ("reference.npz", "identified.urdf")
+
+    def hashed(folder: Path) -> None:
+        """Write the hashes of the other files into the document, as somebody who means harm would."""
+        path = folder / "reference.json"
+        content = json.loads(path.read_text())
+        content["files"] = {name: _sha256(folder / name) for name in names}
+        path.write_text(json.dumps(content))
+
+    return Target(
+        f"reference_{Path(file).suffix[1:]}",
+        file,
+        copies("reference.json", *names),
+        read_reference,
+        mutations.either(mutate),
+        finish=hashed if file in names else lambda folder: None,
+    )
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+
+
+def _agent(file: str, mutate: mutations.Mutation) -> Target:
+    names = ("policy.zip", "normalisation.npz")
+
+    def make(folder: Path) -> None:
+        from gapscope.agents.training.learner import make_learner, write_weights
+        from gapscope.agents.training.normalisation import Normalisation
+        from gapscope.agents.training.policy import _Spaces
+        from gapscope.agents.training.training_settings import TrainingSettings
+
+        settings = TrainingSettings(network=(2,), environments=1)
+        write_weights(make_learner(settings, _Spaces(6, 2)), folder / "policy.zip")
+        figures = Normalisation(np.zeros(6), np.ones(6), (0, 2), (2, 4))
+        figures.write(folder / "normalisation.npz")
+        document = {"schema": 1, "joints": list(arm().joints), "model": "nominal"}
+        document |= {"observation": {"position": 6}, "actions": 2}
+        document |= {"settings": settings.plain(), "robot": "two"}
+        document["files"] = {name: _sha256(folder / name) for name in names}
+        (folder / "agent.json").write_text(json.dumps(document))
+
+    def read(folder: Path) -> object:
+        from gapscope.agents.training.agent_model import read_agent_model
+
+        return read_agent_model(folder, arm())
+
+    def hashed(folder: Path) -> None:
+        path = folder / "agent.json"
+        content = json.loads(path.read_text())
+        content["files"] = {name: _sha256(folder / name) for name in names}
+        path.write_text(json.dumps(content))
+
+    return Target(
+        f"agent_{Path(file).suffix[1:]}",
+        file,
+        make,
+        read,
+        mutations.either(mutate),
+        finish=hashed if file in names else lambda folder: None,
+    )
+
+
+def _inspect(ending: str, mutate: mutations.Mutation) -> Target:
+    from gapscope.inspection.inspection import inspect_logs
+
+    plain = _table(ending, mutate)
+
+    def read(folder: Path) -> object:
+        return inspect_logs([open_log(folder / plain.file)], arm())
+
+    return Target(f"inspect_{ending}", plain.file, plain.make, read, mutate)
+
+
+def targets() -> dict[str, Target]:
+    """All readers by name."""
+    of_csv = mutations.either(mutations.of_csv)
+    of_npz = mutations.either(mutations.of_npz)
+    of_json = mutations.either(mutations.of_json)
+    found = [
+        _table("csv", of_csv),
+        _table("parquet", mutations.of_bytes),
+        _table("npz", of_npz),
+        _inspect("csv", of_csv),
+        _bag("db3"),
+        _bag("mcap"),
+        _bag_folder(),
+        _hdf5(),
+        _mat(),
+        _dataset("meta/info.json", of_json),
+        _dataset("data", mutations.of_bytes),
+        _robot("robot.urdf"),
+        _robot("robot.xml"),
+        _audit("robot.urdf"),
+        _audit("robot.xml"),
+        _case(),
+        _controller(),
+        _corrected(),
+        _identification(),
+        _diagnosis(),
+        _address(),
+        _residual(),
+        _reference("reference.json", of_json),
+        _reference("reference.npz", of_npz),
+        _reference("identified.urdf", mutations.of_xml),
+        _agent("agent.json", of_json),
+        _agent("normalisation.npz", of_npz),
+        _agent("policy.zip", mutations.of_bytes),
+    ]
+    return {target.name: target for target in found}

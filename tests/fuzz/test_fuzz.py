@@ -1,0 +1,23 @@
+"""A short run of the fuzzing of every reader; ``experiments/48_fuzz.py`` makes the long one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from fuzz_run import kinds, run
+from fuzz_targets import targets
+
+SLOW = {"rosbag2_metadata", "agent_json", "agent_npz", "agent_zip"}
+"""Readers that take some 10 ms an input, or load the learning libraries."""
+INPUTS = 60
+
+
+@pytest.mark.parametrize("name", [name for name in targets() if name not in SLOW])
+def test_mutated_inputs_are_read_or_refused_with_a_reason(
+    name: str, tmp_path: Path
+) -> None:
+    outcome = run(targets()[name], range(INPUTS), tmp_path / "work", bounded=False)
+    assert kinds(outcome.faults) == {}
+    assert outcome.read + outcome.refused == INPUTS
+    assert outcome.refused > 0 or name == "serve_address"
