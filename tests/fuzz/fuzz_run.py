@@ -24,8 +24,11 @@ from fuzz_targets import Target
 
 from gapscope.arm.errors import GapscopeError, InputError
 
-HANG = 10.0
-"""An input of some kB that is not read after this time hangs its reader [s]."""
+_TIMERS = (
+    (signal.ITIMER_PROF, signal.SIGPROF, 10.0),
+    (signal.ITIMER_REAL, signal.SIGALRM, 60.0),
+)
+"""An input of some kB that is not read after this processor time, or this time, hangs its reader [s]."""
 MEMORY = 1_500_000_000
 """Memory beyond that of the process before, which a reader may not ask for on such an input [bytes]."""
 ODD_PLACES = 0.01
@@ -201,8 +204,9 @@ def _one(
         with suppress(OSError, ValueError, TypeError, KeyError):
             target.finish(folder)
     fault = ""
-    signal.signal(signal.SIGALRM, _hang)
-    signal.setitimer(signal.ITIMER_REAL, HANG)
+    for timer, alarm, seconds in _TIMERS:
+        signal.signal(alarm, _hang)
+        signal.setitimer(timer, seconds)
     try:
         with watch.on():
             target.read(folder)
@@ -220,7 +224,8 @@ def _one(
             raise
         fault = f"{type(error).__name__}: {str(error)[:200]}\n" + traceback.format_exc()
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
+        for timer, _, _ in _TIMERS:
+            signal.setitimer(timer, 0)
     if watch.noted and not (
         target.may_name_files and all("opens" in x for x in watch.noted)
     ):

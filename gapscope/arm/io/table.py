@@ -12,6 +12,9 @@ import numpy as np
 
 from gapscope.arm.errors import InputError
 
+LARGEST_NUMBER = 1e20
+"""Size of the largest number in a log, whatever it counts: nanoseconds since 1970 stay below [1]."""
+
 
 @dataclass(frozen=True)
 class Table:
@@ -124,6 +127,14 @@ class Table:
                 "drop the row (a gap in time is understood) or repair it; a missing value is never guessed",
                 file=self.path,
                 where=self.where(int(bad[0]), column),
+            )
+        large = np.flatnonzero((np.abs(values) > LARGEST_NUMBER).any(axis=1))
+        if len(large):
+            raise InputError(
+                f"holds {self.columns[column][large[0]]}, which no log of an arm does in any unit",
+                "drop or repair the row",
+                file=self.path,
+                where=self.where(int(large[0]), column),
             )
 
     def _not_a_number(self, row: int, column: str, cell: Any) -> InputError:
