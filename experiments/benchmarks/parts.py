@@ -10,6 +10,7 @@ from experiments.benchmarks.point import Point, Settings
 from experiments.benchmarks.row import Row
 
 PARTS = {
+    "startup": "Start-up",
     "regressor": "Regressor and base parameters",
     "identification": "Identification",
     "joint": "Friction and inertia of one joint",

@@ -34,7 +34,8 @@ def cases(
         if Path(word).exists():
             yield Measured(Path(word).name, Path(word), reference)
             continue
-        found = [each for each in planned if word in each.name]
+        found = [each for each in planned if word == each.name]
+        found = found or [each for each in planned if word in each.name]
         if len(found) != 1:
             names = "\n  ".join(each.name for each in found or planned)
             raise SystemExit(f"{word!r} names {len(found)} points\n  {names}")
