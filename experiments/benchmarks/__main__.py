@@ -129,7 +129,7 @@ def main(words: Sequence[str] | None = None) -> int:
         text = table(rows)
         print(f"\n## {PARTS[part]}\n\n{text}", flush=True)
         if options.into:
-            put_into(options.into, part, text)
+            put_into(options.into, part, PARTS[part], text)
     if written:
         content = {"machine": machine(), "parts": written}
         write_json(content, run.out / "benchmarks.json")

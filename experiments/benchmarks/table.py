@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from experiments.benchmarks.row import Row
-from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
 
 HEAD = "| what | figure | speed, relative | more |\n|---|---|---|---|"
@@ -49,19 +48,13 @@ def _detail(key: str, value: float | str) -> str:
     return f"{name} {_number(value)} {unit.removesuffix(']')}".strip()
 
 
-def put_into(page: Path, part: str, text: str) -> None:
-    """Replace what stands between the markers of a part in a page.
-
-    Raises:
-        InputError: the page lacks the markers.
-    """
+def put_into(page: Path, part: str, title: str, text: str) -> None:
+    """Replace what stands between the markers of a part in a page; without them, add a section at its end."""
     begin, end = f"<!-- {part}: written by a script -->", f"<!-- end of {part} -->"
     whole = page.read_text(encoding="utf-8")
-    before, found, rest = whole.partition(begin)
+    before, _, rest = whole.partition(begin)
     _, closed, after = rest.partition(end)
-    if not found or not closed:
-        raise InputError(
-            "has no place for a table", f"add {begin} and {end}", file=page
-        )
+    if not closed:
+        before, after = f"{whole.rstrip()}\n\n## {title}\n\n", "\n"
     with atomic_write(page) as aside:
         aside.write_text(f"{before}{begin}\n\n{text}\n\n{end}{after}", encoding="utf-8")

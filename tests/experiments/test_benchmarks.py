@@ -10,7 +10,6 @@ from experiments.benchmarks import one_joint, parts
 from experiments.benchmarks.growth import along, exponents
 from experiments.benchmarks.point import Point
 from experiments.benchmarks.row import MEMORY, Row, compared, in_turns
-from gapscope.arm.errors import InputError
 
 
 def test_loops_take_turns():
@@ -86,13 +85,15 @@ def test_a_run_goes_on_where_it_was_and_writes_into_the_page(part, tmp_path, cap
     assert part == ["good", "bad", "bad", "good"]
 
 
-def test_a_page_without_a_place_is_named(part, tmp_path):
+def test_a_page_without_a_place_gets_a_section(part, tmp_path):
     page = tmp_path / "page.md"
-    page.write_text("nothing here")
-    with pytest.raises(InputError, match="page.md"):
-        benchmarks.main(
-            ["fake", "--only", "good", "--out", str(tmp_path), "--into", str(page)]
-        )
+    page.write_text("# Page\n")
+    words = ["fake", "--only", "good", "--out", str(tmp_path), "--into", str(page)]
+    for _ in range(2):  # the second time there is a place
+        benchmarks.main(words)
+    text = page.read_text()
+    assert text.startswith("# Page\n\n## A part\n\n<!-- fake: written by a script -->")
+    assert text.count("| row of good |") == text.count("## A part") == 1
 
 
 def test_the_pendulum_obeys_its_equation_and_sticks():
