@@ -33,7 +33,6 @@ def _predictor(
     case: Case, set_aside: bool = False, start: float = 0.0
 ) -> SimpleNamespace:
     """What ``replay_gap`` asks of a predictor: the right values are those fitted to what it must not replay."""
-    times = [recording.t[recording.t >= start] for recording in case.recordings]
     evidence = SimpleNamespace(
         fit=lambda terms: SimpleNamespace(theta=PAYLOAD if set_aside else WRONG),
         without_last=lambda terms: WRONG if set_aside else PAYLOAD,
@@ -42,7 +41,10 @@ def _predictor(
             effects=lambda theta, terms: (theta,) if terms else (),
         ),
     )
-    folds = [[SimpleNamespace(motion=SimpleNamespace(t=t))] for t in times]
+    folds = [
+        [SimpleNamespace(recording=r.name, motion=SimpleNamespace(t=r.t[r.t >= start]))]
+        for r in case.recordings
+    ]
     found = SimpleNamespace(
         evidence=evidence, fit=SimpleNamespace(terms=frozenset(Terms(7).of("payload")))
     )
