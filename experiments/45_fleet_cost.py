@@ -17,6 +17,8 @@ import json
 import resource
 import time
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -32,10 +34,10 @@ from gapscope.fleets.store import FleetStore
 Figures = dict[str, Any]
 DAYS = 10
 """Days of each simulated unit [1]."""
-EMPTY = 3000
+EMPTY = (1000, 5000)
 """Empty cases of the part ``driver`` [1]."""
-STORED = ((200, 10), (400, 10), (800, 10))
-"""Units and days of the stores of the part ``compare`` [1]."""
+STORED = (500, 3000)
+"""Units of the stores of the part ``compare`` [1]."""
 
 
 def peak_memory() -> float:
@@ -85,40 +87,59 @@ def cost(options: argparse.Namespace) -> Figures:
 
 
 def driver(options: argparse.Namespace) -> Figures:
-    """The driver's part: cases that fail at once, listed, run in this process, and written."""
-    folder, out = options.out / "empty", options.out / "empty_results"
-    for number in range(EMPTY):
-        place = folder / f"unit{number:05d}" / "2026-01-01"
-        place.mkdir(parents=True, exist_ok=True)
-        (place / "case.yaml").write_text("name: x\n")
-    before, start = peak_memory(), time.process_time()
-    run_fleet(FleetPlan((str(folder),), out, again=True), lambda message: None)
+    """The driver alone: cases that fail at once, listed, run in its process, and written; slopes between two counts."""
+    small, large = (fresh(_empty_run, options.out, count) for count in EMPTY)
+    more = EMPTY[1] - EMPTY[0]
     return {
         "cases": EMPTY,
-        "processor_seconds_per_case": (time.process_time() - start) / EMPTY,
-        "memory_bytes_per_case": (peak_memory() - before) * 2**20 / EMPTY,
+        "processor_seconds_per_case": (large["seconds"] - small["seconds"]) / more,
+        "memory_bytes_per_case": (large["memory"] - small["memory"]) * 2**20 / more,
+        "memory_mb": large["memory"],
     }
 
 
+def _empty_run(out: Path, count: int) -> Figures:
+    folder = out / f"empty_{count}"
+    for number in range(count):
+        place = folder / f"unit{number:05d}" / "2026-01-01"
+        place.mkdir(parents=True, exist_ok=True)
+        (place / "case.yaml").write_text("name: x\n")
+        for name in ("robot.urdf", "0.csv", "1.csv"):
+            (place / name).touch()
+    plan = FleetPlan((str(folder),), out / f"empty_results_{count}", again=True)
+    start = time.process_time()
+    run_fleet(plan, lambda message: None)
+    return {"seconds": time.process_time() - start, "memory": peak_memory()}
+
+
 def compare(options: argparse.Namespace) -> Figures:
-    """Units and dates compared, for stores of several sizes."""
+    """Units and dates compared, for stores of two sizes; slopes between them."""
     found = []
-    for units, days in STORED:
+    for units in STORED:
         folder = options.out / f"store_{units}"
-        store = FleetStore(folder)
         if not folder.is_dir():
-            store = fill_store(folder, units, days, seed=units)
-        before, start = peak_memory(), time.process_time()
-        fleet_document(store)
-        found.append(
-            {
-                "cases": units * days,
-                "processor_seconds": time.process_time() - start,
-                "memory_bytes": (peak_memory() - before) * 2**20,
-                "parquet_bytes": size_of(folder),
-            }
-        )
-    return {"stores": found}
+            fresh(fill_store, folder, units, DAYS, units)
+        found.append({**fresh(_compared, folder), "bytes": size_of(folder)})
+    small, large = found
+    more = (STORED[1] - STORED[0]) * DAYS
+    return {
+        "cases": [units * DAYS for units in STORED],
+        "processor_seconds_per_case": (large["seconds"] - small["seconds"]) / more,
+        "memory_bytes_per_case": (large["memory"] - small["memory"]) * 2**20 / more,
+        "parquet_bytes_per_case": (large["bytes"] - small["bytes"]) / more,
+    }
+
+
+def _compared(folder: Path) -> Figures:
+    start = time.process_time()
+    fleet_document(FleetStore(folder))
+    return {"seconds": time.process_time() - start, "memory": peak_memory()}
+
+
+def fresh(function: Callable[..., Any], *arguments: Any) -> Any:
+    """Result of a call in a new process, of which the peak memory is its own."""
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        return pool.submit(function, *arguments).result()
 
 
 def alarms(options: argparse.Namespace) -> Figures:

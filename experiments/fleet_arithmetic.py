@@ -53,7 +53,7 @@ def _print_fleet(figures: Figures) -> None:
 
 def _column(figures: Figures, minutes: int) -> dict[str, str]:
     cost, driver = figures["cost"], figures["driver"]
-    store = figures["compare"]["stores"][-1]
+    compare = figures["compare"]
     seconds = 60 * minutes
     per_case = (
         cost["processor_seconds_fixed"] + seconds * cost["processor_seconds_per_second"]
@@ -63,7 +63,8 @@ def _column(figures: Figures, minutes: int) -> dict[str, str]:
     received = ROBOTS * minutes / 60 * cost["input_bytes_per_hour"]
     results = ROBOTS * (cost["parquet_bytes_per_case"] + cost["kept_bytes_per_case"])
     rate = received * 8 / (PART_HOURS * 3600)
-    compared = COMPARED * ROBOTS / store["cases"]
+    compared = COMPARED * ROBOTS
+    compare_seconds = compared * compare["processor_seconds_per_case"]
     return {
         "processor time per case": f"{per_case:.1f} s",
         "core hours": f"{core_hours:,.0f}",
@@ -74,8 +75,8 @@ def _column(figures: Figures, minutes: int) -> dict[str, str]:
         "requests to the storage (list, 4 files)": f"{ROBOTS * 5:,}",
         "driver, processor time": f"{ROBOTS * driver['processor_seconds_per_case'] / 60:.0f} min",
         "driver, memory for the list of cases": f"{ROBOTS * driver['memory_bytes_per_case'] / 1e6:.0f} MB",
-        f"comparison over {COMPARED} days, processor time": f"{compared * store['processor_seconds'] / 3600:.1f} h",
-        f"comparison over {COMPARED} days, memory": f"{compared * store['memory_bytes'] / 1e9:.0f} GB",
+        f"comparison of {COMPARED} days, processor time": f"{compare_seconds / 60:.0f} min",
+        f"comparison of {COMPARED} days, memory": f"{compared * compare['memory_bytes_per_case'] / 1e9:.1f} GB",
     }
 
 

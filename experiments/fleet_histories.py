@@ -70,14 +70,13 @@ def _reported(rng: np.random.Generator, n: int, step: float, wide: float) -> set
     return {change.history.key["unit"] for change in drift(histories)}
 
 
-def fill_store(folder: Path, units: int, days: int, seed: int) -> FleetStore:
+def fill_store(folder: Path, units: int, days: int, seed: int) -> None:
     """A store with a diagnosis of each unit and day, each with three effects, as a fleet's run writes it."""
     rng, store = np.random.default_rng(seed), FleetStore(folder)
     for day in range(days):
         rows = list(_rows(rng, units, FIRST + timedelta(days=day)))
         effects = [effect for row, own in rows for effect in own]
         store.append([row for row, _ in rows], effects)
-    return store
 
 
 def _rows(

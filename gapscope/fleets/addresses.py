@@ -148,8 +148,9 @@ def _below(system: Any, root: str, address: str) -> Iterator[CaseAddress]:
         folder = _case_folder(path, folders)
         if folder is not None:
             files[folder][_inside(path, folder)] = info
-    for folder, members in files.items():
-        listing = CaseListing(members)
+    del listed  # what has been given is let go of: there may be a million files
+    for folder in list(files):
+        listing = CaseListing(files.pop(folder))
         full = _full(system, folder, address)
         yield CaseAddress(
             full, fingerprint=listing.fingerprint, changed=listing.changed

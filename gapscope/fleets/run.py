@@ -25,6 +25,7 @@ from gapscope.fleets.task import (
     KEEP,
     FleetResult,
     FleetTask,
+    clear_scratch,
     diagnose_fleet_case,
     failed_row,
 )
@@ -94,7 +95,8 @@ def run_fleet(plan: FleetPlan, progress: Callable[[str], None]) -> FleetCounts:
         store = FleetStore(plan.out)
         counts = FleetCounts()
         writer = _Writer(store, plan, counts)
-        tasks = ((task,) for task in _tasks(plan, store, counts))
+        run = uuid4().hex[:12]
+        tasks = ((task,) for task in _tasks(plan, run, store, counts))
         calls = as_completed(
             diagnose_fleet_case, tasks, plan.jobs, plan.backend, plan.tries
         )
@@ -111,6 +113,7 @@ def run_fleet(plan: FleetPlan, progress: Callable[[str], None]) -> FleetCounts:
             ) from None
         finally:
             writer.flush()
+            clear_scratch(plan.scratch, run)
         store.merge()
     return counts
 
@@ -147,12 +150,11 @@ def _known(store: FleetStore) -> dict[str, frozenset[str]]:
 
 
 def _tasks(
-    plan: FleetPlan, store: FleetStore, counts: FleetCounts
+    plan: FleetPlan, run: str, store: FleetStore, counts: FleetCounts
 ) -> Iterator[FleetTask]:
     """A task for each case, once, unless its listing shows that it is unchanged since it was diagnosed."""
     known = {} if plan.again else _known(store)
     seen: set[str] = set()
-    run = uuid4().hex[:12]
     for case in all_cases(plan.cases):
         if case.address in seen:
             continue

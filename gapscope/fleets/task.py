@@ -126,14 +126,23 @@ def _in_scratch(task: FleetTask) -> FleetResult:
             "install the same versions on all machines",
         )
     key = hashlib.sha256(task.case.address.encode()).hexdigest()[:16]
-    above = task.scratch or Path(tempfile.gettempdir())
-    folder = above / f"gapscope-fleet-{task.run}-{key}"
+    folder = _above(task.scratch) / f"gapscope-fleet-{task.run}-{key}"
     shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(mode=0o700)
+    folder.mkdir(mode=0o700, parents=True)
     try:
         return _fetched(task, folder)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def clear_scratch(scratch: Path | None, run: str) -> None:
+    """Remove what workers of this machine that were lost have left of a run."""
+    for folder in _above(scratch).glob(f"gapscope-fleet-{run}-*"):
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _above(scratch: Path | None) -> Path:
+    return scratch or Path(tempfile.gettempdir())
 
 
 def _fetched(task: FleetTask, folder: Path) -> FleetResult:

@@ -16,6 +16,7 @@ from gapscope.arm.errors import GapscopeError, InputError, InterruptedRunError
 from gapscope.cli import main
 from gapscope.fleets.run import FleetPlan, run_fleet
 from gapscope.fleets.store import FleetStore
+from gapscope.fleets.task import clear_scratch
 
 
 def run(*arguments: object) -> int:
@@ -129,3 +130,19 @@ def test_options_are_checked_before_any_work(
     assert run(fleet_folder, "--out", tmp_path / "out", option, value) == 2
     assert option in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_nothing_is_left_in_scratch(fleet_folder: Path, tmp_path: Path) -> None:
+    """A case that fails while it is there, and what a killed worker would have left."""
+    scratch = tmp_path / "scratch"
+    broken = str(fleet_folder / "arm_C_2026-03-14")
+
+    def see(message: str) -> None:
+        # removed before the result is there
+        assert not list(scratch.glob("*"))
+
+    run_fleet(FleetPlan((broken,), tmp_path / "out", scratch=scratch), see)
+    (scratch / "gapscope-fleet-r1-k").mkdir()
+    (scratch / "gapscope-fleet-r2-k").mkdir()
+    clear_scratch(scratch, "r1")
+    assert [path.name for path in scratch.iterdir()] == ["gapscope-fleet-r2-k"]
