@@ -18,6 +18,7 @@ LEAST_MOVING = 0.25  # A block in which no joint moves for this share of its sam
 MOVING = 0.05  # A joint slower than this rests: dry friction may then take any value [rad/s]. (physical)
 
 # --- learning: what is normal for this arm
+LEAST_SEEN = 0.05  # A joint that moves for a smaller share of the motion to learn from is not watched [1]. (hand)
 LEARN = 60.0  # Motion from which noise and friction level are learnt, without alarms [s]. (hand)
 # Standard deviations of what may be wrong with the given arm from the start, and of a plausible change.
 PRIOR_INERTIA = 0.3  # Of links, over their own parameters [1]. (physical)

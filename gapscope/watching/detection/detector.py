@@ -72,7 +72,8 @@ class Detector:
         self.monitor = Monitor.begun(self.arm, normal, start, self.false_alarms)
         self._learning = []
         noise = ", ".join(
-            f"J{j} {value:.2g}" for j, value in enumerate(normal.noise, start=1)
+            f"J{j} {value:.2g}" if np.isfinite(value) else f"J{j} not watched (rests)"
+            for j, value in enumerate(normal.noise, start=1)
         )
         return Event(
             event=NOTE,

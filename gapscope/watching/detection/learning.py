@@ -12,6 +12,7 @@ from gapscope.ident.kalman.online.estimate import ParameterState
 from gapscope.ident.signals.effective_samples import variance_inflation
 from gapscope.watching.detection.scales import Scales
 from gapscope.watching.detection.watched_arm import WatchedArm
+from gapscope.watching.thresholds import LEAST_SEEN
 
 ROUNDS = 3
 """Rounds in which weights of joints and the noise that these leave are found in turns."""
@@ -32,7 +33,8 @@ class Normal:
 
     Attributes:
         scales: of the parameters.
-        noise: RMS that no change of the parameters explains in a block [N m], shape (n,).
+        noise: RMS that no change of the parameters explains in a block [N m], shape (n,); infinite of a joint that is
+            not watched, because it hardly moved.
         inflation: how many samples of it count as one [1], (n,).
         fluctuation: RMS of the torque about its mean in a block [N m], (n,): the error of the model grows with it.
     """
@@ -103,6 +105,8 @@ def _noise(blocks: Sequence[Equations], scales: Scales) -> Normal:
     for _ in range(ROUNDS):
         own = np.array([block.own_noise(noise, scales.prior) for block in blocks])
         noise = np.maximum(_median_power(own), least)
+    moving = np.mean([block.moving.mean(axis=0) for block in blocks], axis=0)
+    noise = np.where(moving < LEAST_SEEN, np.inf, noise)
     prior = np.diag(1.0 / scales.prior**2)
     residuals, groups = [], []
     for number, block in enumerate(blocks):

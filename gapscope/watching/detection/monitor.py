@@ -74,8 +74,13 @@ class Monitor:
         self.arm, self.state = arm, state
         self.changes = watched_changes(arm)
         self.limit = threshold(false_alarms, len(self.changes) + 1)
-        for key in (ANYTHING, *(change.hypothesis.name for change in self.changes)):
+        for key in self._keys:
             state.usual.setdefault(key, UsualSize())
+
+    @property
+    def _keys(self) -> tuple[str, ...]:
+        """Names of the statistics."""
+        return (ANYTHING, *(change.hypothesis.name for change in self.changes))
 
     @classmethod
     def begun(
@@ -203,6 +208,9 @@ class Monitor:
             D, size = fit.hypothesis.directions, fit.size
             added = D @ size
             state.drift.reference = state.drift.reference + added[state.drift.places]
+        else:
+            # what the parameters cannot express stays: how large statistics are now is learnt before the next alarm
+            state.usual = {key: UsualSize() for key in self._keys}
         state.base = before.changed(D, size, np.diag(D.T**2 @ prior**2))
         state.ring = state.ring[-decision.onset :]
         state.since, state.beyond = 0, 0
