@@ -62,6 +62,7 @@ class ControlledArm:
             1 if setup.control.gains is not None else sensor_chunk(setup.timing)
         )
         self._network: NetworkTorque | None = None
+        self._lowest = -setup.control.limit
 
     def close(self) -> None:
         """Free the engine."""
@@ -107,10 +108,9 @@ class ControlledArm:
             if control.kind == "scale":
                 return self._track(first, 0.0, *scaled(control.gains, action))
             return self._track(first, control.scale * action, 1.0, control.gains)
-        before, self.torque = (
-            self.torque,
-            np.clip(control.scale * action, -control.limit, control.limit),
-        )
+        before, torque = self.torque, control.scale * action
+        np.maximum(torque, self._lowest, torque)
+        self.torque = np.minimum(torque, control.limit, torque)
         share, jump = self.torque / control.rated, self.torque - before
         steps, done = self._timing.sub_steps, 0
         while done < steps and self._step(first + done):
@@ -129,22 +129,24 @@ class ControlledArm:
     ) -> int:
         """PD with feedforward times a factor, and a torque [N m] added, from this step of the course on."""
         course, limit, steps = self._course, self._control.limit, self._timing.sub_steps
+        lowest, kp, kd = self._lowest, gains.kp, gains.kd
+        estimate, step = self._estimate, self._step
         wanted = course.step_torque[first : first + steps] * factor + added
-        reference, before, lowest = course.step_q[first + 1 :], self.torque, -limit
+        reference, before = course.step_q[first + 1 :], self.torque
         error, rate = (
             course.step_q[first] - self.position,
             course.step_dq[first] - self.velocity,
         )
         for done, torque in enumerate(wanted):  # rows, filled in place
-            torque += gains.kp * error
-            torque += gains.kd * rate
+            torque += kp * error
+            torque += kd * rate
             np.maximum(torque, lowest, torque)
             self.torque = np.minimum(torque, limit, torque)
-            if not self._step(first + done):
+            if not step(first + done):
                 self._note_series(wanted[: done + 1], before)
                 return done
             error = reference[done] - self.position
-            rate = self._estimate(error)
+            rate = estimate(error)
         self.velocity = course.step_dq[first + steps] - rate
         self._note_series(wanted, before)
         return steps
@@ -167,17 +169,14 @@ class ControlledArm:
 
     def _step(self, step: int) -> bool:
         """Hold the torque until the encoders are read again; whether the arm has not diverged."""
-        torque = (
-            self.torque
-            if self._network is None
-            else self.torque - self._network.torque(step)
-        )
-        self.simulated.step(torque, self._chunk)
-        if diverged(
-            self.simulated.dq
-        ):  # the true one: a fast oscillation hardly shows in the estimate
+        torque, simulated = self.torque, self.simulated
+        if self._network is not None:
+            torque = torque - self._network.torque(step)
+        simulated.step(torque, self._chunk)
+        # of the true velocity: a fast oscillation hardly shows in the estimate
+        if diverged(simulated.present_dq):
             return False
-        self.position = self.simulated.encoders()
+        self.position = simulated.encoders()
         return True
 
     def _simulate(self, effects: tuple[AppliedEffect, ...]) -> SimulatedArm:

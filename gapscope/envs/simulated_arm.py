@@ -163,6 +163,11 @@ class SimulatedArm:
         return self._step.dq.copy() if self._ordered else self._step.dq[self._places]
 
     @property
+    def present_dq(self) -> np.ndarray:
+        """``dq`` in kinematic order, not to be kept: the next step may change it in place."""
+        return self._step.dq
+
+    @property
     def motor_q(self) -> np.ndarray:
         """True positions of the motors [rad], joint side, shape (n,); those of rigid joints are the joints'."""
         return (self._motors.position if self._two_mass else self._q)[self._places]
@@ -179,7 +184,8 @@ class SimulatedArm:
 
     def encoders(self) -> np.ndarray:
         """Positions as the encoders read them [rad], shape (n,); each call draws its own noise."""
-        joint = self.q
+        # encoders add to the positions, so that nothing is copied here
+        joint = self._q if self._ordered else self._q[self._places]
         return self._encoders(self.motor_q if self._two_mass else joint, joint)
 
     def step(self, torque: np.ndarray, steps: int = 1) -> None:
@@ -208,18 +214,14 @@ class SimulatedArm:
 
     def _hold_torque(self, count: int) -> None:
         """Steps under a torque that does not change, of rigid joints on which nothing else acts."""
-        friction, solver, torque, drifting = (
-            self._friction,
-            self._step,
-            self._u,
-            self._friction.drifting,
-        )
+        friction, solver, torque = self._friction, self._step, self._u
         limit, advance = friction.limit, solver.advance
-        for _ in range(count):
-            if drifting:
+        start = self._count
+        for self._count in range(start, start + count):
+            if friction.drifting and friction.drifts(self._count):
                 self._drift()
             advance(torque, limit(solver.dq))
-            self._count += 1
+        self._count = start + count
 
     def _hold_command(self, command: np.ndarray, count: int) -> None:
         """Steps under a command whose torque changes on its way to the joints."""

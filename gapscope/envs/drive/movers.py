@@ -34,7 +34,12 @@ class Predicted(RigidStep):
         """As ``RigidStep``; ``limits`` are the joints' lower and upper limits [rad], shape (2, n)."""
         self._engine, self._unread = engine, 0
         self._lowest, self._highest = limits[0] + NEAR_LIMIT, limits[1] - NEAR_LIMIT
+        # one product with the acceleration: the torque of rotors, friction and what holds, and the gain in velocity
+        self._factors = np.full((2, len(rotors)), dt)
+        self._products = np.zeros_like(self._factors)
+        self._held, self._gained = self._products
         super().__init__(body, rotors, viscous, dry, dt)
+        self._accelerate = self._forward.acceleration
 
     def reset(self) -> None:
         """Take the engine's state and forget the step before."""
@@ -52,18 +57,18 @@ class Predicted(RigidStep):
         )
 
     def _set_rotors(self, rotors: np.ndarray) -> None:
+        self._factors[0] = rotors
         self._forward.set_rotors(rotors)
 
     def _try(self, torque: np.ndarray) -> np.ndarray:
-        acceleration = self._forward.acceleration(self.q, self.dq, torque)
-        multiply(acceleration, self._steps, self._velocity)
-        add(self._velocity, self.dq, self._velocity)
+        acceleration = self._accelerate(self.q, self.dq, torque)
+        multiply(self._factors, acceleration, self._products)
+        add(self._gained, self.dq, self._velocity)
         return acceleration
 
     def _accept(self, acceleration: np.ndarray) -> None:
         work = self._work
-        multiply(self._all, acceleration, work)
-        subtract(self._out, work, work)
+        subtract(self._out, self._held, work)
         self._engine.step(work)
         self._unread += 1
         if self._near or self._unread == READ_EVERY:

@@ -54,10 +54,12 @@ class PyBulletEngine(Engine):
 
     def step(self, torque: np.ndarray, count: int = 1) -> None:
         """Hold joint torque [N m or N] for ``count`` time steps; PyBullet forgets it after each."""
-        forces = torque.tolist()
-        for _ in range(count):
-            self._set(forces=forces)
-            self._advance()
+        forces, hold, advance = torque.tolist(), self._set, self._advance
+        hold(forces=forces)
+        advance()
+        for _ in range(count - 1):
+            hold(forces=forces)
+            advance()
 
     def read(self) -> None:
         """Bring ``q`` and ``dq`` up to date."""
