@@ -16,6 +16,7 @@ PARTS = {
     "joint": "Friction and inertia of one joint",
     "diagnosis": "Diagnosis",
     "watch": "Watching a recording that grows",
+    "environment": "Environment and agents",
 }
 """Title of each part in the table; its module has the part's name."""
 

@@ -36,7 +36,10 @@ Steps = Annotated[
 Seed = Annotated[
     int | None, typer.Option(min=0, help="of weights, motions and exploration")
 ]
-TrainingEngine = Annotated[str | None, typer.Option(help="pybullet, mujoco or dart")]
+TrainingEngine = Annotated[
+    str | None,
+    typer.Option(help="mujoco (default: all environments together), pybullet or dart"),
+]
 Parallel = Annotated[
     bool,
     typer.Option("--parallel", help="step each environment in a process of its own"),
