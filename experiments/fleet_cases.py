@@ -22,7 +22,7 @@ ROBOT, RATE = "kuka_iiwa", 250.0
 """The arm, and samples per second [Hz]."""
 SHORT, LONG = 6.0, 30.0
 """Lengths of a recording; a case has two of one length [s]. From both, cost per case and per second follow."""
-SHARE_LONG = 0.2
+SHARE_LONG = 0.1
 """Share of the cases that have long recordings [1]."""
 NOISE = 0.05
 """Standard deviation of the torque's noise [N m]."""
