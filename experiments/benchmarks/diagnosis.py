@@ -31,6 +31,7 @@ from experiments.benchmarks.measured_cases import (
 from experiments.benchmarks.point import Point, Settings
 from experiments.benchmarks.row import MEMORY, Row, half_quartiles
 from experiments.benchmarks.simulated_cases import Simulated, simulated_case
+from gapscope.diagnosis.model.terms import Terms
 
 LENGTHS = (10.0, 30.0, 60.0, 180.0, 600.0, 1800.0, 3600.0)
 """[s]"""
@@ -163,6 +164,9 @@ def _row(
     """Time, memory and what was named; beside another checkout if that ran as well."""
     times = [run["cpu"] for run in runs]
     details: dict[str, float | str] = {MEMORY: _peak(runs)}
+    if "joints" in planned.sizes:
+        # each effect on each joint or link that it may be placed on
+        details["hypotheses"] = len(Terms(int(planned.sizes["joints"])).all)
     if any(STOPPED in run for run in runs):
         details[STOPPED] = LIMIT
     row = Row(

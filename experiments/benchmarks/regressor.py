@@ -95,7 +95,8 @@ def _base_rows(rounds: list[dict[str, Times]], states: int) -> list[Row]:
     names = [name for name in rounds[0] if name != BARE]
     times = {name: [sum(r[name]) for r in rounds] for name in names}
     yardstick = FIGAROH if FIGAROH in names else OURS
-    return compared(times, yardstick, "µs a state", states * 1e-6, "base parameters")
+    what = "regressor and base parameters"
+    return compared(times, yardstick, "µs a state", states * 1e-6, what)
 
 
 def _bare(regressor: Regressor, motion: Motion) -> Times:
