@@ -31,6 +31,10 @@ from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 
+LONGEST_UPTIME = 3e8
+"""Stamps beyond this are dates, not times since something was switched on [s]: about ten years."""
+FROM_FIRST_ROW = "time counted from the first row: its stamps are dates"
+
 
 def load_recording(
     path: str | Path | Mapping[str, Path],
@@ -174,6 +178,9 @@ def _recording(
         if even is not None:
             t = even
             notes += (EVENLY_TAKEN,)
+    if t[0] > LONGEST_UPTIME:
+        t = t - t[0]
+        notes += (FROM_FIRST_ROW,)
     values, turns = without_turns(values)
     values, found = untrusted_torque(values)
     notes += turns + found + gap_notes(t)

@@ -18,9 +18,9 @@ import numpy as np
 from gapscope.arm.case import Case
 from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.selection.search import Selection
-from gapscope.diagnosis.thresholds import SEARCH_RATE
+from gapscope.diagnosis.selection.searched_folds import searched_folds
 from gapscope.effects.applied import AppliedEffect
-from gapscope.ident.signals.conditioning import Segment, thinned
+from gapscope.ident.signals.conditioning import Segment
 
 
 def instrumented(
@@ -63,8 +63,8 @@ def _equations(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Z^T W X and Z^T W y over the terms in ``columns`` and errors of the nominal inertials, (C, C) and (C,)."""
     linear, evidence = selection.evidence.linear, selection.evidence
-    thinned_folds = [[thinned(s, SEARCH_RATE) for s in fold] for fold in folds]
-    commanded_data = FitData(case.arm, linear.body, thinned_folds, linear.data.cutoff)
+    looked_at = searched_folds(folds)
+    commanded_data = FitData(case.arm, linear.body, looked_at, linear.data.cutoff)
 
     # Weights of the evidence, the mean over the folds: what is fitted here is all of them at once.
     rows = evidence.torque

@@ -140,12 +140,18 @@ def grid_of(term: Term) -> Grid:
 def grid_unit(grid: Grid, j: int, segments: list[Segment]) -> float:
     """What the values of a grid count in, in the parameter's own unit: 1, a time [s], or a speed [rad/s]."""
     if grid.unit == "duration":
-        return max(float(s.motion.t[-1] - s.motion.t[0]) for s in segments)
+        # blocks of a recording begin when it has run for a while
+        return max(float(s.motion.t[-1]) for s in segments) - _start(segments)
     if grid.unit == "largest speed":
         speeds = [np.abs(s.motion.dq[:, j]) for s in segments]
         # a joint that never moves still needs a unit; nothing is found on it
         return max(float(np.quantile(np.concatenate(speeds), FASTEST)), 1e-3)
     return 1.0
+
+
+def _start(segments: list[Segment]) -> float:
+    """The earliest time of all segments [s]."""
+    return min(float(s.motion.t[0]) for s in segments)
 
 
 def law_columns(

@@ -101,8 +101,7 @@ def _drift(
     for s in data.segments:
         motion, none = s.motion, np.zeros_like(s.motion.q)
         friction = arm.needed_torque(none, motion) - smooth.needed_torque(none, motion)
-        since_start = (motion.t - motion.t[0])[:, None]
-        change = drift.change(since_start, np.ones(len(times)), times)
+        change = drift.change(motion.t[:, None], np.ones(len(times)), times)
         series.append(friction[:, j, None] * change)
     return scan.best(times, scan.weighted(data.rows(series)))
 

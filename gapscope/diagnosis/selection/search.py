@@ -33,6 +33,7 @@ from gapscope.diagnosis.selection.presliding import (
     presliding_distances,
 )
 from gapscope.diagnosis.selection.refinement import drop_unneeded, prune, refine
+from gapscope.diagnosis.selection.searched_folds import searched_folds
 from gapscope.diagnosis.selection.turned_base import add_turned_base
 from gapscope.diagnosis.selection.visibility import visible
 from gapscope.diagnosis.thresholds import (
@@ -40,10 +41,9 @@ from gapscope.diagnosis.thresholds import (
     GROUPS_TRIED,
     MOVE_GAIN,
     PAIRED_GROUPS,
-    SEARCH_RATE,
 )
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.ident.signals.conditioning import Segment, thinned
+from gapscope.ident.signals.conditioning import Segment
 
 Progress = Callable[[str], None]
 Considered = tuple[tuple[Fit, Fit], ...]
@@ -107,8 +107,8 @@ def search(
         reference: what a reference leaves open of the arm, if it was identified on one.
         quick: leave out compliant joints and pairs of effects, which are costly to try.
     """
-    decimated = [[thinned(s, SEARCH_RATE) for s in fold] for fold in folds]
-    nominal = nominal_model(arm, body, decimated, cutoff, reference)
+    looked_at = searched_folds(folds)
+    nominal = nominal_model(arm, body, looked_at, cutoff, reference)
     add = add_groups if quick else add_terms
     model, considered = add(add_turned_base(nominal), progress)
     model, replaced = compare_near_equivalents(model)

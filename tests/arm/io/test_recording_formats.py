@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -95,3 +96,14 @@ def test_a_folder_that_cannot_be_made(recording: Recording, tmp_path: Path) -> N
     with pytest.raises(GapscopeError, match="cannot be written") as caught:
         write_recording(recording, tmp_path / "file" / "motion.csv")
     assert caught.value.exit_code == 1
+
+
+def test_stamps_that_are_dates_count_from_the_first_row(
+    recording: Recording, arm: NominalArm, tmp_path: Path
+) -> None:
+    """Effects that fade since the start of a recording need its start."""
+    dated = replace(recording, t=recording.t - recording.t[0] + 1.7e9)
+    read = load_recording(write_recording(dated, tmp_path / "dated.npz"), arm)
+    assert read.t[0] == 0.0
+    np.testing.assert_allclose(read.t, recording.t - recording.t[0], atol=1e-6)
+    assert any("dates" in note for note in read.notes)
