@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from gapscope.diagnosis.model.scan import products
 from gapscope.diagnosis.model.terms import Term, parametrisation_of
 from gapscope.diagnosis.thresholds import (
     FASTEST,
@@ -37,10 +38,18 @@ class Candidates(NamedTuple):
     Attributes:
         values: of the parameter, (K,).
         columns: of its linear coordinates, which lie side by side, on the rows of all segments, (M, K c).
+        products: X^T X of each candidate's columns, (K, c, c).
     """
 
     values: np.ndarray
     columns: np.ndarray
+    products: np.ndarray
+
+
+def _candidates(
+    values: np.ndarray, columns: np.ndarray, per_candidate: int = 1
+) -> Candidates:
+    return Candidates(values, columns, products(columns, per_candidate))
 
 
 class CandidateColumns:
@@ -64,7 +73,7 @@ class CandidateColumns:
             torque = recorded_torque(self._data.segments, j)
             limits = _torque_limits(torque)
             lost = [beyond(x, limits) for x in torque]
-            self._limits[j] = Candidates(limits, self._data.rows(lost))
+            self._limits[j] = _candidates(limits, self._data.rows(lost))
         return self._limits[j]
 
     def law(self, term: Term) -> Candidates | None:
@@ -85,7 +94,7 @@ class CandidateColumns:
             columns.append(law_columns(term, values, segment, unknown, unknown))
         if not all(np.isfinite(x).all() for x in columns):
             return None
-        return Candidates(values, self._data.rows(columns))
+        return _candidates(values, self._data.rows(columns))
 
     def _waves(self, j: int) -> Candidates:
         data = self._data
@@ -98,7 +107,7 @@ class CandidateColumns:
             self._sparse(s, waves(cycles, x[:: self._stride(s)]))
             for s, x in zip(data.segments, q, strict=True)
         ]
-        return Candidates(cycles, np.vstack(columns).astype(np.float32))
+        return _candidates(cycles, np.vstack(columns).astype(np.float32), 2)
 
     def _stride(self, segment: Segment) -> int:
         """Every how many samples many columns are computed: a divisor of ``step`` that leaves four times the band."""

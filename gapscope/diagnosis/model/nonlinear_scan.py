@@ -65,8 +65,7 @@ def search_nonlinear(
         values = _values(term, data.segments, known)
         return _drift(effect, values, j, corrected, data, scan)
     if known is None and (of_velocity := data.candidates.law(term)) is not None:
-        values, columns = of_velocity
-        return scan.best(values, scan.weighted(columns))
+        return scan.best(of_velocity.values, scan.weighted(of_velocity.columns))
     values = _values(term, data.segments, known)
     by_segment = []
     for segment, load in zip(data.segments, needed, strict=True):
@@ -122,7 +121,8 @@ def _ripple(
     """The best number of cycles; about one that is known."""
     if known is None:
         # the columns are not weighed by trust: a ripple shows as well where a joint sticks
-        return scan.best(*data.candidates.ripples(j), 2)
+        cycles, columns, products = data.candidates.ripples(j)
+        return scan.best(cycles, columns, 2, products)
     q = [arm.true_position(s.motion.q)[:, j, None] for s in data.segments]
     size = arm.arm.per_radian[j]
     step = cycle_step([x / size for x in q]) / size
@@ -152,7 +152,7 @@ def _saturation(
         return NonlinearParameters((1.0,), (1.0,))
     none = NonlinearParameters((0.999 * largest,), (0.5 * largest,))
     if known is None:
-        limits, columns = data.candidates.limits(j)
+        limits, columns, _ = data.candidates.limits(j)
         possible = _possible(limits, recorded, np.concatenate(needed))
         limits, lost = limits[possible], scan.weighted(columns[:, possible])
     else:

@@ -40,28 +40,37 @@ class Scan:
         """Columns on the rows, (M, K), by the trust in the rows."""
         return self.trust[:, None] * columns
 
-    def gains(self, columns: np.ndarray, per_candidate: int) -> np.ndarray:
-        """Sum of squares explained by each candidate's columns, which lie side by side, (M, K per_candidate)."""
-        x = columns.reshape(len(columns), -1, per_candidate)
+    def gains(
+        self, columns: np.ndarray, per_candidate: int, known: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Sum of squares explained by each candidate's columns, which lie side by side, (M, K per_candidate).
+
+        ``known`` are the columns' products if they are known already, see ``products``.
+        """
         # in the precision of the columns, which would be copied otherwise
         projected = self.basis.T.astype(columns.dtype) @ columns
         within = projected.reshape(self.basis.shape[1], -1, per_candidate)
         # X^T X outside the basis, without forming the columns outside it
-        gram = _gram(x) - _gram(within)
+        own = products(columns, per_candidate) if known is None else known
+        gram = own - _gram(within)
         residual = self.residual.astype(columns.dtype)
         right = (residual @ columns).reshape(-1, per_candidate).astype(float)
         # a column within the basis explains nothing: the ridge keeps it from dividing by zero
-        size2 = (columns**2).sum(axis=0).reshape(-1, per_candidate)
+        size2 = np.diagonal(own, axis1=1, axis2=2)
         ridge = 1e-4 * size2.max(axis=1) + 1e-12
         gram += ridge[:, None, None] * np.eye(per_candidate)
         coefficients = np.linalg.solve(gram, right[:, :, None])[:, :, 0]
         return np.einsum("ki,ki->k", right, coefficients)
 
     def best(
-        self, candidates: np.ndarray, columns: np.ndarray, per_candidate: int = 1
+        self,
+        candidates: np.ndarray,
+        columns: np.ndarray,
+        per_candidate: int = 1,
+        known: np.ndarray | None = None,
     ) -> NonlinearParameters:
         """The candidate, shape (K,), with the largest gain, refined by a parabola through its neighbours."""
-        gains = self.gains(columns, per_candidate)
+        gains = self.gains(columns, per_candidate, known)
         k = int(np.argmax(gains))
         inside = 0 < k < len(candidates) - 1
         near = slice(k - 1, k + 2)
@@ -93,6 +102,11 @@ def _parabola(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     if abs(slope) >= -2 * curvature * farthest:
         return float(np.sign(slope) * farthest), float(curvature)
     return float(-slope / (2 * curvature)), float(curvature)
+
+
+def products(columns: np.ndarray, per_candidate: int) -> np.ndarray:
+    """X^T X of each candidate's columns, which lie side by side, (M, K per_candidate): (K, c, c)."""
+    return _gram(columns.reshape(len(columns), -1, per_candidate))
 
 
 def _gram(x: np.ndarray) -> np.ndarray:
