@@ -196,7 +196,7 @@ def _repair(
     setup_faults = find_setup_faults(case)
     case = repaired(case, setup_faults)
     if baseline is not None:
-        case = baseline.adjusted(case)
+        case = baseline.adjusted(excerpt(case))
     # A wrong unit scales the step of an encoder: quantisation is measured after the repair.
     faults = (*references, *setup_faults, *find_quantization(excerpt(case)))
     if baseline is not None:

@@ -80,8 +80,10 @@ def _equations(
 
         # Rows on which dry friction is not determined count less.
         w = weight * trust**2
-        left += np.einsum("mjx,mj,mjy->xy", z, w, x)
-        right += np.einsum("mjx,mj,mj->x", z, w, y)
+        # one product of matrices of all rows of all joints
+        weighted = (z * w[..., None]).reshape(-1, size)
+        left += weighted.T @ x.reshape(-1, size)
+        right += weighted.T @ y.ravel()
     return left, right
 
 
