@@ -83,5 +83,5 @@ class Layout:
     ) -> np.ndarray:
         """The observation from the four measured quantities, and the planned ones in one row; or those of N rows."""
         row = np.concatenate((*measured, planned), axis=-1, dtype=np.float32)
-        np.maximum(row, self._low, row)
-        return np.minimum(row, self._high, row)
+        np.maximum(row, self._low, out=row)
+        return np.minimum(row, self._high, out=row)

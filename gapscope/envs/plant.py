@@ -140,8 +140,8 @@ class ControlledArm:
         for done, torque in enumerate(wanted):  # rows, filled in place
             torque += kp * error
             torque += kd * rate
-            np.maximum(torque, lowest, torque)
-            self.torque = np.minimum(torque, limit, torque)
+            np.maximum(torque, lowest, out=torque)
+            self.torque = np.minimum(torque, limit, out=torque)
             if not step(first + done):
                 self._note_series(wanted[: done + 1], before)
                 return done

@@ -350,6 +350,7 @@ class TestShapes:
             )
 
     def test_a_mesh_that_is_not_found_is_told(self, tmp_path: Path) -> None:
+        pytest.importorskip("pybullet_data", reason="the iiwa's meshes are there")
         text = load_nominal_arm("kuka_iiwa").urdf.read_text()
         (tmp_path / "robot.urdf").write_text(text)
         missing, _ = export(

@@ -49,6 +49,7 @@ class ReplayGap(NamedTuple):
         before, after: of the nominal arm, and of the arm with the effects found, in the default engine.
         by: what moved the simulated arm: the ``controller``, or, if it or the reference is not known, the recorded
             ``torque`` over short horizons; ``None`` if nothing was replayed.
+        engine: the default engine, which replayed; ``None`` if nothing was replayed.
         warnings: why something was not replayed.
         only, without: of the arm with each effect alone, and with all others, by the effect's name in a finding; empty
             for arms with compliant joints, which are slow to simulate.
@@ -59,6 +60,7 @@ class ReplayGap(NamedTuple):
     before: np.ndarray | None = None
     after: np.ndarray | None = None
     by: str | None = None
+    engine: str | None = None
     warnings: tuple[str, ...] = ()
     only: Mapping[str, np.ndarray | None] = {}
     without: Mapping[str, np.ndarray | None] = {}
@@ -100,6 +102,7 @@ def replay_gap(case: Case, predictor: HeldOutPredictor) -> ReplayGap:
         before=before,
         after=after,
         by=by if replayed else None,
+        engine=default_engine() if replayed else None,
         warnings=tuple(warnings),
         only={name: attempted(part).rmse for name, part in named.items()},
         without={

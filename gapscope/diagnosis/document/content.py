@@ -107,6 +107,7 @@ def _gap_entry(study: Study, gap: GapStages) -> dict[str, Any]:
         elsewhere_after[engine] = known_numbers(after)
     return {
         "replayed": replay.by,
+        "engine": replay.engine,
         "before": {
             "torque_nrmse": numbers(gap.recorded),
             "replay_rmse": known_numbers(replay.before),

@@ -139,7 +139,7 @@ class TwoMass:
         momentum += self._inertia * self.velocity
         moving = np.abs(momentum)
         moving -= dt * limit
-        np.copysign(np.maximum(moving, 0.0, moving), momentum, self.velocity)
+        np.copysign(np.maximum(moving, 0.0, out=moving), momentum, self.velocity)
         self.velocity /= self._inertia + dt * viscous
         self.position += dt * self.velocity
 

@@ -178,8 +178,8 @@ class ControlledArms:
         for done, torque in enumerate(wanted):  # rows, filled in place
             torque += gains.kp * error
             torque += gains.kd * rate
-            np.maximum(torque, lowest, torque)
-            np.minimum(torque, limit, torque)
+            np.maximum(torque, lowest, out=torque)
+            np.minimum(torque, limit, out=torque)
             self._hold(torque, done)
             error = reference[done + 1] - self.position
             rate = self._estimate(error)

@@ -89,6 +89,7 @@ def test_box_of_an_inertia_by_hand(tmp_path: Path) -> None:
 
 def test_boxes_stand_in_for_meshes_that_are_missing(tmp_path: Path) -> None:
     """A KUKA iiwa's URDF copied without its meshes is as far from the floor as the arm itself, to 5 cm."""
+    pytest.importorskip("pybullet_data", reason="the iiwa's meshes are there")
     named = load_nominal_arm("kuka_iiwa")
     path = tmp_path / "arm.urdf"
     path.write_text(named.urdf.read_text())
