@@ -109,8 +109,8 @@ class ControlledArm:
                 return self._track(first, 0.0, *scaled(control.gains, action))
             return self._track(first, control.scale * action, 1.0, control.gains)
         before, torque = self.torque, control.scale * action
-        np.maximum(torque, self._lowest, torque)
-        self.torque = np.minimum(torque, control.limit, torque)
+        np.maximum(torque, self._lowest, out=torque)
+        self.torque = np.minimum(torque, control.limit, out=torque)
         share, jump = self.torque / control.rated, self.torque - before
         steps, done = self._timing.sub_steps, 0
         while done < steps and self._step(first + done):
