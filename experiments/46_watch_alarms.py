@@ -23,6 +23,7 @@ import argparse
 import copy
 import time
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -255,7 +256,8 @@ def with_change(recording: Recording, change: Change, body: RigidBody) -> Record
         added[:, change.joint - 1] = change.size * sign
     # convolution bends the ends
     inner = slice(2 * width, -2 * width)
-    return recording.part(inner, tau=(np.asarray(recording.tau) + added)[inner])
+    changed = replace(recording, tau=np.asarray(recording.tau) + added)
+    return changed.part(inner)
 
 
 def per_day(count: int, hours: float) -> str:
