@@ -214,7 +214,7 @@ def stretches(
         span = recording.duration
         first, last = (recording.t[0] + share * span for share in within)
         length = min(rng.uniform(5.0, 15.0), last - first)
-        start = rng.uniform(first, last - length)
+        start = first + rng.uniform() * (last - first - length)
         rows = (recording.t >= start) & (recording.t <= start + length)
         number += 1
         total += length
