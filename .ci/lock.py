@@ -4,7 +4,7 @@
 
 ``UV`` is the program of that name, which resolves for all Pythons and platforms at once. Versions are those of
 ``constraints.txt``. A package is in one file alone: ``dev.txt`` goes on where ``core.txt`` and ``test.txt`` end.
-torch and what its CUDA build brings are left out: the file that is right depends on the index that pip is told to
+torch and what its build brings are left out: the file that is right depends on the index that pip is told to
 use, and so does its hash. They are pinned by version alone.
 """
 
