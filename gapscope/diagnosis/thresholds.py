@@ -260,8 +260,6 @@ LEAST_DELAY = 1e-3  # Delays shorter than this count as a skew of sampling and a
 LEAST_LINK_MASS = 0.05  # Share of its nominal mass that a changed link keeps at least [1]. (physical)
 
 # --- selection: search
-SEARCH_DURATION = 480.0  # Of longer logs the search looks at blocks that add up to about this [s]. (budget)
-SEARCH_BLOCK = 20.0  # Length of these blocks [s]. (hand)
 SEARCH_RATE = 100.0  # The search works on segments decimated to no less than this [Hz]. (budget)
 MOVE_GAIN = 3.0  # A move must raise the evidence by this much [nats]. (hand)
 # Distances over which dry friction may build up after a reversal: teeth and grease bend [rad]. (physical)

@@ -33,7 +33,6 @@ from gapscope.diagnosis.selection.presliding import (
     presliding_distances,
 )
 from gapscope.diagnosis.selection.refinement import drop_unneeded, prune, refine
-from gapscope.diagnosis.selection.searched_folds import searched_folds
 from gapscope.diagnosis.selection.turned_base import add_turned_base
 from gapscope.diagnosis.selection.visibility import visible
 from gapscope.diagnosis.thresholds import (
@@ -41,9 +40,10 @@ from gapscope.diagnosis.thresholds import (
     GROUPS_TRIED,
     MOVE_GAIN,
     PAIRED_GROUPS,
+    SEARCH_RATE,
 )
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.ident.signals.conditioning import Segment
+from gapscope.ident.signals.conditioning import Segment, thinned
 
 Progress = Callable[[str], None]
 Considered = tuple[tuple[Fit, Fit], ...]
@@ -107,8 +107,7 @@ def search(
         reference: what a reference leaves open of the arm, if it was identified on one.
         quick: leave out compliant joints and pairs of effects, which are costly to try.
     """
-    looked_at = searched_folds(folds)
-    nominal = nominal_model(arm, body, looked_at, cutoff, reference)
+    nominal = nominal_model(arm, body, searched_folds(folds), cutoff, reference)
     add = add_groups if quick else add_terms
     model, considered = add(add_turned_base(nominal), progress)
     model, replaced = compare_near_equivalents(model)
@@ -124,6 +123,11 @@ def search(
         body.last_link + 1,
         np.zeros(arm.n_joints) if quick else presliding_distances(model),
     )
+
+
+def searched_folds(folds: list[list[Segment]]) -> list[list[Segment]]:
+    """Segments of each fold as the search looks at them: decimated to no less than ``SEARCH_RATE``."""
+    return [[thinned(s, SEARCH_RATE) for s in fold] for fold in folds]
 
 
 def add_terms(model: Model, progress: Progress) -> tuple[Model, Considered]:
