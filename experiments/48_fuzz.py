@@ -33,8 +33,8 @@ TOTAL = 1_000_000
 """Inputs in all, by default [1]."""
 CHUNK = 2000
 """Inputs in one process [1]."""
-STUCK = 120.0
-"""A process that has not gone on to its next input after this time hangs in a library [s]."""
+STUCK = 900.0
+"""A process that stays at one input for so long hangs in a library [s]; a busy machine takes minutes to import."""
 
 
 def arguments() -> argparse.Namespace:

@@ -19,6 +19,7 @@ from gapscope.case_check.thresholds import RATE, SECONDS
 from gapscope.case_check.torque import check_torque_column
 from gapscope.diagnosis.gap.commanded_torque import with_commanded_torque
 from gapscope.diagnosis.gap.plausible_data import check_stamps, check_torque
+from gapscope.diagnosis.gap.plausible_motion import check_moving
 from gapscope.ident.model.model_columns import ModelColumns
 from gapscope.ident.signals.conditioning import (
     Segment,
@@ -73,6 +74,7 @@ def check_case(
         check_stamps(case)
         case = with_commanded_torque(case)
         check_torque(case)
+        check_moving(case)
         progress("looks at the motion and the torque")
         motions = _of_signals(case, remarks)
     except GapscopeError as error:

@@ -26,6 +26,7 @@ from gapscope.diagnosis.gap.commanded_torque import (
 )
 from gapscope.diagnosis.gap.excerpt import excerpt, folds_of
 from gapscope.diagnosis.gap.plausible_data import check_stamps, check_torque
+from gapscope.diagnosis.gap.plausible_motion import check_moving
 from gapscope.diagnosis.gap.torque_gap import TorqueGap
 from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.search import Selection, search
@@ -118,6 +119,7 @@ def examine(case: Case, progress: Progress, baseline: Baseline | None = None) ->
     case = replace(repaired(case, references), warnings=seen.warnings)
     case = with_commanded_torque(case)
     check_torque(case)
+    check_moving(case)
     study = _examine(case, progress, baseline, references)
     # A torque computed by the controller's rule may be explained better by another rule: then once more by that one.
     likelier_case = with_likelier_rule(case, study.effects)

@@ -41,6 +41,12 @@ MOST_FOLDS = 6  # Folds whose equations are kept apart; of more recordings neigh
 # --- gap: recordings that hold what no arm can have
 LARGEST_POSITION = 1e5  # Degrees of a motor behind a gear of 1 : 500 stay below [rad]. (physical)
 LARGEST_TORQUE = 1e6  # The largest industrial arms hold some 1e5 N m [N m]. (physical)
+LEAST_MOTION = 1e-6  # A joint that moves by less has stood still [rad, or per_radian of a slide]. (physical)
+MOVING_TORQUE = 0.3  # A torque that changes by this share of a moving recording's tells of a motion [1]. (hand)
+# As few samples, that many spans of all others beyond them, are no motion: it would pass through what lies between.
+LONE_SAMPLES = 3  # [1] (hand)
+LONE_POSITION = 20.0  # [1] (hand)
+LONE_OF_OTHERS = 0.01  # Share of the widest joint's span that counts as span of one that stands still [1]. (hand)
 LEAST_TORQUE_CHANGE = 1e-9  # A torque that changes by less over a case is constant [N m]. (physical)
 # A healthy arm leaves no less than this [N m]: keeps a joint without any torque from dividing by zero. (physical)
 LEAST_FLOOR = 1e-9

@@ -29,6 +29,14 @@ from gapscope.arm.input_file import read_bytes
 
 UNEXPANDED = re.compile(r"<xacro:|\$\((find|arg|eval|env|optenv)\b|\$\{")
 """Marks of xacro in a file that was not expanded."""
+_OF_JOINTS = (
+    ("origin", "xyz", 3),
+    ("origin", "rpy", 3),
+    ("axis", "xyz", 3),
+    ("dynamics", "damping", 1),
+    ("dynamics", "friction", 1),
+)
+"""Elements of a URDF's joint, their attributes, and how many numbers each has; limits may be infinite."""
 COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 
 
@@ -232,19 +240,27 @@ def read_root(path: Path) -> ET.Element:
 
 
 def _check_places(root: ET.Element, path: Path) -> None:
-    """Check that no joint or body lies further from its parent than on any arm.
+    """Check the numbers of joints, and that none lies further from its parent than on any arm.
+
+    The reader of URDF files says that something is wrong, not where.
 
     Raises:
-        InputError: one does, or its place is not three numbers.
+        InputError: one does, or an attribute is not of as many numbers as it has to be.
     """
-    places = [(joint, joint.find("origin"), "xyz") for joint in root.findall("joint")]
-    places += [(body, body, "pos") for body in root.iter("body")]
-    for element, holder, key in places:
+    held = [
+        (joint, joint.find(tag), key, count)
+        for joint in root.findall("joint")
+        for tag, key, count in _OF_JOINTS
+    ]
+    held += [(body, body, "pos", 3) for body in root.iter("body")]
+    for element, holder, key, count in held:
         text = None if holder is None else holder.get(key)
         if text is None:
             continue
         where = f"{element.tag} {element.get('name', '')}, {key}"
-        check_size(numbers(text, 3, path, where), "length", path, where)
+        values = numbers(text, count, path, where)
+        if key in ("xyz", "pos"):
+            check_size(values, "length", path, where)
 
 
 def _drop_inertials(root: ET.Element, links: Collection[str]) -> None:

@@ -15,6 +15,9 @@ from gapscope.arm.recording import Recording
 PLAUSIBLE_RATES = (10.0, 20_000.0)
 """Sampling rates of robot logs [Hz]; below, no motion is resolved."""
 
+LONGEST_GAP = 1e6
+"""Periods that a gap in a log may last [1]: a quarter of an hour at 1 kHz, a day at 10 Hz."""
+
 TURN_TOLERANCE = 0.5
 """A step between two samples that differs from a turn by less is a count that starts again [rad]."""
 
@@ -34,7 +37,7 @@ def check_time(
     """Time [s], (N,), has to run forward, at a rate that a robot is logged at, unless ``any_unit``.
 
     Raises:
-        InputError: t jumps back, is constant, or has an implausible rate.
+        InputError: t jumps back, leaps, is constant, or has an implausible rate.
     """
     step = np.diff(t)
     back = np.flatnonzero(step < 0)
@@ -52,7 +55,16 @@ def check_time(
             "give a longer recording",
             file=table.path,
         )
-    rate = 1 / float(np.median(step[step > 0]))
+    usual = float(np.median(step[step > 0]))
+    wide = int(step.argmax())
+    if step[wide] > LONGEST_GAP * usual:
+        raise InputError(
+            f"time leaps from {t[wide]:.6g} s to {t[wide + 1]:.6g} s, where a step usually takes {usual:.3g} s",
+            "correct the stamp, or split the log there into two recordings",
+            file=table.path,
+            where=table.where(wide + 1, column),
+        )
+    rate = 1 / usual
     low, high = PLAUSIBLE_RATES
     if any_unit:
         return

@@ -12,8 +12,8 @@ import numpy as np
 
 from gapscope.arm.errors import InputError
 
-LARGEST_NUMBER = 1e20
-"""Size of the largest number in a log, whatever it counts: nanoseconds since 1970 stay below [1]."""
+LARGEST_NUMBER = 1e50
+"""Size of the largest number in a log, whatever it counts; squares and products of larger ones overflow [1]."""
 
 
 @dataclass(frozen=True)

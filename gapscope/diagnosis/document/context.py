@@ -11,6 +11,7 @@ from gapscope.arm.recording import Recording
 from gapscope.diagnosis.assessment.rejection import Rejection
 from gapscope.diagnosis.document.wording import effect_name
 from gapscope.diagnosis.gap.commanded_torque import WARNING
+from gapscope.diagnosis.gap.plausible_motion import still_note
 from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.evidence import Fit
 from gapscope.diagnosis.selection.search import Selection
@@ -46,7 +47,12 @@ def context(study: Study) -> dict[str, Any]:
         },
         "judged_on": _judged_on(study, inferred),
         "torque_from": "controller" if inferred else "recorded",
-        "warnings": [*case.warnings, *notes, *study.replay_gap.warnings],
+        "warnings": [
+            *case.warnings,
+            *still_note(case),
+            *notes,
+            *study.replay_gap.warnings,
+        ],
         "considered": [
             *(_rejection_entry(rejection) for rejection in study.rejections),
             *_runners_up(study.selection),

@@ -49,9 +49,7 @@ def check_torque(case: Case) -> None:
         _check_size(recording, "tau", LARGEST_TORQUE, "N m")
         _check_size(recording, "tau_sensor", LARGEST_TORQUE, "N m")
     torques = [r.tau for r in carrying if r.tau is not None]
-    highest = np.max([tau.max(axis=0) for tau in torques], axis=0)
-    lowest = np.min([tau.min(axis=0) for tau in torques], axis=0)
-    if (highest - lowest).max() < LEAST_TORQUE_CHANGE:
+    if max(np.ptp(tau, axis=0).max() for tau in torques) < LEAST_TORQUE_CHANGE:
         names = ", ".join(r.name for r in carrying)
         raise GapscopeError(
             f"{case.name}: the torque of no joint changes ({names})",
@@ -71,7 +69,8 @@ def check_rates(case: Case) -> None:
         if not 0.99 * low <= recording.rate <= 1.01 * high:
             raise InputError(
                 f"the rate is {recording.rate:.3g} Hz, expected {low:g} to {high:g} Hz",
-                "give the unit of the time stamps in import: {time: {unit: ...}}, or their rate:",
+                "log at a higher rate; or, if this is none, give the unit of the time stamps in import: {time: {unit: "
+                "...}}, or their rate:",
                 file=recording.name,
                 where="column t",
             )

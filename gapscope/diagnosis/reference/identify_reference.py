@@ -17,6 +17,7 @@ from gapscope.diagnosis.gap.plausible_data import (
     check_stamps,
     check_torque,
 )
+from gapscope.diagnosis.gap.plausible_motion import check_moving
 from gapscope.diagnosis.reference.change import combined
 from gapscope.diagnosis.reference.identified_reference import IdentifiedReference
 from gapscope.diagnosis.reference.reference_fit import ReferenceFit, fit_reference
@@ -40,6 +41,7 @@ def identify_reference(
     reference = with_commanded_torque(reference)
     check_stamps(reference)
     check_torque(reference)
+    check_moving(reference)
     check_rates(reference)
     with threadpool_limits(1):
         fit = fit_reference(reference, progress)

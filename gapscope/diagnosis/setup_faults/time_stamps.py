@@ -34,7 +34,7 @@ from gapscope.diagnosis.thresholds import (
     RATE_DISAGREEMENT,
     STAMP_AMOUNT_STD,
 )
-from gapscope.ident.signals.conditioning import GAP_STEPS
+from gapscope.ident.signals.conditioning import GAP_STEPS, SHORTEST
 
 
 def find_stamps(recordings: Iterable[Recording]) -> tuple[FoundFault, ...]:
@@ -53,10 +53,7 @@ def find_stamps(recordings: Iterable[Recording]) -> tuple[FoundFault, ...]:
 
 def _milliseconds(recordings: tuple[Recording, ...]) -> FoundFault | None:
     """Stamps that give a rate at which no robot is logged in s, but do in ms."""
-    low, high = PLAUSIBLE_RATES
-    names = tuple(
-        r.name for r in recordings if r.rate < low and low <= 1e3 * r.rate <= high
-    )
+    names = tuple(r.name for r in recordings if _in_milliseconds(r))
     if not names:
         return None
     mapping = timed(recordings[0].n_joints, 1e-3)
@@ -69,6 +66,18 @@ def _milliseconds(recordings: tuple[Recording, ...]) -> FoundFault | None:
         names,
         mapping,
     )
+
+
+def _in_milliseconds(recording: Recording) -> bool:
+    """Whether stamps are likelier in ms: at a rate of no log in s, and then not over at once.
+
+    A log of 6 s at 5 Hz would last 6 ms.
+    """
+    low, high = PLAUSIBLE_RATES
+    rate, duration = recording.rate, recording.duration
+    # stamps of 0.1 s round to a little more
+    slow = rate < 0.99 * low
+    return slow and low <= 1e3 * rate <= high and 1e-3 * duration >= SHORTEST
 
 
 def _repeats(recordings: tuple[Recording, ...]) -> FoundFault | None:

@@ -1,0 +1,222 @@
+"""Paths that lead to no regular file, documents that stand for more than they hold, names that lead out."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gapscope.arm.beyond_any_arm import LARGEST
+from gapscope.arm.errors import InputError
+from gapscope.arm.input_file import check_file, file_beside
+from gapscope.arm.io.case_file import read_yaml
+from gapscope.arm.io.formats import array_files, table_files
+from gapscope.arm.io.json_file import read_json
+from gapscope.arm.io.log import open_log
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.npz_file import read_arrays
+from gapscope.arm.robots import load_nominal_arm
+
+
+def loop(path: Path) -> None:
+    path.symlink_to(path)
+
+
+def device(path: Path) -> None:
+    path.symlink_to("/dev/zero")
+
+
+ODD: dict[str, tuple[Callable[[Path], None], str]] = {
+    "FIFO": (lambda path: os.mkfifo(path), "is a FIFO, expected a file"),
+    "device": (device, "is a device, expected a file"),
+    "folder": (lambda path: path.mkdir(), "is a folder, expected a file"),
+    "loop": (loop, "no such file .*symbolic links"),
+    "absent": (lambda path: None, "no such file"),
+    "dangling": (lambda path: path.symlink_to("absent"), "no such file"),
+}
+
+
+@pytest.mark.parametrize("name", ["log.csv", "log.npz", "log.db3", "log.h5", "log.mat"])
+@pytest.mark.parametrize("odd", [name for name in ODD if name != "folder"])
+def test_a_log_that_is_no_file_is_refused_at_once(
+    odd: str, name: str, tmp_path: Path
+) -> None:
+    make, message = ODD[odd]
+    make(tmp_path / name)
+    with pytest.raises(InputError, match=message) as caught:
+        open_log(tmp_path / name)
+    assert caught.value.file == tmp_path / name
+
+
+@pytest.mark.parametrize("odd", ODD)
+@pytest.mark.parametrize("read", [read_yaml, read_json, read_arrays])
+def test_so_is_a_document(odd: str, read: Callable, tmp_path: Path) -> None:
+    make, message = ODD[odd]
+    make(tmp_path / "x")
+    with pytest.raises(InputError, match=message):
+        read(tmp_path / "x", "mend it")
+
+
+def test_a_bag_or_data_set_with_a_fifo_inside_does_not_hang(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "metadata.yaml")
+    with pytest.raises(InputError, match=r"metadata.yaml: is a FIFO"):
+        open_log(tmp_path)
+
+
+@pytest.mark.parametrize("path", ["r" * 5000, "r" * 300 + ".csv", "a/" * 3000])
+def test_a_name_too_long_for_a_file_system_is_that_of_no_file(path: str) -> None:
+    with pytest.raises(InputError, match="no such file .*too long"):
+        open_log(path)
+    with pytest.raises(InputError, match="no such URDF file"):
+        load_nominal_arm(path)
+
+
+def test_large_files_are_refused_before_they_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "large.json"
+    with path.open("wb") as file:
+        file.truncate(100_000_000)
+    with pytest.raises(InputError, match="has 0.1 GB, at most 0.05 GB are read"):
+        read_json(path, "")
+    check_file(path, "")
+
+
+@pytest.mark.parametrize("name", ["../x", "/etc/hostname", "link", "", None, "a\0b", 3])
+def test_a_result_names_files_of_its_own_folder_alone(
+    name: object, tmp_path: Path
+) -> None:
+    inside = tmp_path / "inside"
+    inside.mkdir()
+    (inside / "link").symlink_to(tmp_path / "x")
+    with pytest.raises(InputError, match="field: (names|expected)"):
+        file_beside(inside, name, inside / "document", "field")
+    assert file_beside(inside, "a/b", inside / "d", "f") == inside / "a" / "b"
+
+
+ALIASES = "a: &a [1,1,1,1,1,1,1,1,1,1]\n" + "".join(
+    f"{chr(98 + k)}: &{chr(98 + k)} [{','.join(['*' + chr(97 + k)] * 10)}]\n"
+    for k in range(9)
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (ALIASES, "aliases stand for more than"),
+        ("&a [*a]", "stands for what it is part of"),
+        ("[" * 5000, "nested too deeply"),
+        ("x: 2020-99-99", "month must be"),
+        ("x: " + "9" * 5000, "is not valid YAML"),
+        ("x: " + "9" * 30, "beyond any that counts"),
+        ("!!python/object/apply:os.system [exit]", "could not determine a constructor"),
+        ("!!map [1]", "expected a mapping"),
+    ],
+)
+def test_yaml_that_stands_for_too_much(text: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "case.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_yaml(path, "mend it")
+
+
+def test_yaml_keeps_aliases_that_stand_for_little(tmp_path: Path) -> None:
+    path = tmp_path / "case.yaml"
+    path.write_text("a: &a [1, 2]\nb: *a\nc: {<<: {d: 1e-3}}\n")
+    assert read_yaml(path, "") == {"a": [1, 2], "b": [1, 2], "c": {"d": 1e-3}}
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, "[1" + "0" * 400 + "]"])
+def test_json_that_is_deep_or_holds_what_no_number_can(
+    text: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "x.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"nested too deeply|whole number of 401"):
+        read_json(path, "mend it")
+
+
+def test_npz_that_says_more_than_fits_or_holds_a_pickle(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    np.savez_compressed(tmp_path / "bomb.npz", t=np.zeros(100_000))
+    monkeypatch.setattr("gapscope.arm.npz_file.LARGEST_UNPACKED", 500_000)
+    with pytest.raises(InputError, match="GB unpacked"):
+        read_arrays(tmp_path / "bomb.npz", "")
+    np.savez(tmp_path / "pickle.npz", t=np.array([{}], object))
+    with pytest.raises(InputError, match="Object arrays cannot be loaded"):
+        read_arrays(tmp_path / "pickle.npz", "")
+    with zipfile.ZipFile(tmp_path / "odd.npz", "w") as archive:
+        archive.writestr("t.npy", b"\x93NUMPY\x01\x00\xff\xff")
+    with pytest.raises(InputError, match="cannot be read as NPZ"):
+        read_arrays(tmp_path / "odd.npz", "")
+
+
+def test_parquet_and_matlab_files_of_runs_are_refused_before_they_are_unpacked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+    import scipy.io
+
+    monkeypatch.setattr(table_files, "LARGEST_UNPACKED", 500_000)
+    pq.write_table(pa.table({"t": np.zeros(100_000)}), tmp_path / "a.parquet")
+    assert (tmp_path / "a.parquet").stat().st_size < 5000
+    with pytest.raises(InputError, match="GB unpacked"):
+        open_log(tmp_path / "a.parquet")
+    scipy.io.savemat(tmp_path / "a.mat", {"t": np.zeros(100_000)}, do_compression=True)
+    open_log(tmp_path / "a.mat")
+    monkeypatch.setattr(array_files, "LARGEST_UNPACKED", 500_000)
+    with pytest.raises(InputError, match="GB unpacked"):
+        open_log(tmp_path / "a.mat")
+
+
+def test_hdf5_arrays_that_lie_in_another_file_are_left_unread(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    secret = tmp_path / "secret.bin"
+    secret.write_bytes(np.arange(8.0).tobytes())
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["t"] = np.arange(8.0)
+        place = [(str(secret), 0, 64)]
+        file.create_dataset("q1", (8,), "f8", external=place)
+    log = open_log(tmp_path / "a.h5")
+    assert list(log.tables[0].table.columns) == ["t"]
+    assert log.unread == ("q1 (8,)",)
+
+
+BAD_ARMS = [
+    ('<mass value="1"/>', '<mass value="1e30"/>', "a mass of 1e"),
+    ('xyz="0 0 0.2"', 'xyz="0 0 1e9"', "a length of 1e"),
+    ('ixx="0.1"', 'ixx="1e30"', "a moment of inertia of 1e"),
+    ('<axis xyz="0 1 0"/>', '<axis xyz="0 0 0"/>', "joint shoulder: its axis has no"),
+    ('damping="0.5"', 'damping="soft"', "joint shoulder, damping: expected a number"),
+    (
+        '<axis xyz="0 1 0"/>',
+        '<origin xyz="0 nan 0"/><axis xyz="0 1 0"/>',
+        "joint shoulder, xyz: expected 3 numbers",
+    ),
+]
+
+
+@pytest.mark.parametrize(("before", "after", "message"), BAD_ARMS)
+def test_numbers_beyond_any_arm_name_link_or_joint(
+    before: str, after: str, message: str, urdf: Path
+) -> None:
+    from gapscope.arm.dynamics.rigid_body import RigidBody
+
+    text = urdf.read_text()
+    assert before in text
+    urdf.write_text(text.replace(before, after, 1))
+    with pytest.raises(InputError, match=message) as caught:
+        RigidBody(load_nominal_arm(urdf))
+    assert caught.value.file == urdf
+
+
+@pytest.mark.parametrize("name", ["armature", "coulomb", "viscous", "gravity"])
+def test_so_do_those_of_a_data_sheet(name: str, arm: NominalArm) -> None:
+    size = 3 if name == "gravity" else 2
+    largest = max(bound for bound, _ in LARGEST.values())
+    with pytest.raises(InputError, match=f"nominal.{name}: .* beyond any arm's"):
+        NominalArm("two", arm.urdf, arm.joints, **{name: np.full(size, 2 * largest)})
