@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.input_file import check_folder_files, is_folder
+from gapscope.arm.input_file import check_folder_files, is_file, is_folder
+from gapscope.arm.io.case_file import read_yaml
 from gapscope.arm.io.formats.control_messages import known_typestores
 from gapscope.arm.io.formats.joint_messages import JOINT_TRAJECTORY, SAMPLES, Sample
 from gapscope.arm.io.formats.sample_tables import (
@@ -18,6 +19,8 @@ from gapscope.arm.io.formats.sample_tables import (
 )
 from gapscope.arm.io.log_table import Log
 
+METADATA = "metadata.yaml"
+"""The file that describes a bag's folder."""
 TEXT = "std_msgs/msg/String"
 """Message type of the robot description."""
 
@@ -35,6 +38,9 @@ def read_bag(path: Path) -> Log:
         InputError: the bag is damaged or incomplete, or a message is not what its type says.
     """
     check_folder_files(bag_files(path))
+    if is_file(path / METADATA):
+        # the library's own reader of YAML writes out aliases of aliases
+        read_yaml(path / METADATA, "is the bag complete?")
     content = _content(path)
     samples: dict[tuple[str, str], list[Sample]] = defaultdict(list)
     description = None
