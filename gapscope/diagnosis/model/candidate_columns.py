@@ -6,10 +6,11 @@ A search scans them at every linearisation on what is left there; they are compu
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from gapscope.diagnosis.model.decimated_segments import DecimatedSegments
 from gapscope.diagnosis.model.scan import products
 from gapscope.diagnosis.model.terms import Term, parametrisation_of
 from gapscope.diagnosis.thresholds import (
@@ -24,9 +25,6 @@ from gapscope.diagnosis.thresholds import (
 from gapscope.effects.effect import Signals, TorqueLaw
 from gapscope.effects.parametrisation import Grid
 from gapscope.ident.signals.conditioning import Segment, low_pass
-
-if TYPE_CHECKING:
-    from gapscope.diagnosis.model.fit_data import FitData
 
 LEAST_TRAVEL = 1e-6
 """Travel below which a joint stands still [rad]."""
@@ -53,10 +51,15 @@ def _candidates(
 
 
 class CandidateColumns:
-    """Columns of candidates on the rows of some data, each computed when it is first asked for."""
+    """Columns of candidates on the rows of some segments, each computed when it is first asked for.
 
-    def __init__(self, data: FitData) -> None:
-        self._data = data
+    Args:
+        data: the segments.
+        per_radian: what counts as a radian of each joint, (n,).
+    """
+
+    def __init__(self, data: DecimatedSegments, per_radian: np.ndarray) -> None:
+        self._data, self._per_radian = data, per_radian
         self._ripples: dict[int, Candidates] = {}
         self._limits: dict[int, Candidates] = {}
         self._laws: dict[Term, Candidates | None] = {}
@@ -100,7 +103,7 @@ class CandidateColumns:
         data = self._data
         q = [s.motion.q[:, j, None] for s in data.segments]
         # of a slide, periods per 2 pi of what counts as a radian
-        size = data.arm.per_radian[j]
+        size = self._per_radian[j]
         dq = np.concatenate([s.motion.dq[:, j] for s in data.segments])
         cycles = _ripple_cycles([x / size for x in q], dq / size) / size
         columns = [

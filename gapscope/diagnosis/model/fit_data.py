@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from copy import copy
 
 import numpy as np
@@ -13,16 +12,17 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.gap.torque_gap import filtered_torque, torque_scale
 from gapscope.diagnosis.model.body_jacobian import Bodies
 from gapscope.diagnosis.model.candidate_columns import CandidateColumns
+from gapscope.diagnosis.model.decimated_segments import DecimatedSegments
 from gapscope.diagnosis.model.nuisance_prior import (
     NuisancePrior,
     ReferenceErrors,
     data_sheet_prior,
     reference_prior,
 )
-from gapscope.ident.signals.conditioning import Segment, low_pass
+from gapscope.ident.signals.conditioning import Segment
 
 
-class FitData:
+class FitData(DecimatedSegments):
     """Folds of segments with what does not depend on the parameters.
 
     Args:
@@ -50,8 +50,8 @@ class FitData:
         cutoff: float,
         reference: ReferenceErrors | None = None,
     ) -> None:
-        self.arm, self.body, self.folds, self.cutoff = arm, body, folds, cutoff
-        self.segments = [s for fold in folds for s in fold]
+        super().__init__([s for fold in folds for s in fold], cutoff)
+        self.arm, self.body, self.folds = arm, body, folds
         self.sensed = any(s.torque_sensor is not None for s in self.segments)
         self.torque_deviation = torque_scale(
             np.vstack([filtered_torque(s) for s in self.segments])
@@ -65,7 +65,7 @@ class FitData:
             self.nuisance.append(self.thin(regressor * self.units, s))
             if reference is not None:
                 self.own.append(self.thin(reference.columns(s.motion), s))
-        self.candidates = CandidateColumns(self)
+        self.candidates = CandidateColumns(self, arm.per_radian)
 
     def _prior(self) -> NuisancePrior:
         """What is believed of the nuisances: of the inertials, then of the sensors or of the reference."""
@@ -79,29 +79,3 @@ class FitData:
         other = copy(self)
         other.arm = arm
         return other
-
-    def thin(self, series: np.ndarray, segment: Segment) -> np.ndarray:
-        """Series of a segment, filtered, trimmed, and decimated to about twice the filter's cut-off."""
-        inner = segment.inner
-        out = np.zeros(
-            (len(range(inner.start, inner.stop, self.step(segment))), *series.shape[1:])
-        )
-        moving = series.any(axis=0)
-        if moving.any() or moving.ndim == 0:
-            kept = low_pass(series[:, moving], segment.motion.rate, self.cutoff)
-            out[:, moving] = kept[inner.start : inner.stop : self.step(segment)]
-        return out
-
-    def rows(self, series: Sequence[np.ndarray]) -> np.ndarray:
-        """Series of every segment, (N, K) each, on its rows, one below the other, (M, K)."""
-        pairs = zip(series, self.segments, strict=True)
-        return np.vstack([self.thin(x, s) for x, s in pairs])
-
-    def step(self, segment: Segment) -> int:
-        """Every how many samples the rows are taken."""
-        return max(1, int(segment.motion.rate // (2.5 * self.cutoff)))
-
-    def time(self, segment: Segment) -> np.ndarray:
-        """Time of a segment's rows since the start of its recording [s], (M,)."""
-        inner = segment.inner
-        return segment.motion.t[inner.start : inner.stop : self.step(segment)]

@@ -1,0 +1,47 @@
+"""Segments and the rows that are taken of them: filtered, trimmed, decimated to about twice the filter's cut-off."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gapscope.ident.signals.conditioning import Segment, low_pass
+
+
+class DecimatedSegments:
+    """Segments, and their series on decimated rows.
+
+    Attributes:
+        segments: the segments.
+        cutoff: cut-off of the filter [Hz].
+    """
+
+    def __init__(self, segments: list[Segment], cutoff: float) -> None:
+        self.segments, self.cutoff = segments, cutoff
+
+    def thin(self, series: np.ndarray, segment: Segment) -> np.ndarray:
+        """Series of a segment, filtered, trimmed, and decimated to about twice the filter's cut-off."""
+        inner = segment.inner
+        out = np.zeros(
+            (len(range(inner.start, inner.stop, self.step(segment))), *series.shape[1:])
+        )
+        moving = series.any(axis=0)
+        if moving.any() or moving.ndim == 0:
+            kept = low_pass(series[:, moving], segment.motion.rate, self.cutoff)
+            out[:, moving] = kept[inner.start : inner.stop : self.step(segment)]
+        return out
+
+    def rows(self, series: Sequence[np.ndarray]) -> np.ndarray:
+        """Series of every segment, (N, K) each, on its rows, one below the other, (M, K)."""
+        pairs = zip(series, self.segments, strict=True)
+        return np.vstack([self.thin(x, s) for x, s in pairs])
+
+    def step(self, segment: Segment) -> int:
+        """Every how many samples the rows are taken."""
+        return max(1, int(segment.motion.rate // (2.5 * self.cutoff)))
+
+    def time(self, segment: Segment) -> np.ndarray:
+        """Time of a segment's rows since the start of its recording [s], (M,)."""
+        inner = segment.inner
+        return segment.motion.t[inner.start : inner.stop : self.step(segment)]
