@@ -73,45 +73,56 @@ class NormalEquations:
         gram: np.ndarray,
         theta: np.ndarray,
         columns: np.ndarray,
+        skew: float = 0.0,
         *,
         corrected: bool,
     ) -> np.ndarray:
-        """|y - A theta - N delta|^2 per joint, shape (n,) or (F, n), >= 0.
+        """|y - skew d - A theta - N delta|^2 per joint, shape (n,) or (F, n), >= 0.
 
         Args:
-            gram: X^T X per joint, shape (n, P + K + 1, P + K + 1), or F of them.
+            gram: X^T X of X = [A, N, y, d] per joint, shape (n, P + K + 2, P + K + 2), or F of them.
             theta: values of the terms, zero outside ``columns``, shape (P,) or (F, P).
             columns: places of the terms.
+            skew: of sampling [s].
             corrected: whether the nuisances are taken out; otherwise delta counts as zero.
         """
-        own = np.append(columns, gram.shape[-1] - 1).astype(int)
+        last = gram.shape[-1] - 1
+        own = np.append(columns, [last - 1, last]).astype(int)
         z = np.ones((*theta.shape[:-1], 1, len(own)))
-        z[..., 0, :-1] = -theta[..., columns]
+        z[..., 0, :-2] = -theta[..., columns]
+        z[..., 0, -1] = -skew
         squares = _form(z, gram[..., own[:, None], own], z)
         if corrected:
-            nuisances = slice(self.size, -1)
+            nuisances = slice(self.size, -2)
             delta = self.nuisance(theta, columns)[..., None, :]
             cross = _form(z, gram[..., own, nuisances], delta)
             within = _form(delta, gram[..., nuisances, nuisances], delta)
             squares += within - 2 * cross
         return np.maximum(squares, 0.0)
 
-    def reduced(self, gram: np.ndarray) -> np.ndarray:
-        """M with |y - A theta - N delta|^2 = [theta; 1]^T M [theta; 1], the best nuisances delta put in.
+    def reduced(self, gram: np.ndarray, skew: float = 0.0) -> np.ndarray:
+        """M with |y - skew d - A theta - N delta|^2 = [theta; 1]^T M [theta; 1], the best nuisances delta put in.
 
         Args:
-            gram: X^T X per joint, shape (n, P + K + 1, P + K + 1), or F of them.
+            gram: X^T X of X = [A, N, y, d] per joint, shape (n, P + K + 2, P + K + 2), or F of them.
+            skew: of sampling [s].
 
         Returns:
             Shape (n, P + 1, P + 1), or F of them.
         """
-        outer = np.append(np.arange(self.size), gram.shape[-1] - 1)
+        last = gram.shape[-1] - 1
+        outer = np.append(np.arange(self.size), [last - 1, last])
+        nuisances = slice(self.size, -2)
+        # z = [-theta; 1] over [A, y - skew d]
         sign = np.append(-np.ones(self.size), 1.0)
-        within = gram[..., self.size : -1, self.size : -1]
-        cross = gram[..., self.size : -1, outer] * sign
-        own = gram[..., outer[:, None], outer] * (sign[:, None] * sign)
+        own = with_skew(gram[..., outer[:, None], outer], skew)
+        own = own * (sign[:, None] * sign)
+        cross = gram[..., nuisances, outer]
+        cross[..., -2] -= skew * cross[..., -1]
+        cross = cross[..., :-1] * sign
+        within = gram[..., nuisances, nuisances]
         delta = self.delta[..., None, :, :]
-        # z^T G z with z = [-theta; -delta; 1] and delta = D [theta; 1]
+        # with delta = D [theta; 1] the nuisances add D^T (N^T N D - 2 N^T [A, y - skew d] S)
         half = np.swapaxes(delta, -1, -2) @ (0.5 * (within @ delta) - cross)
         return np.asarray(own + half + np.swapaxes(half, -1, -2))
 
@@ -124,6 +135,20 @@ class NormalEquations:
 def _form(left: np.ndarray, matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     """x^T A y over the last axes, of x (..., a), A (..., a, b) and y (..., b)."""
     return np.asarray((left * (matrix @ right[..., None])[..., 0]).sum(axis=-1))
+
+
+def with_skew(gram: np.ndarray, skew: float) -> np.ndarray:
+    """Normal equations of [A, N, y - skew d] from those of [A, N, y, d]; over the last two axes."""
+    out = gram[..., :-1, :-1]
+    if skew == 0:
+        return out
+    out = out.copy()
+    # X^T (y - s d) = X^T y - s X^T d
+    out[..., :-1, -1] -= skew * gram[..., :-2, -1]
+    out[..., -1, :-1] = out[..., :-1, -1]
+    # |y - s d|^2 = |y|^2 - 2 s y^T d + s^2 |d|^2
+    out[..., -1, -1] += skew**2 * gram[..., -1, -1] - 2 * skew * gram[..., -2, -1]
+    return out
 
 
 def solve(

@@ -107,13 +107,10 @@ class Evidence:
         self.weights = samples_per_row / (scored_mse + scored.expected2)
         self.prior = linearisation.data.prior.at(level)
         self._usual = _usual(self.terms, linearisation.data.arm)
-        by_fold = [
-            np.tensordot(weights, gram, axes=1)
-            for weights, gram in zip(self.weights, scored.gram, strict=True)
-        ]
-        total = np.array(by_fold).sum(axis=0)
+        by_fold = scored.weighed(self.weights)
+        total = by_fold.sum(axis=0)
         self._all = self.normal_equations(total)
-        self._without_fold = self.normal_equations(total - np.array(by_fold))
+        self._without_fold = self.normal_equations(total - by_fold)
         self._log_det = self._occam_factor(total)
         # as in BIC: half the logarithm of the number of samples for each parameter
         self._per_parameter = 0.5 * float(np.log(scored.independent.sum()))
@@ -199,7 +196,7 @@ class Evidence:
     def _reduced(self) -> list[np.ndarray]:
         """Equations of each fold with the nuisances fitted without it, of the recorded torque and of what is scored."""
         equations = [self.torque, self.scored] if self.sensed else [self.torque]
-        return [self._without_fold.reduced(one.gram) for one in equations]
+        return [self._without_fold.reduced(one.gram, one.skew) for one in equations]
 
     def _fit(
         self,
@@ -261,7 +258,7 @@ class Evidence:
 
     def without_last(self, terms: frozenset[Term]) -> np.ndarray:
         """Values of the terms fitted without the last recording, shape (P,)."""
-        by_fold = (self.scored.gram * self.weights[:, :, None, None]).sum(axis=1)
+        by_fold = self.scored.weighed(self.weights)
         # a recording is two folds; a single one cannot be left out
         kept = by_fold[:-2] if len(by_fold) > 2 else by_fold
         return self.normal_equations(kept.sum(axis=0)).solve(columns_of(terms))

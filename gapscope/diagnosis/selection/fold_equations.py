@@ -9,7 +9,7 @@ import numpy as np
 
 from gapscope.diagnosis.model.discrepancy import Discrepancy
 from gapscope.diagnosis.model.fold import Fold
-from gapscope.diagnosis.model.normal_equations import NormalEquations
+from gapscope.diagnosis.model.normal_equations import NormalEquations, with_skew
 
 
 class FoldEquations:
@@ -17,8 +17,7 @@ class FoldEquations:
 
     Attributes:
         skew: the skew [s].
-        gram: X^T W X of X = [A, N, y], (F, m, P + K + 1, P + K + 1).
-        without_skew: the same with the skew taken as zero.
+        gram: X^T W X of X = [A, N, y, d], (F, m, P + K + 2, P + K + 2), the same at any skew.
         count: weight of the rows, (F, m).
         floor2: mean square of a healthy arm [N^2 m^2], (F, m).
         independent: effective number of independent samples, (F, m).
@@ -29,20 +28,30 @@ class FoldEquations:
         self, folds: Sequence[Fold], healthy: Discrepancy, skew: float = 0.0
     ) -> None:
         self.skew = skew
-        self._with_rate = np.array([fold.total for fold in folds])
-        self.without_skew = with_skew(self._with_rate, 0.0)
-        self.gram = with_skew(self._with_rate, skew)
+        self.gram = np.array([fold.total for fold in folds])
         self.count = np.array([fold.count for fold in folds])
         self.floor2 = np.array([fold.floor for fold in folds]) ** 2
         joints = self.floor2.shape[1]
         self.independent = self.count / healthy.inflation[:joints]
         self.expected2 = np.maximum(self.floor2, healthy.mean_square[:joints])
+        self._weighed: dict[bytes, np.ndarray] = {}
 
     def at(self, skew: float) -> FoldEquations:
         """The same at another skew [s]."""
         other = copy(self)
-        other.skew, other.gram = skew, with_skew(self._with_rate, skew)
+        other.skew = skew
         return other
+
+    def weighed(self, weights: np.ndarray) -> np.ndarray:
+        """X^T W X of X = [A, N, y - skew d] of each fold, its rows weighed by (F, m): (F, P + K + 1, P + K + 1)."""
+        key = weights.tobytes()
+        if key not in self._weighed:
+            # the same weights are asked for at every skew
+            self._weighed.clear()
+            pairs = zip(weights, self.gram, strict=True)
+            sums = [np.tensordot(own, gram, axes=1) for own, gram in pairs]
+            self._weighed[key] = np.array(sums)
+        return with_skew(self._weighed[key], self.skew)
 
     def mean_square(
         self,
@@ -58,9 +67,9 @@ class FoldEquations:
             columns: places of the terms that are fitted.
             corrected: whether nuisances and skew are taken out of the residual.
         """
-        gram = self.gram if corrected else self.without_skew
         theta = normals.solve(columns)
-        squares = normals.rest(gram, theta, columns, corrected=corrected)
+        skew = self.skew if corrected else 0.0
+        squares = normals.rest(self.gram, theta, columns, skew, corrected=corrected)
         return squares / np.maximum(self.count, 1e-9)
 
 
@@ -79,17 +88,3 @@ def mean_squares(
     values = np.concatenate([theta, ones], axis=2)[:, None]
     squares = np.maximum(((values @ reduced) * values).sum(axis=-1), 0.0)
     return np.moveaxis(squares, 2, 0) / np.maximum(count, 1e-9)
-
-
-def with_skew(gram: np.ndarray, skew: float) -> np.ndarray:
-    """Normal equations of [A, N, y - skew d] from those of [A, N, y, d]; over the last two axes."""
-    out = gram[..., :-1, :-1]
-    if skew == 0:
-        return out
-    out = out.copy()
-    # X^T (y - s d) = X^T y - s X^T d
-    out[..., :-1, -1] -= skew * gram[..., :-2, -1]
-    out[..., -1, :-1] = out[..., :-1, -1]
-    # |y - s d|^2 = |y|^2 - 2 s y^T d + s^2 |d|^2
-    out[..., -1, -1] += skew**2 * gram[..., -1, -1] - 2 * skew * gram[..., -2, -1]
-    return out

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from gapscope.diagnosis.model.normal_equations import NormalEquations
+from gapscope.diagnosis.model.normal_equations import NormalEquations, with_skew
 from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.evidence import Evidence, columns_of
-from gapscope.diagnosis.selection.fold_equations import with_skew
 from gapscope.diagnosis.thresholds import BOOTSTRAP_DRAWS, MODEL_FORM
 
 
@@ -24,7 +23,7 @@ def bootstrap(
     of it proportional to the term's own column.
     """
     columns, size = columns_of(terms), evidence.terms.size
-    last = evidence.scored.gram.shape[-1] - 1
+    last = evidence.scored.gram.shape[-1] - 2
     pieces = _pieces(evidence, np.concatenate([columns, np.arange(size, last + 1)]))
     values = np.zeros((draws, size))
     for draw in range(draws):
@@ -41,7 +40,7 @@ def bootstrap(
 
 def alternate_pieces(evidence: Evidence) -> tuple[np.ndarray, np.ndarray]:
     """Weighted normal equations of every other piece of the data, and of those between."""
-    pieces = _pieces(evidence, np.arange(evidence.scored.gram.shape[-1]))
+    pieces = _pieces(evidence, np.arange(evidence.scored.gram.shape[-1] - 1))
     return pieces[::2].sum(axis=0), pieces[1::2].sum(axis=0)
 
 

@@ -45,8 +45,9 @@ def test_the_rest_is_measured_with_the_nuisance_or_without() -> None:
     total = gram(COLUMN, NUISANCE, GAP)
     normal, places = NormalEquations(total, 1, np.array([[1e-12]])), np.array([0])
     theta = normal.solve(places)
-    with_nuisance = normal.rest(total[None], theta, places, corrected=True)
-    without = normal.rest(total[None], theta, places, corrected=False)
+    rows = gram(COLUMN, NUISANCE, GAP, np.zeros_like(GAP))[None]
+    with_nuisance = normal.rest(rows, theta, places, corrected=True)
+    without = normal.rest(rows, theta, places, corrected=False)
     assert with_nuisance == pytest.approx([0.0], abs=1e-6)
     assert without == pytest.approx([18.0], abs=1e-4)  # |3 N|^2
 

@@ -7,8 +7,8 @@ import pytest
 
 from gapscope.diagnosis.model.discrepancy import Discrepancy
 from gapscope.diagnosis.model.fold import EquationRows, Fold
-from gapscope.diagnosis.model.normal_equations import NormalEquations
-from gapscope.diagnosis.selection.fold_equations import FoldEquations, with_skew
+from gapscope.diagnosis.model.normal_equations import NormalEquations, with_skew
+from gapscope.diagnosis.selection.fold_equations import FoldEquations, mean_squares
 
 A, N = np.array([1.0, 2.0, 0.0, 1.0]), np.array([0.0, 1.0, 1.0, 0.0])
 HEALTHY = Discrepancy(np.array([0.36]), np.array([2.0]))
@@ -45,8 +45,8 @@ def test_a_skew_takes_its_share_of_the_rate_from_the_gap() -> None:
 
 def test_rows_are_summed_and_floors_squared() -> None:
     equations = FoldEquations([fold(Y), fold(2 * Y)], HEALTHY)
-    np.testing.assert_allclose(equations.gram[0, 0], gram(A, N, Y))
-    np.testing.assert_allclose(equations.gram[1, 0], gram(A, N, 2 * Y))
+    np.testing.assert_allclose(equations.gram[0, 0], gram(A, N, Y, D))
+    np.testing.assert_allclose(equations.gram[1, 0], gram(A, N, 2 * Y, D))
     assert equations.count.tolist() == [[4.0], [4.0]]
     assert equations.floor2.tolist() == [[0.25], [0.25]]
 
@@ -59,16 +59,33 @@ def test_rows_count_by_the_discrepancy_and_it_is_what_is_expected_to_be_left() -
 
 
 def test_equations_at_a_skew_are_those_of_the_gap_without_it() -> None:
-    skewed = FoldEquations([fold(Y)], HEALTHY).at(0.25)
-    np.testing.assert_allclose(skewed.gram[0, 0], gram(A, N, Y - 0.25 * D))
-    np.testing.assert_allclose(skewed.without_skew[0, 0], gram(A, N, Y))
+    equations = FoldEquations([fold(Y)], HEALTHY)
+    once, twice = np.ones((1, 1)), np.full((1, 1), 2.0)
+    expected = gram(A, N, Y - 0.25 * D)
+    np.testing.assert_allclose(equations.weighed(once)[0], gram(A, N, Y))
+    np.testing.assert_allclose(equations.at(0.25).weighed(once)[0], expected)
+    np.testing.assert_allclose(equations.at(0.25).weighed(twice)[0], 2 * expected)
+
+
+def test_many_sets_of_values_leave_what_each_leaves_alone() -> None:
+    """With nuisances and a skew, on folds that are predicted from the other."""
+    equations = FoldEquations([fold(Y), fold(2 * A + D)], HEALTHY).at(0.25)
+    by_fold = equations.weighed(np.ones((2, 1)))
+    normals = NormalEquations(by_fold[::-1], 1, np.array([[0.5]]))
+    columns = np.array([0])
+    alone = equations.mean_square(normals, columns, corrected=True)
+    reduced = normals.reduced(equations.gram, equations.skew)
+    values = normals.solve_each(np.array([[0], [0]]))
+    together = mean_squares(reduced, values, equations.count)
+    np.testing.assert_allclose(together, [alone, alone])
 
 
 def test_a_fold_is_predicted_with_the_values_of_its_own_equations() -> None:
     """y = 2 A on one fold, 3 A on the other; each predicted with the other's value leaves |A|^2 = 6 over 4 rows."""
     equations = FoldEquations([fold(2 * A), fold(3 * A)], HEALTHY)
-    own = NormalEquations(equations.gram[:, 0], 1, np.array([[1e12]]))
-    others = NormalEquations(equations.gram[::-1, 0], 1, np.array([[1e12]]))
+    by_fold = equations.weighed(np.ones((2, 1)))
+    own = NormalEquations(by_fold, 1, np.array([[1e12]]))
+    others = NormalEquations(by_fold[::-1], 1, np.array([[1e12]]))
     columns = np.array([0])
     exchanged = equations.mean_square(others, columns, corrected=False)
     kept = equations.mean_square(own, columns, corrected=False)
