@@ -20,14 +20,12 @@ AsJson = Annotated[bool, typer.Option("--json", help="print JSON to standard out
 
 def agree(case: CasePath, out: Out = None, as_json: AsJson = False) -> None:
     """Say which parameters agree in all recordings, and with what the others differ."""
+    from gapscope.arm.folder_lock import locked
     from gapscope.arm.io.json_file import to_json
     from gapscope.interface.agree import agree as compare
-    from gapscope.outputs.folder import make_folder
     from gapscope.reports.agreement.terminal_summary import summary
 
-    with Progress(case.name or str(case)) as progress:
-        if out is not None:
-            make_folder(out)
+    with Progress(case.name or str(case)) as progress, locked(out):
         result = compare(case, progress=progress)
         written = () if out is None else result.save(out)
     if as_json:

@@ -33,13 +33,11 @@ def audit(
     robot: Robot, recording: Recording = None, out: Out = None, as_json: AsJson = False
 ) -> None:
     """Say what is odd about a robot model, worst first, with the line in its file."""
+    from gapscope.arm.folder_lock import locked
     from gapscope.arm.io.json_file import to_json
     from gapscope.interface.audit import audit as audit_robot
-    from gapscope.outputs.folder import make_folder
 
-    with Progress(Path(robot).name) as progress:
-        if out is not None:
-            make_folder(out)
+    with Progress(Path(robot).name) as progress, locked(out):
         result = audit_robot(robot, recording, progress=progress)
         written = () if out is None else result.save(out)
     if as_json:

@@ -83,6 +83,7 @@ def make(
     show: Show = False,
 ) -> None:
     """Make cases whose effect is withheld, and publish the hash of their labels."""
+    from gapscope.arm.folder_lock import locked
     from gapscope.blind_check.make import make as make_cases
     from gapscope.blind_check.plan import COUNTS
     from gapscope.reports.blind_check.truth import truth_lines
@@ -91,14 +92,15 @@ def make(
     changes: dict[str, Any] = dict(zip(COUNTS, counts, strict=True))
     changes["effects"] = split_names(effects) or None
     changes["robots"] = split_names(robots) or None
-    commitment, truth = make_cases(
-        out,
-        _changed_plan(plan, changes),
-        seed=seed,
-        labels=labels,
-        jobs=jobs,
-        progress=note,
-    )
+    with locked(out):
+        commitment, truth = make_cases(
+            out,
+            _changed_plan(plan, changes),
+            seed=seed,
+            labels=labels,
+            jobs=jobs,
+            progress=note,
+        )
     if show:
         say(*truth_lines(truth))
     wrote(commitment, truth)
@@ -118,10 +120,12 @@ def run(
     cases: Cases, out: NewResults, labels: SealedLabels = None, jobs: Jobs = 1
 ) -> None:
     """Diagnose every case with what is frozen now; refuses to start if the labels can be read."""
+    from gapscope.arm.folder_lock import locked
     from gapscope.blind_check.run import FROZEN
     from gapscope.blind_check.run import run as run_cases
 
-    failed = run_cases(cases, out, labels=labels, jobs=jobs, progress=note)
+    with locked(out):
+        failed = run_cases(cases, out, labels=labels, jobs=jobs, progress=note)
     wrote(out / FROZEN)
     if failed:
         note(f"{failed} of the cases failed; run the command again to retry them")
@@ -139,6 +143,7 @@ def score(
     jobs: Jobs = 1,
 ) -> None:
     """Open the labels, compare them with their published hash, and score the verdicts."""
+    from gapscope.arm.folder_lock import locked
     from gapscope.blind_check.score import score as score_cases
     from gapscope.blind_check.seal import labels_folder
     from gapscope.reports.blind_check.page import write_score
@@ -157,4 +162,6 @@ def score(
     for table in tables(scored.figures):
         if table.title in BRIEFLY:
             console.print(table.rich())
-    wrote(*write_score(scored, out))
+    with locked(out):
+        paths = write_score(scored, out)
+    wrote(*paths)

@@ -24,7 +24,9 @@ Seed = Annotated[int | None, typer.Option(help="draw the same mystery arm again"
 
 def demo(out: Out = Path("gapscope-demo"), seed: Seed = None) -> None:
     """Record a mystery arm, diagnose it, and open the truth."""
-    with Progress("mystery arm") as progress:
+    from gapscope.arm.folder_lock import locked
+
+    with Progress("mystery arm") as progress, locked(out):
         paths = play(out, seed, progress)
     wrote(*paths)
 
@@ -44,11 +46,9 @@ def play(
     from gapscope.effects.corrected_file import write_corrected
     from gapscope.envs.engines import default_engine
     from gapscope.envs.mystery_arm import mystery_arm
-    from gapscope.outputs.folder import make_folder
     from gapscope.reports.diagnosis.terminal_summary import print_summary
     from gapscope.reports.truth_table import truth_table
 
-    make_folder(out)
     start = monotonic()
     seed = int(np.random.default_rng().integers(2**31)) if seed is None else seed
     engine = default_engine()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from gapscope.arm.folder_lock import locked
 from gapscope.interface.diagnose import DiagnosisResult, diagnose
 from gapscope.outputs.diagnosis import DOCUMENT
 from gapscope.outputs.folder import begin_results
@@ -28,7 +29,8 @@ def diagnose_path(
     Returns:
         The diagnosis and its files.
     """
-    begin_results(out, DOCUMENT)
-    result = diagnose(path, against=against, progress=progress)
-    progress("writes the report")
-    return result, result.save(out)
+    with locked(out):
+        begin_results(out, DOCUMENT)
+        result = diagnose(path, against=against, progress=progress)
+        progress("writes the report")
+        return result, result.save(out)

@@ -56,6 +56,7 @@ def identify(
     filter_: Filter = "recursive",
 ) -> None:
     """Identify base and physical parameters and friction."""
+    from gapscope.arm.folder_lock import locked
     from gapscope.ident.identification import IdentificationSettings
     from gapscope.interface.identify import identify as identify_case
     from gapscope.outputs.folder import begin_results
@@ -65,7 +66,7 @@ def identify(
     settings = IdentificationSettings(
         cutoff, estimator, tuple(judge or ()), any_torque, filter=filter_
     )
-    with Progress(case.name or str(case)) as progress:
+    with Progress(case.name or str(case)) as progress, locked(out):
         begin_results(out, DOCUMENT)
         result = identify_case(case, settings, progress=progress)
         progress("writes the report")

@@ -32,18 +32,21 @@ Out = Annotated[
 
 def inspect(logs: Logs, robot: Robot = None, out: Out = None) -> None:
     """Say what is in a log, draw it, and write the case to start from."""
+    from gapscope.arm.folder_lock import locked
     from gapscope.arm.io.log import open_log
     from gapscope.arm.robots import load_nominal_arm
     from gapscope.inspection.draft_check import check_draft
     from gapscope.inspection.inspection import inspect_logs
-    from gapscope.outputs.folder import make_folder
     from gapscope.outputs.inspection import save_inspection
     from gapscope.reports.inspection.terminal_summary import summary
 
     if out is not None:
         _check_unused(out)
-        make_folder(out)
-    with Progress(logs[0].name) as progress, TemporaryDirectory() as aside:
+    with (
+        Progress(logs[0].name) as progress,
+        TemporaryDirectory() as aside,
+        locked(out),
+    ):
         progress("reads")
         opened = [open_log(path) for path in logs]
         given = robot or _description(opened, out or Path(aside))

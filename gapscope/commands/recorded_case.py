@@ -12,6 +12,7 @@ from gapscope.arm.case import Case
 from gapscope.arm.control.laws import LAWS
 from gapscope.arm.controller import Controller
 from gapscope.arm.errors import InputError
+from gapscope.arm.folder_lock import locked
 from gapscope.arm.io.controller_file import read_controller
 from gapscope.arm.io.write_case import write_case
 from gapscope.arm.nearest_name import check_known, nearest
@@ -76,27 +77,26 @@ def record_files(
     if sealed is not None:
         make_folder(sealed)
     rng = np.random.default_rng(seed)
-    with error_context(effects, truth):
-        case = record_case(
-            out.resolve().name,
-            arm,
-            truth,
-            plan,
-            rng,
-            controller=chosen,
-            progress=progress,
-        )
-        case = _with_faults(case, faults, rng)
-    progress("writes the case")
-    file = write_case(case, out, ending=ending)
-    place = (sealed or out) / TRUTH
-    write_corrected(case.name, truth, place, faults=faults)
+    name = out.resolve().name
+
+    def write_truth(folder: Path) -> None:
+        write_corrected(name, truth, (sealed or folder) / TRUTH, faults=faults)
+
+    with locked(out):
+        with error_context(effects, truth):
+            case = record_case(
+                name, arm, truth, plan, rng, controller=chosen, progress=progress
+            )
+            case = _with_faults(case, faults, rng)
+        progress("writes the case")
+        # with its truth in it from the start: without, it could not be told from a sealed one
+        file = write_case(case, out, ending=ending, beside=write_truth)
     hidden = hidden_by_reading_back(truth) if plan.read_back else ()
     note = (
         f"{', '.join(hidden)}: torque that is read back behind the drive hardly shows this; without --read-back the "
         "torque commanded is recorded"
     )
-    return [file, place], note if hidden else None
+    return [file, (sealed or out) / TRUTH], note if hidden else None
 
 
 def _with_faults(

@@ -47,6 +47,7 @@ def residual(
     """Train a network on what the effects leave, and judge it on recordings set aside (extra: learn)."""
     from gapscope.arm.case import load_case
     from gapscope.arm.errors import GapscopeError
+    from gapscope.arm.folder_lock import locked
     from gapscope.ident.residual.learnt import learn_residual
     from gapscope.ident.residual.settings import ResidualSettings
     from gapscope.interface.models import corrected_arm
@@ -62,7 +63,7 @@ def residual(
             "pip install 'gapscope[learn]'",
         )
     settings = ResidualSettings(form=form, apart=apart, seed=seed)
-    with Progress(case.name or str(case)) as progress:
+    with Progress(case.name or str(case)) as progress, locked(out):
         begin_results(out, DOCUMENT)
         progress("reads")
         loaded = load_case(case)

@@ -15,10 +15,10 @@ from pyarrow import compute as pc
 
 from gapscope.archive.entry import CASE, UNITS_BY
 from gapscope.arm.errors import InputError, InterruptedRunError
+from gapscope.arm.folder_lock import locked
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.fleets.addresses import is_process_only
 from gapscope.fleets.case_list import all_cases
-from gapscope.fleets.lock import locked
 from gapscope.fleets.store import FleetStore
 from gapscope.fleets.task import (
     JSON,
@@ -29,7 +29,6 @@ from gapscope.fleets.task import (
     diagnose_fleet_case,
     failed_row,
 )
-from gapscope.outputs.folder import make_folder
 from gapscope.provenance import program
 from gapscope.workers.as_completed import TRIES, Ended, as_completed
 from gapscope.workers.backends import LOCAL, check_backend
@@ -90,7 +89,6 @@ def run_fleet(plan: FleetPlan, progress: Callable[[str], None]) -> FleetCounts:
         GapscopeError: another run writes to the folder, Ray is not installed, or the run was stopped.
     """
     _check(plan)
-    make_folder(plan.out)
     with locked(plan.out):
         store = FleetStore(plan.out)
         counts = FleetCounts()

@@ -6,7 +6,7 @@ import csv
 import re
 import shutil
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ import yaml
 from gapscope.arm.case import Case
 from gapscope.arm.coupling import coupling_entries
 from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.folder_lock import LOCK
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.controller_file import controller_section
 from gapscope.arm.nominal import NominalArm
@@ -97,7 +98,12 @@ def _write_parquet(columns: dict[str, np.ndarray], path: Path) -> None:
 
 
 def write_case(
-    case: Case, folder: str | Path, *, overwrite: bool = False, ending: str = "csv"
+    case: Case,
+    folder: str | Path,
+    *,
+    overwrite: bool = False,
+    ending: str = "csv",
+    beside: Callable[[Path], None] = lambda folder: None,
 ) -> Path:
     """Write a case as a folder of its own: ``case.yaml``, a copy of the URDF, and the recordings.
 
@@ -106,6 +112,7 @@ def write_case(
         folder: folder to make.
         overwrite: whether a case that is there already may be replaced.
         ending: of the recordings' files, ``csv``, ``parquet`` or ``npz``.
+        beside: called with the folder before it gets its name, to write what has to be there with the case.
 
     Returns:
         Path of the case file.
@@ -115,7 +122,7 @@ def write_case(
         GapscopeError: the folder cannot be written.
     """
     folder = Path(folder)
-    if folder.exists() and any(folder.iterdir() if folder.is_dir() else [folder]):
+    if _is_used(folder):
         if not (folder / "case.yaml").is_file():
             raise InputError(
                 "exists and is not a case", "choose a new folder", file=folder
@@ -134,6 +141,7 @@ def write_case(
             fresh, old = Path(aside) / "new", Path(aside) / "old"
             fresh.mkdir()
             _fill(case, fresh, ending)
+            beside(fresh)
             if folder.exists():
                 folder.rename(old)
             fresh.rename(folder)
@@ -142,6 +150,13 @@ def write_case(
             f"{folder}: cannot be written ({error})", "check the folder's permissions"
         ) from None
     return folder / "case.yaml"
+
+
+def _is_used(folder: Path) -> bool:
+    """Whether a place holds anything but the lock of the run that asks."""
+    if not folder.is_dir():
+        return folder.exists()
+    return any(path.name != LOCK for path in folder.iterdir())
 
 
 def _fill(case: Case, folder: Path, ending: str) -> None:

@@ -157,6 +157,7 @@ def evaluate_path(
     from gapscope.agents.evaluation import evaluate as evaluate_models
     from gapscope.agents.model_files import read_models
     from gapscope.agents.summary import summarise
+    from gapscope.arm.folder_lock import locked
     from gapscope.commands.agents.evaluation_cells import Cells
     from gapscope.commands.inputs import read_arm
     from gapscope.effects.corrected_file import error_context, read_corrected
@@ -172,15 +173,16 @@ def evaluate_path(
     tried = read_models(models, arm, _read_agent)
     with error_context(effects, hidden):
         bench = TrackingBench(arm, hidden, plan)
-    begin_results(out, DOCUMENT)
-    with error_context(effects, hidden):
-        cells = Cells(out, bench, again)
-        evaluation = evaluate_models(tried, bench, progress, cells)
-    if cells.reused:
-        progress(f"{cells.reused} parts were taken from a run that was interrupted")
-    lines = summarise(evaluation)
-    content = evaluation_document(bench, evaluation, lines)
-    progress("writes the page")
-    paths = write_evaluation(content, lines, out)
-    cells.clear()
+    with locked(out):
+        begin_results(out, DOCUMENT)
+        with error_context(effects, hidden):
+            cells = Cells(out, bench, again)
+            evaluation = evaluate_models(tried, bench, progress, cells)
+        if cells.reused:
+            progress(f"{cells.reused} parts were taken from a run that was interrupted")
+        lines = summarise(evaluation)
+        content = evaluation_document(bench, evaluation, lines)
+        progress("writes the page")
+        paths = write_evaluation(content, lines, out)
+        cells.clear()
     return content, lines, paths

@@ -21,12 +21,12 @@ from gapscope.agents.training.training_loop import (
 from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.agents.training.tuning import tune
 from gapscope.arm.errors import GapscopeError, InputError
+from gapscope.arm.folder_lock import locked
 from gapscope.arm.io.json_file import to_json, write_json
 from gapscope.commands.inputs import read_arm
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import error_context, read_corrected
 from gapscope.envs.episode_info import described
-from gapscope.outputs.folder import make_folder
 from gapscope.provenance import fingerprint
 from gapscope.reports.training.page import write_page
 
@@ -73,10 +73,20 @@ def train_files(
     task.check(settings)
     with error_context(effects, hidden or ()):
         task.hidden_arm(settings).close()
-    make_folder(out)
-    _claim(out, _asked(task, settings, trials), again)
-    if trials:
-        return {}, [tune(task, settings, trials, out, progress)]
+    with locked(out):
+        _claim(out, _asked(task, settings, trials), again)
+        if trials:
+            return {}, [tune(task, settings, trials, out, progress)]
+        return _train(task, settings, out, progress)
+
+
+def _train(
+    task: Task,
+    settings: TrainingSettings,
+    out: Path,
+    progress: Callable[[str], None],
+) -> tuple[dict[str, Any], list[Path]]:
+    """Train, unless the folder holds the whole result; the content of ``agent.json``, and the files."""
     paths = [out / name for name in (POLICY, CURVE, PAGE, DOCUMENT)]
     if all(path.is_file() for path in paths):
         progress("is done already; --again trains anew")

@@ -12,6 +12,7 @@ from typing import Any
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from gapscope.arm.errors import GapscopeError, InterruptedRunError
+from gapscope.arm.folder_lock import locked
 from gapscope.arm.io.json_file import write_json
 from gapscope.commands.diagnose_path import diagnose_path
 from gapscope.diagnosis.document.diagnosis_json import validate
@@ -24,7 +25,6 @@ from gapscope.diagnosis.fleet.fleet_json import FleetGroup, grouped, units_docum
 from gapscope.diagnosis.reference.reference_file import FOLDER
 from gapscope.interface.reference import kept_reference
 from gapscope.outputs.diagnosis import CASE, CORRECTED, DOCUMENT, REPORT
-from gapscope.outputs.folder import make_folder
 from gapscope.provenance import KEY, made_from
 from gapscope.reports.diagnosis.fleet_tables import fleet_tables
 from gapscope.reports.diagnosis.summary import SummaryRow, render_summary
@@ -102,7 +102,11 @@ def diagnose_all(batch: Batch, progress: Callable[[str], None]) -> int:
         GapscopeError: Ray is not installed, ``out`` cannot be written, or the run was stopped.
     """
     check_backend(batch.backend)
-    make_folder(batch.out)
+    with locked(batch.out):
+        return _diagnose_all(batch, progress)
+
+
+def _diagnose_all(batch: Batch, progress: Callable[[str], None]) -> int:
     for name in (SUMMARY, UNITS):
         (batch.out / name).unlink(missing_ok=True)
     folders = _folders(batch.cases)

@@ -79,6 +79,7 @@ def watch(
     """Follow a recording while it grows, and name what changes: a load, friction, an offset, an encoder."""
     from gapscope.arm.case import load_case
     from gapscope.arm.errors import InputError
+    from gapscope.arm.folder_lock import locked
     from gapscope.arm.robots import load_nominal_arm
     from gapscope.interface.models import corrected_arm
     from gapscope.watching.settings import WatchSettings
@@ -99,21 +100,22 @@ def watch(
     )
     loaded = load_case(case, read_recordings=False) if case else None
     arm = loaded.arm if loaded else load_nominal_arm(str(robot))
-    watched = Watch(corrected_arm(arm, corrected), settings, loaded)
-    model = (
-        f"{arm.name} as {corrected} corrects it"
-        if corrected
-        else f"{arm.name}, nominal"
-    )
-    begun = (
-        "goes on where it ended"
-        if watched.resumed
-        else f"learns from {learn:g} s of motion"
-    )
-    note(f"watching {source} with {model}: {begun}; Ctrl-C ends")
-    with _stop_on_signals() as asked:
-        for event in watched.run(lambda: bool(asked)):
-            say(f"{event.event}: {event.sentence}")
+    with locked(out):
+        watched = Watch(corrected_arm(arm, corrected), settings, loaded)
+        model = (
+            f"{arm.name} as {corrected} corrects it"
+            if corrected
+            else f"{arm.name}, nominal"
+        )
+        begun = (
+            "goes on where it ended"
+            if watched.resumed
+            else f"learns from {learn:g} s of motion"
+        )
+        note(f"watching {source} with {model}: {begun}; Ctrl-C ends")
+        with _stop_on_signals() as asked:
+            for event in watched.run(lambda: bool(asked)):
+                say(f"{event.event}: {event.sentence}")
     share = watched.detector.learnt
     if share < 1:
         note(f"ended while learning, at {share:.0%} of {learn:g} s of motion")
