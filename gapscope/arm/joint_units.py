@@ -16,6 +16,7 @@ SLIDING_UNITS = {
     "rad/s": "m/s",
     "rad/s^2": "m/s^2",
     "rad/s²": "m/s²",
+    "rad/s^3": "m/s^3",
     "N m": "N",
     "N m/s": "N/s",
     "N m/rad": "N/m",

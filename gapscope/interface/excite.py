@@ -35,11 +35,15 @@ class ExcitationResult(Result):
     excitation: Excitation
 
     def save(self, folder: str | Path) -> tuple[Path, ...]:
-        """Write ``trajectory.csv``, and beside it the ROS ``JointTrajectory`` and a page of plots."""
+        """Write ``trajectory.csv``, the ROS ``JointTrajectory``, a page of plots, and a slow version to run first."""
         return self.write(Path(folder) / "trajectory.csv")
 
     def write(self, file: Path) -> tuple[Path, ...]:
-        """Write the CSV ``file``, and ``.yaml`` (ROS ``JointTrajectory``) and ``.html`` (plots) beside it."""
+        """Write the CSV ``file``, and ``.yaml`` (ROS ``JointTrajectory``) and ``.html`` (plots) beside it.
+
+        ``NAME_slow.csv`` and ``.yaml`` are the same path at a fifth of the speed, to be run first. All are checked as
+        written.
+        """
         check_csv(file)
         make_folder(file.resolve().parent)
         return tuple(write_trajectory(self.excitation, self.arm, self.plan, file))

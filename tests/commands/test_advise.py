@@ -46,7 +46,9 @@ def test_an_open_question_gets_a_recording(
         done = gapscope("advise", sick, "--diagnosis", diagnosed, "--out", out, *QUICK)
         assert done.code == 0, done.err
     names = [out, out.with_suffix(".yaml"), out.with_suffix(".html")]
-    assert done.out.splitlines()[-3:] == [f"wrote {path}" for path in names] and all(
+    slow = out.with_name(f"{out.stem}_slow.csv")
+    names += [slow, slow.with_suffix(".yaml")]
+    assert done.out.splitlines()[-5:] == [f"wrote {path}" for path in names] and all(
         p.is_file() for p in names
     )
     assert (

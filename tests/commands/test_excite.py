@@ -30,7 +30,10 @@ def test_writes_csv_ros_trajectory_and_plot(gapscope: Command, tmp_path: Path) -
     done = gapscope("excite", "kuka_iiwa", "--out", out, "--velocity", 1.0, *QUICK)
     assert done.code == 0, done.err
     names = [out, out.with_suffix(".yaml"), out.with_suffix(".html")]
-    assert done.out.splitlines()[-3:] == [f"wrote {path}" for path in names]
+    slow = out.with_name("exciting_slow.csv")
+    names += [slow, slow.with_suffix(".yaml")]
+    assert done.out.splitlines()[-5:] == [f"wrote {path}" for path in names]
+    assert "_slow first" in done.out and len(list(out.parent.iterdir())) == 5
     assert (
         "condition number" in done.out
         and "position [rad]" in done.out

@@ -48,8 +48,20 @@ class Sampled:
 
     @cached_property
     def _curve(self) -> BPoly:
-        m = self.motion
-        return BPoly.from_derivatives(m.t, np.stack([m.q, m.dq, m.ddq], axis=1))
+        # Bernstein coefficients of all steps at once, from both ends inwards
+        m, h = self.motion, np.diff(self.motion.t)[:, None]
+        speed, bend = m.dq / 5, m.ddq / 20
+        start = [
+            m.q[:-1],
+            m.q[:-1] + h * speed[:-1],
+            m.q[:-1] + 2 * h * speed[:-1] + h**2 * bend[:-1],
+        ]
+        end = [
+            m.q[1:] - 2 * h * speed[1:] + h**2 * bend[1:],
+            m.q[1:] - h * speed[1:],
+            m.q[1:],
+        ]
+        return BPoly(np.stack(start + end), m.t)
 
     def position(self, t: np.ndarray) -> np.ndarray:
         """Position [rad] at times t [s] of shape (N,); shape (N, n)."""

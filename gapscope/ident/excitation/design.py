@@ -12,6 +12,7 @@ import numpy as np
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
+from gapscope.arm.motions.sampled import Sampled
 from gapscope.arm.motions.trajectory import Limits, ReferenceMotion
 from gapscope.arm.nominal import NominalArm
 from gapscope.ident.excitation.binding_limit import check_condition
@@ -26,9 +27,10 @@ from gapscope.ident.excitation.limits import Checker, Margin
 from gapscope.ident.excitation.separation import Separated, Separator, Signatures
 from gapscope.ident.excitation.trajectory_parametrisation import Parametrisation
 from gapscope.ident.excitation.trajectory_search import SAMPLES, TrajectorySearch
+from gapscope.ident.excitation.written_check import CHECKED_RATE
 
-CHECKED_RATE = 1000.0
-"""Limits are checked at no less than this rate [Hz], and at every sample that is written."""
+SLOW = 0.2
+"""Speed of the version of a trajectory that is run first, as a share of its own [1]."""
 TIGHTER = {"torque": 0.01, "singular": 0.1, "clearance": 0.01}
 """By how much the limits are tighter in the search: share, share, m."""
 TRIES = 20
@@ -58,6 +60,7 @@ class Excitation:
         feasible: those that kept all limits.
         seconds: time of the search [s].
         left_out: pairs of bodies that touch by construction and are not checked.
+        checker: of the limits, for what is written.
     """
 
     reference: ReferenceMotion
@@ -72,6 +75,7 @@ class Excitation:
     feasible: int
     seconds: float
     left_out: tuple[tuple[str, str], ...]
+    checker: Checker
 
 
 def design(
@@ -185,9 +189,12 @@ def accept(search: TrajectorySearch, final: Checker, plan: ExcitationPlan) -> Ac
     # the search samples coarsely: the best few are checked finely, best first
     for found in search.found[: -TRIES - 1 : -1]:
         reference = search.parametrisation.reference(found.x)
-        motion = sampled(reference, plan.length, plan.rate * parts)
-        margins = final.margins(motion, search.model.torque(motion))
-        broken_here = tuple(margin.name for margin in margins if not margin.kept)
+        # what a controller makes of the samples that are written
+        written = Sampled(sampled(reference, plan.length, plan.rate))
+        motion = sampled(written, written.duration, plan.rate * parts)
+        margins = final.margins(motion, final.torque(motion))
+        slow = final.margin_when_slow(motion, SLOW)
+        broken_here = tuple(m.name for m in (*margins, slow) if not m.spares)
         if not broken_here:
             return Accepted(found.x, reference, margins)
         broken = broken_here
@@ -243,6 +250,7 @@ def _result(
         feasible=search.feasible,
         seconds=seconds,
         left_out=() if final.collision is None else final.collision.left_out,
+        checker=final,
     )
 
 

@@ -7,19 +7,27 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gapscope.arm.dynamics.collision import CollisionModel
+from gapscope.arm.dynamics.feedforward import feedforward
 from gapscope.arm.dynamics.kinematics import Kinematics
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.dynamics.singularity import smallest_singular_value
 from gapscope.arm.errors import InputError
 from gapscope.arm.joint_units import common_unit, joint_unit
 from gapscope.arm.motions.motion import Motion
+from gapscope.arm.motions.sampled import Sampled
 from gapscope.arm.motions.trajectory import Limits
 from gapscope.arm.nominal import NominalArm
 
+JERK_TIME = 0.02
+"""Shortest time in which the acceleration may rise from nothing to its limit [s]: jerk is bounded by their ratio."""
+SPARE = 1e-4
+"""What is kept of a limit for rounding and interpolation of the files: a share [1], or a distance [m]."""
 SURFACE = "surface"
 """Name of the surface among the bodies of a ``CollisionModel``."""
 REMEDIES = {
     "torque": "raise --torque, or lower --acceleration and --velocity",
+    "torque when slow": "raise --torque: the posture alone needs it",
+    "jerk": "lower --frequency, --order or --acceleration",
     "singular value": "lower --singular",
     "distance": "lower --clearance",
     SURFACE: "lower --surface, the height under the arm",
@@ -43,6 +51,11 @@ class Allowed:
     singular: float
     clearance: float
 
+    @property
+    def jerk(self) -> np.ndarray:
+        """Largest jerk [rad/s^3], shape (n,)."""
+        return self.motion.acceleration / JERK_TIME
+
     def tightened(self, torque: float, singular: float, clearance: float) -> Allowed:
         """With a share less torque, a share more distance from singular poses, and more clearance [m]."""
         return replace(
@@ -58,7 +71,7 @@ class Margin:
     """How far a trajectory stays from one limit.
 
     Attributes:
-        name: ``position``, ``velocity``, ``acceleration``, ``torque``, ``singular value`` or ``distance``.
+        name: ``position``, ``velocity``, ``acceleration``, ``jerk``, ``torque``, ``singular value`` or ``distance``.
         unit: of limit and margin.
         limit: the limit; for ``position`` half the range about its middle; shape (n,) or ().
         margin: least distance from the limit over all samples, negative if it is broken; shape (n,) or ().
@@ -75,6 +88,12 @@ class Margin:
     def kept(self) -> bool:
         """Whether the limit holds at every sample, but for rounding."""
         return bool((self.margin >= -1e-9).all())
+
+    @property
+    def spares(self) -> bool:
+        """Whether ``SPARE`` of the limit is left at every sample; of a distance that many metres."""
+        share = 1.0 if self.name == "distance" else self.limit
+        return bool((self.margin >= SPARE * share).all())
 
 
 class Checker:
@@ -100,6 +119,11 @@ class Checker:
         self.allowed, self.collision = allowed, collision
         self._arm, self._body, self._kinematics = arm, body, Kinematics(body)
 
+    def torque(self, motion: Motion) -> np.ndarray:
+        """Nominal torque with armature and data sheet friction [N m], shape (N, n)."""
+        state = motion.q, motion.dq, motion.ddq
+        return feedforward(self._arm, self._body, "nominal", *state)
+
     def singular_value(self, q: np.ndarray) -> np.ndarray:
         """Smallest singular value of the tool's Jacobian at q [rad], (N, n); shape (N,)."""
         return smallest_singular_value(self._kinematics, q)
@@ -120,9 +144,9 @@ class Checker:
             (limits.upper + limits.lower) / 2,
             (limits.upper - limits.lower) / 2,
         )
-        rad, speed, acceleration, force = (
+        rad, speed, acceleration, jerk, force = (
             common_unit(unit, self._arm.sliding)
-            for unit in ("rad", "rad/s", "rad/s^2", "N m")
+            for unit in ("rad", "rad/s", "rad/s^2", "rad/s^3", "N m")
         )
         out = [
             _margin("position", rad, half, half - np.abs(motion.q - middle), t),
@@ -144,6 +168,12 @@ class Checker:
                 "torque", force, allowed.torque, allowed.torque - np.abs(torque), t
             ),
         ]
+        if len(t) > 1:
+            # over each step, counted at its end
+            change = np.abs(np.diff(motion.ddq, axis=0)) * motion.rate
+            out.append(
+                _margin("jerk", jerk, allowed.jerk, allowed.jerk - change, t[1:])
+            )
         if allowed.singular > 0:
             slack = self.singular_value(motion.q) - allowed.singular
             out.append(
@@ -153,6 +183,13 @@ class Checker:
             slack = self.distance(motion.q) - allowed.clearance
             out.append(_margin("distance", "m", np.array(allowed.clearance), slack, t))
         return tuple(out)
+
+    def margin_when_slow(self, motion: Motion, speed: float) -> Margin:
+        """Margin to the torque limits of the same path at ``speed`` times the speed [1]; gravity may need more then."""
+        slow = Sampled(motion).slower(speed).motion
+        slack = self.allowed.torque - np.abs(self.torque(slow))
+        unit = common_unit("N m", self._arm.sliding)
+        return _margin("torque when slow", unit, self.allowed.torque, slack, motion.t)
 
     def check_static(self, postures: np.ndarray) -> None:
         """Check that some posture can be held at all, given many within the position limits, shape (N, n).

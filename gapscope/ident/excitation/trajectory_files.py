@@ -6,14 +6,18 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.write_case import write_columns
 from gapscope.arm.motions.motion import Motion
+from gapscope.arm.motions.sampled import Sampled
 
 ROS_RATE = 100.0
 """Points per second of a ``JointTrajectory``, about [Hz]; controllers interpolate between them."""
+POINTS_PER_PERIOD = 25.0
+"""Points per period of the highest frequency at least, if there are as many samples [1]."""
 
 
 def write_csv(motion: Motion, path: Path) -> None:
@@ -30,10 +34,12 @@ def write_csv(motion: Motion, path: Path) -> None:
     write_columns(columns, path)
 
 
-def write_joint_trajectory(motion: Motion, joints: Sequence[str], path: Path) -> None:
+def write_joint_trajectory(
+    motion: Motion, joints: Sequence[str], path: Path, rate: float = ROS_RATE
+) -> None:
     """Write a ``trajectory_msgs/JointTrajectory`` as YAML, as ``ros2 topic pub`` and controllers take it.
 
-    Positions, velocities and accelerations at about ``ROS_RATE`` points per second, first and last sample included.
+    Positions, velocities and accelerations at about ``rate`` points per second, first and last sample included.
 
     Raises:
         InputError: the number of names is not that of the joints.
@@ -44,7 +50,7 @@ def write_joint_trajectory(motion: Motion, joints: Sequence[str], path: Path) ->
             f"{len(joints)} names for {motion.q.shape[1]} joints", where="joints"
         )
     last = len(motion.t) - 1
-    step = max(1, round(motion.rate / ROS_RATE))
+    step = max(1, round(motion.rate / rate))
     rows = np.unique([*range(0, last + 1, step), last])
     lines = [
         "header: {stamp: {sec: 0, nanosec: 0}, frame_id: ''}",
@@ -63,6 +69,19 @@ def write_joint_trajectory(motion: Motion, joints: Sequence[str], path: Path) ->
         ]
     with atomic_write(path) as aside:
         aside.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def read_joint_trajectory(path: Path) -> Sampled:
+    """The reference motion of a file that ``write_joint_trajectory`` wrote."""
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    points = yaml.load(path.read_text(encoding="utf-8"), loader)["points"]
+    stamps = [point["time_from_start"] for point in points]
+    t = np.array([stamp["sec"] + 1e-9 * stamp["nanosec"] for stamp in stamps])
+    series = (
+        np.array([point[key] for point in points])
+        for key in ("positions", "velocities", "accelerations")
+    )
+    return Sampled(Motion(t, *series))
 
 
 def _numbers(values: np.ndarray) -> str:

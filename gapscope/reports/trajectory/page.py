@@ -38,7 +38,7 @@ def write_page(
     facts = (
         f"{plan.kind}, {plan.length:g} s, criterion {plan.criterion}: condition number {found.condition:.3g} of "
         f"{len(found.names)} base columns scaled to unit norm, {found.inertial_condition:.3g} of the inertial ones "
-        "alone."
+        "alone. Run the files that end in _slow first: the same path at a fraction of the speed."
     )
     figure = figure_html(
         _figure(found, arm.sliding),

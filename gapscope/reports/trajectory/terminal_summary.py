@@ -6,7 +6,7 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from gapscope.ident.excitation.design import Excitation
+from gapscope.ident.excitation.design import SLOW, Excitation
 from gapscope.ident.excitation.excitation_plan import ExcitationPlan
 
 
@@ -36,7 +36,8 @@ def summary(found: Excitation, plan: ExcitationPlan) -> list[str]:
 
 def margin_table(found: Excitation) -> Table:
     """Least margin to each limit of the joints, with the limit."""
-    per_joint = [margin for margin in found.margins if margin.limit.ndim]
+    # jerk has a line of its own: its column would not fit
+    per_joint = [m for m in found.margins if m.limit.ndim and m.name != "jerk"]
     table = Table(
         title="least margin to each limit, and the limit", title_justify="left"
     )
@@ -50,9 +51,12 @@ def margin_table(found: Excitation) -> Table:
 
 
 def margin_lines(found: Excitation) -> list[str]:
-    """Least margin to each limit of the whole arm."""
+    """Least margin to each limit of the whole arm, and what to run first."""
     lines = []
     for margin in found.margins:
+        if margin.name == "jerk":
+            used = 1 - float((margin.margin / margin.limit).min())
+            lines.append(f"jerk: at most {used:.0%} of its limit, at {margin.at:.2f} s")
         if margin.limit.ndim:
             continue
         unit = "" if margin.unit == "1" else f" {margin.unit}"
@@ -61,4 +65,7 @@ def margin_lines(found: Excitation) -> list[str]:
             f"{margin.name}: at least {least:.4g}{unit} (limit {float(margin.limit):.4g}), "
             f"least at {margin.at:.2f} s"
         )
+    lines.append(
+        f"run the files that end in _slow first: the same path at {SLOW:g} times the speed"
+    )
     return lines

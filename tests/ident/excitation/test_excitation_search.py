@@ -110,9 +110,8 @@ def test_optimiser_keeps_all_limits_and_repeats_itself(
     limits = LIMITS.allowed(arm, body)
     assert (np.abs(found.motion.dq) <= limits.motion.velocity).all()
     assert (np.abs(found.torque) <= limits.torque).all()
-    assert {"position", "velocity", "acceleration", "torque", "distance"} == {
-        m.name for m in found.margins
-    }
+    kinds = {"position", "velocity", "acceleration", "jerk", "torque", "distance"}
+    assert kinds == {m.name for m in found.margins}
     for ends in (found.motion.dq[[0, -1]], found.motion.ddq[[0, -1]]):
         np.testing.assert_allclose(ends, 0.0, atol=1e-8)
 

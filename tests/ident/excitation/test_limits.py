@@ -158,6 +158,7 @@ def test_margins_say_how_far_when_and_which(
     np.testing.assert_allclose(margins["position"].margin, [1.7, 0.1, 1.6])
     assert margins["position"].at == 0.5
     np.testing.assert_allclose(margins["velocity"].margin, limits.velocity)
+    np.testing.assert_allclose(margins["jerk"].margin, limits.acceleration / 0.02)
     np.testing.assert_allclose(
         margins["torque"].margin, 40.0 - np.abs(torque).max(axis=0)
     )
@@ -165,6 +166,7 @@ def test_margins_say_how_far_when_and_which(
         "position",
         "velocity",
         "acceleration",
+        "jerk",
         "torque",
         "singular value",
         "distance",
