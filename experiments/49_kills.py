@@ -5,11 +5,11 @@ Usage, from the top of the repository; a run that was stopped goes on where it w
     python experiments/49_kills.py out/kills                       200 disturbances
     python experiments/49_kills.py out/kills --kills 1000 --only diagnose --only train
 
-A disturbance comes at a file operation in the folder of results, drawn at random, or up to 20 ms after it, since
-most moments of a run write nothing. Kinds: SIGKILL, SIGINT, a full disk (a small tmpfs if run by root, else a limit
-on the size of a file), a folder that turns read-only, a clock set back by a day with files from the future. After each, every file with
-a final name has to equal that of an undisturbed run, and running the same command again has to end as an undisturbed
-run does. Lines that differ between two undisturbed runs are left out of the comparison.
+A disturbance comes at a file operation in the folder of results, drawn at random, or up to 20 ms after it, since most
+moments of a run write nothing. Kinds: SIGKILL, SIGINT, a full disk (a small tmpfs if run by root, else a limit on the
+size of a file), a folder that turns read-only, a clock set back by a day with files from the future. After each,
+every file with a final name has to equal that of an undisturbed run, and running the same command again has to end as
+an undisturbed run does. Lines that differ between two undisturbed runs are left out of the comparison.
 """
 
 from __future__ import annotations
@@ -80,10 +80,12 @@ def reference(name: str, command: list[str], work: Path) -> dict[str, Any]:
             place = work / "run" / "results"
             shutil.rmtree(place.parent, ignore_errors=True)
             place.parent.mkdir(parents=True)
-            ended = run(command, place, count=folder.with_suffix(".count"))
+            counted = place.parent / "count"
+            ended = run(command, place, count=counted)
             if ended.returncode:
                 raise SystemExit(f"{name}: {ended.stderr}")
             shutil.copytree(place, folder)
+            counted.replace(folder.with_suffix(".count"))
     return {"folders": folders, "operations": int(count.read_text())}
 
 

@@ -14,7 +14,7 @@ from gapscope.arm.controller import Controller
 from gapscope.arm.errors import InputError
 from gapscope.arm.folder_lock import locked
 from gapscope.arm.io.controller_file import read_controller
-from gapscope.arm.io.write_case import write_case
+from gapscope.arm.io.write_case import is_used, write_case
 from gapscope.arm.nearest_name import check_known, nearest
 from gapscope.arm.nominal import NominalArm
 from gapscope.commands.inputs import read_arm_and_controller
@@ -115,7 +115,7 @@ def _with_faults(
 
 def _check_places(effects: Path, out: Path, sealed: Path | None) -> None:
     """Check, before any work, that the case can be made there and that a sealed truth stays out of it."""
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+    if is_used(out):
         raise InputError("exists already", "choose a new folder with --out", file=out)
     if sealed is None:
         return

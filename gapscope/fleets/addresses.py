@@ -141,7 +141,9 @@ def _below(system: Any, root: str, address: str) -> Iterator[CaseAddress]:
         return
     listed = system.find(root, detail=True)
     folders = {
-        _parent(path) for path in listed if PurePosixPath(path).name == CASE_FILE
+        _parent(path)
+        for path in listed
+        if PurePosixPath(path).name == CASE_FILE and not _is_hidden(path, root)
     }
     files: dict[str, dict[str, Any]] = {folder: {} for folder in sorted(folders)}
     for path, info in listed.items():
@@ -177,6 +179,12 @@ def _case_folder(path: str, folders: set[str]) -> str | None:
         if path in folders:
             return path
     return None
+
+
+def _is_hidden(path: str, root: str) -> bool:
+    """Whether a folder below the root is hidden, as those of cases that are not written to their end."""
+    parts = PurePosixPath(_inside(path, root.rstrip("/"))).parts
+    return any(part.startswith(".") for part in parts)
 
 
 def _parent(path: str) -> str:

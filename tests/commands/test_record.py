@@ -11,6 +11,7 @@ import yaml
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.control.pd import PD
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.folder_lock import LOCK
 from gapscope.arm.io.formats.table_files import read_csv, read_npz, read_parquet
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
@@ -50,6 +51,17 @@ def _record(
 def _case(arm: NominalArm, *applied: AppliedEffect, **settings: object) -> Case:
     plan = replace(Plan(recordings=1, duration=2.0), **settings)
     return record_case("made", arm, applied, plan, np.random.default_rng(0))
+
+
+def test_record_goes_on_where_a_killed_one_left_its_lock(
+    effects: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "case").mkdir()
+    (tmp_path / "case" / LOCK).write_text("{}")
+    assert _record(effects, tmp_path / "case") == 0
+    names = {path.name for path in (tmp_path / "case").iterdir()}
+    recordings = {"recording_1.csv", "recording_2.csv"}
+    assert names == {"case.yaml", "robot.urdf", "truth.yaml", *recordings}
 
 
 @pytest.mark.parametrize("ending", ["csv", "parquet", "npz"])

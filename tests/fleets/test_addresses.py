@@ -44,6 +44,7 @@ def got(address: str, to: Path, most: int = 10_000) -> int:
 def test_folders_patterns_archives_and_lists(tmp_path: Path, memory: Any) -> None:
     for name in ("a/2026-01-01", "b", "b/deeper"):
         put(tmp_path / name)
+    put(tmp_path / "b" / ".deeper.x1" / "new")  # not written to its end
     found = [case.address for case in find_cases(str(tmp_path))]
     assert found == [f"{tmp_path}/{name}" for name in ("a/2026-01-01", "b", "b/deeper")]
     assert [c.address for c in find_cases(f"{tmp_path}/*/2026*")] == found[:1]

@@ -122,7 +122,7 @@ def write_case(
         GapscopeError: the folder cannot be written.
     """
     folder = Path(folder)
-    if _is_used(folder):
+    if is_used(folder):
         if not (folder / "case.yaml").is_file():
             raise InputError(
                 "exists and is not a case", "choose a new folder", file=folder
@@ -152,8 +152,8 @@ def write_case(
     return folder / "case.yaml"
 
 
-def _is_used(folder: Path) -> bool:
-    """Whether a place holds anything but the lock of the run that asks."""
+def is_used(folder: Path) -> bool:
+    """Whether a place holds anything but the lock of a run: the one that asks, or one that was killed."""
     if not folder.is_dir():
         return folder.exists()
     return any(path.name != LOCK for path in folder.iterdir())
