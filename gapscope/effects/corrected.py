@@ -34,6 +34,7 @@ from gapscope.effects.effect import (
 from gapscope.effects.environment import BASE_TILT, tilt
 from gapscope.effects.free_play import behind_play
 from gapscope.effects.friction import LOAD
+from gapscope.effects.passivity import check_totals
 from gapscope.effects.presliding import friction_direction
 from gapscope.effects.residual.model import ResidualNetwork
 from gapscope.effects.rigid_body import ARMATURE
@@ -62,7 +63,8 @@ class CorrectedArm:
         """Check that every joint, coupled motor and link named exists, and that no effect contradicts itself.
 
         Raises:
-            InputError: a joint, motor or link does not exist, or an effect that cannot add occurs twice at one place.
+            InputError: a joint, motor or link does not exist, or an effect that cannot add occurs twice at one place;
+                or friction or armature is negative in total, which would feed energy in.
         """
         if self.residual is not None:
             self.residual.check(self.arm.n_joints)
@@ -82,6 +84,7 @@ class CorrectedArm:
                     where=applied.name,
                 )
             places |= here
+        check_totals(self.arm, [e.name for e in self.effects], self.value)
 
     def _check_motors(self, applied: AppliedEffect) -> None:
         """Check that an effect of coupled motors is on motors that are declared as coupled."""

@@ -36,6 +36,7 @@ from gapscope.diagnosis.model.terms import (
     parametrisation_of,
 )
 from gapscope.diagnosis.selection.fold_equations import FoldEquations, mean_squares
+from gapscope.diagnosis.selection.possible_bodies import feeds_energy
 from gapscope.diagnosis.thresholds import (
     BUILT_IN_CHANGE,
     LEAST_DELAY,
@@ -308,6 +309,11 @@ class Evidence:
         # a payload is part of the last link
         if payload | {last_link} <= terms:
             impossible |= payload
+        taken = theta[self.terms.block("payload")[0]].min() < 0
+        if taken and payload <= terms:
+            loads = self.terms.effects(theta, payload)
+            if feeds_energy(self.linear.arm, self.linear.body, loads):
+                impossible |= payload
         return impossible
 
 

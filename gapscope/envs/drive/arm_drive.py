@@ -16,9 +16,10 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import LinkChange, Transmission
 from gapscope.effects.environment import BASE_TILT
+from gapscope.effects.passivity import total
 from gapscope.effects.rigid_body import ARMATURE
 from gapscope.envs.drive.coupled_motors import CoupledMotors
-from gapscope.envs.drive.friction import Friction, total
+from gapscope.envs.drive.friction import Friction
 from gapscope.envs.drive.loads import Loads, check_simulated
 from gapscope.envs.drive.path import TorquePath
 from gapscope.envs.drive.substeps import least_inertia, mass_matrices, substeps

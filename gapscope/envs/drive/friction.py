@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from gapscope.arm.errors import InputError
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.friction import (
     COULOMB,
@@ -14,26 +13,11 @@ from gapscope.effects.friction import (
     STRIBECK,
     VISCOUS,
 )
+from gapscope.effects.passivity import total
 from gapscope.envs.drive.rows import Rows
 
 DRIFT_PERIOD = 0.016
 """Drift, whose time constant is seconds and more, is brought up to date this often [s]."""
-
-
-def total(values: np.ndarray, name: str, unit: str) -> np.ndarray:
-    """Values per joint that may not be negative, since that would feed energy in, shape (n,).
-
-    Raises:
-        InputError: one is negative.
-    """
-    if (values < 0).any():
-        joint = int(values.argmin())
-        raise InputError(
-            f"nominal value plus effect is {values[joint]:.4g} {unit} at joint {joint + 1}, which would feed energy in",
-            "give an increment that leaves the total at zero or above",
-            where=name,
-        )
-    return values
 
 
 class Friction(Rows):
@@ -74,8 +58,8 @@ class Friction(Rows):
         speed = value(STRIBECK.name, "velocity")
         saturation = value(SATURATING.name, "torque")
         saturation_speed = value(SATURATING.name, "velocity")
-        total(coulomb, COULOMB.name, "N m")
-        total(viscous, VISCOUS.name, "N m s/rad")
+        coulomb = total(coulomb, COULOMB.name, "N m")
+        viscous = total(viscous, VISCOUS.name, "N m s/rad")
         self._coulomb = coulomb[order]
         self._load = value(LOAD.name, "coefficient")[order]
         self._peak = self._drifted_peak = peak[order]

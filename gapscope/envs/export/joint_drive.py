@@ -9,7 +9,7 @@ import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.envs.drive.friction import total
+from gapscope.effects.passivity import total
 from gapscope.envs.drive.substeps import least_inertia, mass_matrices
 from gapscope.envs.drive.two_mass import teeth
 

@@ -11,7 +11,7 @@ from gapscope.effects.coupled_motors import (
     COUPLED_COULOMB,
     COUPLED_VISCOUS,
 )
-from gapscope.envs.drive.friction import total
+from gapscope.effects.passivity import total
 from gapscope.envs.export.plain_arm import PlainArm
 
 ATTRIBUTES = (

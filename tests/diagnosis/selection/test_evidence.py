@@ -76,6 +76,21 @@ def test_a_payload_is_not_fitted_beside_a_change_of_the_last_link():
     assert payload in nominal.evidence.fit(both).impossible
 
 
+@pytest.mark.parametrize(
+    ("mass", "com", "possible"),
+    [(-0.5, (0.0, 0.0, 0.15), True), (-1.0, (0.0, 0.0, 0.6), False)],
+)
+def test_a_payload_that_takes_more_inertia_than_the_last_link_has_cannot_be(
+    mass: float, com: tuple[float, float, float], possible: bool
+) -> None:
+    """The fit finds the values; a simulator could gain energy from those of the second, so it may not name them."""
+    nominal = model(Truth(mass=mass, com=com))
+    (payload,) = nominal.terms.of("payload")
+    fit = nominal.evidence.fit(frozenset({payload}))
+    assert fit.theta[payload.columns[0]] == pytest.approx(mass, rel=0.1)
+    assert fit.impossible == (frozenset() if possible else {payload})
+
+
 def test_values_left_out_are_those_without_a_half_of_a_recording():
     nominal = model(STIFF)
     true = term(nominal, "coulomb_friction", 2)
