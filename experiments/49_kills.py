@@ -109,7 +109,7 @@ def disturb(
         first = run(command, place, limit, **told)
         set_writable(place)
         cut = kill_files.cut_short(name, place, known["folders"])
-        there = kill_files.finals(place)
+        there = set(kill_files.finals(place))
         if small and ROOT:
             subprocess.run(
                 ["mount", "-o", "remount,size=1g", str(place.parent)], check=True
@@ -123,8 +123,8 @@ def disturb(
             "at": at,
             "code": first.returncode,
             "said": first.stderr[-400:],
-            "lost": len(kill_files.finals(known["folders"][0])) - len(there),
-            "left": [path for path in kill_files.leftovers(place)],
+            "lost": len(set(kill_files.finals(known["folders"][0])) - there),
+            "left": kill_files.leftovers(place),
             "faults": [
                 *(f"cut short: {file}" for file in cut),
                 *(f"traceback: {first.stderr[-600:]}" for _ in "1" if _trace(first)),
@@ -159,9 +159,9 @@ def set_writable(folder: Path) -> None:
     """Undo what turned folders read-only."""
     for path in (folder.parent, folder):
         if path.is_dir():
-            path.chmod(0o755)
             if ROOT:
                 subprocess.run(["chattr", "-i", path], check=False, capture_output=True)
+            path.chmod(0o755)
 
 
 def table(rows: list[dict[str, Any]]) -> str:
@@ -196,12 +196,16 @@ def main() -> None:
         if log.is_file()
         else []
     )
-    for number in range(len(rows), asked.kills):
+    done = {row["number"] for row in rows}
+    for number in range(asked.kills):
+        if number in done:
+            continue
         name = names[number % len(names)]
         kind = KINDS[number // len(names) % len(KINDS)]
         known = reference(name, commands[name], work)
         rng = random.Random(f"{asked.seed} {number}")
         row = disturb(name, kind, commands[name], known, work, rng)
+        row["number"] = number
         rows.append(row)
         with log.open("a") as file:
             file.write(json.dumps(row) + "\n")

@@ -67,11 +67,12 @@ COMMANDS = (
     "residual",
 )
 UNFINISHED = {
+    "diagnose several": ("summary.html", "units.json"),
     "blind run": ("frozen.json",),
     "train": ("checkpoints/", "tensorboard/"),
     "evaluate": ("unfinished/",),
 }
-"""What a command keeps to go on from, and what is written line by line: it grows, and is not yet as at the end."""
+"""What a command keeps to go on from, what it writes line by line, and summaries, which list cases that failed."""
 EVENTS = "tfevents"
 """In the names of TensorBoard's files: one for each process that trained."""
 ID = re.compile(r"[0-9a-f]{8,}|\d{9,}")
@@ -153,11 +154,10 @@ def cut_short(command: str, folder: Path, whole: list[Path]) -> list[str]:
     known = {_plain(name): name for name in finals(whole[0])}
     wrong = []
     for name in finals(folder):
-        if name.startswith(UNFINISHED.get(command, ())):
-            continue
-        if not parses(folder / name):
+        grows = name.startswith(UNFINISHED.get(command, ()))
+        if EVENTS not in name and not parses(folder / name):
             wrong.append(f"{name} cannot be read")
-        elif _plain(name) in known and not _alike(name, folder, whole):
+        elif not grows and _plain(name) in known and not _alike(name, folder, whole):
             wrong.append(f"{name} differs")
     return wrong
 

@@ -53,7 +53,9 @@ def _watch(event: str, arguments: tuple[object, ...]) -> None:
     _operations += 1
     if _operations == AT:
         if DELAY:
-            threading.Timer(DELAY, _disturb).start()
+            later = threading.Timer(DELAY, _disturb)
+            later.daemon = True  # a process that has ended before is left alone
+            later.start()
         else:
             _disturb()
 
