@@ -13,14 +13,13 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from shutil import move
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from gapscope.arm.dynamics.link_poses import link_poses
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.atomic_write import atomic_write, folder_aside
 from gapscope.arm.nominal import NominalArm
 
 POSES_PER_SECOND = 50.0
@@ -67,8 +66,8 @@ def write_mcap(scene: Scene, path: Path) -> None:
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
-    with atomic_write(path) as aside, TemporaryDirectory(dir=path.parent) as folder:
-        bag = Path(folder) / "scene"
+    with atomic_write(path) as aside, folder_aside(path) as folder:
+        bag = folder / "scene"
         with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
             topics: dict[str, Any] = {}
             for topic, stamp, message in _messages(scene, store.types):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import shutil
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -31,3 +33,17 @@ def atomic_write(path: Path | str) -> Iterator[Path]:
             f"{path}: cannot be written ({error.strerror})",
             "choose another folder, or check the permissions of this one",
         ) from None
+
+
+@contextmanager
+def folder_aside(place: Path) -> Iterator[Path]:
+    """A hidden temporary folder beside a place, on the same file system, that goes when the block ends.
+
+    If the place has turned read-only it stays (``tempfile.TemporaryDirectory`` recurses without end there). Raises:
+        OSError: it cannot be made.
+    """
+    aside = Path(tempfile.mkdtemp(prefix=f".{place.name}.", dir=place.parent))
+    try:
+        yield aside
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import re
 import shutil
-import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from gapscope.arm.case import Case
 from gapscope.arm.coupling import coupling_entries
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.folder_lock import LOCK
-from gapscope.arm.io.atomic_write import atomic_write
+from gapscope.arm.io.atomic_write import atomic_write, folder_aside
 from gapscope.arm.io.controller_file import controller_section
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import CHANNELS, Recording
@@ -135,10 +134,8 @@ def write_case(
             )
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(
-            prefix=f".{folder.name}.", dir=folder.parent
-        ) as aside:
-            fresh, old = Path(aside) / "new", Path(aside) / "old"
+        with folder_aside(folder) as aside:
+            fresh, old = aside / "new", aside / "old"
             fresh.mkdir()
             _fill(case, fresh, ending)
             beside(fresh)
