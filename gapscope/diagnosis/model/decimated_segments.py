@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gapscope.ident.signals.conditioning import Segment, low_pass
+from gapscope.ident.signals.conditioning import Segment
+from gapscope.ident.signals.decimating_filter import low_passed_rows
 
 
 class DecimatedSegments:
@@ -22,15 +23,11 @@ class DecimatedSegments:
 
     def thin(self, series: np.ndarray, segment: Segment) -> np.ndarray:
         """Series of a segment, filtered, trimmed, and decimated to about twice the filter's cut-off."""
-        inner = segment.inner
-        out = np.zeros(
-            (len(range(inner.start, inner.stop, self.step(segment))), *series.shape[1:])
-        )
-        moving = series.any(axis=0)
-        if moving.any() or moving.ndim == 0:
-            kept = low_pass(series[:, moving], segment.motion.rate, self.cutoff)
-            out[:, moving] = kept[inner.start : inner.stop : self.step(segment)]
-        return out
+        inner, rate = segment.inner, segment.motion.rate
+        kept = slice(inner.start, inner.stop, self.step(segment))
+        flat = series.reshape(len(series), -1)
+        rows = low_passed_rows(flat, rate, self.cutoff, kept)
+        return rows.reshape(len(rows), *series.shape[1:])
 
     def rows(self, series: Sequence[np.ndarray]) -> np.ndarray:
         """Series of every segment, (N, K) each, on its rows, one below the other, (M, K)."""
