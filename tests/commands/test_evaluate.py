@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -27,9 +28,10 @@ def test_writes_page_document_and_csv(
 ) -> None:
     out = tmp_path / "deep" / "out"
     (sick / "identification.json").write_text(
-        json.dumps({"files": {"case": "case.yaml", "effects": "../corrected.yaml"}}),
+        json.dumps({"files": {"case": "case.yaml", "effects": "effects.yaml"}}),
         encoding="utf-8",
     )
+    shutil.copy(corrected, sick / "effects.yaml")
     models = (
         "pd",
         "nominal",

@@ -204,14 +204,7 @@ class TestSegment:
             data = FitData(nominal, of, [[piece]], CUTOFF)
             effects = terms.effects(theta)
             results.append(
-                columns(
-                    CorrectedArm(nominal, effects),
-                    of,
-                    piece,
-                    data.bodies[0],
-                    terms,
-                    theta,
-                )
+                columns(CorrectedArm(nominal, effects), data, 0, terms, theta)
             )
         (base, x), (expected, y) = results
         np.testing.assert_allclose(base, expected, atol=1e-6)

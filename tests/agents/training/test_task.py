@@ -73,8 +73,9 @@ def files(arm: NominalArm, tmp_path: Path) -> dict[str, str]:
     write_case(Case("rod", Path(), identified, (still,)), tmp_path / "identified")
     document = tmp_path / "identified" / "identification.json"
     document.write_text(
-        json.dumps({"files": {"case": "case.yaml", "effects": "../corrected.yaml"}})
+        json.dumps({"files": {"case": "case.yaml", "effects": "effects.yaml"}})
     )
+    write_corrected("rod", EFFECTS, tmp_path / "identified" / "effects.yaml")
     names = {
         "corrected": "corrected.yaml",
         "network": "with_network.yaml",

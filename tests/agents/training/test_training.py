@@ -193,7 +193,7 @@ def test_an_agent_is_read_back_and_checked(
     content = json.loads((out / "agent.json").read_text())
     content["files"] = {}
     (out / "agent.json").write_text(json.dumps(content))
-    with pytest.raises(InputError, match="no policy"):
+    with pytest.raises(InputError, match="no document of a trained agent"):
         read_agent(out, arm)
     with pytest.raises(InputError, match="no trained agent"):
         read_agent(tmp_path, arm)
