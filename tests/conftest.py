@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import tempfile
 from importlib.util import find_spec
+from multiprocessing.util import Finalize
 from pathlib import Path
+from shutil import rmtree
 
 import pytest
 
@@ -23,9 +25,10 @@ def pytest_configure(config: pytest.Config) -> None:
         return  # a worker has the folder of the process that started it
     os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", tempfile.gettempdir())
     # a short name: paths of sockets have at most 107 characters
-    folder = tempfile.TemporaryDirectory(prefix="gapscope-", ignore_cleanup_errors=True)
-    os.environ["TMPDIR"] = tempfile.tempdir = folder.name
-    config.add_cleanup(folder.cleanup)
+    folder = tempfile.mkdtemp(prefix="gapscope-")
+    os.environ["TMPDIR"] = tempfile.tempdir = folder
+    # after multiprocessing's own temporary folder, which lies in it and has the priority -100
+    Finalize(None, rmtree, (folder, True), exitpriority=-200)
 
 
 @pytest.fixture(scope="session")
