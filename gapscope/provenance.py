@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.case import Case, case_files
-from gapscope.arm.input_file import read_bytes
+from gapscope.arm.input_file import digest_of, read_bytes
 
 KEY = "made_from"
 """Key of ``diagnosis.json`` and of an evaluation's finished cells."""
@@ -92,7 +92,7 @@ def _case_hash(case: Case | Path) -> str:
     assert path is not None
     digest = hashlib.sha256()
     for file in case_files(path):
-        content = hashlib.sha256(_read(file)).digest()
+        content = digest_of(file, "check the path")
         digest.update(file.name.encode() + b"\0" + content)
     return digest.hexdigest()
 

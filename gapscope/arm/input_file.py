@@ -6,6 +6,7 @@ a FIFO, which nobody may ever write to, a device that never ends, a socket. Link
 
 from __future__ import annotations
 
+import hashlib
 import os
 import stat
 from collections.abc import Iterable
@@ -13,6 +14,8 @@ from pathlib import Path
 
 from gapscope.arm.errors import InputError
 
+PIECE = 2**20
+"""Bytes that are read at a time of a file of any size."""
 LARGEST_DOCUMENT = 50_000_000
 """Size of the largest YAML, JSON, URDF or MJCF file that is read [bytes]; those of any arm have less than a tenth."""
 LARGEST_IN_MEMORY = 2_000_000_000
@@ -105,6 +108,25 @@ def read_bytes(
         raise InputError(
             f"cannot be read ({error.strerror})", remedy, file=path
         ) from None
+
+
+def digest_of(path: Path, remedy: str) -> bytes:
+    """SHA-256 of a file of any size, read piece by piece.
+
+    Raises:
+        InputError: as ``read_bytes``.
+    """
+    check_file(path, remedy)
+    digest = hashlib.sha256()
+    try:
+        with path.open("rb") as file:
+            while piece := file.read(PIECE):
+                digest.update(piece)
+    except OSError as error:
+        raise InputError(
+            f"cannot be read ({error.strerror})", remedy, file=path
+        ) from None
+    return digest.digest()
 
 
 def read_text(path: Path, remedy: str, largest: int = LARGEST_DOCUMENT) -> str:

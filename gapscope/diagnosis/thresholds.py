@@ -32,8 +32,8 @@ EFFECT_FORM = 0.03  # Share of its torque by which a real effect differs from th
 
 # --- gap: long recordings
 # Recordings longer than this in all are looked at in windows [s]... (budget)
-LONG_RECORDINGS = 180.0
-EXAMINED = 120.0  # ...of this length in all [s]... (budget)
+LONG_RECORDINGS = 300.0
+EXAMINED = 180.0  # ...of this length in all [s]... (budget)
 WINDOW = 10.0  # ...and of about this length each [s], a period of most exciting motions... (hand)
 LEAST_WINDOW = 4.0  # ...or of many recordings no less than this [s]. (hand)
 MOST_FOLDS = 6  # Folds whose equations are kept apart; of more recordings neighbours share one. (budget)
