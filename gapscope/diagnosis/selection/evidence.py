@@ -24,23 +24,22 @@ from functools import cached_property
 
 import numpy as np
 
-from gapscope.arm.joint_units import size_per_radian
-from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.model.linearisation import Linearisation
 from gapscope.diagnosis.model.normal_equations import NormalEquations
 from gapscope.diagnosis.model.terms import (
     Term,
-    Terms,
     cost,
     count_findings,
-    parametrisation_of,
+)
+from gapscope.diagnosis.selection.coordinate_limits import (
+    lowest_values,
+    stated_bounds,
+    usual_sizes,
 )
 from gapscope.diagnosis.selection.fold_equations import FoldEquations, mean_squares
 from gapscope.diagnosis.selection.possible_bodies import feeds_energy
 from gapscope.diagnosis.thresholds import (
     BUILT_IN_CHANGE,
-    LEAST_DELAY,
-    LEAST_LINK_MASS,
     NEW_EFFECT,
     PRIOR_EXPONENT,
     SKEW_CHARGE,
@@ -102,12 +101,12 @@ class Evidence:
         self.linear, self.level = linearisation, level
         self.torque, self.scored = torque, scored
         self.terms = linearisation.terms
-        self.lowest = _lowest(linearisation)
-        self._bounds = _stated(linearisation)
+        self.lowest = lowest_values(linearisation.arm, linearisation.body, self.terms)
+        self._bounds = stated_bounds(linearisation.arm, self.terms)
         samples_per_row = scored.independent / np.maximum(scored.count, 1e-9)
         self.weights = samples_per_row / (scored_mse + scored.expected2)
         self.prior = linearisation.data.prior.at(level)
-        self._usual = _usual(self.terms, linearisation.data.arm)
+        self._usual = usual_sizes(linearisation.data.arm, self.terms)
         by_fold = scored.weighed(self.weights)
         total = by_fold.sum(axis=0)
         self._all = self.normal_equations(total)
@@ -320,52 +319,6 @@ class Evidence:
 def columns_of(terms: Iterable[Term]) -> np.ndarray:
     """Places of terms in theta, in order, shape (C,)."""
     return np.array(sorted(c for t in terms for c in t.columns), dtype=int)
-
-
-def _lowest(linearisation: Linearisation) -> np.ndarray:
-    """Lowest values: friction, armature and the last link's mass may not fall below zero in total.
-
-    A delay must be longer than what sampling explains.
-    """
-    arm, terms = linearisation.arm, linearisation.terms
-    lowest = np.full(terms.size, -np.inf)
-    for effect in terms.definitions:
-        fitted, places = parametrisation_of(effect), terms.block(effect.name)[0]
-        lowest[places] = LEAST_DELAY if effect.delays else fitted.lowest
-        if fitted.data_sheet is not None:
-            lowest[places] = -getattr(arm, fitted.data_sheet) - 1e-9
-    masses = linearisation.body.inertial_parameters()[::10]
-    lowest[terms.block("payload")[0]] = -masses[linearisation.body.last_link]
-    lowest[terms.block("link_inertia")[0]] = (LEAST_LINK_MASS - 1.0) * masses
-    return lowest
-
-
-def _stated(linearisation: Linearisation) -> np.ndarray:
-    """Lower bounds at which values stop, (P,): what the data sheet or the URDF states may be gone altogether.
-
-    Others have none: a value that cannot be speaks against its term, the absence of what is stated does not.
-    """
-    arm, terms = linearisation.arm, linearisation.terms
-    bounds = np.full(terms.size, -np.inf)
-    for effect in terms.definitions:
-        stated = parametrisation_of(effect).data_sheet
-        if stated is not None:
-            nominal = getattr(arm, stated)
-            places = terms.block(effect.name)[0]
-            bounds[places] = np.where(nominal > 0, -nominal, -np.inf)
-    return bounds
-
-
-def _usual(terms: Terms, arm: NominalArm) -> np.ndarray:
-    """Usual sizes of the coordinates, (P,), infinite for those that the torque alone bounds."""
-    usual = np.full(terms.size, np.inf)
-    for effect in terms.definitions:
-        size: float | np.ndarray = parametrisation_of(effect).usual
-        alone = effect.scope == "joint" and len(effect.parameters) == 1
-        if alone and effect.reach != "motor":
-            size = size * size_per_radian(effect.parameters[0].unit, arm.sliding)
-        usual[terms.block(effect.name)] = size
-    return usual
 
 
 def evidences(

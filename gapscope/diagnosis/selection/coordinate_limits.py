@@ -1,0 +1,55 @@
+"""How small the coordinates of terms may be, where they stop, and how large they usually are."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.joint_units import size_per_radian
+from gapscope.arm.nominal import NominalArm
+from gapscope.diagnosis.model.terms import Terms, parametrisation_of
+from gapscope.diagnosis.thresholds import LEAST_DELAY, LEAST_LINK_MASS
+
+
+def lowest_values(arm: NominalArm, body: RigidBody, terms: Terms) -> np.ndarray:
+    """Lowest values: friction, armature and the last link's mass may not fall below zero in total.
+
+    A delay must be longer than what sampling explains.
+    """
+    lowest = np.full(terms.size, -np.inf)
+    for effect in terms.definitions:
+        fitted, places = parametrisation_of(effect), terms.block(effect.name)[0]
+        lowest[places] = LEAST_DELAY if effect.delays else fitted.lowest
+        if fitted.data_sheet is not None:
+            lowest[places] = -getattr(arm, fitted.data_sheet) - 1e-9
+    masses = body.inertial_parameters()[::10]
+    lowest[terms.block("payload")[0]] = -masses[body.last_link]
+    lowest[terms.block("link_inertia")[0]] = (LEAST_LINK_MASS - 1.0) * masses
+    return lowest
+
+
+def stated_bounds(arm: NominalArm, terms: Terms) -> np.ndarray:
+    """Lower bounds at which values stop, (P,): what the data sheet or the URDF states may be gone altogether.
+
+    Others have none: a value that cannot be speaks against its term, the absence of what is stated does not.
+    """
+    bounds = np.full(terms.size, -np.inf)
+    for effect in terms.definitions:
+        stated = parametrisation_of(effect).data_sheet
+        if stated is not None:
+            nominal = getattr(arm, stated)
+            places = terms.block(effect.name)[0]
+            bounds[places] = np.where(nominal > 0, -nominal, -np.inf)
+    return bounds
+
+
+def usual_sizes(arm: NominalArm, terms: Terms) -> np.ndarray:
+    """Usual sizes of the coordinates, (P,), infinite for those that the torque alone bounds."""
+    usual = np.full(terms.size, np.inf)
+    for effect in terms.definitions:
+        size: float | np.ndarray = parametrisation_of(effect).usual
+        alone = effect.scope == "joint" and len(effect.parameters) == 1
+        if alone and effect.reach != "motor":
+            size = size * size_per_radian(effect.parameters[0].unit, arm.sliding)
+        usual[terms.block(effect.name)] = size
+    return usual
