@@ -36,18 +36,12 @@ class Candidates(NamedTuple):
     Attributes:
         values: of the parameter, (K,).
         columns: of its linear coordinates, which lie side by side, on the rows of all segments, (M, K c).
-        products: X^T X of each candidate's columns, (K, c, c).
+        products: X^T X of each candidate's columns, (K, c, c), of columns that are not weighed by trust.
     """
 
     values: np.ndarray
     columns: np.ndarray
-    products: np.ndarray
-
-
-def _candidates(
-    values: np.ndarray, columns: np.ndarray, per_candidate: int = 1
-) -> Candidates:
-    return Candidates(values, columns, products(columns, per_candidate))
+    products: np.ndarray | None = None
 
 
 class CandidateColumns:
@@ -76,7 +70,7 @@ class CandidateColumns:
             torque = recorded_torque(self._data.segments, j)
             limits = _torque_limits(torque)
             lost = [beyond(x, limits) for x in torque]
-            self._limits[j] = _candidates(limits, self._data.rows(lost))
+            self._limits[j] = Candidates(limits, self._data.rows(lost))
         return self._limits[j]
 
     def law(self, term: Term) -> Candidates | None:
@@ -97,7 +91,7 @@ class CandidateColumns:
             columns.append(law_columns(term, values, segment, unknown, unknown))
         if not all(np.isfinite(x).all() for x in columns):
             return None
-        return _candidates(values, self._data.rows(columns))
+        return Candidates(values, self._data.rows(columns))
 
     def _waves(self, j: int) -> Candidates:
         data = self._data
@@ -110,7 +104,8 @@ class CandidateColumns:
             self._sparse(s, waves(cycles, x[:: self._stride(s)]))
             for s, x in zip(data.segments, q, strict=True)
         ]
-        return _candidates(cycles, np.vstack(columns).astype(np.float32), 2)
+        stacked = np.vstack(columns).astype(np.float32)
+        return Candidates(cycles, stacked, products(stacked, 2))
 
     def _stride(self, segment: Segment) -> int:
         """Every how many samples many columns are computed: a divisor of ``step`` that leaves four times the band."""
@@ -153,17 +148,13 @@ def grid_unit(grid: Grid, j: int, segments: list[Segment]) -> float:
     """What the values of a grid count in, in the parameter's own unit: 1, a time [s], or a speed [rad/s]."""
     if grid.unit == "duration":
         # blocks of a recording begin when it has run for a while
-        return max(float(s.motion.t[-1]) for s in segments) - _start(segments)
+        last = max(float(s.motion.t[-1]) for s in segments)
+        return last - min(float(s.motion.t[0]) for s in segments)
     if grid.unit == "largest speed":
         speeds = [np.abs(s.motion.dq[:, j]) for s in segments]
         # a joint that never moves still needs a unit; nothing is found on it
         return max(float(np.quantile(np.concatenate(speeds), FASTEST)), 1e-3)
     return 1.0
-
-
-def _start(segments: list[Segment]) -> float:
-    """The earliest time of all segments [s]."""
-    return min(float(s.motion.t[0]) for s in segments)
 
 
 def law_columns(

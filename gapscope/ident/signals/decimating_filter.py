@@ -42,8 +42,10 @@ def low_passed_rows(
     # of all rows the recursion is cheaper, and near Nyquist its response fades slowly
     if step == 1 or cutoff > MOST_OF_RATE * rate:
         return low_pass(series, rate, cutoff)[kept]
-    short = _short_series(rate, cutoff, count)
-    length = len(short)
+    # stamps give rates that differ by rounding from recording to recording
+    rate = round(rate, 6)
+    length = min(count, 4 * _reach(rate, cutoff))
+    short = _short_series(rate, cutoff, length)
     if length == count:
         return np.asarray(short[rows] @ series)
     out = np.empty((len(rows), series.shape[1]))
@@ -51,7 +53,7 @@ def low_passed_rows(
     out[beginning] = short[rows[beginning]] @ series[:length]
     out[end] = short[rows[end] - (count - length)] @ series[count - length :]
     between = np.flatnonzero(~(beginning | end))
-    reach, band = length // 4, _band(rate, cutoff, count, step)
+    reach, band = length // 4, _band(rate, cutoff, step)
     for block in np.split(between, range(BLOCK, len(between), BLOCK)):
         if len(block):
             first, last = rows[block[0]] - reach, rows[block[-1]] + reach + 1
@@ -59,12 +61,16 @@ def low_passed_rows(
     return out
 
 
+def _reach(rate: float, cutoff: float) -> int:
+    """Samples after which the response has faded."""
+    return int(np.ceil(FADED * rate / cutoff))
+
+
 @lru_cache(maxsize=16)
-def _band(rate: float, cutoff: float, count: int, step: int) -> np.ndarray:
+def _band(rate: float, cutoff: float, step: int) -> np.ndarray:
     """The response in the middle of a series, moved on by ``step`` samples from row to row of a block."""
-    short = _short_series(rate, cutoff, count)
-    centre, reach = len(short) // 2, len(short) // 4
-    response = short[centre, centre - reach : centre + reach + 1]
+    reach = _reach(rate, cutoff)
+    response = _short_series(rate, cutoff, 4 * reach)[2 * reach, reach : 3 * reach + 1]
     band = np.zeros((BLOCK, len(response) + (BLOCK - 1) * step))
     for row, own in enumerate(band):
         own[row * step : row * step + len(response)] = response
@@ -72,7 +78,6 @@ def _band(rate: float, cutoff: float, count: int, step: int) -> np.ndarray:
 
 
 @lru_cache(maxsize=16)
-def _short_series(rate: float, cutoff: float, count: int) -> np.ndarray:
-    """What the low-pass makes of each sample of a series whose ends fade out before the middle, (L, L), L <= N."""
-    reach = int(np.ceil(FADED * rate / cutoff))
-    return low_pass(np.eye(min(count, 4 * reach)), rate, cutoff)
+def _short_series(rate: float, cutoff: float, length: int) -> np.ndarray:
+    """What the low-pass makes of each sample of a series, (L, L)."""
+    return low_pass(np.eye(length), rate, cutoff)
