@@ -293,7 +293,6 @@ VISIBLE_TERM = 0.004  # A joint must gain this much in it to be named with an ef
 COUPLING_CLOSES = 0.2
 # Delays up to this are compared with a lag by their second order in time [s]; longer ones differ anyway. (hand)
 LONGEST_COMPARED_DELAY = 0.025
-BOOTSTRAP_DRAWS = 200  # Draws of the block bootstrap. (budget)
 # Evidence that a changed link needs over a payload [nats]: links seldom change, what they carry does. (hand)
 LINK_OVER_PAYLOAD = 20.0
 DECISIVE_EVIDENCE = 8.0  # Evidence that decides between near-equivalent effects [nats]... (hand)
@@ -369,6 +368,20 @@ REFERENCE_GAP_GROWTH = 2.0  # What the reference leaves is taken to grow with th
 REPLAYED_TICKS = 5_000
 # ...and of an arm with compliant joints, which takes steps as small as its resonance asks for. (budget)
 REPLAYED_TICKS_COMPLIANT = 4_000
+
+# --- document: intervals of values
+VALUE_DRAWS = 400  # Draws of the values behind their intervals. (budget)
+# Relative errors of the nominal inertials that the data may show [1]... (physical)
+INERTIAL_ERRORS = np.geomspace(1e-3, 0.3, 18)
+# ...what they are before the data are looked at [1]: masses by CAD leave out cables, screws and lubricant... (physical)
+INERTIAL_ERROR = 0.03
+INERTIAL_ERROR_FACTOR = 2.5  # ...and the factor by which that is uncertain either way [1]. (hand)
+# Factor by which the errors of one link differ in size from those of another [1]: a published URDF of the Kinova Gen3
+# has masses that are off by 0 to 46 % (docs/real_arms.md). (physical, the value by choice)
+LINK_TO_LINK = 2.0
+# Error of the shape of a body's inertia about its centre, over the error of its mass [1]. (hand)
+SHAPE_ERROR = 0.3
+LINK_CHANGE = 0.3  # Relative change of a link that is named, before the data are looked at [1]. (hand)
 
 # --- localisation: regions and rules
 REGION_SHARE = 0.25  # A region must hold this share of a joint's squared gap to be named [1]... (hand)

@@ -23,7 +23,7 @@ from gapscope.diagnosis.document.parameters import finding_of, parameters
 from gapscope.diagnosis.gap.torque_gap import TorqueGap
 from gapscope.diagnosis.localisation.regimes import regions
 from gapscope.diagnosis.localisation.stacked_rows import MotionRows
-from gapscope.diagnosis.selection.resampling import bootstrap
+from gapscope.diagnosis.selection.value_draws import value_draws
 from gapscope.diagnosis.study import Study
 from gapscope.diagnosis.thresholds import FALSE_DISCOVERY_RATE
 from gapscope.effects.applied import AppliedEffect
@@ -57,7 +57,7 @@ def _findings(
     log_e = log_e_values(selection)
     rates = false_discovery_rates(log_e)
     rng = np.random.default_rng(0)
-    draws = bootstrap(selection.evidence, selection.fit.terms, rng)
+    draws = value_draws(selection.evidence, selection.fit.terms, rng)
     instrumented = {finding_of(e): e for e in study.instrumented_effects}
     by_share = sorted(effects, key=lambda e: shares[finding_of(e)].value, reverse=True)
     findings = []

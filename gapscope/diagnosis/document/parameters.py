@@ -12,6 +12,9 @@ from gapscope.diagnosis.thresholds import SKEWS
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.parameter import Parameter
 
+INTERVAL = 1.96
+"""Standard deviations to either side of a value in a 95 % interval [1]."""
+
 
 def finding_of(applied: AppliedEffect) -> str:
     """Name of an effect's finding: all joints of an effect together, each link on its own."""
@@ -31,7 +34,7 @@ def parameters(
     Args:
         selection: result of the search.
         applied: the effect with its values.
-        draws: values of all terms on bootstrapped data, (draws, P).
+        draws: values of all terms as likely as the data make them, (draws, P).
         instrumented: the effect with values by the commands as instruments, if these are known; they are added for
             parameters that act linearly.
     """
@@ -48,7 +51,7 @@ def parameters(
         elif name == "link":
             std = np.zeros(1)
         else:
-            std = _bootstrap_std(parameter, samples)
+            std = _std_of_draws(parameter, value, samples)
 
         # A skew of sampling acts as a delay: delays and lags are not known better than it.
         skew = SKEWS[1] if applied.effect.delays else 0.0
@@ -84,14 +87,14 @@ def _samples(
     return [dict(to_values(draw[columns], nonlinear)) for draw in draws]
 
 
-def _bootstrap_std(
-    parameter: Parameter, samples: list[dict[str, np.ndarray]]
+def _std_of_draws(
+    parameter: Parameter, value: np.ndarray, samples: list[dict[str, np.ndarray]]
 ) -> np.ndarray:
-    """Half the distance between the 16th and the 84th percentile of a parameter over the draws.
+    """The deviation whose 1.96-fold holds 95 % of the draws to either side of a value.
 
-    Percentiles, because a parameter that is a quotient of coordinates has draws without bound.
+    Not that of the draws: they are no Gaussian, a quotient of coordinates has some without bound, and what is likely
+    under other errors of the nominal arm may lie to one side of the value.
     """
-    drawn = [sample[parameter.name] for sample in samples]
-    inside = np.clip(drawn, *parameter.bounds)
-    low, high = np.percentile(inside, [15.87, 84.13], axis=0)
-    return np.asarray(0.5 * (high - low))
+    drawn = np.array([sample[parameter.name] for sample in samples])
+    inside = np.clip(drawn.reshape(len(drawn), *value.shape), *parameter.bounds)
+    return np.asarray(np.quantile(np.abs(inside - value), 0.95, axis=0) / INTERVAL)

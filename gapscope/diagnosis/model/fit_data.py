@@ -13,6 +13,7 @@ from gapscope.diagnosis.gap.torque_gap import filtered_torque, torque_scale
 from gapscope.diagnosis.model.body_jacobian import Bodies
 from gapscope.diagnosis.model.candidate_columns import CandidateColumns
 from gapscope.diagnosis.model.decimated_segments import DecimatedSegments
+from gapscope.diagnosis.model.inertial_errors import inertial_errors
 from gapscope.diagnosis.model.nuisance_prior import (
     NuisancePrior,
     ReferenceErrors,
@@ -69,9 +70,10 @@ class FitData(DecimatedSegments):
 
     def _prior(self) -> NuisancePrior:
         """What is believed of the nuisances: of the inertials, then of the sensors or of the reference."""
-        joints, inertials = self.arm.n_joints, len(self.units)
+        joints = self.arm.n_joints
         if self.reference is None:
-            return data_sheet_prior(inertials, 3 * joints if self.sensed else 0)
+            errors = inertial_errors(self.body.inertial_parameters(), self.units)
+            return data_sheet_prior(errors, 3 * joints if self.sensed else 0)
         return reference_prior(self.reference, self.units, joints)
 
     def on(self, arm: NominalArm) -> FitData:

@@ -52,22 +52,6 @@ class NormalEquations:
         """Values for each of S sets of C terms' columns, given by their places (S, C); (S, P) or (F, S, P)."""
         return solve_each(self.least, columns, self.bounds)
 
-    def spread_by_nuisances(self, columns: np.ndarray) -> np.ndarray:
-        """Root R of the covariance R R^T that the nuisances add to values of the terms in ``columns``, (C, K).
-
-        Nuisances delta that are as large as the prior says, covariance Q^-1, move the values by
-        L_cc^-1 A^T W N (N^T W N + Q)^-1 Q delta = - L_cc^-1 D_c^T Q delta: little if the data tell them from the terms,
-        however many samples there are if not.
-        """
-        block = self.least[np.ix_(columns, columns)]
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(block), 1e-12))
-        scaled = block * scale[:, None] * scale + 1e-9 * np.eye(len(columns))
-        size, root = positive_root(self.prior)
-        pull = self.delta[:, columns].T @ (root / size[:, None])
-        return np.asarray(
-            scale[:, None] * np.linalg.solve(scaled, scale[:, None] * pull)
-        )
-
     def rest(
         self,
         gram: np.ndarray,

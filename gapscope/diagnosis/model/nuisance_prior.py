@@ -6,9 +6,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from gapscope.arm.motions.motion import Motion
 from gapscope.diagnosis.thresholds import (
+    INERTIAL_ERROR,
+    INERTIAL_ERROR_FACTOR,
+    INERTIAL_ERRORS,
+    LINK_TO_LINK,
     NOMINAL_ERROR,
     REFERENCE_ERROR,
     REFERENCE_GAIN,
@@ -36,6 +41,25 @@ class ReferenceErrors:
 
 
 @dataclass(frozen=True)
+class ErrorSizes:
+    """Sizes that the errors of the nominal arm may have when the intervals of values are drawn.
+
+    Not the levels of the search: these cost evidence, so that errors do not replace effects, and the smallest that
+    suits the data is preferred. Intervals have to hold whatever the size is.
+
+    Attributes:
+        roots: R of the covariance R R^T of the nuisances at each size, (K, k) each.
+        log_prior: of the sizes, up to a constant [nats].
+        unseen: chance that errors that the data do not show have the size of the column, if those that they do show
+            have the size of the row, (L, L): sizes differ from link to link.
+    """
+
+    roots: tuple[np.ndarray, ...]
+    log_prior: np.ndarray
+    unseen: np.ndarray
+
+
+@dataclass(frozen=True)
 class NuisancePrior:
     """Prior of the K nuisances, at several levels of how far the nominal arm may be off.
 
@@ -43,11 +67,13 @@ class NuisancePrior:
         precision: of the nuisances at each level, (K, K).
         levels: the levels that are tried, each with its charge [nats].
         unit: relative error of the inertials at level 1 [1].
+        sizes: what intervals of values are drawn from.
     """
 
     precision: Mapping[float, np.ndarray]
     levels: Mapping[float, float]
     unit: float
+    sizes: ErrorSizes
 
     def at(self, level: float) -> np.ndarray:
         """Precision of the nuisances at a level, (K, K)."""
@@ -58,13 +84,36 @@ LEAST_EIGENVALUE = 1e-11
 """Least eigenvalue of a covariance of unit diagonal that double precision resolves [1]."""
 
 
-def data_sheet_prior(inertials: int, others: int) -> NuisancePrior:
-    """Independent relative errors of the inertials, which a level scales, and of others in units of their spread."""
+def data_sheet_prior(errors: np.ndarray, others: int) -> NuisancePrior:
+    """Errors of the inertials, which a level scales, and of others in units of their spread.
+
+    The search takes relative errors of the inertials as independent; intervals take those of one body together.
+
+    Args:
+        errors: root of the covariance of inertials that are off by their own size, (10 n, 10 n).
+        others: number of the other nuisances.
+    """
     precision = {}
     for level in NOMINAL_ERROR:
-        of_inertials = np.full(inertials, 1.0 / level**2)
+        of_inertials = np.full(len(errors), 1.0 / level**2)
         precision[level] = np.diag(np.concatenate([of_inertials, np.ones(others)]))
-    return NuisancePrior(precision, NOMINAL_ERROR, 1.0)
+    sizes = ErrorSizes(
+        tuple(block_diag(size * errors, np.eye(others)) for size in INERTIAL_ERRORS),
+        _log_normal(INERTIAL_ERRORS / INERTIAL_ERROR, INERTIAL_ERROR_FACTOR),
+        _unseen(INERTIAL_ERRORS),
+    )
+    return NuisancePrior(precision, NOMINAL_ERROR, 1.0, sizes)
+
+
+def _log_normal(ratio: np.ndarray, factor: float) -> np.ndarray:
+    """Logarithm of a density by which ratios of ``factor`` and one over it are one deviation off [nats]."""
+    return np.asarray(-0.5 * (np.log(ratio) / np.log(factor)) ** 2)
+
+
+def _unseen(sizes: np.ndarray) -> np.ndarray:
+    """Chances of the sizes of one link's errors, by row that of another's, (L, L)."""
+    density = np.exp(_log_normal(sizes / sizes[:, None], LINK_TO_LINK))
+    return np.asarray(density / density.sum(axis=1, keepdims=True))
 
 
 def reference_prior(
@@ -92,7 +141,12 @@ def reference_prior(
         whole = np.eye(size + joints) / REFERENCE_GAIN**2
         whole[:size, :size] = inverse(level**2 * identified + day_to_day)
         precision[level] = whole
-    return NuisancePrior(precision, REFERENCE_ERROR, 0.003)
+    sizes = ErrorSizes(
+        tuple(root_of_inverse(precision[level]) for level in REFERENCE_ERROR),
+        -np.array(list(REFERENCE_ERROR.values())),
+        np.eye(len(REFERENCE_ERROR)),
+    )
+    return NuisancePrior(precision, REFERENCE_ERROR, 0.003, sizes)
 
 
 def inverse(matrix: np.ndarray) -> np.ndarray:
@@ -100,9 +154,14 @@ def inverse(matrix: np.ndarray) -> np.ndarray:
 
     Eigenvalues that rounding has made less than ``LEAST_EIGENVALUE`` count as that.
     """
+    root = root_of_inverse(matrix)
+    return np.asarray(root @ root.T)
+
+
+def root_of_inverse(matrix: np.ndarray) -> np.ndarray:
+    """R with R R^T the inverse of a covariance or a precision, as ``inverse`` takes it; of its shape."""
     unit = 1.0 / np.sqrt(np.diag(matrix))
     scaled = matrix * unit[:, None] * unit
     values, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
     kept = np.maximum(values, LEAST_EIGENVALUE)
-    inverted = (vectors / kept) @ vectors.T
-    return np.asarray(inverted * unit[:, None] * unit)
+    return np.asarray(unit[:, None] * vectors / np.sqrt(kept))

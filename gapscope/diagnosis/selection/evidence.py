@@ -88,6 +88,7 @@ class Evidence:
         weights: of the scored rows [1/(N m)^2], (F, m): independent samples per row over the expected mean square.
         prior: precision of the nuisances, in their units, (K, K).
         lowest: lowest value that each coordinate may have, (P,).
+        bounds: value at which each coordinate stops, (P,).
     """
 
     def __init__(
@@ -102,7 +103,7 @@ class Evidence:
         self.torque, self.scored = torque, scored
         self.terms = linearisation.terms
         self.lowest = lowest_values(linearisation.arm, linearisation.body, self.terms)
-        self._bounds = stated_bounds(linearisation.arm, self.terms)
+        self.bounds = stated_bounds(linearisation.arm, self.terms)
         samples_per_row = scored.independent / np.maximum(scored.count, 1e-9)
         self.weights = samples_per_row / (scored_mse + scored.expected2)
         self.prior = linearisation.data.prior.at(level)
@@ -152,7 +153,7 @@ class Evidence:
 
     def normal_equations(self, total: np.ndarray) -> NormalEquations:
         """Normal equations with the nuisances' prior from weighted X^T X, (P + K + 1, P + K + 1), or F."""
-        return NormalEquations(total, self.terms.size, self.prior, self._bounds)
+        return NormalEquations(total, self.terms.size, self.prior, self.bounds)
 
     def fit(self, terms: frozenset[Term]) -> Fit:
         """Fit and score a set of terms; the score is minus infinity if a value could not be."""

@@ -1,4 +1,4 @@
-"""Parameters of a finding: values, deviations of the bootstrap and of the scan, and the skew of sampling."""
+"""Parameters of a finding: values, deviations of the draws and of the scan, and the skew of sampling."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ from gapscope.diagnosis.model.terms import Term
 from gapscope.effects.applied import AppliedEffect
 
 DRAWS = 1001
-QUANTILE = (0.8413 - 0.1587) / 2
-"""Half the distance of the two percentiles of a uniform draw, over its width."""
+QUANTILE = 0.95 / 1.96
+"""Deviation of which 1.96 to either side hold 95 % of draws that spread evenly by 1 to either side."""
 
 
-def uniform(*terms: Term, width: float) -> np.ndarray:
-    """Draws that spread evenly over a width in all columns of some terms."""
+def uniform(*terms: Term, width: float, about: float = 0.0) -> np.ndarray:
+    """Draws that spread evenly by a width to either side of a value in all columns of some terms."""
     draws = np.zeros((DRAWS, TERMS.size))
     for t in terms:
-        draws[:, list(t.columns)] = np.linspace(0.0, width, DRAWS)[:, None]
+        places = list(t.columns)
+        draws[:, places] = about + np.linspace(-width, width, DRAWS)[:, None]
     return draws
 
 
@@ -47,17 +48,26 @@ def test_a_finding_is_an_effect_or_an_effect_on_one_link() -> None:
 
 def test_deviations_are_those_of_the_draws() -> None:
     joints = term("coulomb_friction", 1), term("coulomb_friction", 2)
-    effect = AppliedEffect("coulomb_friction", (1, 2), {"torque": [0.5, 0.7]})
-    out = entries(effect, uniform(*joints, width=0.2), *joints)
-    assert out["torque"]["unit"] == "N m" and out["torque"]["value"] == [0.5, 0.7]
-    assert out["torque"]["std"] == pytest.approx([0.2 * QUANTILE] * 2, rel=1e-3)
+    effect = AppliedEffect("coulomb_friction", (1, 2), {"torque": [0.5, 0.5]})
+    out = entries(effect, uniform(*joints, width=0.2, about=0.5), *joints)
+    assert out["torque"]["unit"] == "N m" and out["torque"]["value"] == [0.5, 0.5]
+    assert out["torque"]["std"] == pytest.approx([0.2 * QUANTILE] * 2, rel=1e-2)
     assert "by_commands" not in out["torque"]
+
+
+def test_draws_that_lie_to_one_side_of_a_value_are_held_as_well() -> None:
+    """Under larger errors of the nominal arm other values are likely than the one that is stated."""
+    joint = term("coulomb_friction", 1)
+    effect = AppliedEffect("coulomb_friction", (1,), {"torque": [0.5]})
+    draws = uniform(joint, width=0.0, about=0.7)
+    std = entries(effect, draws, joint)["torque"]["std"]
+    assert 1.96 * np.array(std) == pytest.approx([0.2])
 
 
 def test_a_delay_is_uncertain_by_the_skew_of_sampling_too() -> None:
     delay = term("actuator_delay", 1)
     effect = AppliedEffect("actuator_delay", (1,), {"delay": [0.004]})
-    out = entries(effect, uniform(delay, width=0.0), delay)
+    out = entries(effect, uniform(delay, width=0.0, about=0.004), delay)
     assert out["delay"]["std"] == pytest.approx([2.5e-4])
 
 

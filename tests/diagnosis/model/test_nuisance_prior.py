@@ -10,12 +10,29 @@ from gapscope.diagnosis.model.nuisance_prior import (
     data_sheet_prior,
     reference_prior,
 )
-from gapscope.diagnosis.thresholds import REFERENCE_GAIN
+from gapscope.diagnosis.thresholds import (
+    INERTIAL_ERROR,
+    INERTIAL_ERRORS,
+    REFERENCE_GAIN,
+)
 
 
 def test_a_level_widens_the_inertials_of_a_data_sheet_and_not_its_sensors() -> None:
-    prior = data_sheet_prior(2, 1)
+    prior = data_sheet_prior(np.eye(2), 1)
     assert np.diag(prior.at(0.01)) == pytest.approx([1e4, 1e4, 1.0])
+
+
+def test_sizes_scale_the_errors_of_the_inertials_together() -> None:
+    errors = np.array([[1.0, 0.0], [0.5, 0.2]])
+    sizes = data_sheet_prior(errors, 1).sizes
+    for root, size in zip(sizes.roots, INERTIAL_ERRORS, strict=True):
+        assert root[:2, :2] == pytest.approx(size * errors)
+        assert root[2, 2] == 1.0
+    # the usual size is the likeliest, and those that are not seen scatter about those that are
+    likeliest = INERTIAL_ERRORS[np.argmax(sizes.log_prior)]
+    assert likeliest == pytest.approx(INERTIAL_ERROR, rel=0.2)
+    assert sizes.unseen.sum(axis=1) == pytest.approx(1.0)
+    assert (np.diag(sizes.unseen) == sizes.unseen.max(axis=1)).all()
 
 
 def errors(
@@ -36,6 +53,9 @@ def test_a_reference_gives_precision_in_the_units_of_the_columns() -> None:
     expected = [1.0, 1 / 9, REFERENCE_GAIN**-2]
     assert np.diag(prior.at(1.0)) == pytest.approx(expected)
     assert np.diag(prior.at(2.0)) == pytest.approx([0.25, 1 / 36, REFERENCE_GAIN**-2])
+    for root, level in zip(prior.sizes.roots, (1.0, 2.0), strict=False):
+        covariance = np.diag(1.0 / np.diag(prior.at(level)))
+        assert root @ root.T == pytest.approx(covariance)
 
 
 def test_what_differs_from_day_to_day_keeps_its_size() -> None:
