@@ -273,11 +273,17 @@ class CorrectedArm:
         return factor
 
     def recorded_torque(self, needed: np.ndarray, motion: Motion) -> np.ndarray:
-        """Torque that would be recorded [N m], (N, n): the way to the joint undone, nearest to the joint first."""
+        """Torque that would be recorded [N m]: the way to the joint undone, nearest to the joint first.
+
+        Args:
+            needed: torque that must reach the joints [N m], (N, n), or K of them, (N, K, n).
+            motion: the recorded motion.
+        """
         path = self.of_kind(Path)
         if not path:
             return needed
-        series = MotionSeries(replace(motion, q=self.true_position(motion.q)))
+        true = replace(motion, q=self.true_position(motion.q))
+        series = MotionSeries(true, many=needed.ndim == 3)
         for effect, values in sorted(path, key=lambda item: -item[0].place):
             needed = effect.inverse(needed, series, *values)
         return needed

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.interpolate import make_interp_spline
-from scipy.linalg import solve_banded
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
+from gapscope.effects.spring_recursion import SpringRecursion
 
 Matrices = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Derivatives of the bodies' torque by position, velocity and acceleration, (N, n, n) each."""
@@ -58,29 +60,67 @@ def through_springs(
     damping: np.ndarray,
 ) -> np.ndarray:
     """As ``behind_elasticity``, from the derivatives of the bodies' torque at a sampling rate [Hz], (N, n)."""
-    elastic = np.flatnonzero(stiffness > 0)
-    block = np.ix_(np.arange(len(torque)), elastic, elastic)
-    by_position, by_velocity, mass = (matrix[block] for matrix in matrices)
-    frequency = _resonances(mass, stiffness[elastic])
-    # a resonance too fast to integrate deflects at once: it has neither mass nor damper
-    followed = frequency <= 2 * np.pi * FASTEST_FOLLOWED
-    h = 1.0 / rate
-    fastest = max(frequency[followed], default=0.0)
-    parts = int(np.ceil(fastest * h / PHASE_PER_STEP)) or 1
-    k = by_position + np.diag(stiffness[elastic])
-    d = by_velocity + np.diag(damping[elastic])
-    d = d + _critical_damping(frequency, mass, h)
-    keep = np.outer(followed, followed)
-    m, d, k, driving = (
-        finer(series, parts)
-        for series in (mass * keep, d * keep, k, torque[:, elastic])
-    )
-    deltas = []
-    for delta in _followed(m, d, k, driving, h / parts):
-        all_joints = np.zeros_like(torque)
-        all_joints[:, elastic] = delta[::parts]
-        deltas.append(all_joints)
-    return torque - of_bodies(matrices, tuple(deltas))
+    springs = Springs(matrices, rate, torque, stiffness, damping)
+    return np.asarray(torque - springs.of_bodies(springs.delta[:, :, None])[:, :, 0])
+
+
+class Springs:
+    """Links that follow their motors through springs; the arguments are those of ``through_springs``.
+
+    Attributes:
+        elastic: the joints with a spring, (e,).
+        delta: by which their links lag, on steps as fine as the resonances need, (S, e).
+        followed: whether it was integrated; if links ran away from their motors, springs are taken to bend at once.
+    """
+
+    def __init__(
+        self,
+        matrices: Matrices,
+        rate: float,
+        torque: np.ndarray,
+        stiffness: np.ndarray,
+        damping: np.ndarray,
+    ) -> None:
+        self.elastic = np.flatnonzero(stiffness > 0)
+        self._matrices, self._stiffness = matrices, stiffness[self.elastic]
+        block = np.ix_(np.arange(len(torque)), self.elastic, self.elastic)
+        by_position, by_velocity, mass = (matrix[block] for matrix in matrices)
+        frequency = _resonances(mass, self._stiffness)
+        # a resonance too fast to integrate deflects at once: it has neither mass nor damper
+        slow = frequency <= 2 * np.pi * FASTEST_FOLLOWED
+        fastest = max(frequency[slow], default=0.0)
+        self._parts = int(np.ceil(fastest / rate / PHASE_PER_STEP)) or 1
+        self._step = 1.0 / (rate * self._parts)
+        calmed = _critical_damping(frequency, mass, 1.0 / rate)
+        d = by_velocity + np.diag(damping[self.elastic]) + calmed
+        keep = np.outer(slow, slow)
+        k = by_position + np.diag(self._stiffness)
+        series = (mass * keep, d * keep, k, torque[:, self.elastic])
+        m, d, k, driving = _finer_together(series, self._parts)
+        self._calmed = np.diagonal(calmed, axis1=1, axis2=2)
+        self._recursion = _recursion(m / self._step**2, d / (2 * self._step), k)
+        delta = _held(self._recursion, driving)
+        self.followed = delta is not None
+        self.delta = _at_once(k, driving) if delta is None else delta
+
+    def columns(self) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of the torque [N m] by each spring's stiffness, and by its damping, (N, n, e); if followed."""
+        assert self._recursion is not None
+        # the damping at first is critical for the stiffness, and grows with its root
+        calmed = finer(0.5 * self._calmed / self._stiffness, self._parts)
+        changes = self._recursion.changes(self.delta, calmed, self._step)
+        torque = -self.of_bodies(changes)
+        e = len(self.elastic)
+        return torque[:, :, :e], torque[:, :, e:]
+
+    def of_bodies(self, delta: np.ndarray) -> np.ndarray:
+        """What R lags, (S, e, R), take from the bodies' torque [N m], (N, n, R)."""
+        rates = _with_rates(delta, self._step)
+        parts = [
+            matrix[:, :, self.elastic] @ x[:: self._parts]
+            for matrix, x in zip(self._matrices, rates, strict=True)
+        ]
+        return np.asarray(sum(parts))
 
 
 def _resonances(mass: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
@@ -106,13 +146,37 @@ def finer(series: np.ndarray, parts: int) -> np.ndarray:
     return spline(fine)
 
 
-def _followed(
-    m: np.ndarray, d: np.ndarray, k: np.ndarray, torque: np.ndarray, h: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Delta and its first two derivatives by time, (N, e) each, under a torque (N, e); step h [s]."""
-    delta = _recursion(m / h**2, d / (2 * h), k, torque)
-    if delta is None:
-        delta = _at_once(k, torque)
+def _finer_together(series: Sequence[np.ndarray], parts: int) -> list[np.ndarray]:
+    """Series (N, ...) with every step cut into parts, by one spline for all."""
+    flat = [x.reshape(len(x), -1) for x in series]
+    edges = np.cumsum([x.shape[1] for x in flat])[:-1]
+    cut = np.split(finer(np.hstack(flat), parts), edges, axis=1)
+    pairs = zip(cut, series, strict=True)
+    return [x.reshape(-1, *like.shape[1:]) for x, like in pairs]
+
+
+def _recursion(m: np.ndarray, d: np.ndarray, k: np.ndarray) -> SpringRecursion | None:
+    """The links' motion step by step; ``None`` if a step does not determine the next, as of bodies without mass."""
+    try:
+        return SpringRecursion(m, d, k)
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _held(recursion: SpringRecursion | None, torque: np.ndarray) -> np.ndarray | None:
+    """Delta (S, e) under a torque (S, e); ``None`` if the links run away from their motors.
+
+    Springs too soft to hold them let them, and negative masses on the way of a search.
+    """
+    if recursion is None:
+        return None
+    delta = recursion.follow(torque)
+    held = np.isfinite(delta).all() and np.abs(delta).max() <= FARTHEST
+    return delta if held else None
+
+
+def _with_rates(delta: np.ndarray, h: float) -> tuple[np.ndarray, ...]:
+    """Delta (S, ...) and its first two derivatives by time; step h [s]."""
     rate = np.gradient(delta, h, axis=0)
     acceleration = np.gradient(rate, h, axis=0)
     # the differences of the recursion itself, except at the ends
@@ -137,45 +201,3 @@ def of_bodies(
     for matrix, x in zip(matrices, series, strict=True):
         out += (matrix[:, :, moved] * x[:, None, moved]).sum(axis=2)
     return out
-
-
-def _recursion(
-    m: np.ndarray, d: np.ndarray, k: np.ndarray, torque: np.ndarray
-) -> np.ndarray | None:
-    """Delta (N, e) with (m + d) x[i+1] + (k - 2 m) x[i] + (m - d) x[i-1] = torque[i], from its static value.
-
-    Joints with m = d = 0 follow k x[i] = torque[i]. All of m, d, k have shape (N, e, e). ``None`` if the links run away
-    from their motors, as on springs too soft to hold them, or with negative masses on the way of a search.
-    """
-    count, e = torque.shape
-    moving = np.diagonal(m, axis1=1, axis2=2)[0] > 0
-    below, above = 3 * e - 1, e - 1
-    band = np.zeros((below + above + 1, count * e))
-
-    def put(blocks: np.ndarray, rows: np.ndarray, shift: int) -> None:
-        """Blocks (R, e, e) of equation rows (R,), for the unknowns ``shift`` samples earlier."""
-        for a in range(e):
-            for b in range(e):
-                i = rows * e + a
-                j = (rows - shift) * e + b
-                band[above + i - j, j] += blocks[:, a, b]
-
-    # equation of sample r gives x[r] from x[r-1] and x[r-2]; static joints take theirs from the same sample
-    rows = np.arange(2, count)
-    earlier = rows - 1
-    moves = moving[:, None]
-    put(np.where(moves, (m + d)[earlier], k[rows]), rows, 0)
-    put(np.where(moves, (k - 2 * m)[earlier], 0.0), rows, 1)
-    put(np.where(moves, (m - d)[earlier], 0.0), rows, 2)
-    first = np.arange(2)
-    put(np.broadcast_to(np.eye(e), (2, e, e)), first, 0)
-    right = np.empty((count, e))
-    right[2:] = np.where(moving, torque[1:-1], torque[2:])
-    right[:2] = np.linalg.lstsq(k[0], torque[0], rcond=1e-9)[0]
-    try:
-        x = solve_banded((below, above), band, right.ravel())
-    except np.linalg.LinAlgError:
-        # a motion that grows beyond all numbers takes the last pivots to zero
-        return None
-    held = np.isfinite(x).all() and np.abs(x).max() <= FARTHEST
-    return x.reshape(count, e) if held else None

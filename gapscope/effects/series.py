@@ -13,24 +13,28 @@ SLOW_DEFLECTION = 12.0
 
 
 class MotionSeries:
-    """The ``gapscope.effects.effect.Series`` of a motion; series have the shape (N, n) of its positions.
+    """The ``gapscope.effects.effect.Series`` of a motion, for series of shape (N, n), or K of them, (N, K, n).
+
+    Args:
+        motion: the motion.
+        many: whether series are K at once.
 
     Attributes:
-        position: joint position [rad], shape (N, n).
+        position: joint position [rad], shape (N, n), or (N, 1, n) for many.
     """
 
-    def __init__(self, motion: Motion) -> None:
+    def __init__(self, motion: Motion, *, many: bool = False) -> None:
         self._t = motion.t
-        self.position = motion.q
+        self.position = motion.q[:, None] if many else motion.q
 
     def shifted(self, series: np.ndarray, time: np.ndarray) -> np.ndarray:
         """The series at t + T, T per joint [s], shape (n,); constant beyond the ends."""
         t = self._t
         out = np.array(series)
         for joint in np.flatnonzero(time):
-            spline = make_interp_spline(t, series[:, joint], k=3)
+            spline = make_interp_spline(t, series[..., joint], k=3)
             moved = np.clip(t + time[joint], t[0], t[-1])
-            out[:, joint] = spline(moved)
+            out[..., joint] = spline(moved)
         return out
 
     def rate(self, series: np.ndarray) -> np.ndarray:
@@ -42,16 +46,16 @@ class MotionSeries:
         dt = float(self._t[1] - self._t[0])
         out = np.array(series)
         for joint in np.flatnonzero(time_constant):
-            u = series[:, joint]
+            u = series[..., joint]
             time = float(time_constant[joint])
             keep = np.exp(-dt / time)
             # y[i] = keep y[i-1] + newer u[i] + older u[i-1], exact for u linear within a step
             mean = (1.0 - keep) * time / dt
             newer = 1.0 - mean
             older = mean - keep
-            at_rest = [u[0] * (1.0 - newer)]
-            lagged, _ = lfilter([newer, older], [1.0, -keep], u, zi=at_rest)
-            out[:, joint] = lagged
+            at_rest = u[:1] * (1.0 - newer)
+            lagged, _ = lfilter([newer, older], [1.0, -keep], u, axis=0, zi=at_rest)
+            out[..., joint] = lagged
         return out
 
 

@@ -21,7 +21,9 @@ from gapscope.diagnosis.advice.recorded_data import RecordedData
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.gap.predict import predict_torque
+from gapscope.diagnosis.gap.prediction import Prediction
 from gapscope.diagnosis.gap.torque_gap import torque_gap
+from gapscope.diagnosis.model.compliant_bodies import CompliantBodies
 from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.model.jacobian import columns
 from gapscope.diagnosis.model.terms import Terms
@@ -30,8 +32,6 @@ from gapscope.diagnosis.reference.change import Change
 from gapscope.diagnosis.reference.diagnose_change import diagnose_change
 from gapscope.diagnosis.reference.identify_reference import identify_reference
 from gapscope.diagnosis.result import Diagnosis
-from gapscope.diagnosis.selection.fitted_model import nominal_model
-from gapscope.diagnosis.selection.resonance_starts import CompliantBodies
 from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.fault_samples import sample
@@ -203,9 +203,9 @@ class TestSegment:
             of = body if nominal is synthetic.arm() else RigidBody(nominal)
             data = FitData(nominal, of, [[piece]], CUTOFF)
             effects = terms.effects(theta)
-            results.append(
-                columns(CorrectedArm(nominal, effects), data, 0, terms, theta)
-            )
+            corrected = CorrectedArm(nominal, effects)
+            at = Prediction.of(corrected, piece.bodies(of), piece.motion)
+            results.append((at.torque, columns(at, data, 0, terms, theta)))
         (base, x), (expected, y) = results
         np.testing.assert_allclose(base, expected, atol=1e-6)
         size = np.abs(y).max(axis=(0, 1)).clip(1e-3)
@@ -218,9 +218,9 @@ class TestSegment:
         arm, s, found = urdf_with_load(tmp_path), segment(), []
         for nominal, piece in ((synthetic.arm(), s), (arm, replace(s, payload=None))):
             folds = [[b] for b in blocks(thinned(piece, 100.0), 2)]
-            bodies = CompliantBodies(
-                nominal_model(nominal, RigidBody(nominal), folds, CUTOFF)
-            )
+            body = RigidBody(nominal)
+            data = FitData(nominal, body, folds, CUTOFF)
+            bodies = CompliantBodies(data, body, CorrectedArm(nominal))
             found.append(
                 [bodies.mass, bodies.elastic(1, 5e3, 10.0), bodies.loose(1, 0.01)]
             )

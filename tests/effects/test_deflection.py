@@ -12,7 +12,12 @@ from scipy.optimize import brentq
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
-from gapscope.effects.deflection import CALM, behind_elasticity
+from gapscope.effects.deflection import (
+    CALM,
+    Springs,
+    behind_elasticity,
+    through_springs,
+)
 from gapscope.effects.free_play import behind_play, play_columns
 from gapscope.ident.signals.conditioning import low_pass
 
@@ -225,6 +230,38 @@ class TestElasticity:
         for j in range(2):
             effect = (expected - torque)[late, j]
             assert np.abs(found - expected)[late, j].max() < 0.03 * np.abs(effect).max()
+
+    @pytest.mark.parametrize("natural", [(3.0, 9.0), (5.0, 60.0)])
+    def test_derivatives_by_stiffness_and_damping_are_its_differences(
+        self, two: NominalArm, natural: tuple[float, float]
+    ) -> None:
+        """Of both joints of an arm; the second pair has a joint too fast to be followed, which bends at once."""
+        body = RigidBody(two)
+        one, other = sine(0.8, 0.6, 2.0, 250.0), sine(1.3, 0.5, 2.0, 250.0)
+        states = [
+            np.hstack([getattr(m, name) for m in (one, other)])
+            for name in ("q", "dq", "ddq")
+        ]
+        torque, matrices = body.inverse_dynamics(*states), body.sensitivities(*states)
+        lightest = np.diagonal(matrices[2], axis1=1, axis2=2).min(axis=0)
+        stiffness = lightest * (2 * np.pi * np.array(natural)) ** 2
+        damping = 0.1 * np.sqrt(stiffness * lightest)
+
+        def added(k: np.ndarray, d: np.ndarray) -> np.ndarray:
+            return through_springs(matrices, 250.0, torque, k, d)
+
+        found = Springs(matrices, 250.0, torque, stiffness, damping).columns()
+        for joint, unit in enumerate(np.eye(2)):
+            dk, dd = 1e-3 * stiffness * unit, 1e-3 * damping * unit
+            ends = (
+                (added(stiffness + dk, damping), added(stiffness - dk, damping), dk),
+                (added(stiffness, damping + dd), added(stiffness, damping - dd), dd),
+            )
+            for columns, (above, below, step) in zip(found, ends, strict=True):
+                expected = (above - below) / (2 * step[joint])
+                np.testing.assert_allclose(
+                    columns[:, :, joint], expected, atol=1e-3 * np.abs(expected).max()
+                )
 
 
 def integrated(

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.signal import welch
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.diagnosis.gap.prediction import Prediction
 from gapscope.diagnosis.gap.torque_gap import filtered_torque, torque_scale
 from gapscope.diagnosis.thresholds import (
     EFFECT_FORM,
@@ -18,6 +19,7 @@ from gapscope.diagnosis.thresholds import (
     STICKING_SPEED,
     TIMING_SKEW,
 )
+from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import DryLaw
 from gapscope.effects.friction import COULOMB
@@ -50,11 +52,11 @@ def noise_floor(
     corrected: CorrectedArm,
     body: RigidBody,
     segment: Segment,
-    prediction: np.ndarray | None = None,
+    prediction: Prediction | None = None,
 ) -> NoiseFloor:
     """Estimate what a healthy arm would leave on a segment, from the segment itself.
 
-    ``prediction`` is the torque that the arm predicts without limits [N m], (N, n), if it is known already.
+    ``prediction`` is what the arm predicts there, if it is known already.
 
     *Noise*: the power density of the unfiltered gap above the band, taken as flat below. *Timing*: ``TIMING_SKEW``
     times the RMS rate of the torque. *Form of the model*: ``MODEL_FORM`` times the torque's deviation. *Dry
@@ -63,17 +65,13 @@ def noise_floor(
     do whose form the catalogue simplifies.
     """
     assert segment.torque is not None
-    body = segment.bodies(body)
-
-    def predicted(arm: CorrectedArm) -> np.ndarray:
-        return arm.unlimited.predict(body, segment.motion)
-
     if prediction is None:
-        prediction = predicted(corrected)
-    gap = corrected.delivered(segment.torque) - prediction
+        body = segment.bodies(body)
+        prediction = Prediction.of(corrected, body, segment.motion)
+    gap = corrected.delivered(segment.torque) - prediction.torque
     dry = dry_friction(corrected, segment)
     dry_rms = np.sqrt((dry**2).mean(axis=0))
-    effect_rms = simplified_effect_rms(corrected, segment, predicted)
+    effect_rms = simplified_effect_rms(corrected, segment, prediction.share_of)
     form = np.hypot(FRICTION_FORM * dry_rms, EFFECT_FORM * effect_rms)
     return NoiseFloor(
         steady_floor(gap, segment.torque, segment, form),
@@ -144,18 +142,14 @@ def dry_friction(corrected: CorrectedArm, segment: Segment) -> np.ndarray:
 def simplified_effect_rms(
     corrected: CorrectedArm,
     segment: Segment,
-    predicted: Callable[[CorrectedArm], np.ndarray],
+    share_of: Callable[[AppliedEffect], np.ndarray],
 ) -> np.ndarray:
-    """RMS of what the effects of simplified form do to the torque that ``predicted`` gives for an arm [N m], (n,)."""
+    """RMS of what the effects of simplified form do to a torque [N m], (n,); ``share_of`` one of them, (N, n)."""
     power = np.zeros(corrected.arm.n_joints)
     for applied in corrected.effects:
-        if not applied.effect.simplified:
-            continue
-        others = tuple(e for e in corrected.effects if e is not applied)
-        without = CorrectedArm(corrected.arm, others)
-        change = predicted(corrected) - predicted(without)
-        change = low_pass(change, segment.motion.rate, TORQUE_CUTOFF)[segment.inner]
-        power += (change**2).mean(axis=0)
+        if applied.effect.simplified:
+            change = low_pass(share_of(applied), segment.motion.rate, TORQUE_CUTOFF)
+            power += (change[segment.inner] ** 2).mean(axis=0)
     return np.sqrt(power)
 
 

@@ -10,8 +10,9 @@ from gapscope.arm.dynamics.inertial_scale import inertial_scale
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.gap.torque_gap import filtered_torque, torque_scale
-from gapscope.diagnosis.model.body_jacobian import Bodies
+from gapscope.diagnosis.model.body_point import Bodies
 from gapscope.diagnosis.model.candidate_columns import CandidateColumns
+from gapscope.diagnosis.model.compliant_bodies import CompliantCandidates
 from gapscope.diagnosis.model.decimated_segments import DecimatedSegments
 from gapscope.diagnosis.model.inertial_errors import inertial_errors
 from gapscope.diagnosis.model.nuisance_prior import (
@@ -41,6 +42,7 @@ class FitData(DecimatedSegments):
         prior: of the nuisances.
         bodies: what the columns need of each segment's bodies.
         candidates: columns of what a search for nonlinear parameters tries.
+        compliance: what a search for compliant joints simulates.
     """
 
     def __init__(
@@ -67,6 +69,7 @@ class FitData(DecimatedSegments):
             if reference is not None:
                 self.own.append(self.thin(reference.columns(s.motion), s))
         self.candidates = CandidateColumns(self, arm.per_radian)
+        self.compliance = CompliantCandidates(self, body)
 
     def _prior(self) -> NuisancePrior:
         """What is believed of the nuisances: of the inertials, then of the sensors or of the reference."""

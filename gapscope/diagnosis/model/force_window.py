@@ -111,6 +111,8 @@ class _Windows:
 
 def _up_to_edge(of_rows: np.ndarray, place: np.ndarray, bins: int) -> np.ndarray:
     """Sums of (M, ...) over all rows before each edge of the bins, (bins + 1, ...): zero before the first."""
-    sums = np.zeros((bins + 1, *of_rows.shape[1:]))
-    np.add.at(sums, place + 1, of_rows)
-    return sums.cumsum(axis=0)
+    order = np.argsort(place, kind="stable")
+    firsts = np.searchsorted(place[order], np.arange(bins))
+    # every bin has a row
+    sums = np.add.reduceat(of_rows[order], firsts, axis=0)
+    return np.concatenate([np.zeros((1, *sums.shape[1:])), sums.cumsum(axis=0)])

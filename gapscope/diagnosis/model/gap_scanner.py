@@ -14,7 +14,7 @@ import numpy as np
 from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.model.force_window import force_window
 from gapscope.diagnosis.model.jacobian import columns
-from gapscope.diagnosis.model.nonlinear_scan import search_nonlinear
+from gapscope.diagnosis.model.nonlinear_scan import ScannedArm, search_nonlinear
 from gapscope.diagnosis.model.scan import NonlinearParameters, Scan
 from gapscope.diagnosis.model.scan_residual import ScanResidual
 from gapscope.diagnosis.model.segment_rows import SegmentRows
@@ -55,6 +55,7 @@ class GapScanner:
     ) -> None:
         self._data, self._corrected = data, corrected
         self._terms, self._theta, self._rows = terms, theta, rows
+        self._arm = ScannedArm(corrected, [part.at for part in rows])
         self._trust = [part.trust for part in rows]
         self._common = [COMMON.index(name) for name in FRICTION]
         self._scans = [self._scan(j) for j in range(data.arm.n_joints)]
@@ -90,15 +91,8 @@ class GapScanner:
         scan, known = self._scans[j], self._terms.shapes.get(term)
         if known is not None:
             scan = replace(self._scan(j, term), noise=scan.noise)
-        needed = [part.predicted[:, j] for part in self._rows]
-        return search_nonlinear(
-            term,
-            self._corrected,
-            self._data,
-            scan,
-            None if known is None else known[0],
-            needed,
-        )
+        value = None if known is None else known[0]
+        return search_nonlinear(term, self._arm, self._data, scan, value)
 
     def _scan(self, j: int, term: Term | None = None) -> Scan:
         """Residual of joint j's gap, and of what a term in use does if one is named."""
@@ -138,8 +132,10 @@ class GapScanner:
         arm = replace(self._corrected, effects=steady)
         places = [self._terms.of(name)[j].columns[0] for name in FRICTION]
         out = []
-        for k in range(len(self._data.segments)):
-            _, x = columns(arm, self._data, k, self._terms, self._theta, set(FRICTION))
+        for k, part in enumerate(self._rows):
+            # a drift moves no bodies
+            at = part.at.under(arm)
+            x = columns(at, self._data, k, self._terms, self._theta, set(FRICTION))
             out.append(x[:, j, places])
         return self._weighted(out, j)
 

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from gapscope.arm.motions.motion import Motion
+from gapscope.diagnosis.gap.prediction import Prediction
 from gapscope.diagnosis.model.body_jacobian import bodily_columns, forced_columns
 from gapscope.diagnosis.model.candidate_columns import beyond
 from gapscope.diagnosis.model.fit_data import FitData
@@ -24,19 +25,19 @@ from gapscope.ident.signals.conditioning import Segment
 
 
 def columns(
-    corrected: CorrectedArm,
+    at: Prediction,
     data: FitData,
     k: int,
     terms: Terms,
     theta: np.ndarray,
     only: frozenset[str] | set[str] | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Predicted torque at theta, (N, n), and rows of its derivatives by theta, (M, n, P); [N m] per unit of theta.
+) -> np.ndarray:
+    """Rows of the derivatives of the predicted torque by theta, (M, n, P) [N m] per unit of theta.
 
     Those of ``link_inertia`` are left zero: they are combinations of the inertial regressor.
 
     Args:
-        corrected: the arm with the effects of theta.
+        at: what the arm with the effects of theta predicts on the segment.
         data: the data, whose segment ``k`` is meant.
         k: place of the segment.
         terms: all terms, with the shapes of those that have one.
@@ -44,41 +45,24 @@ def columns(
         only: effects whose columns are wanted; all if ``None``, the others' are zero.
     """
     segment, bodies = data.segments[k], data.bodies[k]
-    motion, body = segment.motion, segment.bodies(data.body)
-    arm = corrected.unlimited
-    rigid = arm.rigid_torque(body, motion)
-    base = _recorded(arm, rigid, motion)
-    joints = np.arange(arm.arm.n_joints)
-    out = np.zeros((len(data.time(segment)), len(joints), terms.size))
-    for effect in terms.definitions:
-        if only and effect.name not in only:
-            continue
-        if _acts_on_its_joint(effect, arm):
-            steps = _differences(effect, arm, terms, theta, rigid, base, motion)
-            for places, change in steps:
-                out[:, joints, places] = data.thin(change, segment)
-        elif effect.reach == "motor":
-            moves = _of_motors(effect, arm, terms, theta, rigid, base, motion)
-            for place, change in moves:
-                out[:, :, place] = data.thin(change, segment)
+    out = np.zeros((len(data.time(segment)), at.arm.arm.n_joints, terms.size))
+    moves = list(_moves(at.arm, terms, theta, only))
+    if moves:
+        changes = data.thin(at.changes([move.arm for move in moves]), segment)
+        for move, change in zip(moves, np.moveaxis(changes, 1, 0), strict=True):
+            out[:, move.joints, move.places] = change / move.step
     _rest(out, terms, theta)
     for place, j, lost in _saturated(segment, terms):
         out[:, j, place] = data.thin(lost, segment)
     # of the effects that reach other joints only a force has a nonlinear parameter, and is asked for alone
     if only:
-        bodily = forced_columns(arm, segment, bodies, terms)
+        bodily = forced_columns(at.arm, segment, bodies, terms)
     else:
-        bodily = bodily_columns(arm, body, segment, bodies, terms, theta, rigid)
+        bodily = bodily_columns(at, segment, bodies, terms, theta)
     if bodily:
         torque = np.stack(list(bodily.values()), axis=2)
-        recorded = _as_recorded(arm, torque, rigid, motion)
-        out[:, :, list(bodily)] = data.thin(recorded, segment)
-    return base, out
-
-
-def _recorded(arm: CorrectedArm, rigid: np.ndarray, motion: Motion) -> np.ndarray:
-    """Torque that is recorded if the bodies need ``rigid`` [N m], (N, n)."""
-    return arm.recorded_torque(arm.needed_torque(rigid, motion), motion)
+        out[:, :, list(bodily)] = data.thin(_as_recorded(at, torque), segment)
+    return out
 
 
 def _acts_on_its_joint(effect: Effect, arm: CorrectedArm) -> bool:
@@ -88,46 +72,51 @@ def _acts_on_its_joint(effect: Effect, arm: CorrectedArm) -> bool:
     return (effect.reach == "joint" or behind) and not effect.limits
 
 
-def _differences(
-    effect: Effect,
+class _Move(NamedTuple):
+    """The arm with some coordinates moved by a step, and the columns that the change of its torque gives.
+
+    Attributes:
+        arm: with the coordinates moved.
+        step: by which they are.
+        joints, places: of the columns: whose torque they are of, and where they lie in theta.
+    """
+
+    arm: CorrectedArm
+    step: float
+    joints: np.ndarray | slice
+    places: np.ndarray | int
+
+
+def _moves(
     arm: CorrectedArm,
     terms: Terms,
     theta: np.ndarray,
-    rigid: np.ndarray,
-    base: np.ndarray,
-    motion: Motion,
-) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Finite differences by each coordinate of an effect, moved on all joints at once: its places, (n,), and (N, n)."""
-    step = parametrisation_of(effect).step
-    for coordinate, places in enumerate(terms.block(effect.name)):
-        moved = moved_arm(arm, terms, theta, effect.name, coordinate)
-        if moved is not None:
-            yield places, (_recorded(moved, rigid, motion) - base) / step
-
-
-def _of_motors(
-    effect: Effect,
-    arm: CorrectedArm,
-    terms: Terms,
-    theta: np.ndarray,
-    rigid: np.ndarray,
-    base: np.ndarray,
-    motion: Motion,
-) -> Iterator[tuple[int, np.ndarray]]:
-    """Finite differences by the coordinate of an effect on each coupled motor: its place, and (N, n)."""
-    step = parametrisation_of(effect).step
-    motors = terms.of(effect.name)
-    for term in motors:
-        place = term.columns[0]
-        moved = _stepped(arm, terms, theta, motors, [place])
-        yield place, (_recorded(moved, rigid, motion) - base) / step
+    only: frozenset[str] | set[str] | None,
+) -> Iterator[_Move]:
+    """The moves for effects on a joint, by each coordinate on all joints at once, and for those on a motor."""
+    joints = np.arange(arm.arm.n_joints)
+    for effect in terms.definitions:
+        step = parametrisation_of(effect).step
+        if only and effect.name not in only:
+            continue
+        if _acts_on_its_joint(effect, arm):
+            for coordinate, places in enumerate(terms.block(effect.name)):
+                moved = moved_arm(arm, terms, theta, effect.name, coordinate)
+                if moved is not None:
+                    yield _Move(moved, step, joints, places)
+        elif effect.reach == "motor":
+            motors = terms.of(effect.name)
+            for term in motors:
+                place = term.columns[0]
+                moved = _stepped(arm, terms, theta, motors, [place])
+                yield _Move(moved, step, slice(None), place)
 
 
 def moved_arm(
     arm: CorrectedArm, terms: Terms, theta: np.ndarray, name: str, coordinate: int
 ) -> CorrectedArm | None:
     """The arm with one coordinate of an effect moved by a step on all joints; ``None`` if no term of it is open."""
-    chosen = [t for t in terms.of(name) if t in terms.open]
+    chosen = [t for t in terms.of(name) if terms.can_choose(t)]
     if not chosen:
         return None
     places = [t.columns[coordinate] for t in chosen]
@@ -148,16 +137,14 @@ def _stepped(
     return replace(arm, effects=(*others, *terms.effects(moved, chosen)))
 
 
-def _as_recorded(
-    arm: CorrectedArm, columns: np.ndarray, rigid: np.ndarray, motion: Motion
-) -> np.ndarray:
+def _as_recorded(at: Prediction, columns: np.ndarray) -> np.ndarray:
     """Columns of the bodies' torque, (N, n, K), as they are recorded: through friction, scale, delay and lag."""
     step = 1e-3
-    above = _recorded(arm, rigid + step, motion)
-    below = _recorded(arm, rigid - step, motion)
+    above, below = (replace(at, rigid=at.rigid + side) for side in (step, -step))
+    difference = above.by(at.arm) - below.by(at.arm)
     # where dry friction changes its sign the difference is no derivative
-    gain = np.clip((above - below) / (2 * step), LEAST_TORQUE_GAIN, MOST_TORQUE_GAIN)
-    return _delayed(arm, columns, motion.t) * gain[:, :, None]
+    gain = np.clip(difference / (2 * step), LEAST_TORQUE_GAIN, MOST_TORQUE_GAIN)
+    return _delayed(at.arm, columns, at.motion.t) * gain[:, :, None]
 
 
 def _rest(out: np.ndarray, terms: Terms, theta: np.ndarray) -> None:

@@ -17,6 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from gapscope.diagnosis.gap.noise_floor import NoiseFloor, noise_floor
+from gapscope.diagnosis.gap.prediction import Prediction
 from gapscope.diagnosis.model.body_jacobian import link_tangent
 from gapscope.diagnosis.model.discrepancy import Discrepancy, discrepancy
 from gapscope.diagnosis.model.fit_data import FitData
@@ -29,7 +30,6 @@ from gapscope.diagnosis.model.terms import Term, Terms
 from gapscope.diagnosis.model.torque_sensor import LinkRows, link_rows, two_sides
 from gapscope.diagnosis.thresholds import MOST_PIECES, PIECE_LENGTH, SENSOR_ZERO
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.ident.signals.conditioning import Segment
 
 
 class Linearisation:
@@ -136,10 +136,12 @@ class Linearisation:
         """Rows of segment k of some data of the same arm."""
         segment = data.segments[k]
         assert segment.torque is not None
-        predicted, x = columns(self._corrected, data, k, self.terms, self.theta)
-        gap = self._corrected.delivered(segment.torque) - predicted
-        rate = np.gradient(predicted, segment.motion.t, axis=0)
-        floor = noise_floor(self._corrected, self.body, segment, predicted)
+        bodies = segment.bodies(self.body)
+        at = Prediction.of(self._corrected, bodies, segment.motion)
+        x = columns(at, data, k, self.terms, self.theta)
+        gap = self._corrected.delivered(segment.torque) - at.torque
+        rate = np.gradient(at.torque, segment.motion.t, axis=0)
+        floor = noise_floor(self._corrected, self.body, segment, at)
         sticking = floor.sticking[:: data.step(segment)]
         # a recorded torque is what reaches the joint over the scale of its torque
         gain = 1.0 / (1.0 + self._corrected.value("torque_scale", "scale"))
@@ -149,28 +151,27 @@ class Linearisation:
             x,
             data.thin(rate, segment),
             NoiseFloor(floor.steady, sticking),
-            predicted,
-            data.thin(self._bodily_change(segment), segment),
+            at,
+            data.thin(self._bodily_change(at), segment),
         )
 
-    def _bodily_change(self, segment: Segment) -> np.ndarray:
+    def _bodily_change(self, at: Prediction) -> np.ndarray:
         """What the effects on bodies add to the torque of the nominal arm's [N m], (N, n).
 
         Zero without a reference: only the errors that a reference leaves of the gains ask for it.
         """
         if self.data.reference is None:
-            return np.zeros_like(segment.motion.q)
-        bodies = segment.bodies(self.body)
-        nominal = CorrectedArm(self.arm).unlimited.rigid_torque(bodies, segment.motion)
-        changed = self._corrected.unlimited.rigid_torque(bodies, segment.motion)
-        return np.asarray(changed - nominal)
+            return np.zeros_like(at.rigid)
+        nominal = CorrectedArm(self.arm).rigid_torque(at.body, at.motion)
+        return np.asarray(at.rigid - nominal)
 
     def _link_rows(self, k: int) -> LinkRows:
         """What the joint torque sensors measured on a segment; all zero if it has none."""
         segment, bodies = self.data.segments[k], self.data.bodies[k]
         zero = SENSOR_ZERO * self.data.torque_deviation
+        at = self._rows[k].at
         rows = link_rows(
-            self._corrected, self.body, segment, bodies, self.terms, self.theta, zero
+            self._corrected, at, segment, bodies, self.terms, self.theta, zero
         )
         gap, x, errors = (
             self.data.thin(series, segment)
@@ -202,7 +203,7 @@ class Linearisation:
         names = {t.effect for t in proposed}
         places = [c for t in proposed for c in t.columns]
         for k, rows in enumerate(self._rows):
-            _, x = columns(self._corrected, self.data, k, self.terms, self.theta, names)
+            x = columns(rows.at, self.data, k, self.terms, self.theta, names)
             rows.columns[:, :, places] = x[:, :, places]
 
     def _cut(

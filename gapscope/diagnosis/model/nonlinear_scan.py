@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
+from gapscope.diagnosis.gap.prediction import Prediction
 from gapscope.diagnosis.model.candidate_columns import (
     beyond,
     cycle_step,
@@ -41,35 +43,61 @@ def around(value: float, lowest: float, highest: float) -> np.ndarray:
     return np.clip(value * np.geomspace(0.6, 1 / 0.6, 13), lowest, highest)
 
 
+class ScannedArm:
+    """The arm whose gap is scanned.
+
+    Args:
+        corrected: the arm.
+        predictions: what it predicts on each segment.
+    """
+
+    def __init__(
+        self, corrected: CorrectedArm, predictions: Sequence[Prediction]
+    ) -> None:
+        self.corrected, self._predictions = corrected, predictions
+
+    def torque(self, j: int) -> list[np.ndarray]:
+        """Torque that the arm predicts on a joint [N m], (N,) for each segment."""
+        return [at.torque[:, j] for at in self._predictions]
+
+    @cached_property
+    def steady_friction(self) -> list[np.ndarray]:
+        """Friction of the joints as if it did not drift [N m], (N, n) for each segment."""
+        effects = self.corrected.effects
+        steady = tuple(e for e in effects if not isinstance(e.effect, Drift))
+        arm = replace(self.corrected, effects=steady)
+        smooth, out = _without_friction(arm), []
+        for at in self._predictions:
+            none = np.zeros_like(at.rigid)
+            both = (one.needed_torque(none, at.motion) for one in (arm, smooth))
+            out.append(np.subtract(*both))
+        return out
+
+
 def search_nonlinear(
-    term: Term,
-    corrected: CorrectedArm,
-    data: FitData,
-    scan: Scan,
-    known: float | None,
-    needed: Sequence[np.ndarray],
+    term: Term, arm: ScannedArm, data: FitData, scan: Scan, known: float | None
 ) -> NonlinearParameters:
     """The best nonlinear parameters of a joint effect's term; near ``known`` if it has been found before.
-
-    ``needed`` is the torque that the arm predicts on the joint [N m], (N,) for each segment.
 
     Raises:
         KeyError: the effect has no nonlinear parameter on a joint.
     """
     j, effect = term.joint - 1, term.definition
+    needed = arm.torque(j)
     if effect.limits:
         return _saturation(j, data, scan, known, needed)
     if isinstance(effect, Path):
-        return _ripple(j, corrected, data, scan, known)
+        return _ripple(j, arm.corrected, data, scan, known)
     if isinstance(effect, Drift):
         values = _values(term, data.segments, known)
-        return _drift(effect, values, j, corrected, data, scan)
+        friction = [x[:, j, None] for x in arm.steady_friction]
+        return _drift(effect, values, friction, data, scan)
     if known is None and (of_velocity := data.candidates.law(term)) is not None:
         return scan.best(of_velocity.values, scan.weighted(of_velocity.columns))
     values = _values(term, data.segments, known)
     by_segment = []
     for segment, load in zip(data.segments, needed, strict=True):
-        position = corrected.true_position(segment.motion.q)[:, j, None]
+        position = arm.corrected.true_position(segment.motion.q)[:, j, None]
         law = law_columns(term, values, segment, position, load[:, None])
         by_segment.append(law)
     return scan.best(values, scan.weighted(data.rows(by_segment)))
@@ -88,20 +116,15 @@ def _values(term: Term, segments: list[Segment], known: float | None) -> np.ndar
 def _drift(
     drift: Drift,
     times: np.ndarray,
-    j: int,
-    arm: CorrectedArm,
+    friction: Sequence[np.ndarray],
     data: FitData,
     scan: Scan,
 ) -> NonlinearParameters:
-    """The best time constant of a drift."""
-    steady = tuple(e for e in arm.effects if not isinstance(e.effect, Drift))
-    arm = replace(arm, effects=steady)
-    smooth, series = _without_friction(arm), []
-    for s in data.segments:
-        motion, none = s.motion, np.zeros_like(s.motion.q)
-        friction = arm.needed_torque(none, motion) - smooth.needed_torque(none, motion)
-        change = drift.change(motion.t[:, None], np.ones(len(times)), times)
-        series.append(friction[:, j, None] * change)
+    """The best time constant of a drift of a joint's friction [N m], (N, 1) for each segment."""
+    series = []
+    for s, steady in zip(data.segments, friction, strict=True):
+        change = drift.change(s.motion.t[:, None], np.ones(len(times)), times)
+        series.append(steady * change)
     return scan.best(times, scan.weighted(data.rows(series)))
 
 
@@ -171,14 +194,21 @@ def _possible(
     limits: np.ndarray, recorded: np.ndarray, needed: np.ndarray
 ) -> np.ndarray:
     """Which limits the motion allows, (L,), by the torque recorded and the torque needed [N m], (N,) each."""
-    beyond = np.abs(recorded)[:, None] > limits
-    count = np.maximum(beyond.sum(axis=0), 1)
     # needed torque in the direction of the recorded one, while that exceeds the limit: mean and mean square
-    along = np.sign(recorded) * needed
-    mean = along @ beyond / count
-    mean_square = along**2 @ beyond / count
+    along, size = np.sign(recorded) * needed, np.abs(recorded)
+    order = np.argsort(size)
+    within = np.searchsorted(size[order], limits, side="right")
+    count = len(size) - within
+    sums = [_sums_from(x[order], within) for x in (along, along**2)]
+    mean, mean_square = sums / np.maximum(count, 1)
     apart2 = mean_square - 2 * mean * limits + limits**2
     apart = np.sqrt(np.maximum(apart2, 0.0))
-    seldom = beyond.mean(axis=0) < LIMITED_TIME_TRACKING
+    seldom = count / len(size) < LIMITED_TIME_TRACKING
     held = apart < HELD_NEAR_LIMIT * limits
     return (mean > LEAST_NEED_AT_LIMIT * limits) & (seldom | held)
+
+
+def _sums_from(series: np.ndarray, starts: np.ndarray) -> np.ndarray:
+    """Sums of a series (N,) from each of some places to its end, (L,)."""
+    up_to = np.append(0.0, np.cumsum(series))
+    return np.asarray(up_to[-1] - up_to[starts])

@@ -147,13 +147,8 @@ def solve(
     if not len(columns):
         return theta
     block, right = least[..., columns[:, None], columns], least[..., columns, -1]
-    theta[..., columns] = _least_squares(block, right)
-    if bounds is None:
-        return theta
-    below = (theta[..., columns] < bounds[columns]).any(axis=-1)
-    for place in np.argwhere(below):
-        index = tuple(place)
-        theta[index] = _bounded(least[index], columns, bounds)
+    lowest = None if bounds is None else bounds[columns]
+    theta[..., columns] = _bounded(block, right, lowest)
     return theta
 
 
@@ -164,31 +159,45 @@ def solve_each(
     size = least.shape[-1] - 1
     sets = np.arange(len(columns))[:, None]
     block = least[..., columns[:, :, None], columns[:, None, :]]
-    values = _least_squares(block, least[..., columns, -1])
+    lowest = None if bounds is None else bounds[columns]
+    values = _bounded(block, least[..., columns, -1], lowest)
     theta = np.zeros((*least.shape[:-2], len(columns), size))
     theta[..., sets, columns] = values
+    return theta
+
+
+def _bounded(
+    block: np.ndarray, right: np.ndarray, bounds: np.ndarray | None
+) -> np.ndarray:
+    """Solutions of normal equations (..., C, C), (..., C); what falls below its bound is fixed there, step by step."""
+    values = _least_squares(block, right)
     if bounds is None:
-        return theta
-    below = (values < bounds[columns]).any(axis=-1)
-    for place in np.argwhere(below):
-        *fold, own = place.tolist()
-        theta[tuple(place)] = _bounded(least[tuple(fold)], columns[own], bounds)
-    return theta
+        return values
+    bounds = np.broadcast_to(bounds, values.shape)
+    low = (values < bounds).any(axis=-1)
+    if low.any():
+        values[low] = _fixed_at(bounds[low], block[low], right[low], values[low])
+    return values
 
 
-def _bounded(least: np.ndarray, columns: np.ndarray, bounds: np.ndarray) -> np.ndarray:
-    """The same of one L, (P,), with what falls below its bound fixed there."""
-    theta = np.zeros(len(least) - 1)
-    free, fixed = columns, np.array([], dtype=int)
-    while len(free):
-        right = least[free, -1] - least[np.ix_(free, fixed)] @ theta[fixed]
-        theta[free] = _least_squares(least[np.ix_(free, free)], right)
-        below = free[theta[free] < bounds[free]]
-        if not len(below):
-            break
-        theta[below] = bounds[below]
-        free, fixed = np.setdiff1d(free, below), np.concatenate([fixed, below])
-    return theta
+def _fixed_at(
+    bounds: np.ndarray, block: np.ndarray, right: np.ndarray, values: np.ndarray
+) -> np.ndarray:
+    """The same of B equations whose plain solutions (B, C) fall below a bound somewhere."""
+    fixed = np.zeros(values.shape, dtype=bool)
+    todo = np.arange(len(values))
+    while len(todo):
+        below = ~fixed[todo] & (values[todo] < bounds[todo])
+        todo = todo[below.any(axis=1)]
+        fixed[todo] |= below[below.any(axis=1)]
+        free = ~fixed[todo]
+        at_bounds = np.where(free, 0.0, bounds[todo])
+        # what is fixed goes to the right-hand side, and its own equation says nothing
+        known = right[todo] - (block[todo] @ at_bounds[..., None])[..., 0]
+        kept = block[todo] * (free[:, :, None] & free[:, None, :])
+        found = _least_squares(kept, np.where(free, known, 0.0))
+        values[todo] = np.where(free, found, at_bounds)
+    return values
 
 
 def _least_squares(block: np.ndarray, right: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.diagnosis.gap.noise_floor import NoiseFloor
+from gapscope.diagnosis.gap.prediction import Prediction
 
 
 @dataclass(frozen=True)
@@ -18,7 +19,7 @@ class SegmentRows:
         columns: A, the derivatives of the predicted torque by the P coordinates, (M, n, P).
         rate: d, the rate of the predicted torque [N m/s], (M, n).
         floor: what a healthy arm leaves on these rows.
-        predicted: predicted torque at every sample [N m], (N, n).
+        at: what the arm with the effects of theta_0 predicts, at every sample.
         bodily: what the effects on bodies add to the nominal arm's torque [N m], (M, n).
     """
 
@@ -26,7 +27,7 @@ class SegmentRows:
     columns: np.ndarray
     rate: np.ndarray
     floor: NoiseFloor
-    predicted: np.ndarray
+    at: Prediction
     bodily: np.ndarray
 
     @property

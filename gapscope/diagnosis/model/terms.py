@@ -78,10 +78,8 @@ class Terms:
             start += places * linear
         object.__setattr__(self, "all", tuple(terms))
         object.__setattr__(self, "size", start)
-        choosable = [
-            t for t in terms if not t.parametrisation.nonlinear or t in self.shapes
-        ]
-        object.__setattr__(self, "open", tuple(choosable))
+        choosable = tuple(t for t in terms if self.can_choose(t))
+        object.__setattr__(self, "open", choosable)
         by_effect: dict[str, list[Term]] = {e.name: [] for e in self.definitions}
         for term in terms:
             by_effect[term.effect].append(term)
@@ -90,11 +88,16 @@ class Terms:
             for name, own in by_effect.items()
         }
         object.__setattr__(self, "_blocks", blocks)
+        own_terms = {name: tuple(own) for name, own in by_effect.items()}
+        object.__setattr__(self, "_by_effect", own_terms)
 
     all: tuple[Term, ...] = field(init=False, compare=False)
     size: int = field(init=False, compare=False)
     open: tuple[Term, ...] = field(init=False, compare=False)
     _blocks: dict[str, np.ndarray] = field(init=False, compare=False, repr=False)
+    _by_effect: dict[str, tuple[Term, ...]] = field(
+        init=False, compare=False, repr=False
+    )
 
     @property
     def definitions(self) -> list[Effect]:
@@ -109,9 +112,13 @@ class Terms:
             return self.motors
         return tuple(range(1, self.n_joints + 1))
 
+    def can_choose(self, term: Term) -> bool:
+        """Whether a term needs no nonlinear parameters, or has them."""
+        return not term.parametrisation.nonlinear or term in self.shapes
+
     def of(self, effect: str) -> tuple[Term, ...]:
         """The terms of an effect, in joint order."""
-        return tuple(t for t in self.all if t.effect == effect)
+        return self._by_effect.get(effect, ())
 
     def block(self, effect: str) -> np.ndarray:
         """Places of an effect's linear coordinates in theta, shape (linear, joints, links, motors or 1)."""

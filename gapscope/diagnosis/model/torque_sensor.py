@@ -15,6 +15,7 @@ so that an effect has to explain the side that it acts on, and must not show on 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +27,9 @@ from gapscope.diagnosis.gap.noise_floor import (
     simplified_effect_rms,
     steady_floor,
 )
-from gapscope.diagnosis.model.body_jacobian import Bodies, bodily_columns
+from gapscope.diagnosis.gap.prediction import Prediction, without
+from gapscope.diagnosis.model.body_jacobian import bodily_columns
+from gapscope.diagnosis.model.body_point import Bodies
 from gapscope.diagnosis.model.fold import EquationRows
 from gapscope.diagnosis.model.jacobian import moved_arm
 from gapscope.diagnosis.model.terms import Terms, parametrisation_of
@@ -36,6 +39,7 @@ from gapscope.diagnosis.thresholds import (
     SENSOR_LAG,
     SENSOR_SCALE,
 )
+from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import explained
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Signals, TorqueLaw
@@ -93,7 +97,7 @@ def sensor_errors(link: np.ndarray, t: np.ndarray, spread: np.ndarray) -> np.nda
 
 def link_rows(
     corrected: CorrectedArm,
-    body: RigidBody,
+    at: Prediction,
     segment: Segment,
     bodies: Bodies,
     terms: Terms,
@@ -104,7 +108,7 @@ def link_rows(
 
     Args:
         corrected: the arm with the effects of theta.
-        body: dynamics of the nominal arm.
+        at: what it predicts on the segment.
         segment: the segment.
         bodies: what its columns need.
         terms: all terms, with the shapes of those that have one.
@@ -118,11 +122,9 @@ def link_rows(
         return LinkRows(
             nothing, columns, np.zeros((*nothing.shape, 3 * n)), False, np.ones(2 * n)
         )
-    arm, laden = corrected.unlimited, segment.bodies(body)
+    arm, laden = at.arm, at.body
     link = link_torque(arm, laden, motion)
-    derivatives = bodily_columns(
-        arm, laden, segment, bodies, terms, theta, arm.rigid_torque(laden, motion)
-    )
+    derivatives = bodily_columns(at, segment, bodies, terms, theta)
     columns[:, :, list(derivatives)] = np.stack(list(derivatives.values()), axis=2)
     joints = np.arange(n)
     stiffness, rest = terms.block(SPRING.name)
@@ -136,15 +138,15 @@ def link_rows(
             if moved is not None:
                 change = link_torque(moved, laden, motion) - link
                 columns[:, joints, places] = change / parametrisation_of(law).step
-    floors = np.concatenate(
-        [actuator_floor(corrected, body, segment), link_floor(corrected, body, segment)]
-    )
+    floors = [
+        floor(corrected, laden, segment) for floor in (actuator_floor, link_floor)
+    ]
     return LinkRows(
         segment.torque_sensor - link,
         columns,
         sensor_errors(link, motion.t, zero),
         True,
-        floors,
+        np.concatenate(floors),
     )
 
 
@@ -154,10 +156,12 @@ def link_floor(
     """RMS that a healthy arm and its sensors leave on the link side [N m], (n,)."""
     assert segment.torque_sensor is not None
     body = segment.bodies(body)
-    form = simplified_effect_rms(
-        corrected, segment, lambda arm: link_torque(arm, body, segment.motion)
-    )
-    gap = segment.torque_sensor - link_torque(corrected, body, segment.motion)
+
+    def link(arm: CorrectedArm) -> np.ndarray:
+        return link_torque(arm, body, segment.motion)
+
+    form = simplified_effect_rms(corrected, segment, _share(link, corrected))
+    gap = segment.torque_sensor - link(corrected)
     return steady_floor(gap, segment.torque_sensor, segment, EFFECT_FORM * form)
 
 
@@ -171,10 +175,11 @@ def actuator_floor(
     def actuator(arm: CorrectedArm) -> np.ndarray:
         return arm.unlimited.predict(body, motion) - link_torque(arm, body, motion)
 
-    form = EFFECT_FORM * simplified_effect_rms(corrected, segment, actuator)
+    share = _share(actuator, corrected)
+    dry_rms = np.sqrt((dry_friction(corrected, segment) ** 2).mean(axis=0))
     form = np.hypot(
-        form,
-        FRICTION_FORM * np.sqrt((dry_friction(corrected, segment) ** 2).mean(axis=0)),
+        EFFECT_FORM * simplified_effect_rms(corrected, segment, share),
+        FRICTION_FORM * dry_rms,
     )
     gap = (
         corrected.delivered(segment.torque)
@@ -182,6 +187,14 @@ def actuator_floor(
         - actuator(corrected)
     )
     return steady_floor(gap, segment.torque, segment, form)
+
+
+def _share(
+    predicted: Callable[[CorrectedArm], np.ndarray], corrected: CorrectedArm
+) -> Callable[[AppliedEffect], np.ndarray]:
+    """What one of an arm's effects does to the torque that ``predicted`` gives for an arm [N m], (N, n)."""
+    whole = predicted(corrected)
+    return lambda applied: whole - predicted(without(corrected, applied))
 
 
 def two_sides(

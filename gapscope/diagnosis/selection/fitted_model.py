@@ -108,6 +108,7 @@ def fit_terms(
     model: Model,
     terms: frozenset[Term],
     starts: Mapping[Term, np.ndarray] | None = None,
+    least_gain: float = -np.inf,
 ) -> Model:
     """A model with a set of terms, less those whose values turn out impossible.
 
@@ -117,13 +118,17 @@ def fit_terms(
         model: the model to begin from.
         terms: the set.
         starts: linear coordinates of some of them to linearise around at first, instead of those fitted.
+        least_gain: evidence over the model to begin from [nats] below which it is not linearised once more.
     """
+    beginning = model
     for _ in range(RELINEARISATIONS):
         fit = _fit_from(model, terms, starts or {})
         if not starts and _nearly_linear(model.linear, fit):
             return _weighed_anew(model.linear, fit)
         model = _linearised_around(model, fit)
         terms, starts = model.fit.terms, None
+        if beginning.gain_of(model) < least_gain:
+            break
     return model
 
 

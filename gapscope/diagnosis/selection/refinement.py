@@ -7,6 +7,7 @@ from gapscope.diagnosis.selection.fitted_model import Model, fit_terms
 from gapscope.diagnosis.selection.moves import by_finding, by_term, neighbours
 from gapscope.diagnosis.selection.visibility import closed_by
 from gapscope.diagnosis.thresholds import (
+    HOPELESS_LOSS,
     MOVE_GAIN,
     REFINE_GAIN,
     REFINE_STEPS,
@@ -29,7 +30,7 @@ def refine(model: Model) -> Model:
         best = max(fits, key=lambda fit: fit.score, default=model.fit)
         if best.score < model.fit.score + REFINE_GAIN:
             break
-        moved = fit_terms(model, best.terms)
+        moved = fit_terms(model, best.terms, least_gain=-HOPELESS_LOSS)
         visited |= {best.terms, moved.fit.terms}
         # the linearisation that promised the gain is that of the model before
         if model.gain_of(moved) >= 0:

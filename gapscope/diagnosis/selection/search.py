@@ -38,6 +38,7 @@ from gapscope.diagnosis.selection.visibility import visible
 from gapscope.diagnosis.thresholds import (
     FORWARD_STEPS,
     GROUPS_TRIED,
+    HOPELESS_LOSS,
     MOVE_GAIN,
     PAIRED_GROUPS,
     SEARCH_RATE,
@@ -165,7 +166,7 @@ def add_groups(model: Model, progress: Progress) -> tuple[Model, Considered]:
                 tried = None if stiff else best_compliant_joint(model)
                 stiff = tried is None
             else:
-                tried = fit_terms(model, group.terms)
+                tried = fit_terms(model, group.terms, least_gain=-HOPELESS_LOSS)
             # the linearisation that promised the gain is that of the smaller model
             if tried is not None and model.gain_of(tried) > 0:
                 larger = tried
@@ -216,7 +217,7 @@ def add_pair(model: Model, progress: Progress) -> Model | None:
     best = _best_pair(model)
     if best is None or best.score < model.fit.score + MOVE_GAIN:
         return None
-    larger = fit_terms(model, best.terms)
+    larger = fit_terms(model, best.terms, least_gain=-HOPELESS_LOSS)
     grown = len(larger.fit.terms) > len(model.fit.terms)
     if not grown or model.gain_of(larger) <= MOVE_GAIN:
         return None

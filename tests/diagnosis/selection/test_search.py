@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from small_models import model, selection, term
 from synthetic import Truth
 
+from gapscope.diagnosis.model.linearisation import Linearisation
+from gapscope.diagnosis.selection import fitted_model
 from gapscope.diagnosis.selection.fitted_model import fit_terms
 from gapscope.diagnosis.selection.near_equivalents import compare_near_equivalents
+from gapscope.diagnosis.thresholds import RELINEARISATIONS
 
 LATE = Truth(delay=(0.0, 0.012, 0.0))
 LOADED = Truth(mass=1.5, com=(0.1, 0.0, 0.05))
@@ -46,3 +51,25 @@ def test_a_delay_is_kept_and_the_lag_is_its_rival():
     kept, contested = compare_near_equivalents(lagging)
     assert {t.effect for t in kept.fit.terms} == {"actuator_delay"}
     assert contested[("actuator_delay", "actuator_lag")] < 0.0
+
+
+def test_a_model_that_gains_too_little_is_not_linearised_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """If no linearisation is good enough, as many as allowed are made, unless the gain has to be impossibly high."""
+    nominal = model(LOADED)
+    load = frozenset(nominal.terms.of("payload"))
+    made = []
+
+    class Counted(Linearisation):
+        def __init__(self, *arguments: Any) -> None:
+            made.append(1)
+            super().__init__(*arguments)
+
+    monkeypatch.setattr(fitted_model, "Linearisation", Counted)
+    monkeypatch.setattr(fitted_model, "LINEAR_ENOUGH", 0.0)
+    fit_terms(nominal, load)
+    assert len(made) == RELINEARISATIONS
+    made.clear()
+    fit_terms(nominal, load, least_gain=np.inf)
+    assert len(made) == 1

@@ -1,0 +1,118 @@
+"""What compliance of a joint would do to the torque of the bodies, simulated once for all that is asked of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.diagnosis.gap.prediction import moves_bodies
+from gapscope.diagnosis.model.decimated_segments import DecimatedSegments
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.deflection import Matrices, through_springs
+from gapscope.effects.free_play import through_play
+
+
+class CompliantBodies:
+    """The bodies of an arm, and what compliance of one joint would do to their torque.
+
+    A search asks for the same resonances and widths of free play again and again; each is simulated once.
+
+    Args:
+        data: the segments.
+        body: dynamics of the nominal arm.
+        arm: the arm; of its effects only those on the bodies count.
+
+    Attributes:
+        torque: torque that the bodies need on each segment [N m], (N, n).
+        mass: inertia that each joint moves, mean over the recordings [kg m^2 or kg], (n,).
+    """
+
+    def __init__(
+        self, data: DecimatedSegments, body: RigidBody, arm: CorrectedArm
+    ) -> None:
+        self._data, self._segments = data, data.segments
+        self._unit = np.eye(arm.arm.n_joints)
+        laden = [s.bodies(body) for s in self._segments]
+        pairs = list(zip(laden, self._segments, strict=True))
+        self.torque = [arm.rigid_torque(one, s.motion) for one, s in pairs]
+        self._matrices = [
+            arm.body(one).sensitivities(s.motion.q, s.motion.dq, s.motion.ddq)
+            for one, s in pairs
+        ]
+        inertias = [
+            np.diagonal(mass, axis1=1, axis2=2).mean(axis=0)
+            for _, _, mass in self._matrices
+        ]
+        self.mass = np.mean(inertias, axis=0)
+        self._known: dict[tuple[str, int, float, float], np.ndarray] = {}
+
+    def elastic(self, j: int, stiffness: float, damping: float) -> np.ndarray:
+        """What elasticity of one joint adds to the torque on the rows of all segments [N m], (M, n)."""
+        spring, damper = stiffness * self._unit[j], damping * self._unit[j]
+
+        def behind(matrices: Matrices, rate: float, torque: np.ndarray) -> np.ndarray:
+            return through_springs(matrices, rate, torque, spring, damper)
+
+        return self._added(("elastic", j, stiffness, damping), behind)
+
+    def loose(self, j: int, width: float) -> np.ndarray:
+        """What free play of one joint adds to the torque on the rows of all segments [N m], (M, n)."""
+        none, play = np.zeros(len(self._unit)), width * self._unit[j]
+
+        def behind(matrices: Matrices, rate: float, torque: np.ndarray) -> np.ndarray:
+            return through_play(matrices, rate, torque, play, none, none)
+
+        return self._added(("loose", j, width, 0.0), behind)
+
+    def _added(
+        self,
+        key: tuple[str, int, float, float],
+        behind: Callable[[Matrices, float, np.ndarray], np.ndarray],
+    ) -> np.ndarray:
+        """Torque behind a compliant joint less that of rigid joints, on the rows."""
+        if key not in self._known:
+            added = [
+                behind(matrices, rate, torque) - torque
+                for matrices, rate, torque in self._by_segment()
+            ]
+            self._known[key] = self._data.rows(added).astype(np.float32)
+        return self._known[key]
+
+    def _by_segment(self) -> Iterator[tuple[Matrices, float, np.ndarray]]:
+        rates = [s.motion.rate for s in self._segments]
+        return zip(self._matrices, rates, self.torque, strict=True)
+
+
+class CompliantCandidates:
+    """Compliant bodies by the effects on them: as long as a search changes none of these, they are the same.
+
+    Args:
+        data: the segments.
+        body: dynamics of the nominal arm.
+    """
+
+    def __init__(self, data: DecimatedSegments, body: RigidBody) -> None:
+        self._data, self._body = data, body
+        self._key: bytes | None = None
+        self._bodies: CompliantBodies | None = None
+
+    def of(self, arm: CorrectedArm) -> CompliantBodies:
+        """The compliant bodies of an arm; those asked for last are kept."""
+        key = _key(arm)
+        if self._bodies is None or key != self._key:
+            self._bodies = CompliantBodies(self._data, self._body, arm)
+            self._key = key
+        return self._bodies
+
+
+def _key(arm: CorrectedArm) -> bytes:
+    """The effects of an arm on its bodies, with their values."""
+    parts = []
+    for applied in arm.effects:
+        if moves_bodies(applied.effect):
+            values = np.concatenate([np.ravel(x) for x in applied.parameters.values()])
+            place = f"{applied.name} {applied.joints} "
+            parts.append(place.encode() + values.astype(float).tobytes())
+    return b"".join(sorted(parts))
