@@ -112,12 +112,12 @@ def _repeated(
 
 
 def _stated(problem: Problem, estimator: Estimator, estimate: Estimate) -> Uncertainty:
-    return Uncertainty(
-        estimate.covariance, float(max(problem.torque.size - len(estimate.value), 1)), 1
-    )
+    freedom = estimate.freedom
+    if freedom is None:
+        freedom = float(max(problem.torque.size - len(estimate.value), 1))
+    return Uncertainty(estimate.covariance, freedom, 1)
 
 
-_SANDWICH = "sandwich, which counts that samples follow each other"
 _BLOCKS = f"block jackknife, the estimate without each of up to {MOST_BLOCKS} stretches of time"
 _JACKKNIFE = f"block jackknife, the estimate repeated without each of about {STRETCHES} stretches of time"
 _UNBIASED = f"{_JACKKNIFE}; the bias of the pull is not counted"
@@ -166,19 +166,19 @@ METHODS: dict[str, Method] = {
     "instrumental_variables": Method(
         lambda given: InstrumentalVariables(given.experiment()),
         _stated,
-        _SANDWICH,
+        _BLOCKS,
         simulates=True,
     ),
     "didim": Method(
         lambda given: DirectInverse(given.experiment()),
         _stated,
-        _SANDWICH,
+        _BLOCKS,
         simulates=True,
     ),
     "output_error": Method(
         lambda given: OutputError(given.experiment()),
         _stated,
-        _SANDWICH,
+        _BLOCKS,
         simulates=True,
     ),
 }

@@ -12,11 +12,11 @@ from gapscope.ident.estimators.simulating import (
     Simulated,
     estimate_of,
     improved,
-    instrument_covariance,
     settled,
     started,
 )
 from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.uncertainty.intervals import jackknife
 
 
 @dataclass(frozen=True)
@@ -60,9 +60,10 @@ class DirectInverse:
             if converged:
                 break
         matrix, residual = _weighted(problem, now)
-        covariance = instrument_covariance(matrix, matrix, residual, problem)
+        # errors of a simulation follow the motion, so that samples are far from independent
+        known = jackknife(matrix, matrix, residual, problem.group)
         return estimate_of(
-            problem, self.experiment, now, covariance, converged=converged, name="DIDIM"
+            problem, self.experiment, now, known, converged=converged, name="DIDIM"
         )
 
 

@@ -21,6 +21,7 @@ class Estimate:
         covariance: as the estimator itself states it, shape (b, b).
         residual: RMS residual per joint [N m], shape (n,).
         warnings: what makes the result doubtful, each a sentence with a remedy.
+        freedom: degrees of freedom of the covariance; ``None`` for those of white noise.
     """
 
     names: Sequence[str]
@@ -28,6 +29,7 @@ class Estimate:
     covariance: np.ndarray
     residual: np.ndarray
     warnings: tuple[str, ...] = ()
+    freedom: float | None = None
 
     @property
     def deviation(self) -> np.ndarray:

@@ -12,11 +12,11 @@ from gapscope.ident.estimators.simulating import (
     Simulated,
     estimate_of,
     improved,
-    instrument_covariance,
     settled,
     started,
 )
 from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.uncertainty.intervals import jackknife
 
 
 @dataclass(frozen=True)
@@ -58,18 +58,18 @@ class InstrumentalVariables:
         residual = problem.residual(beta)
         weight = 1.0 / np.maximum(np.sqrt(np.mean(residual**2, axis=0)), 1e-9)
         scale = weight[:, None]
-        covariance = instrument_covariance(
+        known = jackknife(
             now.problem.matrix * scale,
             problem.matrix * scale,
             residual * weight,
-            problem,
+            problem.group,
         )
         last = replace(now, beta=beta, error=1.0 / weight)
         return estimate_of(
             problem,
             self.experiment,
             last,
-            covariance,
+            known,
             converged=converged,
             name="IDIM-IV",
         )

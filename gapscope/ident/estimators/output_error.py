@@ -12,9 +12,10 @@ from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.recording import Recording
 from gapscope.ident.estimators.estimate import Estimate
 from gapscope.ident.estimators.experiment import Experiment, diverged
-from gapscope.ident.estimators.simulating import NOT_SETTLED, checked, score_covariance
+from gapscope.ident.estimators.simulating import NOT_SETTLED, checked
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, TRIM, low_pass
+from gapscope.ident.uncertainty.intervals import Uncertainty, jackknife
 
 OVERSAMPLED = 4.0
 """Samples per period of the cut-off that are kept [1]."""
@@ -83,31 +84,29 @@ class OutputError:
             *([] if converged else [f"output error {NOT_SETTLED}"]),
         ]
         residual = np.sqrt(np.mean(error[:, problem.n_joints :] ** 2, axis=0))
-        covariance = self._covariance(fit.jac, fit.fun, error, outputs)
+        known = self._uncertainty(fit.jac, fit.fun, error, outputs)
         return Estimate(
             names=problem.names,
             value=beta,
-            covariance=covariance,
+            covariance=known.covariance,
             residual=residual,
             warnings=tuple(warnings),
+            freedom=known.freedom,
         )
 
-    def _covariance(
+    def _uncertainty(
         self,
         jacobian: np.ndarray,
         weighted: np.ndarray,
         error: np.ndarray,
         outputs: _Outputs,
-    ) -> np.ndarray:
-        """That of the estimate, with errors that are correlated in time; shape (b, b)."""
-        J = jacobian.reshape(*error.shape, -1)
-        scores = np.einsum("ijb,ij->ib", J, weighted.reshape(error.shape))
+    ) -> Uncertainty:
+        """That of the estimate, without one stretch of time after the other."""
+        tangents = jacobian.reshape(*error.shape, -1)
         recordings = self.experiment.recordings
         lengths = [len(outputs.of([recording])) for recording in recordings]
         group = np.repeat(np.arange(len(lengths)), lengths)
-        gram = jacobian.T @ jacobian
-        excess = weighted.size / jacobian.shape[1]
-        return score_covariance(gram, scores, group, excess)
+        return jackknife(tangents, tangents, weighted.reshape(error.shape), group)
 
 
 class _Outputs:

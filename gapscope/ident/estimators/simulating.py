@@ -11,7 +11,7 @@ from gapscope.ident.estimators.estimate import Estimate
 from gapscope.ident.estimators.experiment import Experiment, diverged
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.solvable import check_samples
-from gapscope.ident.uncertainty.intervals import bartlett_sum, block_length
+from gapscope.ident.uncertainty.intervals import Uncertainty
 
 HALVINGS = 6
 """How often a step that lets the simulated arm diverge, or fits worse, is halved."""
@@ -103,44 +103,6 @@ def improved(
     return now
 
 
-def instrument_covariance(
-    Z: np.ndarray, W: np.ndarray, residual: np.ndarray, problem: Problem
-) -> np.ndarray:
-    """Covariance of (Z^T W)^-1 Z^T tau with noise that is correlated in time, shape (b, b).
-
-    Args:
-        Z: weighted instruments, shape (N, n, b).
-        W: weighted regressor, shape (N, n, b).
-        residual: weighted, shape (N, n).
-        problem: for its groups.
-    """
-    parameters = W.shape[2]
-    gram = np.einsum("ija,ijb->ab", Z, W)
-    scores = np.einsum("ijb,ij->ib", Z, residual)
-    return score_covariance(gram, scores, problem.group, residual.size / parameters)
-
-
-def score_covariance(
-    gram: np.ndarray, scores: np.ndarray, group: np.ndarray, excess: float
-) -> np.ndarray:
-    """A^-1 B A^-T with A the Gram matrix and B that of the scores' sum under Bartlett's window, shape (b, b).
-
-    Args:
-        gram: A, shape (b, b).
-        scores: g_i of each sample, shape (N, b).
-        group: shape (N,).
-        excess: equations per parameter [1].
-
-    Source: newey1987.
-    """
-    # errors of a simulation follow the motion, so that samples are far from independent
-    meat = bartlett_sum(scores, group, block_length(scores, group))
-    scale = 1 / np.sqrt(np.abs(np.diag(gram)).clip(1e-300))
-    outer = np.outer(scale, scale)
-    inverse = np.linalg.pinv(gram * outer) * outer
-    return inverse @ meat @ inverse.T * excess / max(excess - 1, 1e-3)
-
-
 def settled(before: Simulated, after: Simulated, tolerance: float) -> bool:
     """Whether error and simulated torque of two iterations agree to a tolerance, relative to the error."""
     change = after.problem.torque - before.problem.torque
@@ -152,7 +114,7 @@ def estimate_of(
     problem: Problem,
     experiment: Experiment,
     last: Simulated,
-    covariance: np.ndarray,
+    uncertainty: Uncertainty,
     *,
     converged: bool,
     name: str,
@@ -164,7 +126,8 @@ def estimate_of(
     return Estimate(
         names=problem.names,
         value=last.beta,
-        covariance=covariance,
+        covariance=uncertainty.covariance,
         residual=last.error,
         warnings=tuple(warnings),
+        freedom=uncertainty.freedom,
     )

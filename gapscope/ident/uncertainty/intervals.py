@@ -154,16 +154,38 @@ def block_jackknife(
     does. Arguments as ``sandwich``; blocks, which do not overlap here, are by default twice as long, and no more than
     about ``MOST_BLOCKS``. Source: kunsch1989, bell2002.
     """
-    gram, scores = _grams_and_scores(problem, beta, weight)
+    weighted = problem.matrix if weight is None else weight @ problem.matrix
+    residual = problem.residual(beta)
+    return jackknife(weighted, problem.matrix, residual, problem.group, length)
+
+
+def jackknife(
+    left: np.ndarray,
+    right: np.ndarray,
+    residual: np.ndarray,
+    group: np.ndarray,
+    length: int | None = None,
+) -> Uncertainty:
+    """The same for any estimate that makes Z^T e zero, with e = y - W beta, or nearly so near the estimate.
+
+    Args:
+        left: Z, instruments, or the regressor by its weights, shape (N, m, b).
+        right: W, the regressor, or derivatives of what is predicted, shape (N, m, b).
+        residual: e, shape (N, m).
+        group: shape (N,).
+        length: of the blocks [samples]; chosen as in ``block_jackknife`` if ``None``.
+    """
+    parameters = left.shape[2]
+    scores = np.einsum("ijb,ij->ib", left, residual)
+    gram = left.reshape(-1, parameters).T @ right.reshape(-1, parameters)
     if length is None:
         enough = -(-len(scores) // MOST_BLOCKS)
-        length = max(2 * block_length(scores, problem.group), enough)
-    scale = 1 / np.sqrt(np.diag(gram).clip(1e-300))
+        length = max(2 * block_length(scores, group), enough)
+    scale = 1 / np.sqrt(np.abs(np.diag(gram)).clip(1e-300))
     changes = []
-    for block in _blocks(problem.group, length):
-        rows = problem.matrix[block]
-        weighted = rows if weight is None else weight @ rows
-        own = rows.reshape(-1, len(beta)).T @ weighted.reshape(-1, len(beta))
+    for block in _blocks(group, length):
+        instruments = left[block].reshape(-1, parameters)
+        own = instruments.T @ right[block].reshape(-1, parameters)
         others = (gram - own) * np.outer(scale, scale)
         score = scale * scores[block].sum(axis=0)
         changes.append(scale * np.linalg.lstsq(others, score, rcond=1e-14)[0])

@@ -20,7 +20,6 @@ from gapscope.ident.estimators.didim import DirectInverse
 from gapscope.ident.estimators.experiment import Experiment
 from gapscope.ident.estimators.instrumental_variables import InstrumentalVariables
 from gapscope.ident.estimators.output_error import OutputError
-from gapscope.ident.estimators.simulating import score_covariance
 from gapscope.ident.estimators.wls import WeightedLeastSquares
 from gapscope.ident.model.assembly import Assembly
 from gapscope.ident.model.base_parameters import structural_base
@@ -237,11 +236,3 @@ def test_an_iteration_that_is_cut_short_says_that_it_did_not_settle(clean, name)
         clean.build(clean.recordings)
     )
     assert any("did not settle: (a)" in warning for warning in estimate.warnings)
-
-
-def test_covariance_of_white_scores_is_the_plain_one():
-    rng = np.random.default_rng(3)
-    W = rng.standard_normal((4000, 3))
-    noise = rng.standard_normal((4000, 1))
-    found = score_covariance(W.T @ W, W * noise, np.zeros(4000, dtype=int), 4000 / 3)
-    assert np.diag(found) == pytest.approx(np.diag(np.linalg.inv(W.T @ W)), rel=0.15)

@@ -18,6 +18,7 @@ from gapscope.ident.signals.effective_samples import group_slices
 from gapscope.ident.uncertainty.intervals import (
     block_jackknife,
     block_length,
+    jackknife,
     plain,
     sandwich,
 )
@@ -268,3 +269,27 @@ class TestModelError:
             held_out(single, OrdinaryLeastSquares()),
             held_out(given, OrdinaryLeastSquares()),
         )
+
+
+def test_jackknife_of_instruments_leaves_blocks_out() -> None:
+    """The change of (Z^T W)^-1 Z^T y without each of four blocks of 25 samples, computed outright."""
+    rng = np.random.default_rng(4)
+    instruments = rng.standard_normal((100, 2, 3))
+    regressor = instruments + 0.3 * rng.standard_normal((100, 2, 3))
+    torque = regressor @ np.ones(3) + 0.1 * rng.standard_normal((100, 2))
+
+    def solved(rows: np.ndarray) -> np.ndarray:
+        left, right = (x[rows].reshape(-1, 3) for x in (instruments, regressor))
+        return np.linalg.solve(left.T @ right, left.T @ torque[rows].ravel())
+
+    everything = np.arange(100)
+    beta = solved(everything)
+    found = jackknife(
+        instruments, regressor, torque - regressor @ beta, np.zeros(100, int), 25
+    )
+    without = [
+        solved(np.delete(everything, k + np.arange(25))) for k in range(0, 100, 25)
+    ]
+    change = np.array(without) - beta
+    assert found.covariance == pytest.approx(0.75 * change.T @ change)
+    assert found.freedom == 3.0
