@@ -27,16 +27,19 @@ from gapscope.blind_check.seal import open_labels
 from gapscope.diagnosis.assessment.alternatives import Alternative
 from gapscope.diagnosis.assessment.calibration import (
     FILE,
+    WEIGHT_PRECISION,
     Support,
     probability,
     with_probabilities,
 )
 from gapscope.effects.catalogue import CATALOGUE
 
-PRIOR, PRIOR_EFFECT = 0.3, 4.0
-"""Inverse variances of the weights, and of the number of each effect: few errors are seen of any one."""
+PRIOR_EFFECT = 4.0
+"""Inverse variance of the number of each effect: few errors are seen of any one."""
 LEVEL = 0.9
 """Coverage of the conformal sets."""
+SEEN = 0.95
+"""Share of the findings whose healthy residual counts as seen [1]."""
 
 
 class Finding(NamedTuple):
@@ -100,7 +103,7 @@ def fit(known: Sequence[Finding]) -> dict[str, Any]:
         likelihood = -np.log(np.where(right > 0, p, 1.0 - p) + 1e-12).sum()
         return float(
             likelihood
-            + 0.5 * PRIOR * v[1 : 1 + count] @ v[1 : 1 + count]
+            + 0.5 * WEIGHT_PRECISION * v[1 : 1 + count] @ v[1 : 1 + count]
             + 0.5 * PRIOR_EFFECT * v[1 + count :] @ v[1 + count :]
         )
 
@@ -175,7 +178,11 @@ def left_out(known: Sequence[Finding], folds: int = 10) -> np.ndarray:
     }
     out = np.empty(len(known))
     for fold in range(folds):
-        values = fit([f for f in known if place[f.case] != fold])
+        values = {
+            # all arms are of the same generator
+            "expected": 1.0,
+            **fit([f for f in known if place[f.case] != fold]),
+        }
         for k, f in enumerate(known):
             if place[f.case] == fold:
                 out[k] = probability(f.effect, f.support, values)
@@ -213,6 +220,9 @@ def main() -> None:
         "findings": len(known),
         **fit(known),
     }
+    values["expected"] = round(
+        float(np.quantile([f.support.expected for f in known], SEEN)), 4
+    )
     values |= fit_alternatives(known)
     values["level"] = fit_level(known, values)
     print(to_json(values))

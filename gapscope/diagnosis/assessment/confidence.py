@@ -112,4 +112,11 @@ def _support(
         times_expected=float(residual.ratio_expected[places].max()),
         effects=count_findings(terms),
         nominal=float(found.selection.evidence.inertial_error),
+        expected=float(_expected(found.selection)[places].max()),
     )
+
+
+def _expected(selection: Selection) -> np.ndarray:
+    """Torque NRMSE that a healthy arm leaves of every model, (n,)."""
+    healthy = np.sqrt(selection.evidence.expected2.mean(axis=0))
+    return np.asarray(healthy / selection.scale)

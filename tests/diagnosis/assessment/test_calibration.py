@@ -46,6 +46,7 @@ NEUTRAL = {
     "temper": 0.0,
     "unlisted": 1.0,
     "level": 0.9,
+    "expected": 0.05,
 }
 
 
@@ -58,6 +59,18 @@ class TestProbability:
         assert probability("backlash", SURE, NEUTRAL) == pytest.approx(0.5)
         assert probability("armature", SURE, NEUTRAL) == pytest.approx(0.75)
         assert probability("armature", EVEN, NEUTRAL) == pytest.approx(0.375)
+
+    def test_an_arm_unlike_all_that_were_seen_makes_it_less_sure(self) -> None:
+        """z = 1 and V = 1 / 0.3: ln 3 over sqrt(1 + pi / 2.4), in favour of the cause as against it."""
+        factor = np.sqrt(1.0 + np.pi / 2.4)
+        for z, name in ((np.log(3.0), "armature"), (-np.log(3.0), "worse")):
+            values = NEUTRAL | {"effects": {name: z}}
+            unlike = replace(SURE, expected=0.05 * np.e)
+            expected = 1.0 / (1.0 + np.exp(-z / factor))
+            assert probability(name, unlike, values) == pytest.approx(expected)
+            # one that leaves less than those that were seen is like them
+            like = replace(SURE, expected=0.01)
+            assert probability(name, like, values) == probability(name, SURE, values)
 
     def test_it_is_bounded(self) -> None:
         high, low = (NEUTRAL | {"intercept": z} for z in (99.0, -99.0))

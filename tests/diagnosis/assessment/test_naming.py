@@ -43,7 +43,9 @@ class HalvingPredictor:
 def divided(
     *terms: Term, score: Any, residual: ExcessResidual = ALL_EXPLAINED
 ) -> Naming:
-    found = selections.selection(*terms, evidence=TableEvidence(score=score))
+    healthy = np.full((1, 2), 1e-4)
+    evidence = TableEvidence(score=score, expected2=healthy)
+    found = selections.selection(*terms, evidence=evidence)
     return divide(HalvingPredictor(found), residual)  # type: ignore[arg-type]
 
 
