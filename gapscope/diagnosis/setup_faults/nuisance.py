@@ -7,8 +7,9 @@ The torque of joint j is taken as
 with p the torque that the nominal arm's bodies and rotors need, known payload included, c0 and b0 its friction, Y the
 inertial regressor and delta errors of the inertials, a load on the last link among them, common to all joints. All
 values have a wide normal prior around zero; that of friction is at least as wide as the nominal friction, which is
-often a placeholder and may be gone. What physics forbids is forbidden: friction and rotor inertia in all not negative,
-the torque's scale not below 0.4. A wrong sign, column or unit cannot be had by ordinary values then.
+often a placeholder and may be gone, and that of rotors allows for one that takes most of its joint's torque. What
+physics forbids is forbidden: friction and rotor inertia in all not negative, the torque's scale not below 0.4. A wrong
+sign, column or unit cannot be had by ordinary values then.
 """
 
 from __future__ import annotations
@@ -33,8 +34,8 @@ from gapscope.diagnosis.thresholds import (
 
 OWN = 6
 """Values of each joint of its own: scale, rotor, Coulomb, viscous, spring, offset."""
-COULOMB, VISCOUS, OFFSET = 2, 3, 5
-"""Places of the friction coefficients and of the offset among them."""
+ROTOR, COULOMB, VISCOUS, OFFSET = 1, 2, 3, 5
+"""Places of the rotor, the friction coefficients and the offset among them."""
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from gapscope.diagnosis.setup_faults.arm_weight import weight_penalty
 from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
 from gapscope.diagnosis.setup_faults.nuisance import (
     OWN,
+    ROTOR,
     VISCOUS,
     FoldEquations,
     ReadTorque,
@@ -17,6 +18,7 @@ from gapscope.diagnosis.thresholds import (
     ORDINARY_FRICTION,
     ORDINARY_GAP_DEVIATION,
     ORDINARY_OFFSET,
+    ORDINARY_ROTOR,
     ORDINARY_SPRING,
     ORDINARY_TORQUE_SCALE,
 )
@@ -153,13 +155,17 @@ def _lowest(eq: FoldEquations) -> np.ndarray:
 
 def _own_prior_std(eq: FoldEquations, deviation: np.ndarray) -> np.ndarray:
     """Prior standard deviations of each joint's own values, (n, 6)."""
-    speed_square = eq.gram[:, :, eq.shared + VISCOUS, eq.shared + VISCOUS]
-    speed = np.sqrt(speed_square.sum(axis=0) / eq.rows.sum())
+    speed, acceleration = (
+        np.sqrt(eq.gram[:, :, column, column].sum(axis=0) / eq.rows.sum())
+        for column in (eq.shared + VISCOUS, eq.shared + ROTOR)
+    )
     coulomb, viscous = -eq.lowest[1:]
+    # behind a high gear a rotor takes most of the torque, however light the links are
+    rotor = ORDINARY_ROTOR * deviation / np.maximum(acceleration, 1e-3)
     return np.column_stack(
         [
             np.full(len(deviation), ORDINARY_TORQUE_SCALE),
-            eq.inertia,
+            np.hypot(rotor, eq.inertia),
             # nominal friction may be a placeholder: an arm without any of it is ordinary
             np.hypot(ORDINARY_FRICTION * deviation, coulomb),
             np.hypot(ORDINARY_FRICTION * deviation / np.maximum(speed, 1e-3), viscous),

@@ -46,6 +46,7 @@ ORDINARY = {
     "encoder offsets of 5 degrees": Truth(encoder=(0.0, 0.087, -0.087)),
     "torque offsets": Truth(offset=(5.0, -8.0, 3.0)),
     "rotor twice as heavy": Truth(armature=(1.0, 1.0, 0.4)),
+    "rotor 25 times as heavy as its link": Truth(armature=(0.0, 0.0, 10.0)),
     "delay": Truth(delay=(0.05, 0.05, 0.05)),
     "several at once": Truth(
         mass=3.0, com=(0.1, 0.0, 0.0), scale=(0.0, 0.2, 0.0), coulomb=(2.0, 0.0, 1.0)

@@ -13,6 +13,7 @@ from gapscope.diagnosis.setup_faults.nuisance_fit import (
     fitted_gap,
     held_out_gap,
 )
+from gapscope.diagnosis.thresholds import ORDINARY_PENALTY
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, condition
 
 FREE = np.full(2, -np.inf)
@@ -49,3 +50,11 @@ def test_what_was_fitted_leaves_less_than_what_was_held_out() -> None:
     fitted, same_penalty = fitted_gap(eq, IDENTITY)
     assert same_penalty == penalty
     assert (np.sum(fitted**2, axis=0) < np.sum(held_out**2, axis=0)).all()
+
+
+def test_a_rotor_that_takes_most_of_a_torque_is_ordinary() -> None:
+    """Behind a high gear it may be 25 times as heavy as what it turns."""
+    case = synthetic.case(synthetic.Truth(armature=(0.0, 0.0, 10.0)), seed=3)
+    segments = [condition(r, TORQUE_CUTOFF) for r in case.recordings]
+    eq = fold_equations(case.arm, synthetic.body(), sample(segments), IDENTITY)
+    assert held_out_gap(eq, IDENTITY)[1] < ORDINARY_PENALTY
