@@ -9,9 +9,15 @@ import numpy as np
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.known_load import KnownLoad
+from gapscope.arm.motions.motion import whole_rate
 
 CHANNELS = ("q", "dq", "tau", "q_ref", "dq_ref", "tau_sensor", "temperature")
 """Names of the per-joint channels, in the order in which files hold them."""
+NO_SERIES = ("name", "notes", "payload", "begun")
+"""Attributes of a recording that are no arrays over time."""
+USUAL_STEP = 0.01
+"""Largest difference of a usual step of time from the median step, over it [1]: the resolution of a clock of dates in
+double precision is 0.1 % of the step of a log at 5 kHz."""
 
 
 @dataclass(frozen=True)
@@ -20,7 +26,8 @@ class Recording:
 
     Attributes:
         name: file name or label of the recording.
-        t: time [s], shape (N,), strictly increasing within a segment; gaps are allowed.
+        t: time [s], shape (N,), strictly increasing within a segment; gaps are allowed. Readers count it from the
+            first row of the log.
         q: joint positions as the encoders gave them [rad], shape (N, n).
         tau: torque commanded or derived from motor current, joint side [N m], (N, n); ``None`` if no torque
             can be trusted.
@@ -30,6 +37,7 @@ class Recording:
         temperature: joint temperature [deg C], (N, n), or ``None``.
         notes: what was noticed or repaired while reading, for the report.
         payload: known body that was mounted on the last link, or ``None``.
+        begun: what the log's own clock showed at t = 0 [s]: time since it was switched on, or a date.
 
     Raises:
         InputError: a channel's shape does not fit ``t`` and ``q``, or a value is not finite.
@@ -46,12 +54,13 @@ class Recording:
     temperature: np.ndarray | None = None
     notes: tuple[str, ...] = ()
     payload: KnownLoad | None = None
+    begun: float = 0.0
 
     def __post_init__(self) -> None:
         """Freeze the arrays and check their shapes."""
         for field in fields(self):
             value = getattr(self, field.name)
-            if field.name in ("name", "notes", "payload") or value is None:
+            if field.name in NO_SERIES or value is None:
                 continue
             array = _frozen(value)
             object.__setattr__(self, field.name, array)
@@ -90,10 +99,21 @@ class Recording:
 
     @property
     def rate(self) -> float:
-        """Sampling rate [Hz]: the inverse of the median step of t; nan of a single sample."""
-        return (
-            float(1.0 / np.median(np.diff(self.t))) if len(self.t) > 1 else float("nan")
-        )
+        """Sampling rate [Hz]: the inverse of the mean of all steps of t that are usual; nan of a single sample.
+
+        Usual are those that differ from the median by no more than ``USUAL_STEP``.
+        """
+        if len(self.t) < 2:
+            return float("nan")
+        steps = np.diff(self.t)
+        median = np.median(steps)
+        usual = steps[np.abs(steps - median) <= USUAL_STEP * np.abs(median)]
+        return whole_rate(float(1.0 / usual.mean()))
+
+    @property
+    def stamps(self) -> np.ndarray:
+        """Time by the log's own clock, to 1e-9 s, shape (N,)."""
+        return np.round(self.t + self.begun, 9) if self.begun else self.t
 
     @property
     def duration(self) -> float:

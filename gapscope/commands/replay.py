@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -70,7 +71,7 @@ def replay_path(
     with error_context(model, effects):
         engine = check_engine(engine)
         progress(f"replays {recording.duration:.3g} s in {engine}")
-        return replay_recording(
+        replayed = replay_recording(
             case.arm,
             effects,
             recording,
@@ -78,3 +79,4 @@ def replay_path(
             engine=engine,
             residual=corrected.residual,
         )
+    return replace(replayed, t=recording.stamps)

@@ -84,7 +84,7 @@ def predict(
         loaded = _case(case)
         chosen, arm = recording_of(loaded, recording), loaded.arm
     torque = predict_torque(corrected_arm(arm, model), chosen)
-    return Prediction(chosen.name, chosen.t, torque)
+    return Prediction(chosen.name, chosen.stamps, torque)
 
 
 def _case(case: Case | NominalArm | str | Path) -> Case:

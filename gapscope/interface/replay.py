@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -96,4 +96,4 @@ def replay(
         engine=engine,
         residual=corrected.residual,
     )
-    return ReplayResult(chosen.name, result)
+    return ReplayResult(chosen.name, replace(result, t=chosen.stamps))

@@ -39,5 +39,5 @@ def view(
     except GapscopeError as error:
         return scene, str(error)
     return Scene(
-        loaded.arm, chosen.t, chosen.q, chosen.tau, torque, moved.t, moved.q
+        loaded.arm, chosen.t, chosen.q, chosen.tau, torque, chosen.t, moved.q
     ), ""

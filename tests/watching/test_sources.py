@@ -53,6 +53,25 @@ def test_half_a_line_waits_for_the_rest(reading: Reading, log: bytes, tmp_path: 
     assert 0 < len(samples(first)) < 400
 
 
+@pytest.mark.parametrize("start", [0, 100_000, 1_790_000_000])
+def test_parts_go_on_by_the_clock_of_the_log(
+    start: int, reading: Reading, log: bytes, tmp_path: Path
+):
+    head, *rows = log.decode().splitlines()
+    later = []
+    for row in rows:
+        t, _, rest = row.partition(",")
+        later.append(f"{start + float(t):.6f},{rest}\n")
+    file, half = tmp_path / "log.csv", len(later) // 2
+    file.write_text(head + "\n" + "".join(later[:half]))
+    source = GrowingFile(file, reading)
+    parts = list(source.poll())
+    with file.open("a") as growing:
+        growing.write("".join(later[half:]))
+    parts += source.poll()
+    assert np.allclose(np.diff(samples(parts)), 1 / 100, atol=1e-6)
+
+
 def test_a_later_run_goes_on_at_the_position(
     reading: Reading, log: bytes, tmp_path: Path
 ):

@@ -20,15 +20,24 @@ def read_time(table: Table, importing: Import, *, any_unit: bool = False) -> np.
     Raises:
         InputError: the column is missing or no number, jumps back, or has an implausible rate.
     """
+    t = stamps(table, importing)
+    check_time(t, table, importing.time.column or "time", any_unit=any_unit)
+    return t
+
+
+def stamps(table: Table, importing: Import) -> np.ndarray:
+    """Time of each row [s], shape (N,), whatever it holds.
+
+    Raises:
+        InputError: the column is missing or no number.
+    """
     time = importing.time
     if time.column is None:
         count: np.ndarray = table.first_row + np.arange(len(table))
     else:
         count = table.numbers(time.column)
     t = count / time.rate if time.rate is not None else count * time.factor
-    t = importing.mend.true_time(t, table.path.name)
-    check_time(t, table, time.column or "time", any_unit=any_unit)
-    return t
+    return importing.mend.true_time(t, table.path.name)
 
 
 def read_channel(table: Table, channel: Channel, arm: NominalArm) -> np.ndarray:

@@ -10,7 +10,13 @@ import numpy as np
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.channel_entry import Channel
-from gapscope.arm.io.channels import how_to_join, join, read_channel, read_time
+from gapscope.arm.io.channels import (
+    how_to_join,
+    join,
+    read_channel,
+    read_time,
+    stamps,
+)
 from gapscope.arm.io.dataset_units import in_radians
 from gapscope.arm.io.even_rows import EVENLY_TAKEN, even_stamps_of_rows
 from gapscope.arm.io.formats.lerobot import is_dataset, read_dataset
@@ -31,9 +37,9 @@ from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 
-LONGEST_UPTIME = 3e8
-"""Stamps beyond this are dates, not times since something was switched on [s]: about ten years."""
-FROM_FIRST_ROW = "time counted from the first row: its stamps are dates"
+SAID_START = 1.0
+"""A log whose first stamp is farther from 0 has a note that says so [s]."""
+FROM_FIRST_ROW = "time is counted from the first row, whose stamp is {:.10g} s"
 
 
 def load_recording(
@@ -162,6 +168,7 @@ def _recording(
     importing, notes = _fitting(importing, logs[importing.main_file], arm)
     sources, found = _sources(logs, arm, importing, complete)
     notes += found
+    begun = _first_stamp(sources["q"].table, importing)
     if rows is not None:
         sources = _cut(sources, rows, importing)
     main = sources["q"].table
@@ -178,20 +185,26 @@ def _recording(
         if even is not None:
             t = even
             notes += (EVENLY_TAKEN,)
-    if t[0] > LONGEST_UPTIME:
-        t = t - t[0]
-        notes += (FROM_FIRST_ROW,)
+    # a part of the rows is warm from those before it: its time goes on from the first row of the log
+    t = t - begun
+    if abs(begun) > SAID_START:
+        notes += (FROM_FIRST_ROW.format(begun),)
     values, turns = without_turns(values)
     values, found = untrusted_torque(values)
     notes += turns + found + gap_notes(t)
     # read-only from here on, so that the recording shares them
     for series in (t, *values.values()):
         series.setflags(write=False)
-    recording = Recording(main.path.name, t, payload=payload, **values)  # type: ignore[arg-type]
+    recording = Recording(main.path.name, t, payload=payload, begun=begun, **values)  # type: ignore[arg-type]
     mend = importing.mend.of_every_row if every_row else importing.mend
     recording = mend(recording, arm)
     notes += check_positions(recording, arm, main, any_unit=any_unit)
     return replace(recording, notes=notes)
+
+
+def _first_stamp(table: Table, importing: Import) -> float:
+    """Time of the first row of a log [s]; 0 if it has no rows."""
+    return float(stamps(table.part(0, 0), importing)[0]) if len(table) else 0.0
 
 
 def _fitting(

@@ -53,7 +53,7 @@ def write_recording(recording: Recording, path: str | Path) -> Path:
 def _channels(recording: Recording) -> dict[str, np.ndarray]:
     """Arrays by key: ``t``, (N,), and each known channel, (N, n)."""
     known = {name: getattr(recording, name) for name in CHANNELS}
-    return {"t": recording.t} | {
+    return {"t": recording.stamps} | {
         name: array for name, array in known.items() if array is not None
     }
 

@@ -24,4 +24,9 @@ class Motion:
     @property
     def rate(self) -> float:
         """Sampling rate [Hz]."""
-        return float((len(self.t) - 1) / (self.t[-1] - self.t[0]))
+        return whole_rate(float((len(self.t) - 1) / (self.t[-1] - self.t[0])))
+
+
+def whole_rate(rate: float) -> float:
+    """A rate [Hz] to six digits: rounding of its stamps must not decide how many samples a time has."""
+    return float(f"{rate:.6g}")

@@ -84,7 +84,7 @@ def covariates(
     if len(logged) == len(recordings):
         warmth = np.array([series[:, places].mean() for series in logged])
         found.append(Covariate(TEMPERATURE, "deg C", warmth))
-    starts = np.array([r.t[0] for r in recordings])
+    starts = np.array([r.stamps[0] for r in recordings])
     if starts.min() > CLOCK:
         found.append(Covariate(START, "h", (starts - starts.min()) / 3600.0))
     else:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -126,7 +127,8 @@ class GrowingFile:
             return
         self.reading.succeeded = True
         name = self.path.name if self._part == 1 else f"{self.path.name} ({self._part})"
-        yield part.part(slice(None), name=name)
+        # every part goes on by the clock of the log
+        yield replace(part, name=name, t=part.stamps, begun=0.0)
 
     def _note(self, what: str, line: int) -> Event:
         error = InputError(what, file=self.path, where=f"from line {line} on")

@@ -257,7 +257,7 @@ def same(one: Case, other: Case) -> None:
     for a, b in zip(
         (*one.recordings, *one.judged), (*other.recordings, *other.judged), strict=True
     ):
-        for name in ("t", *CHANNELS):
+        for name in ("stamps", *CHANNELS):
             np.testing.assert_array_equal(
                 getattr(a, name), getattr(b, name), err_msg=name
             )

@@ -98,12 +98,22 @@ def test_a_folder_that_cannot_be_made(recording: Recording, tmp_path: Path) -> N
     assert caught.value.exit_code == 1
 
 
-def test_stamps_that_are_dates_count_from_the_first_row(
-    recording: Recording, arm: NominalArm, tmp_path: Path
+@pytest.mark.parametrize("start", [-2.0, 1e5, 1.79e9])
+def test_time_counts_from_the_first_row(
+    start: float, recording: Recording, arm: NominalArm, tmp_path: Path
 ) -> None:
-    """Effects that fade since the start of a recording need its start."""
-    dated = replace(recording, t=recording.t - recording.t[0] + 1.7e9)
-    read = load_recording(write_recording(dated, tmp_path / "dated.npz"), arm)
+    """Effects that fade since the start of a recording need its start; what is written has the log's own stamps."""
+    late = replace(recording, t=recording.t + start)
+    read = load_recording(write_recording(late, tmp_path / "late.npz"), arm)
     assert read.t[0] == 0.0
     np.testing.assert_allclose(read.t, recording.t - recording.t[0], atol=1e-6)
-    assert any("dates" in note for note in read.notes)
+    np.testing.assert_allclose(read.stamps, late.t, rtol=0, atol=1e-6)
+    assert any("counted from the first row" in note for note in read.notes)
+
+
+@pytest.mark.parametrize("rate", [100.0, 250.0, 1000.0])
+def test_the_rate_does_not_depend_on_the_clock(rate: float) -> None:
+    """Dates in double precision are rounded to 0.2 microseconds."""
+    t = np.arange(1000) / rate
+    for start in (0.0, 1e5, 1.79e9):
+        assert Recording("log", t + start, np.zeros((1000, 1))).rate == rate

@@ -1,0 +1,127 @@
+"""The same diagnosis however a case is written down: recordings, joints and rows in another order, other units and signs.
+
+    .venv/bin/python experiments/53_metamorphic.py out/metamorphic
+    .venv/bin/python experiments/53_metamorphic.py out/metamorphic --relation mirrored --case 5
+
+Cases of the blind check's generator (``metamorphic_cases.py``) and a twin of each by every relation
+(``metamorphic_relations.py``) are written as a user would have and diagnosed. A diagnosis that is there is kept, so
+that a run that was stopped goes on; remove ``OUT/diagnoses`` after a change of the program. Prints what differs,
+then a table of the relations as Markdown. Exits with 1 if verdict, effects or joints of an exact twin differ.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from metamorphic_cases import CASES, SEED, make
+from metamorphic_compare import Difference, compare
+from metamorphic_relations import RELATIONS, CaseFiles, Relation, Twin
+
+from gapscope.arm.case import load_case
+from gapscope.diagnosis.diagnose import diagnose
+
+
+def twin_of(case: Path, number: int, relation: Relation) -> Twin:
+    """The twin of a case; the same one each time."""
+    place = RELATIONS.index(relation)
+    rng = np.random.default_rng([SEED, number, place])
+    return relation.twin(CaseFiles.read(case), rng)
+
+
+def diagnosed(folder: Path, file: Path) -> dict[str, Any]:
+    """Diagnosis of a folder; that of ``file`` if it is there."""
+    if not file.is_file():
+        begun = time.process_time()
+        document = dict(diagnose(load_case(folder, any_unit=True)).document)
+        seconds = time.process_time() - begun
+        aside = file.with_suffix(".aside")
+        aside.write_text(json.dumps({**document, "seconds": seconds}), "utf-8")
+        aside.replace(file)
+    return dict(json.loads(file.read_text("utf-8")))
+
+
+def examine(number: int, relation: Relation, out: Path) -> Difference:
+    """What differs between a case and its twin."""
+    name = f"case{number:02d}"
+    case = make(number, out / "cases")
+    results = out / "diagnoses"
+    results.mkdir(exist_ok=True)
+    original = diagnosed(case, results / f"{name}.json")
+    twin = twin_of(case, number, relation)
+    file = results / f"{name}_{relation.name}.json"
+    folder = out / "twins" / f"{name}_{relation.name}"
+    if not file.is_file():
+        shutil.rmtree(folder, ignore_errors=True)
+        twin.files.write(folder)
+    other = diagnosed(folder, file)
+    shutil.rmtree(folder, ignore_errors=True)
+    return compare(original, other, twin)
+
+
+def table(found: dict[str, list[Difference]]) -> str:
+    """A line for each relation."""
+    head = ["changed", "pairs", "same verdict", "same effects", "same possible ones"]
+    head += ["value [std]", "closed", "share", "probability", "NRMSE"]
+    lines = [f"| {' | '.join(head)} |", "|---|" + "---:|" * (len(head) - 1)]
+    for relation in RELATIONS:
+        rows = found.get(relation.name)
+        if not rows:
+            continue
+        cells = [relation.what, str(len(rows))]
+        cells += [
+            str(sum(getattr(row, key) for row in rows))
+            for key in ("verdict", "named", "possible")
+        ]
+        # what other effects say about the values is no difference of values
+        same = [row for row in rows if row.same_names]
+        for key in ("value", "closed", "share", "probability", "nrmse"):
+            largest = max((getattr(row, key) for row in same), default=0.0)
+            cells.append(f"{largest:.1e}" if largest < 0.01 else f"{largest:.2f}")
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def main(out: Path, relations: list[str], cases: list[int]) -> int:
+    """Diagnose what is asked for; 1 if an exact twin has other effects."""
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "cases").mkdir(exist_ok=True)
+    found: dict[str, list[Difference]] = {}
+    failed = False
+    for number in cases:
+        for relation in RELATIONS:
+            if relation.name not in relations:
+                continue
+            difference = examine(number, relation, out)
+            found.setdefault(relation.name, []).append(difference)
+            failed |= relation.exact and not difference.same_names
+            print(f"case{number:02d} {relation.name}: {_said(difference)}", flush=True)
+    print(table(found))
+    return int(failed)
+
+
+def _said(difference: Difference) -> str:
+    """A line on one pair."""
+    return (
+        f"value {difference.value:.1e} std, closed {difference.closed:.1e}, share {difference.share:.1e}, "
+        f"probability {difference.probability:.1e}, NRMSE {difference.nrmse:.1e}, floor {difference.floor:.1e} "
+        f"{difference.words}"
+    )
+
+
+if __name__ == "__main__":
+    names = [relation.name for relation in RELATIONS]
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--relation", action="append", choices=names)
+    parser.add_argument("--case", action="append", type=int, choices=range(len(CASES)))
+    asked = parser.parse_args()
+    sys.exit(
+        main(asked.out, asked.relation or names, asked.case or list(range(len(CASES))))
+    )

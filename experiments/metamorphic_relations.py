@@ -1,0 +1,312 @@
+"""Twins of a case: the same arm and the same recordings written down otherwise, so that the diagnosis has to be the same.
+
+A relation changes the files of a case as another user would have written them, and says how joints, parameters and
+units of the twin's diagnosis go back to those of the case.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Mapping
+from copy import deepcopy
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import yaml
+
+CHANNELS = ("q", "dq", "tau", "q_ref", "dq_ref", "tau_sensor")
+PER_JOINT = {
+    "nominal": ("armature", "coulomb", "viscous", "torque_limit"),
+    "controller": ("kp", "kd"),
+}
+"""Lists of ``case.yaml`` with one number per joint."""
+ODD = {
+    ("torque_offset", "torque"),
+    ("encoder_offset", "offset"),
+    ("parallel_spring", "rest"),
+    ("torque_ripple", "phase"),
+}
+"""Parameters that change their sign with that of the joint."""
+HEAVIER = 7.3
+"""Factor on all masses and torques of the heavier twin [1]."""
+TURN = 0.7
+"""Angle by which the base is turned about the vertical [rad]."""
+SHIFT, EPOCH = 1e5, 1.79e9
+"""Times that are added to all stamps [s]: a day of running, and the age of the Unix clock."""
+ROUNDING = 1e-9
+"""Relative size of the changes of all numbers [1]: less than what files round."""
+
+
+@dataclass(frozen=True)
+class CaseFiles:
+    """What a case's folder holds: ``case.yaml``, the URDF, and the recordings by file name."""
+
+    content: dict[str, Any]
+    urdf: ET.Element
+    recordings: dict[str, pd.DataFrame]
+
+    @classmethod
+    def read(cls, folder: Path) -> CaseFiles:
+        """The files of a folder."""
+        content = yaml.safe_load((folder / "case.yaml").read_text("utf-8"))
+        urdf = ET.parse(folder / content["robot"]).getroot()
+        names = content["recordings"]
+        return cls(content, urdf, {name: pd.read_csv(folder / name) for name in names})
+
+    def write(self, folder: Path) -> None:
+        """Write them into a new folder, numbers in full."""
+        folder.mkdir(parents=True)
+        text = yaml.safe_dump(self.content, sort_keys=False)
+        (folder / "case.yaml").write_text(text, "utf-8")
+        robot = folder / self.content["robot"]
+        robot.write_text(ET.tostring(self.urdf, encoding="unicode"), "utf-8")
+        for name, table in self.recordings.items():
+            table.to_csv(folder / name, index=False, float_format="%.17g")
+
+    @property
+    def moving(self) -> list[ET.Element]:
+        """The joints that move, in the order of the columns."""
+        named = {joint.get("name"): joint for joint in self.urdf.findall("joint")}
+        names = self.content.get("joints")
+        if names:
+            return [named[name] for name in names]
+        return [joint for joint in named.values() if joint.get("type") != "fixed"]
+
+
+@dataclass(frozen=True)
+class Twin:
+    """A case written down otherwise.
+
+    Attributes:
+        files: its files.
+        order: number of the case's joint, from 1, that each of its joints is.
+        mirrored: joints whose sense of rotation is turned, by the numbers of the case.
+        heavier: factor on all that has the unit of a mass or a torque [1].
+        turned: angle by which the base frame is turned about the vertical [rad].
+    """
+
+    files: CaseFiles
+    order: Mapping[int, int] = field(default_factory=dict)
+    mirrored: tuple[int, ...] = ()
+    heavier: float = 1.0
+    turned: float = 0.0
+
+    def joints(self, numbers: list[int]) -> list[int]:
+        """Joints of the twin by their numbers in the case."""
+        return [self.order.get(j, j) for j in numbers]
+
+    def size(self, unit: str) -> float:
+        """Factor on what has this unit [1]."""
+        has_mass = "N" in unit.split("/")[0] or "kg" in unit
+        return self.heavier if has_mass else 1.0
+
+    def value(self, effect: str, name: str, unit: str, joint: int, x: float) -> float:
+        """A parameter of the twin as the case has it, but for the turned base."""
+        is_odd = (effect, name) in ODD and joint in self.mirrored
+        return (-x if is_odd else x) / self.size(unit)
+
+
+@dataclass(frozen=True)
+class Relation:
+    """A relation between two cases that have the same diagnosis.
+
+    Attributes:
+        name: key.
+        what: what is changed, in words.
+        exact: whether both hold the same numbers but for rounding; else other rows are looked at.
+        twin: makes the twin; a generator draws what is not given.
+    """
+
+    name: str
+    what: str
+    exact: bool
+    twin: Callable[[CaseFiles, np.random.Generator], Twin]
+
+
+def unchanged(case: CaseFiles, rng: np.random.Generator) -> Twin:
+    """The same case."""
+    return Twin(case)
+
+
+def recordings_reversed(case: CaseFiles, rng: np.random.Generator) -> Twin:
+    """The last recording first."""
+    content = {**case.content, "recordings": case.content["recordings"][::-1]}
+    return Twin(CaseFiles(content, case.urdf, case.recordings))
+
+
+def joints_permuted(case: CaseFiles, rng: np.random.Generator) -> Twin:
+    """``joints:`` in another order, with the columns and the lists that follow it."""
+    names = [str(joint.get("name")) for joint in case.moving]
+    order = rng.permutation(len(names))
+    while np.array_equal(order, np.arange(len(names))):
+        order = rng.permutation(len(names))
+    content = deepcopy(case.content)
+    content["joints"] = [names[k] for k in order]
+    for section, keys in PER_JOINT.items():
+        for key in keys:
+            if key in content.get(section, {}):
+                values = content[section][key]
+                content[section][key] = [values[k] for k in order]
+    new_name = {
+        f"{channel}{old + 1}": f"{channel}{new + 1}"
+        for channel in CHANNELS
+        for new, old in enumerate(order)
+    }
+    tables = {
+        name: table.rename(columns=new_name) for name, table in case.recordings.items()
+    }
+    numbers = {new + 1: int(old) + 1 for new, old in enumerate(order)}
+    return Twin(CaseFiles(content, case.urdf, tables), order=numbers)
+
+
+def files_shuffled(case: CaseFiles, rng: np.random.Generator) -> Twin:
+    """Elements of the URDF and columns of the recordings in another order; the order of the joints is said."""
+    content = deepcopy(case.content)
+    content["joints"] = [str(joint.get("name")) for joint in case.moving]
+    urdf = ET.Element(case.urdf.tag, case.urdf.attrib)
+    elements = list(case.urdf)
+    urdf.extend([elements[k] for k in rng.permutation(len(elements))])
+    tables = {}
+    for name, table in case.recordings.items():
+        tables[name] = table.iloc[:, rng.permutation(table.shape[1])]
+    return Twin(CaseFiles(content, urdf, tables))
+
+
+def rounded(case: CaseFiles, rng: np.random.Generator) -> Twin:
+    """All numbers of the recordings changed by about ``ROUNDING`` of themselves."""
+    return _each_table(
+        case,
+        lambda table: table * (1 + ROUNDING * rng.uniform(-1, 1, table.shape)),
+    )
+
+
+def first_row_dropped(case: CaseFiles, rng: np.random.Generator) -> Twin:
+    """Recordings that begin one row later."""
+    return _each_table(case, lambda table: table.iloc[1:])
+
+
+def other_units(case: CaseFiles, rng: np.random.Generator) -> Twin:
+    """Time in ms, positions in degrees, torque in mN m, and an ``import:`` section that says so."""
+    units = {"q": "deg", "dq": "deg/s", "tau": "mN m"}
+    units |= {"q_ref": "deg", "dq_ref": "deg/s"}
+    present = set(next(iter(case.recordings.values())).columns)
+    content = deepcopy(case.content)
+    content["import"] = {"time": {"column": "t", "unit": "ms"}}
+    for channel, unit in units.items():
+        if f"{channel}1" in present:
+            content["import"][channel] = {"column": channel + "{j}", "unit": unit}
+
+    def converted(table: pd.DataFrame) -> pd.DataFrame:
+        factors = {"t": 1e3, "tau": 1e3}
+        channels = [column.rstrip("0123456789") for column in table.columns]
+        return table * [factors.get(name, 180 / np.pi) for name in channels]
+
+    tables = _each_table(case, converted).files.recordings
+    return Twin(CaseFiles(content, case.urdf, tables))
+
+
+def heavier(case: CaseFiles, rng: np.random.Generator) -> Twin:
+    """Every mass, torque, gain and entry of the data sheet times one factor: the same motion."""
+    content, urdf = deepcopy(case.content), deepcopy(case.urdf)
+    for section, keys in PER_JOINT.items():
+        for key in keys:
+            if key in content.get(section, {}):
+                content[section][key] = [HEAVIER * x for x in content[section][key]]
+    for element in [*urdf.iter("mass"), *urdf.iter("inertia")]:
+        for key, text in element.attrib.items():
+            element.set(key, repr(HEAVIER * float(text)))
+    tables = _each_table(case, lambda table: table * _factors(table, "tau", HEAVIER))
+    return Twin(CaseFiles(content, urdf, tables.files.recordings), heavier=HEAVIER)
+
+
+def time_shifted(case: CaseFiles, rng: np.random.Generator) -> Twin:
+    """A log that begins after a day."""
+    return _each_table(case, lambda table: table.assign(t=table["t"] + SHIFT))
+
+
+def unix_time(case: CaseFiles, rng: np.random.Generator) -> Twin:
+    """Stamps of the Unix clock, which have a resolution of 0.2 microseconds."""
+    return _each_table(case, lambda table: table.assign(t=table["t"] + EPOCH))
+
+
+def joint_mirrored(case: CaseFiles, rng: np.random.Generator) -> Twin:
+    """The axis of one joint turned round, and the signs of its columns with it."""
+    urdf = deepcopy(case.urdf)
+    twin = CaseFiles(case.content, urdf, case.recordings)
+    number = int(rng.integers(len(twin.moving))) + 1
+    joint = twin.moving[number - 1]
+    axis = joint.find("axis")
+    if axis is None:
+        axis = ET.SubElement(joint, "axis", xyz="1 0 0")
+    turned = [-float(x) for x in axis.attrib["xyz"].split()]
+    axis.set("xyz", " ".join(repr(x) for x in turned))
+    limit = joint.find("limit")
+    if limit is not None and "lower" in limit.attrib:
+        lower, upper = float(limit.attrib["lower"]), float(limit.attrib["upper"])
+        limit.attrib.update(lower=repr(-upper), upper=repr(-lower))
+    columns = {f"{channel}{number}" for channel in CHANNELS}
+
+    def signs(table: pd.DataFrame) -> pd.DataFrame:
+        return table * [-1.0 if name in columns else 1.0 for name in table.columns]
+
+    tables = _each_table(case, signs).files.recordings
+    return Twin(CaseFiles(case.content, urdf, tables), mirrored=(number,))
+
+
+def base_turned(case: CaseFiles, rng: np.random.Generator) -> Twin:
+    """The arm mounted on a plate that is turned about the vertical."""
+    urdf = deepcopy(case.urdf)
+    children = {child.get("link") for child in urdf.iter("child")}
+    links = [str(link.get("name")) for link in urdf.findall("link")]
+    base = next(name for name in links if name not in children)
+    ET.SubElement(urdf, "link", name="turned_plate")
+    joint = ET.SubElement(urdf, "joint", name="turned_plate_joint", type="fixed")
+    ET.SubElement(joint, "parent", link="turned_plate")
+    ET.SubElement(joint, "child", link=base)
+    ET.SubElement(joint, "origin", xyz="0 0 0", rpy=f"0 0 {TURN}")
+    return Twin(CaseFiles(case.content, urdf, case.recordings), turned=TURN)
+
+
+def cut_in_half(case: CaseFiles, rng: np.random.Generator) -> Twin:
+    """Each recording cut into two files in its middle."""
+    tables = {}
+    for name, table in case.recordings.items():
+        middle = len(table) // 2
+        tables[f"first_{name}"] = table.iloc[:middle]
+        tables[f"second_{name}"] = table.iloc[middle:]
+    content = {**case.content, "recordings": list(tables)}
+    return Twin(CaseFiles(content, case.urdf, tables))
+
+
+def _each_table(
+    case: CaseFiles, change: Callable[[pd.DataFrame], pd.DataFrame]
+) -> Twin:
+    """The case with every recording changed."""
+    tables = {name: change(table) for name, table in case.recordings.items()}
+    return Twin(CaseFiles(case.content, case.urdf, tables))
+
+
+def _factors(table: pd.DataFrame, channel: str, factor: float) -> list[float]:
+    """A factor for each column: that of a channel, 1 of all others."""
+    of = {f"{channel}{j}" for j in range(1, table.shape[1])}
+    return [factor if name in of else 1.0 for name in table.columns]
+
+
+RELATIONS = (
+    Relation("unchanged", "nothing: diagnosed twice", True, unchanged),
+    Relation("recordings", "order of the recordings", True, recordings_reversed),
+    Relation("joints", "order of the joints", True, joints_permuted),
+    Relation("files", "order in URDF and CSV", True, files_shuffled),
+    Relation("rounded", "numbers by 1e-9 of themselves", True, rounded),
+    Relation("units", "ms, degrees, mN m", True, other_units),
+    Relation("heavier", f"masses and torques times {HEAVIER}", True, heavier),
+    Relation("time", "stamps plus 1e5 s", True, time_shifted),
+    Relation("unix", "stamps of the Unix clock", True, unix_time),
+    Relation("mirrored", "sense of one joint", True, joint_mirrored),
+    Relation("turned", "base turned about the vertical", True, base_turned),
+    Relation("first_row", "first row left out", False, first_row_dropped),
+    Relation("cut", "each recording cut in two", False, cut_in_half),
+)
