@@ -1,4 +1,4 @@
-"""The same diagnosis however a case is written down: recordings, joints and rows in another order, other units and signs.
+"""The same diagnosis however a case is written down: in another order, in other units, with other signs and stamps.
 
     .venv/bin/python experiments/53_metamorphic.py out/metamorphic
     .venv/bin/python experiments/53_metamorphic.py out/metamorphic --relation mirrored --case 5

@@ -138,9 +138,7 @@ def _values(document: Document, twin: Twin) -> dict[Key, tuple[float, float]]:
         effect, joints = entry["effect"], entry["joints"]
         for name, unit, values, deviations in _parameters(entry):
             at_joints = joints and len(joints) == len(values)
-            places = (
-                twin.joints(joints) if at_joints else range(0, -len(values), -1)
-            )
+            places = twin.joints(joints) if at_joints else range(0, -len(values), -1)
             for place, x, std in zip(places, values, deviations, strict=True):
                 of = (effect, name, unit, place)
                 found[effect, name, place] = (twin.value(*of, x), std / twin.size(unit))
@@ -172,7 +170,11 @@ def _turn_back(found: dict[Key, tuple[float, float]], angle: float) -> None:
     if tilt[0] in found:
         roll, pitch = (found[key][0] for key in tilt)
         # the vertical in the base frame, up to its sign
-        x, y, z = -np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)
+        x, y, z = (
+            -np.sin(pitch),
+            np.cos(pitch) * np.sin(roll),
+            np.cos(pitch) * np.cos(roll),
+        )
         x, y = back @ [x, y]
         angles = (np.arctan2(y, z), -np.arcsin(x))
         found |= {key: (a, found[key][1]) for key, a in zip(tilt, angles, strict=True)}

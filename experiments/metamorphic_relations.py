@@ -1,4 +1,4 @@
-"""Twins of a case: the same arm and the same recordings written down otherwise, so that the diagnosis has to be the same.
+"""Twins of a case: the same arm and recordings written down otherwise, so that the diagnosis has to be the same.
 
 A relation changes the files of a case as another user would have written them, and says how joints, parameters and
 units of the twin's diagnosis go back to those of the case.

@@ -36,8 +36,9 @@ def force_window(
         weight: of the joints [1/(N m)^2], (n,).
         bases: per joint what was taken out of the residual, orthonormal columns, (M, K).
     """
-    first = t.min()
-    last = max(int(np.ceil((t.max() - first) / FORCE_WINDOW_BIN)) - 1, 0)
+    # stamps of most logs are whole multiples apart: no edge lies on one, where its rounding would decide
+    first = t.min() - BEFORE_STAMPS
+    last = max(int(np.ceil((t.max() - t.min()) / FORCE_WINDOW_BIN - 0.5)) - 1, 0)
     in_time = np.minimum(((t - first) / FORCE_WINDOW_BIN).astype(int), last)
     present, of_row = np.unique(in_time, return_inverse=True)
     bins, least = len(present), round(LEAST_FORCE_WINDOW / FORCE_WINDOW_BIN)
@@ -58,6 +59,10 @@ def force_window(
     return NonlinearParameters(
         tuple(seconds), (FORCE_WINDOW_BIN / 2, FORCE_WINDOW_BIN / 2)
     )
+
+
+BEFORE_STAMPS = 0.01 * FORCE_WINDOW_BIN
+"""Time from an edge of the bins to the next stamp of a log with even stamps [s]."""
 
 
 class _Windows:

@@ -21,6 +21,7 @@ from gapscope.diagnosis.model.segment_rows import SegmentRows
 from gapscope.diagnosis.model.terms import Term, Terms
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Drift
+from gapscope.ident.model.rank import orthonormal_columns
 from gapscope.ident.signals.effective_samples import independent_samples
 
 COMMON = (
@@ -32,6 +33,8 @@ COMMON = (
 )
 """Effects that are taken out of a joint's gap before a nonlinear parameter is searched on it."""
 FRICTION = ("coulomb_friction", "viscous_friction")
+DEPENDENT = 1e-3
+"""Directions of a basis smaller than this, over the largest one, say nothing of their own [1]."""
 
 
 class GapScanner:
@@ -104,7 +107,7 @@ class GapScanner:
             gap = gap + own
             self._take_out(common, own, term, j)
         inertials = self._weighted([rows[:, j] for rows in self._data.nuisance], j)
-        basis = _orthonormal(np.hstack([common, inertials]))
+        basis = orthonormal_columns(np.hstack([common, inertials]), DEPENDENT)
         residual = gap - basis @ (basis.T @ gap)
         independent = independent_samples(residual[:, None])[0]
 
@@ -176,11 +179,3 @@ class GapScanner:
         t = np.concatenate([data.time(s) for s in data.segments])
         bases = [scan.basis for scan in scans]
         return force_window(t, residual, np.vstack(unit_force), weight, bases)
-
-
-def _orthonormal(x: np.ndarray) -> np.ndarray:
-    """Orthonormal basis of the columns of x, those that hardly count left out."""
-    norms = np.linalg.norm(x, axis=0)
-    used = norms > 0
-    u, size, _ = np.linalg.svd(x[:, used] / norms[used], full_matrices=False)
-    return u[:, size > 1e-3 * size[0]]

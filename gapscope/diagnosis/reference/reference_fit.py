@@ -23,6 +23,7 @@ from gapscope.ident.fitted_parameters import (
     fit_parameters,
 )
 from gapscope.ident.identification import Identification, examine_fit
+from gapscope.ident.model.rank import orthonormal_columns
 from gapscope.ident.signals.conditioning import position_cutoff
 from gapscope.ident.signals.effective_samples import independent_samples
 
@@ -185,10 +186,7 @@ def _skew(rows: ReferenceRows, x: np.ndarray) -> float:
     residual = rows.torque - rows.matrix @ x
     noise = np.maximum(residual.std(axis=0), 1e-9)
     columns = (rows.matrix / noise[:, None]).reshape(-1, rows.matrix.shape[2])
-    norms = np.linalg.norm(columns, axis=0)
-    used = columns[:, norms > 0] / norms[norms > 0]
-    u, singular, _ = np.linalg.svd(used, full_matrices=False)
-    basis = u[:, singular > RANK_TOLERANCE * singular[0]]
+    basis = orthonormal_columns(columns, RANK_TOLERANCE)
     rate, target = (rows.rate / noise).reshape(-1), (residual / noise).reshape(-1)
     # what W cannot make of the torque's rate shows the skew
     rate = rate - basis @ (basis.T @ rate)
