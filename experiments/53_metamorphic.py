@@ -2,11 +2,13 @@
 
     .venv/bin/python experiments/53_metamorphic.py out/metamorphic
     .venv/bin/python experiments/53_metamorphic.py out/metamorphic --relation mirrored --case 5
+    .venv/bin/python experiments/53_metamorphic.py out/metamorphic --bitwise
 
 Cases of the blind check's generator (``metamorphic_cases.py``) and a twin of each by every relation
 (``metamorphic_relations.py``) are written as a user would have and diagnosed. A diagnosis that is there is kept, so
 that a run that was stopped goes on; remove ``OUT/diagnoses`` after a change of the program. Prints what differs,
 then a table of the relations as Markdown. Exits with 1 if verdict, effects or joints of an exact twin differ.
+``--bitwise`` runs commands twice, with and without ``--jobs``, and compares their files (``metamorphic_bitwise.py``).
 """
 
 from __future__ import annotations
@@ -20,12 +22,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from metamorphic_bitwise import repeat
 from metamorphic_cases import CASES, SEED, make
 from metamorphic_compare import Difference, compare
 from metamorphic_relations import RELATIONS, CaseFiles, Relation, Twin
 
 from gapscope.arm.case import load_case
 from gapscope.diagnosis.diagnose import diagnose
+
+BITWISE = (3, 13)
+"""Cases that commands are run on with ``--bitwise``."""
 
 
 def twin_of(case: Path, number: int, relation: Relation) -> Twin:
@@ -121,7 +127,14 @@ if __name__ == "__main__":
     parser.add_argument("out", type=Path)
     parser.add_argument("--relation", action="append", choices=names)
     parser.add_argument("--case", action="append", type=int, choices=range(len(CASES)))
+    parser.add_argument("--bitwise", action="store_true", help="repeat commands")
     asked = parser.parse_args()
+    if asked.bitwise:
+        (asked.out / "cases").mkdir(parents=True, exist_ok=True)
+        for case in BITWISE:
+            make(case, asked.out / "cases")
+        print(repeat(asked.out / "cases", asked.out))
+        sys.exit()
     sys.exit(
         main(asked.out, asked.relation or names, asked.case or list(range(len(CASES))))
     )

@@ -8,12 +8,13 @@ rate off by 3 % is a mistake in the set-up.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
+from gapscope.arm.errors import InputError
 from gapscope.arm.io.plausibility import PLAUSIBLE_RATES, REPEATED, repeated_rows
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.setup_faults.channel_mapping import timed
@@ -35,6 +36,13 @@ from gapscope.diagnosis.thresholds import (
     STAMP_AMOUNT_STD,
 )
 from gapscope.ident.signals.conditioning import GAP_STEPS, SHORTEST
+
+VELOCITY_UNITS = {
+    180 / np.pi: "positions in rad with velocities in deg/s",
+    np.pi / 180: "positions in deg with velocities in rad/s",
+    30 / np.pi: "positions in rad with velocities in rpm",
+}
+"""Velocities over what positions change by per second, of units that do not fit together [1]."""
 
 
 def find_stamps(recordings: Iterable[Recording]) -> tuple[FoundFault, ...]:
@@ -97,6 +105,7 @@ def _gaps(recordings: tuple[Recording, ...]) -> FoundFault | None:
 
 def _wrong_rate(recordings: tuple[Recording, ...]) -> FoundFault | None:
     errors = {r.name: rate_error(r) for r in recordings}
+    _check_units(errors)
     wrong = {
         name: error
         for name, error in errors.items()
@@ -107,6 +116,24 @@ def _wrong_rate(recordings: tuple[Recording, ...]) -> FoundFault | None:
         return None
     true_period = 1.0 / fault.parameters["amount"].value[0]
     return replace(fault, mapping=timed(recordings[0].n_joints, true_period))
+
+
+def _check_units(errors: Mapping[str, float | None]) -> None:
+    """Check that no rate seems wrong by what two units of velocity differ by: then the stamps are right.
+
+    Raises:
+        InputError: positions and velocities of a recording are in units that do not fit together.
+    """
+    for name, error in errors.items():
+        for factor, units in VELOCITY_UNITS.items():
+            if error is not None and abs(np.log(error / factor)) < NAMED_RATE_ERROR:
+                raise InputError(
+                    f"velocities are {error:.3g} times what the positions change by: {units}",
+                    "give the units: import: {q: {column: ..., unit: ...}, dq: {column: ..., unit: ...}}; "
+                    "or leave the velocities out: import: {dq: null}",
+                    file=name,
+                    where="columns q1.., dq1..",
+                )
 
 
 def _above(amounts: dict[str, float], most: float) -> dict[str, float]:

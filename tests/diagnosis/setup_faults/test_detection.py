@@ -12,6 +12,7 @@ import synthetic
 from synthetic import Truth
 
 from gapscope.arm.case import Case, load_case
+from gapscope.arm.errors import InputError
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.found_fault import repaired
 from gapscope.diagnosis.setup_faults.shifted_inertials import shifted_arm
@@ -272,6 +273,26 @@ def test_recorded_velocities_tell_a_wrong_rate() -> None:
     (found,) = find_setup_faults(spoilt(moving, TimeStamps("wrong_rate", 0.9)))
     assert found.variant == "wrong_rate"
     assert found.parameters["amount"].value[0] == pytest.approx(0.9, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("unit", "reason"),
+    [
+        (180 / np.pi, "in rad with velocities in deg/s"),
+        (np.pi / 180, "in deg with velocities in rad/s"),
+        (30 / np.pi, "in rad with velocities in rpm"),
+    ],
+)
+def test_units_of_positions_and_velocities_that_do_not_fit(
+    unit: float, reason: str
+) -> None:
+    """By the velocities alone the rate would be wrong."""
+    case = sound("healthy")
+    moving = tuple(
+        replace(r, dq=unit * np.gradient(r.q, r.t, axis=0)) for r in case.recordings
+    )
+    with pytest.raises(InputError, match=reason):
+        find_setup_faults(replace(case, recordings=moving))
 
 
 def test_samples_taken_at_uneven_times_are_stamped_rightly() -> None:
