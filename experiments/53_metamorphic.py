@@ -4,11 +4,11 @@
     .venv/bin/python experiments/53_metamorphic.py out/metamorphic --relation mirrored --case 5
     .venv/bin/python experiments/53_metamorphic.py out/metamorphic --bitwise
 
-Cases of the blind check's generator (``metamorphic_cases.py``) and a twin of each by every relation
-(``metamorphic_relations.py``) are written as a user would have and diagnosed. A diagnosis that is there is kept, so
+Cases of the blind check's generator (``metamorphic/cases.py``) and a twin of each by every relation
+(``metamorphic/relations.py``) are written as a user would have and diagnosed. A diagnosis that is there is kept, so
 that a run that was stopped goes on; remove ``OUT/diagnoses`` after a change of the program. Prints what differs,
 then a table of the relations as Markdown. Exits with 1 if verdict, effects or joints of an exact twin differ.
-``--bitwise`` runs commands twice, with and without ``--jobs``, and compares their files (``metamorphic_bitwise.py``).
+``--bitwise`` runs commands twice, with and without ``--jobs``, and compares their files (``metamorphic/bitwise.py``).
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from metamorphic_bitwise import repeat
-from metamorphic_cases import CASES, SEED, make
-from metamorphic_compare import Difference, compare
-from metamorphic_relations import RELATIONS, CaseFiles, Relation, Twin
+from metamorphic.bitwise import repeat
+from metamorphic.cases import CASES, SEED, make
+from metamorphic.compare import Difference, compare
+from metamorphic.relations import RELATIONS, CaseFiles, Relation, Twin
 
 from gapscope.arm.case import load_case
 from gapscope.diagnosis.diagnose import diagnose

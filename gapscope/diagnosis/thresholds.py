@@ -101,6 +101,8 @@ TORQUE_SHIFTS = tuple(TORQUE_SHIFT_STEP * k for k in range(41))
 TORQUE_DELAY_STARTS = (0.01, 0.02, 0.04, 0.08, 0.16)
 # A torque is in another unit from this factor on, either way [1]; nearer to one it is a constant that is off. (hand)
 UNIT_FACTOR = 1.9
+DECIMAL_UNITS = (1e-3, 1e-2, 1e3)  # mN m, N cm and kN m in N m [1]. (definition)
+DECIMAL_UNIT_ERROR = 1.15  # A factor no farther from one of these is it, either way [1]. (hand)
 OWN_UNIT_FACTOR = 1.3  # A joint whose factor is nearer to one than this has no other unit [1]. (hand)
 # A joint's factor is known from the nominal torque if they share this part of their variance [1]. (hand)
 KNOWN_FACTOR_R2 = 0.3

@@ -21,6 +21,8 @@ from gapscope.diagnosis.setup_faults.torque_column import (
     without_right_joints,
 )
 from gapscope.diagnosis.thresholds import (
+    DECIMAL_UNIT_ERROR,
+    DECIMAL_UNITS,
     LEAST_ZERO_OFFSET,
     NARROW_NUISANCE_FACTOR,
     REFINE_FIRST_STEP,
@@ -143,7 +145,12 @@ def _refined_unit(
         if cost + 0.5 * np.log(search(groups).independent) < least:
             groups, x, least = alone, np.append(x, start), cost
     found = search(groups)
-    unit, std = found.in_logarithms(found.minimum(x, UNIT_LAST_STEP))
+    x = found.minimum(x, UNIT_LAST_STEP)
+    unit, std = found.in_logarithms(x)
+    nearest = min(DECIMAL_UNITS, key=lambda decimal: abs(np.log(decimal) - x[0]))
+    # how far a factor is from that of a unit is the arm's, which has a scale of its torque
+    if len(x) == 1 and abs(x[0] - np.log(nearest)) < np.log(DECIMAL_UNIT_ERROR):
+        return torque_unit(n, joints, (nearest,) * len(joints)), ()
     return unit, tuple(std[group] for group in groups)
 
 

@@ -173,6 +173,15 @@ def test_all_torques_turned_are_found_whatever_friction_the_data_sheet_claims(
     assert found.turned_base is not None and found.turned_base < 0.05
 
 
+@pytest.mark.parametrize("unit", [1e-3, 1e3])
+def test_a_unit_of_torque_is_a_power_of_ten(unit: float) -> None:
+    """What friction or a load adds to the nominal torque is no part of the unit."""
+    milli = TorqueUnit("current", factor=(unit, unit, unit))
+    (found,) = find_setup_faults(spoilt(sound("healthy"), milli))
+    assert found.name == "torque_unit"
+    assert found.parameters["factor"].value == (unit,) * 3
+
+
 @pytest.mark.parametrize("label", FAULTS)
 def test_fault_is_found_and_put_right(label: str) -> None:
     fault, joints, variant = FAULTS[label]

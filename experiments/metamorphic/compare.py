@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from metamorphic_relations import Twin
+
+from .relations import Twin
 
 Document = Mapping[str, Any]
 Key = tuple[str, str, int]

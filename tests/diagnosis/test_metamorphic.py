@@ -1,0 +1,100 @@
+"""The same diagnosis, however the case is written down, and bit by bit in another process."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import synthetic
+from synthetic import Truth
+
+from experiments.metamorphic.compare import compare
+from experiments.metamorphic.relations import RELATIONS, CaseFiles, Twin
+from gapscope.arm.case import load_case
+from gapscope.diagnosis.diagnose import diagnose
+
+TRUTH = Truth(coulomb=(0.0, 2.0, 0.0), offset=(0.0, 0.0, 2.0))
+"""Friction on joint 2, and a torque offset on joint 3, whose sign turns with the joint."""
+DIAGNOSE = """
+import json, sys
+from gapscope.arm.case import load_case
+from gapscope.diagnosis.diagnose import diagnose
+print(json.dumps(diagnose(load_case(sys.argv[1])).document))
+"""
+
+
+@pytest.fixture(scope="module")
+def case() -> CaseFiles:
+    """Two recordings of 5 s of the arm with three joints."""
+    sheet = {"armature": synthetic.ARMATURE, "coulomb": synthetic.COULOMB}
+    sheet |= {"viscous": synthetic.VISCOUS}
+    nominal: dict[str, Any] = {name: x.tolist() for name, x in sheet.items()}
+    nominal["encoder_step"] = synthetic.ENCODER_STEP
+    tables = {}
+    for recording in synthetic.recordings(TRUTH, duration=5.0)[1:]:
+        columns = {"t": recording.t}
+        for j in range(synthetic.N):
+            assert recording.tau is not None
+            columns[f"q{j + 1}"] = recording.q[:, j]
+            columns[f"tau{j + 1}"] = recording.tau[:, j]
+        tables[f"{recording.name}.csv"] = pd.DataFrame(columns)
+    content = {"name": "case", "robot": "robot.urdf", "nominal": nominal}
+    content["recordings"] = list(tables)
+    return CaseFiles(content, ET.fromstring(synthetic.URDF), tables)
+
+
+def document_of(files: CaseFiles, folder: Path) -> Mapping[str, Any]:
+    files.write(folder)
+    return diagnose(load_case(folder)).document
+
+
+@pytest.fixture(scope="module")
+def folder(case: CaseFiles, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("metamorphic") / "case"
+    case.write(place)
+    return place
+
+
+@pytest.fixture(scope="module")
+def document(folder: Path) -> Mapping[str, Any]:
+    return diagnose(load_case(folder)).document
+
+
+@pytest.mark.parametrize("name", ["joints", "mirrored", "unix"])
+def test_a_twin_has_the_same_diagnosis(
+    name: str, case: CaseFiles, document: Mapping[str, Any], tmp_path: Path
+) -> None:
+    relation = next(relation for relation in RELATIONS if relation.name == name)
+    twin: Twin = relation.twin(case, np.random.default_rng(5))
+    found = compare(document, document_of(twin.files, tmp_path / "twin"), twin)
+    assert {entry["effect"] for entry in document["effects"]} == {
+        "coulomb_friction",
+        "torque_offset",
+    }
+    assert found.same_names, found.words
+    # stamps of the Unix clock are rounded to 0.2 microseconds
+    assert found.value < (0.1 if name == "unix" else 1e-6)
+    assert max(found.closed, found.share) < 1e-3
+
+
+def test_another_process_gives_the_same_bits(
+    folder: Path, document: Mapping[str, Any]
+) -> None:
+    """Neither the order of sets nor the threads of the libraries decide."""
+    environment = {**os.environ, "PYTHONHASHSEED": "12345", "OMP_NUM_THREADS": "2"}
+    output = subprocess.run(
+        [sys.executable, "-c", DIAGNOSE, str(folder)],
+        env=environment,
+        capture_output=True,
+        check=True,
+    ).stdout
+    assert json.loads(output) == json.loads(json.dumps(document))
