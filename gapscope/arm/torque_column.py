@@ -35,26 +35,26 @@ def with_gravity(recording: Recording, arm: NominalArm) -> Recording:
     return replace(recording, tau=recording.tau + gravity_torque(recording, arm))
 
 
-def advanced(recording: Recording, delay: float) -> Recording:
-    """A recording whose torque is late by ``delay`` [s] against its positions, put right.
+def advanced(recording: Recording, delay: float, drift: float = 0.0) -> Recording:
+    """A recording whose torque is late by ``delay`` [s] and a share ``drift`` [1] of its time, put right.
 
-    tau(t) = recorded tau(t + delay), linear between samples. Rows whose torque was not recorded, at the end and before
-    gaps, are left out; unchanged without a torque.
+    tau(t) = recorded tau(t + delay + drift (t - t_0)), linear between samples. Rows whose torque was not recorded, at
+    the end and before gaps, are left out; unchanged without a torque.
 
     Raises:
         InputError: the recording is not longer than the delay.
     """
-    if recording.tau is None or delay == 0.0:
+    if recording.tau is None or (delay == 0.0 and drift == 0.0):
         return recording
     t = recording.t
     # a due time that is a sample's but for rounding is that sample's
-    due = t + delay - 1e-9
+    due = t + delay + drift * (t - t[0]) - 1e-9
     inside = due <= t[-1]
     after = np.clip(np.searchsorted(t, due), 1, len(t) - 1)
     inside &= t[after] - t[after - 1] <= GAP_STEPS / recording.rate
     if inside.sum() < 2:
         raise InputError(
-            f"lasts {recording.duration:.3g} s, no longer than the delay of {delay:g} s of its torque",
+            f"lasts {recording.duration:.3g} s, no longer than the delay of {due[0] - t[0]:.3g} s of its torque",
             "check the delay under import.mend.torque, in s",
             file=recording.name,
         )

@@ -149,6 +149,8 @@ NAMED_REPEATS = 0.03  # Share of repeated rows beyond which they are named [1]. 
 NAMED_JITTER = 0.05  # Unevenness beyond which it is named, standard deviation over the period [1]. (hand)
 NAMED_LOST = 0.01  # Share of samples missing beyond which gaps are named [1]. (hand)
 NAMED_RATE_ERROR = 0.03  # Relative error of the rate beyond which it is named [1]. (hand)
+AGREED_RATE_ERROR = 0.007  # The same if all of several recordings have the same error [1]... (hand)
+RATE_REPEATED = 0.003  # ...which is that their logarithms differ by less than this [1]. (hand)
 RATE_BAND = 5.0  # Recorded velocities are compared with those of the positions below this frequency [Hz]. (hand)
 RATE_AGREEMENT = 0.98  # Correlation of a joint's two velocities from which on they are compared [1]. (hand)
 RATE_DISAGREEMENT = 0.05  # Range of the joints' rates, over their median, beyond which none is named [1]. (hand)
@@ -159,6 +161,13 @@ EVEN_CLOCK_RATIO = 0.5
 LOST_SAMPLE_STEP = 2.5  # A step longer than this many periods has lost samples in it [1]. (hand)
 CLOCK_WANDER_SAMPLES = 25  # Samples over which the slow wander of a clock is taken out. (hand)
 LOG_DIGITS = 6  # Significant digits that a log keeps at least; distances below what they resolve are rounding. (hand)
+CLOCK_SAMPLES = 1000  # Samples of a case on which the torque's clock is compared with the motion's. (budget)
+CLOCK_ROUNDS = 6  # Steps of the search for its rate. (budget)
+CLOCK_HINT = 0.1  # It is searched for if a first step promises to take this share of what is left [1]. (hand)
+# It is named if ln of what is left falls by this, mean over joints, beside a delay alone [1]... (hand)
+CLOCK_GAIN = 0.7
+CLOCK_LEAST_SKEW = 3e-3  # ...and the skew at the end of the longest recording exceeds this [s]. (hand)
+MOST_CLOCK_SHARE = 0.05  # Clocks that differ by more are a wrong rate [1]. (physical)
 STEP_OVER_DATA_SHEET = 1.5  # A step is named if it exceeds the data sheet's by this factor [1]. (hand)
 # Step named if the data sheet is silent [rad]: a 14-bit encoder on the joint's side. Arms with gears resolve 16 to
 # 20 bit there; at 14 bit the second derivative over 10 ms already jumps by 4 rad/s^2. (physical)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.held_torque import held_notes
 from gapscope.arm.io.channel_entry import Channel
 from gapscope.arm.io.channels import (
     how_to_join,
@@ -32,10 +33,13 @@ from gapscope.arm.io.plausibility import (
     untrusted_torque,
     without_turns,
 )
+from gapscope.arm.io.samples.spikes import without_spikes
+from gapscope.arm.io.samples.stuck import stuck_rows
 from gapscope.arm.io.table import Table, shortened
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
+from gapscope.arm.torque_step import step_notes
 
 SAID_START = 1.0
 """A log whose first stamp is farther from 0 has a note that says so [s]."""
@@ -191,7 +195,13 @@ def _recording(
         notes += (FROM_FIRST_ROW.format(begun),)
     values, turns = without_turns(values)
     values, found = untrusted_torque(values)
-    notes += turns + found + gap_notes(t)
+    notes += turns + found
+    if not every_row:
+        values, spiked = without_spikes(t, values, arm.per_radian)
+        stuck, found = stuck_rows(t, values["q"])
+        t, values = t[~stuck], {name: x[~stuck] for name, x in values.items()}
+        notes += spiked + found
+    notes += gap_notes(t)
     # read-only from here on, so that the recording shares them
     for series in (t, *values.values()):
         series.setflags(write=False)
@@ -199,6 +209,8 @@ def _recording(
     mend = importing.mend.of_every_row if every_row else importing.mend
     recording = mend(recording, arm)
     notes += check_positions(recording, arm, main, any_unit=any_unit)
+    if not every_row:
+        notes += held_notes(recording) + step_notes(recording)
     return replace(recording, notes=notes)
 
 

@@ -58,9 +58,10 @@ def noise_floor(
 
     ``prediction`` is what the arm predicts there, if it is known already.
 
-    *Noise*: the power density of the unfiltered gap above the band, taken as flat below. *Timing*: ``TIMING_SKEW``
-    times the RMS rate of the torque. *Form of the model*: ``MODEL_FORM`` times the torque's deviation. *Dry
-    friction*, of size L = c + mu |tau|, grown by its drift: anywhere in -L..L while the joint sticks (see
+    *Noise*: the power density of the unfiltered gap above the band, taken as flat below. *Steps*: what rounding the
+    predicted torque to the steps of the recorded one leaves, which of a slow torque is no white noise. *Timing*:
+    ``TIMING_SKEW`` times the RMS rate of the torque. *Form of the model*: ``MODEL_FORM`` times the torque's deviation.
+    *Dry friction*, of size L = c + mu |tau|, grown by its drift: anywhere in -L..L while the joint sticks (see
     ``sticking_rms``), ``FRICTION_FORM`` L while it slides. *Form of other effects*: ``EFFECT_FORM`` times what those
     do whose form the catalogue simplifies.
     """
@@ -68,11 +69,12 @@ def noise_floor(
     if prediction is None:
         body = segment.bodies(body)
         prediction = Prediction.of(corrected, body, segment.motion)
-    gap = corrected.delivered(segment.torque) - prediction.torque
+    gap = segment.bridged(corrected.delivered(segment.torque) - prediction.torque)
     dry = dry_friction(corrected, segment)
     dry_rms = np.sqrt((dry**2).mean(axis=0))
     effect_rms = simplified_effect_rms(corrected, segment, prediction.share_of)
     form = np.hypot(FRICTION_FORM * dry_rms, EFFECT_FORM * effect_rms)
+    form = np.hypot(form, _rounding_rms(prediction.torque, segment))
     return NoiseFloor(
         steady_floor(gap, segment.torque, segment, form),
         sticking_rms(dry, segment.motion.dq[segment.inner] / corrected.arm.per_radian),
@@ -151,6 +153,21 @@ def simplified_effect_rms(
             change = low_pass(share_of(applied), segment.motion.rate, TORQUE_CUTOFF)
             power += (change[segment.inner] ** 2).mean(axis=0)
     return np.sqrt(power)
+
+
+def _rounding_rms(torque: np.ndarray, segment: Segment) -> np.ndarray:
+    """RMS of what rounding a torque, (N, n), to a segment's steps leaves after the 12 Hz filter [N m], (n,)."""
+    steps = segment.torque_step
+    if steps is None:
+        return np.zeros(torque.shape[1])
+    coarse = np.flatnonzero(steps)
+    own, step = torque[:, coarse], steps[coarse]
+    error = low_pass(
+        step * np.round(own / step) - own, segment.motion.rate, TORQUE_CUTOFF
+    )
+    out = np.zeros(torque.shape[1])
+    out[coarse] = np.sqrt((error[segment.inner] ** 2).mean(axis=0))
+    return out
 
 
 def _noise_density(gap: np.ndarray, rate: float) -> np.ndarray:

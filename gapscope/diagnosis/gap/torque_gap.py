@@ -58,8 +58,16 @@ def torque_gap(
     for segment in segments:
         rate, inner = segment.motion.rate, segment.inner
         prediction = corrected.unlimited.predict(segment.bodies(body), segment.motion)
-        measured.append(filtered_torque(segment, corrected))
-        predicted.append(low_pass(prediction, rate, TORQUE_CUTOFF)[inner])
+        prediction_rows = low_pass(prediction, rate, TORQUE_CUTOFF)[inner]
+        predicted.append(prediction_rows)
+        if segment.unknown is None:
+            measured.append(filtered_torque(segment, corrected))
+            continue
+        # what was not measured leaves no gap
+        assert segment.torque is not None
+        gap = segment.bridged(corrected.delivered(segment.torque) - prediction)
+        gap = low_pass(gap, rate, TORQUE_CUTOFF)[inner] * ~segment.unknown[inner]
+        measured.append(prediction_rows + gap)
     edges = (0, *itertools.accumulate(len(rows) for rows in measured))
     return TorqueGap(np.vstack(measured), np.vstack(predicted), edges)
 

@@ -9,6 +9,9 @@ import numpy as np
 from gapscope.ident.signals.conditioning import Segment
 from gapscope.ident.signals.decimating_filter import low_passed_rows
 
+UNMEASURED = 1e-3
+"""Weight of a row whose torque was not measured [1]: not zero, as each half of a recording needs some rows."""
+
 
 class DecimatedSegments:
     """Segments, and their series on decimated rows.
@@ -28,6 +31,12 @@ class DecimatedSegments:
         flat = series.reshape(len(series), -1)
         rows = low_passed_rows(flat, rate, self.cutoff, kept)
         return rows.reshape(len(rows), *series.shape[1:])
+
+    def known(self, segment: Segment) -> np.ndarray:
+        """Weight of a segment's rows by whether their torque was measured, (M, n): 1, or ``UNMEASURED``."""
+        inner = segment.inner
+        kept = slice(inner.start, inner.stop, self.step(segment))
+        return np.where(segment.measured[kept], 1.0, UNMEASURED)
 
     def rows(self, series: Sequence[np.ndarray]) -> np.ndarray:
         """Series of every segment, (N, K) each, on its rows, one below the other, (M, K)."""

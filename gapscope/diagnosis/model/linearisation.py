@@ -95,7 +95,8 @@ class Linearisation:
         for part, segment in zip(self._rows, self.data.segments, strict=True):
             assert segment.torque is not None
             predicted = moved.predict(segment.bodies(self.body), segment.motion)
-            gap = self.data.thin(segment.torque - predicted, segment)
+            gap = segment.bridged(segment.torque - predicted)
+            gap = self.data.thin(gap, segment)
             tangent = part.gap - part.columns @ (theta - self.theta)
             squares.append(part.trust**2 * (gap - tangent) ** 2)
         healthy = self.discrepancy.mean_square[: self.arm.n_joints]
@@ -108,7 +109,8 @@ class Linearisation:
             assert segment.torque is not None
             predicted = corrected.predict(segment.bodies(self.body), segment.motion)
             recorded = corrected.delivered(segment.torque)
-            square = self.data.thin(recorded - predicted, segment) ** 2
+            gap = segment.bridged(recorded - predicted)
+            square = part.known * self.data.thin(gap, segment) ** 2
             total += [square.sum(axis=0), (part.trust**2 * square).sum(axis=0)]
         return total
 
@@ -139,7 +141,7 @@ class Linearisation:
         bodies = segment.bodies(self.body)
         at = Prediction.of(self._corrected, bodies, segment.motion)
         x = columns(at, data, k, self.terms, self.theta)
-        gap = self._corrected.delivered(segment.torque) - at.torque
+        gap = segment.bridged(self._corrected.delivered(segment.torque) - at.torque)
         rate = np.gradient(at.torque, segment.motion.t, axis=0)
         floor = noise_floor(self._corrected, self.body, segment, at)
         sticking = floor.sticking[:: data.step(segment)]
@@ -153,6 +155,7 @@ class Linearisation:
             NoiseFloor(floor.steady, sticking),
             at,
             data.thin(self._bodily_change(at), segment),
+            data.known(segment),
         )
 
     def _bodily_change(self, at: Prediction) -> np.ndarray:
@@ -266,5 +269,5 @@ class Linearisation:
             rate=np.vstack([part.rate for part in parts]),
             sticking=np.vstack([part.floor.sticking for part in parts]),
             steady2=np.vstack(steady2),
-            known=np.ones(gap.shape),
+            known=np.vstack([part.known for part in parts]),
         )

@@ -21,6 +21,7 @@ class SegmentRows:
         floor: what a healthy arm leaves on these rows.
         at: what the arm with the effects of theta_0 predicts, at every sample.
         bodily: what the effects on bodies add to the nominal arm's torque [N m], (M, n).
+        known: 1 for rows whose torque was measured, next to nothing for others, (M, n).
     """
 
     gap: np.ndarray
@@ -29,8 +30,10 @@ class SegmentRows:
     floor: NoiseFloor
     at: Prediction
     bodily: np.ndarray
+    known: np.ndarray
 
     @property
     def trust(self) -> np.ndarray:
-        """Square root of the weight of each row, (M, n): less while a joint may stick."""
-        return 1.0 / np.sqrt(1.0 + (self.floor.sticking / self.floor.steady) ** 2)
+        """Square root of the weight of each row, (M, n): less while a joint may stick, none if it was not measured."""
+        sticking = (self.floor.sticking / self.floor.steady) ** 2
+        return np.asarray(np.sqrt(self.known / (1.0 + sticking)))

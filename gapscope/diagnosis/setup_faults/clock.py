@@ -16,12 +16,14 @@ def sample_count(t: np.ndarray) -> np.ndarray:
     """Number of each sample on an even clock, from 0, (N,); steps beyond ``LOST_SAMPLE_STEP`` periods skip numbers.
 
     Shorter steps are taken as one period, or rounded to two if that leaves less unevenness: a jittered step may be
-    nearly two periods long, a dropped row leaves a step of two.
+    nearly two periods long, a dropped row leaves a step of two. Of a clock that jitters by half a period even longer
+    steps are single ones: all steps are, if that leaves least.
     """
     periods = np.diff(t) / np.median(np.diff(t))
     rounded = np.maximum(np.round(periods), 1.0)
     single = np.where(periods > LOST_SAMPLE_STEP, rounded, 1.0)
-    counts = [np.concatenate([[0.0], np.cumsum(steps)]) for steps in (single, rounded)]
+    choices = (single, rounded, np.ones_like(periods))
+    counts = [np.concatenate([[0.0], np.cumsum(steps)]) for steps in choices]
     return min(counts, key=lambda count: float(np.std(_wander_free(t, count))))
 
 

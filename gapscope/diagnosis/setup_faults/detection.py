@@ -24,6 +24,7 @@ from gapscope.diagnosis.setup_faults.fault_search import faults_by_torque, found
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.diagnosis.setup_faults.merge import merged
 from gapscope.diagnosis.setup_faults.time_stamps import find_stamps
+from gapscope.diagnosis.setup_faults.torque_clock import find_torque_clock
 from gapscope.diagnosis.thresholds import (
     FAULT_FALL,
     FAULT_VISIBLE,
@@ -50,6 +51,10 @@ def find_setup_faults(case: Case) -> tuple[FoundFault, ...]:
     stamps = find_stamps((*case.recordings, *case.judged))
     even = repaired(case, stamps)
     check_rates(even)
+    clock = find_torque_clock(excerpt(even))
+    if clock is not None:
+        stamps = (*stamps, clock)
+        even = repaired(case, stamps)
     alone = sum(r.tau is not None for r in case.recordings) == 1
     # Shifted inertials are looked for by themselves only if the torque shows no fault.
     for search in (faults_by_torque, _shifted_inertials):

@@ -50,7 +50,7 @@ class FoundFault:
         joints: from 1; empty if it concerns the whole arm.
         variant: which channel (``torque``, ``position``, ``joint``), unit (``degrees``, ``milliseconds``,
             ``motor_side``, ``current``, ``command_scale``) or kind (``gaps``, ``repeats``, ``jitter``, ``wrong_rate``,
-            ``delay``, ``held``, ``interpolated``); empty if there is one only.
+            ``torque_clock``, ``delay``, ``held``, ``interpolated``); empty if there is one only.
         parameters: by the names of ``gapscope.effects.setup_faults``.
         probability: that it is this fault.
         turned_base: probability that the base is turned instead, ``base_tilt``; ``None`` if that looks different.
@@ -91,6 +91,8 @@ class FoundFault:
             out = replace(out, t=even_stamps(out.t))
         if self.variant == "repeats":
             out = _without_repeats(out)
+        if self.variant == "torque_clock":
+            out = advanced(out, 0.0, values["amount"][0] - 1.0)
         if out is recording:
             return recording
         return replace(out, notes=(*out.notes, f"put right: {self}"))

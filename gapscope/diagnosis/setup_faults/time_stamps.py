@@ -2,7 +2,7 @@
 
 Named is what no usual clock does. A logger that runs freely against a robot's bus stores up to some per cent of its
 rows twice; real-time clocks jitter by less than 5 % of their period; quartz clocks keep their rate to 1e-4, so that a
-rate off by 3 % is a mistake in the set-up.
+rate off by 3 %, or by the same 0.7 % in all recordings, is a mistake in the set-up.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.plausibility import PLAUSIBLE_RATES, REPEATED, repeated_rows
+from gapscope.arm.io.samples.stuck import LEFT_OUT
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.setup_faults.channel_mapping import timed
 from gapscope.diagnosis.setup_faults.clock import stamps_are_wrong, unevenness
@@ -25,6 +26,7 @@ from gapscope.diagnosis.setup_faults.found_fault import (
     present_channels,
 )
 from gapscope.diagnosis.thresholds import (
+    AGREED_RATE_ERROR,
     NAMED_JITTER,
     NAMED_LOST,
     NAMED_RATE_ERROR,
@@ -33,6 +35,7 @@ from gapscope.diagnosis.thresholds import (
     RATE_AGREEMENT,
     RATE_BAND,
     RATE_DISAGREEMENT,
+    RATE_REPEATED,
     STAMP_AMOUNT_STD,
 )
 from gapscope.ident.signals.conditioning import GAP_STEPS, SHORTEST
@@ -104,12 +107,15 @@ def _gaps(recordings: tuple[Recording, ...]) -> FoundFault | None:
 
 
 def _wrong_rate(recordings: tuple[Recording, ...]) -> FoundFault | None:
-    errors = {r.name: rate_error(r) for r in recordings}
-    _check_units(errors)
+    every = {r.name: rate_error(r) for r in recordings}
+    _check_units(every)
+    errors = {name: error for name, error in every.items() if error is not None}
+    logs = np.log(list(errors.values()))
+    # a clock is off by the same in all recordings, which a velocity's own filter is not
+    agree = len(logs) > 1 and np.ptp(logs) < RATE_REPEATED
+    least = AGREED_RATE_ERROR if agree else NAMED_RATE_ERROR
     wrong = {
-        name: error
-        for name, error in errors.items()
-        if error is not None and abs(np.log(error)) > NAMED_RATE_ERROR
+        name: error for name, error in errors.items() if abs(np.log(error)) > least
     }
     fault = _fault("wrong_rate", wrong)
     if fault is None:
@@ -155,13 +161,17 @@ def _fault(kind: str, amounts: dict[str, float]) -> FoundFault | None:
 
 def repeats(recording: Recording) -> float:
     """Share of rows that repeat the measurement before them [1], those that the reader has dropped among them."""
-    for note in recording.notes:
-        found = re.match(re.escape(REPEATED) + r"(\d+)", note)
-        if found:
-            dropped = int(found[1])
-            return dropped / (len(recording.t) + dropped)
+    dropped = _counted(recording, REPEATED)
+    if dropped:
+        return dropped / (len(recording.t) + dropped)
     repeated, _ = repeated_rows(recording.t, present_channels(recording))
     return float(repeated.mean())
+
+
+def _counted(recording: Recording, note: str) -> int:
+    """Number of rows that a note of the reader, which begins like this, counts; 0 without it."""
+    found = (re.match(re.escape(note) + r"(\d+)", own) for own in recording.notes)
+    return next((int(match[1]) for match in found if match), 0)
 
 
 def jitter(recording: Recording) -> float:
@@ -173,9 +183,10 @@ def jitter(recording: Recording) -> float:
 
 
 def lost(recording: Recording) -> float:
-    """Share of samples that are missing in gaps of more than ``GAP_STEPS`` periods [1]."""
+    """Share of samples missing in gaps of more than ``GAP_STEPS`` periods [1], those left out on reading apart."""
     steps = np.diff(recording.t) * recording.rate
     missing = float((steps[steps > GAP_STEPS] - 1).sum())
+    missing = max(missing - _counted(recording, LEFT_OUT), 0.0)
     return missing / (len(recording.t) + missing)
 
 

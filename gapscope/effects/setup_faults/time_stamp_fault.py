@@ -17,8 +17,8 @@ class TimeStamps(Fault):
     """Time stamps that are not those of the samples.
 
     Attributes:
-        variant: ``gaps`` (stretches lost), ``repeats`` (samples written twice), ``jitter`` (stamps off at random) or
-            ``wrong_rate`` (stamps made from an assumed rate).
+        variant: ``gaps`` (stretches lost), ``repeats`` (samples written twice), ``jitter`` (stamps off at random),
+            ``wrong_rate`` (stamps made from an assumed rate) or ``torque_clock`` (that of the torque alone).
         amount: share of the samples lost or repeated, jitter over the period, or assumed over true period [1].
     """
 
@@ -26,7 +26,7 @@ class TimeStamps(Fault):
     scope = "arm"
     looks_like = "steps of time that differ, or torque that fits accelerations of another time scale"
     reference = "ljung1999"
-    variants = ("gaps", "repeats", "jitter", "wrong_rate")
+    variants = ("gaps", "repeats", "jitter", "wrong_rate", "torque_clock")
     parameters = (Parameter("amount", "a", "1", (1e-4, 100.0), (0.01, 2.0)),)
     variant: str
     amount: float
@@ -37,6 +37,8 @@ class TimeStamps(Fault):
         variant = str(rng.choice(cls.variants))
         if variant == "wrong_rate":
             return cls(variant, float(rng.choice([0.5, 0.8, 1.25, 2.0])))
+        if variant == "torque_clock":
+            return cls(variant, float(rng.choice([0.99, 0.995, 1.005, 1.01])))
         low, high = (0.1, 0.3) if variant == "jitter" else (0.01, 0.05)
         return cls(variant, float(rng.uniform(low, high)))
 
@@ -49,6 +51,7 @@ class TimeStamps(Fault):
             "jitter": self._with_jitter,
             "gaps": self._with_gaps,
             "repeats": self._with_repeats,
+            "torque_clock": self._with_torque_clock,
         }
         return changes[self.variant](recording, rng)
 
@@ -58,6 +61,18 @@ class TimeStamps(Fault):
         """Stamps of a rate that was assumed."""
         t = recording.t
         return replace(recording, t=t[0] + (t - t[0]) * self.amount)
+
+    def _with_torque_clock(
+        self, recording: Recording, rng: np.random.Generator
+    ) -> Recording:
+        """Torque under stamps of an assumed rate; what was measured after the recording's end is not in it."""
+        if recording.tau is None:
+            return recording
+        start = recording.t[0]
+        measured = start + (recording.t - start) / self.amount
+        inside = measured <= recording.t[-1]
+        columns = [np.interp(measured, recording.t, x) for x in recording.tau.T]
+        return replace(recording, tau=np.column_stack(columns)).part(inside)
 
     def _with_jitter(self, recording: Recording, rng: np.random.Generator) -> Recording:
         """Stamps off at random."""

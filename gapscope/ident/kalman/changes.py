@@ -137,9 +137,10 @@ def _moving(samples: Samples, problem: Problem) -> tuple[Problem, np.ndarray]:
     """The samples at which a joint moves, a group for each stretch of them, and their times [s].
 
     At rest dry friction may take any value, so that coming to rest would pass for a change: the equations of a joint
-    that rests are zero.
+    that rests are zero, and so are those whose torque was not measured.
     """
     moving = np.abs(samples.velocity) > MOVING * samples.columns.arm.per_radian
+    moving &= samples.measured
     kept = np.flatnonzero(moving.any(axis=1))
     problem = replace(
         problem,

@@ -18,6 +18,7 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.recording import Recording
+from gapscope.ident.signals.measured_torque import torque_steps, unknown_torque
 
 TORQUE_CUTOFF = 12.0
 """Cut-off of the torque gap [Hz], by definition of ``torque_nrmse``."""
@@ -47,6 +48,9 @@ class Segment:
         torque: recorded torque on the same grid [N m], (N, n); ``None`` if the recording has none.
         torque_sensor: joint torque sensor on the same grid [N m], (N, n), or ``None``.
         payload: known body that was mounted on the last link, or ``None``.
+        unknown: samples whose torque was not measured, and what the filters make of them, mask (N, n): limits that were
+            reached, stuck sensors; ``None`` if there are none.
+        torque_step: in which the torque was recorded [N m], (n,), 0 for none; ``None`` if no joint's has any.
     """
 
     recording: str
@@ -54,6 +58,8 @@ class Segment:
     torque: np.ndarray | None
     torque_sensor: np.ndarray | None = None
     payload: KnownLoad | None = None
+    unknown: np.ndarray | None = None
+    torque_step: np.ndarray | None = None
 
     def bodies(self, nominal: RigidBody) -> RigidBody:
         """Bodies of the nominal arm with the known body that was mounted, the same object if there was none."""
@@ -67,6 +73,24 @@ class Segment:
         return np.asarray(
             nominal.last_link_regressor(m.q, m.dq, m.ddq) @ self.payload.parameters
         )
+
+    def bridged(self, gap: np.ndarray) -> np.ndarray:
+        """A gap between torques, (N, n), by straight lines over what was not measured; else the same array."""
+        if self.unknown is None:
+            return gap
+        out, rows = gap.copy(), np.arange(len(gap))
+        for j, missing in enumerate(self.unknown.T):
+            if missing.any() and not missing.all():
+                known = ~missing
+                out[missing, j] = np.interp(rows[missing], rows[known], gap[known, j])
+        return out
+
+    @property
+    def measured(self) -> np.ndarray:
+        """Whether each torque was measured, mask (N, n)."""
+        if self.unknown is None:
+            return np.ones(self.motion.q.shape, dtype=bool)
+        return ~self.unknown
 
     @property
     def inner(self) -> slice:
@@ -190,6 +214,8 @@ def thinned(segment: Segment, rate: float) -> Segment:
         torque=_decimate(segment.torque, m.rate, step),
         torque_sensor=_decimate(segment.torque_sensor, m.rate, step),
         payload=segment.payload,
+        unknown=None if segment.unknown is None else segment.unknown[::step],
+        torque_step=segment.torque_step,
     )
 
 
@@ -208,12 +234,15 @@ def blocks(segment: Segment, count: int) -> list[Segment]:
 def _cut(segment: Segment, span: slice) -> Segment:
     """The samples of a segment within a slice."""
     m, torque, sensor = segment.motion, segment.torque, segment.torque_sensor
+    unknown = segment.unknown
     return Segment(
         recording=segment.recording,
         motion=Motion(m.t[span], m.q[span], m.dq[span], m.ddq[span]),
         torque=None if torque is None else torque[span],
         torque_sensor=None if sensor is None else sensor[span],
         payload=segment.payload,
+        unknown=None if unknown is None else unknown[span],
+        torque_step=segment.torque_step,
     )
 
 
@@ -240,6 +269,8 @@ def _segment(recording: Recording, span: slice, cutoff: float) -> Segment:
         torque=torque,
         torque_sensor=sensor,
         payload=recording.payload,
+        unknown=unknown_torque(recording, span, grid),
+        torque_step=torque_steps(recording),
     )
 
 

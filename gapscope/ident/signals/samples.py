@@ -100,6 +100,7 @@ class Samples:
         smooth: columns that do not depend on the friction law, in the band, shape (M, n, p_smooth).
         torque: recorded torque in the band, less that of known loads [N m], shape (M, n).
         velocity: dq [rad/s], shape (M, n).
+        measured: whether the torque was measured there, shape (M, n): see ``Segment.unknown``.
         times: of the recording that a sample belongs to [s], shape (M,).
         group: number of the segment of each sample, shape (M,).
         interval: time between samples [s].
@@ -115,13 +116,15 @@ class Samples:
         self.torque = self._stack(
             np.asarray(s.torque) - s.known_torque(columns.body) for s in self.segments
         )
-        times, velocities = [], []
+        times, velocities, measured = [], [], []
         for segment in self.segments:
             rows, step = band.rows(segment), band.step(segment)
             times.append(segment.motion.t[rows][::step])
             velocities.append(segment.motion.dq[rows][::step])
+            measured.append(segment.measured[rows][::step])
         self.times = np.concatenate(times)
         self.velocity = np.concatenate(velocities)
+        self.measured = np.concatenate(measured)
         lengths = [len(t) for t in times]
         self.group = np.repeat(np.arange(len(lengths)), lengths)
         first = self.segments[0]

@@ -64,6 +64,7 @@ def test_repeated_rows_of_the_kinova_are_reported(data_root: Path) -> None:
     )
     assert silent.tau_sensor is None and silent.notes == (
         "tau_sensor is zero throughout and was left out",
+        "spikes replaced by the curve through their neighbours: tau1 4, tau3 11",
     )
 
 

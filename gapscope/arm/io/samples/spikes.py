@@ -1,0 +1,104 @@
+"""Spikes: one or two samples that leave their neighbours and come back, as bit errors and lost words make them.
+
+A sample is compared with the median of five, itself and two on either side, which neither two spikes beside each other
+nor a step move. Time stamps have no say, so that a jittery clock makes no spikes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+from scipy.ndimage import median_filter
+
+IMPOSSIBLE_ACCELERATION = 1e3
+"""Positions that leave their neighbours by more than this asks for are no motion [rad/s^2]; impacts stay below 500."""
+SPIKE_DEVIATIONS = 3.0
+"""Torques and velocities that leave theirs by so many standard deviations of the joint are none [1]."""
+SPIKE_ROUGHNESS = 8.0
+"""A spike exceeds the usual second difference by this factor [1]: noise, encoder steps and motion have made that."""
+EDGE_ROUGHNESS = 2.0
+"""The first and last two positions have neighbours on one side: there this factor is added [1]. Torques are left as
+they are there: a controller that is switched on jumps, and what is trimmed from a recording holds it."""
+MOST_SPIKES = 0.02
+"""With a larger share of a joint's samples it is no spikes but the signal [1]."""
+ABSURD = 1e3
+"""Spikes of more standard deviations than this are left alone [1]: an error says where they are."""
+FEWEST_ROWS = 20
+"""In shorter recordings nothing is usual."""
+
+SENSED = ("q", "dq", "tau", "tau_sensor")
+BRIDGED = "spikes replaced by the curve through their neighbours: "
+"""Note on them; the number of each column follows."""
+
+
+def without_spikes(
+    t: np.ndarray, values: dict[str, np.ndarray], per_radian: np.ndarray
+) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+    """Channels whose spikes are replaced by the cubic spline through all other samples; and a note.
+
+    Args:
+        t: time [s], (N,).
+        values: channels by name, (N, n) each.
+        per_radian: what counts as a radian of each joint, (n,): see ``NominalArm.per_radian``.
+    """
+    if len(t) < FEWEST_ROWS:
+        return values, ()
+    step = float(np.median(np.diff(t)))
+    out, counts = dict(values), []
+    for name in SENSED:
+        if name not in values:
+            continue
+        deviation = values[name].std(axis=0)
+        least = SPIKE_DEVIATIONS * deviation
+        if name == "q":
+            least = 0.5 * IMPOSSIBLE_ACCELERATION * step**2 * per_radian
+        for j, series in enumerate(values[name].T):
+            rows = spikes(series, float(least[j]), ends=name == "q")
+            absurd = np.abs(series[rows] - np.median(series)) > ABSURD * deviation[j]
+            if not len(rows) or absurd.any():
+                continue
+            if out[name] is values[name]:
+                out[name] = values[name].copy()
+            out[name][:, j] = _bridged(t, series, rows)
+            counts.append(f"{name}{j + 1} {len(rows)}")
+    return out, (BRIDGED + ", ".join(counts),) if counts else ()
+
+
+def spikes(series: np.ndarray, least: float, *, ends: bool = True) -> np.ndarray:
+    """Places of the spikes of a series, (N,), that are larger than ``least``; none if there are too many.
+
+    ``ends``: whether the first and last two samples may be some.
+    """
+    bends = np.abs(np.diff(series, n=2))
+    usual = float(np.median(bends[bends > 0])) if bends.any() else 0.0
+    threshold = max(least, SPIKE_ROUGHNESS * usual)
+    none = np.zeros(0, dtype=int)
+    # most series have no spike, and a look at their second differences says so
+    if threshold <= 0 or bends.max() < threshold:
+        return none
+    found = np.abs(series - median_filter(series, 5)) > threshold
+    found[:2] = found[-2:] = False
+    places = np.arange(len(series))
+    cleaned = _bridged(places, series, np.flatnonzero(found))
+    for end in (cleaned, cleaned[::-1]) if ends else ():
+        _straighten(end, EDGE_ROUGHNESS * threshold)
+    # a spike moves the median of its neighbours as well
+    found = np.abs(series - cleaned) > threshold
+    return np.flatnonzero(found) if found.mean() <= MOST_SPIKES else none
+
+
+def _straighten(series: np.ndarray, most: float) -> None:
+    """Put the first two samples of a series on the line through those after them if they are farther off."""
+    for k in (1, 0):
+        expected = 2 * series[k + 1] - series[k + 2]
+        if abs(series[k] - expected) > most:
+            series[k] = expected
+
+
+def _bridged(t: np.ndarray, series: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """A series with some of its rows taken from the cubic spline through all others, (N,)."""
+    good = np.ones(len(series), dtype=bool)
+    good[rows] = False
+    out = series.copy()
+    out[rows] = make_interp_spline(t[good], series[good], k=3)(t[rows])
+    return out
