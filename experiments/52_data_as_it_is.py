@@ -29,9 +29,10 @@ import yaml
 
 from experiments.benchmarks.table import put_into
 from experiments.damaged_recordings import (
-    BASE_RATE,
     DAMAGES,
+    ROBOTS,
     Damage,
+    Length,
     read,
     sampled,
     write,
@@ -46,9 +47,8 @@ from gapscope.blind_check.scoring.compare import Compared, compare
 from gapscope.diagnosis.diagnose import diagnose
 
 SEED = 52
-ROBOTS = ("small", "xarm6", "ur5_like")
-LENGTH = 8.0
-"""Of a recording [s]."""
+HEALTHY = 8
+"""Cases without an effect."""
 HEAD = "| recordings | cases | first effect right | exact | false alarms | unexplained | refused | told of |"
 WORSE = 0.1
 """Share of the cases by which the table marks a fall [1]."""
@@ -70,22 +70,29 @@ class Outcome(NamedTuple):
     error: str
 
 
-def made(out: Path, seconds: float, count: int) -> Iterator[tuple[str, Path, Any]]:
-    """Cases with recordings of a length, at ``BASE_RATE``: name, folder and label; those that are there are kept."""
+def made(out: Path, length: Length, count: int) -> Iterator[tuple[str, Path, Any]]:
+    """Cases with recordings of a length: name, folder and label; those that are there are kept."""
+    effects = length.effects or INSIDE
     plan = BlindPlan(
-        singles=len(INSIDE),
+        singles=len(effects),
         pairs=0,
         triples=0,
         outside=0,
-        healthy=8,
+        healthy=0 if length.effects else HEALTHY,
         ladder=0,
-        effects=INSIDE,
-        robots=ROBOTS,
-        duration=(seconds, seconds),
+        effects=effects,
+        robots=length.robots,
+        duration=(length.seconds, length.seconds),
     )
-    for k, spec in enumerate(allocate_cases(plan, SEED)[:count]):
-        fast = replace(spec.conditions, loop_rate=BASE_RATE, rate=BASE_RATE)
-        spec = replace(spec, conditions=replace(fast, recordings=3))
+    specs = allocate_cases(plan, SEED)[: min(count, length.cases)]
+    for k, spec in enumerate(specs):
+        conditions = replace(
+            spec.conditions,
+            loop_rate=1000,
+            rate=length.rate,
+            recordings=length.recordings,
+        )
+        spec = replace(spec, conditions=conditions)
         name = f"case{k:04d}"
         folder, label = out / name, out / "labels" / f"{name}.json"
         if not label.is_file():
@@ -94,7 +101,7 @@ def made(out: Path, seconds: float, count: int) -> Iterator[tuple[str, Path, Any
             unseen = out / "labels" / f"{name}.csv"
             write_case(case, name, spec.conditions.bare, folder, unseen)
             write_json(case.label, label)
-            print(f"{seconds:g} s: {name} made", flush=True)
+            print(f"{length.seconds:g} s: {name} made", flush=True)
         yield name, folder, read_json(label, "remove it")
 
 
@@ -145,27 +152,32 @@ def outcome(
     return Outcome(compare(name, label, document), named, notes, "")
 
 
-def shares(outcomes: list[Outcome], clean: list[Outcome]) -> dict[str, float]:
+def shares(outcomes: list[Outcome], clean: dict[str, Outcome]) -> dict[str, float]:
     """Figures of a damage [1], those of healthy arms and of the others apart."""
     cases = [o.compared for o in outcomes]
     single = [c for c in cases if c.kind == "single"]
     healthy = [c for c in cases if c.kind == "healthy"]
-    told = [
-        bool(o.fault or o.error or o.notes - c.notes)
-        for o, c in zip(outcomes, clean, strict=True)
-    ]
+    told = [bool(o.fault or o.error or new_notes(o, clean)) for o in outcomes]
+    false = [c.verdict not in ("no_gap", "failed") for c in healthy]
     return {
-        "top": float(np.mean([c.top for c in single])),
-        "exact": float(np.mean([c.exact for c in single])),
-        "false": float(
-            np.mean([c.verdict not in ("no_gap", "failed") for c in healthy])
-        )
-        if healthy
-        else float("nan"),
-        "unexplained": float(np.mean([c.verdict == "unexplained" for c in single])),
-        "refused": float(np.mean([c.verdict == "failed" for c in cases])),
-        "told": float(np.mean(told)),
+        "top": share([c.top for c in single]),
+        "exact": share([c.exact for c in single]),
+        "false": share(false),
+        "unexplained": share([c.verdict == "unexplained" for c in single]),
+        "refused": share([c.verdict == "failed" for c in cases]),
+        "told": share(told),
     }
+
+
+def share(values: list[bool]) -> float:
+    """Share of what is true [1]; nan of nothing."""
+    return sum(values) / len(values) if values else float("nan")
+
+
+def new_notes(own: Outcome, clean: dict[str, Outcome]) -> frozenset[str]:
+    """What was said of a case that was not said of the sound recordings."""
+    before = clean.get(own.compared.name)
+    return own.notes - (before.notes if before else frozenset())
 
 
 def line(
@@ -192,27 +204,32 @@ def main() -> None:
     parser.add_argument("--detail", action="store_true", help="each case that differs")
     parser.add_argument("--into", type=Path)
     options = parser.parse_args()
-    rows, clean = [HEAD, "|---" * 8 + "|"], None
+    rows = [HEAD, "|---" * 8 + "|"]
+    clean: dict[str, Outcome] = {}
     for damage in DAMAGES:
         if options.only and damage.name not in (*options.only, "clean"):
             continue
         results = options.out / "results" / damage.name
         if options.fresh and damage.name in (options.only or ()):
             shutil.rmtree(results, ignore_errors=True)
-        seconds = damage.seconds or LENGTH
+        cases = options.out / f"cases_{damage.length.seconds:g}s"
         outcomes = []
-        for name, case, label in made(
-            options.out / f"cases_{seconds:g}s", seconds, options.cases
-        ):
-            if label["conditions"]["robot"] not in options.robots:
-                continue
-            result = diagnosed(case, damage, results / f"{name}.json")
-            outcomes.append(outcome(name, label, damage, result))
-        clean = clean or outcomes
+        for name, case, label in made(cases, damage.length, options.cases):
+            if label["conditions"]["robot"] in options.robots:
+                result = diagnosed(case, damage, results / f"{name}.json")
+                outcomes.append(outcome(name, label, damage, result))
+        if not outcomes:
+            continue
+        clean = clean or {o.compared.name: o for o in outcomes}
         if options.detail:
             print(*differing(damage, outcomes, clean), sep="\n")
-        own, before = shares(outcomes, clean), shares(clean, clean)
-        rows.append(line(damage, len(outcomes), own, before))
+        sound = [
+            o
+            for o in clean.values()
+            if o.compared.name in {x.compared.name for x in outcomes}
+        ]
+        before = shares(sound, clean)
+        rows.append(line(damage, len(outcomes), shares(outcomes, clean), before))
         print(rows[-1], flush=True)
     text = "\n".join(rows)
     print(text)
@@ -221,20 +238,17 @@ def main() -> None:
 
 
 def differing(
-    damage: Damage, outcomes: list[Outcome], clean: list[Outcome]
+    damage: Damage, outcomes: list[Outcome], clean: dict[str, Outcome]
 ) -> Iterator[str]:
-    """A line for each case that is not exact, or false."""
-    for own, before in zip(outcomes, clean, strict=True):
+    """A line for each case that is not exact, or a false alarm, with what was said of it."""
+    for own in outcomes:
         c = own.compared
-        good = c.exact if c.truth else c.verdict == "no_gap"
-        if good and own is not before:
+        if c.exact if c.truth else c.verdict == "no_gap":
             continue
         truth = ", ".join(f"{e.effect}{list(e.joints)}" for e in c.truth) or "healthy"
         found = ", ".join(f"{e.effect}{list(e.joints)}" for e in c.found)
-        print(
-            f"  {damage.name} {c.name} {c.robot} {truth}: {c.verdict} {found} {own.error}"
-        )
-        yield from (f"      {note}" for note in sorted(own.notes - before.notes))
+        yield f"  {damage.name} {c.name} {c.robot} {truth}: {c.verdict} {found} {own.error}"
+        yield from (f"      {note}" for note in sorted(new_notes(own, clean)))
 
 
 if __name__ == "__main__":

@@ -1,8 +1,7 @@
 """Recordings as loggers leave them: what is done to sound recordings of a case, for ``52_data_as_it_is.py``.
 
 A recording is a mapping of its columns, ``t`` of shape (N,) and channels of shape (N, n). A damage takes all recordings
-of a case, sampled at ``BASE_RATE``, and gives back damaged copies; ranges and deviations are those of a joint over all
-recordings.
+of a case and gives back damaged copies; ranges and deviations are those of a joint over all recordings.
 """
 
 from __future__ import annotations
@@ -18,11 +17,34 @@ from scipy.interpolate import make_interp_spline
 Columns = dict[str, np.ndarray]
 Change = Callable[[list[Columns], np.random.Generator], list[Columns]]
 
-BASE_RATE = 1000
-"""Rate at which the cases are recorded [Hz]."""
 USUAL_RATE = 500
 """Rate of a sound recording [Hz]."""
+ROBOTS = ("small", "xarm6", "ur5_like")
 CHANNELS = ("q", "dq", "tau", "q_ref", "dq_ref")
+
+
+@dataclass(frozen=True)
+class Length:
+    """Which cases are made, and how long they are recorded.
+
+    Attributes:
+        seconds: length of each recording [s].
+        rate: at which it is made [Hz].
+        recordings: number of them in a case.
+        cases: number of cases at most.
+        effects, robots: names of those drawn from; no effects: all of the catalogue.
+    """
+
+    seconds: float
+    rate: int = 1000
+    recordings: int = 3
+    cases: int = 30
+    effects: tuple[str, ...] = ()
+    robots: tuple[str, ...] = ROBOTS
+
+
+USUAL, SHORT, LONG = Length(8.0), Length(5.0), Length(60.0, cases=12)
+HOUR = Length(1800.0, 100, 2, 1, ("payload",), ("small",))
 
 
 @dataclass(frozen=True)
@@ -35,7 +57,7 @@ class Damage:
         change: does it, to recordings at ``rate``.
         rate: at which the sound recordings are sampled before [Hz].
         fault: set-up fault that it is and that may be named, or ``""``.
-        seconds: length of the recordings that it needs [s]; ``None``: as all others.
+        length: of the recordings.
     """
 
     name: str
@@ -43,7 +65,7 @@ class Damage:
     change: Change = lambda recordings, rng: recordings
     rate: int = USUAL_RATE
     fault: str = ""
-    seconds: float | None = None
+    length: Length = USUAL
 
 
 def read(path: Path) -> Columns:
@@ -77,14 +99,16 @@ def write(columns: Columns, path: Path) -> None:
 
 
 def sampled(recording: Columns, rate: float) -> Columns:
-    """Every so many-th row of a recording at ``BASE_RATE``; above that rate a faster log of the same arm.
+    """Every so many-th row of a recording; above its own rate a faster log of the same arm.
 
     Positions and velocities between the rows by splines, with encoder noise of their own; the torque is held, as the
     controller holds it.
     """
-    if rate <= BASE_RATE:
-        return _rows(recording, slice(None, None, round(BASE_RATE / rate)))
-    t, factor = recording["t"], round(rate / BASE_RATE)
+    t = recording["t"]
+    own = (len(t) - 1) / (t[-1] - t[0])
+    if rate < 1.01 * own:
+        return _rows(recording, slice(None, None, round(own / rate)))
+    factor = round(rate / own)
     fine = t[0] + np.arange((len(t) - 1) * factor + 1) / rate
     held = np.arange(len(fine)) // factor
     rng = np.random.default_rng(0)
@@ -311,7 +335,8 @@ DAMAGES = (
     Damage("rate_100", "100 Hz", rate=100),
     Damage("rate_1000", "1 kHz", rate=1000),
     Damage("rate_5000", "5 kHz", rate=5000),
-    Damage("length_5", "recordings of 5 s", seconds=5.0),
-    Damage("length_60", "recordings of 60 s", seconds=60.0),
+    Damage("length_5", "recordings of 5 s", length=SHORT),
+    Damage("length_60", "recordings of 60 s", length=LONG),
+    Damage("hour", "two recordings of 30 min, 100 Hz", rate=100, length=HOUR),
 )
 """All damages, the sound recordings first."""
