@@ -106,6 +106,9 @@ def test_time_stamps(recording: Recording) -> None:
     twice = _apply(TimeStamps("repeats", 0.05), recording)
     assert (np.diff(twice.q, axis=0) == 0).all(axis=1).sum() == 25
     np.testing.assert_array_equal(twice.t, recording.t)
+    ramp = replace(recording, tau=np.tile(recording.t[:, None], 3))
+    slow = _apply(TimeStamps("torque_clock", 1.01), ramp)
+    np.testing.assert_allclose(slow.tau[:, 0], slow.t / 1.01)
 
 
 def test_gravity_left_out_of_a_pendulums_torque(pendulum: NominalArm) -> None:

@@ -94,6 +94,7 @@ FAULTS: dict[str, tuple[Fault, tuple[int, ...], str]] = {
     ),
     "torque late": (LateTorque("delay", 0.06), (), "delay"),
     "half the rate": (TimeStamps("wrong_rate", 2.0), (), "wrong_rate"),
+    "torque's own clock": (TimeStamps("torque_clock", 1.01), (), "torque_clock"),
     "repeats": (TimeStamps("repeats", 0.06), (), "repeats"),
     "jitter": (TimeStamps("jitter", 0.15), (), "jitter"),
     "gaps": (TimeStamps("gaps", 0.06), (), "gaps"),

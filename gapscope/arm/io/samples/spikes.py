@@ -21,8 +21,12 @@ EDGE_ROUGHNESS = 2.0
 they are there: a controller that is switched on jumps, and what is trimmed from a recording holds it."""
 MOST_SPIKES = 0.02
 """With a larger share of a joint's samples it is no spikes but the signal [1]."""
-ABSURD = 1e3
-"""Spikes of more standard deviations than this are left alone [1]: an error says where they are."""
+ABSURD = 1e5
+"""Numbers of more standard deviations than this are no samples [1]: they are left, and an error says where they are."""
+CENTRAL = (0.025, 0.975)
+"""Quantiles between which deviations are measured, so that spikes do not hide themselves; of a normal one..."""
+CENTRAL_WIDTH = 3.92
+"""...they are so many standard deviations apart [1]."""
 FEWEST_ROWS = 20
 """In shorter recordings nothing is usual."""
 
@@ -48,7 +52,8 @@ def without_spikes(
     for name in SENSED:
         if name not in values:
             continue
-        deviation = values[name].std(axis=0)
+        low, high = np.quantile(values[name], CENTRAL, axis=0)
+        deviation = (high - low) / CENTRAL_WIDTH
         least = SPIKE_DEVIATIONS * deviation
         if name == "q":
             least = 0.5 * IMPOSSIBLE_ACCELERATION * step**2 * per_radian
@@ -84,7 +89,20 @@ def spikes(series: np.ndarray, least: float, *, ends: bool = True) -> np.ndarray
         _straighten(end, EDGE_ROUGHNESS * threshold)
     # a spike moves the median of its neighbours as well
     found = np.abs(series - cleaned) > threshold
+    found &= _comes_back(series, found)
     return np.flatnonzero(found) if found.mean() <= MOST_SPIKES else none
+
+
+def _comes_back(series: np.ndarray, found: np.ndarray) -> np.ndarray:
+    """Which samples lie farther from those beside them, found ones left out, than these from each other, (N,).
+
+    Beside a leap, as of an encoder that was stuck, they do not.
+    """
+    places = np.arange(len(series))
+    good = places[~found]
+    after = np.clip(np.searchsorted(good, places), 1, len(good) - 1)
+    left, right = series[good[after - 1]], series[good[after]]
+    return np.asarray(np.abs(series - 0.5 * (left + right)) > np.abs(right - left))
 
 
 def _straighten(series: np.ndarray, most: float) -> None:
