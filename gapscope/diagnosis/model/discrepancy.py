@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.diagnosis.model.fold import EquationRows, Fold
+from gapscope.diagnosis.model.normal_equations import solve_positive
 from gapscope.diagnosis.thresholds import (
     RICHEST_INERTIALS,
     RICHEST_ROUNDS,
@@ -123,9 +124,7 @@ def _held_out_values(
 def _solved(normal: np.ndarray, precision: np.ndarray) -> np.ndarray:
     """Least squares under a prior from X^T W X of X = [columns, y]."""
     matrix = normal[:-1, :-1] + np.diag(precision)
-    scale = 1.0 / np.sqrt(np.diag(matrix))
-    scaled = matrix * scale[:, None] * scale
-    return np.asarray(scale * np.linalg.solve(scaled, scale * normal[:-1, -1]))
+    return solve_positive(matrix, normal[:-1, -1:])[:, 0]
 
 
 def _weighted_residuals(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 from scipy.linalg import cho_solve
 from scipy.linalg.lapack import dpotrf
@@ -18,12 +20,14 @@ class NormalEquations:
     arrays have a first axis of F, and F solutions come from one call.
 
     Args:
-        total: X^T W X of X = [A, N, y], shape (P + K + 1, P + K + 1), or F of them.
+        total: X^T W X of X = [A, N, y], shape (P + K + 1, P + K + 1), or F of them. Of [A, N, y, d], one more, the
+            equations of any skew of sampling follow, see ``at``, and only these can be solved.
         size: P.
         prior: precision of the nuisances, in their units, (K, K).
         bounds: lower bounds of the parameters at which values stop, (P,); ``None`` for none.
 
     Attributes:
+        nuisance_precision: of the nuisances, those of the data and of the prior, (K, K).
         delta: D, shape (K, P + 1).
         least: L, with |[theta; -1]|^2_L the least sum of squares over all nuisances, theirs included, (P + 1, P + 1).
     """
@@ -36,13 +40,24 @@ class NormalEquations:
         bounds: np.ndarray | None = None,
     ) -> None:
         self.size, self.prior, self.bounds = size, prior, bounds
-        nuisance = total[..., size:-1, size:-1] + prior
-        outer = np.append(np.arange(size), total.shape[-1] - 1)
-        right = total[..., size:-1, outer]
-        reduced = _solve_positive(nuisance, right)
-        self.delta = reduced * np.append(-np.ones(size), 1.0)
+        nuisances = slice(size, size + len(prior))
+        self.nuisance_precision = total[..., nuisances, nuisances] + prior
+        outer = np.delete(np.arange(total.shape[-1]), nuisances)
+        right = total[..., nuisances, outer]
+        reduced = solve_positive(self.nuisance_precision, right)
+        sign = np.ones(len(outer))
+        sign[:size] = -1.0
+        self.delta = reduced * sign
         own = total[..., outer[:, None], outer]
         self.least = own - np.swapaxes(right, -1, -2) @ reduced
+
+    def at(self, skew: float) -> NormalEquations:
+        """The equations of [A, N, y - skew d] from those of [A, N, y, d]; what eliminates the nuisances is the same."""
+        other = copy(self)
+        other.least = with_skew(self.least, skew)
+        other.delta = self.delta[..., :-1].copy()
+        other.delta[..., -1] -= skew * self.delta[..., -1]
+        return other
 
     def solve(self, columns: np.ndarray) -> np.ndarray:
         """Values of the terms in ``columns``, zeros elsewhere, shape (P,) or (F, P)."""
@@ -210,14 +225,14 @@ def _least_squares(block: np.ndarray, right: np.ndarray) -> np.ndarray:
     return np.asarray(scale * solved[..., 0])
 
 
-def _solve_positive(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+def solve_positive(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     """A^-1 B of a positive definite A, its columns brought to one size, so that units of any size may meet in it.
 
     With a first axis of F on both, F solutions.
     """
     if matrix.ndim > 2:
         pairs = zip(matrix, right, strict=True)
-        return np.array([_solve_positive(a, b) for a, b in pairs])
+        return np.array([solve_positive(a, b) for a, b in pairs])
     scale, root = positive_root(matrix)
     solved = cho_solve((root, True), scale[:, None] * right)
     return np.asarray(scale[:, None] * solved)

@@ -108,11 +108,10 @@ class Evidence:
         self.weights = samples_per_row / (scored_mse + scored.expected2)
         self.prior = linearisation.data.prior.at(level)
         self._usual = usual_sizes(linearisation.data.arm, self.terms)
-        by_fold = scored.weighed(self.weights)
-        total = by_fold.sum(axis=0)
-        self._all = self.normal_equations(total)
-        self._without_fold = self.normal_equations(total - by_fold)
-        self._log_det = self._occam_factor(total)
+        self._all, self._without_fold = scored.normals(
+            self.weights, self.terms.size, self.prior, self.bounds
+        )
+        self._log_det = self._occam_factor()
         # as in BIC: half the logarithm of the number of samples for each parameter
         self._per_parameter = 0.5 * float(np.log(scored.independent.sum()))
 
@@ -280,10 +279,9 @@ class Evidence:
             return None
         return self.nuisances(terms)[len(self.linear.data.units) :]
 
-    def _occam_factor(self, total: np.ndarray) -> float:
+    def _occam_factor(self) -> float:
         """1/2 log det(1 + Q^-1 N^T W N): the nuisances' prior volume over the posterior one [nats]."""
-        nuisances = slice(self.terms.size, -1)
-        posterior = np.linalg.slogdet(self.prior + total[nuisances, nuisances])[1]
+        posterior = np.linalg.slogdet(self._all.nuisance_precision)[1]
         return 0.5 * float(posterior - np.linalg.slogdet(self.prior)[1])
 
     def _cost(

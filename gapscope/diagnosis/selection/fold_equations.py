@@ -35,6 +35,7 @@ class FoldEquations:
         self.independent = self.count / healthy.inflation[:joints]
         self.expected2 = np.maximum(self.floor2, healthy.mean_square[:joints])
         self._weighed: dict[bytes, np.ndarray] = {}
+        self._eliminated: dict[bytes, tuple[NormalEquations, NormalEquations]] = {}
 
     def at(self, skew: float) -> FoldEquations:
         """The same at another skew [s]."""
@@ -44,14 +45,43 @@ class FoldEquations:
 
     def weighed(self, weights: np.ndarray) -> np.ndarray:
         """X^T W X of X = [A, N, y - skew d] of each fold, its rows weighed by (F, m): (F, P + K + 1, P + K + 1)."""
+        return with_skew(self._weighed_at(weights), self.skew)
+
+    def normals(
+        self,
+        weights: np.ndarray,
+        size: int,
+        prior: np.ndarray,
+        bounds: np.ndarray | None = None,
+    ) -> tuple[NormalEquations, NormalEquations]:
+        """Normal equations of all folds, and of all but each, their rows weighed by (F, m).
+
+        Args:
+            weights: of the rows.
+            size, prior, bounds: see ``NormalEquations``.
+        """
+        key = weights.tobytes() + prior.tobytes()
+        if key not in self._eliminated:
+            by_fold = self._weighed_at(weights)
+            total = by_fold.sum(axis=0)
+            # at every skew the nuisances are eliminated alike
+            self._eliminated.clear()
+            self._eliminated[key] = (
+                NormalEquations(total, size, prior, bounds),
+                NormalEquations(total - by_fold, size, prior, bounds),
+            )
+        whole, without = self._eliminated[key]
+        return whole.at(self.skew), without.at(self.skew)
+
+    def _weighed_at(self, weights: np.ndarray) -> np.ndarray:
+        """X^T W X of X = [A, N, y, d] of each fold; the same weights are asked for at every skew."""
         key = weights.tobytes()
         if key not in self._weighed:
-            # the same weights are asked for at every skew
             self._weighed.clear()
             pairs = zip(weights, self.gram, strict=True)
             sums = [np.tensordot(own, gram, axes=1) for own, gram in pairs]
             self._weighed[key] = np.array(sums)
-        return with_skew(self._weighed[key], self.skew)
+        return self._weighed[key]
 
     def mean_square(
         self,
