@@ -74,8 +74,8 @@ def _equations(
     size = len(columns) + len(linear.data.units)
     left, right = np.zeros((size, size)), np.zeros(size)
     for k in range(len(commanded_data.segments)):
-        x, y, trust = linear.rows(linear.data, k, columns)
-        z, _, _ = linear.rows(commanded_data, k, columns)
+        x, y, trust = linear.rows(k, columns)
+        z = linear.columns_on(commanded_data, k, selection.fit.terms)
 
         # Rows on which dry friction is not determined count less.
         w = weight * trust**2

@@ -5,17 +5,20 @@ These effects change the torque of all joints; their columns follow from the der
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 
 from gapscope.arm.known_load import point_mass_parameters
 from gapscope.diagnosis.gap.prediction import Prediction
 from gapscope.diagnosis.model.body_point import Bodies, BodyPoint
-from gapscope.diagnosis.model.compliance_columns import Columns, compliance_columns
+from gapscope.diagnosis.model.compliance_columns import Columns, backlash, elasticity
 from gapscope.diagnosis.model.terms import Terms, parametrisation_of
 from gapscope.effects.catalogue import explained
-from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import Effect
 from gapscope.effects.environment import acts, tilt
 from gapscope.effects.rigid_body import link_change
+from gapscope.effects.transmission import BACKLASH, ELASTICITY
 from gapscope.ident.signals.conditioning import Segment
 
 DERIVED = (
@@ -36,17 +39,30 @@ def bodily_columns(
     bodies: Bodies,
     terms: Terms,
     theta: np.ndarray,
+    only: Collection[str] | None = None,
 ) -> dict[int, np.ndarray]:
-    """Derivatives of the bodies' torque at theta, of which ``at`` is the prediction, (N, n), by place in theta."""
+    """Derivatives of the bodies' torque at theta, of which ``at`` is the prediction, (N, n), by place in theta.
+
+    ``only`` are the effects whose derivatives are wanted; all if ``None``.
+    """
     point = BodyPoint(at, segment, bodies, terms, theta)
-    out = dict(_encoder_offset(point))
-    out.update(_payload(point))
-    out.update(_base_tilt(point))
-    out.update(forced_columns(at.arm, segment, bodies, terms))
-    out.update(_other_effects(point))
+    derived = {
+        "encoder_offset": _encoder_offset,
+        "payload": _payload,
+        "base_tilt": _base_tilt,
+        "external_force": _external_force,
+    }
     # behind encoders on the joints a transmission moves the motors, not the bodies
-    if point.arm.arm.encoder == "motor":
-        out.update(compliance_columns(point))
+    if at.arm.arm.encoder == "motor":
+        derived |= {ELASTICITY.name: elasticity, BACKLASH.name: backlash}
+    out: dict[int, np.ndarray] = {}
+    for effect in explained():
+        if effect.reach != "arm" or (only is not None and effect.name not in only):
+            continue
+        if effect.name in derived:
+            out.update(derived[effect.name](point))
+        elif effect.name not in DERIVED:
+            out.update(_by_differences(point, effect))
     return out
 
 
@@ -78,31 +94,24 @@ def _base_tilt(point: BodyPoint) -> Columns:
     return _by_place(places, regressor @ tangent)
 
 
-def forced_columns(
-    arm: CorrectedArm, segment: Segment, bodies: Bodies, terms: Terms
-) -> dict[int, np.ndarray]:
-    """Derivatives of the bodies' torque by the force from outside, (N, n), by place in theta."""
-    out: dict[int, np.ndarray] = {}
-    for term in terms.of("external_force"):
-        if term in terms.shapes:
-            start, end = terms.shapes[term]
-            active = acts(segment.motion.t, np.array(start), np.array(end))
-            unit_force = bodies.force @ arm.base_rotation().T
+def _external_force(point: BodyPoint) -> Columns:
+    """A force in its window, if it has one."""
+    for term in point.terms.of("external_force"):
+        if term in point.terms.shapes:
+            start, end = point.terms.shapes[term]
+            active = acts(point.motion.t, np.array(start), np.array(end))
+            unit_force = point.bodies.force @ point.arm.base_rotation().T
             torque = -active[:, None, None] * unit_force
-            out.update(_by_place(np.array(term.columns), torque))
-    return out
+            yield from _by_place(np.array(term.columns), torque)
 
 
-def _other_effects(point: BodyPoint) -> Columns:
-    """Finite differences for effects that reach other joints and have no derivative here."""
-    for effect in explained():
-        if effect.reach != "arm" or effect.name in DERIVED:
-            continue
-        step, available = parametrisation_of(effect).step, point.terms.open
-        for term in point.terms.of(effect.name):
-            for place in term.columns if term in available else ():
-                moved = point.rigid_with(effect.name, place, step)
-                yield place, (moved - point.rigid) / step
+def _by_differences(point: BodyPoint, effect: Effect) -> Columns:
+    """Finite differences for an effect that reaches other joints and has no derivative here."""
+    step = parametrisation_of(effect).step
+    for term in point.terms.of(effect.name):
+        for place in term.columns if point.terms.can_choose(term) else ():
+            moved = point.rigid_with(effect.name, place, step)
+            yield place, (moved - point.rigid) / step
 
 
 def _by_place(places: np.ndarray, derivatives: np.ndarray) -> Columns:

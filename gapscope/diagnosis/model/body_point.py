@@ -17,33 +17,39 @@ from gapscope.effects.free_play import play_columns
 from gapscope.ident.signals.conditioning import Segment
 
 
-@dataclass(frozen=True)
 class Bodies:
-    """What the columns of a segment need of its bodies whatever the parameters are, N samples.
+    """What the columns of a segment need of its bodies whatever the parameters are, each when first asked for.
+
+    Args:
+        body: the bodies, with the known load of the segment.
+        motion: of the segment, N samples.
+        regressor: the inertial regressor on it, shape (N, n, 10 n).
 
     Attributes:
-        gravity: G with g(q) = G g, shape (N, n, 3); kg m.
-        force: J^T of the last link's centre of mass, shape (N, n, 3); m.
         last: regressor of the last link, shape (N, n, 10).
-        play: torque from a little free play on each joint, per radian, shape (N, n, n).
     """
 
-    gravity: np.ndarray
-    force: np.ndarray
-    last: np.ndarray
-    play: np.ndarray
+    def __init__(self, body: RigidBody, motion: Motion, regressor: np.ndarray) -> None:
+        self._body, self._motion = body, motion
+        self._torque = regressor @ body.inertial_parameters()
+        last = 10 * body.last_link
+        self.last = regressor[:, :, last : last + 10].copy()
 
-    @classmethod
-    def of(cls, body: RigidBody, segment: Segment, regressor: np.ndarray) -> Bodies:
-        """The bodies of a segment, its known load included, with its inertial regressor, shape (N, n, 10 n)."""
-        motion, last = segment.motion, 10 * body.last_link
-        torque = regressor @ body.inertial_parameters()
-        return cls(
-            body.gravity_regressor(motion.q),
-            body.force_regressor(motion.q),
-            regressor[:, :, last : last + 10].copy(),
-            play_columns(body, motion, torque, BACKLASH_START * body.per_radian),
-        )
+    @cached_property
+    def gravity(self) -> np.ndarray:
+        """G with g(q) = G g, shape (N, n, 3); kg m."""
+        return self._body.gravity_regressor(self._motion.q)
+
+    @cached_property
+    def force(self) -> np.ndarray:
+        """J^T of the last link's centre of mass, shape (N, n, 3); m."""
+        return self._body.force_regressor(self._motion.q)
+
+    @cached_property
+    def play(self) -> np.ndarray:
+        """Torque from a little free play on each joint, per radian, shape (N, n, n)."""
+        width = BACKLASH_START * self._body.per_radian
+        return play_columns(self._body, self._motion, self._torque, width)
 
 
 @dataclass(frozen=True)

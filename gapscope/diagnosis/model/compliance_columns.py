@@ -19,16 +19,19 @@ Columns = Iterator[tuple[int, np.ndarray]]
 """Places in theta with their derivatives, (N, n)."""
 
 
-def compliance_columns(point: BodyPoint) -> dict[int, np.ndarray]:
-    """Derivatives of the bodies' torque by the coordinates of elasticity and backlash, (N, n), by place in theta."""
-    out = dict(_elasticity(point))
-    out.update(_backlash(point))
-    out.update(_elasticity_in_use(point))
-    out.update(_backlash_in_use(point))
-    return out
+def elasticity(point: BodyPoint) -> Columns:
+    """Derivatives by elasticity where it begins, and then by that in use, which takes their place."""
+    yield from _beginning_elasticity(point)
+    yield from _elasticity_in_use(point)
 
 
-def _elasticity(point: BodyPoint) -> Columns:
+def backlash(point: BodyPoint) -> Columns:
+    """The same by free play."""
+    yield from _beginning_backlash(point)
+    yield from _backlash_in_use(point)
+
+
+def _beginning_elasticity(point: BodyPoint) -> Columns:
     """A joint that bends by torque times compliance, less damping times its rate, moves its link as slowly."""
     motion = point.motion
     twist = _transmitted(point.arm, point.segment)
@@ -44,7 +47,7 @@ def _elasticity(point: BodyPoint) -> Columns:
             yield int(place), -sum(torque, np.zeros(1))
 
 
-def _backlash(point: BodyPoint) -> Columns:
+def _beginning_backlash(point: BodyPoint) -> Columns:
     """Free play as it begins."""
     for j, place in enumerate(point.terms.block(BACKLASH.name)[0]):
         yield int(place), point.bodies.play[:, :, j]

@@ -112,7 +112,7 @@ def _held_out_values(
     mean_square = gram[..., -1, -1].sum(axis=0) / total
     for _ in range(RICHEST_ROUNDS):
         weight = 1.0 / np.maximum(mean_square, 1e-12)
-        by_fold = np.einsum("j,fjab->fab", weight, gram)
+        by_fold = np.array([np.tensordot(weight, own, axes=1) for own in gram])
         normal = by_fold.sum(axis=0)
         values = [_solved(normal - own, precision) for own in by_fold]
         z = [np.append(-value, 1.0) for value in values]

@@ -64,7 +64,7 @@ class FitData(DecimatedSegments):
         self.nuisance, self.own, self.bodies = [], [], []
         for s in self.segments:
             regressor = body.regressor(s.motion.q, s.motion.dq, s.motion.ddq)
-            self.bodies.append(Bodies.of(s.bodies(body), s, regressor))
+            self.bodies.append(Bodies(s.bodies(body), s.motion, regressor))
             self.nuisance.append(self.thin(regressor * self.units, s))
             if reference is not None:
                 self.own.append(self.thin(reference.columns(s.motion), s))

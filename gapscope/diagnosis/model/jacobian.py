@@ -6,14 +6,14 @@ arm. What moves or loads the bodies changes the torque of all joints, by the der
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from gapscope.diagnosis.gap.prediction import Prediction
-from gapscope.diagnosis.model.body_jacobian import bodily_columns, forced_columns
+from gapscope.diagnosis.model.body_jacobian import bodily_columns
 from gapscope.diagnosis.model.candidate_columns import beyond
 from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.model.terms import Term, Terms, parametrisation_of
@@ -30,7 +30,7 @@ def columns(
     k: int,
     terms: Terms,
     theta: np.ndarray,
-    only: frozenset[str] | set[str] | None = None,
+    only: Collection[str] | None = None,
 ) -> np.ndarray:
     """Rows of the derivatives of the predicted torque by theta, (M, n, P) [N m] per unit of theta.
 
@@ -54,11 +54,7 @@ def columns(
     _rest(out, terms, theta)
     for place, j, lost in _saturated(segment, terms):
         out[:, j, place] = data.thin(lost, segment)
-    # of the effects that reach other joints only a force has a nonlinear parameter, and is asked for alone
-    if only:
-        bodily = forced_columns(at.arm, segment, bodies, terms)
-    else:
-        bodily = bodily_columns(at, segment, bodies, terms, theta)
+    bodily = bodily_columns(at, segment, bodies, terms, theta, only)
     if bodily:
         torque = np.stack(list(bodily.values()), axis=2)
         out[:, :, list(bodily)] = data.thin(_as_recorded(at, torque), segment)
@@ -91,13 +87,13 @@ def _moves(
     arm: CorrectedArm,
     terms: Terms,
     theta: np.ndarray,
-    only: frozenset[str] | set[str] | None,
+    only: Collection[str] | None,
 ) -> Iterator[_Move]:
     """The moves for effects on a joint, by each coordinate on all joints at once, and for those on a motor."""
     joints = np.arange(arm.arm.n_joints)
     for effect in terms.definitions:
         step = parametrisation_of(effect).step
-        if only and effect.name not in only:
+        if only is not None and effect.name not in only:
             continue
         if _acts_on_its_joint(effect, arm):
             for coordinate, places in enumerate(terms.block(effect.name)):

@@ -58,7 +58,7 @@ class Linearisation:
         motors = data.arm.coupled_motors
         self.terms = Terms(data.arm.n_joints, used, motors)
         self._corrected = CorrectedArm(self.arm, self.terms.effects(theta))
-        self._rows = [self._segment_rows(data, k) for k in range(len(data.segments))]
+        self._rows = [self._segment_rows(k) for k in range(len(data.segments))]
         scanner = GapScanner(data, self._corrected, self.terms, theta, self._rows)
         found = scanner.search()
         self.scan_residual = scanner.residual()
@@ -115,16 +115,23 @@ class Linearisation:
         return total
 
     def rows(
-        self, data: FitData, k: int, places: np.ndarray
+        self, k: int, places: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Equations of segment k of some data of the same arm: [A, N], (M, n, C + K), y and trust, each (M, n).
+        """Equations of segment k: [A, N], (M, n, C + K), y and trust, each (M, n); A are the columns in ``places``."""
+        part = self._rows[k]
+        x = [part.columns[:, :, places], self.data.nuisance[k]]
+        y = part.gap + part.columns @ self.theta
+        return np.concatenate(x, axis=2), y, part.trust
 
-        A are the columns in ``places``, shape (C,).
-        """
-        own = data is self.data
-        part = self._rows[k] if own else self._segment_rows(data, k)
-        x = np.concatenate([part.columns[:, :, places], data.nuisance[k]], axis=2)
-        return x, part.gap + part.columns @ self.theta, part.trust
+    def columns_on(self, data: FitData, k: int, terms: frozenset[Term]) -> np.ndarray:
+        """[A, N] on segment k of other data of the same arm, (M, n, C + K), with the columns of some terms in A."""
+        segment, places = data.segments[k], sorted(c for t in terms for c in t.columns)
+        bodies = segment.bodies(self.body)
+        at = Prediction.of(self._corrected, bodies, segment.motion)
+        only = {t.effect for t in terms}
+        x = columns(at, data, k, self.terms, self.theta, only)
+        self._add_link_inertia(x, data.nuisance[k], self._torque_gain)
+        return np.concatenate([x[:, :, places], data.nuisance[k]], axis=2)
 
     def _fold_places(self) -> list[list[int]]:
         """Places of each fold's segments among all."""
@@ -134,9 +141,9 @@ class Linearisation:
             start += len(fold)
         return places
 
-    def _segment_rows(self, data: FitData, k: int) -> SegmentRows:
-        """Rows of segment k of some data of the same arm."""
-        segment = data.segments[k]
+    def _segment_rows(self, k: int) -> SegmentRows:
+        """Rows of segment k."""
+        data, segment = self.data, self.data.segments[k]
         assert segment.torque is not None
         bodies = segment.bodies(self.body)
         at = Prediction.of(self._corrected, bodies, segment.motion)
@@ -145,9 +152,7 @@ class Linearisation:
         rate = np.gradient(at.torque, segment.motion.t, axis=0)
         floor = noise_floor(self._corrected, self.body, segment, at)
         sticking = floor.sticking[:: data.step(segment)]
-        # a recorded torque is what reaches the joint over the scale of its torque
-        gain = 1.0 / (1.0 + self._corrected.value("torque_scale", "scale"))
-        self._add_link_inertia(x, data.nuisance[k], gain)
+        self._add_link_inertia(x, data.nuisance[k], self._torque_gain)
         return SegmentRows(
             data.thin(gap, segment),
             x,
@@ -157,6 +162,11 @@ class Linearisation:
             data.thin(self._bodily_change(at), segment),
             data.known(segment),
         )
+
+    @property
+    def _torque_gain(self) -> np.ndarray:
+        """What a recorded torque is of the one that reaches its joint, by the scale of the torque, (n,)."""
+        return np.asarray(1.0 / (1.0 + self._corrected.value("torque_scale", "scale")))
 
     def _bodily_change(self, at: Prediction) -> np.ndarray:
         """What the effects on bodies add to the torque of the nominal arm's [N m], (N, n).

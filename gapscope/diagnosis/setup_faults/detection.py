@@ -31,10 +31,16 @@ from gapscope.diagnosis.thresholds import (
     NOMINAL_RIGHT_NRMSE,
     NOMINAL_RIGHT_RATIO,
     OBVIOUS_FAULT_PROBABILITY,
+    SEARCH_RATE,
     SHIFTED_INERTIALS_FALL,
 )
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.ident.signals.conditioning import Segment, condition, position_cutoff
+from gapscope.ident.signals.conditioning import (
+    Segment,
+    condition,
+    position_cutoff,
+    thinned,
+)
 
 
 def find_setup_faults(case: Case) -> tuple[FoundFault, ...]:
@@ -71,7 +77,8 @@ def _shifted_inertials(case: Case) -> list[FoundFault]:
     A load and wrong inertials can replace the shift, so that held-out torque may not show it; but they leave a
     gap.
     """
-    segments = _segments(case)
+    # the gap is compared below 12 Hz: few samples of many tell it
+    segments = [thinned(s, SEARCH_RATE) for s in _segments(case)]
     before = _nrmse_of(case.arm, segments)
     if before is None or before.max() < NOMINAL_RIGHT_RATIO * NOMINAL_RIGHT_NRMSE:
         return []

@@ -106,10 +106,11 @@ def find_change(
     chance = false_alarms / (len(moments) * len(hypotheses))
     # Bonferroni's bound over all moments and hypotheses
     threshold = float(chi2.isf(chance, len(best.hypothesis.names)))
-    # errors of the model are estimated only if there is something to explain
-    if best.peak > threshold:
-        threshold *= _usual(whitened, best, moments, threshold)
-    threshold = max(threshold, SHARE * problem.torque.size)
+    least = SHARE * problem.torque.size
+    # errors of the model, and friction that fades, are estimated only if there is something to explain
+    if best.peak <= max(threshold, least):
+        return None
+    threshold = max(threshold * _usual(whitened, best, moments, threshold), least)
     if best.peak <= max(threshold, _fading(whitened, t, best.hypothesis)):
         return None
     # moments whose likelihood ratio is not significantly lower than the best one's
@@ -136,9 +137,17 @@ def _best_scan(
         sums = ChangeSums.of(whitened, moments)
         scans = [ChangeScan.over(sums, hypothesis) for hypothesis in hypotheses]
         # hypotheses differ in the number of parameters: compared by tail probability
-        best = max(scans, key=lambda scan: scan.evidence)
+        before, best = best, max(scans, key=lambda scan: scan.evidence)
+        # the same change leaves the same residual, and with it the same noise
+        if before is not None and _same(before, best):
+            break
     assert best is not None
     return whitened, best
+
+
+def _same(one: ChangeScan, other: ChangeScan) -> bool:
+    """Whether two scans find the same change at the same moment."""
+    return one.hypothesis is other.hypothesis and one.moment == other.moment
 
 
 def _fading(problem: Problem, t: np.ndarray, hypothesis: ChangeHypothesis) -> float:

@@ -21,16 +21,19 @@ class ChangeSums:
     Attributes:
         moments: T of them, places in the record, shape (T,).
         scale: RMS of the columns, shape (b,).
+        columns: W, shape (N, n, b).
+        gram: A, shape (b, b).
         inverse: A^-1, shape (b, b).
         right: s, shape (b,).
-        gram_after, right_after: A' and s' of each moment, shapes (T, b, b) and (T, b).
+        right_after: s' of each moment, shape (T, b).
     """
 
     moments: np.ndarray
     scale: np.ndarray
+    columns: np.ndarray
+    gram: np.ndarray
     inverse: np.ndarray
     right: np.ndarray
-    gram_after: np.ndarray
     right_after: np.ndarray
 
     @classmethod
@@ -39,16 +42,25 @@ class ChangeSums:
         rms = np.sqrt(np.mean(problem.matrix**2, axis=(0, 1)))
         scale = np.maximum(rms, 1e-12)
         W = problem.matrix / scale
-        gram = np.cumsum(np.matmul(W.transpose(0, 2, 1), W), axis=0)
+        stacked = W.reshape(-1, W.shape[2])
+        gram = stacked.T @ stacked
         right = np.cumsum(np.einsum("kja,kj->ka", W, problem.torque), axis=0)
         return cls(
             moments=moments,
             scale=scale,
-            inverse=np.linalg.pinv(gram[-1], hermitian=True, rcond=DEPENDENT),
+            columns=W,
+            gram=gram,
+            inverse=np.linalg.pinv(gram, hermitian=True, rcond=DEPENDENT),
             right=right[-1],
-            gram_after=gram[-1] - gram[moments],
             right_after=right[-1] - right[moments],
         )
+
+    def after(self, directions: np.ndarray) -> np.ndarray:
+        """A' D of each moment for D (b, s), shape (T, b, s)."""
+        # A' itself is never formed: of b by b numbers at each moment few are needed
+        W = self.columns
+        up_to = np.cumsum(W.transpose(0, 2, 1) @ (W @ directions), axis=0)
+        return np.asarray(self.gram @ directions - up_to[self.moments])
 
 
 @dataclass(frozen=True)
@@ -77,7 +89,7 @@ class ChangeScan:
         s = len(hypothesis.names)
         D = hypothesis.all_directions * sums.scale[:, None]
         # A' D and A^-1 A' D of each moment
-        after = sums.gram_after @ D
+        after = sums.after(D)
         projected = sums.inverse @ after
         information = D.T @ after - after.transpose(0, 2, 1) @ projected
         explained = np.einsum("kas,a->ks", projected, sums.right)
