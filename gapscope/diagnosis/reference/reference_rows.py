@@ -87,7 +87,6 @@ def _on_rows(
 ) -> np.ndarray:
     """Series of the segments filtered, trimmed and thinned as the rows are, (M, ...)."""
     parts = [
-        band.filtered(x, segment)[:: band.step(segment)]
-        for x, segment in zip(series, segments, strict=True)
+        band.thinned(x, segment) for x, segment in zip(series, segments, strict=True)
     ]
     return np.concatenate(parts)

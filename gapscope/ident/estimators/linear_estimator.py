@@ -72,9 +72,13 @@ def joint_noise(problem: Problem, beta: np.ndarray) -> np.ndarray:
     free = max(1.0 - len(beta) / residual.size, 1.0 / residual.size)
     noise = np.sqrt((residual**2).mean(axis=0) / free)
     # an exact fit has no noise, but weights must be finite
-    largest_torque = max(float(np.abs(problem.torque).max(initial=0.0)), 1e-300)
-    largest_noise = float(noise.max(initial=0.0))
-    return np.maximum(noise, max(1e-12 * largest_torque, 1e-6 * largest_noise))
+    return least_noise(noise, float(np.abs(problem.torque).max(initial=0.0)))
+
+
+def least_noise(noise: np.ndarray, largest_torque: float) -> np.ndarray:
+    """Noise of the joints [N m], (n,), of which none is zero."""
+    least = max(1e-12 * max(largest_torque, 1e-300), 1e-6 * float(noise.max(initial=0)))
+    return np.maximum(noise, least)
 
 
 def column_norms(matrix: np.ndarray) -> np.ndarray:

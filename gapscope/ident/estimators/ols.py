@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gapscope.ident.estimators.estimate import Estimate
-from gapscope.ident.estimators.linear_estimator import Factor, finished
+from gapscope.ident.estimators.joint_triangles import JointTriangles
+from gapscope.ident.estimators.linear_estimator import finished
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.solvable import check_samples
 
@@ -21,8 +22,9 @@ class OrdinaryLeastSquares:
 
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate; raises ``InputError`` if the samples do not determine the parameters."""
-        check_samples(problem)
-        factor = Factor.of(*problem.stacked())
+        triangles = JointTriangles.of(problem)
+        check_samples(problem, rows=triangles.stacked()[:, :-1])
+        factor = triangles.factor()
         return finished(
             problem,
             factor.solve(),

@@ -7,14 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.ident.estimators.estimate import Estimate
-from gapscope.ident.estimators.linear_estimator import (
-    Factor,
-    finished,
-    joint_noise,
-    whitened,
-)
-from gapscope.ident.estimators.ols import OrdinaryLeastSquares
+from gapscope.ident.estimators.joint_triangles import JointTriangles
+from gapscope.ident.estimators.linear_estimator import Factor, finished
 from gapscope.ident.model.linear_problem import Problem
+from gapscope.ident.model.solvable import check_rank, check_samples
 
 
 @dataclass(frozen=True)
@@ -33,11 +29,25 @@ class WeightedLeastSquares:
 
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate; raises ``InputError`` if the samples do not determine the parameters."""
-        beta: np.ndarray = OrdinaryLeastSquares().estimate(problem).value
+        triangles = JointTriangles.of(problem)
+        check_samples(problem, rows=triangles.stacked()[:, :-1])
+        factor = self._factor(triangles)
+        variance = factor.rest / factor.freedom
+        return finished(problem, factor.solve(), variance * factor.inverse_gram())
+
+    def value(self, triangles: JointTriangles) -> np.ndarray:
+        """The estimate alone, (b,), of equations that are triangles already.
+
+        Raises:
+            InputError: they do not determine the parameters.
+        """
+        check_rank(triangles.stacked()[:, :-1], triangles.names)
+        return self._factor(triangles).solve()
+
+    def _factor(self, triangles: JointTriangles) -> Factor:
+        """The factor of all equations by the last noise; that of ordinary least squares at first."""
+        factor = triangles.factor()
         # noise and parameters in turns
         for _ in range(self.rounds):
-            noise = joint_noise(problem, beta)
-            factor = Factor.of(*whitened(problem, noise))
-            beta = factor.solve()
-        variance = factor.rest / factor.freedom
-        return finished(problem, beta, variance * factor.inverse_gram())
+            factor = triangles.factor(triangles.noise(factor.solve()))
+        return factor

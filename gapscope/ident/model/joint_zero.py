@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import NamedTuple
@@ -194,8 +194,12 @@ class _ZeroProblem:
     def reduced(self, offset: np.ndarray) -> _Reduced:
         """The problem at some offsets, x eliminated by the triangular factor of [W, S, y]."""
         p, n = len(self.nominal), len(offset)
-        value = self._best_value(self._gram(offset, None))
-        gram = self._gram(offset, value)
+        motions = [replace(s.motion, q=s.motion.q - offset) for s in self.segments]
+        equations = self._weighed(self._equations(motions))
+        value = self._best_value(equations.T @ equations)
+        slopes = self._weighed(self._slopes(motions, value))
+        whole = np.hstack([equations[:, :-1], slopes, equations[:, -1:]])
+        gram = whole.T @ whole
         # penalties are further rows: sqrt(w) (x - x0), and (delta + step) / WIDTH
         pull = np.concatenate([self.weight, np.full(n, WIDTH**-2.0), [0.0]])
         target = np.concatenate([self.nominal, -offset])
@@ -217,17 +221,32 @@ class _ZeroProblem:
         scaled = normal * unit[:, None] * unit
         return self.nominal + unit * np.linalg.solve(scaled, unit * right)
 
-    def _gram(self, offset: np.ndarray, value: np.ndarray | None) -> np.ndarray:
-        """Gram matrix of [W, y], or with parameters of [W, S, y], at unit noise."""
-        total: np.ndarray | float = 0.0
-        for segment in self.segments:
-            equations = _columns(
-                self.columns, segment, self.law, self.band, value, offset
-            )
-            weighed = equations / self.noise[:, None]
-            flat = weighed.reshape(-1, equations.shape[2])
-            total = total + flat.T @ flat
-        return np.asarray(total)
+    def _weighed(self, parts: Iterable[np.ndarray]) -> np.ndarray:
+        """Columns of each segment, (N, n, k), in the band, thinned, at unit noise, one row for each joint; (M n, k)."""
+        rows = []
+        for part, segment in zip(parts, self.segments, strict=True):
+            thinned = self.band.thinned(part, segment) / self.noise[:, None]
+            rows.append(thinned.reshape(-1, part.shape[2]))
+        return np.vstack(rows)
+
+    def _equations(self, motions: Sequence[Motion]) -> Iterator[np.ndarray]:
+        """[W, y] of each segment on its motion less the offsets, (N, n, p + 1)."""
+        for segment, true in zip(self.segments, motions, strict=True):
+            known = replace(segment, motion=true).known_torque(self.columns.body)
+            torque = np.asarray(segment.torque) - known
+            dry = self.columns.dry(segment.motion, self.law)
+            parts = [self.columns.smooth(true), dry, torque[:, :, None]]
+            yield np.concatenate(parts, axis=2)
+
+    def _slopes(
+        self, motions: Sequence[Motion], value: np.ndarray
+    ) -> Iterator[np.ndarray]:
+        """S = -d tau / d q of each segment with the bodies as they are identified now, (N, n, n)."""
+        body = self.columns.body
+        change = value[: self.columns.links] - body.inertial_parameters()
+        for segment, true in zip(self.segments, motions, strict=True):
+            changed = segment.bodies(body).changed(change.reshape(-1, 10))
+            yield -changed.sensitivities(true.q, true.dq, true.ddq)[0]
 
 
 def _triangular(gram: np.ndarray) -> np.ndarray:
@@ -236,26 +255,3 @@ def _triangular(gram: np.ndarray) -> np.ndarray:
     scaled = gram / unit[:, None] / unit
     # a little weight keeps the factor real where columns depend on each other to rounding
     return cholesky(scaled + 1e-13 * np.eye(len(gram))) * unit
-
-
-def _columns(
-    columns: ModelColumns,
-    segment: Segment,
-    law: FrictionLaw,
-    band: Band,
-    value: np.ndarray | None,
-    delta: np.ndarray,
-) -> np.ndarray:
-    """[W, y], or with parameters [W, S, y] with S = -d tau / d q, at the current offsets, shape (M, n, p + 1 (+ n))."""
-    m = segment.motion
-    true = Motion(m.t, m.q - delta, m.dq, m.ddq)
-    parts = [columns.smooth(true), columns.dry(m, law)]
-    if value is not None:
-        # the derivative by q of the torque of the bodies as they are identified now
-        change = value[: columns.links] - columns.body.inertial_parameters()
-        bodies = segment.bodies(columns.body).changed(change.reshape(-1, 10))
-        parts.append(-bodies.sensitivities(true.q, m.dq, m.ddq)[0])
-    known = replace(segment, motion=true).known_torque(columns.body)
-    parts.append((np.asarray(segment.torque) - known)[:, :, None])
-    equations = np.concatenate(parts, axis=2)
-    return band.filtered(equations, segment)[:: band.step(segment)]

@@ -63,11 +63,11 @@ def choose(
     """
     law, pull = FrictionLaw(), PULLS[1]
     noise = joint_noise(samples, law, pull)
-    best = held_out_error(samples, law, pull, noise)
+    best = HeldOutStretches(samples, law, noise).error(pull)
     tried = [(f"{law}; pull {pull:g}", best)]
     for law_of, worth in _ladder(samples, pull, noise, nonlinear, presliding):
         errors = {
-            candidate: held_out_error(samples, candidate, pull, noise)
+            candidate: HeldOutStretches(samples, candidate, noise).error(pull)
             for candidate in law_of(law)
         }
         tried += [(f"{each}; pull {pull:g}", error) for each, error in errors.items()]
@@ -92,14 +92,15 @@ def _errors_by_pull(
     samples: Samples, law: FrictionLaw, noise: np.ndarray
 ) -> dict[float, float]:
     """Error on held-out stretches by strength of the pull, beyond ``PULLS`` as long as a stronger one is better."""
-    errors = {pull: held_out_error(samples, law, pull, noise) for pull in PULLS}
+    stretches = HeldOutStretches(samples, law, noise)
+    errors = {pull: stretches.error(pull) for pull in PULLS}
     while True:
         strongest = max(errors)
         best = min(errors, key=lambda pull: errors[pull])
         if best < strongest or strongest >= STRONGEST:
             return errors
         stronger = 10 * strongest
-        errors[stronger] = held_out_error(samples, law, stronger, noise)
+        errors[stronger] = stretches.error(stronger)
 
 
 def _nonlinear_terms(samples: Samples) -> list[Change]:
@@ -169,7 +170,7 @@ def _presliding_distances(
     errors = []
     for distance in distances:
         same = replace(law, presliding=(distance,) * len(drives))
-        errors.append(held_out_mse(samples, same, pull, noise))
+        errors.append(HeldOutStretches(samples, same, noise).mse(pull))
     turned = np.abs(drives) / np.abs(drives).sum(axis=1, keepdims=True)
     by_drive = np.array(errors) @ turned.T
     by_drive[0] *= (1.0 + WORTH) ** 2
@@ -211,41 +212,55 @@ def joint_noise(
     # weights and fit depend on each other: a few rounds suffice
     noise = np.maximum(torque.std(axis=0), 1e-6 * largest)
     least = 1e-4 * np.sqrt((torque**2).mean(axis=0)) + 1e-12
+    unit = np.ones(1)
+    by_joint = [
+        _gram(matrix[:, j : j + 1], torque[:, j : j + 1], unit)
+        for j in range(len(noise))
+    ]
     for _ in range(rounds):
         penalty = pull * penalties(samples, law, matrix, noise)
-        gram = _gram(matrix, torque, noise)
+        gram = np.tensordot(noise**-2.0, by_joint, axes=1)
         x = pulled_solution(gram, torque.size, penalty, nominal)
         rms = np.sqrt(((torque - matrix @ x) ** 2).mean(axis=0))
         noise = np.maximum(rms, least)
     return noise
 
 
-def held_out_error(
-    samples: Samples, law: FrictionLaw, pull: float, noise: np.ndarray
-) -> float:
-    """RMS of residual over noise on stretches of time predicted from all others [1]."""
-    return float(np.sqrt(held_out_mse(samples, law, pull, noise).mean()))
+class HeldOutStretches:
+    """Stretches of time, each predicted from all others under a law of friction, with pulls of any strength.
 
+    Args:
+        samples: what may be fitted.
+        law: form of the dry friction.
+        noise: RMS residual per joint [N m], shape (n,).
+    """
 
-def held_out_mse(
-    samples: Samples, law: FrictionLaw, pull: float, noise: np.ndarray
-) -> np.ndarray:
-    """Mean square of residual over noise on stretches of time predicted from all others [1], per joint (n,)."""
-    matrix, nominal = samples.matrix(law), samples.columns.nominal(law)
-    torque = samples.torque
-    penalty = pull * penalties(samples, law, matrix, noise)
-    stretches = _stretches(samples.group)
-    grams = [_gram(matrix[rows], torque[rows], noise) for rows in stretches]
-    total = np.array(grams).sum(axis=0)
-    count = sum(torque[rows].size for rows in stretches)
-    squares = np.zeros(torque.shape[1])
-    for rows, gram in zip(stretches, grams, strict=True):
-        others = count - torque[rows].size
-        # the Gram matrix of all other stretches, without forming their equations again
-        x = pulled_solution(total - gram, others, penalty, nominal)
-        residual = (torque[rows] - matrix[rows] @ x) / noise
-        squares += (residual**2).sum(axis=0)
-    return np.asarray(squares * torque.shape[1] / count)
+    def __init__(self, samples: Samples, law: FrictionLaw, noise: np.ndarray) -> None:
+        self._matrix, self._torque = samples.matrix(law), samples.torque
+        self._noise, self._nominal = noise, samples.columns.nominal(law)
+        self._penalty = penalties(samples, law, self._matrix, noise)
+        self._stretches = _stretches(samples.group)
+        self._grams = [
+            _gram(self._matrix[rows], self._torque[rows], noise)
+            for rows in self._stretches
+        ]
+
+    def error(self, pull: float) -> float:
+        """RMS of residual over noise [1]."""
+        return float(np.sqrt(self.mse(pull).mean()))
+
+    def mse(self, pull: float) -> np.ndarray:
+        """Mean square of residual over noise, per joint [1], (n,)."""
+        total = np.array(self._grams).sum(axis=0)
+        sizes = [self._torque[rows].size for rows in self._stretches]
+        squares = np.zeros(self._torque.shape[1])
+        for rows, gram, size in zip(self._stretches, self._grams, sizes, strict=True):
+            # the Gram matrix of all other stretches, without forming their equations again
+            others, count = total - gram, sum(sizes) - size
+            x = pulled_solution(others, count, pull * self._penalty, self._nominal)
+            residual = (self._torque[rows] - self._matrix[rows] @ x) / self._noise
+            squares += (residual**2).sum(axis=0)
+        return np.asarray(squares * len(squares) / sum(sizes))
 
 
 def _gram(matrix: np.ndarray, torque: np.ndarray, noise: np.ndarray) -> np.ndarray:

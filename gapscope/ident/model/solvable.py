@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from gapscope.arm.errors import InputError
@@ -15,22 +17,25 @@ UNIT_FACTOR = 5.0
 """Torque larger or smaller than the nominal arm's by more than this is suspected of another unit."""
 
 
-def check_samples(problem: Problem, *, full_rank: bool = True) -> None:
+def check_samples(
+    problem: Problem, *, full_rank: bool = True, rows: np.ndarray | None = None
+) -> None:
     """Check that the samples determine the parameters.
 
     Args:
         problem: to be solved.
         full_rank: whether every parameter must be determined by the samples alone.
+        rows: fewer rows than the problem's with the same sums of squares, (K, b), if there are some.
 
     Raises:
         InputError: a value is not finite; too few samples; a trajectory that rests; columns that depend on each other.
     """
     _check_finite(problem)
-    rows, b = problem.torque.size, problem.matrix.shape[2]
-    if full_rank and rows <= b:
+    equations, b = problem.torque.size, problem.matrix.shape[2]
+    if full_rank and equations <= b:
         raise InputError(
-            f"{len(problem.torque)} samples of {problem.n_joints} joints are {rows} equations for {b} parameters: too "
-            "few. Either (a) the recording is too short, (b) filtering and trimming left little of it, or (c) the "
+            f"{len(problem.torque)} samples of {problem.n_joints} joints are {equations} equations for {b} parameters: "
+            "too few. Either (a) the recording is too short, (b) filtering and trimming left little of it, or (c) the "
             "model has more parameters than this arm needs",
             "record for longer, or use base parameters, or an estimator with a prior (ridge, partial update)",
             where="samples",
@@ -44,7 +49,7 @@ def check_samples(problem: Problem, *, full_rank: bool = True) -> None:
             where="q",
         )
     if full_rank:
-        _check_rank(problem)
+        check_rank(problem.stacked()[0] if rows is None else rows, problem.names)
 
 
 def unit_warnings(problem: Problem, nominal: np.ndarray) -> tuple[str, ...]:
@@ -96,18 +101,20 @@ def _check_finite(problem: Problem) -> None:
             )
 
 
-def _check_rank(problem: Problem) -> None:
-    matrix, _ = problem.stacked()
+def check_rank(matrix: np.ndarray, names: Sequence[str]) -> None:
+    """Check that rows of equations, (K, b), determine every parameter; raises ``InputError`` otherwise."""
+    missing = max(0, matrix.shape[1] - len(matrix))
+    matrix = np.pad(matrix, ((0, missing), (0, 0)))
     norms = np.linalg.norm(matrix, axis=0)
     pivots = np.abs(
         np.diag(np.linalg.qr(matrix / np.where(norms > 0, norms, 1.0), mode="r"))
     )
     if (pivots > DEPENDENT).all():
         return
-    names = ", ".join(np.asarray(problem.names)[pivots <= DEPENDENT])
+    open_names = ", ".join(np.asarray(names)[pivots <= DEPENDENT])
     raise InputError(
-        f"the samples do not determine {names}. Either (a) the trajectory does not excite them, (b) the columns are "
-        "not base parameters, so that some depend on others, or (c) a joint that they need did not move",
+        f"the samples do not determine {open_names}. Either (a) the trajectory does not excite them, (b) the columns "
+        "are not base parameters, so that some depend on others, or (c) a joint that they need did not move",
         "record an exciting trajectory (`gapscope excite`), use base parameters, or an estimator with a prior",
         where="matrix",
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,8 @@ from scipy.stats import t as student
 
 from gapscope.arm.errors import InputError
 from gapscope.ident.estimators.estimate import Estimate, Estimator
+from gapscope.ident.estimators.joint_triangles import JointTriangles
+from gapscope.ident.estimators.wls import WeightedLeastSquares
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
 from gapscope.ident.uncertainty.intervals import Uncertainty, several_groups
@@ -130,13 +133,30 @@ def torque_interval(
 def held_out(problem: Problem, estimator: Estimator) -> np.ndarray:
     """Residual of each group under the estimate of the other groups [N m], shape (N, n)."""
     residual = np.empty_like(problem.torque)
-    for span in several_groups(problem.group):
-        others = np.ones(len(residual), dtype=bool)
-        others[span] = False
-        if not others.any():
-            raise InputError(
-                "too few samples to hold any out", "record for longer", where="samples"
-            )
-        value = estimator.estimate(problem.rows(others)).value
+    spans = several_groups(problem.group)
+    if len(spans) < 2:
+        raise InputError(
+            "too few samples to hold any out", "record for longer", where="samples"
+        )
+    for span, value in zip(
+        spans, _without_each(problem, spans, estimator), strict=True
+    ):
         residual[span] = problem.rows(span).residual(value)
     return residual
+
+
+def _without_each(
+    problem: Problem, spans: Sequence[slice], estimator: Estimator
+) -> Iterator[np.ndarray]:
+    """Estimates without each group, (b,)."""
+    if isinstance(estimator, WeightedLeastSquares):
+        # the equations of a group are made a triangle once, not for each of the others again
+        parts = [JointTriangles.of(problem.rows(span)) for span in spans]
+        for k in range(len(spans)):
+            others = JointTriangles.joined(parts[:k] + parts[k + 1 :])
+            yield estimator.value(others)
+        return
+    for span in spans:
+        kept = np.ones(len(problem.torque), dtype=bool)
+        kept[span] = False
+        yield estimator.estimate(problem.rows(kept)).value
