@@ -25,7 +25,8 @@ from gapscope.ident.estimators.estimate import Estimate, Estimator
 from gapscope.ident.held_out import base_problem
 from gapscope.ident.model.base_parameters import BaseParameters, base_parameters
 from gapscope.ident.model.friction_law import FrictionLaw
-from gapscope.ident.model.law_choice import Choice, choose, penalties
+from gapscope.ident.model.friction_trials import penalties
+from gapscope.ident.model.law_choice import Choice, choose
 from gapscope.ident.model.linear_problem import Problem
 from gapscope.ident.model.model_columns import ModelColumns
 from gapscope.ident.model.physical_parameters import Physical, consistent

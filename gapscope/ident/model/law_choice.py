@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -15,13 +14,15 @@ from gapscope.ident.model.friction_law import (
     STRIBECK_SPEEDS,
     FrictionLaw,
 )
-from gapscope.ident.signals.effective_samples import group_slices
+from gapscope.ident.model.friction_trials import (
+    FrictionTrials,
+    penalties,
+    pulled_solution,
+)
 from gapscope.ident.signals.samples import Samples
 
 Change = dict[str, Any]
 """Attributes of a friction law, with the values to try."""
-FOLDS = 5
-"""Least number of stretches of time, each predicted from all others."""
 WORTH = 0.02
 """A friction law with more parameters must lower the error on held-out stretches by this share."""
 EXCEEDED = 3.0
@@ -30,8 +31,6 @@ PULLS = (1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0)
 """Strengths of the pull to the nominal arm that are tried [1]."""
 STRONGEST = 1e4
 """If the strongest of them predicts best, tenfold ones are tried up to this [1]."""
-LOOSE = 1e-8
-"""Pull on parameters that the nominal arm does not give, in units of their columns [1]."""
 
 
 @dataclass(frozen=True)
@@ -63,11 +62,12 @@ def choose(
     """
     law, pull = FrictionLaw(), PULLS[1]
     noise = joint_noise(samples, law, pull)
-    best = HeldOutStretches(samples, law, noise).error(pull)
+    trials = FrictionTrials(samples, noise)
+    best = trials.held_out(law).error(pull)
     tried = [(f"{law}; pull {pull:g}", best)]
-    for law_of, worth in _ladder(samples, pull, noise, nonlinear, presliding):
+    for law_of, worth in _ladder(trials, pull, nonlinear, presliding):
         errors = {
-            candidate: HeldOutStretches(samples, candidate, noise).error(pull)
+            candidate: trials.held_out(candidate).error(pull)
             for candidate in law_of(law)
         }
         tried += [(f"{each}; pull {pull:g}", error) for each, error in errors.items()]
@@ -92,7 +92,7 @@ def _errors_by_pull(
     samples: Samples, law: FrictionLaw, noise: np.ndarray
 ) -> dict[float, float]:
     """Error on held-out stretches by strength of the pull, beyond ``PULLS`` as long as a stronger one is better."""
-    stretches = HeldOutStretches(samples, law, noise)
+    stretches = FrictionTrials(samples, noise).held_out(law)
     errors = {pull: stretches.error(pull) for pull in PULLS}
     while True:
         strongest = max(errors)
@@ -124,32 +124,26 @@ def _nonlinear_terms(samples: Samples) -> list[Change]:
     return terms
 
 
-def _takes_energy(
-    samples: Samples, law: FrictionLaw, pull: float, noise: np.ndarray
-) -> bool:
+def _takes_energy(trials: FrictionTrials, law: FrictionLaw, pull: float) -> bool:
     """Whether the terms of a law beyond c are positive on the whole; a negative one stands for another law."""
     extra = [shape for shape in law.shapes if shape != "c"]
     if not extra:
         return True
-    matrix, torque = samples.matrix(law), samples.torque
-    penalty = pull * penalties(samples, law, matrix, noise)
-    gram = _gram(matrix, torque, noise)
-    x = pulled_solution(gram, torque.size, penalty, samples.columns.nominal(law))
-    count = len(extra) * len(samples.columns.labels)
-    return bool(x[-count:].sum() > 0)
+    count = len(extra) * len(trials.samples.columns.labels)
+    return bool(trials.fitted(law, pull)[-count:].sum() > 0)
 
 
 def _ladder(
-    samples: Samples, pull: float, noise: np.ndarray, nonlinear: bool, presliding: bool
+    trials: FrictionTrials, pull: float, nonlinear: bool, presliding: bool
 ) -> Iterator[tuple[Callable[[FrictionLaw], list[FrictionLaw]], float]]:
     """Laws to try instead of one, and by which share they have to lower the error: 0 without further parameters."""
 
     def with_nonlinear_term(law: FrictionLaw) -> list[FrictionLaw]:
-        laws = [replace(law, **change) for change in _nonlinear_terms(samples)]
-        return [each for each in laws if _takes_energy(samples, each, pull, noise)]
+        laws = [replace(law, **change) for change in _nonlinear_terms(trials.samples)]
+        return [each for each in laws if _takes_energy(trials, each, pull)]
 
     def with_presliding(law: FrictionLaw) -> list[FrictionLaw]:
-        distances = _presliding_distances(samples, law, pull, noise)
+        distances = _presliding_distances(trials, law, pull)
         return [replace(law, presliding=distances)] if any(distances) else []
 
     if nonlinear:
@@ -159,47 +153,22 @@ def _ladder(
 
 
 def _presliding_distances(
-    samples: Samples, law: FrictionLaw, pull: float, noise: np.ndarray
+    trials: FrictionTrials, law: FrictionLaw, pull: float
 ) -> tuple[float, ...]:
     """Per drive the distance that predicts the torque of its joints best [rad]; 0 if the smoothed sign is better.
 
     Friction that holds a joint at rest is the rule [dahl1976], so the smoothed sign has to be worth it.
     """
-    drives = samples.columns.drives
+    drives = trials.samples.columns.drives
     distances = (0.0, *PRESLIDING_DISTANCES)
     errors = []
     for distance in distances:
         same = replace(law, presliding=(distance,) * len(drives))
-        errors.append(HeldOutStretches(samples, same, noise).mse(pull))
+        errors.append(trials.held_out(same).mse(pull))
     turned = np.abs(drives) / np.abs(drives).sum(axis=1, keepdims=True)
     by_drive = np.array(errors) @ turned.T
     by_drive[0] *= (1.0 + WORTH) ** 2
     return tuple(distances[k] for k in by_drive.argmin(axis=0))
-
-
-def penalties(
-    samples: Samples, law: FrictionLaw, matrix: np.ndarray, noise: np.ndarray
-) -> np.ndarray:
-    """Diagonal of the pull's quadratic form for pull 1 [1/x^2], shape (p,): 1 / scale^2, a trace elsewhere."""
-    scale = samples.columns.scale(law)
-    squares = np.linalg.norm(matrix, axis=0) ** 2 / noise[:, None] ** 2
-    rms = np.sqrt(squares.sum(axis=0) / len(matrix))
-    # a weak prior on parameters that the nominal arm need not have keeps the system regular
-    trace = LOOSE * np.where(rms > 0, rms, 1.0) ** 2
-    return np.where(np.isfinite(scale), scale**-2.0, trace)
-
-
-def pulled_solution(
-    gram: np.ndarray, rows: int, penalty: np.ndarray, nominal: np.ndarray
-) -> np.ndarray:
-    """Argmin |y - W x|^2 / noise^2 + rows (x - x0)^2 penalty, from the Gram matrix of [W, y]; shape (p,)."""
-    own, right = gram[:-1, :-1], gram[:-1, -1]
-    weight = rows * penalty
-    # columns differ by orders of magnitude: scaled to a unit diagonal
-    unit = 1.0 / np.sqrt(np.diag(own) + weight)
-    system = (own + np.diag(weight)) * unit[:, None] * unit
-    change = np.linalg.solve(system, unit * (right - own @ nominal))
-    return nominal + unit * change
 
 
 def joint_noise(
@@ -226,58 +195,7 @@ def joint_noise(
     return noise
 
 
-class HeldOutStretches:
-    """Stretches of time, each predicted from all others under a law of friction, with pulls of any strength.
-
-    Args:
-        samples: what may be fitted.
-        law: form of the dry friction.
-        noise: RMS residual per joint [N m], shape (n,).
-    """
-
-    def __init__(self, samples: Samples, law: FrictionLaw, noise: np.ndarray) -> None:
-        self._matrix, self._torque = samples.matrix(law), samples.torque
-        self._noise, self._nominal = noise, samples.columns.nominal(law)
-        self._penalty = penalties(samples, law, self._matrix, noise)
-        self._stretches = _stretches(samples.group)
-        self._grams = [
-            _gram(self._matrix[rows], self._torque[rows], noise)
-            for rows in self._stretches
-        ]
-
-    def error(self, pull: float) -> float:
-        """RMS of residual over noise [1]."""
-        return float(np.sqrt(self.mse(pull).mean()))
-
-    def mse(self, pull: float) -> np.ndarray:
-        """Mean square of residual over noise, per joint [1], (n,)."""
-        total = np.array(self._grams).sum(axis=0)
-        sizes = [self._torque[rows].size for rows in self._stretches]
-        squares = np.zeros(self._torque.shape[1])
-        for rows, gram, size in zip(self._stretches, self._grams, sizes, strict=True):
-            # the Gram matrix of all other stretches, without forming their equations again
-            others, count = total - gram, sum(sizes) - size
-            x = pulled_solution(others, count, pull * self._penalty, self._nominal)
-            residual = (self._torque[rows] - self._matrix[rows] @ x) / self._noise
-            squares += (residual**2).sum(axis=0)
-        return np.asarray(squares * len(squares) / sum(sizes))
-
-
 def _gram(matrix: np.ndarray, torque: np.ndarray, noise: np.ndarray) -> np.ndarray:
     full = np.concatenate([matrix, torque[:, :, None]], axis=2) / noise[:, None]
     flat = full.reshape(-1, full.shape[2])
     return flat.T @ flat
-
-
-def _stretches(group: np.ndarray) -> list[slice]:
-    """Stretches of time within segments, at least ``FOLDS`` in all, of about equal length; two samples apart."""
-    segments = group_slices(group)
-    length = max(20, len(group) // max(FOLDS, len(segments)))
-    out = []
-    for segment in segments:
-        count = max(1, round((segment.stop - segment.start) / length))
-        cuts = np.linspace(segment.start, segment.stop, count + 1).astype(int)
-        for start, stop in pairwise(cuts.tolist()):
-            if stop - start > 4:
-                out.append(slice(start + 1, stop - 1))
-    return out
