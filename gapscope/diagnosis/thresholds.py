@@ -293,8 +293,8 @@ COMPLIANCE_STARTS_TRIED = 3  # Starts of compliant joints that are fitted. (budg
 RELINEARISATIONS = 3  # Linearisations around the values of one set of terms. (budget)
 # A linearisation holds where the torque departs from it by this share of what a healthy arm leaves [1]. (hand)
 LINEAR_ENOUGH = 0.05
-# A model that has lost so much evidence at its own values [nats] is not linearised again: on the real arms and sample
-# cases none that lost any at first came back to a gain. (budget)
+# A model that has lost so much evidence at its own values [nats] is not linearised again: in ten cases of real arms and
+# samples none that lost any at first came back to a gain. (budget)
 HOPELESS_LOSS = 50.0
 REFUSED_MOVES = 3  # Stop after this many moves fail on relinearisation. (budget)
 REFINE_GAIN = 0.5  # A removal or a swap must promise to raise the evidence by this much [nats]. (hand)
