@@ -23,6 +23,9 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Effect, Path, Transmission
 from gapscope.ident.signals.conditioning import Segment
 
+MOST_NUMBERS = 2_000_000
+"""Numbers up to which the torques of moved arms are held at once, so that a long segment costs no more memory."""
+
 
 def columns(
     at: Prediction,
@@ -47,9 +50,11 @@ def columns(
     segment, bodies = data.segments[k], data.bodies[k]
     out = np.zeros((len(data.time(segment)), at.arm.arm.n_joints, terms.size))
     moves = list(_moves(at.arm, terms, theta, only))
-    if moves:
-        changes = data.thin(at.changes([move.arm for move in moves]), segment)
-        for move, change in zip(moves, np.moveaxis(changes, 1, 0), strict=True):
+    at_once = max(1, MOST_NUMBERS // at.torque.size)
+    for start in range(0, len(moves), at_once):
+        some = moves[start : start + at_once]
+        changes = data.thin(at.changes([move.arm for move in some]), segment)
+        for move, change in zip(some, np.moveaxis(changes, 1, 0), strict=True):
             out[:, move.joints, move.places] = change / move.step
     _rest(out, terms, theta)
     for place, j, lost in _saturated(segment, terms):
