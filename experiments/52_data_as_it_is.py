@@ -3,7 +3,7 @@
     .venv/bin/python -m experiments.52_data_as_it_is OUT [--only NAME ...] [--cases N] [--into docs/PAGE.md]
 
 Makes a set of cases with the blind check's generator, each recorded at 1 kHz: one of every effect of the catalogue, the
-rest healthy. Each damage of ``damaged_recordings.py`` is done to copies of the recordings, the labels untouched; the
+rest healthy. Each damage of ``damages.py`` is done to copies of the recordings, the labels untouched; the
 cases are read and diagnosed as a user's are, and scored as ``gapscope blind score`` does. The set-up fault that
 is what a damage is may be named, and does not count as an effect. Recordings of other lengths are made from the same
 seed.
@@ -19,7 +19,7 @@ import shutil
 import tempfile
 import time
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,15 +28,8 @@ import numpy as np
 import yaml
 
 from experiments.benchmarks.table import put_into
-from experiments.damaged_recordings import (
-    DAMAGES,
-    ROBOTS,
-    Damage,
-    Length,
-    read,
-    sampled,
-    write,
-)
+from experiments.damaged_recordings import read, sampled, write
+from experiments.damages import DAMAGES, ROBOTS, Damage, Length
 from gapscope.arm.case import load_case
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.json_file import read_json, write_json
@@ -70,8 +63,10 @@ class Outcome(NamedTuple):
     error: str
 
 
-def made(out: Path, length: Length, count: int) -> Iterator[tuple[str, Path, Any]]:
-    """Cases with recordings of a length: name, folder and label; those that are there are kept."""
+def made(
+    out: Path, length: Length, count: int, robots: Sequence[str]
+) -> Iterator[tuple[str, Path, Any]]:
+    """Cases of some robots with recordings of a length: name, folder and label; those that are there are kept."""
     effects = length.effects or INSIDE
     plan = BlindPlan(
         singles=len(effects),
@@ -86,6 +81,8 @@ def made(out: Path, length: Length, count: int) -> Iterator[tuple[str, Path, Any
     )
     specs = allocate_cases(plan, SEED)[: min(count, length.cases)]
     for k, spec in enumerate(specs):
+        if spec.conditions.robot not in robots:
+            continue
         conditions = replace(
             spec.conditions,
             loop_rate=1000,
@@ -214,10 +211,11 @@ def main() -> None:
             shutil.rmtree(results, ignore_errors=True)
         cases = options.out / f"cases_{damage.length.seconds:g}s"
         outcomes = []
-        for name, case, label in made(cases, damage.length, options.cases):
-            if label["conditions"]["robot"] in options.robots:
-                result = diagnosed(case, damage, results / f"{name}.json")
-                outcomes.append(outcome(name, label, damage, result))
+        for name, case, label in made(
+            cases, damage.length, options.cases, options.robots
+        ):
+            result = diagnosed(case, damage, results / f"{name}.json")
+            outcomes.append(outcome(name, label, damage, result))
         if not outcomes:
             continue
         clean = clean or {o.compared.name: o for o in outcomes}
