@@ -199,7 +199,8 @@ def _recording(
     if not every_row:
         values, spiked = without_spikes(t, values, arm.per_radian)
         stuck, found = stuck_rows(t, values["q"])
-        t, values = t[~stuck], {name: x[~stuck] for name, x in values.items()}
+        if stuck.any():
+            t, values = t[~stuck], {name: x[~stuck] for name, x in values.items()}
         notes += spiked + found
     notes += gap_notes(t)
     # read-only from here on, so that the recording shares them

@@ -23,6 +23,8 @@ MOST_SPIKES = 0.02
 """With a larger share of a joint's samples it is no spikes but the signal [1]."""
 ABSURD = 1e5
 """Numbers of more standard deviations than this are no samples [1]: they are left, and an error says where they are."""
+LARGEST = 1e100
+"""Beyond it nothing is computed: an error says where such a number is."""
 CENTRAL = (0.025, 0.975)
 """Quantiles between which deviations are measured, so that spikes do not hide themselves; of a normal one..."""
 CENTRAL_WIDTH = 3.92
@@ -50,7 +52,8 @@ def without_spikes(
     step = float(np.median(np.diff(t)))
     out, counts = dict(values), []
     for name in SENSED:
-        if name not in values:
+        # so written that no number at all fails too
+        if name not in values or not (np.abs(values[name]) < LARGEST).all():
             continue
         low, high = np.quantile(values[name], CENTRAL, axis=0)
         deviation = (high - low) / CENTRAL_WIDTH
