@@ -32,6 +32,7 @@ from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
+from gapscope.arm.split_logs import joined_in_time
 
 SHORTEST = 1.0
 """Duration of the shortest recording that a case may hold [s]; both ends are trimmed by 0.3 s for the gap."""
@@ -268,7 +269,8 @@ def _read_all(
     judged = [part for entry in entries for part in judged_parts(entry, parts)]
     for text in content.get("judge", []):
         judged += whole_parts(paths.entry(text, "judge"))
-    return [read(part) for part in fitted], [read(part) for part in judged]
+    found = joined_in_time([read(part) for part in (*fitted, *judged)])
+    return found[: len(fitted)], found[len(fitted) :]
 
 
 def case_files(path: str | Path, *, data_root: Path | None = None) -> tuple[Path, ...]:
