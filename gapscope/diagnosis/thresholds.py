@@ -396,6 +396,9 @@ INERTIAL_ERROR_FACTOR = 2.5  # ...and the factor by which that is uncertain eith
 LINK_TO_LINK = 2.0
 # Error of the shape of a body's inertia about its centre, over the error of its mass [1]. (hand)
 SHAPE_ERROR = 0.3
+# Error of the gain by which a joint's torque is recorded, beside an arm of a data sheet [1]: constants of motors are
+# known to some per cent. (physical, the value by choice)
+GAIN_ERROR = 0.03
 LINK_CHANGE = 0.3  # Relative change of a link that is named, before the data are looked at [1]. (hand)
 
 # --- localisation: regions and rules

@@ -2,8 +2,9 @@
 
 Values are drawn beside errors of the nominal arm, of the sensors or of a reference whose size the data tell
 (``gapscope/diagnosis/model/value_posterior.py``), with the weights of the evidence: independent samples over the square
-of what a healthy arm leaves. A changed link is an error of the nominal arm as well: if one was named, the values of all
-other terms are drawn with it and without it, as likely as the data make either.
+of what a healthy arm leaves. Beside a data sheet, the gain by which each joint's torque is recorded is off as well,
+unless its scale is among the terms. A changed link is an error of the nominal arm too: if one was named, the values of
+all other terms are drawn with it and without it, as likely as the data make either.
 
 Added to each draw is
 
@@ -23,6 +24,7 @@ from gapscope.diagnosis.model.value_posterior import Posterior, drawn, posterior
 from gapscope.diagnosis.selection.evidence import Evidence, columns_of
 from gapscope.diagnosis.thresholds import (
     EFFECT_FORM,
+    GAIN_ERROR,
     LINK_CHANGE,
     MODEL_FORM,
     VALUE_DRAWS,
@@ -54,20 +56,26 @@ def value_draws(
     values[:, columns] += _scatter(evidence, terms, values[:, columns], rng)
     values += rng.normal(size=values.shape) * _form_of_model(evidence)
     values *= _forms_of_effects(terms, rng, values.shape)
-    return np.maximum(values, evidence.bounds)
+    out = np.zeros_like(values)
+    # gains were drawn beside the terms
+    out[:, columns] = np.maximum(values, evidence.bounds)[:, columns]
+    return out
 
 
 def _posteriors(evidence: Evidence, terms: frozenset[Term]) -> list[Posterior]:
-    """The values of a set of terms under every size that the errors of the nominal arm may have."""
+    """The values of a set of terms, and of gains, under every size that the errors of the nominal arm may have."""
     total = evidence.scored.weighed(evidence.weights).sum(axis=0)
     precision = _precision(evidence, terms)
-    sizes = evidence.linear.data.prior.sizes
-    return posteriors(total, columns_of(terms), precision, sizes)
+    columns = np.union1d(columns_of(terms), np.flatnonzero(precision))
+    return posteriors(total, columns, precision, evidence.linear.data.prior.sizes)
 
 
 def _precision(evidence: Evidence, terms: frozenset[Term]) -> np.ndarray:
-    """Prior precision of the coordinates, (P,): of changed links that of ``LINK_CHANGE``, others are flat."""
+    """Prior precision of the coordinates, (P,): of changed links that of ``LINK_CHANGE``, of gains, others are flat."""
     out = np.zeros(evidence.terms.size)
+    if evidence.linear.data.reference is None:
+        gains = frozenset(evidence.terms.of("torque_scale")) - terms
+        out[columns_of(gains)] = GAIN_ERROR**-2.0
     units = evidence.linear.data.units.reshape(-1, 10)
     for term in terms:
         if term.definition.scope == "link":

@@ -69,3 +69,10 @@ def test_the_same_seed_gives_the_same_draws() -> None:
     nominal = model(Truth(coulomb=(0.0, 1.0, 0.0)))
     dry = term(nominal, "coulomb_friction", 2)
     assert np.array_equal(draws(nominal, dry), draws(nominal, dry))
+
+
+def test_values_of_other_terms_are_zero() -> None:
+    nominal = model(Truth(coulomb=(0.0, 1.0, 0.0)))
+    dry = term(nominal, "coulomb_friction", 2)
+    others = np.delete(draws(nominal, dry), dry.columns, axis=1)
+    assert not others.any()
