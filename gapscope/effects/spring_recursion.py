@@ -27,8 +27,7 @@ class SpringRecursion:
         lead = np.where(moves, (m + d)[1:-1], k[2:])
         now = np.where(moves, (k - 2 * m)[1:-1], 0.0)
         before = np.where(moves, (m - d)[1:-1], 0.0)
-        # of a single joint, of which many are tried, a division
-        self._inverse = 1.0 / lead if lead.shape[1] == 1 else np.linalg.inv(lead)
+        self._inverse = _inverse(lead)
         self._at_rest = np.linalg.pinv(k[0], rcond=1e-9)
         self._band = _band(self._inverse @ now, self._inverse @ before)
 
@@ -61,6 +60,15 @@ class SpringRecursion:
         flat = right.reshape(-1, right.shape[2])
         found, _ = dtbtrs(self._band, flat, uplo="L", diag="U")
         return np.asarray(found).reshape(right.shape)
+
+
+def _inverse(blocks: np.ndarray) -> np.ndarray:
+    """Inverse of blocks (S, e, e); of a single joint, of which many are tried, a division."""
+    if blocks.shape[1] > 1:
+        return np.linalg.inv(blocks)
+    if not blocks.all():
+        raise np.linalg.LinAlgError("no inertia, damping or stiffness")
+    return np.asarray(1.0 / blocks)
 
 
 def _band(now: np.ndarray, before: np.ndarray) -> np.ndarray:
