@@ -34,11 +34,10 @@ from gapscope.diagnosis.selection.undeclared_coupling import (
     UndeclaredCoupling,
     undeclared_coupling,
 )
-from gapscope.diagnosis.setup_faults.detection import find_setup_faults
+from gapscope.diagnosis.setup_faults.detection import find_setup_faults, on_one_clock
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.diagnosis.setup_faults.quantization import find_quantization
 from gapscope.diagnosis.setup_faults.references.detection import find_reference_faults
-from gapscope.diagnosis.setup_faults.time_stamps import find_stamps
 from gapscope.effects.applied import AppliedEffect
 from gapscope.ident.kalman.changes import RecordingChange
 from gapscope.ident.signals.conditioning import (
@@ -115,10 +114,11 @@ def examine(case: Case, progress: Progress, baseline: Baseline | None = None) ->
         InputError: a recording has no stretch without gaps that is long enough, or holds what no arm can have.
     """
     check_stamps(case)
-    # A torque is worked out of references and gains: these are put right first. Stamps that are wrong would hide what
-    # follows what; their own repair comes with that of the other faults.
-    stamps = find_stamps((*case.recordings, *case.judged))
-    seen, references = find_reference_faults(excerpt(repaired(case, stamps)))
+    # A torque is worked out of references and gains: these are put right first, on one clock; its own repair comes
+    # with that of the other faults.
+    with_references = any(r.q_ref is not None for r in case.recordings)
+    even = on_one_clock(case) if with_references else case
+    seen, references = find_reference_faults(excerpt(even))
     case = replace(repaired(case, references), warnings=seen.warnings)
     case = with_commanded_torque(case)
     check_torque(case)

@@ -163,9 +163,9 @@ CLOCK_WANDER_SAMPLES = 25  # Samples over which the slow wander of a clock is ta
 LOG_DIGITS = 6  # Significant digits that a log keeps at least; distances below what they resolve are rounding. (hand)
 CLOCK_SAMPLES = 1000  # Samples of a case on which the torque's clock is compared with the motion's. (budget)
 CLOCK_ROUNDS = 6  # Steps of the search for its rate. (budget)
-CLOCK_HINT = 0.1  # It is searched for if a first step promises to take this share of what is left [1]. (hand)
+CLOCK_HINT = 0.05  # It is searched for if a first step promises to take this share of what is left [1]. (hand)
 # It is named if ln of what is left falls by this, mean over joints, beside a delay alone [1]... (hand)
-CLOCK_GAIN = 0.7
+CLOCK_GAIN = 0.25
 CLOCK_LEAST_SKEW = 3e-3  # ...and the skew at the end of the longest recording exceeds this [s]. (hand)
 MOST_CLOCK_SHARE = 0.05  # Clocks that differ by more are a wrong rate [1]. (physical)
 STEP_OVER_DATA_SHEET = 1.5  # A step is named if it exceeds the data sheet's by this factor [1]. (hand)

@@ -23,7 +23,7 @@ from gapscope.diagnosis.setup_faults.candidates import inertial_candidates
 from gapscope.diagnosis.setup_faults.fault_search import faults_by_torque, found_fault
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.diagnosis.setup_faults.merge import merged
-from gapscope.diagnosis.setup_faults.time_stamps import find_stamps
+from gapscope.diagnosis.setup_faults.time_stamps import find_jitter, find_stamps
 from gapscope.diagnosis.setup_faults.torque_clock import find_torque_clock
 from gapscope.diagnosis.thresholds import (
     FAULT_FALL,
@@ -69,6 +69,17 @@ def find_setup_faults(case: Case) -> tuple[FoundFault, ...]:
         if len(kept) > len(stamps):
             break
     return found if len(kept) == len(found) else _with_gaps(excerpt(case), kept)
+
+
+def on_one_clock(case: Case) -> Case:
+    """The case on an even clock, the same for motion and torque, as far as the channels and the nominal arm tell.
+
+    What is compared row by row, such as a control law with its torque, asks for that before other faults are known.
+    """
+    jitter = find_jitter((*case.recordings, *case.judged))
+    even = case if jitter is None else repaired(case, (jitter,))
+    clock = find_torque_clock(excerpt(even))
+    return even if clock is None else repaired(even, (clock,))
 
 
 def _shifted_inertials(case: Case) -> list[FoundFault]:

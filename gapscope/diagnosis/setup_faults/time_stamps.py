@@ -51,7 +51,7 @@ VELOCITY_UNITS = {
 def find_stamps(recordings: Iterable[Recording]) -> tuple[FoundFault, ...]:
     """Time stamps that are wrong, one finding for each kind, of the recordings that have it."""
     recordings = tuple(recordings)
-    searches = (_milliseconds, _repeats, _jitter, _gaps, _wrong_rate)
+    searches = (_milliseconds, _repeats, find_jitter, _gaps, _wrong_rate)
     found: list[FoundFault] = []
     for search in searches:
         fault = search(recordings)
@@ -96,7 +96,8 @@ def _repeats(recordings: tuple[Recording, ...]) -> FoundFault | None:
     return _fault("repeats", _above(shares, NAMED_REPEATS))
 
 
-def _jitter(recordings: tuple[Recording, ...]) -> FoundFault | None:
+def find_jitter(recordings: tuple[Recording, ...]) -> FoundFault | None:
+    """Stamps that jitter while the samples do not; ``None`` if no recording has them."""
     amounts = {r.name: jitter(r) for r in recordings}
     return _fault("jitter", _above(amounts, NAMED_JITTER))
 

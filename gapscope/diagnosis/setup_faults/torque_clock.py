@@ -182,6 +182,8 @@ def _step(samples: list[_Samples], clock: _Clock, drifts: bool = True) -> _Step:
         normal += shifts.T @ shifts / square
         right += shifts.T @ rest / square
         left[j] = square / max(len(tau) * float(tau.var()), 1e-12)
+    if not np.isfinite(normal).all():  # numbers that no arm has
+        return _Step(clock, np.inf, 0.0, clock)
     change = np.linalg.lstsq(normal, right, rcond=1e-9)[0]
     to = _Clock(clock.delay - change[:-1], clock.share - float(change[-1]))
     return _Step(clock, float(np.log(left).mean()), float(change @ right) / joints, to)

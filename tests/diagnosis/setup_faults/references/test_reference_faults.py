@@ -17,6 +17,7 @@ from synthetic import Truth
 
 from gapscope.arm.case import Case
 from gapscope.arm.control.pd import PD
+from gapscope.arm.dynamics.feedforward import feedforward
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.gap.commanded_torque import with_commanded_torque
@@ -177,6 +178,29 @@ def test_a_wrong_gravity_in_the_feedforward_does_not_pass_for_gains() -> None:
         controller=replace(case.controller, feedforward="gravity"),
         arm=replace(case.arm, gravity=-case.arm.gravity),
     )
+    assert find_reference_faults(given)[1] == ()
+
+
+def test_gains_are_not_doubted_on_a_log_at_100_hz_of_a_fast_reference() -> None:
+    """The feedforward is nearly all of the torque; what finite differences lose of its inertia is not the gains'."""
+    case, t = under_pd("healthy"), np.arange(1000) / 100
+    frequency = 2 * np.pi * np.array([6.8, 6.1, 7.2])
+    size, slow = 0.02, np.sin(0.7 * t)[:, None]
+    angle = t[:, None] * frequency
+    q_ref = size * np.sin(angle) + slow
+    dq_ref = size * frequency * np.cos(angle) + 0.7 * np.cos(0.7 * t)[:, None]
+    ddq_ref = -size * frequency**2 * np.sin(angle) - 0.49 * slow
+    # as a rotor that is heavier than stated leaves it
+    error = 1e-4 * ddq_ref
+    rate = 1e-4 * (-size * frequency**3 * np.cos(angle))
+    body = RigidBody(case.arm)
+    fed = feedforward(case.arm, body, "nominal", q_ref, dq_ref, ddq_ref)
+    tau = fed + KP * error + KD * rate
+    logged = Recording(
+        "r", t, q_ref - error, tau, dq_ref - rate, q_ref=q_ref, dq_ref=dq_ref
+    )
+    controller = replace(case.controller, feedforward="nominal")
+    given = replace(case, recordings=(logged,), controller=controller)
     assert find_reference_faults(given)[1] == ()
 
 
