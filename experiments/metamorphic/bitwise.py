@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .relations import CaseFiles
+from .case_files import CaseFiles
 
 NOT_COMPARED = {
     "made_from": "versions and hashes",

@@ -10,12 +10,11 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
-import yaml
+
+from .case_files import CaseFiles
 
 CHANNELS = ("q", "dq", "tau", "q_ref", "dq_ref", "tau_sensor")
 PER_JOINT = {
@@ -40,40 +39,8 @@ ROUNDING = 1e-9
 """Relative size of the changes of all numbers [1]: less than what files round."""
 
 
-@dataclass(frozen=True)
-class CaseFiles:
-    """What a case's folder holds: ``case.yaml``, the URDF, and the recordings by file name."""
-
-    content: dict[str, Any]
-    urdf: ET.Element
-    recordings: dict[str, pd.DataFrame]
-
-    @classmethod
-    def read(cls, folder: Path) -> CaseFiles:
-        """The files of a folder."""
-        content = yaml.safe_load((folder / "case.yaml").read_text("utf-8"))
-        urdf = ET.parse(folder / content["robot"]).getroot()
-        names = content["recordings"]
-        return cls(content, urdf, {name: pd.read_csv(folder / name) for name in names})
-
-    def write(self, folder: Path) -> None:
-        """Write them into a new folder, numbers in full."""
-        folder.mkdir(parents=True)
-        text = yaml.safe_dump(self.content, sort_keys=False)
-        (folder / "case.yaml").write_text(text, "utf-8")
-        robot = folder / self.content["robot"]
-        robot.write_text(ET.tostring(self.urdf, encoding="unicode"), "utf-8")
-        for name, table in self.recordings.items():
-            table.to_csv(folder / name, index=False, float_format="%.17g")
-
-    @property
-    def moving(self) -> list[ET.Element]:
-        """The joints that move, in the order of the columns."""
-        named = {joint.get("name"): joint for joint in self.urdf.findall("joint")}
-        names = self.content.get("joints")
-        if names:
-            return [named[name] for name in names]
-        return [joint for joint in named.values() if joint.get("type") != "fixed"]
+EXACT, STAMPS, ROWS = 1e-3, 0.1, 3.0
+"""Tolerances of values, over their standard deviation [1]."""
 
 
 @dataclass(frozen=True)
@@ -116,13 +83,14 @@ class Relation:
     Attributes:
         name: key.
         what: what is changed, in words.
-        exact: whether both hold the same numbers but for rounding; else other rows are looked at.
+        tolerance: largest difference of a value over its standard deviation [1]: ``EXACT`` if both hold the same
+            numbers, ``STAMPS`` if stamps are moved by up to 0.1 us, ``ROWS`` if other rows are looked at.
         twin: makes the twin; a generator draws what is not given.
     """
 
     name: str
     what: str
-    exact: bool
+    tolerance: float
     twin: Callable[[CaseFiles, np.random.Generator], Twin]
 
 
@@ -296,17 +264,17 @@ def _factors(table: pd.DataFrame, channel: str, factor: float) -> list[float]:
 
 
 RELATIONS = (
-    Relation("unchanged", "nothing: diagnosed twice", True, unchanged),
-    Relation("recordings", "order of the recordings", True, recordings_reversed),
-    Relation("joints", "order of the joints", True, joints_permuted),
-    Relation("files", "order in URDF and CSV", True, files_shuffled),
-    Relation("rounded", "numbers by 1e-9 of themselves", True, rounded),
-    Relation("units", "ms, degrees, mN m", True, other_units),
-    Relation("heavier", f"masses and torques times {HEAVIER}", True, heavier),
-    Relation("time", "stamps plus 1e5 s", True, time_shifted),
-    Relation("unix", "stamps of the Unix clock", True, unix_time),
-    Relation("mirrored", "sense of one joint", True, joint_mirrored),
-    Relation("turned", "base turned about the vertical", True, base_turned),
-    Relation("first_row", "first row left out", False, first_row_dropped),
-    Relation("cut", "each recording cut in two", False, cut_in_half),
+    Relation("unchanged", "nothing: diagnosed twice", EXACT, unchanged),
+    Relation("recordings", "order of the recordings", EXACT, recordings_reversed),
+    Relation("joints", "order of the joints", EXACT, joints_permuted),
+    Relation("files", "order in URDF and CSV", EXACT, files_shuffled),
+    Relation("rounded", "numbers by 1e-9 of themselves", STAMPS, rounded),
+    Relation("units", "ms, degrees, mN m", EXACT, other_units),
+    Relation("heavier", f"masses and torques times {HEAVIER}", EXACT, heavier),
+    Relation("time", "stamps plus 1e5 s", EXACT, time_shifted),
+    Relation("unix", "stamps of the Unix clock", STAMPS, unix_time),
+    Relation("mirrored", "sense of one joint", EXACT, joint_mirrored),
+    Relation("turned", "base turned about the vertical", EXACT, base_turned),
+    Relation("first_row", "first row left out", ROWS, first_row_dropped),
+    Relation("cut", "each recording cut in two", ROWS, cut_in_half),
 )

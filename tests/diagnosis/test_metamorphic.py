@@ -17,8 +17,9 @@ import pytest
 import synthetic
 from synthetic import Truth
 
+from experiments.metamorphic.case_files import CaseFiles
 from experiments.metamorphic.compare import compare
-from experiments.metamorphic.relations import RELATIONS, CaseFiles, Twin
+from experiments.metamorphic.relations import RELATIONS, Twin
 from gapscope.arm.case import load_case
 from gapscope.diagnosis.diagnose import diagnose
 
