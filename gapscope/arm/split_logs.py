@@ -6,7 +6,6 @@ on fading, and a force acts when it acts.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -19,11 +18,17 @@ LONGEST_STEP = 4.0
 def joined_in_time(recordings: Sequence[Recording]) -> list[Recording]:
     """The recordings, in their order; the time of those that go on where another one ended counts from its start."""
     out = list(recordings)
-    order = sorted(range(len(out)), key=lambda k: float(out[k].begun + out[k].t[0]))
-    for before, after in itertools.pairwise(order):
-        one, other = out[before], out[after]
-        step = (other.begun + other.t[0]) - (one.begun + one.t[-1])
-        if 0.0 < step <= LONGEST_STEP / one.rate:
-            later = other.begun - one.begun
-            out[after] = replace(other, t=other.t + later, begun=one.begun)
+    # what came before a file has its final time by then
+    for after in sorted(range(len(out)), key=lambda k: float(out[k].stamps[0])):
+        other = out[after]
+        ended = [one for one in out if _goes_on(one, other)]
+        if ended:
+            later = other.begun - ended[0].begun
+            out[after] = replace(other, t=other.t + later, begun=ended[0].begun)
     return out
+
+
+def _goes_on(one: Recording, other: Recording) -> bool:
+    """Whether a recording begins where another one ended, by the clock of both."""
+    step = (other.begun + other.t[0]) - (one.begun + one.t[-1])
+    return bool(0.0 < step <= LONGEST_STEP / one.rate)

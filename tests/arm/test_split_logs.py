@@ -25,6 +25,13 @@ def test_time_goes_on_over_the_files_of_one_log(start: float) -> None:
         np.testing.assert_allclose(before.stamps, after.stamps, rtol=0, atol=1e-6)
 
 
+def test_two_logs_that_were_split_alike() -> None:
+    """Both clocks begin at zero, as those of many loggers do."""
+    parts = [log(0.0), log(1.0, 50), log(0.0, 120), log(1.2, 50)]
+    times = [one.t[0] for one in joined_in_time(parts)]
+    assert times == pytest.approx([0.0, 1.0, 0.0, 1.2])
+
+
 def test_other_logs_have_a_time_of_their_own() -> None:
     """Logs that begin at zero, one a minute later, and one that began before the other ended."""
     for begun in (0.0, 60.0, 0.5):
