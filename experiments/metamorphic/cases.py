@@ -66,6 +66,11 @@ def make(number: int, folder: Path) -> Path:
     return place
 
 
+def applies(relation: str, number: int) -> bool:
+    """Whether a relation makes a twin of a case: a joint whose columns were exchanged has no sense of its own."""
+    return not (relation == "mirrored" and "joint_swap" in CASES[number].laws)
+
+
 def _spec(wanted: Wanted) -> CaseSpec:
     conditions: dict[str, Any] = {
         "robot": wanted.robot,
