@@ -1,8 +1,4 @@
-"""Named or possible: what has a calibrated probability of at least one half is named, what has less is possible.
-
-A lag and a delay of a few milliseconds are near-equivalents, which share the probability of one cause. Where together
-they have one half the gap is explained, and the name that was found stands; the other one is among its alternatives.
-"""
+"""Named or possible: what has a calibrated probability of at least one half is named, what has less is possible."""
 
 from __future__ import annotations
 
@@ -12,7 +8,6 @@ from dataclasses import dataclass, replace
 from gapscope.diagnosis.assessment.confidence import Confidence, confidence, terms_of
 from gapscope.diagnosis.assessment.excess_residual import ExcessResidual
 from gapscope.diagnosis.assessment.held_out_prediction import HeldOutPredictor
-from gapscope.diagnosis.selection.moves import near_equivalent
 from gapscope.diagnosis.selection.search import Selection
 from gapscope.diagnosis.thresholds import NAMED_PROBABILITY
 
@@ -49,9 +44,8 @@ def divide(found: HeldOutPredictor, residual: ExcessResidual) -> Naming:
             finding: confidence(found, residual, selection, finding)
             for finding in sorted({t.finding for t in selection.fit.terms})
         }
-        shared = {finding: _of_either(finding, sure[finding]) for finding in sure}
-        least = min(shared, key=lambda finding: shared[finding], default=None)
-        if least is None or shared[least] >= NAMED_PROBABILITY:
+        least = min(sure, key=lambda finding: sure[finding].probability, default=None)
+        if least is None or sure[least].probability >= NAMED_PROBABILITY:
             return Naming(selection, sure, possible)
         possible[least] = sure[least]
         kept = selection.fit.terms - terms_of(selection, least)
@@ -61,11 +55,3 @@ def divide(found: HeldOutPredictor, residual: ExcessResidual) -> Naming:
         for finding in sure.keys() - remaining - {least}:
             most = min(sure[finding].probability, sure[least].probability)
             possible[finding] = replace(sure[finding], probability=most)
-
-
-def _of_either(finding: str, sure: Confidence) -> float:
-    """Probability of a finding, by its name or by that of its near-equivalent [1]."""
-    other = near_equivalent(finding)
-    return sure.probability + sum(
-        rival.probability for rival in sure.alternatives if rival.effect == other
-    )

@@ -65,16 +65,6 @@ def test_what_many_others_explain_as_well_is_possible() -> None:
     assert naming.selection.fit.terms == {ROTOR}
 
 
-def test_a_lag_and_a_delay_share_the_probability_of_one_cause() -> None:
-    """Neither has one half alone; that it is one of them is sure, and the gap is explained."""
-    delay, lag = term("actuator_delay", 1), term("actuator_lag", 1)
-    naming = divided(delay, score=lambda terms: 100.0 * bool(terms & {delay, lag}))
-    (sure,) = naming.named.values()
-    assert naming.possible == {}
-    rival = next(a for a in sure.alternatives if a.effect == "actuator_lag")
-    assert sure.probability < 0.5 < sure.probability + rival.probability
-
-
 def test_what_is_left_on_its_joint_makes_an_effect_doubtful() -> None:
     """Evidence is sure of both; on joint 1 most of the gap stays all the same."""
     left = ExcessResidual(
