@@ -13,8 +13,14 @@ import numpy as np
 
 from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.load_or_link import LINK, LOAD
+from gapscope.diagnosis.selection.moves import near_equivalent_pairs
 from gapscope.diagnosis.selection.search import Selection
-from gapscope.diagnosis.thresholds import LAST_LINK_ODDS, LOAD_FORM_ODDS, TEMPER
+from gapscope.diagnosis.thresholds import (
+    LAST_LINK_ODDS,
+    LOAD_FORM_ODDS,
+    NEAR_EQUIVALENT_ODDS,
+    TEMPER,
+)
 from gapscope.effects.catalogue import effect as by_name
 
 NONE = "none"
@@ -32,7 +38,7 @@ class Alternative:
         effect: its name; ``none`` if nothing takes the place.
         joints: its joints.
         probability: probability that it, and not the effect named, is the cause.
-        evidence: its evidence less that of the effect named [nats].
+        evidence: its evidence less that of the effect named, odds before the data included [nats].
         equivalent: whether it is the same cause by another name.
     """
 
@@ -48,6 +54,7 @@ def alternatives(selection: Selection, finding: str) -> list[Alternative]:
     mine = frozenset(t for t in selection.fit.terms if t.finding == finding)
     options = _options(selection, mine)
     evidence = _relative_evidence(selection, finding, mine, options)
+    evidence |= _with_prior(finding, evidence)
     weights = _odds(evidence)
     total = 1.0 + sum(weights.values())
     ranked = sorted(evidence, key=lambda name: evidence[name], reverse=True)
@@ -130,6 +137,19 @@ def _relative_evidence(
             replaced = selection.evidence.fit((fit.terms - mine) | terms)
             out[name] = replaced.score - fit.score
     return out | compared
+
+
+def _with_prior(finding: str, evidence: Mapping[str, float]) -> dict[str, float]:
+    """Evidence of the rarer effect that equals the one found to first order, its odds before the data included [nats].
+
+    The data hardly tell the two apart, and what is common decides.
+    """
+    prior = float(np.log(NEAR_EQUIVALENT_ODDS)) / TEMPER
+    return {
+        rare: min(evidence[rare], 0.0) + prior
+        for common, rare in near_equivalent_pairs()
+        if finding == common and rare in evidence
+    }
 
 
 def _odds(evidence: Mapping[str, float]) -> dict[str, float]:

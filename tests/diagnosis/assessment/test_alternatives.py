@@ -56,6 +56,24 @@ def test_better_alternatives_count_as_equals() -> None:
     assert best.effect == "none" and best.probability == pytest.approx(0.5)
 
 
+@pytest.mark.parametrize(
+    ("found", "other", "share"),
+    [
+        ("actuator_delay", "actuator_lag", 1 / 3),
+        ("actuator_lag", "actuator_delay", 1 / 2),
+    ],
+)
+def test_a_lag_that_does_as_well_as_a_delay_is_half_as_likely(
+    found: str, other: str, share: float
+) -> None:
+    """A lag is found in its place only where the data decide."""
+    mine, theirs = term(found, 1), term(other, 1)
+    evidence = scored({frozenset({mine}): 9.0, frozenset({theirs}): 9.0})
+    (rival, *_) = alternatives(selections.selection(mine, evidence=evidence), found)
+    assert rival.effect == other
+    assert rival.probability == pytest.approx(share, abs=1e-3)
+
+
 def test_an_alternative_takes_the_joints_of_the_effect_and_leaves_all_others() -> None:
     tried = []
 
@@ -90,7 +108,8 @@ def test_what_the_search_compared_counts_more_than_the_linearisation() -> None:
     )
     others = alternatives(found, "actuator_delay")
     evidence = {other.effect: other.evidence for other in others}
-    assert evidence["actuator_lag"] == -2.0 and evidence["payload"] == -1.0
+    assert evidence["actuator_lag"] == pytest.approx(-2.0 + np.log(0.5) / TEMPER)
+    assert evidence["payload"] == -1.0
 
 
 class TestEquivalents:
