@@ -105,8 +105,8 @@ def read_yaml(path: Path, remedy: str) -> Any:
         raise InputError(
             f"is not valid YAML: {error.problem}", file=path, where=where
         ) from None
-    # dates and numbers that YAML allows and Python does not have
-    except (yaml.YAMLError, ValueError, OverflowError) as error:
+    # dates and numbers that YAML allows and Python does not have; a text that is tagged as a date and is none
+    except (yaml.YAMLError, ValueError, OverflowError, AttributeError) as error:
         raise InputError(f"is not valid YAML: {error}", file=path) from None
     except RecursionError:
         raise InputError("is nested too deeply", remedy, file=path) from None

@@ -176,6 +176,7 @@ def test_refused(content: dict[str, Any], message: str, folder: Path) -> None:
     ("text", "message"),
     [
         ("name: [", "line 1, column 8: is not valid YAML"),
+        ("name: !!timestamp later", "is not valid YAML"),
         (
             "name: a\nname: b\n",
             "line 2, column 1: is not valid YAML: key 'name' is given twice",

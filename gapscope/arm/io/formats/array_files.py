@@ -77,7 +77,15 @@ def _hdf5_arrays(path: Path, separator: str) -> tuple[dict[str, np.ndarray], lis
     try:
         with h5py.File(path, "r") as content:
             content.visititems(collect)
-    except (OSError, RuntimeError, ValueError, KeyError, MemoryError) as error:
+    # a name in no encoding that is known is a TypeError
+    except (
+        OSError,
+        RuntimeError,
+        ValueError,
+        TypeError,
+        KeyError,
+        MemoryError,
+    ) as error:
         raise InputError(
             f"cannot be read as HDF5 ({error})", "is the file complete?", file=path
         ) from None

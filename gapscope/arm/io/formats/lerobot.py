@@ -144,7 +144,8 @@ def _read(file: Path, columns: list[str] | None, episodes: Sequence[int] | None)
     try:
         check_unpacked(pq.read_metadata(file), file)
         return pq.read_table(file, columns=columns, filters=chosen)
-    except (pa.ArrowException, OSError, KeyError, MemoryError) as error:
+    # a name of a column that is no text is a ValueError
+    except (pa.ArrowException, OSError, KeyError, ValueError, MemoryError) as error:
         raise InputError(
             f"cannot be read as frames of a LeRobot dataset ({error})",
             "is the file complete? Git LFS leaves pointers in place of files that were not fetched",

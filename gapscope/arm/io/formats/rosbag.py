@@ -52,7 +52,7 @@ def read_bag(path: Path) -> Log:
         if kind == TEXT:
             description = message.data
         else:
-            samples[topic, kind] += SAMPLES[kind](message, logged)
+            samples[topic, kind] += _samples(path, kind, message, logged)
     for (topic, kind), found in samples.items():
         if kind == JOINT_TRAJECTORY:
             samples[topic, kind] = followed_trajectories(found)
@@ -155,6 +155,22 @@ def _fitting_stores(
                 unknown.pop(kind, None)
                 break
     return stores, unknown
+
+
+def _samples(path: Path, kind: str, message: Any, logged: int) -> list[Sample]:
+    """Samples of a message.
+
+    Raises:
+        InputError: the definition in the bag gives the type other fields than ROS does.
+    """
+    try:
+        return list(SAMPLES[kind](message, logged))
+    except (AttributeError, TypeError) as error:
+        raise InputError(
+            f"a message of type {kind} has other fields than that type ({error})",
+            "are the message definitions in the bag those of ROS?",
+            file=path,
+        ) from None
 
 
 def _decoded(path: Path, kind: str, raw: bytes, store: Any) -> Any:
