@@ -102,7 +102,7 @@ def advised(case: Case, effect: AppliedEffect, rival: str, **request: Any) -> Ad
 
 @pytest.mark.slow
 def test_a_delay_on_slow_motions_leads_to_a_motion_that_tells_it_from_a_lag() -> None:
-    case = slow_case(synthetic.Truth(delay=(0.0, 0.0, 0.012)))
+    case = slow_case(synthetic.Truth(delay=(0.0, 0.0, 0.01)))
     result = diagnose(case)
     [question] = open_questions(result.document)
     assert {question.effect, question.rival} == {"actuator_delay", "actuator_lag"}
@@ -119,7 +119,7 @@ def test_a_delay_on_slow_motions_leads_to_a_motion_that_tells_it_from_a_lag() ->
     value = (
         found.value("actuator_delay", "delay") + rival.value("actuator_delay", "delay")
     )[2]
-    assert value == pytest.approx(0.012, abs=0.001)
+    assert value == pytest.approx(0.01, abs=0.001)
     text = "\n".join(lines(advice, result.document))
     assert "Still open: actuator delay (joint 3)" in text and "times as much" in text
 
