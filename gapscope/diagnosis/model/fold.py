@@ -68,7 +68,7 @@ class Fold:
 
     Attributes:
         equations: the rows, decimated to about twice the filter's cut-off.
-        pieces: number of pieces of equal length into which they are cut for a bootstrap.
+        pieces: number of pieces of equal length into which they are cut, to be divided in two halves.
         sides: with a joint torque sensor the same of 2 n rows, the actuator side of each joint, then the link side.
     """
 
