@@ -5,7 +5,8 @@
 Parts, each a JSON file per arm in ``--out`` so that a rerun goes on, and a table on standard output:
 
 healthy   arms at work (``watched_arms.py``: laws, heat and noise of another form than the model's) without any change,
-          ``--hours`` each: programs that change, speeds, half of them started cold. Alarms, and slow drifts noted.
+          ``--hours`` each: programs that change, speeds, half of them started cold. Alarms, misfits, and slow drifts
+          noted.
 changes   the same arms; after six minutes a load, friction, an offset, an encoder's zero, a delay or a force changes,
           and the watch goes on for three minutes: named right, misnamed, missed, how late, how far off.
 real      recordings of real arms, ``--hours`` each: stretches of 5 to 15 s at random places and in random order; those
@@ -39,7 +40,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.arm.recording import Recording
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.watching.alarm import ALARM, DRIFT, Event
+from gapscope.watching.alarm import ALARM, DRIFT, MISFIT, Event
 from gapscope.watching.detection.detector import Detector
 from gapscope.watching.segments import SegmentStream
 
@@ -58,6 +59,8 @@ OFFSETS = (0.1, 0.3, 1.0)
 """Torque offsets over the joint's friction at half a radian per second [1]."""
 ZEROS = (0.5, 1.0, 3.0)
 """Encoder offsets [deg]."""
+FOUND = (ALARM, MISFIT)
+"""Events that say that something has changed."""
 
 
 class Watched:
@@ -90,6 +93,7 @@ def healthy(seed: int, hours: float) -> dict[str, Any]:
         "hours": hours,
         "alarms": [e.sentence for e in events if e.event == ALARM],
         "effects": [e.effect for e in events if e.event == ALARM],
+        "misfits": sum(e.event == MISFIT for e in events),
         "drifts": [e.sentence for e in events if e.event == DRIFT],
         "cpu": (time.process_time() - begin) / (3600 * hours),
     }
@@ -136,13 +140,13 @@ def changes(seed: int) -> list[dict[str, Any]]:
         watched.detector.monitor.state = copy.deepcopy(kept[0])
         watched.stream.held = kept[1]
         own.change(change)
-        events = [e for e in watched.feed(own.chunks(AFTER)) if e.event == ALARM]
+        events = [e for e in watched.feed(own.chunks(AFTER)) if e.event in FOUND]
         rows.append(judged(change, events, own.t - AFTER))
     return [{"robot": arm.kind, "before": before, **row} for row in rows]
 
 
 def judged(change: Change, events: list[Event], moment: float) -> dict[str, Any]:
-    """What became of a change: the first alarm counts, later ones are counted."""
+    """What became of a change: the first alarm or misfit counts, later ones are counted."""
     row: dict[str, Any] = {
         "effect": change.effect,
         "label": change.label,
@@ -156,6 +160,7 @@ def judged(change: Change, events: list[Event], moment: float) -> dict[str, Any]
         return row
     first = events[0]
     joints = [] if change.joint is None else [change.joint]
+    # a misfit has the effect ``other``, and so has a change without a name
     same = first.effect == change.effect and (
         change.effect == "other" or list(first.joints) == joints
     )
@@ -187,7 +192,7 @@ def real(name: str, hours: float) -> dict[str, Any]:
         watched.detector.monitor.state = copy.deepcopy(kept[0])
         watched.stream.held = None
         parts = stretches(changed, AFTER, np.random.default_rng(1), (0.0, 1.0))
-        found = [e for e in watched.feed(parts) if e.event == ALARM]
+        found = [e for e in watched.feed(parts) if e.event in FOUND]
         row = judged(change, found, float("nan"))
         row["delay"] = None
         rows.append(row)
@@ -196,6 +201,7 @@ def real(name: str, hours: float) -> dict[str, Any]:
         "hours": hours,
         "alarms": [e.sentence for e in alarms],
         "effects": [e.effect for e in alarms],
+        "misfits": sum(e.event == MISFIT for e in events),
         "changes": rows,
         "cpu": used / (3600 * hours),
     }
@@ -271,8 +277,8 @@ def per_day(count: int, hours: float) -> str:
 def rows_of_healthy(found: list[dict[str, Any]]) -> list[str]:
     """Table of false alarms."""
     lines = [
-        "| arms | hours | alarms | per 24 h (95 %) | as | drifts noted |",
-        "|" + "---|" * 6,
+        "| arms | hours | alarms | per 24 h (95 %) | as | misfits | per 24 h | drifts noted |",
+        "|" + "---|" * 8,
     ]
     groups = {
         "all": found,
@@ -291,12 +297,15 @@ def rows_of_healthy(found: list[dict[str, Any]]) -> list[str]:
         names = ", ".join(f"{effects.count(e)} {e}" for e in dict.fromkeys(effects))
         drifts = sum(len(f.get("drifts", ())) for f in own)
         rate = per_day(len(effects), hours)
+        misfits = sum(f["misfits"] for f in own)
         cells = [
             f"{label}, {len(own)}",
             f"{hours:g}",
             len(effects),
             rate,
             names,
+            misfits,
+            per_day(misfits, hours),
             drifts,
         ]
         lines.append("| " + " | ".join(map(str, cells)) + " |")
@@ -366,7 +375,9 @@ def main() -> None:
             row for part in run(delayed(kept)(*job) for job in jobs) for row in part
         ]
         print("\n".join(["", "Changes on arms at work", "", *rows_of_changes(rows)]))
-        print(f"further alarms after the first: {sum(r['further'] for r in rows)}")
+        print(
+            f"further alarms and misfits after the first: {sum(r['further'] for r in rows)}"
+        )
     if "real" in parts:
         jobs = [
             (out / f"real_{name}_{hours:g}h.json", real, name, hours) for name in REAL
@@ -374,10 +385,10 @@ def main() -> None:
         found = run(delayed(kept)(*job) for job in jobs)
         print("\n".join(["", "Real arms", ""]))
         for entry in found:
-            count = len(entry["alarms"])
+            count, misfits = len(entry["alarms"]), entry["misfits"]
             rate = per_day(count, entry["hours"])
             print(
-                f"{entry['robot']}: {entry['hours']:g} h, {count} alarms, {rate} per 24 h"
+                f"{entry['robot']}: {entry['hours']:g} h, {count} alarms, {rate} per 24 h, {misfits} misfits"
             )
             print(*(f"  {s}" for s in entry["alarms"][:10]), sep="\n")
         rows = [row for entry in found for row in entry["changes"]]

@@ -1,4 +1,4 @@
-"""What a watch says: an alarm, a drift or a note, as one JSON line and as a sentence."""
+"""What a watch says: an alarm, a misfit, a drift or a note, as one JSON line and as a sentence."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gapscope.arm.io.json_file import plain
 
 SCHEMA = 1
 """Version of the form of the lines."""
-ALARM, DRIFT, NOTE = "alarm", "drift", "note"
+ALARM, MISFIT, DRIFT, NOTE = "alarm", "misfit", "drift", "note"
 """Kinds of events."""
 
 
@@ -38,7 +38,7 @@ class Event:
     """Something that a watch has to say.
 
     Attributes:
-        event: ``alarm``, ``drift`` or ``note``.
+        event: ``alarm``, ``misfit``, ``drift`` or ``note``.
         effect: what changed: ``payload``, ``friction``, ``torque_offset``, ``encoder_offset`` or ``other``; empty for
             a note.
         change: in a word or two: ``picked up``, ``risen``; empty for a note.

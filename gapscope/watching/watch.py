@@ -11,7 +11,7 @@ from gapscope.arm.case import Case
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.recording import Recording
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.watching.alarm import ALARM, NOTE, Event
+from gapscope.watching.alarm import ALARM, MISFIT, NOTE, Event
 from gapscope.watching.detection.detector import Detector
 from gapscope.watching.event_file import EVENTS, EventFile
 from gapscope.watching.segments import SegmentStream
@@ -27,7 +27,7 @@ from gapscope.watching.sources.source import (
 from gapscope.watching.state import STATE, Resumed, fingerprint, load_state, save_state
 
 SAVE_EVERY = 30.0
-"""Time after which a state is saved that changed [s]; after every alarm as well."""
+"""Time after which a state is saved that changed [s]; after every alarm and misfit as well."""
 
 
 class Watch:
@@ -52,7 +52,7 @@ class Watch:
         self.settings = settings
         self.detector = Detector(corrected, settings.false_alarms, settings.learning)
         self.stream = SegmentStream()
-        self.alarms = 0
+        self.alarms = self.misfits = 0
         self.resumed = False
         self._arm = fingerprint(corrected, settings.learning)
         earlier = self._earlier()
@@ -76,10 +76,10 @@ class Watch:
         while not stopped():
             new = False
             for item in self.source.poll():
-                new, before = True, self.alarms
+                new, before = True, self.alarms + self.misfits
                 yield from self._said(self._events_of(item))
                 late = time.monotonic() - saved > SAVE_EVERY
-                if late or self.alarms > before:
+                if late or self.alarms + self.misfits > before:
                     self._save()
                     saved = time.monotonic()
                 if stopped():
@@ -111,6 +111,8 @@ class Watch:
                 self._events.write(event)
             if event.event == ALARM:
                 self.alarms += 1
+            if event.event == MISFIT:
+                self.misfits += 1
             yield event
 
     def _source(self, position: dict[str, Any] | None, case: Case | None) -> Source:

@@ -34,9 +34,19 @@ class AtWork:
         load: float = 0.0,
         friction: float = 1.0,
         shaking: float = 0.0,
+        late: float = 0.0,
         start: float = 0.0,
     ) -> Recording:
-        """A recording in which a load [kg], a factor on friction of joint 2 or noise [N m] of joint 1 sets in."""
+        """A recording in which something sets in.
+
+        Args:
+            seconds: it lasts.
+            load: on the last link [kg].
+            friction: factor on that of joint 2 [1].
+            shaking: noise of joint 1 [N m].
+            late: delay of the torque [s].
+            start: of its time [s].
+        """
         rng = np.random.default_rng(3)
         n = self.arm.n_joints
         t = start + np.arange(round(seconds * RATE)) / RATE
@@ -59,7 +69,9 @@ class AtWork:
         wild = np.random.default_rng(4).standard_normal(len(t))
         noise[after, 0] += shaking * wild[after]
         q = q + 1e-5 * rng.standard_normal(q.shape)
-        return Recording("shift.csv", t, q, tau=tau + rubbing + noise)
+        tau = tau + rubbing + noise
+        tau[after] = np.roll(tau, round(late * RATE), axis=0)[after]
+        return Recording("shift.csv", t, q, tau=tau)
 
 
 @pytest.fixture(scope="session")

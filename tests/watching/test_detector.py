@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.watching.alarm import ALARM, NOTE, Event
+from gapscope.watching.alarm import ALARM, MISFIT, NOTE, Event
 from gapscope.watching.detection.detector import Detector
 from gapscope.watching.segments import SegmentStream
 
@@ -63,6 +63,13 @@ def test_what_no_name_fits_is_something_else(at_work: Any) -> None:
     (found,) = alarms(at_work, shaking=shaking)
     assert (found.effect, list(found.joints)) == ("other", [1])
     assert found.evidence["growth_1"] > 2
+
+
+def test_change_without_a_name_is_a_misfit_and_no_alarm(at_work: Any) -> None:
+    found = [e for e in events(at_work, late=0.02) if e.event != NOTE]
+    assert [e.event for e in found] == [MISFIT]
+    assert abs(found[0].time - at_work.change) < 5.0
+    assert found[0].sizes == {}
 
 
 def test_memory_does_not_grow_with_the_stream(at_work: Any) -> None:

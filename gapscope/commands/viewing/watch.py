@@ -119,7 +119,7 @@ def watch(
     share = watched.detector.learnt
     if share < 1:
         note(f"ended while learning, at {share:.0%} of {learn:g} s of motion")
-    note(f"{watched.alarms} alarms")
+    note(f"{watched.alarms} alarms, {watched.misfits} misfits")
     if out is not None:
         say(f"wrote {out}")
 

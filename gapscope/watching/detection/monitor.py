@@ -21,8 +21,11 @@ from gapscope.watching.detection.usual import UsualSize
 from gapscope.watching.detection.watched_arm import WatchedArm
 from gapscope.watching.detection.wording import (
     drift_note,
+    is_sure,
+    misfit,
     named_alarm,
-    other_alarm,
+    noise_alarm,
+    sizes_of,
 )
 from gapscope.watching.thresholds import GUARD, ONSETS, USUAL_DELAY, USUAL_LEAST
 
@@ -140,8 +143,9 @@ class Monitor:
         decision = None
         if known:
             decision = decide(findings, self.limit, state.beyond, state.suspected)
+            decision = self._with_a_sure_name(decision)
         if decision is not None:
-            yield self._alarm(decision)
+            yield self._found(decision)
             self._restart(decision)
             return
         if not known or not state.beyond:
@@ -170,7 +174,16 @@ class Monitor:
             for key, (statistic, freedom) in pending.popleft().items():
                 self.state.usual[key].add(statistic, freedom)
 
-    def _alarm(self, decision: Decision) -> Event:
+    def _with_a_sure_name(self, decision: Decision | None) -> Decision | None:
+        """The decision without its name if the size of what is named may as well be zero."""
+        if decision is None or decision.named is None:
+            return decision
+        if is_sure(sizes_of(decision.named, self.arm, self.state.normal)):
+            return decision
+        return replace(decision, named=None, alternatives=())
+
+    def _found(self, decision: Decision) -> Event:
+        """The alarm of a named change, or else a misfit."""
         ring = self.state.ring
         cut = len(ring) - decision.onset
         low = max(cut - GUARD - 1, 0)
@@ -183,17 +196,11 @@ class Monitor:
             "degrees_of_freedom": strongest.freedom,
             "share_explained": min(strongest.share, 1.0),
         }
-        if decision.named is None:
-            what = "the torque does not fit the arm any more, and no single cause explains it"
-            return other_alarm((), what, when, evidence)
-        return named_alarm(
-            decision.named,
-            when,
-            self.arm,
-            self.state.normal,
-            evidence,
-            decision.alternatives,
-        )
+        named = decision.named
+        if named is None:
+            return misfit(when, evidence)
+        sizes = sizes_of(named, self.arm, self.state.normal)
+        return named_alarm(named, sizes, when, evidence, decision.alternatives)
 
     def _restart(self, decision: Decision) -> None:
         """Go on from the estimate before the change, with the change, and the blocks after it."""
@@ -236,7 +243,7 @@ class Monitor:
         state.normal = replace(state.normal, noise=noise)
         state.rise = NoiseRise.of(len(noise))
         evidence = {f"growth_{joint}": float(growth[joint - 1]) for joint in own}
-        return other_alarm(own, ", ".join(parts), when, evidence)
+        return noise_alarm(own, ", ".join(parts), when, evidence)
 
 
 def _moment(block: Block) -> Moment:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gapscope.arm.joint_units import joint_unit
-from gapscope.watching.alarm import ALARM, DRIFT, Event, Size
+from gapscope.watching.alarm import ALARM, DRIFT, MISFIT, Event, Size
 from gapscope.watching.detection.change_test import Candidate
 from gapscope.watching.detection.hypotheses import (
     ENCODER,
@@ -18,6 +18,7 @@ from gapscope.watching.detection.hypotheses import (
 )
 from gapscope.watching.detection.learning import Moment, Normal
 from gapscope.watching.detection.watched_arm import WatchedArm
+from gapscope.watching.thresholds import NAMED_SURE
 
 WORDS = {
     PAYLOAD: ("a load was {}", "picked up", "put down"),
@@ -30,9 +31,8 @@ WORDS = {
 
 def named_alarm(
     candidate: Candidate,
+    sizes: dict[str, Size],
     when: tuple[Moment, Moment, Moment],
-    arm: WatchedArm,
-    normal: Normal,
     evidence: dict[str, float],
     alternatives: Sequence[Candidate],
 ) -> Event:
@@ -40,15 +40,13 @@ def named_alarm(
 
     Args:
         candidate: the change.
+        sizes: of it, the one that decides on its direction first.
         when: the blocks between which it began, and the last one.
-        arm: that is watched.
-        normal: what is normal for it.
         evidence: numbers that led to it.
         alternatives: others that are nearly as likely.
     """
     change = candidate.change
     assert change is not None
-    sizes = sizes_of(candidate, arm, normal)
     main = next(iter(sizes.values()))
     text, up, down = WORDS[change.effect]
     word = up if main.value > 0 else down
@@ -61,7 +59,7 @@ def named_alarm(
     size_text = ", ".join(f"{name} {size}" for name, size in sizes.items())
     return Event(
         event=ALARM,
-        sentence=f"{sentence} at {begun.start:.1f} s of {begun.recording}: {size_text}",
+        sentence=f"{sentence} {_place(begun)}: {size_text}",
         effect=change.effect,
         change=word,
         joints=change.joints,
@@ -75,26 +73,48 @@ def named_alarm(
     )
 
 
-def other_alarm(
+def noise_alarm(
     joints: Sequence[int],
     what: str,
     when: tuple[Moment, Moment, Moment],
     evidence: dict[str, float],
 ) -> Event:
-    """The alarm of a change that no name fits.
+    """The alarm of joints that leave more torque than any parameter explains.
 
     Args:
-        joints: on which it shows, from 1; empty if on no single ones.
+        joints: on which it shows, from 1.
         what: shows, in words.
         when: the blocks between which it began, and the last one.
         evidence: numbers that led to it.
     """
+    place = f"on joint {', '.join(map(str, joints))}"
+    text = f"something else changed {place} {_place(when[1])}: {what}"
+    return _nameless(ALARM, text, joints, when, evidence)
+
+
+def misfit(when: tuple[Moment, Moment, Moment], evidence: dict[str, float]) -> Event:
+    """The model fits worse since some moment, and no single cause explains it.
+
+    Args:
+        when: the blocks between which it began, and the last one.
+        evidence: numbers that led to it.
+    """
+    text = f"since {when[1].start:.1f} s of {when[1].recording} the torque fits the arm less well"
+    text += ", and no single cause explains it: a motion that is new to the watch, or a change without a name"
+    return _nameless(MISFIT, text, (), when, evidence)
+
+
+def _nameless(
+    event: str,
+    sentence: str,
+    joints: Sequence[int],
+    when: tuple[Moment, Moment, Moment],
+    evidence: dict[str, float],
+) -> Event:
     low, begun, last = when
-    place = f" on joint {', '.join(map(str, joints))}" if joints else ""
-    text = f"something else changed{place} at {begun.start:.1f} s of {begun.recording}: {what}"
     return Event(
-        event=ALARM,
-        sentence=text,
+        event=event,
+        sentence=sentence,
         effect=OTHER,
         change="changed",
         joints=joints,
@@ -122,6 +142,12 @@ def drift_note(joint: int, size: Size, share: float, last: Moment) -> Event:
         sizes={"torque": size},
         evidence={"share": share},
     )
+
+
+def is_sure(sizes: dict[str, Size]) -> bool:
+    """Whether the first of the sizes differs clearly from zero."""
+    main = next(iter(sizes.values()))
+    return abs(main.value) > NAMED_SURE * main.std
 
 
 def sizes_of(candidate: Candidate, arm: WatchedArm, normal: Normal) -> dict[str, Size]:
@@ -178,6 +204,10 @@ def _in_words(entry: dict[str, object]) -> str:
     joints = entry["joints"]
     assert isinstance(joints, list)
     return f"{effect} of joint {joints[0]}" if joints else effect
+
+
+def _place(moment: Moment) -> str:
+    return f"at {moment.start:.1f} s of {moment.recording}"
 
 
 def _interval(low: Moment, begun: Moment) -> tuple[float, float]:
