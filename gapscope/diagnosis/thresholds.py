@@ -30,6 +30,9 @@ MODEL_FORM = 0.004  # Share of the torque's deviation that a healthy arm leaves 
 FRICTION_FORM = 0.03  # Share by which healthy dry friction differs from c sgn v when it slides [1]. (hand)
 EFFECT_FORM = 0.03  # Share of its torque by which a real effect differs from the catalogue's form [1]. (hand)
 
+# Less motion than this in all recordings together is little: a note says so [s]. (hand)
+SHORT_MOTION = 20.0
+
 # --- gap: long recordings
 # Recordings longer than this in all are looked at in windows [s]... (budget)
 LONG_RECORDINGS = 300.0

@@ -11,7 +11,7 @@ from gapscope.arm.recording import Recording
 from gapscope.diagnosis.assessment.rejection import Rejection
 from gapscope.diagnosis.document.wording import effect_name
 from gapscope.diagnosis.gap.commanded_torque import WARNING
-from gapscope.diagnosis.gap.plausible_motion import still_note
+from gapscope.diagnosis.gap.plausible_motion import short_note, still_note
 from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.evidence import Fit
 from gapscope.diagnosis.selection.search import Selection
@@ -50,6 +50,7 @@ def context(study: Study) -> dict[str, Any]:
         "warnings": [
             *case.warnings,
             *still_note(case),
+            *short_note(case),
             *notes,
             *study.replay_gap.warnings,
         ],

@@ -1,4 +1,4 @@
-"""Whether the positions of a case are those of a motion: joints that never move, and values that lie alone."""
+"""Whether positions are those of a motion: joints that never move, little motion, values that lie alone."""
 
 from __future__ import annotations
 
@@ -13,7 +13,12 @@ from gapscope.diagnosis.thresholds import (
     LONE_POSITION,
     LONE_SAMPLES,
     MOVING_TORQUE,
+    SHORT_MOTION,
+    STICKING_SPEED,
 )
+
+LOOK = 0.1
+"""Time over which a joint's speed is looked at [s]."""
 
 
 def check_moving(case: Case) -> None:
@@ -59,6 +64,27 @@ def still_note(case: Case) -> tuple[str, ...]:
         "are diagnosed; if it did move, its position was not recorded"
         for j in np.flatnonzero(still)
     )
+
+
+def short_note(case: Case) -> tuple[str, ...]:
+    """A sentence on recordings in which the joints move for too short a time to tell small effects."""
+    seconds = sum(_moving_time(r, case.arm.per_radian) for r in case.recordings)
+    if seconds >= SHORT_MOTION:
+        return ()
+    return (
+        f"only {seconds:.0f} s of motion in all: a small effect may not stand out, and errors are wide; record "
+        f"{SHORT_MOTION:g} s or more, in two motions at least",
+    )
+
+
+def _moving_time(recording: Recording, per_radian: np.ndarray) -> float:
+    """Time in which some joint is faster than dry friction needs to be known [s]."""
+    every = max(1, round(LOOK * recording.rate))
+    steps = np.abs(np.diff(recording.q[::every], axis=0))
+    spans = np.diff(recording.t[::every])
+    moves = (steps > STICKING_SPEED * per_radian * spans[:, None]).any(axis=1)
+    # a gap in time counts as one step
+    return float(np.minimum(spans[moves], 2 * LOOK).sum())
 
 
 def _torque_change(recording: Recording) -> float:

@@ -100,7 +100,8 @@ def _count(segment: Segment) -> int:
 class Samples:
     """Samples to fit, stacked over segments and thinned to what the band holds.
 
-    Columns at the full rate are held of one segment at a time.
+    Columns at the full rate are held of one segment at a time. Where a torque was not measured, both sides of its
+    equation are zero: it says nothing.
 
     Args:
         columns: the model.
@@ -123,10 +124,6 @@ class Samples:
         self.columns = columns
         self.segments = list(segments)
         self.band = band
-        self.smooth = self._stack(columns.smooth(s.motion) for s in self.segments)
-        self.torque = self._stack(
-            np.asarray(s.torque) - s.known_torque(columns.body) for s in self.segments
-        )
         times, velocities, measured = [], [], []
         for segment in self.segments:
             rows, step = band.rows(segment), band.step(segment)
@@ -136,6 +133,10 @@ class Samples:
         self.times = np.concatenate(times)
         self.velocity = np.concatenate(velocities)
         self.measured = np.concatenate(measured)
+        self.smooth = self.filtered_each(columns.smooth)
+        self.torque = self._stack(
+            np.asarray(s.torque) - s.known_torque(columns.body) for s in self.segments
+        )
         lengths = [len(t) for t in times]
         self.group = np.repeat(np.arange(len(lengths)), lengths)
         first = self.segments[0]
@@ -159,9 +160,11 @@ class Samples:
         )
 
     def filtered_each(self, series: Callable[[Motion], np.ndarray]) -> np.ndarray:
-        """A function of the motion, (N, ...), in the band and thinned; shape (M, ...)."""
+        """A function of the motion, (N, n, ...), in the band and thinned; shape (M, n, ...)."""
         return self._stack(series(s.motion) for s in self.segments)
 
     def _stack(self, series: Iterable[np.ndarray]) -> np.ndarray:
         pairs = zip(series, self.segments, strict=True)
-        return np.concatenate([self.band.thinned(x, s) for x, s in pairs])
+        stacked = np.concatenate([self.band.thinned(x, s) for x, s in pairs])
+        stacked[~self.measured] = 0.0
+        return stacked

@@ -71,7 +71,7 @@ class Validation:
     Attributes:
         recordings: their names.
         role: ``fit`` or ``judge``.
-        every: errors on every sample.
+        every: errors on every sample whose torque was measured.
         moving: errors while the joint is faster than ``MOVING``.
         nominal: errors of the nominal arm on every sample.
         whiteness: of the residual.
@@ -118,6 +118,7 @@ def validate(
             _Compared(
                 t=segment.motion.t[rows],
                 dq=segment.motion.dq[rows],
+                measured=segment.measured[rows],
                 torque=band.filtered(np.asarray(segment.torque), segment),
                 after=band.filtered(predict(segment), segment),
                 before=band.filtered(nominal(segment), segment),
@@ -131,14 +132,15 @@ def validate(
     rate = segments[0].motion.rate
     # the test of whiteness sees the samples that the band holds, not more
     step = max(1, round(rate / band.cutoff))
-    residual = (whole.torque - whole.after)[::step]
+    every = whole.measured
+    residual = np.where(every, whole.torque - whole.after, 0.0)[::step]
     expected = band_correlation(rate, band.cutoff, step)
-    every = np.full(whole.torque.shape, True)
+    moving = np.abs(whole.dq) > MOVING
     return Validation(
         recordings=names,
         role=role,
         every=errors(whole.torque, whole.after, every),
-        moving=errors(whole.torque, whole.after, np.abs(whole.dq) > MOVING),
+        moving=errors(whole.torque, whole.after, every & moving),
         nominal=errors(whole.torque, whole.before, every),
         whiteness=whiteness(residual, group[::step], expected),
         t=whole.t,
@@ -151,10 +153,11 @@ def validate(
 
 
 class _Compared(NamedTuple):
-    """Time [s], velocity [rad/s], and torque [N m] as recorded, by the identified and by the nominal model."""
+    """Time [s], velocity [rad/s], whether the torque was measured, and torque [N m]: recorded, identified, nominal."""
 
     t: np.ndarray
     dq: np.ndarray
+    measured: np.ndarray
     torque: np.ndarray
     after: np.ndarray
     before: np.ndarray

@@ -15,7 +15,7 @@ from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.gap.plausible_data import check_rates, check_torque
-from gapscope.diagnosis.gap.plausible_motion import check_moving, still_note
+from gapscope.diagnosis.gap.plausible_motion import check_moving, short_note, still_note
 from gapscope.diagnosis.setup_faults.time_stamps import find_stamps
 
 ARM = NominalArm("two", Path("robot.urdf"), ("shoulder", "elbow"))
@@ -83,6 +83,16 @@ def test_a_joint_that_never_moves_is_said() -> None:
     (note,) = still_note(found)
     assert note.startswith("joint 2 (elbow) never moves")
     assert "the other joints are diagnosed" in note
+
+
+def test_little_motion_is_said() -> None:
+    resting = recording(q=STILL)
+    moving = recording().duration
+    (note,) = short_note(case(recording(), recording(), resting))
+    seconds = float(note.removeprefix("only ").split()[0])
+    assert seconds == pytest.approx(2 * moving, rel=0.1)
+    enough = [recording()] * int(np.ceil(22.0 / moving))
+    assert short_note(case(*enough)) == ()
 
 
 @pytest.mark.parametrize(

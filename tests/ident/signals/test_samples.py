@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
+from dataclasses import replace
 
 import arms
 import numpy as np
@@ -78,3 +79,25 @@ def test_full_rate_columns_are_held_of_one_block_at_a_time(
     # the response of the filter is kept for all blocks of one length
     made()
     assert peak() < 0.5 * whole
+
+
+def test_torque_at_its_limit_does_not_count() -> None:
+    recording = arms.recording("a.csv", 3)
+    tau = np.asarray(recording.tau).copy()
+    limit = 0.6 * np.abs(tau[:, 1]).max()
+    tau[:, 1] = tau[:, 1].clip(-limit, limit)
+    model = ModelColumns(arms.arm())
+    clipped = replace(recording, tau=tau)
+    samples = Samples(model, BAND.segments([clipped]), BAND)
+    whole = made()
+    share = samples.measured.mean(axis=0)
+    assert 0.2 < share[1] < 0.95
+    assert (np.delete(share, 1) == 1.0).all()
+    matrix, expected = samples.matrix(FrictionLaw()), whole.matrix(FrictionLaw())
+    out = ~samples.measured
+    assert not matrix[out].any()
+    assert not samples.torque[out].any()
+    np.testing.assert_array_equal(matrix[~out], expected[~out])
+    # what is left is no nearer to the limit than the filters reach
+    error = np.abs(samples.torque - whole.torque)[~out]
+    assert error.max() < 0.02 * np.abs(whole.torque[:, 1]).max()
