@@ -126,7 +126,7 @@ def inertial_candidates(n: int) -> list[FaultCandidate]:
 def unit_candidates(
     arm: NominalArm, samples: FaultSamples, mapping: ChannelMapping
 ) -> list[FaultCandidate]:
-    """Degrees on each joint, all, and those that move too far; motor side on the latter, together and alone."""
+    """Degrees on each joint, all, and those that move too far; revolutions on all; motor side on those too far."""
     n = arm.n_joints
     far = joints_beyond_range(arm, samples, mapping)
     turning = tuple(j for j in range(n) if not arm.sliding[j])
@@ -139,6 +139,8 @@ def unit_candidates(
     if len(far) < FEW_FAR_JOINTS:
         on_motor_side |= {(j,) for j in far}
     found = [degrees(n, joints) for joints in sorted(in_degrees)]
+    if turning:
+        found.append(revolutions(n, turning))
     for joints in sorted(on_motor_side):
         found += [
             motor_side(n, joints, (ratio,) * len(joints)) for ratio in GEAR_RATIO_STARTS
@@ -164,6 +166,12 @@ def degrees(n: int, joints: tuple[int, ...]) -> FaultCandidate:
     return FaultCandidate(
         "unit_mismatch", _from_one(joints), "degrees", scaled(n, joints, DEGREE)
     )
+
+
+def revolutions(n: int, joints: tuple[int, ...]) -> FaultCandidate:
+    """Positions of joints, from 0, in revolutions."""
+    mapping = scaled(n, joints, TURN)
+    return FaultCandidate("unit_mismatch", _from_one(joints), "revolutions", mapping)
 
 
 def motor_side(

@@ -48,9 +48,9 @@ class FoundFault:
     Attributes:
         name: name of the fault, or ``encoder_quantization``.
         joints: from 1; empty if it concerns the whole arm.
-        variant: which channel (``torque``, ``position``, ``joint``), unit (``degrees``, ``milliseconds``,
-            ``motor_side``, ``current``, ``command_scale``) or kind (``gaps``, ``repeats``, ``jitter``, ``wrong_rate``,
-            ``torque_clock``, ``delay``, ``held``, ``interpolated``); empty if there is one only.
+        variant: which channel (``torque``, ``position``, ``joint``), unit (``degrees``, ``revolutions``,
+            ``milliseconds``, ``motor_side``, ``current``, ``command_scale``) or kind (``gaps``, ``repeats``,
+            ``jitter``, ``wrong_rate``, ``torque_clock``, ``delay``, ``held``, ``interpolated``); empty if only one.
         parameters: by the names of ``gapscope.effects.setup_faults``.
         probability: that it is this fault.
         turned_base: probability that the base is turned instead, ``base_tilt``; ``None`` if that looks different.

@@ -103,8 +103,8 @@ class UnitMismatch(Fault):
     """A channel in another unit than assumed.
 
     Attributes:
-        variant: ``degrees`` (positions), ``milliseconds`` (time) or ``motor_side`` (position times ratio, torque over
-            ratio).
+        variant: ``degrees`` or ``revolutions`` (positions), ``milliseconds`` (time) or ``motor_side`` (position times
+            ratio, torque over ratio).
         joints: from 1; all if empty. Of no meaning for milliseconds.
         ratio: gear ratio of ``motor_side`` [1].
     """
@@ -115,7 +115,7 @@ class UnitMismatch(Fault):
         "positions, times or torques off by a factor that is a unit's or a gear's"
     )
     reference = "siciliano2009"
-    variants = ("degrees", "milliseconds", "motor_side")
+    variants = ("degrees", "milliseconds", "motor_side", "revolutions")
     parameters = (Parameter("ratio", "r", "1", (1.0, 1000.0), (50.0, 160.0)),)
     variant: str
     joints: tuple[int, ...] = ()
@@ -136,6 +136,8 @@ class UnitMismatch(Fault):
         columns = columns_of(recording, joints, self.name)
         if self.variant == "degrees":
             return scaled(recording, POSITIONS, columns, 180.0 / np.pi)
+        if self.variant == "revolutions":
+            return scaled(recording, POSITIONS, columns, 0.5 / np.pi)
         if self.variant == "milliseconds":
             return replace(recording, t=1e3 * recording.t)
         turned = scaled(recording, POSITIONS, columns, self.ratio)

@@ -59,6 +59,8 @@ ORDINARY = {
     ),
 }
 
+IN_UNITS = ("degrees", "revolutions", "milliseconds")
+
 FAULTS: dict[str, tuple[Fault, tuple[int, ...], str]] = {
     "torque turned": (SignFlip((2,)), (2,), "torque"),
     "torque of the last joint turned": (SignFlip((3,)), (3,), "torque"),
@@ -70,6 +72,7 @@ FAULTS: dict[str, tuple[Fault, tuple[int, ...], str]] = {
     "joints exchanged": (JointSwap((2, 3), "joint"), (2, 3), "joint"),
     "a joint in degrees": (UnitMismatch("degrees", (2,)), (2,), "degrees"),
     "degrees": (UnitMismatch("degrees"), (1, 2, 3), "degrees"),
+    "revolutions": (UnitMismatch("revolutions"), (1, 2, 3), "revolutions"),
     "milliseconds": (UnitMismatch("milliseconds"), (), "milliseconds"),
     "a joint on the motor's side": (
         UnitMismatch("motor_side", (2,), 80.0),
@@ -197,7 +200,7 @@ def test_fault_is_found_and_put_right(label: str) -> None:
         "gaps",
     ):  # what was lost stays lost, and what was written twice is still told
         assert find_setup_faults(right) == ()
-    if variant in ("torque", "position", "joint", "degrees", "milliseconds"):
+    if variant in ("torque", "position", "joint", *IN_UNITS):
         for given, kept in zip(right.recordings, case.recordings, strict=True):
             for channel in ("t", "q", "tau"):
                 np.testing.assert_allclose(

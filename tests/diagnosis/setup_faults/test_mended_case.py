@@ -83,6 +83,10 @@ FAULTS: dict[str, tuple[Fault, FoundFault]] = {
         UnitMismatch("degrees"),
         found("unit_mismatch", "degrees", scaled(N, (0, 1, 2), np.pi / 180)),
     ),
+    "revolutions": (
+        UnitMismatch("revolutions"),
+        found("unit_mismatch", "revolutions", scaled(N, (0, 1, 2), 2 * np.pi)),
+    ),
     "milliseconds": (
         UnitMismatch("milliseconds"),
         found("unit_mismatch", "milliseconds", timed(N, 1e-3)),
