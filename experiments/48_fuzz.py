@@ -76,7 +76,7 @@ def run_reader(name: str, total: int, out: Path) -> None:
     while state["inputs"] < total:
         first = state["inputs"]
         last = min(first + CHUNK, total)
-        progress.write_text(str(first))
+        progress.write_text(f"{first:012d}")
         call = [sys.executable, __file__, str(out), "--reader", name, "--chunk"]
         ended, found = _watched([*call, str(first), str(last)], progress)
         if found is None:

@@ -101,14 +101,16 @@ class Recording:
     def rate(self) -> float:
         """Sampling rate [Hz]: the inverse of the mean of all steps of t that are usual; nan of a single sample.
 
-        Usual are those that differ from the median by no more than ``USUAL_STEP``.
+        Usual are those that differ from the median by no more than ``USUAL_STEP``; of steps of two kinds, as many of
+        each, none does, and the median counts.
         """
         if len(self.t) < 2:
             return float("nan")
         steps = np.diff(self.t)
         median = np.median(steps)
         usual = steps[np.abs(steps - median) <= USUAL_STEP * np.abs(median)]
-        return whole_rate(float(1.0 / usual.mean()))
+        step = usual.mean() if len(usual) else median
+        return whole_rate(float(1.0 / step))
 
     @property
     def stamps(self) -> np.ndarray:

@@ -169,9 +169,15 @@ def run(
         outcome = Outcome()
         for number in numbers:
             if progress is not None:
-                progress.write_text(str(number))
+                _note(progress, number)
             _one(target, number, content, folder, seeds, watch, outcome)
     return outcome
+
+
+def _note(progress: Path, number: int) -> None:
+    """Write a number so that whoever reads the file meanwhile finds one, whole or with leading zeros."""
+    with progress.open("r+" if progress.exists() else "w") as file:
+        file.write(f"{number:012d}")
 
 
 def mutated(target: Target, content: bytes, number: int) -> bytes | None:
