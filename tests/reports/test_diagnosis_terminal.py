@@ -145,6 +145,16 @@ def test_a_gap_without_a_cause_says_so() -> None:
     assert "something real is still missing" in unexplained_sentence(document)
 
 
+def test_a_gap_as_of_healthy_real_arms_need_not_be_a_fault() -> None:
+    document = documents.unexplained()
+    document["gap"]["after"]["torque_nrmse"] = [0.05, 0.1, 0.2, 0.1, 0.22, 0.1, 0.1]
+    assert "keeps more than 22 % of its torque's deviation" in verdict_sentence(
+        document
+    )
+    document["gap"]["after"]["torque_nrmse"][2] = 0.3
+    assert "deviation" not in verdict_sentence(document)
+
+
 def test_what_is_possible_stands_apart_with_what_would_settle_it() -> None:
     document = documents.one_possible()
     assert possible_texts(document) == [
