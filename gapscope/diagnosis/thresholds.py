@@ -65,9 +65,11 @@ FAULT_LOSS = 0.1  # ...of which no more than this may be a loss in held-out gap 
 FAULT_JOINT_GAIN = 0.35  # ...with this gain on some joint [1]... (hand)
 FAULT_VALUES_GAIN = 0.5  # ...or this one by a smaller penalty on the values [1]... (hand)
 FAULT_FOLD_GAIN = 0.2  # ...with this gain on half of the folds, two at least [1]... (hand)
-FAULT_FOLD_LOSS = 0.15  # ...and on no fold, nor joint exchanged, a loss beyond this [1]. (hand)
+FAULT_FOLD_LOSS = 0.15  # ...and on no fold, nor joint exchanged or late, a loss beyond this [1]. (hand)
 FAULT_FAR_FACTOR = 0.5  # Factor on these gains for a unit if the joints travel farther than they can [1]. (hand)
 FAULT_SINGLE_RECORDING_FACTOR = 1.5  # Factor on these gains if there is one recording only [1]. (hand)
+OTHER_DELAYS = (0.5, 1.5)  # Of a delay of the torque these shares are tried on each joint alone [1]... (hand)
+COMMON_DELAY_LOSS = 0.2  # ...and may gain no more than this share of what the delay of all gains [1]. (hand)
 FAULT_VISIBLE = 0.03  # A fault must lower the nominal arm's torque NRMSE of some joint by this much [1]. (hand)
 # A fault seen in one recording must lower the sum of squared gaps by this share [1]: a wrong mapping plus extreme
 # parameters can fit a one-off disturbance. (hand)

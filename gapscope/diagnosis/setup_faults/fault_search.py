@@ -29,9 +29,11 @@ from gapscope.diagnosis.setup_faults.refine import refined
 from gapscope.diagnosis.setup_faults.time_stamps import rate_error
 from gapscope.diagnosis.setup_faults.torque_column import (
     is_ordinary,
+    late_torque,
     torque_column_candidates,
 )
 from gapscope.diagnosis.thresholds import (
+    COMMON_DELAY_LOSS,
     FAULT_COARSE_STEP,
     FAULT_FAR_FACTOR,
     FAULT_FINALISTS,
@@ -45,6 +47,7 @@ from gapscope.diagnosis.thresholds import (
     FAULT_SINGLE_RECORDING_FACTOR,
     FAULT_VALUE_CHARGE,
     FAULT_VALUES_GAIN,
+    OTHER_DELAYS,
 )
 from gapscope.effects.setup_faults.fault_catalogue import FAULTS
 from gapscope.ident.signals.conditioning import (
@@ -188,11 +191,39 @@ def _finalists(
         if is_ordinary(candidate):
             continue
         score = fine.score(mapping.then(candidate.mapping))
+        if not _is_of_all_joints(candidate, fine, mapping, before, score):
+            continue
         fitted = bool(std)
         charge = charges[_kind(start)] + (FAULT_VALUE_CHARGE if fitted else 0.0)
         gain = score.gain(before) - charge
         finalists.append(_Finalist(candidate, std, score, gain))
     return finalists
+
+
+def _is_of_all_joints(
+    candidate: FaultCandidate,
+    scorer: MappingScorer,
+    mapping: ChannelMapping,
+    before: MappingScore,
+    after: MappingScore,
+) -> bool:
+    """Whether a late torque is late by the same time on all joints, as by a log; true of other faults.
+
+    Friction that turns round late, in a joint or two, looks late as well, each by a time of its own. Then some joint
+    loses, or joints gain much more by half or by one and a half of the delay.
+    """
+    if candidate.name != "late_torque":
+        return True
+    (delay,), n = candidate.values["delay"], scorer.arm.n_joints
+    own = after.joint_gain(before)
+    if own.min() < -FAULT_FOLD_LOSS:
+        return False
+    gains = [own]
+    for share in OTHER_DELAYS:
+        other = mapping.then(late_torque(n, share * delay).mapping)
+        gains.append(scorer.score(other).joint_gain(before))
+    lost = np.max(gains, axis=0) - own
+    return bool(lost.sum() < COMMON_DELAY_LOSS * own.sum())
 
 
 def _is_accepted(
