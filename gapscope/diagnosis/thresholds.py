@@ -70,6 +70,8 @@ FAULT_FAR_FACTOR = 0.5  # Factor on these gains for a unit if the joints travel 
 FAULT_SINGLE_RECORDING_FACTOR = 1.5  # Factor on these gains if there is one recording only [1]. (hand)
 OTHER_DELAYS = (0.5, 1.5)  # Of a delay of the torque these shares are tried on each joint alone [1]... (hand)
 COMMON_DELAY_LOSS = 0.2  # ...and may gain no more than this share of what the delay of all gains [1]. (hand)
+# A torque is not called late against a reference on which a delay gains this share of what names it. (hand)
+LATE_REFERENCE_SHARE = 0.5
 FAULT_VISIBLE = 0.03  # A fault must lower the nominal arm's torque NRMSE of some joint by this much [1]. (hand)
 # A fault seen in one recording must lower the sum of squared gaps by this share [1]: a wrong mapping plus extreme
 # parameters can fit a one-off disturbance. (hand)

@@ -21,6 +21,7 @@ from gapscope.diagnosis.gap.plausible_motion import check_moving
 from gapscope.diagnosis.reference.change import combined
 from gapscope.diagnosis.reference.identified_reference import IdentifiedReference
 from gapscope.diagnosis.reference.reference_fit import ReferenceFit, fit_reference
+from gapscope.diagnosis.setup_faults.fault_search import looks_late
 from gapscope.diagnosis.study import examine
 from gapscope.ident.output.identified_arm import effects, urdf_text, with_sheet
 
@@ -83,9 +84,13 @@ def _with_inherent(identified: IdentifiedReference, case: Case) -> IdentifiedRef
     with TemporaryDirectory(prefix="gapscope-") as folder:
         nominal = identified.on(case, Path(folder))
         study = examine(nominal, lambda message: None, plain)
+        late = looks_late(nominal)
     inherent = tuple(e for e in study.effects if e.effect.inherent)
+    faults = {(fault.name, fault.variant) for fault in study.faults}
+    if late:
+        faults.add(("late_torque", "delay"))
     return replace(
         identified,
         effects=combined(identified.effects, inherent),
-        faults=frozenset((fault.name, fault.variant) for fault in study.faults),
+        faults=frozenset(faults),
     )

@@ -10,6 +10,8 @@ import numpy as np
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
 from gapscope.diagnosis.setup_faults.candidates import (
     TURNED_BASE,
     FaultCandidate,
@@ -47,7 +49,9 @@ from gapscope.diagnosis.thresholds import (
     FAULT_SINGLE_RECORDING_FACTOR,
     FAULT_VALUE_CHARGE,
     FAULT_VALUES_GAIN,
+    LATE_REFERENCE_SHARE,
     OTHER_DELAYS,
+    TORQUE_DELAY_STARTS,
 )
 from gapscope.effects.setup_faults.fault_catalogue import FAULTS
 from gapscope.ident.signals.conditioning import (
@@ -73,18 +77,13 @@ class _Finalist:
 def faults_by_torque(case: Case) -> list[FoundFault]:
     """Faults that the torque shows, best first, of a case whose stamps are in order."""
     recordings = tuple(r for r in case.recordings if r.tau is not None)
-    if not recordings:
-        return []
-    try:
-        cutoff = min(position_cutoff(recordings), TORQUE_CUTOFF)
-        segments = [condition(r, cutoff) for r in recordings]
-    except GapscopeError:
+    fine = _scorer(case.arm, recordings)
+    if fine is None:
         return []
     rate_is_known = all(rate_error(r) is not None for r in recordings)
-    strictness = FAULT_SINGLE_RECORDING_FACTOR if len(segments) == 1 else 1.0
-    samples, body = sample(segments), RigidBody(case.arm)
-    coarse = MappingScorer(case.arm, body, samples.thinned(FAULT_COARSE_STEP))
-    fine = MappingScorer(case.arm, body, samples)
+    strictness = FAULT_SINGLE_RECORDING_FACTOR if len(recordings) == 1 else 1.0
+    thinned = fine.samples.thinned(FAULT_COARSE_STEP)
+    coarse = MappingScorer(case.arm, fine.body, thinned)
 
     mapping, found = ChannelMapping.identity(case.arm.n_joints), []
     for _ in range(case.arm.n_joints):
@@ -103,6 +102,35 @@ def faults_by_torque(case: Case) -> list[FoundFault]:
         mapping = mapping.then(best.candidate.mapping)
     # gravity is added to a torque that is right otherwise
     return sorted(found, key=lambda fault: fault.name == "gravity_compensated_torque")
+
+
+def looks_late(case: Case) -> bool:
+    """Whether the torque of a reference may be late, on less evidence than names a fault: then it is no change later.
+
+    Args:
+        case: the reference, with the arm that was identified on it as the nominal one.
+    """
+    recordings = tuple(r for r in case.recordings if r.tau is not None)
+    scorer = _scorer(case.arm, recordings)
+    if scorer is None:
+        return False
+    n = case.arm.n_joints
+    before = scorer.score(ChannelMapping.identity(n))
+    read = (late_torque(n, delay).mapping for delay in TORQUE_DELAY_STARTS)
+    gain = max(scorer.score(mapping).gain(before) for mapping in read)
+    return gain > LATE_REFERENCE_SHARE * FAULT_GAIN
+
+
+def _scorer(arm: NominalArm, recordings: tuple[Recording, ...]) -> MappingScorer | None:
+    """Scores of recordings with a torque; ``None`` if they hold too little."""
+    if not recordings:
+        return None
+    try:
+        cutoff = min(position_cutoff(recordings), TORQUE_CUTOFF)
+        segments = [condition(r, cutoff) for r in recordings]
+    except GapscopeError:
+        return None
+    return MappingScorer(arm, RigidBody(arm), sample(segments))
 
 
 def _candidates(

@@ -14,6 +14,7 @@ from synthetic import Truth
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import InputError
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
+from gapscope.diagnosis.setup_faults.fault_search import looks_late
 from gapscope.diagnosis.setup_faults.found_fault import repaired
 from gapscope.diagnosis.setup_faults.shifted_inertials import shifted_arm
 from gapscope.effects.arm_scale import ArmScale
@@ -340,3 +341,30 @@ def test_sample_cases_have_no_setup_fault(number: int, sample_cases: Path) -> No
 def test_real_arms_have_no_setup_fault(name: str, data_root: Path) -> None:
     path = Path(__file__).parents[3] / "experiments" / "cases" / f"{name}.yaml"
     assert find_setup_faults(load_case(path, data_root=data_root)) == ()
+
+
+def late_by(*delays: float) -> Case:
+    """A case in which the torque of each joint is late by a time of its own [s]."""
+    case, late = sound("healthy"), []
+    for recording in case.recordings:
+        t, tau = recording.t, np.array(recording.tau)
+        for joint, delay in enumerate(delays):
+            tau[:, joint] = np.interp(t - delay, t, tau[:, joint])
+        late.append(replace(recording, tau=tau))
+    return replace(case, recordings=tuple(late))
+
+
+@pytest.mark.parametrize(
+    ("delays", "named"), [((0.05, 0.05, 0.05), True), ((0.08, 0.02, 0.08), False)]
+)
+def test_a_late_torque_is_late_on_all_joints(
+    delays: tuple[float, ...], named: bool
+) -> None:
+    names = [fault.name for fault in find_setup_faults(late_by(*delays))]
+    assert ("late_torque" in names) == named
+
+
+def test_a_late_torque_is_hinted_at() -> None:
+    healthy = sound("healthy")
+    assert not looks_late(healthy)
+    assert looks_late(spoilt(healthy, LateTorque("delay", 0.04)))
