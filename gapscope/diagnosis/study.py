@@ -118,7 +118,9 @@ def examine(case: Case, progress: Progress, baseline: Baseline | None = None) ->
     # with that of the other faults.
     with_references = any(r.q_ref is not None for r in case.recordings)
     even = on_one_clock(case) if with_references else case
-    seen, references = find_reference_faults(excerpt(even))
+    # what a controller feeds forward is the torque of the arm that is declared, not of one identified since
+    declared = even.arm if baseline is None else baseline.declared or even.arm
+    seen, references = find_reference_faults(replace(excerpt(even), arm=declared))
     case = replace(repaired(case, references), warnings=seen.warnings)
     case = with_commanded_torque(case)
     check_torque(case)

@@ -10,6 +10,7 @@ from scipy.interpolate import make_interp_spline
 
 from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.gap.torque_gap import TorqueGap, torque_scale
 from gapscope.diagnosis.model.nuisance_prior import ReferenceErrors
@@ -33,6 +34,7 @@ class Baseline:
         skew: by which the recorded torque is ahead of the motion [s].
         errors: what the reference leaves open of the arm, if that counts.
         faults: name and variant of those that show in the reference's recordings as well: they are no change.
+        declared: the arm that the case declares, of which its controller knows; ``None`` if it is the identified one.
     """
 
     effects: tuple[AppliedEffect, ...]
@@ -41,6 +43,7 @@ class Baseline:
     skew: float = 0.0
     errors: ReferenceErrors | None = None
     faults: frozenset[tuple[str, str]] = frozenset()
+    declared: NominalArm | None = None
 
     def adjusted(self, case: Case) -> Case:
         """The case with the skew, and what the baseline's effects do, taken out of the recorded torque.

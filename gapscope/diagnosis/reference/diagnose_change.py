@@ -62,6 +62,7 @@ def diagnose_change(
             reference.skew,
             reference_errors(reference, nominal.arm),
             reference.faults,
+            case.arm,
         )
         study = examine(nominal, progress, baseline)
         change = Change(

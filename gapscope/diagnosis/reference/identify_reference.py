@@ -80,7 +80,9 @@ def _identified(fit: ReferenceFit) -> IdentifiedReference:
 
 def _with_inherent(identified: IdentifiedReference, case: Case) -> IdentifiedReference:
     """The arm with the inherent effects and the faults that a diagnosis of the reference itself finds."""
-    plain = Baseline(identified.effects, identified.rest, identified.scale)
+    plain = Baseline(
+        identified.effects, identified.rest, identified.scale, declared=case.arm
+    )
     with TemporaryDirectory(prefix="gapscope-") as folder:
         nominal = identified.on(case, Path(folder))
         study = examine(nominal, lambda message: None, plain)
