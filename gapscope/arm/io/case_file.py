@@ -17,6 +17,8 @@ from gapscope.arm.io.json_file import LARGEST_WHOLE
 
 LARGEST_YAML = 5_000_000
 """Size of the largest YAML file that is read [bytes]; that of a case has some kB."""
+DEEPEST_YAML = 300
+"""Open brackets of a YAML file: the parser looks at all of them at each word, and recurses."""
 LARGEST_EXPANSION = 1_000_000
 """Values that a YAML file may stand for, aliases written out [1]."""
 
@@ -119,6 +121,8 @@ def _loaded(text: str) -> Any:
         yaml.YAMLError: it is no YAML, or its aliases stand for themselves or for too much.
         RecursionError: it is nested too deeply.
     """
+    if _open_brackets(text) > DEEPEST_YAML:
+        raise RecursionError
     loader = _Loader(text)
     try:
         root = loader.get_single_node()
@@ -131,6 +135,15 @@ def _loaded(text: str) -> Any:
         return loader.construct_document(root)
     finally:
         loader.dispose()
+
+
+def _open_brackets(text: str) -> int:
+    """Most brackets that are open at once, those in quotes and comments among them."""
+    count = most = 0
+    for bracket in re.findall(r"[\[\]{}]", text):
+        count += 1 if bracket in "[{" else -1
+        most = max(most, count)
+    return most
 
 
 def _expanded_size(node: yaml.Node, known: dict[int, int]) -> int:
