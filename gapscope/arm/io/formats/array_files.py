@@ -12,6 +12,7 @@ import numpy as np
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.input_file import LARGEST_IN_MEMORY, LARGEST_UNPACKED, check_file
+from gapscope.arm.io.formats.matlab_tags import check_tags
 from gapscope.arm.io.log_table import Log, LogTable
 from gapscope.arm.io.table import Table
 
@@ -99,6 +100,7 @@ def _matlab_arrays(path: Path) -> dict[str, np.ndarray]:
     check_file(path, "is the file complete?", LARGEST_IN_MEMORY)
     try:
         _check_unpacked(path)
+        check_tags(path)
         content = scipy.io.loadmat(path, simplify_cells=True)
     except InputError:
         raise
