@@ -49,6 +49,7 @@ from gapscope.diagnosis.thresholds import (
     FAULT_SINGLE_RECORDING_FACTOR,
     FAULT_VALUE_CHARGE,
     FAULT_VALUES_GAIN,
+    LATE_JOINT_LOSS,
     LATE_REFERENCE_SHARE,
     OTHER_DELAYS,
     TORQUE_DELAY_STARTS,
@@ -244,7 +245,7 @@ def _is_of_all_joints(
         return True
     (delay,), n = candidate.values["delay"], scorer.arm.n_joints
     own = after.joint_gain(before)
-    if own.min() < -FAULT_FOLD_LOSS:
+    if -own.min() > max(FAULT_FOLD_LOSS, LATE_JOINT_LOSS * own.sum()):
         return False
     gains = [own]
     for share in OTHER_DELAYS:
