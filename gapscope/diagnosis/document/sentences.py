@@ -70,12 +70,13 @@ def _as_much_as_real_arms(document: Document) -> str:
     """A further sentence if what stays unexplained is no more than a healthy real arm may leave; empty otherwise."""
     if document["verdict"] != "unexplained":
         return ""
-    left = [after for _, after, _ in gap_rows(document) if after is not None]
-    if not left or max(left) > HEALTHY_REAL:
+    after = document["gap"]["after"]["torque_nrmse"]
+    left = [after[joint - 1] for joint in document["unexplained"].get("joints", ())]
+    if not left or None in left or max(left) > HEALTHY_REAL:
         return ""
     return (
-        f" No joint keeps more than {percent(max(left))} of its torque's deviation: a complete model of a healthy real "
-        f"arm leaves up to {percent(HEALTHY_REAL)}, so that on a real arm this need not be a fault."
+        f" No joint above its floor keeps more than {percent(max(left))} of its torque's deviation: a complete model "
+        f"of a healthy real arm leaves up to {percent(HEALTHY_REAL)}, so that on a real arm this need not be a fault."
     )
 
 
