@@ -75,8 +75,8 @@ def _as_much_as_real_arms(document: Document) -> str:
     if not left or None in left or max(left) > HEALTHY_REAL:
         return ""
     return (
-        f" No joint above its floor keeps more than {percent(max(left))} of its torque's deviation: a complete model "
-        f"of a healthy real arm leaves up to {percent(HEALTHY_REAL)}, so that on a real arm this need not be a fault."
+        f" On a real arm this need not be a fault: models of healthy ones leave up to {percent(HEALTHY_REAL)} of a "
+        f"joint's torque, here {percent(max(left))}."
     )
 
 
