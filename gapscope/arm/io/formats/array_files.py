@@ -12,7 +12,12 @@ import numpy as np
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.input_file import LARGEST_IN_MEMORY, LARGEST_UNPACKED, check_file
-from gapscope.arm.io.formats.matlab_tags import check_tags
+from gapscope.arm.io.formats.matlab_tags import (
+    COMPRESSED,
+    HEADER,
+    byte_order,
+    check_tags,
+)
 from gapscope.arm.io.log_table import Log, LogTable
 from gapscope.arm.io.table import Table
 
@@ -20,7 +25,7 @@ LARGEST = 100_000_000
 """Numbers in an array from which it is left unread [1]: 800 MB."""
 
 _MATLAB_HDF5 = b"MATLAB 7.3"
-_COMPRESSED, _PIECE = 15, 1_000_000
+_PIECE = 1_000_000
 
 
 def read_hdf5(path: Path) -> Log:
@@ -127,11 +132,11 @@ def _check_unpacked(path: Path) -> None:
     """
     unpacked = 0
     with path.open("rb") as file:
-        order = ">" if file.read(128)[126:] == b"MI" else "<"
+        order = byte_order(file.read(HEADER)) or "<"
         while len(tag := file.read(8)) == 8:
             kind, size = struct.unpack(f"{order}II", tag)
             left = size
-            if kind != _COMPRESSED:
+            if kind != COMPRESSED:
                 file.seek(size, 1)
                 continue
             stream = zlib.decompressobj()
