@@ -3,8 +3,8 @@
     .venv/bin/python experiments/47_long_run.py [--steps 1000000] [--diagnoses 10000] [--part NAME ...]
 
 Parts ``pybullet``, ``mujoco`` and ``dart``: environment steps as in training, four environments in vector form that
-reset themselves, other effects in every episode, random actions. Part ``diagnosis``: short cases (three joints, two
-recordings of 5 s at 100 Hz), each read from a folder of its own, diagnosed, written with its report, and removed, in
+reset themselves, other effects in every episode, random actions. Part ``diagnosis``: short cases (two joints, two
+recordings of 3 s at 100 Hz), each read from a folder of its own, diagnosed, written with its report, and removed, in
 one process. Every part runs in a process and a temporary folder of its own; memory is the resident set after a
 collection of garbage.
 
@@ -56,7 +56,7 @@ STRETCHES = 10
 """Means that the line goes through."""
 WARM_UP = 0.2
 """Share of a run that is left out."""
-JOINTS = ("lbr_iiwa_joint_2", "lbr_iiwa_joint_4", "lbr_iiwa_joint_6")
+JOINTS = ("lbr_iiwa_joint_2", "lbr_iiwa_joint_4")
 """Joints of the short cases; the iiwa's others are locked."""
 
 
@@ -144,7 +144,7 @@ def others() -> list[str]:
 
 def recorded(name: str, arm: NominalArm, effects: tuple[AppliedEffect, ...]) -> Case:
     """A short case of a simulated arm."""
-    plan = Plan(recordings=2, duration=5.0, rate=100.0, engine="mujoco")
+    plan = Plan(recordings=2, duration=3.0, rate=100.0, engine="mujoco")
     return record_case(name, arm, effects, plan, np.random.default_rng(0))
 
 

@@ -259,7 +259,7 @@ def of_xml(content: bytes, rng: random.Random) -> bytes:
             if kind == 4:
                 element.remove(child)
             else:
-                rng.choice(list(root.iter())).append(ET.fromstring(ET.tostring(child)))
+                rng.choice(list(root.iter())).append(deepcopy(child))
     text = ET.tostring(root, encoding="unicode")
     return text.replace("\0", "").encode("utf-8", "surrogatepass")
 

@@ -53,6 +53,14 @@ def test_the_rest_is_measured_with_the_nuisance_or_without() -> None:
     assert without == pytest.approx([18.0], abs=1e-4)  # |3 N|^2
 
 
+def test_a_column_of_rounding_gets_zero_and_the_others_their_values() -> None:
+    """The centre of a load along parallel axes: what rounding leaves of its column says nothing of any value."""
+    rounding = 1e-8 * np.array([1.0, -2.0, 1.5])
+    total = gram(COLUMN, rounding, NUISANCE, GAP)
+    normal = NormalEquations(total, 2, np.array([[1e-12]]))
+    assert normal.solve(np.array([0, 1])) == pytest.approx([2.0, 0.0], abs=1e-6)
+
+
 def test_a_value_below_its_bound_stays_there_and_the_other_is_fitted_again() -> None:
     """|x + y - 1|^2 + |y - 3|^2 with x >= -1: by hand x = -2, y = 3 without the bound; with x = -1, y = 2.5."""
     columns = np.array([[1.0, 1.0, 1.0], [0.0, 1.0, 3.0]])
