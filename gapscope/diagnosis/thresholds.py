@@ -334,6 +334,8 @@ COMPLIANCE_START_SHARE = 0.4
 PLAY_WIDTHS = np.geomspace(4e-4, 6e-2, 11)  # Widths of free play to try [rad]. (physical)
 
 # --- assessment: excess residual, what exceeds the floor
+# Errors of the nominal inertials that are less likely than this explain no gap as a whole [1]. (statistics)
+UNLIKELY_ERRORS = 1e-6
 # A healthy arm's residual is called above the floor on any joint in no more than this share of cases [1]. (statistics)
 FALSE_ALARM_RATE = 0.01
 ABOVE_FLOOR_RATIO = 1.6  # Without effects a gap is above the floor if it exceeds it by this factor [1]... (hand)

@@ -78,6 +78,10 @@ class TableEvidence:
         """The given mean squares."""
         return np.asarray(self.mse(terms))
 
+    def likely_mse(self, terms: frozenset[Term]) -> np.ndarray:
+        """The same: all errors of the arm are likely."""
+        return self.held_out_mse(terms)
+
 
 def selection(
     *terms: Term,

@@ -108,7 +108,7 @@ def excess_residual(
 
     # Mean squares [N^2 m^2], (n,).
     before2 = pooled(selection.nominal_mse)
-    after2 = np.minimum(pooled(evidence.held_out_mse(terms)), gap**2)
+    after2 = np.minimum(pooled(evidence.likely_mse(terms)), gap**2)
     floor2 = np.maximum(pooled(evidence.floor2), np.square(least_floor))
 
     expected2 = pooled(evidence.expected2)

@@ -76,7 +76,7 @@ def _inertial_error_mse(selection: Selection, gap: TorqueGap) -> np.ndarray:
     evidence, terms = selection.evidence, selection.fit.terms
 
     with_errors = evidence.held_out_mse(terms, corrected=False)
-    without_errors = evidence.held_out_mse(terms, corrected=True)
+    without_errors = evidence.likely_mse(terms)
     rows = evidence.rows
     explained = (with_errors * rows).sum(axis=0) - (without_errors * rows).sum(axis=0)
     explained = np.clip(explained, 0.0, None) / rows.sum(axis=0)

@@ -23,9 +23,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.stats import chi2
 
 from gapscope.diagnosis.model.linearisation import Linearisation
-from gapscope.diagnosis.model.normal_equations import NormalEquations
+from gapscope.diagnosis.model.normal_equations import NormalEquations, solve_positive
 from gapscope.diagnosis.model.terms import (
     Term,
     cost,
@@ -44,6 +45,7 @@ from gapscope.diagnosis.thresholds import (
     PRIOR_EXPONENT,
     SKEW_CHARGE,
     SKEWS,
+    UNLIKELY_ERRORS,
 )
 
 FEWEST_AT_ONCE = 8
@@ -247,6 +249,28 @@ class Evidence:
         return self.torque.mean_square(
             self._without_fold, columns_of(terms), corrected=corrected
         )
+
+    def likely_mse(self, terms: frozenset[Term]) -> np.ndarray:
+        """``held_out_mse`` with the nuisances taken out as far as they are likely [N^2 m^2], (F, n).
+
+        Errors delta of a data sheet whose delta^T Q delta exceeds ``UNLIKELY_ERRORS`` of chi2 with as many degrees of
+        freedom as the data tell of them are taken out by a share s that does not: (1 - s)^2 of what they explain stays.
+        """
+        plain = self.held_out_mse(terms, corrected=False)
+        corrected = self.held_out_mse(terms, corrected=True)
+        remaining = (1.0 - self._likely_share(terms)) ** 2
+        return corrected + remaining * np.maximum(plain - corrected, 0.0)
+
+    def _likely_share(self, terms: frozenset[Term]) -> float:
+        """Share of the nuisances that a data sheet's errors can have [1]; 1 against a reference."""
+        if self.linear.data.reference is not None:
+            return 1.0
+        delta = self.nuisances(terms)
+        told = solve_positive(self._all.nuisance_precision, self.prior)
+        freedom = max(len(delta) - float(np.trace(told)), 1.0)
+        most = float(chi2.isf(UNLIKELY_ERRORS, freedom))
+        squared = float(delta @ self.prior @ delta)
+        return min(1.0, float(np.sqrt(most / max(squared, 1e-12))))
 
     def in_sample_mse(
         self, terms: frozenset[Term], *, corrected: bool = True

@@ -45,6 +45,20 @@ def test_held_out_gap_of_the_true_term_falls_on_its_joint_alone():
     assert after[[0, 2]] == pytest.approx(before[[0, 2]], rel=0.2)
 
 
+def test_errors_of_the_arm_explain_no_more_than_a_data_sheet_can_be_wrong_by():
+    """A load of 1 % of the arm may be such an error, one that weighs more than the last link may not."""
+
+    def left(mass: float) -> np.ndarray:
+        evidence = model(Truth(mass=mass, com=(0.0, 0.0, 0.15))).evidence
+        plain = evidence.held_out_mse(NONE, corrected=False).mean(axis=0)
+        corrected = evidence.held_out_mse(NONE).mean(axis=0)
+        likely = evidence.likely_mse(NONE).mean(axis=0)
+        return (likely - corrected) / (plain - corrected)
+
+    assert left(0.05) == pytest.approx(0.0, abs=1e-9)
+    assert (left(5.0) > 0.1).all()
+
+
 def test_a_term_of_nothing_lowers_the_evidence():
     nominal = model(STIFF)
     useless = frozenset({term(nominal, "torque_offset", 3)})
