@@ -28,7 +28,9 @@ ACCELERATION = 5.0
 SPEED = 1.5
 """Joints move no faster than this, whatever the URDF allows [rad/s]."""
 MARGIN = 0.1
-"""Distance kept from the position limits, more than an encoder is usually off [rad]."""
+"""Distance kept from the position limits, more than an encoder is usually off [rad]..."""
+NARROW = 0.25
+"""...but no more than this share of a joint's range, of which else nothing might be left [1]."""
 POSTURE_SPREAD = 0.35
 """Share of the room about the working posture in which postures are drawn [1]."""
 DWELL = 0.3
@@ -59,8 +61,7 @@ def workspace(
         InputError: the posture has another number of joints, or lies outside the limits.
     """
     if limits is None:
-        limits = urdf_limits(body, ACCELERATION, margin=MARGIN)
-        limits = limits._replace(velocity=np.minimum(limits.velocity, SPEED))
+        limits = _own_limits(body)
     kinematics = Kinematics(body)
     if posture is None:
         posture = working_posture(kinematics, limits)
@@ -79,6 +80,18 @@ def workspace(
             where="posture",
         )
     return Workspace(kinematics, limits, posture)
+
+
+def _own_limits(body: RigidBody) -> Limits:
+    """Limits of the URDF with the margin, and those of speed and acceleration that the motions have."""
+    widest = urdf_limits(body, ACCELERATION, margin=0.0)
+    limits = urdf_limits(body, ACCELERATION, margin=MARGIN)
+    narrow = NARROW * (widest.upper - widest.lower)
+    return limits._replace(
+        lower=np.minimum(limits.lower, widest.lower + narrow),
+        upper=np.maximum(limits.upper, widest.upper - narrow),
+        velocity=np.minimum(limits.velocity, SPEED),
+    )
 
 
 def draw_motion(

@@ -1,5 +1,7 @@
 """Named motions: limits hold, derivatives are derivatives, straight lines are straight."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -202,3 +204,20 @@ def test_an_arm_of_one_joint_moves_but_holds_no_line(tmp_path) -> None:
         workspace(body, posture=np.zeros(3))
     with pytest.raises(InputError, match="outside its limits"):
         workspace(body, posture=np.full(1, 9.0))
+
+
+def test_of_a_narrow_range_the_margin_leaves_half(tmp_path: Path) -> None:
+    """A range of +-0.06 rad, as of a file whose radians are read as degrees, within the margin of 0.1 rad."""
+    joint = (
+        '<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/><axis xyz="0 1 0"/>'
+        '<origin xyz="0 0 0.3"/><limit lower="{3}" upper="{4}" effort="50" velocity="2"/></joint>'
+        '<link name="{2}"><inertial><origin xyz="0 0 0.1"/><mass value="1"/>'
+        '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    )
+    joints = joint.format("wide", "base", "a", -2, 2)
+    joints += joint.format("narrow", "a", "b", -0.06, 0.06)
+    file = tmp_path / "robot.urdf"
+    file.write_text(f'<robot name="narrow"><link name="base"/>{joints}</robot>')
+    limits = workspace(RigidBody(load_nominal_arm(file))).limits
+    assert limits.lower == pytest.approx([-1.9, -0.03])
+    assert limits.upper == pytest.approx([1.9, 0.03])
