@@ -15,17 +15,22 @@ memory, ends of the process, files written or opened elsewhere, programs or sock
 from __future__ import annotations
 
 import argparse
+import gc
 import json
 import resource
 import subprocess
 import sys
 import tempfile
 import time
+from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "fuzz"))
 
+import fuzz_mutations
 import fuzz_run
 import fuzz_targets
 
@@ -33,6 +38,8 @@ TOTAL = 1_000_000
 """Inputs in all, by default [1]."""
 CHUNK = 2000
 """Inputs in one process [1]."""
+NOTED = 500
+"""Inputs guided by coverage after which the outcome is written [1]."""
 STUCK = 900.0
 """A process that stays at one input for so long hangs in a library [s]; a busy machine takes minutes to import."""
 
@@ -139,31 +146,51 @@ def one(name: str, number: int) -> None:
         print(target.read(place))
 
 
+def _is_own(function: FunctionType) -> bool:
+    """Whether a function is of the package."""
+    return str(function.__module__).split(".")[0] == "gapscope"
+
+
 def guided(name: str, inputs: int, out: Path) -> None:
-    """Inputs that libFuzzer makes from those that reached new lines of the package; the corpus stays in ``out``."""
+    """Inputs that libFuzzer makes from those that reached new lines of the package; those kept lie in ``out``.
+
+    What became of them stands in ``OUT/guided/READER.json``; an input that is a fault is kept beside it.
+    """
     import atheris
 
-    with atheris.instrument_imports(include=["gapscope"], enable_loader_override=False):
-        target = fuzz_targets.targets()[name]
-    atheris.instrument_all()
-    from gapscope.arm.errors import GapscopeError
-
-    folder = Path(tempfile.mkdtemp(prefix="gapscope_fuzz_"))
+    target, place = fuzz_targets.targets()[name], out / "guided"
+    folder, corpus = place / f"{name}.work" / "input", place / f"{name}.corpus"
+    for each in (folder, corpus):
+        each.mkdir(parents=True, exist_ok=True)
     target.make(folder)
-    corpus = out / f"{name}.corpus"
-    corpus.mkdir(exist_ok=True)
+    (folder.parent / fuzz_mutations.OUTSIDE).write_text("t,q1\n0,0\n")
     (corpus / "seed").write_bytes((folder / target.file).read_bytes())
+    # read once, so that all that the reader imports is there; functions of libraries would take minutes
+    target.read(folder)
+    for function in gc.get_objects():
+        if isinstance(function, FunctionType) and _is_own(function):
+            atheris.instrument_func(function)
+    outcome, watch = fuzz_run.Outcome(), fuzz_run.Watch(folder)
+    begun = time.process_time()
 
     def read(content: bytes) -> None:
+        faults, number = len(outcome.faults), outcome.read + outcome.refused + 1
         (folder / target.file).write_bytes(content)
-        try:
-            target.read(folder)
-        except GapscopeError:
-            return
+        with suppress(OSError, ValueError, TypeError, KeyError):
+            target.finish(folder)
+        fuzz_run.judge(target, number, folder, watch, outcome)
+        if len(outcome.faults) > faults:
+            (place / f"{name}.{faults}").write_bytes(content)
+        if number % NOTED == 0:
+            peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+            seconds = time.process_time() - begun
+            measured = {"inputs": number, "seconds": seconds, "peak_mb": peak}
+            text = json.dumps(asdict(outcome) | measured, indent=1)
+            (place / f"{name}.json").write_text(text)
 
-    options = [f"-runs={inputs}", "-max_len=20000", "-timeout=20", "-rss_limit_mb=4000"]
+    options = [f"-runs={inputs}", "-max_len=20000", "-timeout=60", "-rss_limit_mb=4000"]
     atheris.Setup(
-        [sys.argv[0], str(corpus), *options, f"-artifact_prefix={out}/"], read
+        [sys.argv[0], str(corpus), *options, f"-artifact_prefix={place}/"], read
     )
     atheris.Fuzz()
 
@@ -173,13 +200,14 @@ def summary(out: Path) -> str:
     rows = ["| reader | inputs | read | refused | faults | peak MB | ms each |"]
     rows.append("|---|---:|---:|---:|---:|---:|---:|")
     sums = [0, 0, 0, 0]
-    for file in sorted(out.glob("*.json")):
+    for file in sorted([*out.glob("*.json"), *out.glob("guided/*.json")]):
         state = json.loads(file.read_text())
         counts = [state[key] for key in ("inputs", "read", "refused")]
         counts.append(len(state["faults"]))
         sums = [a + b for a, b in zip(sums, counts, strict=True)]
         each = 1e3 * state["seconds"] / max(state["inputs"], 1)
-        cells = [file.stem, *map(str, counts), f"{state['peak_mb']:.0f}", f"{each:.1f}"]
+        guided = file.stem + (", guided" if file.parent != out else "")
+        cells = [guided, *map(str, counts), f"{state['peak_mb']:.0f}", f"{each:.1f}"]
         rows.append(f"| {' | '.join(cells)} |")
         for kind, count in fuzz_run.kinds(state["faults"]).most_common(5):
             print(f"{file.stem}: {count} x {kind}")

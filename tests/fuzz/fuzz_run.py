@@ -197,8 +197,8 @@ def _one(
     watch: Watch,
     outcome: Outcome,
 ) -> None:
-    place = folder / target.file
     changed = mutated(target, content, number)
+    place = folder / target.file
     with suppress(OSError):
         place.unlink()
     if place.is_dir():
@@ -209,6 +209,16 @@ def _one(
         place.write_bytes(changed)
         with suppress(OSError, ValueError, TypeError, KeyError):
             target.finish(folder)
+    judge(target, number, folder, watch, outcome)
+    for other in target_files(seeds):
+        if other != target.file and not same(folder / other, seeds / other):
+            shutil.copyfile(seeds / other, folder / other)
+
+
+def judge(
+    target: Target, number: int, folder: Path, watch: Watch, outcome: Outcome
+) -> None:
+    """Read what lies in the folder, and add to the outcome what became of it."""
     fault = ""
     for timer, alarm, seconds in _TIMERS:
         signal.signal(alarm, _hang)
@@ -240,9 +250,6 @@ def _one(
         outcome.faults.append(
             {"number": number, "what": fault.splitlines()[0], "where": _origin(fault)}
         )
-    for other in target_files(seeds):
-        if other != target.file and not same(folder / other, seeds / other):
-            shutil.copyfile(seeds / other, folder / other)
 
 
 def target_files(seeds: Path) -> list[str]:

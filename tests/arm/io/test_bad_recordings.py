@@ -6,9 +6,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.io.formats.table_files import read_parquet
 from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.io.write_case import write_recording
 from gapscope.arm.nominal import NominalArm
@@ -211,6 +214,26 @@ def test_damaged_binary_files(
     ) as caught:
         load_recording(path, arm)
     assert caught.value.remedy == "is the file complete?"
+
+
+def test_a_parquet_file_with_any_byte_changed_is_read_or_refused(
+    tmp_path: Path,
+) -> None:
+    """A page that says it has no rows leaves its column shorter than the others."""
+    path, table = tmp_path / "log.parquet", pa.table({"t": [0.0, 1.0], "q1": [2.0] * 2})
+    pq.write_table(table, path, compression="none", use_dictionary=False)
+    sound, reasons = path.read_bytes(), ""
+    for place in range(len(sound)):
+        damaged = bytearray(sound)
+        damaged[place] ^= 1
+        path.write_bytes(damaged)
+        try:
+            columns = read_parquet(path).columns
+        except InputError as error:
+            reasons += error.message
+        else:
+            assert len(columns) == 2
+    assert "rows, the first" in reasons
 
 
 def test_arrays_of_different_length(arm: NominalArm, tmp_path: Path) -> None:

@@ -179,13 +179,12 @@ def _decoded(path: Path, kind: str, raw: bytes, store: Any) -> Any:
     Raises:
         InputError: they do not fit.
     """
-    from rosbags.serde import SerdeError
-
     try:
         return store.deserialize_cdr(raw, kind)
-    except (SerdeError, IndexError, MemoryError) as error:
+    # definitions in a bag may name types that there are not, or themselves; the library passes on what it meets
+    except Exception as error:
         raise InputError(
-            f"a message of type {kind} cannot be decoded ({error})",
+            f"a message of type {kind} cannot be decoded ({type(error).__name__}: {error})",
             "record the bag with its message definitions (MCAP does), or convert it with ros2 bag convert",
             file=path,
         ) from None

@@ -177,6 +177,14 @@ def read_parquet(path: Path) -> Table:
             f"cannot be read as Parquet ({error})", "is the file complete?", file=path
         ) from None
     count = len(next(iter(columns.values()), ()))
+    # each column is read alone, so that a damaged page may leave one shorter
+    short = [name for name, column in columns.items() if len(column) != count]
+    if short:
+        raise InputError(
+            f"cannot be read as Parquet (column {short[0]!r} has {len(columns[short[0]])} rows, the first {count})",
+            "is the file complete?",
+            file=path,
+        )
     if not count:
         raise InputError("has no rows", "give a file with samples", file=path)
     return Table(path, columns, range(1, count + 1))
