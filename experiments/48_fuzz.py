@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import gc
+import itertools
 import json
 import resource
 import subprocess
@@ -171,10 +172,10 @@ def guided(name: str, inputs: int, out: Path) -> None:
         if isinstance(function, FunctionType) and _is_own(function):
             atheris.instrument_func(function)
     outcome, watch = fuzz_run.Outcome(), fuzz_run.Watch(folder)
-    begun = time.process_time()
+    begun, numbers = time.process_time(), itertools.count(1)
 
     def read(content: bytes) -> None:
-        faults, number = len(outcome.faults), outcome.read + outcome.refused + 1
+        faults, number = len(outcome.faults), next(numbers)
         (folder / target.file).write_bytes(content)
         with suppress(OSError, ValueError, TypeError, KeyError):
             target.finish(folder)
