@@ -8,7 +8,12 @@ from typing import Any
 
 import typer
 
-from gapscope.arm.errors import EngineWarning, GapscopeError, ModelWarning
+from gapscope.arm.errors import (
+    EngineWarning,
+    GapscopeError,
+    InputError,
+    ModelWarning,
+)
 from gapscope.commands.advise import advise
 from gapscope.commands.agents.evaluate import evaluate
 from gapscope.commands.agents.train import train
@@ -86,10 +91,26 @@ def _show_warning(
         _python_warning(message, category, *place, **more)
 
 
+def _check_none_empty(arguments: list[str]) -> None:
+    """Check that no argument is empty: as a path that would be the folder one is in.
+
+    Raises:
+        InputError: one is.
+    """
+    if "" in arguments:
+        place = arguments.index("")
+        after = f"after {arguments[place - 1]}" if place else "the first"
+        raise InputError(
+            f"an argument is empty ({after})",
+            "is a variable of the shell not set? give a value, or leave the option out",
+        )
+
+
 def main(arguments: list[str] | None = None) -> Any:
     """Run a command; the process ends with 0, 1 (the work failed, said why) or 2 (bad input)."""
     warnings.showwarning = _show_warning
     try:
+        _check_none_empty(sys.argv[1:] if arguments is None else arguments)
         app(args=arguments)
     except GapscopeError as error:
         note(f"gapscope: {error}", style="red")

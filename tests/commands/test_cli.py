@@ -617,6 +617,12 @@ class TestBatch:
         assert done.code == 2 and "--backend" in done.err and "cluster" in done.err
 
 
+def test_an_empty_argument_is_not_the_folder_one_is_in(gapscope: Command) -> None:
+    done = gapscope("diagnose", "case", "--out", "")
+    assert done.code == 2
+    assert "an argument is empty (after --out)" in done.err
+
+
 def test_names_with_markup_are_printed_as_they_are(
     gapscope: Command, tmp_path: Path
 ) -> None:

@@ -6,13 +6,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.input_file import check_file, is_folder
+from gapscope.arm.input_file import check_file, is_file, is_folder
 from gapscope.arm.io.formats.array_files import read_hdf5, read_mat
-from gapscope.arm.io.formats.lerobot import is_dataset, read_dataset
-from gapscope.arm.io.formats.rosbag import read_bag
+from gapscope.arm.io.formats.lerobot import INFO, is_dataset, read_dataset
+from gapscope.arm.io.formats.rosbag import METADATA, bag_files, read_bag
 from gapscope.arm.io.formats.table_files import read_csv, read_npz, read_parquet
 from gapscope.arm.io.log_table import Log, LogTable
-from gapscope.arm.io.table import Table
+from gapscope.arm.io.table import Table, shortened
 
 __all__ = ["READERS", "Log", "LogTable", "open_log"]
 
@@ -56,7 +56,10 @@ def open_log(path: str | Path) -> Log:
     """
     path = Path(path)
     if is_folder(path):
-        return read_dataset(path) if is_dataset(path) else read_bag(path)
+        if is_dataset(path):
+            return read_dataset(path)
+        _check_bag_folder(path)
+        return read_bag(path)
     check_file(path, CHECK_PATH)
     reader = READERS.get(path.suffix.lower())
     if reader is None:
@@ -66,3 +69,19 @@ def open_log(path: str | Path) -> Log:
             file=path,
         )
     return reader(path)
+
+
+def _check_bag_folder(path: Path) -> None:
+    """Check that a folder has what makes it a rosbag2 folder.
+
+    Raises:
+        InputError: it has not.
+    """
+    if is_file(path / METADATA):
+        return
+    logs = [file.name for file in bag_files(path) if file.suffix.lower() in READERS]
+    raise InputError(
+        f"is a folder with neither {METADATA} of a rosbag2 nor {INFO} of a LeRobot dataset",
+        f"give one of its files: {shortened(logs)}" if logs else CHECK_PATH,
+        file=path,
+    )

@@ -188,5 +188,8 @@ def test_truncated(
 
 def test_folder_without_metadata(arm: NominalArm, tmp_path: Path) -> None:
     (tmp_path / "bag").mkdir()
-    with pytest.raises(InputError, match="cannot be read as a ROS 2 bag"):
+    with pytest.raises(InputError, match="neither metadata.yaml of a rosbag2"):
+        load_recording(tmp_path / "bag", arm)
+    (tmp_path / "bag" / "bag_0.mcap").touch()
+    with pytest.raises(InputError, match="give one of its files: bag_0.mcap"):
         load_recording(tmp_path / "bag", arm)
