@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+LONGEST = 2000
+"""Characters of a message; of more, as of a value that is a whole file, the middle is left out."""
+
 
 class GapscopeError(Exception):
     """Root of all errors that Gapscope raises on purpose.
@@ -17,9 +20,21 @@ class GapscopeError(Exception):
     exit_code = 1
 
     def __init__(self, message: str, remedy: str = "") -> None:
+        message = _shortened(message)
         self.message = message
         self.remedy = remedy
         super().__init__(message if not remedy else f"{message}\n  remedy: {remedy}")
+
+
+def _shortened(message: str) -> str:
+    """A message of at most ``LONGEST`` characters and a note in its middle."""
+    if len(message) <= LONGEST:
+        return message
+    end = LONGEST // 4
+    left_out = len(message) - LONGEST
+    return (
+        f"{message[: LONGEST - end]} ... ({left_out} characters) ... {message[-end:]}"
+    )
 
 
 class InputError(GapscopeError):

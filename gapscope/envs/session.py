@@ -19,6 +19,7 @@ from gapscope.arm.motions.named_motions import (
     draw_motion,
     workspace,
 )
+from gapscope.arm.motions.sample_count import check_sample_count
 from gapscope.arm.motions.sampled import Sampled, read_sampled
 from gapscope.arm.motions.trajectory import ReferenceMotion
 from gapscope.arm.nominal import NominalArm
@@ -75,6 +76,7 @@ class Plan:
             raise InputError(
                 f"a case holds recordings of at least {SHORTEST:g} s", where="duration"
             )
+        check_sample_count(self.duration, self.rate, self.recordings)
         for name in ("noise", "encoder_noise"):
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
                 raise InputError(

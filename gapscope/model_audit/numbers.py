@@ -59,7 +59,7 @@ class NumberReader:
         if len(found) == len(default):
             return found
         if len(found):
-            self._add(element, attribute, text, place, f"{len(default)} numbers")
+            self.add(element, attribute, text, place, f"{len(default)} numbers")
         return np.array(default)
 
     def _numbers(
@@ -71,12 +71,13 @@ class NumberReader:
             found = np.array([np.nan])
         if len(found) and np.isfinite(found).all():
             return found
-        self._add(element, attribute, text, place, "finite numbers")
+        self.add(element, attribute, text, place, "finite numbers")
         return np.empty(0)
 
-    def _add(
+    def add(
         self, element: ET.Element, attribute: str, text: str, place: str, wanted: str
     ) -> None:
+        """Note that an attribute is not what is wanted."""
         self.findings.append(
             Finding(
                 "impossible",

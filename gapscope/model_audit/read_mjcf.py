@@ -213,10 +213,15 @@ class MjcfReader:
         position = self.numbers.several(element, "pos", ZERO, place, values)
         turn = np.eye(3)
         if "quat" in values:
-            w, x, y, z = self.numbers.several(
+            found = self.numbers.several(
                 element, "quat", (1.0, 0.0, 0.0, 0.0), place, values
             )
-            turn = Rotation.from_quat([x, y, z, w]).as_matrix()
+            if np.linalg.norm(found) > 0:
+                w, x, y, z = found
+                turn = Rotation.from_quat([x, y, z, w]).as_matrix()
+            else:
+                wanted = "a quaternion other than zero"
+                self.numbers.add(element, "quat", values["quat"], place, wanted)
         elif "euler" in values:
             angles = self.numbers.several(element, "euler", ZERO, place, values)
             turn = self._of_euler(angles * self._angle)

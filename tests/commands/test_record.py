@@ -209,6 +209,9 @@ def test_without_a_seed_each_session_differs() -> None:
         (("--controller", "lqr"), "controller: section of a case"),
         (("--rate", 300), "divide"),
         (("--duration", 0.2), "at least"),
+        (("--duration", 1e9), "5e+11 samples"),
+        (("--rate", 1e9), "beyond any robot's log"),
+        (("--recordings", 1_000_000), "at most 4,000,000"),
         (("--recordings", 0), "whole number"),
     ],
 )

@@ -262,7 +262,7 @@ def _sources(
         if source is not None:
             sources[name] = source
         elif required:
-            raise _missing_channel(name, channel, logs[channel.file], main, arm)
+            raise _missing_channel(name, channel, logs[channel.file], main, arm, found)
     return in_radians(sources, main.kind, importing), notes
 
 
@@ -306,9 +306,20 @@ def _channels(
 
 
 def _missing_channel(
-    name: str, channel: Channel, log: Log, main: LogTable, arm: NominalArm
+    name: str,
+    channel: Channel,
+    log: Log,
+    main: LogTable,
+    arm: NominalArm,
+    left_out: tuple[str, ...],
 ) -> InputError:
-    """The error on a channel that a recording of a case has to hold."""
+    """The error on a channel that a recording of a case has to hold; ``left_out`` says why it was not taken."""
+    if left_out:
+        return InputError(
+            left_out[0],
+            f"name the column and how to join it in the case's import section, or say {name}: null to do without",
+            file=log.path,
+        )
     tables = {table.name: table.table.columns for table in log.tables}
     held = main.table.columns if main.name in tables else next(iter(tables.values()))
     wanted = channel.names(arm.joints)[0]

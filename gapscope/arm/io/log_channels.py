@@ -112,7 +112,8 @@ class Locator:
             return source, ()
         if len(topics) > 1:
             return None, (f"{name} left out: on several topics, {', '.join(topics)}",)
-        doubt = _doubt(source, main.table)
+        names = source.channel.names(self.arm.joints)
+        doubt = _doubt(source, main.table, names, self.importing.time.column or "t")
         if doubt:
             return None, (f"{name} of {table.name} left out: {doubt}",)
         return source, (f"{name} from {table.name}",)
@@ -228,11 +229,25 @@ def _several(log: Log, names: Sequence[str], channel: str) -> InputError:
     )
 
 
-def _doubt(source: Source, main: Table) -> str:
-    """Why a topic that nobody named is not to be joined, or an empty text."""
-    columns = [source.table.columns[name] for name in source.channel.column]
-    if not np.isfinite(np.asarray(columns, dtype=float)).all():
+def _doubt(source: Source, main: Table, names: Sequence[str], time: str) -> str:
+    """Why a table that nobody named is not to be joined, or an empty text.
+
+    Args:
+        source: the channel in that table.
+        main: the table of the positions.
+        names: of the channel's columns.
+        time: name of the column of time.
+    """
+    columns = source.table.columns
+    missing = [name for name in names if name not in columns]
+    if missing:
+        return f"it has no column {missing[0]}"
+    if time not in columns or time not in main.columns:
+        rows = f"it has {len(source.table)} rows, the positions have {len(main)}"
+        return f"{rows}, and not both have a column {time}"
+    values = [columns[name] for name in names]
+    if not np.isfinite(np.asarray(values, dtype=float)).all():
         return "it is not finite throughout"
-    t, time = main.columns["t"], source.table.columns["t"]
-    covered = float(np.mean((t >= time[0]) & (t <= time[-1])))
+    t, stamps = main.columns[time], columns[time]
+    covered = float(np.mean((t >= stamps[0]) & (t <= stamps[-1])))
     return "" if covered >= LEAST_OVERLAP else f"it covers {covered:.0%} of the motion"

@@ -10,6 +10,7 @@ import numpy as np
 from gapscope.arm.dynamics.collision import CollisionModel
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
+from gapscope.arm.motions.sample_count import check_sample_count
 from gapscope.arm.motions.trajectory import urdf_limits
 from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
@@ -28,6 +29,7 @@ from gapscope.ident.excitation.random_search import RandomSearch
 from gapscope.ident.excitation.sampling import check_sampling
 from gapscope.ident.excitation.swarm import ParticleSwarm
 from gapscope.ident.excitation.trajectory_search import Budget
+from gapscope.ident.excitation.written_check import CHECKED_RATE
 from gapscope.ident.model.regressor import JOINT_COLUMNS
 
 SHORTEST = 10.0
@@ -124,6 +126,7 @@ class ExcitationPlan:
                 f"give {1 / self.frequency:g} s or more, or a higher base frequency",
                 where="duration",
             )
+        check_sample_count(length, max(self.rate, CHECKED_RATE))
 
     @property
     def length(self) -> float:

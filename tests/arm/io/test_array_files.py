@@ -52,6 +52,18 @@ def test_hdf5_with_two_rates(tmp_path: Path) -> None:
     assert list(log.tables[1].table.columns) == ["slow/q1", "slow/q2", "slow/t"]
 
 
+def test_hdf5_whose_torque_has_another_rate_and_no_time_says_so(
+    arm: NominalArm, tmp_path: Path
+) -> None:
+    path = tmp_path / "log.h5"
+    with h5py.File(path, "w") as file:
+        file["t"], file["q"], file["tau"] = T, Q, Q[::2]
+    told = "tau of 50 rows left out: it has 50 rows, the positions have 100"
+    with pytest.raises(InputError, match=told):
+        load_recording(path, arm, complete=True)
+    assert any(told in note for note in load_recording(path, arm).notes)
+
+
 def test_matlab_structures(arm: NominalArm, tmp_path: Path) -> None:
     path = tmp_path / "log.mat"
     log = {"t": T[:, None], "joints": {"q": Q.T}, "rate": 100.0, "label": "arm"}

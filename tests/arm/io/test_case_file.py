@@ -326,3 +326,11 @@ def test_write_case_without_torque_and_with_equal_names(
     made = Case("silent", folder, case.arm, (silent, silent))
     write_case(made, tmp_path / "made")
     same(made, load_case(tmp_path / "made"))
+
+
+def test_a_log_given_for_a_case_is_not_printed_whole(tmp_path: Path) -> None:
+    path = tmp_path / "recording.csv"
+    path.write_text("t,q1\n" + "0.5,1.0\n" * 10_000)
+    with pytest.raises(InputError, match="expected a mapping") as caught:
+        load_case(path)
+    assert len(str(caught.value)) < 2500

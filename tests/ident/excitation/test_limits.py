@@ -273,6 +273,8 @@ def test_ten_samples_per_period_are_enough_and_fewer_are_not() -> None:
         {"criterion": "separation"},
         {"criterion": "separation", "effects": ("a", "b"), "optimiser": "gradient"},
         {"rate": float("nan")},
+        {"rate": 1e9},
+        {"duration": 1e7},
     ],
 )
 def test_plans_that_do_not_fit_together_are_refused(options: dict[str, object]) -> None:
