@@ -20,6 +20,8 @@ from gapscope.inspection.torque_fit import TorqueFit, fits_of
 
 LONGEST = 60.0
 """Duration of each recording that is looked at [s]."""
+LARGEST = 1e12
+"""Columns with larger numbers, in whatever unit, are not compared with an arm."""
 
 
 def arm_of_columns(arm: NominalArm, group: ColumnGroup) -> NominalArm:
@@ -88,6 +90,8 @@ def _recording(
             return None
         for j, place in enumerate(places, start=1):
             columns[f"{name}{j}"] = scale * series[rows, place]
+    if max(np.abs(column).max(initial=0.0) for column in columns.values()) > LARGEST:
+        return None
     try:
         return recording_of_columns(main.label, columns, arm)
     except GapscopeError:

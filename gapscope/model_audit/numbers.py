@@ -10,6 +10,9 @@ import numpy as np
 from gapscope.model_audit.finding import Finding
 from gapscope.model_audit.xml_lines import Lines
 
+LARGEST = 1e50
+"""Beyond it products of the numbers overflow; what means *unlimited* is less. What is below 1 over it is zero."""
+
 
 class NumberReader:
     """Reads numbers of attributes and collects what is none.
@@ -69,9 +72,9 @@ class NumberReader:
             found = np.array(text.split(), dtype=float)
         except ValueError:
             found = np.array([np.nan])
-        if len(found) and np.isfinite(found).all():
-            return found
-        self.add(element, attribute, text, place, "finite numbers")
+        if len(found) and (np.abs(found) < LARGEST).all():
+            return np.where(np.abs(found) > 1 / LARGEST, found, 0.0)
+        self.add(element, attribute, text, place, f"finite numbers below {LARGEST:g}")
         return np.empty(0)
 
     def add(

@@ -30,6 +30,8 @@ SHORTEST = 1.0
 """Segments shorter than this [s] are left out; what is trimmed leaves 0.4 s."""
 LEAST_CUTOFF, LARGEST_CUTOFF = 5.0, 40.0
 """Limits of the cut-off for positions [Hz]."""
+LEAST_STEP = 1e-6
+"""Stamps closer than this share of a period are one stamp [1]."""
 GAP_STEPS = 4.0
 """A step of time longer than this many median steps is a gap, and the recording is cut there."""
 
@@ -152,6 +154,9 @@ def uniform(
     intervals = np.diff(t)
     if np.abs(intervals * rate - 1).max(initial=0.0) < 0.01:
         return t, series
+    # a step of next to nothing has no slope
+    apart = np.append(True, intervals * rate > LEAST_STEP)
+    t, series = t[apart], series[apart]
     # the small number keeps a last sample that rounding would drop
     last = int((t[-1] - t[0]) * rate + 1e-6)
     grid = t[0] + np.arange(last + 1) / rate

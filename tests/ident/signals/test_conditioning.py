@@ -177,6 +177,14 @@ class TestCondition:
             segment.torque[segment.inner], 3 * expected[segment.inner], atol=5e-3
         )
 
+    def test_stamps_next_to_each_other_have_no_slope_between_them(self) -> None:
+        whole = sine()
+        t = np.insert(whole.t, 1, 1e-320)
+        q = np.insert(whole.q, 1, whole.q[1], axis=0)
+        grid, resampled = uniform(t, q, whole.rate)
+        assert np.isfinite(resampled).all()
+        assert resampled == pytest.approx(whole.q[: len(grid)], abs=1e-6)
+
     def test_uniform_time_keeps_its_samples(self) -> None:
         recording = sine()
         t, q = uniform(recording.t, recording.q, recording.rate)

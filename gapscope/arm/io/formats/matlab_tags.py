@@ -2,14 +2,17 @@
 
 After a header of 128 bytes a file is a sequence of elements: kind and size as two 32-bit numbers, then the content,
 filled up to a multiple of eight bytes. Of up to four bytes size and kind share the first number, and the content is the
-second. An array is an element whose content is a sequence of elements again. Source: MathWorks, MAT-File Format.
+second. An array is an element whose content is a sequence of elements again: first its flags, whose lowest byte is its
+class, then its dimensions. Source: MathWorks, MAT-File Format.
 """
 
 from __future__ import annotations
 
+import math
 import struct
 import zlib
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 
 HEADER = 128
@@ -17,6 +20,8 @@ MATRIX, COMPRESSED = 14, 15
 KINDS = frozenset({1, 2, 3, 4, 5, 6, 7, 9, 12, 13, MATRIX, COMPRESSED, 16, 17, 18})
 DEEPEST = 100
 """Arrays within arrays."""
+SPARSE, FUNCTION, OPAQUE = 5, 16, 17
+"""Classes whose dimensions are not those of what the file holds, or that have none."""
 
 
 def byte_order(header: bytes) -> str | None:
@@ -28,7 +33,8 @@ def check_tags(path: Path) -> None:
     """Check the tags of all elements; of files of version 4, which have none, nothing.
 
     Raises:
-        ValueError: one is of no kind that there is, or reaches beyond what it is part of.
+        ValueError: one is of no kind that there is, or reaches beyond what it is part of, or an array has more entries
+            than bytes.
         zlib.error: a compressed element is damaged.
     """
     with path.open("rb") as file:
@@ -50,7 +56,25 @@ def _check(content: memoryview, order: str, depth: int) -> None:
         if kind not in KINDS or (kind == COMPRESSED and depth):
             raise ValueError(f"an element is of kind {kind}, which there is not")
         if kind == MATRIX:
+            _check_dimensions(part, order)
             _check(part, order, depth + 1)
+
+
+def _check_dimensions(array: memoryview, order: str) -> None:
+    """Check that an array is not larger than its content: memory is taken before that is read."""
+    parts = [part for _, part in islice(_elements(array, order), 2)]
+    if len(parts) < 2 or not len(parts[0]):
+        return
+    (flags,) = struct.unpack_from(f"{order}I", parts[0].tobytes().ljust(4, b"\0"))
+    if flags & 0xFF in (SPARSE, FUNCTION, OPAQUE):
+        return
+    sizes = struct.unpack(
+        f"{order}{len(parts[1]) // 4}i", parts[1][: len(parts[1]) // 4 * 4]
+    )
+    if math.prod(sizes) > len(array):
+        raise ValueError(
+            f"an array of {' x '.join(map(str, sizes))} in {len(array)} bytes"
+        )
 
 
 def _elements(content: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
