@@ -58,15 +58,25 @@ def test_other_tags_are_refused(
         read_mat(path)
 
 
-def test_a_cell_that_is_larger_than_its_content_is_refused(tmp_path: Path) -> None:
-    """Its dimensions, 1 x 3, are the first numbers of kind 5 and size 8; memory would be taken for 1 x 2^30."""
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ([5, 8, 1, 2**30], "an array of 1 x 1073741824 in"),
+        ([5, 8, -1, 3], "an array of -1 x 3 in"),
+        ([5, 0, 5, 0], "an array has 0 dimensions"),
+    ],
+)
+def test_a_cell_whose_dimensions_are_none_is_refused(
+    changed: list[int], message: str, tmp_path: Path
+) -> None:
+    """They are 1 x 3, of kind 5 and size 8; SciPy takes memory by them, and without any ends the process."""
     path = tmp_path / "log.mat"
     cells = np.array([1.0, 2.0, 3.0], dtype=object)
     scipy.io.savemat(path, {"cells": cells}, do_compression=False)
     content = path.read_bytes()
     dimensions = np.array([5, 8, 1, 3], dtype="<i4").tobytes()
     assert dimensions in content
-    larger = np.array([5, 8, 1, 2**30], dtype="<i4").tobytes()
-    path.write_bytes(content.replace(dimensions, larger, 1))
-    with pytest.raises(InputError, match="an array of 1 x 1073741824 in"):
+    other = np.array(changed, dtype="<i4").tobytes()
+    path.write_bytes(content.replace(dimensions, other, 1))
+    with pytest.raises(InputError, match=message):
         read_mat(path)

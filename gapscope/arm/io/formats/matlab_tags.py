@@ -20,8 +20,11 @@ MATRIX, COMPRESSED = 14, 15
 KINDS = frozenset({1, 2, 3, 4, 5, 6, 7, 9, 12, 13, MATRIX, COMPRESSED, 16, 17, 18})
 DEEPEST = 100
 """Arrays within arrays."""
+FLAGS, SIZES = 6, (5, 6)
+"""Kinds of the first two elements of an array; some programs write sizes without a sign."""
+MOST_DIMENSIONS = 32
 SPARSE, FUNCTION, OPAQUE = 5, 16, 17
-"""Classes whose dimensions are not those of what the file holds, or that have none."""
+"""Classes whose dimensions are not those of what the file holds; the last has none."""
 
 
 def byte_order(header: bytes) -> str | None:
@@ -61,20 +64,25 @@ def _check(content: memoryview, order: str, depth: int) -> None:
 
 
 def _check_dimensions(array: memoryview, order: str) -> None:
-    """Check that an array is not larger than its content: memory is taken before that is read."""
-    parts = [part for _, part in islice(_elements(array, order), 2)]
-    if len(parts) < 2 or not len(parts[0]):
+    """Check that an array has dimensions, and no more entries than bytes: memory is taken before these are read."""
+    parts = list(islice(_elements(array, order), 2))
+    # MATLAB writes an empty cell with nothing in it
+    if not len(array):
         return
-    (flags,) = struct.unpack_from(f"{order}I", parts[0].tobytes().ljust(4, b"\0"))
-    if flags & 0xFF in (SPARSE, FUNCTION, OPAQUE):
+    if len(parts) < 2 or parts[0][0] != FLAGS or len(parts[0][1]) != 8:
+        raise ValueError("an array does not begin with its flags")
+    (_, flags), (kind, sizes) = parts
+    of_class = struct.unpack_from(f"{order}I", flags)[0] & 0xFF
+    if of_class == OPAQUE:
         return
-    sizes = struct.unpack(
-        f"{order}{len(parts[1]) // 4}i", parts[1][: len(parts[1]) // 4 * 4]
-    )
-    if math.prod(sizes) > len(array):
-        raise ValueError(
-            f"an array of {' x '.join(map(str, sizes))} in {len(array)} bytes"
-        )
+    count = len(sizes) // 4
+    if kind not in SIZES or len(sizes) % 4 or not 2 <= count <= MOST_DIMENSIONS:
+        raise ValueError(f"an array has {count} dimensions")
+    numbers = struct.unpack(f"{order}{count}i", sizes)
+    larger = of_class not in (SPARSE, FUNCTION) and math.prod(numbers) > len(array)
+    if min(numbers) < 0 or larger:
+        named = " x ".join(map(str, numbers))
+        raise ValueError(f"an array of {named} in {len(array)} bytes")
 
 
 def _elements(content: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
