@@ -80,3 +80,15 @@ def test_a_cell_whose_dimensions_are_none_is_refused(
     path.write_bytes(content.replace(dimensions, other, 1))
     with pytest.raises(InputError, match=message):
         read_mat(path)
+
+
+def test_an_array_that_lacks_the_parts_it_announces_is_refused(tmp_path: Path) -> None:
+    """Flagged as complex without an imaginary part: SciPy takes the next array for it, and ends the process."""
+    path = tmp_path / "log.mat"
+    scipy.io.savemat(path, {"t": np.arange(3.0), "q": np.eye(3)}, do_compression=False)
+    flags, flagged = (np.array([6, 8, x], dtype="<u4").tobytes() for x in (6, 0x806))
+    content = path.read_bytes()
+    assert content.count(flags) == 2
+    path.write_bytes(content.replace(flags, flagged, 1))
+    with pytest.raises(InputError, match="other parts than its class"):
+        read_mat(path)

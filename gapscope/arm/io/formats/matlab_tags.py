@@ -11,8 +11,7 @@ from __future__ import annotations
 import math
 import struct
 import zlib
-from collections.abc import Iterator
-from itertools import islice
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 HEADER = 128
@@ -23,8 +22,10 @@ DEEPEST = 100
 FLAGS, SIZES = 6, (5, 6)
 """Kinds of the first two elements of an array; some programs write sizes without a sign."""
 MOST_DIMENSIONS = 32
-SPARSE, FUNCTION, OPAQUE = 5, 16, 17
-"""Classes whose dimensions are not those of what the file holds; the last has none."""
+CELL, STRUCTURE, OBJECT, SPARSE, FUNCTION, OPAQUE = 1, 2, 3, 5, 16, 17
+"""Classes of arrays that are no plain numbers or characters; the last has no dimensions."""
+COMPLEX = 0x800
+"""Flag of numbers that have an imaginary part."""
 
 
 def byte_order(header: bytes) -> str | None:
@@ -59,30 +60,56 @@ def _check(content: memoryview, order: str, depth: int) -> None:
         if kind not in KINDS or (kind == COMPRESSED and depth):
             raise ValueError(f"an element is of kind {kind}, which there is not")
         if kind == MATRIX:
-            _check_dimensions(part, order)
+            _check_array(part, order)
             _check(part, order, depth + 1)
 
 
-def _check_dimensions(array: memoryview, order: str) -> None:
-    """Check that an array has dimensions, and no more entries than bytes: memory is taken before these are read."""
-    parts = list(islice(_elements(array, order), 2))
+def _check_array(array: memoryview, order: str) -> None:
+    """Check that an array has its dimensions and the parts that these and its class announce.
+
+    Memory is taken by the dimensions before the parts are read, and a part is taken for what should be there.
+    """
     # MATLAB writes an empty cell with nothing in it
     if not len(array):
         return
-    if len(parts) < 2 or parts[0][0] != FLAGS or len(parts[0][1]) != 8:
+    kinds, parts = zip(*_elements(array, order), strict=True)
+    if kinds[0] != FLAGS or len(parts[0]) != 8:
         raise ValueError("an array does not begin with its flags")
-    (_, flags), (kind, sizes) = parts
-    of_class = struct.unpack_from(f"{order}I", flags)[0] & 0xFF
+    flags = struct.unpack_from(f"{order}I", parts[0])[0]
+    of_class = flags & 0xFF
     if of_class == OPAQUE:
         return
+    sizes = parts[1] if len(parts) > 1 and kinds[1] in SIZES else memoryview(b"")
     count = len(sizes) // 4
-    if kind not in SIZES or len(sizes) % 4 or not 2 <= count <= MOST_DIMENSIONS:
+    if len(sizes) % 4 or not 2 <= count <= MOST_DIMENSIONS:
         raise ValueError(f"an array has {count} dimensions")
     numbers = struct.unpack(f"{order}{count}i", sizes)
-    larger = of_class not in (SPARSE, FUNCTION) and math.prod(numbers) > len(array)
-    if min(numbers) < 0 or larger:
+    entries = 1 if of_class in (SPARSE, FUNCTION) else math.prod(numbers)
+    if min(numbers) < 0 or entries > len(array):
         named = " x ".join(map(str, numbers))
         raise ValueError(f"an array of {named} in {len(array)} bytes")
+
+    head, within = 3, 0
+    if of_class in (STRUCTURE, OBJECT):
+        head += 2 + (of_class == OBJECT)
+        within = entries * _field_count(parts[head - 2 : head], order)
+    elif of_class in (CELL, FUNCTION):
+        within = entries
+    else:
+        head += (3 if of_class == SPARSE else 1) + bool(flags & COMPLEX)
+    arrays = [kind == MATRIX for kind in kinds]
+    if len(kinds) != head + within or any(arrays[:head]) or not all(arrays[head:]):
+        raise ValueError("an array has other parts than its class and size announce")
+
+
+def _field_count(parts: Sequence[memoryview], order: str) -> int:
+    """Number of fields of a structure, from the length of a name and all names one after the other."""
+    if len(parts) < 2 or len(parts[0]) != 4:
+        raise ValueError("a structure has no names")
+    (length,) = struct.unpack(f"{order}i", parts[0])
+    if length < 1:
+        raise ValueError(f"a structure has names of {length} bytes")
+    return len(parts[1]) // length
 
 
 def _elements(content: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
