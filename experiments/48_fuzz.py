@@ -189,10 +189,10 @@ def guided(name: str, inputs: int, out: Path) -> None:
             text = json.dumps(asdict(outcome) | measured, indent=1)
             (place / f"{name}.json").write_text(text)
 
-    options = [f"-runs={inputs}", "-max_len=20000", "-timeout=60", "-rss_limit_mb=4000"]
-    atheris.Setup(
-        [sys.argv[0], str(corpus), *options, f"-artifact_prefix={place}/"], read
-    )
+    longest = max(20_000, 2 * (folder / target.file).stat().st_size)
+    options = [f"-runs={inputs}", f"-max_len={longest}", "-timeout=60"]
+    options += ["-rss_limit_mb=4000", f"-artifact_prefix={place}/"]
+    atheris.Setup([sys.argv[0], str(corpus), *options], read)
     atheris.Fuzz()
 
 
@@ -201,7 +201,8 @@ def summary(out: Path) -> str:
     rows = ["| reader | inputs | read | refused | faults | peak MB | ms each |"]
     rows.append("|---|---:|---:|---:|---:|---:|---:|")
     sums = [0, 0, 0, 0]
-    for file in sorted([*out.glob("*.json"), *out.glob("guided/*.json")]):
+    files = [*out.glob("*.json"), *out.glob("guided/*.json")]
+    for file in sorted(files, key=lambda file: (file.stem, file.parent != out)):
         state = json.loads(file.read_text())
         counts = [state[key] for key in ("inputs", "read", "refused")]
         counts.append(len(state["faults"]))
