@@ -263,6 +263,7 @@ def test_forward_selection_finds_a_pair() -> None:
 
 
 def test_the_classifier_learns_what_can_be_told_apart() -> None:
+    pytest.importorskip("sklearn", reason="gapscope[learn] is not installed")
     rng = np.random.default_rng(0)
     x = np.vstack([rng.standard_normal((40, 4)) + 3.0 * np.eye(4)[k] for k in range(3)])
     names = np.repeat(["a", "b", "c"], 40)
@@ -273,6 +274,7 @@ def test_the_classifier_learns_what_can_be_told_apart() -> None:
 
 def test_the_classifier_learns_what_no_line_divides() -> None:
     """Exclusive or: the network's hidden layer has something to do."""
+    pytest.importorskip("sklearn", reason="gapscope[learn] is not installed")
     x = np.random.default_rng(0).uniform(-1.0, 1.0, (300, 2))
     names = np.where(x[:, 0] * x[:, 1] > 0, "same", "other")
     network = train(x, names.tolist())

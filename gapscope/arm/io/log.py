@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.input_file import check_file, is_file, is_folder
+from gapscope.arm.input_file import check_file, is_folder
 from gapscope.arm.io.formats.array_files import read_hdf5, read_mat
 from gapscope.arm.io.formats.lerobot import INFO, is_dataset, read_dataset
 from gapscope.arm.io.formats.rosbag import METADATA, bag_files, read_bag
@@ -77,7 +78,8 @@ def _check_bag_folder(path: Path) -> None:
     Raises:
         InputError: it has not.
     """
-    if is_file(path / METADATA):
+    # whatever it is: what is no regular file is refused by name
+    if os.path.lexists(path / METADATA):
         return
     logs = [file.name for file in bag_files(path) if file.suffix.lower() in READERS]
     raise InputError(
