@@ -65,7 +65,10 @@ def loop_inertia(
 ) -> np.ndarray:
     """Inertia D that gains are computed with [kg m^2], shape (n,).
 
-    Without friction the modes of the loop are those of D x = lambda M(q) x, each a joint of inertia 1 under the gains
+    With the joints' own inertia all is well if the loop bears twice the gains, one period late, under the viscous
+    friction of the data sheet: a light joint in stiff grease does not ring, and with less stiffness it might not hold
+    its weight. Else friction is left out. The modes are then those of D x = lambda M(q) x, each a joint of inertia 1
+    under the gains
     lambda w^2 and lambda 2 zeta w. With D the joints' own inertia M_ii + I_i, lambda may be 100 and more: a light wrist
     that aligns with a heavy joint takes part in its motion, and rotors that a data sheet omits would have kept it from
     that. If lambda exceeds ``stiffest_mode`` at a posture, no D_i is left above c F_i, with F_i the least inertia that
@@ -94,7 +97,7 @@ def loop_inertia(
         return float(np.linalg.eigvalsh(root[:, None] * inverses * root).max())
 
     allowed = stiffest_mode(bandwidth, damping)
-    if stiffest(own) <= allowed:
+    if stiffest(own) <= allowed or _steady(arm, masses, own, bandwidth, damping):
         return own
     free = 1.0 / np.diagonal(inverses, axis1=1, axis2=2).max(axis=0)
 
@@ -104,6 +107,22 @@ def loop_inertia(
     lowest, highest = allowed / len(own), float((own / free).max())
     c = np.exp(brentq(excess, np.log(0.99 * lowest), np.log(1.01 * highest)))
     return np.minimum(own, c * free)
+
+
+def _steady(
+    arm: NominalArm,
+    masses: np.ndarray,
+    inertia: np.ndarray,
+    bandwidth: float,
+    damping: float,
+) -> bool:
+    """Whether the loop bears ``GAIN_MARGIN`` times the gains of D, (n,), at all M, (K, n, n), with viscous friction."""
+    if not arm.viscous.any():
+        return False
+    kp, kd = pd_gains(GAIN_MARGIN * inertia, bandwidth, damping)
+    estimate = filter_gains(RATE, CUTOFF, FILTER_DAMPING)
+    loop = SampledLoop(PD(rate=RATE, kp=kp, kd=kd), 1.0 / RATE, estimate, LATE)
+    return all(loop.stable(mass, arm.viscous) for mass in masses)
 
 
 def stiffest_mode(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,7 +13,7 @@ from gapscope.arm.case import SHORTEST, Case
 from gapscope.arm.control.laws import like_pd
 from gapscope.arm.controller import Controller
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.errors import InputError
+from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.motions.named_motions import (
     Workspace,
     check_motion_name,
@@ -23,6 +24,7 @@ from gapscope.arm.motions.sample_count import check_sample_count
 from gapscope.arm.motions.sampled import Sampled, read_sampled
 from gapscope.arm.motions.trajectory import ReferenceMotion
 from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Path as TorquePath
@@ -134,6 +136,7 @@ def record_case(
             engine=plan.engine,
         )
         assert recording.tau is not None
+        _warn_of_stops(recording, arm)
         spread = recording.tau.std(axis=0)
         noise = (
             plan.noise
@@ -148,6 +151,21 @@ def hidden_by_reading_back(effects: tuple[AppliedEffect, ...]) -> tuple[str, ...
     """Names of effects between command and joint: torque that is read back behind them does not show them."""
     return tuple(
         applied.name for applied in effects if isinstance(applied.effect, TorquePath)
+    )
+
+
+def _warn_of_stops(recording: Recording, arm: NominalArm) -> None:
+    """Warn of joints that came to their stops, from which motions keep a distance, as gains or effects let them."""
+    lower, upper = RigidBody(arm).position_limits()
+    stopped = ((recording.q <= lower) | (recording.q >= upper)).any(axis=0)
+    if not stopped.any():
+        return
+    joints = ", ".join(f"{j + 1} ({arm.joints[j]})" for j in np.flatnonzero(stopped))
+    warnings.warn(
+        f"{recording.name}: the controller did not hold joints {joints} off their stops, whose torque is in the "
+        "recorded one. Give rotor inertias (nominal: armature), which allow for stiffer gains, or weaker effects",
+        ModelWarning,
+        stacklevel=3,
     )
 
 

@@ -1,11 +1,14 @@
 """The position controller: gains that hold along a whole motion, with a margin."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from gapscope.arm.case import Case
 from gapscope.arm.control.pd import PD
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.errors import InputError
+from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.arm.velocity_filter import VelocityFilter, filter_gains
@@ -106,3 +109,35 @@ def test_healthy_arms_without_a_data_sheet_are_recorded(robot: str) -> None:
     )
     errors = [np.abs(r.q_ref - r.q).max() for r in case.recordings]
     assert max(errors) < 0.01
+
+
+LIGHT_LINK = """<robot name="light"><link name="base"/>
+<link name="upper"><inertial><mass value="0.05"/>
+<inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="lower"><inertial><origin xyz="0 0 0.15"/><mass value="1"/>
+<inertia ixx="2e-3" iyy="2e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="a" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" effort="50" velocity="1"/><dynamics damping="DAMPING"/></joint>
+<joint name="b" type="revolute"><parent link="upper"/><child link="lower"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" effort="50" velocity="1"/><dynamics damping="DAMPING"/></joint></robot>"""
+"""A heavy link upright on two joints with one axis, a light one between them: without friction stiff gains ring."""
+
+
+def _light_link(tmp_path: Path, damping: float) -> Case:
+    urdf = tmp_path / "light.urdf"
+    urdf.write_text(LIGHT_LINK.replace("DAMPING", str(damping)), encoding="utf-8")
+    arm = load_nominal_arm(urdf)
+    plan = Plan(recordings=1, engine="mujoco")
+    return record_case("light", arm, (), plan, np.random.default_rng(0))
+
+
+@pytest.mark.filterwarnings("ignore::gapscope.arm.errors.ModelWarning")
+def test_viscous_friction_lets_gains_hold_the_weight(tmp_path: Path) -> None:
+    (recording,) = _light_link(tmp_path, damping=1.0).recordings
+    assert recording.q_ref is not None
+    assert np.abs(recording.q - recording.q_ref).max() < 2e-3
+
+
+def test_an_arm_that_falls_over_is_warned_of(tmp_path: Path) -> None:
+    with pytest.warns(ModelWarning, match=r"did not hold joints 1 \(a\), 2 \(b\) off"):
+        _light_link(tmp_path, damping=0.0)
