@@ -30,9 +30,11 @@ def position_controller(
     bandwidth: float = 4.0,
     along: np.ndarray | None = None,
 ) -> PD:
-    """PD with nominal feedforward, kp = w^2 D and kd = 2 zeta w D with w = 2 pi bandwidth and zeta = 0.7.
+    """PD with nominal feedforward, kp = max(w^2 D, w b / (2 zeta)), kd = 2 zeta w D; w = 2 pi bandwidth, zeta = 0.7.
 
-    D is ``loop_inertia``: the joints' own inertia at the posture, less if the loop would come near instability.
+    D is ``loop_inertia``: the joints' own inertia at the posture, less if the loop would come near instability. b is
+    the viscous friction of the data sheet: where it damps more than kd, a stiffness of w^2 D would let the joint follow
+    at w^2 D / b only, far below w, and might not hold its weight.
 
     Args:
         arm: the nominal arm.
@@ -45,7 +47,11 @@ def position_controller(
     """
     inertia = loop_inertia(arm, posture, bandwidth, along)
     gains = pd_gains(inertia, bandwidth)
-    kp, kd = (np.array([float(f"{x:.3g}") for x in gain]) for gain in gains)
+    against_friction = np.pi * bandwidth * arm.viscous / DAMPING
+    stiffness = np.maximum(gains.kp, against_friction)
+    kp, kd = (
+        np.array([float(f"{x:.3g}") for x in gain]) for gain in (stiffness, gains.kd)
+    )
     return PD(
         rate=RATE,
         kp=kp,
@@ -65,10 +71,7 @@ def loop_inertia(
 ) -> np.ndarray:
     """Inertia D that gains are computed with [kg m^2], shape (n,).
 
-    With the joints' own inertia all is well if the loop bears twice the gains, one period late, under the viscous
-    friction of the data sheet: a light joint in stiff grease does not ring, and with less stiffness it might not hold
-    its weight. Else friction is left out. The modes are then those of D x = lambda M(q) x, each a joint of inertia 1
-    under the gains
+    Without friction the modes of the loop are those of D x = lambda M(q) x, each a joint of inertia 1 under the gains
     lambda w^2 and lambda 2 zeta w. With D the joints' own inertia M_ii + I_i, lambda may be 100 and more: a light wrist
     that aligns with a heavy joint takes part in its motion, and rotors that a data sheet omits would have kept it from
     that. If lambda exceeds ``stiffest_mode`` at a posture, no D_i is left above c F_i, with F_i the least inertia that
@@ -97,7 +100,7 @@ def loop_inertia(
         return float(np.linalg.eigvalsh(root[:, None] * inverses * root).max())
 
     allowed = stiffest_mode(bandwidth, damping)
-    if stiffest(own) <= allowed or _steady(arm, masses, own, bandwidth, damping):
+    if stiffest(own) <= allowed:
         return own
     free = 1.0 / np.diagonal(inverses, axis1=1, axis2=2).max(axis=0)
 
@@ -107,22 +110,6 @@ def loop_inertia(
     lowest, highest = allowed / len(own), float((own / free).max())
     c = np.exp(brentq(excess, np.log(0.99 * lowest), np.log(1.01 * highest)))
     return np.minimum(own, c * free)
-
-
-def _steady(
-    arm: NominalArm,
-    masses: np.ndarray,
-    inertia: np.ndarray,
-    bandwidth: float,
-    damping: float,
-) -> bool:
-    """Whether the loop bears ``GAIN_MARGIN`` times the gains of D, (n,), at all M, (K, n, n), with viscous friction."""
-    if not arm.viscous.any():
-        return False
-    kp, kd = pd_gains(GAIN_MARGIN * inertia, bandwidth, damping)
-    estimate = filter_gains(RATE, CUTOFF, FILTER_DAMPING)
-    loop = SampledLoop(PD(rate=RATE, kp=kp, kd=kd), 1.0 / RATE, estimate, LATE)
-    return all(loop.stable(mass, arm.viscous) for mass in masses)
 
 
 def stiffest_mode(

@@ -132,10 +132,30 @@ def _light_link(tmp_path: Path, damping: float) -> Case:
 
 
 @pytest.mark.filterwarnings("ignore::gapscope.arm.errors.ModelWarning")
-def test_viscous_friction_lets_gains_hold_the_weight(tmp_path: Path) -> None:
-    (recording,) = _light_link(tmp_path, damping=1.0).recordings
+@pytest.mark.parametrize("damping", [0.3, 3.0])
+def test_joints_in_stiff_grease_follow_and_hold_their_weight(
+    tmp_path: Path, damping: float
+) -> None:
+    (recording,) = _light_link(tmp_path, damping).recordings
     assert recording.q_ref is not None
     assert np.abs(recording.q - recording.q_ref).max() < 2e-3
+
+
+@pytest.mark.filterwarnings("ignore::gapscope.arm.errors.ModelWarning")
+@pytest.mark.parametrize("robot", ["kuka_iiwa", "xarm6"])
+def test_gains_against_friction_keep_their_margin(robot: str) -> None:
+    """Arms whose files state friction and no rotors: stable at twice the gains, with a late torque, in all postures."""
+    pytest.importorskip("pybullet_data", reason="the arms come with PyBullet")
+    arm = load_nominal_arm(robot)
+    body = RigidBody(arm)
+    along = np.random.default_rng(0).uniform(-1.0, 1.0, (30, arm.n_joints))
+    plain = (8 * np.pi) ** 2 * loop_inertia(arm, along[0], 4.0, along)
+    pd = position_controller(arm, along[0], along=along)
+    assert (pd.kp > 1.1 * plain).any()
+    law = PD(rate=RATE, kp=GAIN_MARGIN * pd.kp, kd=GAIN_MARGIN * pd.kd)
+    estimate = filter_gains(RATE, CUTOFF, FILTER_DAMPING)
+    loop = SampledLoop(law, 1 / RATE, estimate, LATE)
+    assert all(loop.stable(body.mass_matrix(q), arm.viscous) for q in along)
 
 
 def test_an_arm_that_falls_over_is_warned_of(tmp_path: Path) -> None:
