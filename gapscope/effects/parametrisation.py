@@ -48,7 +48,7 @@ class Parametrisation:
         values: parameters from linear coordinates, shape (linear, m), and nonlinear parameters, shape (s, m).
         linear: number of linear coordinates.
         nonlinear: names of the parameters that are searched.
-        step: step of the linear coordinates for finite differences.
+        step: step of the linear coordinates for finite differences; ``None`` if it goes with the torque of the joint.
         lowest: least value of the first linear coordinate.
         usual: size of the linear coordinates that is usual on real arms, the width of their prior; infinite if the
             recorded torque alone bounds them.
@@ -61,7 +61,7 @@ class Parametrisation:
     values: Callable[[np.ndarray, np.ndarray], Values]
     linear: int = 1
     nonlinear: tuple[str, ...] = ()
-    step: float = 1.0
+    step: float | None = None
     lowest: float = -np.inf
     usual: float = np.inf
     data_sheet: str | None = None
@@ -77,7 +77,7 @@ class Parametrisation:
 def linear_in(
     parameter: Parameter,
     *,
-    step: float = 1.0,
+    step: float | None = None,
     lowest: float = -np.inf,
     data_sheet: str | None = None,
 ) -> Parametrisation:
@@ -101,7 +101,7 @@ def amplitude_and_searched(
     searched: str,
     grid: Grid | None = None,
     *,
-    step: float = 1.0,
+    step: float | None = None,
     lowest: float = -np.inf,
 ) -> Parametrisation:
     """The parametrisation of an effect linear in one parameter, its amplitude, with another that is searched."""

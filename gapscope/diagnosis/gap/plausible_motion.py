@@ -72,7 +72,7 @@ def short_note(case: Case) -> tuple[str, ...]:
     if seconds >= SHORT_MOTION:
         return ()
     return (
-        f"only {seconds:.0f} s of motion in all: a small effect may not stand out, and errors are wide; record "
+        f"only {int(seconds)} s of motion in all: a small effect may not stand out, and errors are wide; record "
         f"{SHORT_MOTION:g} s or more, in two motions at least",
     )
 

@@ -13,24 +13,11 @@ from gapscope.arm.known_load import point_mass_parameters
 from gapscope.diagnosis.gap.prediction import Prediction
 from gapscope.diagnosis.model.body_point import Bodies, BodyPoint
 from gapscope.diagnosis.model.compliance_columns import Columns, backlash, elasticity
-from gapscope.diagnosis.model.terms import Terms, parametrisation_of
-from gapscope.effects.catalogue import explained
-from gapscope.effects.effect import Effect
+from gapscope.diagnosis.model.terms import Terms
 from gapscope.effects.environment import acts, tilt
 from gapscope.effects.rigid_body import link_change
 from gapscope.effects.transmission import BACKLASH, ELASTICITY
 from gapscope.ident.signals.conditioning import Segment
-
-DERIVED = (
-    "payload",
-    "link_inertia",
-    "base_tilt",
-    "external_force",
-    "encoder_offset",
-    "joint_elasticity",
-    "backlash",
-)
-"""Effects that reach other joints and whose columns are derived here; those of others are finite differences."""
 
 
 def bodily_columns(
@@ -56,13 +43,9 @@ def bodily_columns(
     if at.arm.arm.encoder == "motor":
         derived |= {ELASTICITY.name: elasticity, BACKLASH.name: backlash}
     out: dict[int, np.ndarray] = {}
-    for effect in explained():
-        if effect.reach != "arm" or (only is not None and effect.name not in only):
-            continue
-        if effect.name in derived:
-            out.update(derived[effect.name](point))
-        elif effect.name not in DERIVED:
-            out.update(_by_differences(point, effect))
+    for name, derivatives in derived.items():
+        if only is None or name in only:
+            out.update(derivatives(point))
     return out
 
 
@@ -103,15 +86,6 @@ def _external_force(point: BodyPoint) -> Columns:
             unit_force = point.bodies.force @ point.arm.base_rotation().T
             torque = -active[:, None, None] * unit_force
             yield from _by_place(np.array(term.columns), torque)
-
-
-def _by_differences(point: BodyPoint, effect: Effect) -> Columns:
-    """Finite differences for an effect that reaches other joints and has no derivative here."""
-    step = parametrisation_of(effect).step
-    for term in point.terms.of(effect.name):
-        for place in term.columns if point.terms.can_choose(term) else ():
-            moved = point.rigid_with(effect.name, place, step)
-            yield place, (moved - point.rigid) / step
 
 
 def _by_place(places: np.ndarray, derivatives: np.ndarray) -> Columns:

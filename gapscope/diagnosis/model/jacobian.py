@@ -18,11 +18,15 @@ from gapscope.diagnosis.model.candidate_columns import beyond
 from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.model.terms import Term, Terms, parametrisation_of
 from gapscope.diagnosis.thresholds import LEAST_TORQUE_GAIN, MOST_TORQUE_GAIN
-from gapscope.effects.catalogue import effect as by_name
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Effect, Path, Transmission
 from gapscope.ident.signals.conditioning import Segment
 
+TORQUE_STEP = 1e-4
+"""Step of coordinates that go with a torque, over the joint's own [1]: friction that depends on the load is no linear
+function of the others, and fingers have a ten-thousandth of the torque of a shoulder."""
+LEAST_TORQUE = 1e-3
+"""A joint's torque is taken as no less than this share of the largest [1]."""
 MOST_NUMBERS = 2_000_000
 """Numbers up to which the torques of moved arms are held at once, so that a long segment costs no more memory."""
 
@@ -49,7 +53,7 @@ def columns(
     """
     segment, bodies = data.segments[k], data.bodies[k]
     out = np.zeros((len(data.time(segment)), at.arm.arm.n_joints, terms.size))
-    moves = list(_moves(at.arm, terms, theta, only))
+    moves = list(_moves(at, terms, theta, only))
     at_once = max(1, MOST_NUMBERS // at.torque.size)
     for start in range(0, len(moves), at_once):
         some = moves[start : start + at_once]
@@ -78,50 +82,70 @@ class _Move(NamedTuple):
 
     Attributes:
         arm: with the coordinates moved.
-        step: by which they are.
+        step: by which they are, of each of these joints or of all.
         joints, places: of the columns: whose torque they are of, and where they lie in theta.
     """
 
     arm: CorrectedArm
-    step: float
+    step: np.ndarray | float
     joints: np.ndarray | slice
     places: np.ndarray | int
 
 
+def steps(effect: Effect, at: Prediction) -> np.ndarray:
+    """Steps of an effect's linear coordinates for finite differences, on each joint, in their units, (n,)."""
+    step, size = parametrisation_of(effect).step, _torque_size(at)
+    return TORQUE_STEP * size if step is None else np.full(len(size), step)
+
+
+def _torque_size(at: Prediction) -> np.ndarray:
+    """RMS of the torque of each joint [N m], (n,), not far below that of others; 1 of an arm without any."""
+    size = np.sqrt((at.torque**2).mean(axis=0))
+    largest = float(size.max())
+    return np.maximum(size, LEAST_TORQUE * largest) if largest else np.ones(len(size))
+
+
 def _moves(
-    arm: CorrectedArm,
+    at: Prediction,
     terms: Terms,
     theta: np.ndarray,
     only: Collection[str] | None,
 ) -> Iterator[_Move]:
     """The moves for effects on a joint, by each coordinate on all joints at once, and for those on a motor."""
-    joints = np.arange(arm.arm.n_joints)
+    arm, joints = at.arm, np.arange(at.arm.arm.n_joints)
     for effect in terms.definitions:
-        step = parametrisation_of(effect).step
         if only is not None and effect.name not in only:
             continue
+        step = steps(effect, at)
         if _acts_on_its_joint(effect, arm):
             for coordinate, places in enumerate(terms.block(effect.name)):
-                moved = moved_arm(arm, terms, theta, effect.name, coordinate)
+                moved = moved_arm(arm, terms, theta, effect.name, coordinate, step)
                 if moved is not None:
                     yield _Move(moved, step, joints, places)
         elif effect.reach == "motor":
             motors = terms.of(effect.name)
+            largest = float(step.max())
             for term in motors:
                 place = term.columns[0]
-                moved = _stepped(arm, terms, theta, motors, [place])
-                yield _Move(moved, step, slice(None), place)
+                moved = _stepped(arm, terms, theta, motors, [place], largest)
+                yield _Move(moved, largest, slice(None), place)
 
 
 def moved_arm(
-    arm: CorrectedArm, terms: Terms, theta: np.ndarray, name: str, coordinate: int
+    arm: CorrectedArm,
+    terms: Terms,
+    theta: np.ndarray,
+    name: str,
+    coordinate: int,
+    step: np.ndarray,
 ) -> CorrectedArm | None:
     """The arm with one coordinate of an effect moved by a step on all joints; ``None`` if no term of it is open."""
     chosen = [t for t in terms.of(name) if terms.can_choose(t)]
     if not chosen:
         return None
     places = [t.columns[coordinate] for t in chosen]
-    return _stepped(arm, terms, theta, chosen, places)
+    own = step[[t.joint - 1 for t in chosen]]
+    return _stepped(arm, terms, theta, chosen, places, own)
 
 
 def _stepped(
@@ -130,17 +154,18 @@ def _stepped(
     theta: np.ndarray,
     chosen: Sequence[Term],
     places: list[int],
+    step: np.ndarray | float,
 ) -> CorrectedArm:
     """The arm with the terms of one effect moved by a step at some places of theta."""
     name, moved = chosen[0].effect, theta.copy()
-    moved[places] += parametrisation_of(by_name(name)).step
+    moved[places] += step
     others = tuple(e for e in arm.effects if e.name != name)
     return replace(arm, effects=(*others, *terms.effects(moved, chosen)))
 
 
 def _as_recorded(at: Prediction, columns: np.ndarray) -> np.ndarray:
     """Columns of the bodies' torque, (N, n, K), as they are recorded: through friction, scale, delay and lag."""
-    step = 1e-3
+    step = TORQUE_STEP * _torque_size(at)
     above, below = (replace(at, rigid=at.rigid + side) for side in (step, -step))
     difference = above.by(at.arm) - below.by(at.arm)
     # where dry friction changes its sign the difference is no derivative

@@ -31,8 +31,8 @@ from gapscope.diagnosis.gap.prediction import Prediction, without
 from gapscope.diagnosis.model.body_jacobian import bodily_columns
 from gapscope.diagnosis.model.body_point import Bodies
 from gapscope.diagnosis.model.fold import EquationRows
-from gapscope.diagnosis.model.jacobian import moved_arm
-from gapscope.diagnosis.model.terms import Terms, parametrisation_of
+from gapscope.diagnosis.model.jacobian import moved_arm, steps
+from gapscope.diagnosis.model.terms import Terms
 from gapscope.diagnosis.thresholds import (
     EFFECT_FORM,
     FRICTION_FORM,
@@ -133,11 +133,12 @@ def link_rows(
     for law in explained():
         if not isinstance(law, TorqueLaw) or law.side != "link" or law is SPRING:
             continue
+        step = steps(law, at)
         for i, places in enumerate(terms.block(law.name)):
-            moved = moved_arm(arm, terms, theta, law.name, i)
+            moved = moved_arm(arm, terms, theta, law.name, i, step)
             if moved is not None:
                 change = link_torque(moved, laden, motion) - link
-                columns[:, joints, places] = change / parametrisation_of(law).step
+                columns[:, joints, places] = change / step
     floors = [
         floor(corrected, laden, segment) for floor in (actuator_floor, link_floor)
     ]
