@@ -12,6 +12,9 @@ from gapscope.ident.model.linear_problem import Problem
 
 DEPENDENT = 1e-10
 """Directions of columns of RMS 1 with less than this share of the largest power are not determined [1]."""
+LEAST_LEFT = 1e-6
+"""Nor are changes of whose power over the whole record beta leaves less than this share [1]: it may be rounding alone,
+as where a joint has moved at one speed until the moment."""
 
 
 @dataclass(frozen=True)
@@ -94,10 +97,12 @@ class ChangeScan:
         information = D.T @ after - after.transpose(0, 2, 1) @ projected
         explained = np.einsum("kas,a->ks", projected, sums.right)
         score = sums.right_after @ D - explained
-        covariance = np.linalg.pinv(information, hermitian=True, rcond=DEPENDENT)
+        power = np.einsum("as,ab,bs->s", D, sums.gram, D)
+        covariance = _inverse(information, power)
         size = np.einsum("kst,kt->ks", covariance, score)
         statistic = np.einsum("ks,ks->k", size, score)
-        statistic -= _log_likelihood(information[:, s:, s:], score[:, s:])
+        beside = _inverse(information[:, s:, s:], power[s:])
+        statistic -= np.einsum("ks,kst,kt->k", score[:, s:], beside, score[:, s:])
         k = int(statistic.argmax())
         return cls(
             hypothesis=hypothesis,
@@ -108,7 +113,10 @@ class ChangeScan:
         )
 
 
-def _log_likelihood(information: np.ndarray, score: np.ndarray) -> np.ndarray:
-    """2 log L = u^T F^-1 u at each moment, shape (T,)."""
-    inverse = np.linalg.pinv(information, hermitian=True, rcond=DEPENDENT)
-    return np.einsum("ks,kst,kt->k", score, inverse, score)
+def _inverse(information: np.ndarray, power: np.ndarray) -> np.ndarray:
+    """F^-1 at each moment, (T, s, s), without directions of which little of their power, (s,), is left."""
+    size = np.sqrt(np.maximum(power, 1e-300))
+    values, vectors = np.linalg.eigh(information / np.outer(size, size))
+    inverted = np.where(values > LEAST_LEFT, 1.0 / np.maximum(values, LEAST_LEFT), 0.0)
+    inverse = (vectors * inverted[:, None, :]) @ vectors.transpose(0, 2, 1)
+    return np.asarray(inverse / np.outer(size, size))

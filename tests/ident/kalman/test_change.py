@@ -12,6 +12,7 @@ from gapscope.ident.kalman.change_hypothesis import (
     payload_hypothesis,
 )
 from gapscope.ident.kalman.change_point import find_change
+from gapscope.ident.kalman.change_scan import ChangeScan, ChangeSums
 from gapscope.ident.kalman.recursive import Recursive
 from gapscope.ident.kalman.whitening import white
 from gapscope.ident.model.base_parameters import BaseParameters
@@ -166,3 +167,30 @@ def test_of_two_overwhelming_hypotheses_the_likelier_one_is_taken():
     tilted = ChangeHypothesis("tilted", ("tilt",), np.array([[1.0], [0.6]]))
     change = find_change(problem, times(problem), [tilted, SLOPE])
     assert change.hypothesis.name == "slope"
+
+
+@pytest.mark.parametrize("seed", [0, 1, 3])
+def test_rounding_is_no_change(seed):
+    """Few rows before most moments, body columns that hardly differ: the gain is that of a direct fit, not more."""
+    rng = np.random.default_rng(seed)
+    k = np.arange(200)
+    sign = np.where(k < 60, -1.0, np.sign(np.sin(0.2 * k)))
+    speed = 0.06 * np.abs(1 + 0.3 * rng.standard_normal(200)) * sign
+    motion = np.sin(0.1 * np.outer(k, [1.0, 1.7]))
+    bodies = motion @ rng.standard_normal((2, 5))
+    bodies += 3e-5 * rng.standard_normal((200, 5))
+    W = 1e3 * np.column_stack([speed, sign, np.ones(200), bodies])
+    W[:60] *= (k[:60] % 20 == 0)[:, None]
+    torque = W @ rng.standard_normal(8) + rng.standard_normal(200)
+    problem = Problem(W[:, None], torque[:, None], tuple("bco12345"), 0 * k, 0.05)
+    D = np.eye(8)
+    friction = ChangeHypothesis("friction", ("b", "c"), D[:, :2], beside=D[:, 2:3])
+    scan = ChangeScan.over(ChangeSums.of(problem, k[5:-5]), friction)
+
+    def left(columns):
+        scaled = columns / np.linalg.norm(columns, axis=0)
+        fit = np.linalg.lstsq(scaled, torque, rcond=None)[0]
+        return np.sum((torque - scaled @ fit) ** 2)
+
+    changed = np.column_stack([W, (k > scan.moment)[:, None] * W[:, :3]])
+    assert scan.peak < left(W) - left(changed) + 1.0
