@@ -10,7 +10,8 @@ from scipy.stats import chi2
 
 from gapscope.arm.errors import InputError
 from gapscope.ident.kalman.change_hypothesis import ChangeHypothesis
-from gapscope.ident.kalman.change_scan import ChangeScan, ChangeSums
+from gapscope.ident.kalman.change_scan import ChangeScan, ChangeSums, push_gain
+from gapscope.ident.kalman.tail import log_chance
 from gapscope.ident.kalman.whitening import white
 from gapscope.ident.model.linear_problem import Problem
 
@@ -22,6 +23,10 @@ SHARE = 0.05
 """A change lowers the whitened squared residual by at least this share [1]."""
 FADING = (0.1, 0.2, 0.4, 0.8, 1.6)
 """Time constants of fading friction that are tried, over the length of the record [1]."""
+PUSH_TIME = 3.0
+"""Longest push that is tried in place of a change [s]."""
+PUSH_NEAR = 0.5
+"""A push begins or ends as near to the moment of a change [s]."""
 STANDS_OUT = 3.0
 """A change is distinguished from errors of the model if it is likelier by this factor in 2 log L."""
 
@@ -59,6 +64,7 @@ def find_change(
     *,
     false_alarms: float = 1e-3,
     margin: float = 0.4,
+    pushes: np.ndarray | None = None,
 ) -> ParameterChange | None:
     """The likeliest change, or ``None`` if none is certain.
 
@@ -76,6 +82,8 @@ def find_change(
 
     Errors of the model make 2 log L large at every moment, not at one: the likeliest two changes are fitted, and by how
     far the median of 2 log L for a further one exceeds that of chi-squared, or its peak the threshold, that is raised.
+    A push against the arm is no change, and would pass for one: if constants on all joints explain more for a while of
+    up to ``PUSH_TIME`` that begins or ends near the moment, nothing has changed for good.
     And 2 log L must be at least ``SHARE`` of the number of equations: less cannot be distinguished from errors of the
     model.
 
@@ -85,6 +93,8 @@ def find_change(
         hypotheses: what may change.
         false_alarms: alpha, probability of any change if there is none [1].
         margin: time from both ends in which no change is looked for [s].
+        pushes: directions of the parameters that a push changes, constants on the joints, (b, n); none is tried if
+            ``None``.
 
     Raises:
         InputError: the record is too short for the margin and the parameters.
@@ -112,6 +122,8 @@ def find_change(
         return None
     threshold = max(threshold * _usual(whitened, best, moments, threshold), least)
     if best.peak <= max(threshold, _fading(whitened, t, best.hypothesis)):
+        return None
+    if pushes is not None and _is_push(whitened, t, best, pushes):
         return None
     # moments whose likelihood ratio is not significantly lower than the best one's
     near = t[moments[best.statistic > best.peak - chi2.ppf(0.95, 1)]]
@@ -163,6 +175,19 @@ def _fading(problem: Problem, t: np.ndarray, hypothesis: ChangeHypothesis) -> fl
         columns = np.concatenate([problem.matrix, fading], axis=2)
         best = max(best, unchanged - _sum_of_squares(problem, columns))
     return best
+
+
+def _is_push(
+    problem: Problem, t: np.ndarray, best: ChangeScan, directions: np.ndarray
+) -> bool:
+    """Whether a push near the moment of a change is likelier than that, whose tail probability it has to undercut."""
+    sums = ChangeSums.of(problem, np.arange(len(t) - 1))
+    ends = np.flatnonzero(np.abs(t[:-1] - t[best.moment]) <= PUSH_NEAR)
+    longest = round(PUSH_TIME / float(np.median(np.diff(t))))
+    gain = push_gain(sums, directions, ends, longest)
+    # each while that was tried had its chance
+    tried = np.log(len(ends) * 2 * longest)
+    return log_chance(gain, directions.shape[1]) - tried > best.evidence
 
 
 def _sum_of_squares(problem: Problem, columns: np.ndarray) -> float:

@@ -113,6 +113,37 @@ class ChangeScan:
         )
 
 
+def push_gain(
+    sums: ChangeSums, directions: np.ndarray, ends: np.ndarray, longest: int
+) -> float:
+    """The largest 2 log L of parameters that change by D delta for a while and then are as before.
+
+    Args:
+        sums: of a problem, at T moments.
+        directions: D, shape (b, s).
+        ends: places in ``moments`` at which the while may end or begin.
+        longest: most moments that it lasts.
+    """
+    D = directions * sums.scale[:, None]
+    after = sums.after(D)
+    projected = sums.inverse @ after
+    power = np.einsum("as,ab,bs->s", D, sums.gram, D)
+    best = 0.0
+    for end in ends:
+        near = np.arange(max(0, end - longest), min(len(after), end + longest + 1))
+        # the sums of a while are the difference of those after its two ends
+        sign = np.where(near < end, 1.0, -1.0)[:, None, None]
+        during = sign * (after[near] - after[end])
+        left = sign * (projected[near] - projected[end])
+        right = sign[..., 0] * (sums.right_after[near] - sums.right_after[end])
+        information = D.T @ during - during.transpose(0, 2, 1) @ left
+        score = right @ D - np.einsum("kas,a->ks", left, sums.right)
+        inverse = _inverse(information, power)
+        gains = np.einsum("ks,kst,kt->k", score, inverse, score)
+        best = max(best, float(gains.max()))
+    return best
+
+
 def _inverse(information: np.ndarray, power: np.ndarray) -> np.ndarray:
     """F^-1 at each moment, (T, s, s), without directions of which little of their power, (s,), is left."""
     size = np.sqrt(np.maximum(power, 1e-300))

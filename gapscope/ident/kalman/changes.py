@@ -118,6 +118,8 @@ def _each(
     recordings: Sequence[RecordingSamples], law: FrictionLaw, base: BaseParameters
 ) -> Iterator[RecordingChange]:
     names = [base.names[k] for k in base.kept]
+    constants = [k for k, name in enumerate(base.names) if name.startswith("o")]
+    pushes = base.combination[:, constants] if constants else None
     for name, samples in recordings:
         arm, body = samples.columns.arm, samples.columns.body
         hypotheses = [payload_hypothesis(base, body.last_link + 1)]
@@ -126,7 +128,7 @@ def _each(
         if not len(times):
             continue
         try:
-            change = find_change(problem, times, hypotheses, margin=EDGE)
+            change = find_change(problem, times, hypotheses, margin=EDGE, pushes=pushes)
         except InputError:  # too short
             continue
         if change is not None and change.statistic >= PLAIN:
