@@ -1,5 +1,7 @@
 """When a parameter changed, and by how much; and silence where nothing did."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -194,3 +196,21 @@ def test_rounding_is_no_change(seed):
 
     changed = np.column_stack([W, (k > scan.moment)[:, None] * W[:, :3]])
     assert scan.peak < left(W) - left(changed) + 1.0
+
+
+def test_a_push_is_no_change_and_hides_none():
+    """A constant for 2 s soon after the beginning, and a step that stays."""
+    rng = np.random.default_rng(6)
+    pushes = np.array([[0.0], [1.0]])
+    problem = line(rng)
+    k = np.arange(300)
+    x = problem.matrix[:, 0, 0]
+    pushed = replace(
+        problem, torque=problem.torque + (0.4 * ((k >= 6) & (k < 26)))[:, None]
+    )
+    assert find_change(pushed, times(problem), [LEVEL]) is not None
+    assert find_change(pushed, times(problem), [LEVEL], pushes=pushes) is None
+    stepped = replace(problem, torque=problem.torque + (0.2 * x * (k > 150))[:, None])
+    change = find_change(stepped, times(problem), [SLOPE], pushes=pushes)
+    assert change is not None
+    assert change.time == pytest.approx(15.0, abs=0.5)
