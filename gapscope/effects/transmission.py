@@ -185,7 +185,10 @@ SPRING = TorqueLaw(
         ("torque_offset", "static poses over the whole range of the joint"),
     ),
     law=spring,
-    parametrisation=Parametrisation(spring_values, linear=2, clip=clip_spring),
+    # so wide a step leaves the bound of the rest, at which the law is not linear
+    parametrisation=Parametrisation(
+        spring_values, linear=2, step=1.0, clip=clip_spring
+    ),
     severity=draw_spring,
     side="link",
     inherent=True,
