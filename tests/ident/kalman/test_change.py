@@ -214,3 +214,6 @@ def test_a_push_is_no_change_and_hides_none():
     change = find_change(stepped, times(problem), [SLOPE], pushes=pushes)
     assert change is not None
     assert change.time == pytest.approx(15.0, abs=0.5)
+    # of an hour, 12 s apart
+    far = find_change(stepped, 120 * times(problem), [SLOPE], pushes=pushes)
+    assert far is not None
