@@ -10,8 +10,8 @@ of what each joint moves, so that elasticities and backlash can be put into it.
 Each arm is recorded healthy and with one effect of the catalogue at a time, ``--per-arm`` of them, which follow from
 its name: two recordings of 10 s at 100 Hz. Injected and explained by the same formulas: a recovery check, on arms that
 no setting was made on. A healthy recording should be `no_gap`; the other answers are counted as *exact* (this effect
-alone), *first* (others beside it), *another* effect, `unexplained`, and `no_gap`, which is right for what lies below
-the floor. Results that are there are kept; ``OUT/results.jsonl`` has one line per diagnosis.
+alone), *first* (others beside it, or a rest that stays), *another* effect, `unexplained`, and `no_gap`, which is right
+for what lies below the floor. Results that are there are kept; ``OUT/results.jsonl`` has one line per diagnosis.
 """
 
 from __future__ import annotations

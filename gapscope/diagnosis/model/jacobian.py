@@ -92,13 +92,16 @@ class _Move(NamedTuple):
     places: np.ndarray | int
 
 
-def steps(effect: Effect, at: Prediction) -> np.ndarray:
-    """Steps of an effect's linear coordinates for finite differences, on each joint, in their units, (n,)."""
-    step, size = parametrisation_of(effect).step, _torque_size(at)
+def steps(effect: Effect, size: np.ndarray) -> np.ndarray:
+    """Steps of an effect's linear coordinates for finite differences, on each joint, in their units, (n,).
+
+    ``size`` is the ``torque_size`` of the joints [N m], (n,).
+    """
+    step = parametrisation_of(effect).step
     return TORQUE_STEP * size if step is None else np.full(len(size), step)
 
 
-def _torque_size(at: Prediction) -> np.ndarray:
+def torque_size(at: Prediction) -> np.ndarray:
     """RMS of the torque of each joint [N m], (n,), not far below that of others; 1 of an arm without any."""
     size = np.sqrt((at.torque**2).mean(axis=0))
     largest = float(size.max())
@@ -112,11 +115,11 @@ def _moves(
     only: Collection[str] | None,
 ) -> Iterator[_Move]:
     """The moves for effects on a joint, by each coordinate on all joints at once, and for those on a motor."""
-    arm, joints = at.arm, np.arange(at.arm.arm.n_joints)
+    arm, joints, size = at.arm, np.arange(at.arm.arm.n_joints), torque_size(at)
     for effect in terms.definitions:
         if only is not None and effect.name not in only:
             continue
-        step = steps(effect, at)
+        step = steps(effect, size)
         if _acts_on_its_joint(effect, arm):
             for coordinate, places in enumerate(terms.block(effect.name)):
                 moved = moved_arm(arm, terms, theta, effect.name, coordinate, step)
@@ -165,7 +168,7 @@ def _stepped(
 
 def _as_recorded(at: Prediction, columns: np.ndarray) -> np.ndarray:
     """Columns of the bodies' torque, (N, n, K), as they are recorded: through friction, scale, delay and lag."""
-    step = TORQUE_STEP * _torque_size(at)
+    step = TORQUE_STEP * torque_size(at)
     above, below = (replace(at, rigid=at.rigid + side) for side in (step, -step))
     difference = above.by(at.arm) - below.by(at.arm)
     # where dry friction changes its sign the difference is no derivative

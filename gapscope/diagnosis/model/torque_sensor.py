@@ -31,7 +31,7 @@ from gapscope.diagnosis.gap.prediction import Prediction, without
 from gapscope.diagnosis.model.body_jacobian import bodily_columns
 from gapscope.diagnosis.model.body_point import Bodies
 from gapscope.diagnosis.model.fold import EquationRows
-from gapscope.diagnosis.model.jacobian import moved_arm, steps
+from gapscope.diagnosis.model.jacobian import moved_arm, steps, torque_size
 from gapscope.diagnosis.model.terms import Terms
 from gapscope.diagnosis.thresholds import (
     EFFECT_FORM,
@@ -126,14 +126,14 @@ def link_rows(
     link = link_torque(arm, laden, motion)
     derivatives = bodily_columns(at, segment, bodies, terms, theta)
     columns[:, :, list(derivatives)] = np.stack(list(derivatives.values()), axis=2)
-    joints = np.arange(n)
+    joints, size = np.arange(n), torque_size(at)
     stiffness, rest = terms.block(SPRING.name)
     columns[:, joints, stiffness] = arm.true_position(motion.q)
     columns[:, joints, rest] = -1.0
     for law in explained():
         if not isinstance(law, TorqueLaw) or law.side != "link" or law is SPRING:
             continue
-        step = steps(law, at)
+        step = steps(law, size)
         for i, places in enumerate(terms.block(law.name)):
             moved = moved_arm(arm, terms, theta, law.name, i, step)
             if moved is not None:

@@ -181,12 +181,12 @@ def _is_push(
     problem: Problem, t: np.ndarray, best: ChangeScan, directions: np.ndarray
 ) -> bool:
     """Whether a push near the moment of a change is likelier than that, whose tail probability it has to undercut."""
-    sums = ChangeSums.of(problem, np.arange(len(t) - 1))
-    ends = np.flatnonzero(np.abs(t[:-1] - t[best.moment]) <= PUSH_NEAR)
     longest = round(PUSH_TIME / float(np.median(np.diff(t))))
     # samples of a long record lie too far apart to show one
     if not longest:
         return False
+    ends = np.flatnonzero(np.abs(t[:-1] - t[best.moment]) <= PUSH_NEAR)
+    sums = ChangeSums.of(problem, np.arange(len(t) - 1))
     gain = push_gain(sums, directions, ends, longest)
     # each while that was tried had its chance
     tried = np.log(len(ends) * 2 * longest)
