@@ -165,7 +165,9 @@ SATURATION = Path(
     family="actuation",
     scope="joint",
     equation="applied = clip(recorded, -limit, limit)",
-    parameters=(Parameter("limit", "L", "N m", (1e-3, 1e5), (5.0, 300.0)),),
+    parameters=(
+        Parameter("limit", "L", "N m", (1e-3, 1e5), (5.0, 300.0), severity=-1),
+    ),
     looks_like="a gap at high torque only, with the sign of the torque",
     reference="hwangbo2019",
     confused_with=(("torque_scale", "the same motion at two amplitudes"),),
@@ -177,6 +179,7 @@ SATURATION = Path(
     ),
     severity=draw_limit,
     limits=True,
+    quantities={"limit": "limit"},
 )
 
 DELAY = Path(
@@ -200,6 +203,8 @@ DELAY = Path(
     inherent=True,
     delays=True,
     plotted_against="torque rate",
+    quantities={"delay": "delay"},
+    without="hold the command back by it",
 )
 
 LAG = Path(
@@ -222,6 +227,7 @@ LAG = Path(
     inherent=True,
     delays=True,
     near_equivalent="actuator_delay",
+    quantities={"time_constant": "lag"},
 )
 
 SCALE = Path(
@@ -243,6 +249,7 @@ SCALE = Path(
     parametrisation=linear_in(SCALE_ERROR, step=1e-3),
     severity=draw_scale,
     plotted_against="recorded torque",
+    quantities={"scale": "scale"},
 )
 
 OFFSET = Path(
@@ -263,6 +270,7 @@ OFFSET = Path(
     parametrisation=linear_in(OFFSET_TORQUE),
     severity=draw_offset,
     plotted_against="time",
+    quantities={"torque": "offset"},
 )
 
 RIPPLE = Path(
@@ -272,8 +280,8 @@ RIPPLE = Path(
     equation="applied = recorded + A sin(n q + phi)",
     parameters=(
         Parameter("amplitude", "A", "N m", (-2e3, 2e3), (0.05, 5.0)),
-        Parameter("cycles", "n", "1", (0.0, 2000.0), (2.0, 200.0)),
-        Parameter("phase", "phi", "rad", (-6.3, 6.3), (0.0, 6.283)),
+        Parameter("cycles", "n", "1", (0.0, 2000.0), (2.0, 200.0), severity=0),
+        Parameter("phase", "phi", "rad", (-6.3, 6.3), (0.0, 6.283), severity=0),
     ),
     looks_like="a line in the gap when it is put in order of position",
     reference="tuttle1996",
@@ -287,4 +295,9 @@ RIPPLE = Path(
     severity=draw_ripple,
     inherent=True,
     simplified=True,
+    quantities={
+        "amplitude": "ripple",
+        "cycles": "ripple_cycles",
+        "phase": "ripple_phase",
+    },
 )

@@ -21,6 +21,7 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.coupled_motors import COUPLED_ARMATURE
 from gapscope.effects.deflection import behind_elasticity
 from gapscope.effects.effect import (
+    SHEET,
     Drift,
     Effect,
     External,
@@ -103,6 +104,20 @@ class CorrectedArm:
         n = self.arm.n_joints
         named = (e.per_joint(parameter, n) for e in self.effects if e.name == name)
         return sum(named, np.zeros(n))
+
+    def quantity(self, name: str) -> np.ndarray:
+        """A quantity of the drives, a key of ``QUANTITIES``: the data sheet's and all that effects add, shape (n,)."""
+        sheet = SHEET.get(name)
+        nominal = (
+            np.zeros(self.arm.n_joints) if sheet is None else getattr(self.arm, sheet)
+        )
+        added = [
+            applied.per_joint(parameter, self.arm.n_joints)
+            for applied in self.effects
+            for parameter, quantity in applied.effect.quantities.items()
+            if quantity == name and applied.joints
+        ]
+        return np.asarray(sum(added, nominal))
 
     def of_kind(self, kind: type[K]) -> list[tuple[K, list[np.ndarray]]]:
         """Effects of a kind on joints, each with its parameters over all joints, in their order, shape (n,)."""

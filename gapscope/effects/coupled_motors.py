@@ -33,6 +33,7 @@ COUPLED_COULOMB: DryLaw = replace(
     severity=None,
     reach="motor",
     plotted_against="own torque",
+    quantities={"torque": "motor_friction"},
 )
 
 COUPLED_STRIBECK: DryLaw = replace(
@@ -44,6 +45,7 @@ COUPLED_STRIBECK: DryLaw = replace(
     parametrisation=None,
     severity=None,
     reach="motor",
+    quantities={"torque": "motor_breakaway", "velocity": "motor_breakaway_speed"},
 )
 
 COUPLED_SATURATING: DryLaw = replace(
@@ -56,6 +58,7 @@ COUPLED_SATURATING: DryLaw = replace(
     severity=None,
     reach="motor",
     plotted_against="own torque",
+    quantities={"torque": "motor_saturating", "velocity": "motor_saturating_speed"},
 )
 
 COUPLED_VISCOUS: TorqueLaw = replace(
@@ -68,6 +71,7 @@ COUPLED_VISCOUS: TorqueLaw = replace(
     severity=None,
     reach="motor",
     plotted_against="own torque",
+    quantities={"coefficient": "motor_damping"},
 )
 
 COUPLED_ARMATURE: Inertial = replace(
@@ -80,6 +84,7 @@ COUPLED_ARMATURE: Inertial = replace(
     severity=None,
     reach="motor",
     plotted_against="own torque",
+    quantities={"inertia": "motor_rotor"},
 )
 
 COUPLED_MOTORS: dict[str, Effect] = {

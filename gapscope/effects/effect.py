@@ -5,7 +5,7 @@ What all effects of a kind have in common, its class states as default: the side
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple, Protocol
 
@@ -30,6 +30,50 @@ PlottedQuantity = Literal[
     "torque rate",
 ]
 Severity = Callable[[np.random.Generator, ArmScale, np.ndarray], Values]
+
+QUANTITIES = {
+    "friction": "dry friction that does not depend on the motion [N m]",
+    "damping": "viscous friction [N m s/rad]",
+    "rotor": "inertia of the rotor, joint side [kg m^2]",
+    "breakaway": "what dry friction is higher by at rest [N m]",
+    "breakaway_speed": "speed over which it falls [rad/s]",
+    "saturating": "what friction grows to in motion [N m]",
+    "saturating_speed": "speed over which it grows [rad/s]",
+    "load_factor": "dry friction over the torque transmitted [1]",
+    "drift": "share by which friction is higher at first [1]",
+    "drift_time": "time constant over which it fades [s]",
+    "stiffness": "of a spring between links [N m/rad]",
+    "rest": "position at which it is slack [rad]",
+    "gear_stiffness": "between motor and joint [N m/rad]",
+    "gear_damping": "between motor and joint [N m s/rad]",
+    "play": "free play between motor and joint, the whole width [rad]",
+    "limit": "of the torque that is delivered [N m]",
+    "delay": "by which torque arrives late [s]",
+    "lag": "time constant behind which it arrives [s]",
+    "scale": "share by which more torque arrives than is recorded [1]",
+    "offset": "torque that arrives beside it [N m]",
+    "ripple": "amplitude of torque that arrives with the position [N m]",
+    "ripple_cycles": "its periods per revolution [1]",
+    "ripple_phase": "its phase [rad]",
+    "zero": "what the encoder reads beyond the true position [rad]",
+    "resolution": "of the encoder [rad]",
+    "motor_friction": "as friction, of a motor that turns several joints [N m]",
+    "motor_damping": "as damping, of such a motor [N m s/rad]",
+    "motor_rotor": "as rotor, of such a motor [kg m^2]",
+    "motor_breakaway": "as breakaway, of such a motor [N m]",
+    "motor_breakaway_speed": "as breakaway_speed, of such a motor [rad/s]",
+    "motor_saturating": "as saturating, of such a motor [N m]",
+    "motor_saturating_speed": "as saturating_speed, of such a motor [rad/s]",
+    "body": "inertia of a link [kg, m]",
+    "gravity": "its direction [rad]",
+    "contact": "a force from outside and when it acts [N, s]",
+}
+"""What drives, bodies and encoders of a simulated arm are described by, joint side; a format holds some of them.
+
+Effects say which of these their parameters are (``Effect.quantities``), so that neither simulator nor exports name any.
+"""
+SHEET = {"friction": "coulomb", "damping": "viscous", "rotor": "armature"}
+"""Quantities that the data sheet states, with their name in ``NominalArm``."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +103,9 @@ class Effect:
         built_in: whether it belongs to how the arm was built, so that it does not change from one day to another.
         near_equivalent: the more common effect that it equals to first order, if any.
         plotted_against: the quantity over which a report draws it.
+        quantities: by parameter, what it is of a simulated arm's drives and bodies, a key of ``QUANTITIES``; parameters
+            that are none of these act through the law alone.
+        without: what to do where a format cannot hold it; empty if there is nothing to say.
     """
 
     name: str
@@ -81,6 +128,8 @@ class Effect:
     built_in: bool = field(default=False, kw_only=True)
     near_equivalent: str | None = field(default=None, kw_only=True)
     plotted_against: PlottedQuantity = field(default="own torque", kw_only=True)
+    quantities: Mapping[str, str] = field(default_factory=dict, kw_only=True)
+    without: str = field(default="", kw_only=True)
 
     def parameter(self, name: str) -> Parameter:
         """The parameter called ``name``; raises ``KeyError`` if there is none."""
@@ -154,9 +203,15 @@ class DryLaw(TorqueLaw):
 
     ``amplitude(velocity, load, *values)`` is the torque with which it opposes motion [N m]; load is the applied motor
     torque [N m]. If that is known, law = amplitude times smoothed sign.
+
+    Attributes:
+        varies_with: on what the amplitude depends besides its values: a simulator takes it anew only when that changes.
     """
 
     amplitude: Law = field(kw_only=True)
+    varies_with: Literal["nothing", "velocity", "load"] = field(
+        default="velocity", kw_only=True
+    )
 
 
 @dataclass(frozen=True)

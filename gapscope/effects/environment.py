@@ -85,6 +85,7 @@ BASE_TILT = Inertial(
         tilt_values, linear=2, clip=clip_tilt, usual=0.0873
     ),
     severity=draw_tilt,
+    quantities={"roll": "gravity", "pitch": "gravity"},
 )
 
 EXTERNAL_FORCE = External(
@@ -94,8 +95,8 @@ EXTERNAL_FORCE = External(
     equation="recorded = nominal - J^T f between start and end",
     parameters=(
         Parameter("force", "f", "N", (-1e4, 1e4), (-50.0, 50.0), size=3),
-        Parameter("start", "t0", "s", (-1e6, 1e6), (1.0, 5.0)),
-        Parameter("end", "t1", "s", (-1e6, 1e6), (5.0, 10.0)),
+        Parameter("start", "t0", "s", (-1e6, 1e6), (1.0, 5.0), severity=0),
+        Parameter("end", "t1", "s", (-1e6, 1e6), (5.0, 10.0), severity=0),
     ),
     looks_like="a gap on several joints within one interval of time",
     reference="haddadin2017",
@@ -103,4 +104,6 @@ EXTERNAL_FORCE = External(
     active=acts,
     parametrisation=Parametrisation(force_values, linear=3, nonlinear=("start", "end")),
     severity=draw_force,
+    quantities={"force": "contact", "start": "contact", "end": "contact"},
+    without="it belongs to the recording in which it acted",
 )

@@ -155,6 +155,8 @@ COULOMB = DryLaw(
     parametrisation=linear_in(COULOMB_TORQUE, data_sheet="coulomb"),
     severity=draw_coulomb,
     plotted_against="velocity",
+    quantities={"torque": "friction"},
+    varies_with="nothing",
 )
 
 VISCOUS = TorqueLaw(
@@ -174,6 +176,7 @@ VISCOUS = TorqueLaw(
     severity=draw_viscous,
     simplified=True,
     plotted_against="velocity",
+    quantities={"coefficient": "damping"},
 )
 
 STRIBECK = DryLaw(
@@ -183,7 +186,7 @@ STRIBECK = DryLaw(
     equation="d exp(-(v / vs)^2) sgn v",
     parameters=(
         Parameter("torque", "d", "N m", (0.0, 5e3), (0.1, 5.0), increment=True),
-        Parameter("velocity", "vs", "rad/s", (1e-4, 20.0), (0.02, 2.9)),
+        Parameter("velocity", "vs", "rad/s", (1e-4, 20.0), (0.02, 2.9), severity=0),
     ),
     looks_like="friction that falls as the joint begins to move",
     reference="armstrong1994",
@@ -199,6 +202,8 @@ STRIBECK = DryLaw(
     severity=draw_stribeck,
     inherent=True,
     simplified=True,
+    quantities={"torque": "breakaway", "velocity": "breakaway_speed"},
+    without="friction of the file at rest is lower by it",
 )
 
 SATURATING = DryLaw(
@@ -208,7 +213,7 @@ SATURATING = DryLaw(
     equation="d tanh(|v| / vs) sgn v",
     parameters=(
         Parameter("torque", "d", "N m", (0.0, 5e3), (0.2, 20.0), increment=True),
-        Parameter("velocity", "vs", "rad/s", (1e-3, 20.0), (0.05, 2.0)),
+        Parameter("velocity", "vs", "rad/s", (1e-3, 20.0), (0.05, 2.0), severity=0),
     ),
     looks_like="friction that grows with speed, less and less",
     reference="gaz2019",
@@ -230,6 +235,8 @@ SATURATING = DryLaw(
     inherent=True,
     simplified=True,
     plotted_against="velocity",
+    quantities={"torque": "saturating", "velocity": "saturating_speed"},
+    without="friction of the file in motion is lower by it",
 )
 
 LOAD = DryLaw(
@@ -249,6 +256,8 @@ LOAD = DryLaw(
     parametrisation=linear_in(LOAD_COEFFICIENT, step=1e-3, lowest=0.0),
     inherent=True,
     plotted_against="directed load",
+    quantities={"coefficient": "load_factor"},
+    varies_with="load",
 )
 
 DRIFT = Drift(
@@ -258,7 +267,7 @@ DRIFT = Drift(
     equation="friction (1 + a exp(-t / T))",
     parameters=(
         Parameter("amplitude", "a", "1", (-0.95, 5.0), (0.2, 1.0)),
-        Parameter("time_constant", "T", "s", (0.1, 1e5), (5.0, 1800.0)),
+        Parameter("time_constant", "T", "s", (0.1, 1e5), (5.0, 1800.0), severity=0),
     ),
     looks_like="friction that fades while the joint warms up",
     reference="bittencourt2012",
@@ -277,4 +286,7 @@ DRIFT = Drift(
     severity=draw_drift,
     inherent=True,
     simplified=True,
+    quantities={"amplitude": "drift", "time_constant": "drift_time"},
+    without="friction of the file is that without drift; at the start of a recording it is 1 + amplitude times as "
+    "large",
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 
 @dataclass(frozen=True)
@@ -17,6 +18,8 @@ class Parameter:
         typical: range of severities met on real arms, for drawing at random and for plausibility checks.
         size: 1 for a scalar, 3 for a vector.
         increment: whether the value adds to the nominal arm's (friction, armature, mass) or is the value itself.
+        severity: how the value goes with the severity of its effect: 1 in proportion, -1 the smaller the more severe (a
+            limit, a stiffness), 0 not at all, since it says where or when.
     """
 
     name: str
@@ -26,3 +29,4 @@ class Parameter:
     typical: tuple[float, float]
     size: int = 1
     increment: bool = False
+    severity: Literal[-1, 0, 1] = 1

@@ -88,7 +88,7 @@ ROTOR_INERTIA = Parameter(
     "inertia", "I", "kg m^2", (-1e3, 5e3), (0.02, 1.3), increment=True
 )
 LOAD_MASS = Parameter("mass", "m", "kg", (-50.0, 200.0), (0.2, 10.0), increment=True)
-LOAD_COM = Parameter("com", "c", "m", (-1.0, 1.0), (-0.1, 0.1), size=3)
+LOAD_COM = Parameter("com", "c", "m", (-1.0, 1.0), (-0.1, 0.1), size=3, severity=0)
 LINK_MASS = Parameter("mass", "dm", "kg", (-100.0, 100.0), (-2.0, 2.0), increment=True)
 LINK_COM = Parameter(
     "com", "dc", "m", (-1.0, 1.0), (-0.03, 0.03), size=3, increment=True
@@ -113,6 +113,7 @@ ARMATURE = Inertial(
     side="actuator",
     reach="joint",
     plotted_against="acceleration",
+    quantities={"inertia": "rotor"},
 )
 
 PAYLOAD = LinkChange(
@@ -130,6 +131,7 @@ PAYLOAD = LinkChange(
     change=payload_change,
     parametrisation=Parametrisation(payload_values, linear=4, clip=clip_payload),
     severity=draw_payload,
+    quantities={"mass": "body", "com": "body"},
 )
 
 LINK_INERTIA = LinkChange(
@@ -138,7 +140,7 @@ LINK_INERTIA = LinkChange(
     scope="link",
     equation="Y_link(q, dq, ddq) (pi(m + dm, c + dc, I (m + dm) / m) - pi(m, c, I))",
     parameters=(
-        Parameter("link", "l", "1", (1.0, 100.0), (1.0, 7.0)),
+        Parameter("link", "l", "1", (1.0, 100.0), (1.0, 7.0), severity=0),
         LINK_MASS,
         LINK_COM,
     ),
@@ -152,4 +154,5 @@ LINK_INERTIA = LinkChange(
     parametrisation=Parametrisation(link_values, linear=4, clip=clip_link),
     built_in=True,
     severity=draw_link,
+    quantities={"link": "body", "mass": "body", "com": "body"},
 )

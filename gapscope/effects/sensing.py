@@ -64,6 +64,7 @@ ENCODER_OFFSET = Sensing(
     recorded=add_offset,
     parametrisation=linear_in(OFFSET_ANGLE),
     severity=draw_offset,
+    quantities={"offset": "zero"},
 )
 
 ENCODER_QUANTIZATION = Sensing(
@@ -82,4 +83,6 @@ ENCODER_QUANTIZATION = Sensing(
     severity=draw_step,
     side="both",
     reach="joint",
+    quantities={"step": "resolution"},
+    without="round what is read to it",
 )

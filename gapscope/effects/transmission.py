@@ -112,7 +112,7 @@ def draw_spring(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Val
 
 
 PLAY_WIDTH = Parameter("width", "w", "rad", (0.0, 0.5), (0.0017, 0.0175))
-REST = Parameter("rest", "q0", "rad", (-7.0, 7.0), (-1.0, 1.0))
+REST = Parameter("rest", "q0", "rad", (-7.0, 7.0), (-1.0, 1.0), severity=0)
 LONGEST_LAG = 0.05
 """Longest d / k [s] of a gear: 2 z / w, critical damping at 6 Hz; what creeps longer is no spring."""
 COMPLIANCE_STEP = 1e-6
@@ -125,8 +125,8 @@ ELASTICITY = Transmission(
     scope="joint",
     equation="tau = k (theta - q) + d (dtheta - dq)",
     parameters=(
-        Parameter("stiffness", "k", "N m/rad", (1.0, 1e9), (1e3, 5e4)),
-        Parameter("damping", "d", "N m s/rad", (0.0, 1e6), (1.0, 50.0)),
+        Parameter("stiffness", "k", "N m/rad", (1.0, 1e9), (1e3, 5e4), severity=-1),
+        Parameter("damping", "d", "N m s/rad", (0.0, 1e6), (1.0, 50.0), severity=-1),
     ),
     looks_like="a resonance, and a deflection that follows the torque",
     reference="deluca2016",
@@ -144,6 +144,7 @@ ELASTICITY = Transmission(
         clip=clip_elasticity,
     ),
     severity=draw_elasticity,
+    quantities={"stiffness": "gear_stiffness", "damping": "gear_damping"},
 )
 
 BACKLASH = Transmission(
@@ -165,6 +166,7 @@ BACKLASH = Transmission(
     lag=no_lag,
     parametrisation=linear_in(PLAY_WIDTH, step=COMPLIANCE_STEP, lowest=0.0),
     severity=draw_backlash,
+    quantities={"width": "play"},
 )
 
 SPRING = TorqueLaw(
@@ -193,4 +195,5 @@ SPRING = TorqueLaw(
     side="link",
     inherent=True,
     simplified=True,
+    quantities={"stiffness": "stiffness", "rest": "rest"},
 )
