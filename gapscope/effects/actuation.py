@@ -24,7 +24,7 @@ def saturate(
     it cannot have been applied.
     """
     bound = np.where(limit > 0, limit, np.inf)
-    return np.clip(torque, -bound, bound)
+    return np.minimum(np.maximum(torque, -bound), bound)
 
 
 def delay_inverse(needed: np.ndarray, series: Series, delay: np.ndarray) -> np.ndarray:
@@ -174,6 +174,7 @@ SATURATION = Path(
     inverse=saturate,
     applied=saturate,
     place=0,
+    varies_with="nothing",
     parametrisation=Parametrisation(
         saturation_values, nonlinear=("limit",), lowest=0.6
     ),
@@ -198,6 +199,7 @@ DELAY = Path(
     inverse=delay_inverse,
     applied=delay,
     place=1,
+    varies_with="time",
     parametrisation=linear_in(DELAY_TIME, step=1e-4, lowest=0.0),
     severity=draw_delay,
     inherent=True,
@@ -222,6 +224,7 @@ LAG = Path(
     inverse=lag_inverse,
     applied=lag,
     place=2,
+    varies_with="time",
     parametrisation=linear_in(TIME_CONSTANT, step=1e-4, lowest=0.0),
     severity=draw_lag,
     inherent=True,
@@ -246,6 +249,7 @@ SCALE = Path(
     inverse=scale_inverse,
     applied=scale,
     place=3,
+    varies_with="nothing",
     parametrisation=linear_in(SCALE_ERROR, step=1e-3),
     severity=draw_scale,
     plotted_against="recorded torque",
@@ -267,6 +271,7 @@ OFFSET = Path(
     inverse=offset_inverse,
     applied=offset,
     place=4,
+    varies_with="nothing",
     parametrisation=linear_in(OFFSET_TORQUE),
     severity=draw_offset,
     plotted_against="time",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Integral
 
@@ -11,8 +11,11 @@ import numpy as np
 from gapscope.arm.errors import InputError
 from gapscope.arm.nearest_name import nearest
 from gapscope.effects.catalogue import effect as by_name
+from gapscope.effects.catalogue import of_quantity
 from gapscope.effects.effect import Effect
+from gapscope.effects.environment import EXTERNAL_FORCE
 from gapscope.effects.parameter import Parameter
+from gapscope.effects.rigid_body import PAYLOAD
 
 
 @dataclass(frozen=True)
@@ -155,3 +158,27 @@ class AppliedEffect:
                 "moves it",
                 where=self.name,
             )
+
+
+def drives_with(
+    quantity: str, joints: Sequence[int], values: np.ndarray
+) -> AppliedEffect:
+    """What changes one quantity of the drives, a key of ``QUANTITIES``, on joints from 1, m of them.
+
+    ``values`` are increments to the nominal arm, or the values themselves, in the unit of the quantity, shape (m,).
+    """
+    effect, parameter = of_quantity(quantity)
+    return AppliedEffect(effect.name, tuple(joints), {parameter: values})
+
+
+def carried(mass: float, com: Sequence[float]) -> AppliedEffect:
+    """A point mass [kg] at ``com`` [m] in the frame of the joint that moves the last link."""
+    return AppliedEffect(
+        PAYLOAD.name, (), {"mass": np.array(mass), "com": np.array(com)}
+    )
+
+
+def push(force: np.ndarray, start: float, end: float) -> AppliedEffect:
+    """A force [N], world frame, shape (3,), on the last link from ``start`` to ``end`` [s]."""
+    values = {"force": force, "start": np.array(start), "end": np.array(end)}
+    return AppliedEffect(EXTERNAL_FORCE.name, (), values)

@@ -33,10 +33,6 @@ CATALOGUE: dict[str, Effect] = {
 }
 
 
-SHIPPED = frozenset(CATALOGUE) | frozenset(COUPLED_MOTORS)
-"""Names of the effects that come with the package."""
-
-
 def register(new: Effect) -> Effect:
     """Enter an effect into the catalogue of this process, so that it can be simulated, predicted, and diagnosed.
 
@@ -84,6 +80,16 @@ def explained(*, coupled: bool = False) -> list[Effect]:
     if coupled:
         shown += COUPLED_MOTORS.values()
     return [each for each in shown if each.parametrisation is not None]
+
+
+def of_quantity(quantity: str) -> tuple[Effect, str]:
+    """The first effect of the catalogue with a parameter that is a key of ``QUANTITIES``, and that parameter's name."""
+    return next(
+        (effect, parameter)
+        for effect in CATALOGUE.values()
+        for parameter, own in effect.quantities.items()
+        if own == quantity
+    )
 
 
 def known_effect(name: str) -> Effect | None:

@@ -264,11 +264,17 @@ class Path(Effect):
 
     Attributes:
         place: order from the command to the joint; the lowest acts first on a recorded torque.
+        varies_with: on what ``applied`` depends besides the recorded torque of the moment: the position of the moment,
+            or other times, through the series' methods. A simulator has a step for a delay and a lag
+            (``quantities``), and for all that does not depend on time.
     """
 
     inverse: Law = field(kw_only=True)
     applied: Law = field(kw_only=True)
     place: int = field(kw_only=True)
+    varies_with: Literal["nothing", "position", "time"] = field(
+        default="position", kw_only=True
+    )
     side: Side = field(default="actuator", kw_only=True)
     reach: Reach = field(default="joint", kw_only=True)
 

@@ -9,7 +9,6 @@ import numpy as np
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.effect_ranges import EffectRange, EffectRanges
-from gapscope.envs.randomisation import INCIDENTAL, REVERSED
 
 Z95 = 1.96
 """Half the width of a 95 % interval of a normal distribution [standard deviations]."""
@@ -80,7 +79,7 @@ def _hull(items: list[EffectRange], units: int) -> EffectRange:
     for parameter in items[0].low.effect.parameters:
         name = parameter.name
         # an effect that is absent has this value, or none
-        absent = 0.0 if (effect, name) not in REVERSED | INCIDENTAL else np.nan
+        absent = 0.0 if parameter.severity == 1 else np.nan
         lows = [_on(item.low, name, joints, absent) for item in items]
         highs = [_on(item.high, name, joints, absent) for item in items]
         if len(items) < units:
