@@ -35,22 +35,12 @@ class Encoders(Rows):
         self._laws = Laws(laws, np.arange(arm.arm.n_joints))
         coarse = arm.quantity("resolution")
         self._step = np.where(coarse > 0, coarse, step)
-        self._note()
+        self.note()
 
-    def _note(self) -> None:
+    def note(self) -> None:
+        """Note what makes a reading."""
         self._quiet = np.zeros(len(self._step))
         self._seen = Repeated(self._read, 2, len(self._step))
-
-    def beside(self, count: int) -> Encoders:
-        """The same for ``count`` such arms."""
-        many = super().beside(count)
-        many._note()
-        return many
-
-    def put(self, number: int, one: Encoders) -> None:
-        """Take over the encoders of one arm as those of arm ``number``."""
-        super().put(number, one)
-        self._note()
 
     def undone(self, reading: np.ndarray) -> np.ndarray:
         """Position [rad] at which they, but for rounding and noise, read ``reading`` [rad]."""

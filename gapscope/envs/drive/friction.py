@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import reduce
+
 import numpy as np
 from numpy import add, multiply
 
@@ -60,41 +62,27 @@ class Friction(Rows):
         self._drifts = Laws(arm.of_kind(Drift), order)
         self._factor: np.ndarray = np.ones(len(order))
         self.every = max(1, round(DRIFT_PERIOD / dt))
-        self._note()
+        self.note()
 
-    def _note(self) -> None:
+    def note(self) -> None:
         """Note what is absent, so that a step leaves it out; a torque is still to be taken over."""
         self.drifting = bool(self._drifts.acting)
         self.present = bool(self.dry.any() or self._base_viscous.any())
-        self._at_rest, self._applied = self._constant, np.zeros_like(self._constant)
+        self._at_rest, size = self._constant, len(self._constant)
+        self._applied, self._limit = np.zeros((2, size))
         self._moves = bool(self._moving.acting)
-        self._limit = np.zeros_like(self._constant)
-        size = len(self._constant)
-        if self._moves:
-            self._in_motion = Repeated(self._sum, 2, size)
+        self._in_motion = Repeated(self._sum, 2, size)
         self._drifted = Repeated(self._product, 1, size)
-
-    def beside(self, count: int) -> Friction:
-        """The same for ``count`` such arms."""
-        many = super().beside(count)
-        many._note()
-        return many
-
-    def put(self, number: int, one: Friction) -> None:
-        """Take over the friction of one arm, drift included, as that of arm ``number``."""
-        super().put(number, one)
-        self._note()
 
     def drift(self, t: float | np.ndarray, where: np.ndarray | None = None) -> None:
         """Bring the drift up to date at a time t [s], of all joints or of those of a mask, shape (n,)."""
-        factor = self._drifted(t)
-        kept = True if where is None else where
-        np.copyto(self._factor, factor, where=kept)
+        now = True if where is None else where
+        np.copyto(self._factor, self._drifted(t), where=now)
         self.viscous = self._factor * self._base_viscous
 
-    def _product(self, t: np.ndarray) -> np.ndarray:
+    def _product(self, t: np.ndarray) -> np.ndarray | float:
         """The drift's factor F [1] at times t [s]."""
-        factor: np.ndarray = np.ones_like(self._factor)
+        factor: np.ndarray | float = 1.0
         for effect, values in self._drifts.acting:
             factor = factor * (1.0 + effect.change(t, *values))
         return factor
@@ -122,8 +110,7 @@ class Friction(Rows):
 
     def _sum(self, velocity: np.ndarray, applied: np.ndarray) -> np.ndarray:
         """Sum of what varies with the velocity [N m]."""
-        amplitudes = [
-            law.amplitude(velocity, applied, *values)
-            for law, values in self._moving.acting
-        ]
-        return sum(amplitudes[1:], amplitudes[0])
+        acting = self._moving.acting
+        return reduce(
+            add, [law.amplitude(velocity, applied, *values) for law, values in acting]
+        )

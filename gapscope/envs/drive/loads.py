@@ -11,7 +11,6 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import (
     Drift,
     DryLaw,
-    Effect,
     External,
     LinkChange,
     Path,
@@ -21,6 +20,9 @@ from gapscope.effects.effect import (
 )
 from gapscope.envs.drive.rows import Laws
 
+OF_ONE_MOMENT = (TorqueLaw, Drift, LinkChange, Path, Sensing, External)
+"""Kinds of effects whose laws the simulator calls, knowing the present state alone."""
+
 
 def check_simulated(effects: tuple[AppliedEffect, ...]) -> None:
     """Check that the simulator has a step for every effect.
@@ -29,21 +31,15 @@ def check_simulated(effects: tuple[AppliedEffect, ...]) -> None:
         InputError: an effect whose parameters are not quantities of the drives, and that has no law of one moment.
     """
     for applied in effects:
-        if not _has_step(applied.effect):
+        effect = applied.effect
+        known = effect.quantities.keys() >= set(effect.names)
+        in_time = isinstance(effect, Path) and effect.varies_with == "time"
+        if not known and (in_time or not isinstance(effect, OF_ONE_MOMENT)):
             raise InputError(
                 "the simulator has no step for this effect",
                 "leave it out, or add its step to gapscope/envs/drive",
                 where=applied.name,
             )
-
-
-def _has_step(effect: Effect) -> bool:
-    """Whether its parameters are quantities that the simulator knows, or its law needs nothing but the moment."""
-    if effect.quantities.keys() >= set(effect.names):
-        return True
-    if isinstance(effect, Path):
-        return effect.varies_with != "time"
-    return isinstance(effect, TorqueLaw | Drift | LinkChange | Sensing | External)
 
 
 class Loads:

@@ -51,9 +51,9 @@ class TorquePath(Rows):
         laws = arm.of_kind(Path)
         in_time = [law.place for law, _ in laws if law.varies_with == "time"]
         first = min(in_time, default=0)
-        self._before = Laws([x for x in laws if x[0].place < first], order)
-        behind = [x for x in laws if x[0].place >= first]
-        self._after = Laws([x for x in behind if x[0].varies_with != "time"], order)
+        now = [item for item in laws if item[0].varies_with != "time"]
+        self._before = Laws([item for item in now if item[0].place < first], order)
+        self._after = Laws([item for item in now if item[0].place >= first], order)
         delay, lag = (arm.quantity(name)[order] for name in ("delay", "lag"))
         steps = delay / dt
         self._whole = np.floor(steps + 1e-9).astype(int)
@@ -67,10 +67,10 @@ class TorquePath(Rows):
         self.changing = np.full(len(steps), bool(changes))
         self._fresh = np.ones(len(steps), dtype=bool)
         self._held = np.zeros((2, len(steps)))
-        self._note()
+        self.note()
         self.reset()
 
-    def _note(self) -> None:
+    def note(self) -> None:
         """Note what does nothing and is left out of a step, and hold as many commands as the longest delay needs."""
         size = len(self._whole)
         self._columns = np.arange(size)
@@ -88,8 +88,7 @@ class TorquePath(Rows):
     def beside(self, count: int) -> TorquePath:
         """The same for ``count`` such arms; all commands are forgotten."""
         many = super().beside(count)
-        many._held = np.zeros((len(self._held), len(many._whole)))
-        many._note()
+        many._held = np.zeros_like(many._held)
         many.reset()
         return many
 
@@ -100,7 +99,6 @@ class TorquePath(Rows):
         size = len(one._whole)
         self._fresh[number * size : (number + 1) * size] = True
         self._starts = True
-        self._note()
         if len(self._held) != length:
             # the commands of the other arms, in a ring of another length
             self._now = now

@@ -1,4 +1,4 @@
-"""Laws called in every step: the operations of a law are noted once, and then repeated."""
+"""Laws that are called in every step: what they do with their arguments is noted once, and then repeated."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 class Repeated:
     """A function of arrays of one shape, called once to note what NumPy does with them, then repeated on others.
 
-    What depends on its constants alone is computed once, and memory is taken once; for the few joints of an arm that is
+    What depends on its constants alone is computed once, and memory is taken once: for the few joints of an arm that is
     half of the time. A function that does anything but apply ufuncs to its arguments, as to ask whether one is
     positive, cannot be noted and is called each time.
 
     Args:
-        function: of ``count`` arrays.
+        function: of ``count`` arrays; what it takes from elsewhere may not change.
         count: number of arguments.
         size: of each array.
     """
@@ -47,38 +47,32 @@ class Repeated:
             operation(*inputs)
         return self._result
 
-    def note(self, operation: np.ufunc, inputs: tuple[Any, ...]) -> _Noted:
-        """An operation of which an input is an argument of the function, or comes from one."""
-        values = [x.value if isinstance(x, _Noted) else np.asarray(x) for x in inputs]
-        out = operation(*values)
-        call = [*values, out]
-        self._calls.append((operation, call))
+    def note(self, operation: np.ufunc, *inputs: Any) -> _Noted:
+        """Note an operation, of which at least one input goes back to an argument."""
+        call = [x.value if isinstance(x, _Noted) else np.asarray(x) for x in inputs]
         for place, x in enumerate(inputs):
             if isinstance(x, _Noted) and x.number is not None:
                 self._given.append((call, place, x.number))
+        out = operation(*call)
+        call.append(out)
+        self._calls.append((operation, call))
         return _Noted(self, out)
 
 
 class _Noted(NDArrayOperatorsMixin):
-    """An array that is told of all that is done with it; ``number`` is that of the argument which it stands for."""
+    """An array that stands for argument ``number``, or comes from one; nobody may ask for its values."""
+
+    __array__ = __bool__ = None
 
     def __init__(
         self, function: Repeated, value: np.ndarray, number: int | None = None
     ) -> None:
-        self._repeated, self.value, self.number = function, value, number
+        self._noting, self.value, self.number = function, value, number
 
     def __array_ufunc__(
         self, operation: np.ufunc, method: str, *inputs: Any, **options: Any
     ) -> Any:
-        """Note the operation, if it is a plain one."""
+        """Have the operation noted, if it is a plain one."""
         if method != "__call__" or options or operation.nout != 1:
             return NotImplemented
-        return self._repeated.note(operation, inputs)
-
-    def __array__(self, *options: Any, **named: Any) -> np.ndarray:
-        """Its values are not known; raises ``TypeError``."""
-        raise TypeError("the values of an argument are not known")
-
-    def __bool__(self) -> bool:
-        """Its values are not known; raises ``TypeError``."""
-        raise TypeError("the values of an argument are not known")
+        return self._noting.note(operation, *inputs)

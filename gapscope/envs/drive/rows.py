@@ -8,7 +8,6 @@ from typing import ClassVar, Generic, TypeVar
 
 import numpy as np
 
-from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.effect import Effect
 
 R = TypeVar("R", bound="Rows")
@@ -31,10 +30,11 @@ class Rows:
         many = copy(self)
         for name in self.ROWS:
             own = getattr(self, name)
-            repeated = (
+            several = (
                 own.beside(count) if isinstance(own, Rows) else np.tile(own, count)
             )
-            setattr(many, name, repeated)
+            setattr(many, name, several)
+        many.note()
         return many
 
     def put(self: R, number: int, one: R) -> None:
@@ -45,10 +45,14 @@ class Rows:
                 own.put(number, new)
             else:
                 own[number * len(new) : (number + 1) * len(new)] = new
+        self.note()
+
+    def note(self) -> None:
+        """Note what follows from the values, whenever they have changed."""
 
 
 class Laws(Rows, Generic[K]):
-    """Effects of one kind on joints, each with the values of its parameters, (k,), 0 on joints without it.
+    """Effects of one kind on joints, each with the values of its parameters, 0 on joints without it.
 
     An effect is on at a joint if a parameter that goes with its severity is not zero there.
 
@@ -57,61 +61,53 @@ class Laws(Rows, Generic[K]):
         order: the arm's joints in the order of the rows.
 
     Attributes:
-        acting: the effects that are on at some joint, in the order in which they act, with their values.
+        acting: the effects that are on at some joint, with one row of values per parameter, in the order of their
+            place and name, so that sums are the same on every arm.
         joints: mask of the joints at which one is on, shape (k,).
     """
 
     def __init__(
         self, found: Iterable[tuple[K, list[np.ndarray]]], order: np.ndarray
     ) -> None:
-        self._size = len(order)
-        self._known: dict[str, tuple[K, list[np.ndarray]]] = {}
+        self._known: dict[str, tuple[K, np.ndarray]] = {}
+        self.joints: np.ndarray = np.zeros(len(order), dtype=bool)
         for effect, values in found:
             # one effect may be given several times, each on other joints
-            _, rows = self._known.get(effect.name) or (effect, [0.0] * len(values))
-            together = [
-                row + value[order] for row, value in zip(rows, values, strict=True)
-            ]
-            self._known[effect.name] = effect, together
-        self._note()
+            rows = np.array(values)[:, order]
+            if effect.name in self._known:
+                rows += self._known[effect.name][1]
+            self._known[effect.name] = effect, rows
+        self.note()
 
-    def _note(self) -> None:
-        """Note which effects are on, and where; the order of the catalogue makes sums the same on every arm."""
-        self.joints: np.ndarray = np.zeros(self._size, dtype=bool)
-        places = {name: place for place, name in enumerate(CATALOGUE)}
-        acting = []
-        for name, (effect, rows) in self._known.items():
-            pairs = zip(effect.parameters, rows, strict=True)
-            telling = [row for parameter, row in pairs if parameter.severity] or rows
-            on = np.any(telling, axis=0)
+    def note(self) -> None:
+        """Note which effects are on, and where; those that are on nowhere are forgotten."""
+        self.acting = []
+        self.joints = np.zeros_like(self.joints)
+        for effect, rows in self._known.values():
+            telling = [parameter.severity != 0 for parameter in effect.parameters]
+            on = rows[telling].any(axis=0)
             if on.any():
+                self.acting.append((effect, rows))
                 self.joints |= on
-                order = getattr(effect, "place", 0), places.get(name, len(places))
-                acting.append((order, effect, rows))
-        acting.sort(key=lambda item: item[0])
-        self.acting = [(effect, rows) for _, effect, rows in acting]
-        self._known = {effect.name: (effect, rows) for effect, rows in self.acting}
+        self.acting.sort(key=lambda item: (getattr(item[0], "place", 0), item[0].name))
+        self._known = {item[0].name: item for item in self.acting}
 
     def beside(self, count: int) -> Laws[K]:
         """The same for ``count`` such arms."""
         many = copy(self)
-        many._size = count * self._size
+        many.joints = np.tile(self.joints, count)
         many._known = {
-            name: (effect, [np.tile(row, count) for row in rows])
-            for name, (effect, rows) in self._known.items()
+            effect.name: (effect, np.tile(rows, count)) for effect, rows in self.acting
         }
-        many._note()
+        many.note()
         return many
 
     def put(self, number: int, one: Laws[K]) -> None:
         """Take over the effects of one arm as those of arm ``number``; arms may have different ones."""
-        part = slice(number * one._size, (number + 1) * one._size)
-        for _, rows in self._known.values():
-            for row in rows:
-                row[part] = 0.0
-        for name, (effect, values) in one._known.items():
-            nothing = effect, [np.zeros(self._size) for _ in values]
-            _, rows = self._known.setdefault(name, nothing)
-            for row, value in zip(rows, values, strict=True):
-                row[part] = value
-        self._note()
+        part = slice(number * len(one.joints), (number + 1) * len(one.joints))
+        for _, rows in self.acting:
+            rows[:, part] = 0.0
+        for effect, values in one.acting:
+            nothing = np.zeros((len(values), len(self.joints)))
+            self._known.setdefault(effect.name, (effect, nothing))[1][:, part] = values
+        self.note()
