@@ -19,7 +19,7 @@ class Parameter:
         size: 1 for a scalar, 3 for a vector.
         increment: whether the value adds to the nominal arm's (friction, armature, mass) or is the value itself.
         severity: how the value goes with the severity of its effect: 1 in proportion, -1 the smaller the more severe (a
-            limit, a stiffness), 0 not at all, since it says where or when.
+            limit, a stiffness), 0 not at all, since it says where or when. An effect is off if all others are 0.
     """
 
     name: str

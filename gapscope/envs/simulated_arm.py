@@ -188,8 +188,11 @@ class SimulatedArm:
         noise = None
         if self._rng is not None:
             noise = self._noise * self._rng.standard_normal(len(self._q))
-        behind = not (self._two_mass and self._encoders.on_motor)
-        return self._encoders(self.q if behind else self.motor_q, noise)
+        if self._two_mass and self._encoders.on_motor:
+            return self._encoders(self.motor_q, noise)
+        # a reading is an array of its own, so that nothing is copied here
+        joint = self._q if self._ordered else self._q[self._places]
+        return self._encoders(joint, noise)
 
     def step(self, torque: np.ndarray, steps: int = 1) -> None:
         """Hold the commanded torque [N m], shape (n,), for ``steps`` time steps."""

@@ -7,7 +7,7 @@ import numpy as np
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Sensing
 from gapscope.effects.sensing import quantize
-from gapscope.envs.drive.repeated import Repeated
+from gapscope.envs.drive.repeated import repeated
 from gapscope.envs.drive.rows import Laws, Rows
 
 
@@ -39,8 +39,9 @@ class Encoders(Rows):
 
     def note(self) -> None:
         """Note what makes a reading."""
+        self._plain = not (self._laws.acting or self._step.any())
         self._quiet = np.zeros(len(self._step))
-        self._seen = Repeated(self._read, 2, len(self._step))
+        self._seen = repeated(self._read, 2, len(self._step))
 
     def undone(self, reading: np.ndarray) -> np.ndarray:
         """Position [rad] at which they, but for rounding and noise, read ``reading`` [rad]."""
@@ -52,7 +53,9 @@ class Encoders(Rows):
         self, position: np.ndarray, noise: np.ndarray | None = None
     ) -> np.ndarray:
         """Reading [rad] for true positions [rad] and what is added before rounding [rad]."""
-        return np.array(self._seen(position, self._quiet if noise is None else noise))
+        if noise is None:
+            noise = self._quiet
+        return position + noise if self._plain else self._seen(position, noise)
 
     def _read(self, position: np.ndarray, noise: np.ndarray) -> np.ndarray:
         seen = position

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import reduce
+from functools import partial, reduce
 
 import numpy as np
 from numpy import add, multiply
@@ -10,7 +10,7 @@ from numpy import add, multiply
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Drift, DryLaw
 from gapscope.effects.passivity import total
-from gapscope.envs.drive.repeated import Repeated
+from gapscope.envs.drive.repeated import repeated
 from gapscope.envs.drive.rows import Laws, Rows
 
 DRIFT_PERIOD = 0.016
@@ -70,9 +70,12 @@ class Friction(Rows):
         self.present = bool(self.dry.any() or self._base_viscous.any())
         self._at_rest, size = self._constant, len(self._constant)
         self._applied, self._limit = np.zeros((2, size))
-        self._moves = bool(self._moving.acting)
-        self._in_motion = Repeated(self._sum, 2, size)
-        self._drifted = Repeated(self._product, 1, size)
+        self._loads, self._moves = (
+            bool(laws.acting) for laws in (self._loaded, self._moving)
+        )
+        self._under_load = repeated(partial(_sum, self._loaded, 0.0), 1, size)
+        self._in_motion = repeated(partial(_sum, self._moving), 2, size)
+        self._drifted = repeated(self._product, 1, size)
 
     def drift(self, t: float | np.ndarray, where: np.ndarray | None = None) -> None:
         """Bring the drift up to date at a time t [s], of all joints or of those of a mask, shape (n,)."""
@@ -80,18 +83,17 @@ class Friction(Rows):
         np.copyto(self._factor, self._drifted(t), where=now)
         self.viscous = self._factor * self._base_viscous
 
-    def _product(self, t: np.ndarray) -> np.ndarray | float:
-        """The drift's factor F [1] at times t [s]."""
-        factor: np.ndarray | float = 1.0
-        for effect, values in self._drifts.acting:
-            factor = factor * (1.0 + effect.change(t, *values))
-        return factor
+    def _product(self, t: np.ndarray) -> np.ndarray:
+        """The drift's factor F [1] at times t [s], if there is any."""
+        drifts = self._drifts.acting
+        factors = [1.0 + effect.change(t, *values) for effect, values in drifts]
+        return reduce(multiply, factors)
 
     def load(self, applied: np.ndarray, where: np.ndarray | None = None) -> None:
         """Take over the applied motor torque [N m], shape (n,), of all joints or of those of a mask."""
         at_rest = self._constant
-        for law, values in self._loaded.acting:
-            at_rest = at_rest + law.amplitude(0.0, applied, *values)
+        if self._loads:
+            at_rest = self._under_load(applied) + at_rest
         if self.drifting:
             at_rest = at_rest * self._factor
         if where is not None:
@@ -108,9 +110,11 @@ class Friction(Rows):
             more = multiply(more, self._factor, self._limit)
         return add(more, self._at_rest, self._limit)
 
-    def _sum(self, velocity: np.ndarray, applied: np.ndarray) -> np.ndarray:
-        """Sum of what varies with the velocity [N m]."""
-        acting = self._moving.acting
-        return reduce(
-            add, [law.amplitude(velocity, applied, *values) for law, values in acting]
-        )
+
+def _sum(
+    laws: Laws[DryLaw], velocity: np.ndarray | float, applied: np.ndarray
+) -> np.ndarray:
+    """Sum of the amplitudes of laws [N m], if there is any."""
+    return reduce(
+        add, [law.amplitude(velocity, applied, *values) for law, values in laws.acting]
+    )

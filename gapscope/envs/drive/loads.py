@@ -90,7 +90,8 @@ class Loads:
         for law, values in self._laws.acting:
             torque = law.law(signals, *values)
             if self._drifting and law.family == "friction":
-                torque = torque * self._arm.drift(np.array([t]))[0, self._body.order]
+                factor = np.asarray(self._arm.drift(np.array([t])))
+                torque = torque * factor[0, self._body.order]
             out -= torque
         for effect, force, start, end in self._forces:
             if effect.active(t, start, end):

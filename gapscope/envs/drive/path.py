@@ -9,7 +9,7 @@ import numpy as np
 
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Path
-from gapscope.envs.drive.repeated import Repeated
+from gapscope.envs.drive.repeated import repeated
 from gapscope.envs.drive.rows import Laws, Rows
 
 
@@ -75,7 +75,7 @@ class TorquePath(Rows):
         size = len(self._whole)
         self._columns = np.arange(size)
         self._first, self._last = (
-            Repeated(partial(_through, laws), 2, size) if laws.acting else None
+            repeated(partial(_through, laws), 2, size) if laws.acting else None
             for laws in (self._before, self._after)
         )
         self._lags = bool(self._lagging.any())
@@ -128,7 +128,7 @@ class TorquePath(Rows):
             u = self._through_time(u)
         if self._last:
             u = self._last(u, position)
-        return np.array(u)
+        return np.array(u) if u is commanded else u
 
     def _through_time(self, u: np.ndarray) -> np.ndarray:
         """Delay and lag."""

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gapscope.envs.drive.repeated import Repeated
+from gapscope.envs.drive.repeated import repeated
 
 CONSTANT = np.array([0.5, 2.0, 3.0])
 
@@ -29,12 +29,12 @@ def _unsaid(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 )
 def test_equal_to_the_law_on_any_arguments(law) -> None:
     calls = []
-    repeated = Repeated(lambda *both: calls.append(0) or law(*both), 2, 3)
+    noted = repeated(lambda *both: calls.append(0) or law(*both), 2, 3)
     rng = np.random.default_rng(0)
     for _ in range(5):
         x, y = rng.normal(size=(2, 3))
         before = x.copy(), y.copy()
-        np.testing.assert_array_equal(repeated(x, y), law(x, y))
+        np.testing.assert_array_equal(noted(x, y), law(x, y))
         np.testing.assert_array_equal((x, y), before)
 
 
@@ -45,7 +45,7 @@ def test_what_does_not_depend_on_the_arguments_is_computed_once() -> None:
         calls.append(0)
         return CONSTANT * x
 
-    repeated = Repeated(law, 1, 3)
+    noted = repeated(law, 1, 3)
     for _ in range(5):
-        repeated(np.ones(3))
+        noted(np.ones(3))
     assert len(calls) == 1
