@@ -1,4 +1,4 @@
-"""What acts on the links besides gravity and the drive: laws of torque without rest or play, forces from outside."""
+"""What acts on the links besides gravity and the drive: smooth laws of torque, forces from outside."""
 
 from __future__ import annotations
 
@@ -34,7 +34,9 @@ def check_simulated(effects: tuple[AppliedEffect, ...]) -> None:
         effect = applied.effect
         known = effect.quantities.keys() >= set(effect.names)
         in_time = isinstance(effect, Path) and effect.varies_with == "time"
-        if not known and (in_time or not isinstance(effect, OF_ONE_MOMENT)):
+        of_motor = effect.reach == "motor" and not isinstance(effect, DryLaw)
+        called = isinstance(effect, OF_ONE_MOMENT) and not (in_time or of_motor)
+        if not (known or called):
             raise InputError(
                 "the simulator has no step for this effect",
                 "leave it out, or add its step to gapscope/envs/drive",
