@@ -5,12 +5,13 @@ What all effects of a kind have in common, its class states as default: the side
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 
+from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import smooth_sign
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.parameter import Parameter
@@ -144,6 +145,106 @@ class Effect:
         """Names of the parameters."""
         return tuple(p.name for p in self.parameters)
 
+    @property
+    def fitted(self) -> Parametrisation:
+        """How a diagnosis fits it, of an effect that the torque gap shows."""
+        assert self.parametrisation is not None
+        return self.parametrisation
+
+    def values_at(self, x: np.ndarray, searched: np.ndarray | None = None) -> Values:
+        """Parameters by name at linear coordinates x, (linear, m), and searched ones, (s, m), moved into their bounds.
+
+        A link's number is none of them: it says where.
+        """
+        none = np.zeros((0, x.shape[1]))
+        values = self.fitted.values(x, none if searched is None else searched)
+        return {
+            p.name: np.clip(values[p.name], *p.bounds)
+            for p in self.parameters
+            if p.name in values
+        }
+
+    def columns(self, at: Mechanics, x: np.ndarray, searched: np.ndarray) -> np.ndarray:
+        """Derivatives of the bodies' torque by its linear coordinates, (N, n, linear, m), where it acts on bodies.
+
+        By central differences; kinds of effects whose law gives them do better.
+
+        Args:
+            at: the arm with its effects, on a motion.
+            x: linear coordinates around which to differentiate, (linear, m).
+            searched: nonlinear parameters, (s, m).
+        """
+        sizes = np.abs(x).max(axis=1, keepdims=True)
+        steps = self.fitted.step or DIFFERENCE * np.maximum(sizes, 1.0)
+        steps = np.broadcast_to(steps, x.shape)
+        out = np.empty((*at.rigid.shape, *x.shape))
+        for place in np.ndindex(*x.shape):
+            moved = np.zeros_like(x)
+            moved[place] = steps[place]
+            above, below = (at.rigid_with(self, x + side) for side in (moved, -moved))
+            out[(..., *place)] = (above - below) / (2 * steps[place])
+        return out
+
+
+DIFFERENCE = 1e-5
+"""Step of central differences over the size of a coordinate, or over one of its units if it is smaller [1]."""
+
+
+class Mechanics(Protocol):
+    """The bodies of an arm with effects on a motion of N samples: what columns of effects on them are made of."""
+
+    @property
+    def motion(self) -> Motion:
+        """The recorded motion."""
+
+    @property
+    def q(self) -> np.ndarray:
+        """True positions [rad], (N, n)."""
+
+    @property
+    def rigid(self) -> np.ndarray:
+        """Torque of the bodies, effects included [N m], (N, n)."""
+
+    def rigid_with(self, effect: Effect, x: np.ndarray) -> np.ndarray:
+        """The same with an effect at other linear coordinates, (linear, m)."""
+
+    @property
+    def sensitivities(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Derivatives of that torque by position, velocity and acceleration, (N, n, n) each."""
+
+    @property
+    def gravity(self) -> np.ndarray:
+        """Nominal gravity [m/s^2], (3,)."""
+
+    @property
+    def gravity_regressor(self) -> np.ndarray:
+        """G with G g the torque of gravity, (N, n, 3) [kg m]."""
+
+    @property
+    def unit_force(self) -> np.ndarray:
+        """J^T by a force in the world frame at the last link's centre of mass, (N, n, 3) [m]."""
+
+    @property
+    def inertials(self) -> np.ndarray:
+        """Ten nominal inertial parameters of each link, (n, 10)."""
+
+    @property
+    def last_link(self) -> int:
+        """Number of the last link, from 0."""
+
+    def link_regressor(self, link: int) -> np.ndarray:
+        """The bodies' torque by the inertial parameters of a link, (N, n, 10)."""
+
+    @property
+    def transmitted(self) -> np.ndarray:
+        """Torque through the transmissions as recorded [N m], (N, n): what reached the motors less what they need."""
+
+    def value(self, effect: str, parameter: str) -> np.ndarray:
+        """Values of an effect's parameter over all joints, (n,)."""
+
+    def nominal_play(self, width: float) -> np.ndarray:
+        """Torque per radian from a little free play [rad] on each nominal joint, (N, n, n)."""
+
 
 class Signals(NamedTuple):
     """Signals that a torque law may depend on; they broadcast: (n,) for one sample, (N, n) for a series.
@@ -233,10 +334,61 @@ class LinkChange(Inertial):
     """A change of one link's inertia.
 
     ``change(own, *values)`` gives the ten inertial parameters that are added to a link which has ``own``, shape (10,),
-    in the order of ``gapscope.arm.dynamics.rigid_body.INERTIAL_PARAMETERS``.
+    in the order of ``gapscope.arm.dynamics.rigid_body.INERTIAL_PARAMETERS``. Of scope ``arm`` it is the last link's.
+
+    Attributes:
+        tangent_at: derivative of that change by the linear coordinates x, (linear,): ``tangent_at(x)`` of shape
+            (10, linear); ``None`` for central differences.
     """
 
     change: Law = field(kw_only=True)
+    tangent_at: Callable[[np.ndarray], np.ndarray] | None = field(
+        default=None, kw_only=True
+    )
+
+    def tangent(self, own: np.ndarray, link: int, x: np.ndarray) -> np.ndarray:
+        """Derivative of the ten parameters of a link, from 0, that has ``own``, by coordinates x, (10, linear)."""
+        if self.tangent_at is not None:
+            return self.tangent_at(x)
+        where = (np.array(link + 1.0),) if self.scope == "link" else ()
+
+        def change(x: np.ndarray) -> np.ndarray:
+            values = self.fitted.values(x[:, None], np.zeros((0, 1)))
+            named = [np.squeeze(values[name], axis=-1) for name in values]
+            return self.change(own, *where, *named)
+
+        steps = DIFFERENCE * np.eye(len(x))
+        pairs = [change(x + step) - change(x - step) for step in steps]
+        return np.stack(pairs, axis=1) / (2 * DIFFERENCE)
+
+    def columns(self, at: Mechanics, x: np.ndarray, searched: np.ndarray) -> np.ndarray:
+        """The inertial regressor of each link times the derivative of its ten parameters."""
+        links = [at.last_link] if self.scope == "arm" else range(len(at.inertials))
+        columns = [
+            at.link_regressor(link) @ self.tangent(at.inertials[link], link, own)
+            for link, own in zip(links, x.T, strict=True)
+        ]
+        return np.stack(columns, axis=3)
+
+
+@dataclass(frozen=True)
+class Turn(Inertial):
+    """A turn of the base: ``rotation(*values)`` is R from the base to the world frame, (3, 3)."""
+
+    rotation: Law = field(kw_only=True)
+
+    def columns(self, at: Mechanics, x: np.ndarray, searched: np.ndarray) -> np.ndarray:
+        """G times the derivative of gravity in the base frame, R^T g."""
+
+        def gravity(x: np.ndarray) -> np.ndarray:
+            return self.rotation(*x).T @ at.gravity
+
+        pairs = [
+            gravity(x[:, 0] + step) - gravity(x[:, 0] - step)
+            for step in DIFFERENCE * np.eye(len(x))
+        ]
+        tangent = np.stack(pairs, axis=1) / (2 * DIFFERENCE)
+        return (at.gravity_regressor @ tangent)[..., None]
 
 
 @dataclass(frozen=True)
@@ -245,14 +397,31 @@ class Transmission(Effect):
 
     ``deflection(torque, *values)`` is how far the motor leads the joint, theta - q [rad], when the torque through the
     transmission [N m] changes slowly; it lags behind the torque by the time constant ``lag(*values)`` [s].
+
+    Attributes:
+        behind: torque that the bodies need of the motors behind it [N m], (N, n), ``behind(matrices, rate, torque,
+            *values)`` with the derivatives of their torque by the links' position, velocity and acceleration, (N, n, n)
+            each, the sampling rate [Hz] and their torque if the joint were rigid [N m], (N, n).
+        derivatives: as ``columns``, where it begins and in use; ``None`` for central differences.
+        starts: linear coordinates to begin a fit with, (linear,) each: ``starts(inertia, torque)`` of a joint that
+            moves an inertia [kg m^2] by a torque [N m], (N,); a linearisation around none of it shows nothing.
     """
 
     deflection: Law = field(kw_only=True)
     lag: Law = field(kw_only=True)
+    behind: Law = field(kw_only=True)
+    derivatives: Callable[..., np.ndarray] | None = field(default=None, kw_only=True)
+    starts: Callable[[float, np.ndarray], Iterator[np.ndarray]] = field(kw_only=True)
     side: Side = field(default="both", kw_only=True)
     inherent: bool = field(default=True, kw_only=True)
     simplified: bool = field(default=True, kw_only=True)
     locally_linear: bool = field(default=False, kw_only=True)
+
+    def columns(self, at: Mechanics, x: np.ndarray, searched: np.ndarray) -> np.ndarray:
+        """Its own derivatives, or central differences."""
+        if self.derivatives is None:
+            return super().columns(at, x, searched)
+        return self.derivatives(self, at, x)
 
 
 @dataclass(frozen=True)
@@ -283,9 +452,27 @@ class Sensing(Effect):
     true: Law = field(kw_only=True)
     recorded: Law = field(kw_only=True)
 
+    def columns(self, at: Mechanics, x: np.ndarray, searched: np.ndarray) -> np.ndarray:
+        """What moves the true positions changes the bodies' torque as their position does."""
+        out = np.empty((*at.q.shape, *x.shape))
+        for i, step in enumerate(DIFFERENCE * np.eye(len(x))):
+            moved = step[:, None]
+            above, below = (
+                self.true(at.motion.q, *self.fitted.values(x + side, searched).values())
+                for side in (moved, -moved)
+            )
+            by_x = (above - below) / (2 * DIFFERENCE)
+            out[:, :, i] = at.sensitivities[0] * by_x[:, None]
+        return out
+
 
 @dataclass(frozen=True)
 class External(Effect):
     """An external force: ``active(t, start, end)`` says when it acts [1]; t from the start of the recording [s]."""
 
     active: Law = field(kw_only=True)
+
+    def columns(self, at: Mechanics, x: np.ndarray, searched: np.ndarray) -> np.ndarray:
+        """-J^T while it acts."""
+        active = self.active(at.motion.t, *searched[:, 0])
+        return (-active[:, None, None] * at.unit_force)[..., None]

@@ -39,6 +39,22 @@ def link_change(
     return moved - own
 
 
+def payload_tangent(x: np.ndarray) -> np.ndarray:
+    """Derivative of the payload's ten inertial parameters by mass and first moment, (10, 4)."""
+    mass = float(x[0])
+    # around nothing only mass and first moment count, whose squares the moments of inertia are
+    if abs(mass) < 1e-3:
+        return np.eye(10, 4)
+    steps = 1e-4 * abs(mass) * np.eye(4)
+    ends = [(x + step, x - step) for step in steps]
+    pairs = [
+        point_mass_parameters(above[0], above[1:] / above[0])
+        - point_mass_parameters(below[0], below[1:] / below[0])
+        for above, below in ends
+    ]
+    return np.stack(pairs, axis=1) / (2e-4 * abs(mass))
+
+
 def payload_values(x: np.ndarray, nonlinear: np.ndarray) -> Values:
     """Mass m = x0 and first moment m c = x1, x2, x3."""
     return {"mass": x[0], "com": x[1:] / nonzero(x[0])}
@@ -129,6 +145,7 @@ PAYLOAD = LinkChange(
         ("encoder_offset", "static poses over the whole range of every joint"),
     ),
     change=payload_change,
+    tangent_at=payload_tangent,
     parametrisation=Parametrisation(payload_values, linear=4, clip=clip_payload),
     severity=draw_payload,
     quantities={"mass": "body", "com": "body"},

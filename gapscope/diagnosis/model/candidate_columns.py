@@ -12,7 +12,7 @@ import numpy as np
 
 from gapscope.diagnosis.model.decimated_segments import DecimatedSegments
 from gapscope.diagnosis.model.scan import products
-from gapscope.diagnosis.model.terms import Term, parametrisation_of
+from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.thresholds import (
     FASTEST,
     LEAST_RIPPLE_CYCLES,
@@ -175,7 +175,7 @@ def law_columns(
     """
     law, motion = term.definition, segment.motion
     assert isinstance(law, TorqueLaw)
-    parameters = parametrisation_of(law).values(np.ones((1, len(values))), values[None])
+    parameters = law.fitted.values(np.ones((1, len(values))), values[None])
     velocity = motion.dq[:, term.joint - 1, None]
     signals = Signals(motion.t[:, None], position, velocity, load)
     return law.law(signals, *(parameters[name] for name in law.names))
