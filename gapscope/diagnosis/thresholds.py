@@ -228,10 +228,6 @@ RICHEST_INERTIALS = 0.3  # Relative errors of the inertials then [1]. (physical)
 RICHEST_ROUNDS = 3  # Rounds in which joints are weighed by what is left. (budget)
 
 # --- model: linearisation
-BACKLASH_START = 0.004  # Free play with which the columns of backlash begin [rad]. (hand)
-# Step of free play, over its width, for the difference by it [1]: a link that rebounds once more or less takes
-# another course, so that a small step measures single impacts, not the width. (hand)
-PLAY_STEP = 0.15
 LEAST_TORQUE_GAIN = 0.2  # Recorded over needed torque lies between this [1]... (physical)
 MOST_TORQUE_GAIN = 5.0  # ...and this [1]: a wider finite difference crosses a reversal of friction. (physical)
 PIECE_LENGTH = 1.5  # Length of the pieces of the normal equations, every other of which is a half [s]. (hand)
@@ -241,27 +237,11 @@ SENSOR_SCALE = 0.01  # Prior of the error of a sensor's scale [1]. (data sheets 
 SENSOR_LAG = 2e-3  # Prior of a sensor's lag [s]. (hand)
 
 # --- model: scan of parameters that act nonlinearly
-# Ripples with fewer periods per revolution are not looked for: a spring that is not straight looks alike. (hand)
-LEAST_RIPPLE_CYCLES = 3.5
-MOST_RIPPLE_CYCLES = 200.0  # Ripples with more periods per revolution are not looked for. (physical)
-# Periods of a ripple that some recording must show; less is a bend that much else explains. (hand)
-LEAST_RIPPLE_PERIODS = 1.5
 FORCE_WINDOW_BIN = 0.1  # Resolution of the windows in which a force may act [s]. (budget)
 FORCE_WINDOW_EDGES = 80  # Edges of windows that are compared at first. (budget)
 # Share of a force's effect that always counts beside what the errors of the arm could explain of it [1]. (hand)
 FORCE_WINDOW_RIDGE = 0.05
 LEAST_FORCE_WINDOW = 0.3  # Shortest such window [s]. (hand)
-LEAST_TORQUE_LIMIT = 0.01  # Saturation lets at least this share of the largest recorded torque through [1]. (hand)
-LEAST_NEED_AT_LIMIT = 0.7  # While it acts this share of the limit is needed on average [1]. (hand)
-# It acts for this share of the time at most [1], as a controller whose torque never arrives cannot track... (hand)
-LIMITED_TIME_TRACKING = 0.4
-# ...or for this one, if the arm hardly holds [1]: what is needed keeps to the limit meanwhile... (hand)
-LIMITED_TIME_HELD = 0.85
-HELD_NEAR_LIMIT = 0.15  # ...within this share of it [1]. (hand)
-# Quantile of a joint's speed that counts as its largest [1]: the last percent is noise and single peaks. (statistics)
-FASTEST = 0.99
-# Limits that are tried in even steps up to the largest torque, and as many in even ratios. (budget)
-TORQUE_LIMIT_GRID = 40
 
 # --- selection: charges of the evidence
 # Charge for each different effect [nats]: the logarithm of the number of ways to name one, and a margin for what
@@ -327,11 +307,8 @@ UNDECIDED_EVIDENCE = -1.0
 # --- selection: starts of compliant joints
 COMPLIANCE_RATIO = 1.2  # Skip the compliance search if no joint's gap exceeds this many times the floor [1]. (hand)
 COMPLIANCE_START_GAIN = 5.0  # What a start has to explain before its fit [nats]. (hand)
-RESONANCES = np.geomspace(1.2, 20.0, 12)  # Resonances to try [Hz]... (physical)
-DAMPING_RATIOS = (0.02, 0.12)  # ...with these damping ratios [1]. (physical)
 # A start is fitted if it explains this share of what the best one explains [1]. (budget)
 COMPLIANCE_START_SHARE = 0.4
-PLAY_WIDTHS = np.geomspace(4e-4, 6e-2, 11)  # Widths of free play to try [rad]. (physical)
 
 # --- assessment: excess residual, what exceeds the floor
 # Errors of the nominal inertials that are less likely than this explain no gap as a whole [1]. (statistics)

@@ -91,6 +91,18 @@ def known_effect(name: str) -> Effect | None:
     return CATALOGUE.get(name) or COUPLED_MOTORS.get(name)
 
 
+def effect_of(quantity: str) -> Effect:
+    """The effect of the catalogue whose first parameter is a quantity of drives, a key of ``QUANTITIES``.
+
+    Raises:
+        KeyError: the catalogue has none.
+    """
+    for each in CATALOGUE.values():
+        if each.quantities.get(each.names[0]) == quantity:
+            return each
+    raise KeyError(quantity)
+
+
 def effect(name: str) -> Effect:
     """The effect called ``name``, of the catalogue or of coupled motors.
 

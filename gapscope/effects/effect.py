@@ -103,6 +103,7 @@ class Effect:
         limits: whether it cuts the recorded torque off at its first parameter [N m].
         built_in: whether it belongs to how the arm was built, so that it does not change from one day to another.
         near_equivalent: the more common effect that it equals to first order, if any.
+        on_joint: of an effect of a motor that turns several joints, the same on a single joint.
         plotted_against: the quantity over which a report draws it.
         quantities: by parameter, what it is of a simulated arm's drives and bodies, a key of ``QUANTITIES``; parameters
             that are none of these act through the law alone.
@@ -128,6 +129,7 @@ class Effect:
     limits: bool = field(default=False, kw_only=True)
     built_in: bool = field(default=False, kw_only=True)
     near_equivalent: str | None = field(default=None, kw_only=True)
+    on_joint: str | None = field(default=None, kw_only=True)
     plotted_against: PlottedQuantity = field(default="own torque", kw_only=True)
     quantities: Mapping[str, str] = field(default_factory=dict, kw_only=True)
     without: str = field(default="", kw_only=True)
@@ -373,9 +375,14 @@ class LinkChange(Inertial):
 
 @dataclass(frozen=True)
 class Turn(Inertial):
-    """A turn of the base: ``rotation(*values)`` is R from the base to the world frame, (3, 3)."""
+    """A turn of the base: ``rotation(*values)`` is R from the base to the world frame, (3, 3).
+
+    Attributes:
+        far: linear coordinates of turns too far from the nominal arm for its linearisation, to begin a fit with.
+    """
 
     rotation: Law = field(kw_only=True)
+    far: tuple[tuple[float, ...], ...] = field(default=(), kw_only=True)
 
     def columns(self, at: Mechanics, x: np.ndarray, searched: np.ndarray) -> np.ndarray:
         """G times the derivative of gravity in the base frame, R^T g."""
@@ -433,11 +440,14 @@ class Path(Effect):
 
     Attributes:
         place: order from the command to the joint; the lowest acts first on a recorded torque.
+        late_forms: of an effect that makes torque late by T, in what is recorded the coefficients of T^2 and T^3
+            times the second and third derivative of the torque needed; a pair for each form that it may have.
     """
 
     inverse: Law = field(kw_only=True)
     applied: Law = field(kw_only=True)
     place: int = field(kw_only=True)
+    late_forms: tuple[tuple[float, float], ...] = field(default=(), kw_only=True)
     side: Side = field(default="actuator", kw_only=True)
     reach: Reach = field(default="joint", kw_only=True)
 

@@ -79,6 +79,16 @@ def clip_link(x: np.ndarray) -> np.ndarray:
     )
 
 
+def lightest_load(masses: np.ndarray, last: int) -> float:
+    """Least mass of a load [kg]: no more can be missing than the last link's own, of the nominal ``masses``, (n,)."""
+    return -float(masses[last])
+
+
+def lightest_links(masses: np.ndarray, last: int) -> np.ndarray:
+    """Least change of each link's mass [kg], (n,): a link keeps a share of its nominal ``masses``."""
+    return (LEAST_LINK_MASS - 1.0) * masses
+
+
 def draw_armature(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
     """20 to 100 % of the nominal armature."""
     return {"inertia": scale.rotor[j] * rng.uniform(0.2, 1.0)}
@@ -100,6 +110,8 @@ def draw_link(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Value
     }
 
 
+LEAST_LINK_MASS = 0.05
+"""Share of its nominal mass that a changed link keeps at least [1]. (physical)"""
 ROTOR_INERTIA = Parameter(
     "inertia", "I", "kg m^2", (-1e3, 5e3), (0.02, 1.3), increment=True
 )
@@ -146,7 +158,9 @@ PAYLOAD = LinkChange(
     ),
     change=payload_change,
     tangent_at=payload_tangent,
-    parametrisation=Parametrisation(payload_values, linear=4, clip=clip_payload),
+    parametrisation=Parametrisation(
+        payload_values, linear=4, lowest=lightest_load, clip=clip_payload
+    ),
     severity=draw_payload,
     quantities={"mass": "body", "com": "body"},
 )
@@ -168,7 +182,9 @@ LINK_INERTIA = LinkChange(
         ("armature", "the same motion with the other joints in another posture"),
     ),
     change=link_change,
-    parametrisation=Parametrisation(link_values, linear=4, clip=clip_link),
+    parametrisation=Parametrisation(
+        link_values, linear=4, lowest=lightest_links, clip=clip_link
+    ),
     built_in=True,
     severity=draw_link,
     quantities={"link": "body", "mass": "body", "com": "body"},

@@ -10,7 +10,7 @@ import numpy as np
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import effect as by_name
 from gapscope.effects.catalogue import explained
-from gapscope.effects.effect import Effect
+from gapscope.effects.effect import Effect, LinkChange
 from gapscope.effects.parametrisation import Parametrisation
 
 
@@ -37,6 +37,15 @@ class Term:
     def parametrisation(self) -> Parametrisation:
         """How its effect is fitted."""
         return self.definition.fitted
+
+    @property
+    def is_load(self) -> bool:
+        """Whether it is a body that the last link carries."""
+        return isinstance(self.definition, LinkChange) and not self.joint
+
+    def changes_link(self, joint: int) -> bool:
+        """Whether it is a change of the link that a joint moves, from 1."""
+        return isinstance(self.definition, LinkChange) and self.joint == joint
 
     @property
     def finding(self) -> str:

@@ -8,23 +8,18 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.joint_units import size_per_radian
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.model.terms import Terms
-from gapscope.diagnosis.thresholds import LEAST_DELAY, LEAST_LINK_MASS
 
 
 def lowest_values(arm: NominalArm, body: RigidBody, terms: Terms) -> np.ndarray:
-    """Lowest values: friction, armature and the last link's mass may not fall below zero in total.
-
-    A delay must be longer than what sampling explains.
-    """
+    """Lowest values, (P,): as the effects say; what adds to the data sheet may not fall below zero in total."""
     lowest = np.full(terms.size, -np.inf)
+    masses = body.inertial_parameters()[::10]
     for effect in terms.definitions:
         fitted, places = effect.fitted, terms.block(effect.name)[0]
-        lowest[places] = LEAST_DELAY if effect.delays else fitted.lowest
+        least = fitted.lowest
+        lowest[places] = least(masses, body.last_link) if callable(least) else least
         if fitted.data_sheet is not None:
             lowest[places] = -getattr(arm, fitted.data_sheet) - 1e-9
-    masses = body.inertial_parameters()[::10]
-    lowest[terms.block("payload")[0]] = -masses[body.last_link]
-    lowest[terms.block("link_inertia")[0]] = (LEAST_LINK_MASS - 1.0) * masses
     return lowest
 
 

@@ -24,10 +24,11 @@ from gapscope.diagnosis.thresholds import (
     STEP_OVER_DATA_SHEET,
     STEP_WITHOUT_DATA_SHEET,
 )
+from gapscope.effects.catalogue import effect_of
 
 
 def find_quantization(case: Case) -> tuple[FoundFault, ...]:
-    """``encoder_quantization`` on the joints whose step exceeds the data sheet's, as one finding; or none."""
+    """Quantisation on the joints whose step exceeds the data sheet's, as one finding; or none."""
     sheet = case.arm.encoder_step
     least = STEP_WITHOUT_DATA_SHEET * case.arm.per_radian
     if sheet is not None:
@@ -45,7 +46,11 @@ def find_quantization(case: Case) -> tuple[FoundFault, ...]:
     joints = tuple(found)
     return (
         FoundFault(
-            "encoder_quantization", joints, "", parameters, OBVIOUS_FAULT_PROBABILITY
+            effect_of("resolution").name,
+            joints,
+            "",
+            parameters,
+            OBVIOUS_FAULT_PROBABILITY,
         ),
     )
 

@@ -17,10 +17,10 @@ from gapscope.diagnosis.gap.noise_floor import noise_floor
 from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.model.linearisation import Linearisation
 from gapscope.diagnosis.model.terms import Term, Terms
-from gapscope.diagnosis.thresholds import BACKLASH_START, PLAY_STEP
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import explained
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.transmission import PLAY_START, PLAY_STEP
 from gapscope.ident.signals.conditioning import Segment, condition, thinned
 
 N = synthetic.N
@@ -305,7 +305,7 @@ def test_saturation_counts_the_torque_beyond_the_limit() -> None:
     [
         ("joint_elasticity", 2, [4e-5, 4e-8]),
         ("joint_elasticity", 3, [4e-5, 4e-8]),
-        ("backlash", 1, [BACKLASH_START]),
+        ("backlash", 1, [PLAY_START]),
     ],
 )
 def test_columns_before_a_joint_bends_or_plays(
