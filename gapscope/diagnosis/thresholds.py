@@ -268,8 +268,6 @@ LEAST_LINK_MASS = 0.05  # Share of its nominal mass that a changed link keeps at
 # --- selection: search
 SEARCH_RATE = 100.0  # The search works on segments decimated to no less than this [Hz]. (budget)
 MOVE_GAIN = 3.0  # A move must raise the evidence by this much [nats]. (hand)
-# Distances over which dry friction may build up after a reversal: teeth and grease bend [rad]. (physical)
-PRESLIDING_DISTANCES = (1e-5, 2e-5, 3e-5, 6e-5, 1e-4, 3e-4)
 PRESLIDING_GAIN = 5.0  # A joint's presliding must narrow the gap of trusted rows by so much [nats]. (hand)
 FORWARD_STEPS = 12  # Forward steps before the search gives up. (budget)
 GROUPS_TRIED = 3  # Groups that are tried around their own values at each step. (budget)

@@ -15,7 +15,7 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.coupled_motors import COUPLED_MOTORS
-from gapscope.effects.presliding import friction_direction
+from gapscope.effects.friction import friction_direction
 from gapscope.effects.severity import draw
 from gapscope.envs.export.bristles import TANH_ERROR
 from gapscope.envs.export.formats import export

@@ -5,7 +5,7 @@ A bristle bends by z and slips at g(v),
     dz/dt = v - sigma0 |v| z / g(v),   friction = sigma0 z + sigma1 dz/dt,   g(v) = Fc + (Fs - Fc) exp(-(v / vs)^2),
 
 so that at a constant speed the friction is g(v) sgn v (canudas1995). With Fs = Fc and sigma1 = 0 it is Dahl's model of
-``gapscope.effects.presliding``, whose distance is Fc / sigma0.
+``gapscope.effects.friction``, whose distance is Fc / sigma0.
 """
 
 from __future__ import annotations
