@@ -176,9 +176,8 @@ class Effect:
             x: linear coordinates around which to differentiate, (linear, m).
             searched: nonlinear parameters, (s, m).
         """
-        sizes = np.abs(x).max(axis=1, keepdims=True)
-        steps = self.fitted.step or DIFFERENCE * np.maximum(sizes, 1.0)
-        steps = np.broadcast_to(steps, x.shape)
+        begun = self.fitted.step or DIFFERENCE
+        steps = np.where(x != 0, RELATIVE_DIFFERENCE * np.abs(x), begun)
         out = np.empty((*at.rigid.shape, *x.shape))
         for place in np.ndindex(*x.shape):
             moved = np.zeros_like(x)
@@ -189,7 +188,9 @@ class Effect:
 
 
 DIFFERENCE = 1e-5
-"""Step of central differences over the size of a coordinate, or over one of its units if it is smaller [1]."""
+"""Step of central differences about no value, in the units of a coordinate."""
+RELATIVE_DIFFERENCE = 1e-4
+"""Step of central differences about a value, over it [1]."""
 
 
 class Mechanics(Protocol):

@@ -38,6 +38,7 @@ from gapscope.diagnosis.setup_faults.fault_samples import sample
 from gapscope.diagnosis.setup_faults.nuisance import fold_equations
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.transmission import BACKLASH, ELASTICITY
 from gapscope.ident.identification import IdentificationSettings, identify
 from gapscope.ident.signals.conditioning import Segment, blocks, condition, thinned
 
@@ -221,9 +222,7 @@ class TestSegment:
             body = RigidBody(nominal)
             data = FitData(nominal, body, folds, CUTOFF)
             bodies = CompliantBodies(data, body, CorrectedArm(nominal))
-            found.append(
-                [bodies.mass, bodies.elastic(1, 5e3, 10.0), bodies.loose(1, 0.01)]
-            )
+            found.append([bodies.mass, *_behind(bodies)])
         for one, other in zip(*found, strict=True):
             np.testing.assert_allclose(
                 one, other, rtol=1e-4, atol=1e-4 * np.abs(other).max()
@@ -369,3 +368,9 @@ def test_identification_takes_it_out_of_the_torque() -> None:
         np.abs(difference).max()
         < 0.03 * np.abs(row @ nominal[: told.columns.links]).max()
     )
+
+
+def _behind(bodies: CompliantBodies) -> list[np.ndarray]:
+    """What a spring and what free play of the second joint add to the torque [N m], (M, n)."""
+    spring, play = np.array([1 / 5e3, 10.0 / 5e3**2]), np.array([0.01])
+    return [bodies.added(ELASTICITY, 1, spring), bodies.added(BACKLASH, 1, play)]
