@@ -84,7 +84,7 @@ class CorrectedArm:
                     where=applied.name,
                 )
             places |= here
-        check_totals(self.arm, [e.name for e in self.effects], self.value)
+        check_totals(self.effects, self.quantity)
 
     def _check_motors(self, applied: AppliedEffect) -> None:
         """Check that an effect of coupled motors is on motors that are declared as coupled."""
