@@ -140,15 +140,16 @@ def moved_arms(
 ) -> tuple[CorrectedArm, CorrectedArm | None] | None:
     """The arm with one coordinate of an effect moved by a step on all joints; ``None`` if no term of it is open.
 
-    Coordinates beyond the first mean nothing of an effect that is off, as the rest of a spring without stiffness: they
-    are moved from an arm on which it has begun by a step of the first, which comes second.
+    Coordinates beyond the first mean nothing of an effect that is off, as the rest of a spring without stiffness: of
+    one that is linear in them they are moved from an arm on which it has begun by a step of the first, which comes
+    second.
     """
     chosen = [t for t in terms.of(name) if terms.can_choose(t)]
     if not chosen:
         return None
     places = [t.columns[coordinate] for t in chosen]
     own = step[[t.joint - 1 for t in chosen]]
-    if coordinate == 0:
+    if coordinate == 0 or not chosen[0].definition.locally_linear:
         return _stepped(arm, terms, theta, chosen, places, own), None
     on, first = theta.copy(), [t.columns[0] for t in chosen]
     on[first] += np.where(theta[first] == 0, own, 0.0)
