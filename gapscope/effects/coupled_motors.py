@@ -46,6 +46,7 @@ COUPLED_STRIBECK: DryLaw = replace(
     severity=None,
     reach="motor",
     quantities={"torque": "motor_breakaway", "velocity": "motor_breakaway_speed"},
+    without="",
 )
 
 COUPLED_SATURATING: DryLaw = replace(
@@ -59,6 +60,7 @@ COUPLED_SATURATING: DryLaw = replace(
     reach="motor",
     plotted_against="own torque",
     quantities={"torque": "motor_saturating", "velocity": "motor_saturating_speed"},
+    without="",
 )
 
 COUPLED_VISCOUS: TorqueLaw = replace(
