@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.beyond_any_arm import check_size
+from gapscope.arm.data_sheet import UNITS
 from gapscope.arm.errors import InputError
 from gapscope.arm.joint_units import per_radian
 
@@ -72,17 +73,12 @@ class NominalArm:
         """Fill in zeros if the data sheet is silent and freeze the arrays."""
         n = len(self.joints)
         object.__setattr__(self, "sliding", self.sliding or (False,) * n)
-        for name in ("armature", "coulomb", "viscous", "presliding"):
-            if getattr(self, name) is None:
+        per_joint = (*UNITS, "presliding")
+        for name in per_joint:
+            if name != "torque_limit" and getattr(self, name) is None:
                 object.__setattr__(self, name, np.zeros(n))
-        for name, length in (
-            ("gravity", 3),
-            ("armature", n),
-            ("coulomb", n),
-            ("viscous", n),
-            ("presliding", n),
-            ("torque_limit", n),
-        ):
+        for name in ("gravity", *per_joint):
+            length = 3 if name == "gravity" else n
             value = getattr(self, name)
             if value is None:
                 continue

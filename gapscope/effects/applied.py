@@ -11,6 +11,7 @@ import numpy as np
 from gapscope.arm.errors import InputError
 from gapscope.arm.nearest_name import nearest
 from gapscope.effects.catalogue import effect as by_name
+from gapscope.effects.catalogue import effect_of
 from gapscope.effects.effect import Effect
 from gapscope.effects.parameter import Parameter
 
@@ -155,3 +156,12 @@ class AppliedEffect:
                 "moves it",
                 where=self.name,
             )
+
+
+def applied_quantities(
+    joints: tuple[int, ...], **quantities: np.ndarray
+) -> AppliedEffect:
+    """The effect that these quantities of some joints are, keys of ``QUANTITIES``, each of shape (m,)."""
+    effect = effect_of(*quantities)
+    values = {name: quantities[each] for name, each in effect.quantities.items()}
+    return AppliedEffect(effect.name, joints, values)

@@ -106,3 +106,10 @@ def effect(name: str) -> Effect:
             f"did you mean {near[0]}? Or {names}" if near else names,
         )
     return known
+
+
+def effect_of(*quantities: str) -> Effect:
+    """The first effect whose parameters are these quantities, keys of ``QUANTITIES``, and nothing else."""
+    known = (*CATALOGUE.values(), *COUPLED_MOTORS.values())
+    wanted = set(quantities)
+    return next(e for e in known if {e.quantities.get(x) for x in e.names} == wanted)

@@ -131,7 +131,7 @@ PAYLOAD = LinkChange(
     change=payload_change,
     parametrisation=Parametrisation(payload_values, linear=4, clip=clip_payload),
     severity=draw_payload,
-    quantities={"mass": "body", "com": "body"},
+    quantities={"mass": "load", "com": "load"},
 )
 
 LINK_INERTIA = LinkChange(

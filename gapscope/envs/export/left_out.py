@@ -16,7 +16,7 @@ from gapscope.envs.export.plain_arm import PlainArm
 
 FORMATS = ("urdf", "mjcf", "sdf")
 """Formats that can be written."""
-EVERYWHERE = {"body", "gravity", "friction", "damping", "limit", "zero"}
+EVERYWHERE = {"body", "load", "gravity", "friction", "damping", "limit", "zero"}
 """Quantities that every format holds."""
 GEAR = {"gear_stiffness", "gear_damping", "play"}
 """Quantities between a joint and a motor of its own, which needs a rotor."""

@@ -47,7 +47,7 @@ ROS2_CONTROL = Target(
     template=TEMPLATE,
     held=JOINTS | {"scale", "offset", "stiffness", "rest", "zero"},
     hints={
-        "body": "in the file of gapscope export --format urdf, from which gravity and inertia are computed",
+        "load": "in the file of gapscope export --format urdf, from which gravity and inertia are computed",
         "zero": "as the offset of a transmission, or by the URDF of gapscope export; not by both",
         "delay": "bounds the bandwidth: nothing in a controller undoes it",
         "lag": "bounds the bandwidth: nothing in a controller undoes it",

@@ -15,7 +15,7 @@ from gapscope.envs.export.heading import effects_line, xml_comment
 from gapscope.envs.export.left_out import described, holds
 from gapscope.envs.export.snippets.arm_values import SnippetArm
 
-BODIES = frozenset({"body", "gravity", "zero"})
+BODIES = frozenset({"body", "load", "gravity", "zero"})
 """Quantities of bodies and where they are: in the file of the arm that a snippet belongs to."""
 JOINTS = frozenset({"friction", "damping", "rotor", "limit"})
 """Quantities that most snippets hold."""
