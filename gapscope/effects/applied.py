@@ -11,7 +11,7 @@ import numpy as np
 from gapscope.arm.errors import InputError
 from gapscope.arm.nearest_name import nearest
 from gapscope.effects.catalogue import effect as by_name
-from gapscope.effects.catalogue import effect_of
+from gapscope.effects.catalogue import of_quantity
 from gapscope.effects.effect import Effect
 from gapscope.effects.parameter import Parameter
 
@@ -158,10 +158,13 @@ class AppliedEffect:
             )
 
 
-def applied_quantities(
-    joints: tuple[int, ...], **quantities: np.ndarray
-) -> AppliedEffect:
-    """The effect that these quantities of some joints are, keys of ``QUANTITIES``, each of shape (m,)."""
-    effect = effect_of(*quantities)
-    values = {name: quantities[each] for name, each in effect.quantities.items()}
+def drives_with(joints: tuple[int, ...], **quantities: np.ndarray) -> AppliedEffect:
+    """The effect by which drives of some joints, or coupled motors, have quantities, keys of ``QUANTITIES``.
+
+    Args:
+        joints: numbers from 1, m of them.
+        quantities: all of one effect, increments to the nominal arm or the values themselves, each of shape (m,).
+    """
+    effect, _ = of_quantity(next(iter(quantities)))
+    values = {name: quantities[own] for name, own in effect.quantities.items()}
     return AppliedEffect(effect.name, joints, values)

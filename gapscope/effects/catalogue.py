@@ -86,6 +86,16 @@ def explained(*, coupled: bool = False) -> list[Effect]:
     return [each for each in shown if each.parametrisation is not None]
 
 
+def of_quantity(quantity: str) -> tuple[Effect, str]:
+    """The first effect with a parameter that is a key of ``QUANTITIES``, and that parameter's name."""
+    return next(
+        (effect, parameter)
+        for effect in (*CATALOGUE.values(), *COUPLED_MOTORS.values())
+        for parameter, own in effect.quantities.items()
+        if own == quantity
+    )
+
+
 def known_effect(name: str) -> Effect | None:
     """The effect called ``name``; ``None`` for a fault of the set-up, or an effect that this process does not know."""
     return CATALOGUE.get(name) or COUPLED_MOTORS.get(name)
@@ -106,10 +116,3 @@ def effect(name: str) -> Effect:
             f"did you mean {near[0]}? Or {names}" if near else names,
         )
     return known
-
-
-def effect_of(*quantities: str) -> Effect:
-    """The first effect whose parameters are these quantities, keys of ``QUANTITIES``, and nothing else."""
-    known = (*CATALOGUE.values(), *COUPLED_MOTORS.values())
-    wanted = set(quantities)
-    return next(e for e in known if {e.quantities.get(x) for x in e.names} == wanted)

@@ -8,9 +8,9 @@ from typing import Protocol
 import numpy as np
 
 from gapscope.arm.errors import InputError
-from gapscope.effects.catalogue import effect_of
+from gapscope.effects.catalogue import of_quantity
 
-PAYLOAD = effect_of("load").name
+PAYLOAD = of_quantity("load")[0].name
 """Name of the hypothesis that a load on the last link changed."""
 
 

@@ -11,8 +11,8 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.joint_units import joint_unit
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
-from gapscope.effects.applied import applied_quantities
-from gapscope.effects.catalogue import effect_of
+from gapscope.effects.applied import drives_with
+from gapscope.effects.catalogue import of_quantity
 from gapscope.effects.corrected import CorrectedArm
 
 JOINT_COLUMNS = ("rotor", "damping", "friction", "offset")
@@ -61,7 +61,8 @@ class Regressor:
             names += [f"{name}{joint}" for name in INERTIAL_PARAMETERS]
             units += ["kg", *["kg m"] * 3, *["kg m^2"] * 6]
         for name in self.quantities:
-            (parameter,) = effect_of(name).parameters
+            effect, own = of_quantity(name)
+            parameter = effect.parameter(own)
             for joint in range(1, arm.n_joints + 1):
                 names.append(f"{parameter.symbol}{joint}")
                 units.append(joint_unit(parameter.unit, arm.sliding[joint - 1]))
@@ -113,7 +114,7 @@ class Regressor:
         """Recorded torque that a quantity of 1 adds to an arm that needs none [N m], shape (N, n)."""
         n, still = self.arm.n_joints, np.zeros_like(motion.q)
         joints = tuple(range(1, n + 1))
-        applied = applied_quantities(joints, **{name: np.ones(n)})
+        applied = drives_with(joints, **{name: np.ones(n)})
         with_it, without = (
             CorrectedArm(self.arm, effects) for effects in ((applied,), ())
         )

@@ -21,7 +21,7 @@ from gapscope.arm.io.case_file import read_case_file
 from gapscope.arm.io.case_paths import moved
 from gapscope.arm.io.write_case import nominal_section
 from gapscope.arm.nominal import NominalArm
-from gapscope.effects.applied import AppliedEffect, applied_quantities
+from gapscope.effects.applied import AppliedEffect, drives_with
 from gapscope.ident.identification import Identification
 
 UNNOTICED = 1e-9
@@ -98,24 +98,20 @@ def effects(result: Identification) -> tuple[AppliedEffect, ...]:
     found = _of_coupled_motors(result)
     joints, offset = _noticed(result, "o")
     if joints:
-        found.append(applied_quantities(joints, offset=offset))
+        found.append(drives_with(joints, offset=offset))
     law = result.choice.law
     joints, drop = _noticed(result, "d")
     if joints and law.stribeck_speed is not None:
         velocity = law.stribeck_speed * _sizes(result, joints)
         # the solver's bound at zero holds to its tolerance only
         drop = np.maximum(drop, 0.0)
-        found.append(
-            applied_quantities(joints, breakaway=drop, breakaway_speed=velocity)
-        )
+        found.append(drives_with(joints, breakaway=drop, breakaway_speed=velocity))
     joints, level = _noticed(result, "s")
     if joints and law.saturation_speeds is not None:
         fastest = np.array(law.saturation_speeds)[np.array(joints) - 1]
         velocity = fastest * _sizes(result, joints)
         level = np.maximum(level, 0.0)
-        found.append(
-            applied_quantities(joints, saturating=level, saturating_speed=velocity)
-        )
+        found.append(drives_with(joints, saturating=level, saturating_speed=velocity))
     return tuple(found)
 
 
@@ -142,7 +138,7 @@ def _of_coupled_motors(result: Identification) -> list[AppliedEffect]:
                 values[speed] = np.array([law.stribeck_speed])
             if symbol == "s" and law.saturation_speeds is not None:
                 values[speed] = np.array([law.saturation_speeds[first + k]])
-            found.append(applied_quantities((motor,), **values))
+            found.append(drives_with((motor,), **values))
     return found
 
 

@@ -15,10 +15,10 @@ from gapscope.diagnosis.document.wording import (
 )
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.diagnosis.thresholds import LEAST_REFERENCE_SKEW
-from gapscope.effects.catalogue import effect_of
+from gapscope.effects.catalogue import of_quantity
 from gapscope.effects.effect import SHEET, Effect
 
-ADDING = {key: effect_of(quantity) for quantity, key in SHEET.items()}
+ADDING = {key: of_quantity(quantity)[0] for quantity, key in SHEET.items()}
 """Effects that add to an entry of the data sheet, by its key."""
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gapscope.effects.catalogue import effect_of
+from gapscope.effects.catalogue import of_quantity
 from gapscope.ident.kalman.change_hypothesis import (
     PAYLOAD,
     ChangeHypothesis,
@@ -15,7 +15,7 @@ from gapscope.ident.kalman.change_hypothesis import (
 )
 from gapscope.watching.detection.watched_arm import WatchedArm
 
-OFFSET, ENCODER = effect_of("offset").name, effect_of("zero").name
+OFFSET, ENCODER = (of_quantity(x)[0].name for x in ("offset", "zero"))
 FRICTION, OTHER = "friction", "other"
 """Names in alarms beside those of effects; friction is viscous and Coulomb friction together."""
 

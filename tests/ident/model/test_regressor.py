@@ -8,8 +8,8 @@ from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.effects.applied import applied_quantities
-from gapscope.effects.catalogue import effect_of
+from gapscope.effects.applied import drives_with
+from gapscope.effects.catalogue import of_quantity
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
 
@@ -60,12 +60,12 @@ def test_column_of_a_quantity_is_the_derivative_of_the_predicted_torque(
 ):
     regressor = Regressor(arm)
     Y, step, joints = regressor.matrix(motion), 1e-3, tuple(range(1, 8))
-    symbol = effect_of(name).parameters[0].symbol
+    symbol = of_quantity(name)[0].parameters[0].symbol
     for joint in (1, 4, 7):
         predicted = []
         for sign in (-1, 1):
             value = sign * step * (np.array(joints) == joint)
-            effect = applied_quantities(joints, **{name: value})
+            effect = drives_with(joints, **{name: value})
             predicted.append(
                 CorrectedArm(arm, (effect,)).predict(regressor.body, motion)
             )
