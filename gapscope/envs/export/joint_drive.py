@@ -34,7 +34,8 @@ class Gear(NamedTuple):
 class JointDrive:
     """What acts on one joint, nominal values and effects together, joint side.
 
-    Attributes that are no quantities of ``gapscope.effects.effect.QUANTITIES``, which has the others with their units:
+    Quantities have the names and units of ``gapscope.effects.effect.QUANTITIES``; ``rest`` and ``ripple_phase`` hold at
+    the coordinate of the file, which is what the encoder reads.
 
     Attributes:
         presliding: distance over which dry friction builds up [rad], 0 if at once.
