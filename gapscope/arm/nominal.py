@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from gapscope.arm.beyond_any_arm import check_size
-from gapscope.arm.data_sheet import UNITS
 from gapscope.arm.errors import InputError
 from gapscope.arm.joint_units import per_radian
 
@@ -18,6 +17,13 @@ FRICTION_SMOOTHING = 0.005
 """Velocity scale v0 of the smoothed sign, sgn v = tanh(v / v0) [rad/s], as the case format fixes it; a slide's velocity
 is divided by ``NominalArm.per_radian`` first."""
 
+SHEET_UNITS = {
+    "armature": "kg m^2",
+    "coulomb": "N m",
+    "viscous": "N m s/rad",
+    "torque_limit": "N m",
+}
+"""Entries of the data sheet with one value per joint, and their units."""
 _QUANTITIES = {
     "gravity": "gravity",
     "armature": "armature",
@@ -73,7 +79,7 @@ class NominalArm:
         """Fill in zeros if the data sheet is silent and freeze the arrays."""
         n = len(self.joints)
         object.__setattr__(self, "sliding", self.sliding or (False,) * n)
-        per_joint = (*UNITS, "presliding")
+        per_joint = (*SHEET_UNITS, "presliding")
         for name in per_joint:
             if name != "torque_limit" and getattr(self, name) is None:
                 object.__setattr__(self, name, np.zeros(n))

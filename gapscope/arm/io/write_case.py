@@ -14,12 +14,11 @@ import yaml
 
 from gapscope.arm.case import Case
 from gapscope.arm.coupling import coupling_entries
-from gapscope.arm.data_sheet import UNITS
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.folder_lock import LOCK
 from gapscope.arm.io.atomic_write import atomic_write, folder_aside
 from gapscope.arm.io.controller_file import controller_section
-from gapscope.arm.nominal import NominalArm
+from gapscope.arm.nominal import SHEET_UNITS, NominalArm
 from gapscope.arm.recording import CHANNELS, Recording
 
 
@@ -207,7 +206,7 @@ def _file_names(labels: Iterable[str], ending: str) -> list[str]:
 
 def nominal_section(arm: NominalArm) -> dict[str, Any]:
     """The ``nominal:`` section of an arm: rotors, friction, torque limits, encoders."""
-    known = {name: getattr(arm, name) for name in UNITS}
+    known = {name: getattr(arm, name) for name in SHEET_UNITS}
     section = {name: x.tolist() for name, x in known.items() if x is not None}
     section["encoder"] = arm.encoder
     if arm.encoder_step is not None:

@@ -20,10 +20,10 @@ from gapscope.agents.training.training_loop import (
 )
 from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.agents.training.tuning import tune
-from gapscope.arm.data_sheet import UNITS
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.folder_lock import locked
 from gapscope.arm.io.json_file import to_json, write_json
+from gapscope.arm.nominal import SHEET_UNITS
 from gapscope.commands.inputs import read_arm
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import error_context, read_corrected
@@ -119,7 +119,7 @@ def _digest(label: object, corrected: CorrectedArm) -> str:
             "urdf": arm.urdf,
             "joints": arm.joints,
             "encoder": [arm.encoder, arm.encoder_step],
-            "sheet": [getattr(arm, name) for name in ("gravity", *UNITS)],
+            "sheet": [getattr(arm, name) for name in ("gravity", *SHEET_UNITS)],
             "effects": [described(applied) for applied in corrected.effects],
             "networks": [[x.form, x.weights, x.biases] for x in networks],
             "chosen": None if residual is None else residual.chosen,
