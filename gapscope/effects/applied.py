@@ -11,6 +11,7 @@ import numpy as np
 from gapscope.arm.errors import InputError
 from gapscope.arm.nearest_name import nearest
 from gapscope.effects.catalogue import effect as by_name
+from gapscope.effects.catalogue import of_quantity
 from gapscope.effects.effect import Effect
 from gapscope.effects.parameter import Parameter
 
@@ -155,3 +156,15 @@ class AppliedEffect:
                 "moves it",
                 where=self.name,
             )
+
+
+def drives_with(joints: tuple[int, ...], **quantities: np.ndarray) -> AppliedEffect:
+    """The effect by which drives of some joints, or coupled motors, have quantities, keys of ``QUANTITIES``.
+
+    Args:
+        joints: numbers from 1, m of them.
+        quantities: all of one effect, increments to the nominal arm or the values themselves, each of shape (m,).
+    """
+    effect, _ = of_quantity(next(iter(quantities)))
+    values = {name: quantities[own] for name, own in effect.quantities.items()}
+    return AppliedEffect(effect.name, joints, values)

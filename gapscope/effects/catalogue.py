@@ -86,21 +86,19 @@ def explained(*, coupled: bool = False) -> list[Effect]:
     return [each for each in shown if each.parametrisation is not None]
 
 
+def of_quantity(quantity: str) -> tuple[Effect, str]:
+    """The first effect with a parameter that is a key of ``QUANTITIES``, and that parameter's name."""
+    return next(
+        (effect, parameter)
+        for effect in (*CATALOGUE.values(), *COUPLED_MOTORS.values())
+        for parameter, own in effect.quantities.items()
+        if own == quantity
+    )
+
+
 def known_effect(name: str) -> Effect | None:
     """The effect called ``name``; ``None`` for a fault of the set-up, or an effect that this process does not know."""
     return CATALOGUE.get(name) or COUPLED_MOTORS.get(name)
-
-
-def effect_of(quantity: str) -> Effect:
-    """The effect of the catalogue whose first parameter is a quantity of drives, a key of ``QUANTITIES``.
-
-    Raises:
-        KeyError: the catalogue has none.
-    """
-    for each in CATALOGUE.values():
-        if each.quantities.get(each.names[0]) == quantity:
-            return each
-    raise KeyError(quantity)
 
 
 def effect(name: str) -> Effect:

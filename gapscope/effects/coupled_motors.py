@@ -48,6 +48,7 @@ COUPLED_STRIBECK: DryLaw = replace(
     severity=None,
     reach="motor",
     quantities={"torque": "motor_breakaway", "velocity": "motor_breakaway_speed"},
+    without="",
 )
 
 COUPLED_SATURATING: DryLaw = replace(
@@ -62,6 +63,7 @@ COUPLED_SATURATING: DryLaw = replace(
     reach="motor",
     plotted_against="own torque",
     quantities={"torque": "motor_saturating", "velocity": "motor_saturating_speed"},
+    without="",
 )
 
 COUPLED_VISCOUS: TorqueLaw = replace(

@@ -66,6 +66,7 @@ QUANTITIES = {
     "motor_saturating": "as saturating, of such a motor [N m]",
     "motor_saturating_speed": "as saturating_speed, of such a motor [rad/s]",
     "body": "inertia of a link [kg, m]",
+    "load": "a body that the last link carries [kg, m]",
     "gravity": "its direction [rad]",
     "contact": "a force from outside and when it acts [N, s]",
 }
@@ -73,8 +74,8 @@ QUANTITIES = {
 
 Effects say which of these their parameters are (``Effect.quantities``), so that neither simulator nor exports name any.
 """
-SHEET = {"friction": "coulomb", "damping": "viscous", "rotor": "armature"}
-"""Quantities that the data sheet states, with their name in ``NominalArm``."""
+SHEET = {"rotor": "armature", "friction": "coulomb", "damping": "viscous"}
+"""Quantities that the data sheet states, in its order, with their name in ``NominalArm``."""
 
 
 @dataclass(frozen=True)

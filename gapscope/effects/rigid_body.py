@@ -162,7 +162,7 @@ PAYLOAD = LinkChange(
         payload_values, linear=4, lowest=lightest_load, clip=clip_payload
     ),
     severity=draw_payload,
-    quantities={"mass": "body", "com": "body"},
+    quantities={"mass": "load", "com": "load"},
 )
 
 LINK_INERTIA = LinkChange(

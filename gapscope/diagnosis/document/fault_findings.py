@@ -10,7 +10,7 @@ import numpy as np
 from gapscope.diagnosis.document.entries import numbers
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault
 from gapscope.diagnosis.thresholds import LEAST_PROBABILITY
-from gapscope.effects.catalogue import effect_of, known_effect
+from gapscope.effects.catalogue import known_effect, of_quantity
 from gapscope.effects.effect import Turn
 
 HANGING = -0.5
@@ -109,7 +109,7 @@ def _alternatives(fault: FoundFault) -> list[dict[str, Any]]:
     """All torques turned are gravity turned, but for what does not turn with gravity."""
     if fault.turned_base is None:
         return []
-    return [_other_sign(effect_of("gravity").name, [], fault.turned_base)]
+    return [_other_sign(of_quantity("gravity")[0].name, [], fault.turned_base)]
 
 
 def with_torques_turned(

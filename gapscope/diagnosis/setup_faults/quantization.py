@@ -24,7 +24,7 @@ from gapscope.diagnosis.thresholds import (
     STEP_OVER_DATA_SHEET,
     STEP_WITHOUT_DATA_SHEET,
 )
-from gapscope.effects.catalogue import effect_of
+from gapscope.effects.catalogue import of_quantity
 
 
 def find_quantization(case: Case) -> tuple[FoundFault, ...]:
@@ -46,7 +46,7 @@ def find_quantization(case: Case) -> tuple[FoundFault, ...]:
     joints = tuple(found)
     return (
         FoundFault(
-            effect_of("resolution").name,
+            of_quantity("resolution")[0].name,
             joints,
             "",
             parameters,

@@ -47,7 +47,7 @@ def dry_bristle(drive: JointDrive, step: float) -> Bristle | None:
         drive: of the joint.
         step: of the simulator [s].
     """
-    peak, speed = drive.stribeck
+    peak, speed = drive.breakaway, drive.breakaway_speed
     stiffest = drive.inertia * (STIFFEST / step) ** 2
     if builds_up(drive):
         stiffness = min(drive.friction / drive.presliding, stiffest)
@@ -78,11 +78,16 @@ def saturating_bristles(drive: JointDrive, step: float) -> tuple[Bristle, ...]:
         drive: of the joint.
         step: of the simulator [s].
     """
-    torque, speed = drive.saturating
-    if torque == 0:
+    if drive.saturating == 0:
         return ()
     stiffness = drive.inertia * (STIFFEST / step) ** 2
     return tuple(
-        Bristle(stiffness, 0.0, share * torque, 0.0, relative * speed)
+        Bristle(
+            stiffness,
+            0.0,
+            share * drive.saturating,
+            0.0,
+            relative * drive.saturating_speed,
+        )
         for share, relative in zip(TANH_SHARES, TANH_SPEEDS, strict=True)
     )

@@ -55,8 +55,8 @@ def measured(data_root: Path, name: str) -> NominalArm:
     )
 
 
-def random_base(arm: NominalArm, effects=(), preference="link"):
-    regressor = Regressor(arm, effects=effects)
+def random_base(arm: NominalArm, quantities=(), preference="link"):
+    regressor = Regressor(arm, quantities=quantities)
     return regressor, structural_base(
         regressor, np.random.default_rng(0), preference=preference
     )
@@ -64,7 +64,7 @@ def random_base(arm: NominalArm, effects=(), preference="link"):
 
 @pytest.fixture(scope="module")
 def iiwa():
-    regressor, base = random_base(load_nominal_arm("kuka_iiwa"), ("armature",))
+    regressor, base = random_base(load_nominal_arm("kuka_iiwa"), ("rotor",))
     Y = regressor.matrix(random_states(regressor, np.random.default_rng(1), 100))
     return regressor, base, Y
 
@@ -91,7 +91,7 @@ def test_number_of_base_parameters_of_measured_arms(robot, count, data_root):
 
 def test_rounded_angles_of_a_urdf_leave_the_rank_alone():
     # the parallel axes of the xArm6 are 4e-6 rad apart in its URDF; rotors add 4 base parameters, as for the UR10
-    _, base = random_base(load_nominal_arm("xarm6"), ("armature",))
+    _, base = random_base(load_nominal_arm("xarm6"), ("rotor",))
     assert base.count == 36 + 4
 
 
@@ -128,7 +128,7 @@ def test_rotor_folds_into_the_inertia_of_the_first_link(iiwa):
 @pytest.mark.parametrize("preference", ["link", "kind"])
 def test_base_columns_give_the_same_torque_on_other_states(iiwa, preference):
     regressor, _, Y = iiwa
-    _, base = random_base(regressor.arm, ("armature",), preference)
+    _, base = random_base(regressor.arm, ("rotor",), preference)
     pi = np.random.default_rng(2).standard_normal(77)
     assert np.allclose(Y[:, :, base.kept] @ base.of(pi), Y @ pi, rtol=0, atol=1e-8)
     assert np.array_equal(base.combination[:, base.kept], np.eye(base.count))
@@ -202,7 +202,7 @@ def test_scale_of_columns_does_not_change_the_choice(iiwa):
 
 def test_arm_at_rest_shows_gravity_alone(tmp_path):
     arm = chain(tmp_path, ("revolute",) * 2, ("0 0 1",) * 2)
-    regressor = Regressor(arm, effects=())
+    regressor = Regressor(arm, quantities=())
     states = random_states(regressor, np.random.default_rng(0), 50)
     still = type(states)(states.t, states.q, 0 * states.q, 0 * states.q)
     assert base_parameters(regressor.matrix(still), regressor.names).expressions() == (
