@@ -8,8 +8,9 @@ import numpy as np
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.nearest_name import check_known
-from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.applied import AppliedEffect, push
 from gapscope.effects.arm_scale import ArmScale
+from gapscope.effects.effect import External
 
 NAMES = ("none", "push", "noise")
 """``push``: a force on the tool; ``noise``: white noise on the encoders."""
@@ -35,7 +36,7 @@ def check_disturbance(name: str, effects: tuple[AppliedEffect, ...]) -> None:
         InputError: it is unknown, or a push on an arm that has an external force already.
     """
     check_known("disturbance", name, NAMES, where="disturbances")
-    if name == "push" and any(e.name == "external_force" for e in effects):
+    if name == "push" and any(isinstance(e.effect, External) for e in effects):
         raise InputError(
             "the arm has an external force already",
             "leave out push",
@@ -54,5 +55,4 @@ def disturbance(
     direction = rng.standard_normal(3)
     start = START * duration
     force = FORCE * 9.81 * scale.lift * direction / np.linalg.norm(direction)
-    push = {"force": force, "start": np.array(start), "end": np.array(start + LENGTH)}
-    return Disturbance((AppliedEffect("external_force", (), push),))
+    return Disturbance((push(force, start, start + LENGTH),))

@@ -15,7 +15,7 @@ from gapscope.agents.tracking_metrics import Measures, TrackingMetrics
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.named_motions import draw_motion, workspace
 from gapscope.arm.nominal import NominalArm
-from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.applied import AppliedEffect, carried, drives_with
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.simulated_arm import SimulatedArm
@@ -88,12 +88,7 @@ def _true_and_wrong(
 ) -> tuple[tuple[AppliedEffect, ...], tuple[AppliedEffect, ...]]:
     """Effects of the true arm, a delay, and of the wrong model, which has too much inertia besides."""
     joints = tuple(range(1, arm.n_joints + 1))
-    delay = AppliedEffect(
-        "actuator_delay", joints, {"delay": np.full(arm.n_joints, DELAY)}
-    )
-    rotors = AppliedEffect("armature", joints, {"inertia": (ROTORS - 1) * arm.armature})
-    mass = LOAD * ArmScale.of(arm).lift
-    load = AppliedEffect(
-        "payload", (), {"mass": np.array(mass), "com": np.array([0.0, 0.0, 0.1])}
-    )
+    delay = drives_with(joints, delay=np.full(arm.n_joints, DELAY))
+    rotors = drives_with(joints, rotor=(ROTORS - 1) * arm.armature)
+    load = carried(LOAD * ArmScale.of(arm).lift, (0.0, 0.0, 0.1))
     return (delay,), (rotors, load, delay)

@@ -11,10 +11,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.effect import External, Inertial, Transmission
-
-STATEFUL = {"actuator_delay": "delay", "actuator_lag": "time_constant"}
-"""Effects on the way to the joint that a single sample cannot undo, with the parameter that is their time."""
+from gapscope.effects.effect import Effect, External, Inertial, Path, Transmission
 
 
 class TorqueModel(Protocol):
@@ -82,11 +79,8 @@ class ArmModel:
         self._corrected = replace(corrected, effects=lasting)
         self._nominal = RigidBody(corrected.arm, most_bytes=0)
         self._body = self._corrected.body(self._nominal)
-        times = [
-            corrected.value(name, parameter) for name, parameter in STATEFUL.items()
-        ]
-        self.ahead: np.ndarray = sum(times, np.zeros(corrected.arm.n_joints))
-        instant = tuple(e for e in lasting if _instant(e.name, e.effect))
+        self.ahead = corrected.quantity("delay") + corrected.quantity("lag")
+        instant = tuple(e for e in lasting if _instant(e.effect))
         self._instant = replace(self._corrected, effects=instant)
 
     @property
@@ -113,7 +107,8 @@ class ArmModel:
         return self._corrected.predict(self._nominal, motion)
 
 
-def _instant(name: str, effect: object) -> bool:
+def _instant(effect: Effect) -> bool:
     """Whether an effect is left for a single sample to undo: those of the bodies are in the model already."""
-    bodies = isinstance(effect, Inertial) and name != "armature"
-    return not bodies and not isinstance(effect, Transmission) and name not in STATEFUL
+    bodies = isinstance(effect, Inertial) and effect.scope != "joint"
+    in_time = isinstance(effect, Path) and effect.varies_with == "time"
+    return not (bodies or in_time or isinstance(effect, Transmission))

@@ -29,7 +29,7 @@ def saturate(
     it cannot have been applied.
     """
     bound = np.where(limit > 0, limit, np.inf)
-    return np.clip(torque, -bound, bound)
+    return np.minimum(np.maximum(torque, -bound), bound)
 
 
 def delay_inverse(needed: np.ndarray, series: Series, delay: np.ndarray) -> np.ndarray:
@@ -286,6 +286,7 @@ SATURATION = Path(
     inverse=saturate,
     applied=saturate,
     place=0,
+    varies_with="nothing",
     parametrisation=Parametrisation(
         saturation_values,
         nonlinear=("limit",),
@@ -316,6 +317,7 @@ DELAY = Path(
     late_forms=((1 / 2, 1 / 6),),
     applied=delay,
     place=1,
+    varies_with="time",
     parametrisation=linear_in(DELAY_TIME, step=1e-4, lowest=LEAST_DELAY),
     severity=draw_delay,
     inherent=True,
@@ -342,6 +344,7 @@ LAG = Path(
     late_forms=((0.0, 0.0), (1 / 4, 0.0)),
     applied=lag,
     place=2,
+    varies_with="time",
     parametrisation=linear_in(TIME_CONSTANT, step=1e-4, lowest=LEAST_DELAY),
     severity=draw_lag,
     inherent=True,
@@ -366,6 +369,7 @@ SCALE = Path(
     inverse=scale_inverse,
     applied=scale,
     place=3,
+    varies_with="nothing",
     parametrisation=linear_in(SCALE_ERROR, step=1e-3),
     severity=draw_scale,
     plotted_against="recorded torque",
@@ -387,6 +391,7 @@ OFFSET = Path(
     inverse=offset_inverse,
     applied=offset,
     place=4,
+    varies_with="nothing",
     parametrisation=linear_in(OFFSET_TORQUE),
     severity=draw_offset,
     plotted_against="time",

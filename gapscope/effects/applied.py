@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Integral
 
@@ -13,7 +13,9 @@ from gapscope.arm.nearest_name import nearest
 from gapscope.effects.catalogue import effect as by_name
 from gapscope.effects.catalogue import of_quantity
 from gapscope.effects.effect import Effect
+from gapscope.effects.environment import EXTERNAL_FORCE
 from gapscope.effects.parameter import Parameter
+from gapscope.effects.rigid_body import PAYLOAD
 
 
 @dataclass(frozen=True)
@@ -168,3 +170,16 @@ def drives_with(joints: tuple[int, ...], **quantities: np.ndarray) -> AppliedEff
     effect, _ = of_quantity(next(iter(quantities)))
     values = {name: quantities[own] for name, own in effect.quantities.items()}
     return AppliedEffect(effect.name, joints, values)
+
+
+def carried(mass: float, com: Sequence[float]) -> AppliedEffect:
+    """A point mass [kg] at ``com`` [m] in the frame of the joint that moves the last link."""
+    return AppliedEffect(
+        PAYLOAD.name, (), {"mass": np.array(mass), "com": np.array(com)}
+    )
+
+
+def push(force: np.ndarray, start: float, end: float) -> AppliedEffect:
+    """A force [N], world frame, shape (3,), on the last link from ``start`` to ``end`` [s]."""
+    values = {"force": force, "start": np.array(start), "end": np.array(end)}
+    return AppliedEffect(EXTERNAL_FORCE.name, (), values)

@@ -33,10 +33,6 @@ CATALOGUE: dict[str, Effect] = {
 }
 
 
-SHIPPED = frozenset(CATALOGUE) | frozenset(COUPLED_MOTORS)
-"""Names of the effects that come with the package."""
-
-
 def register(new: Effect) -> Effect:
     """Enter an effect into the catalogue of this process, so that it can be simulated, predicted, and diagnosed.
 

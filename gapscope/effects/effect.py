@@ -444,12 +444,18 @@ class Path(Effect):
         place: order from the command to the joint; the lowest acts first on a recorded torque.
         late_forms: of an effect that makes torque late by T, in what is recorded the coefficients of T^2 and T^3
             times the second and third derivative of the torque needed; a pair for each form that it may have.
+        varies_with: on what ``applied`` depends besides the recorded torque of the moment: the position of the moment,
+            or other times, through the series' methods. A simulator has a step for a delay and a lag
+            (``quantities``), and for all that does not depend on time.
     """
 
     inverse: Law = field(kw_only=True)
     applied: Law = field(kw_only=True)
     place: int = field(kw_only=True)
     late_forms: tuple[tuple[float, float], ...] = field(default=(), kw_only=True)
+    varies_with: Literal["nothing", "position", "time"] = field(
+        default="position", kw_only=True
+    )
     side: Side = field(default="actuator", kw_only=True)
     reach: Reach = field(default="joint", kw_only=True)
 

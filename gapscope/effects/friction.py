@@ -85,7 +85,8 @@ def stribeck_amplitude(
     velocity: np.ndarray, load: np.ndarray, torque: np.ndarray, speed: np.ndarray
 ) -> np.ndarray:
     """d exp(-(v / vs)^2) [N m]; d in N m, v and vs in rad/s. If vs is 0 the effect is off."""
-    return torque * np.exp(-((velocity / np.where(speed > 0, speed, 1.0)) ** 2))
+    relative = velocity / np.where(speed > 0, speed, 1.0)
+    return torque * np.exp(-relative * relative)
 
 
 def stribeck(signals: Signals, torque: np.ndarray, speed: np.ndarray) -> np.ndarray:
@@ -139,7 +140,7 @@ def drift_change(
 ) -> np.ndarray:
     """A exp(-t / T) [1], a share of the friction; t and T in s. If T is 0 the effect is off."""
     present = time_constant > 0
-    decay = np.exp(-np.asarray(t) / np.where(present, time_constant, 1.0))
+    decay = np.exp(-t / np.where(present, time_constant, 1.0))
     return np.where(present, amplitude, 0.0) * decay
 
 

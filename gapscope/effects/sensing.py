@@ -10,6 +10,9 @@ from gapscope.effects.parameter import Parameter
 from gapscope.effects.parametrisation import Values, linear_in
 from gapscope.effects.sampling import random_sign
 
+EXACT = 2.0**-500
+"""Rounding to this power of two [rad] changes nothing: neither dividing nor multiplying by it does."""
+
 
 def remove_offset(recorded: np.ndarray, offset: np.ndarray) -> np.ndarray:
     """True q = recorded q - delta [rad]."""
@@ -28,8 +31,8 @@ def keep(recorded: np.ndarray, step: np.ndarray) -> np.ndarray:
 
 def quantize(true: np.ndarray, step: np.ndarray) -> np.ndarray:
     """Recorded q = round(q / step) step [rad]; a step of 0 does not round."""
-    unit = np.where(step > 0, step, 1.0)
-    return np.where(step > 0, np.round(true / unit) * unit, true)
+    unit = np.maximum(step, EXACT)
+    return np.rint(true / unit) * unit
 
 
 def draw_offset(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:

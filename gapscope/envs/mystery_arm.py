@@ -13,23 +13,25 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.motions.trajectory import Fourier, Limits, urdf_limits
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.applied import AppliedEffect, carried
+from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import LinkChange
 from gapscope.envs.position_controller import position_controller
 from gapscope.envs.recorder import record
 
-HIDDEN = (
-    "coulomb_friction",
-    "viscous_friction",
-    "load_friction",
-    "payload",
-    "armature",
-    "torque_scale",
-    "torque_offset",
-    "actuator_delay",
-    "encoder_offset",
+HIDDEN_QUANTITIES = {
+    *("friction", "damping", "load_factor", "rotor"),
+    *("scale", "offset", "delay", "zero"),
+}
+"""Quantities of its drives that the mystery arm may hide, keys of ``gapscope.effects.effect.QUANTITIES``."""
+HIDDEN = tuple(
+    name
+    for name, effect in CATALOGUE.items()
+    if set(effect.quantities.values()) <= HIDDEN_QUANTITIES
+    or (isinstance(effect, LinkChange) and effect.scope == "arm")
 )
-"""Effects that the mystery arm may have: those that a diagnosis can find."""
+"""Effects that the mystery arm may have: of these quantities, or a load; those that a diagnosis can find."""
 DATA_SHEET = {
     "armature": [0.6, 0.6, 0.35, 0.35, 0.2, 0.1, 0.08],
     "coulomb": [3.0, 3.5, 2.0, 2.5, 1.2, 0.8, 0.5],
@@ -121,28 +123,28 @@ def _draw(
     scale: np.ndarray,
 ) -> AppliedEffect:
     """An effect with values of the size that real arms have; friction, rotors and offsets relative to the torque."""
-    if name == "payload":
+    effect = CATALOGUE[name]
+    if isinstance(effect, LinkChange):
         com = [*rng.uniform(-0.05, 0.05, 2), rng.uniform(0.0, 0.1)]
-        return AppliedEffect(
-            name, (), {"mass": np.array(rng.uniform(0.8, 5.0)), "com": np.array(com)}
-        )
+        return carried(rng.uniform(0.8, 5.0), com)
     joints = np.sort(rng.choice(free, size=int(rng.integers(1, 3)), replace=False))
     size, sign = len(joints), rng.choice([-1.0, 1.0])
     torque = (scale * rng.uniform(0.1, 0.4))[joints - 1]
     speed, acceleration = (
         np.sqrt(np.mean(x**2, axis=0))[joints - 1] for x in (motion.dq, motion.ddq)
     )
-    values: dict[str, dict[str, np.ndarray]] = {
-        "coulomb_friction": {"torque": torque},
-        "viscous_friction": {"coefficient": torque / speed},
-        "load_friction": {"coefficient": rng.uniform(0.08, 0.31, size)},
-        "armature": {"inertia": np.minimum(torque / acceleration, 1.3)},
-        "torque_scale": {"scale": sign * rng.uniform(0.1, 0.3, size)},
-        "torque_offset": {"torque": sign * torque},
-        "actuator_delay": {"delay": rng.uniform(0.004, 0.02, size)},
-        "encoder_offset": {"offset": sign * rng.uniform(0.0175, 0.0873, size)},
+    quantities = {
+        "friction": torque,
+        "damping": torque / speed,
+        "load_factor": rng.uniform(0.08, 0.31, size),
+        "rotor": np.minimum(torque / acceleration, 1.3),
+        "scale": sign * rng.uniform(0.1, 0.3, size),
+        "offset": sign * torque,
+        "delay": rng.uniform(0.004, 0.02, size),
+        "zero": sign * rng.uniform(0.0175, 0.0873, size),
     }
-    return AppliedEffect(name, tuple(int(joint) for joint in joints), values[name])
+    values = {name: quantities[own] for name, own in effect.quantities.items()}
+    return AppliedEffect(name, tuple(int(joint) for joint in joints), values)
 
 
 def _reference(rng: np.random.Generator, arm: NominalArm, frequency: float) -> Fourier:

@@ -13,38 +13,15 @@ import numpy as np
 from gapscope.arm.errors import InputError
 from gapscope.arm.nearest_name import check_known
 from gapscope.arm.nominal import NominalArm
-from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.applied import AppliedEffect, drives_with
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Transmission
-from gapscope.effects.parameter import Parameter
 from gapscope.effects.severity import draw
 from gapscope.envs.arguments import record_of
 from gapscope.envs.effect_ranges import EffectRanges
 
-REVERSED = {
-    ("torque_saturation", "limit"),
-    ("joint_elasticity", "stiffness"),
-    ("joint_elasticity", "damping"),
-}
-"""Parameters that are the more severe the smaller they are."""
-INCIDENTAL = {
-    *(
-        ("payload", "com"),
-        ("torque_ripple", "cycles"),
-        ("torque_ripple", "phase"),
-        ("parallel_spring", "rest"),
-    ),
-    *(
-        ("stribeck_friction", "velocity"),
-        ("saturating_friction", "velocity"),
-        ("friction_drift", "time_constant"),
-        ("link_inertia", "link"),
-    ),
-    *(("external_force", "start"), ("external_force", "end")),
-}
-"""Parameters that say where or when, not how severe."""
 GIVE = (
     "give a gapscope.envs.randomisation.Randomisation, or the ranges that "
     "gapscope.envs.effect_ranges.read_effect_ranges reads"
@@ -158,8 +135,8 @@ def draw_effects(
 ) -> tuple[AppliedEffect, ...]:
     """Effects with values, each of the catalogue at most once, and none of those given.
 
-    A joint that becomes elastic or gets play needs a rotor: if neither the data sheet nor the effects have one, an
-    ``armature`` comes with it.
+    A joint that becomes elastic or gets play needs a rotor: if neither the data sheet nor the effects have one, it
+    comes with it.
 
     Args:
         rng: source of the effects; the same state gives the same effects, bit by bit.
@@ -223,39 +200,27 @@ def _draw(
     )
     drawn = draw(name, rng, scale, some.tolist())
     values = {
-        p.name: _scaled(name, p, drawn.parameters[p.name], severity)
+        p.name: np.clip(drawn.parameters[p.name] * severity**p.severity, *p.bounds)
         for p in drawn.effect.parameters
     }
     return AppliedEffect(name, drawn.joints, values)
 
 
-def _scaled(
-    name: str, parameter: Parameter, value: np.ndarray, severity: float
-) -> np.ndarray:
-    """The value of a parameter at a severity, within its bounds."""
-    if (name, parameter.name) in INCIDENTAL:
-        return value
-    factor = 1.0 / severity if (name, parameter.name) in REVERSED else severity
-    return np.clip(value * factor, *parameter.bounds)
-
-
 def _rotors(
     arm: NominalArm, effects: tuple[AppliedEffect, ...], scale: ArmScale
 ) -> tuple[AppliedEffect, ...]:
-    """Armature for joints with play or elasticity that have none."""
+    """Rotors for joints with play or elasticity that have none."""
     flexible = {
         joint
         for applied in effects
         if isinstance(applied.effect, Transmission)
         for joint in applied.joints
     }
-    inertia = CorrectedArm(arm, effects).value("armature", "inertia") + arm.armature
+    inertia = CorrectedArm(arm, effects).quantity("rotor")
     bare = tuple(joint for joint in sorted(flexible) if inertia[joint - 1] <= 0)
-    return (
-        (AppliedEffect("armature", bare, {"inertia": scale.rotor[np.array(bare) - 1]}),)
-        if bare
-        else ()
-    )
+    if not bare:
+        return ()
+    return (drives_with(bare, rotor=scale.rotor[np.array(bare) - 1]),)
 
 
 class RandomiseEffects(gymnasium.Wrapper):

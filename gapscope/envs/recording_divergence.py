@@ -11,10 +11,8 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.velocity_filter import filter_gains
-from gapscope.effects.actuation import DELAY
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.rigid_body import ARMATURE
 from gapscope.envs.divergence import fastest, largest_stable
 from gapscope.envs.sampled_loop import SampledLoop
 
@@ -71,7 +69,7 @@ def _effects_at_work(
 ) -> str:
     """What the effects do to a loop that is stable without them."""
     names = ", ".join(dict.fromkeys(effect.name for effect in true.effects))
-    delay = float(np.max(true.value(DELAY.name, "delay")))
+    delay = float(np.max(true.quantity("delay")))
     late = replace(loop, late=round(delay / loop.dt))
     share = _stable_share(late, true, postures)
     if share < 1.0:
@@ -83,7 +81,7 @@ def _stable_share(loop: SampledLoop, arm: CorrectedArm, postures: np.ndarray) ->
     """Largest share of the loop's bandwidth that is stable at all postures [1]; 1 if the loop is."""
     nominal = arm.arm
     body = arm.body(RigidBody(nominal))
-    rotors = nominal.armature + arm.value(ARMATURE.name, "inertia")
+    rotors = arm.quantity("rotor")
     masses = [body.mass_matrix(q) + np.diag(rotors) for q in postures]
     believed_body, own = RigidBody(nominal), np.diag(nominal.armature)
     believed = [believed_body.mass_matrix(q) + own for q in postures]

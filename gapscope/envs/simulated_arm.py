@@ -65,7 +65,8 @@ class SimulatedArm:
         self.arm, self.dt, self.body, self.parts = arm, dt, drive.body, drive.parts
         self._order, self._places = self.nominal.order, self.nominal.places
         self._ordered = bool((self._order == np.arange(arm.n_joints)).all())
-        self._encoders = Encoders(drive.corrected, encoder_step, encoder_noise, rng)
+        self._encoders = Encoders(drive.corrected, encoder_step)
+        self._noise, self._rng = encoder_noise, rng if np.any(encoder_noise) else None
         self._loads, self._motors, self._path = drive.loads, drive.motors, drive.path
         self._friction, self._rigid, self._h = drive.friction, drive.rigid, drive.h
         self._two_mass, self._direct = not drive.rigid.all(), drive.direct
@@ -134,8 +135,8 @@ class SimulatedArm:
         self, reading: np.ndarray, dq: np.ndarray | None = None, time: float = 0.0
     ) -> None:
         """Put the arm where its encoders, but for rounding and noise, read ``reading`` [rad], shape (n,)."""
-        seen = np.asarray(reading, dtype=float) - self._encoders.offset
-        q = seen.copy()
+        seen = self._encoders.undone(np.asarray(reading, dtype=float))
+        q = seen
         if self._two_mass and self._encoders.on_motor:
             still = np.zeros(len(q))
             # the motor leads its link by what the weight bends, which depends on where the link is
@@ -184,9 +185,11 @@ class SimulatedArm:
 
     def encoders(self) -> np.ndarray:
         """Positions as the encoders read them [rad], shape (n,); each call draws its own noise."""
-        # encoders add to the positions, so that nothing is copied here
-        joint = self._q if self._ordered else self._q[self._places]
-        return self._encoders(self.motor_q if self._two_mass else joint, joint)
+        noise = None
+        if self._rng is not None:
+            noise = self._noise * self._rng.standard_normal(len(self._q))
+        behind = not (self._two_mass and self._encoders.on_motor)
+        return self._encoders(self.q if behind else self.motor_q, noise)
 
     def step(self, torque: np.ndarray, steps: int = 1) -> None:
         """Hold the commanded torque [N m], shape (n,), for ``steps`` time steps."""
@@ -216,9 +219,10 @@ class SimulatedArm:
         """Steps under a torque that does not change, of rigid joints on which nothing else acts."""
         friction, solver, torque = self._friction, self._step, self._u
         limit, advance = friction.limit, solver.advance
+        drifting, every = friction.drifting, friction.every
         start = self._count
         for self._count in range(start, start + count):
-            if friction.drifting and friction.drifts(self._count):
+            if drifting and not self._count % every:
                 self._drift()
             advance(torque, limit(solver.dq))
         self._count = start + count
@@ -257,6 +261,7 @@ class SimulatedArm:
 
     def _drift(self) -> None:
         """Bring the drift of friction up to date if that is due."""
-        if self._friction.drifts(self._count):
+        friction = self._friction
+        if friction.drifting and not self._count % friction.every:
             self._friction.drift(self.time)
             self._step.set_viscous(self._friction.viscous * self._rigid)

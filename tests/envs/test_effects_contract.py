@@ -1,16 +1,21 @@
 """What every effect of the catalogue has to fulfil on every engine."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from own_effects import RECORDS, on_arm
 
+from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
+from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
-from gapscope.effects.catalogue import CATALOGUE
-from gapscope.effects.effect import Effect, Sensing
+from gapscope.effects.catalogue import CATALOGUE, register, remove
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import Effect, Inertial, Path, Sensing, Transmission
 from gapscope.effects.severity import draw
 from gapscope.envs.engines import ENGINES
 from gapscope.envs.simulated_arm import SimulatedArm
@@ -204,3 +209,117 @@ def test_sensing_effects_leave_the_true_motion_alone(
         if isinstance(effect, Sensing):
             seen = _run(data_sheet_arm, (_drawn(data_sheet_arm, name),), "pybullet")
             np.testing.assert_array_equal(seen[:, 7:], nominal[:, 7:])
+
+
+@pytest.fixture
+def own() -> Iterator[None]:
+    """The catalogue with effects of a user."""
+    for record in RECORDS.values():
+        register(record)
+    yield
+    for name in RECORDS:
+        remove(name)
+
+
+STEADY = tuple(
+    name for name, effect in CATALOGUE.items() if not isinstance(effect, Transmission)
+)
+"""Joints with two masses ring; they are compared with closed formulas in ``drive/test_two_mass.py``."""
+DT = 1e-3
+
+
+def _planned() -> Motion:
+    """Half a second in which no joint turns round."""
+    t = np.arange(500) * DT
+    w = 4 * np.pi
+    swing = np.sin(w * t)[:, None]
+    q = POSTURE + SPEED * (t[:, None] + 0.3 * swing / w)
+    dq = SPEED * (1 + 0.3 * np.cos(w * t)[:, None])
+    return Motion(t, q, dq, -0.3 * w * SPEED * swing)
+
+
+def _gaps(
+    arm: NominalArm, effect: AppliedEffect, engine: str
+) -> tuple[float, float, np.ndarray, np.ndarray]:
+    """Largest torque gap before and after correction [N m] over a simulated motion; readings and true positions."""
+    plan, body, corrected = _planned(), RigidBody(arm), CorrectedArm(arm, (effect,))
+    commanded = corrected.unlimited.predict(body, plan)
+    rows = []
+    with SimulatedArm(arm, (effect,), DT, engine=engine) as simulated:
+        simulated.start(plan.q[0], plan.dq[0])
+        for torque in commanded:
+            rows.append((simulated.encoders(), simulated.q, simulated.dq))
+            simulated.step(torque)
+        rows.append((simulated.encoders(), simulated.q, simulated.dq))
+    seen, q, dq = (np.array(x) for x in zip(*rows, strict=True))
+    motion = Motion(plan.t, seen[:-1], dq[:-1], np.diff(dq, axis=0) / DT)
+    before = commanded - CorrectedArm(arm).predict(body, motion)
+    after = corrected.delivered(commanded) - corrected.predict(body, motion)
+    # the ends, at which nobody knows the torque before and after
+    inner = slice(60, -60)
+    assert np.sign(dq).tolist() == np.sign(np.tile(SPEED, (len(dq), 1))).tolist()
+    return np.abs(before[inner]).max(), np.abs(after[inner]).max(), seen, q
+
+
+def _severe(arm: NominalArm, name: str) -> AppliedEffect:
+    """An effect that shows on the planned motion."""
+    if name in RECORDS:
+        return on_arm(name)
+    values = {
+        "torque_saturation": {"limit": [67.5, 19.0]},
+        "external_force": {"force": [20.0, 5.0, -9.0], "start": 0.2, "end": 0.3},
+    }.get(name)
+    return _applied(CATALOGUE[name], values) if values else _drawn(arm, name)
+
+
+@pytest.mark.usefixtures("own")
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("name", [*STEADY, *RECORDS])
+def test_the_simulated_motion_needs_the_torque_that_the_law_says(
+    engines, data_sheet_arm: NominalArm, name: str, engine: str
+) -> None:
+    """Viscous friction of the end of a step instead of its beginning makes 0.01 N m; the effects are 40 times that."""
+    effect = _severe(data_sheet_arm, name)
+    before, after, seen, q = _gaps(data_sheet_arm, effect, engines(engine))
+    assert after < 0.012
+    assert before > 0.4 or name == "encoder_quantization"
+    ((law, values),) = CorrectedArm(data_sheet_arm, (effect,)).of_kind(Sensing) or (
+        (None, None),
+    )
+    if law is not None:
+        np.testing.assert_allclose(seen, law.recorded(q, *values), rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        Path(
+            *("slow", "actuation", "joint", "", ()),
+            *("", ""),
+            inverse=lambda needed, series: series.rate(needed),
+            applied=lambda recorded, series: series.rate(recorded),
+            place=3,
+            varies_with="time",
+        ),
+        Inertial("heavy", "rigid_body", "joint", "", (), "", ""),
+        Transmission(
+            *("sloppy", "transmission", "joint", "", ()),
+            *("", ""),
+            deflection=lambda torque: 0.0 * torque,
+            lag=lambda: np.zeros(7),
+        ),
+    ],
+    ids=lambda record: record.name,
+)
+def test_an_effect_without_a_step_is_refused(
+    data_sheet_arm: NominalArm, record: Effect
+) -> None:
+    record = replace(record, parameters=CATALOGUE["torque_scale"].parameters)
+    register(record)
+    try:
+        applied = AppliedEffect(record.name, (1,), {"scale": 0.1})
+        with pytest.raises(InputError, match="no step for this effect") as caught:
+            SimulatedArm(data_sheet_arm, (applied,))
+    finally:
+        remove(record.name)
+    assert caught.value.where == record.name

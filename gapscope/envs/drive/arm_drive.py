@@ -14,10 +14,8 @@ from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.effect import LinkChange, Transmission
-from gapscope.effects.environment import BASE_TILT
+from gapscope.effects.effect import Inertial, LinkChange, Transmission
 from gapscope.effects.passivity import total
-from gapscope.effects.rigid_body import ARMATURE
 from gapscope.envs.drive.coupled_motors import CoupledMotors
 from gapscope.envs.drive.friction import Friction
 from gapscope.envs.drive.loads import Loads, check_simulated
@@ -74,18 +72,20 @@ class ArmDrive:
         self.corrected.check()
         check_simulated(effects)
         changes = [e.name for e in effects if isinstance(e.effect, LinkChange)]
-        tilted = any(e.name == BASE_TILT.name for e in effects)
-        self.altered = bool(changes) or tilted
+        # what is inertial on a joint is its rotor
+        self.altered = any(
+            isinstance(e.effect, Inertial) and not e.joints for e in effects
+        )
         self.body = self.corrected.body(nominal)
         if changes:
             check_inertia(self.body, ", ".join(changes))
         order = nominal.order
-        added = self.corrected.value(ARMATURE.name, "inertia")
-        self.rotors = total(arm.armature + added, ARMATURE.name, "kg m^2")[order]
+        rotors = self.corrected.quantity("rotor")
+        self.rotors = total(rotors, "nominal.armature", "kg m^2")[order]
         self.loads = Loads(self.corrected, nominal)
         self._set_motors(effects, order, dt)
         self.friction = Friction(self.corrected, order, self.h)
-        self.path = TorquePath.of(self.corrected, order, self.h)
+        self.path = TorquePath(self.corrected, order, self.h)
         self.coupled = CoupledMotors(self.corrected, self.body, self.h)
         # with nothing between torque and bodies the engine steps on its own
         between = self.friction.present or self.rotors.any() or self.loads.present

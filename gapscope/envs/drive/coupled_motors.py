@@ -13,10 +13,6 @@ import numpy as np
 from gapscope.arm.dynamics.forward_dynamics import ForwardDynamics
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.coupled_motors import (
-    COUPLED_ARMATURE,
-    COUPLED_VISCOUS,
-)
 from gapscope.effects.effect import DryLaw
 from gapscope.envs.drive.dry_friction import DryFriction
 
@@ -39,8 +35,8 @@ class CoupledMotors:
     def __init__(self, arm: CorrectedArm, body: RigidBody, dt: float) -> None:
         n, order = arm.arm.n_joints, body.order
         drives = np.eye(n) if arm.arm.coupling is None else arm.arm.coupling
-        viscous = arm.value(COUPLED_VISCOUS.name, "coefficient")
-        rotors = arm.value(COUPLED_ARMATURE.name, "inertia")
+        viscous = arm.quantity("motor_damping")
+        rotors = arm.quantity("motor_rotor")
         dry = [x for x in arm.of_kind(DryLaw) if x[0].reach == "motor"]
         takes = sum((values[0] for _, values in dry), viscous + rotors)
         motors = np.flatnonzero(takes > 0)

@@ -5,47 +5,58 @@ from __future__ import annotations
 import numpy as np
 
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import Sensing
 from gapscope.effects.sensing import quantize
+from gapscope.envs.drive.repeated import Repeated
+from gapscope.envs.drive.rows import Laws, Rows
 
 
-class Encoders:
-    """reading = round((p + delta + noise) / step) step, p the position of motor or joint; arrays (n,), the arm's order.
+class Encoders(Rows):
+    """Reading = round((p' + noise) / step) step, p' what effects make of the position p of motor or joint; (n,).
 
     Args:
-        arm: an arm with effects; its effect ``encoder_quantization`` takes the place of ``step``.
+        arm: an arm with effects, in whose order the joints are; an effect with a resolution takes the place of
+            ``step``, all others act on the position.
         step: quantisation of the data sheet [rad], 0 for none.
-        noise: standard deviation of white noise before rounding [rad], a number or shape (n,).
-        rng: source of the noise.
 
     Attributes:
         on_motor: whether they sit on the motors.
-        offset: delta [rad].
-        step: quantisation step [rad], 0 for none.
     """
 
-    def __init__(
-        self,
-        arm: CorrectedArm,
-        step: float,
-        noise: np.ndarray | float,
-        rng: np.random.Generator | None,
-    ) -> None:
-        self.on_motor = arm.arm.encoder == "motor"
-        self.offset = arm.value("encoder_offset", "offset")
-        coarse = arm.value("encoder_quantization", "step")
-        self.step = np.where(coarse > 0, coarse, step)
-        self._noise, self._rng = noise, rng if np.any(noise) else None
-        self._rounded, self._exact = bool((self.step > 0).all()), not self.step.any()
+    ROWS = ("_laws", "_step")
 
-    def __call__(self, motor: np.ndarray, joint: np.ndarray) -> np.ndarray:
-        """Reading [rad] for the true positions [rad] of motors and joints."""
-        seen = (motor if self.on_motor else joint) + self.offset
-        if self._rng is not None:
-            seen += self._noise * self._rng.standard_normal(len(seen))
-        if self._exact:
-            return seen
-        if self._rounded:  # as ``quantize``, but without a look at each step
-            np.divide(seen, self.step, seen)
-            np.rint(seen, seen)
-            return np.multiply(seen, self.step, seen)
-        return quantize(seen, self.step)
+    def __init__(self, arm: CorrectedArm, step: float) -> None:
+        self.on_motor = arm.arm.encoder == "motor"
+        laws = [
+            (law, values)
+            for law, values in arm.of_kind(Sensing)
+            if "resolution" not in law.quantities.values()
+        ]
+        self._laws = Laws(laws, np.arange(arm.arm.n_joints))
+        coarse = arm.quantity("resolution")
+        self._step = np.where(coarse > 0, coarse, step)
+        self.note()
+
+    def note(self) -> None:
+        """Note what makes a reading."""
+        self._quiet = np.zeros(len(self._step))
+        self._seen = Repeated(self._read, 2, len(self._step))
+
+    def undone(self, reading: np.ndarray) -> np.ndarray:
+        """Position [rad] at which they, but for rounding and noise, read ``reading`` [rad]."""
+        for law, values in reversed(self._laws.acting):
+            reading = law.true(reading, *values)
+        return reading
+
+    def __call__(
+        self, position: np.ndarray, noise: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Reading [rad] for true positions [rad] and what is added before rounding [rad]."""
+        return np.array(self._seen(position, self._quiet if noise is None else noise))
+
+    def _read(self, position: np.ndarray, noise: np.ndarray) -> np.ndarray:
+        seen = position
+        for law, values in self._laws.acting:
+            seen = law.recorded(seen, *values)
+        seen = seen + noise
+        return quantize(seen, self._step) if self._step.any() else seen

@@ -2,32 +2,27 @@
 
 from __future__ import annotations
 
+from functools import reduce
+
 import numpy as np
+from numpy import add, multiply
 
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.friction import (
-    COULOMB,
-    DRIFT,
-    LOAD,
-    SATURATING,
-    STRIBECK,
-    VISCOUS,
-)
+from gapscope.effects.effect import Drift, DryLaw
 from gapscope.effects.passivity import total
-from gapscope.envs.drive.rows import Rows
+from gapscope.envs.drive.repeated import Repeated
+from gapscope.envs.drive.rows import Laws, Rows
 
 DRIFT_PERIOD = 0.016
 """Drift, whose time constant is seconds and more, is brought up to date this often [s]."""
 
 
 class Friction(Rows):
-    """Limit of dry friction, and b F, with F = 1 + a exp(-t / T) and nominal values included.
+    """Limit of dry friction, and b F, with the nominal values included.
 
-    The limit is
-
-        (c + d exp(-(v / vs)^2) + s tanh(|v| / vt) + mu |applied|) F
-
-    The formulas are those of ``gapscope.effects.friction``, arranged such that a step allocates no memory.
+    With A_l(v, applied) the ``amplitude`` of each law l of dry friction and D_m(t) the ``change`` of each drift m, the
+    limit is (c + sum_l A_l) F, F = prod_m (1 + D_m). Laws that vary with nothing are summed once, those that vary with
+    the load when a torque is taken over.
 
     Args:
         arm: an arm with effects.
@@ -37,7 +32,7 @@ class Friction(Rows):
     Attributes:
         viscous: b F [N m s/rad], shape (n,).
         present: whether there is any friction.
-        drifting: whether it drifts.
+        drifting: whether it drifts; it is to be brought up to date every ``every`` steps.
         dry: mask of the joints with dry friction, shape (n,).
 
     Raises:
@@ -45,95 +40,77 @@ class Friction(Rows):
     """
 
     ROWS = (
-        *("_coulomb", "_load", "_peak", "_exponent", "_saturation", "_per_speed"),
-        *("_amplitude", "_time", "_base_viscous", "_factor", "viscous", "dry"),
-        *("_drifted_peak", "_drifted_saturation", "_limit", "_at_rest", "_work"),
+        *("_constant", "_loaded", "_moving", "dry"),
+        *("_base_viscous", "viscous", "_drifts", "_factor"),
     )
 
     def __init__(self, arm: CorrectedArm, order: np.ndarray, dt: float) -> None:
-        nominal, value = arm.arm, arm.value
-        coulomb = nominal.coulomb + value(COULOMB.name, "torque")
-        viscous = nominal.viscous + value(VISCOUS.name, "coefficient")
-        peak = value(STRIBECK.name, "torque")
-        speed = value(STRIBECK.name, "velocity")
-        saturation = value(SATURATING.name, "torque")
-        saturation_speed = value(SATURATING.name, "velocity")
-        coulomb = total(coulomb, COULOMB.name, "N m")
-        viscous = total(viscous, VISCOUS.name, "N m s/rad")
-        self._coulomb = coulomb[order]
-        self._load = value(LOAD.name, "coefficient")[order]
-        self._peak = self._drifted_peak = peak[order]
-        self._exponent = -1.0 / np.where(speed > 0, speed, 1.0)[order] ** 2
-        self._saturation = self._drifted_saturation = saturation[order]
-        self._per_speed = 1.0 / np.where(saturation > 0, saturation_speed, 1.0)[order]
-        self._amplitude = value(DRIFT.name, "amplitude")[order]
-        time = value(DRIFT.name, "time_constant")[order]
-        self._time = np.where(self._amplitude != 0, time, 1.0)
-        self._base_viscous, self.viscous = viscous[order], viscous[order].copy()
+        # coupled motors have dry friction of their own
+        laws = [item for item in arm.of_kind(DryLaw) if item[0].reach != "motor"]
+        constant = arm.arm.coulomb
+        for law, values in laws:
+            if law.varies_with == "nothing":
+                constant = constant + law.amplitude(0.0, 0.0, *values)
+        self._constant = total(constant, "nominal.coulomb", "N m")[order]
+        self._loaded, self._moving = (
+            Laws([item for item in laws if item[0].varies_with == what], order)
+            for what in ("load", "velocity")
+        )
+        self.dry = (self._constant > 0) | self._loaded.joints | self._moving.joints
+        viscous = total(arm.quantity("damping"), "nominal.viscous", "N m s/rad")
+        self._base_viscous, self.viscous = viscous[order], viscous[order]
+        self._drifts = Laws(arm.of_kind(Drift), order)
         self._factor: np.ndarray = np.ones(len(order))
-        self._every = max(1, round(DRIFT_PERIOD / dt))
-        self._limit, self._at_rest, self._work = np.zeros((3, len(order)))
-        dry = self._coulomb + self._load + self._peak + self._saturation
-        self.dry = dry > 0
-        self._note()
+        self.every = max(1, round(DRIFT_PERIOD / dt))
+        self.note()
 
-    def _note(self) -> None:
-        """Note which parts of the law are absent, so that a step leaves them out."""
-        self.drifting = bool(self._amplitude.any())
-        self._loaded = bool(self._load.any())
-        self._stribeck = bool(self._peak.any())
-        self._saturates = bool(self._saturation.any())
+    def note(self) -> None:
+        """Note what is absent, so that a step leaves it out; a torque is still to be taken over."""
+        self.drifting = bool(self._drifts.acting)
         self.present = bool(self.dry.any() or self._base_viscous.any())
+        self._at_rest, size = self._constant, len(self._constant)
+        self._applied, self._limit = np.zeros((2, size))
+        self._moves = bool(self._moving.acting)
+        self._in_motion = Repeated(self._sum, 2, size)
+        self._drifted = Repeated(self._product, 1, size)
 
-    def put(self, number: int, one: Friction) -> None:
-        """Take over the friction of one arm, drift included, as that of arm ``number``."""
-        super().put(number, one)
-        self._note()
-
-    def drifts(self, step: int) -> bool:
-        """Whether the drift must be brought up to date at a step's number."""
-        return self.drifting and not step % self._every
-
-    def due(self, steps: np.ndarray) -> np.ndarray:
-        """The same for the numbers of several arms' steps: a mask of their shape."""
-        return steps % self._every == 0
-
-    def drift(self, t: float | np.ndarray, where: np.ndarray | bool = True) -> None:
+    def drift(self, t: float | np.ndarray, where: np.ndarray | None = None) -> None:
         """Bring the drift up to date at a time t [s], of all joints or of those of a mask, shape (n,)."""
-        factor = 1.0 + self._amplitude * np.exp(-t / self._time)
-        self._factor = np.where(where, factor, self._factor)
+        now = True if where is None else where
+        np.copyto(self._factor, self._drifted(t), where=now)
         self.viscous = self._factor * self._base_viscous
-        self._drifted_peak = self._factor * self._peak
-        self._drifted_saturation = self._factor * self._saturation
+
+    def _product(self, t: np.ndarray) -> np.ndarray | float:
+        """The drift's factor F [1] at times t [s]."""
+        factor: np.ndarray | float = 1.0
+        for effect, values in self._drifts.acting:
+            factor = factor * (1.0 + effect.change(t, *values))
+        return factor
 
     def load(self, applied: np.ndarray, where: np.ndarray | None = None) -> None:
         """Take over the applied motor torque [N m], shape (n,), of all joints or of those of a mask."""
-        at_rest = self._at_rest if where is None else self._work
-        if self._loaded:
-            np.abs(applied, at_rest)
-            at_rest *= self._load
-            at_rest += self._coulomb
-        else:
-            at_rest[:] = self._coulomb
+        at_rest = self._constant
+        for law, values in self._loaded.acting:
+            at_rest = at_rest + law.amplitude(0.0, applied, *values)
         if self.drifting:
-            at_rest *= self._factor
+            at_rest = at_rest * self._factor
         if where is not None:
-            np.copyto(self._at_rest, at_rest, where=where)
+            at_rest = np.where(where, at_rest, self._at_rest)
+            applied = np.where(where, applied, self._applied)
+        self._at_rest, self._applied = at_rest, applied
 
     def limit(self, velocity: np.ndarray) -> np.ndarray:
         """Limit of dry friction [N m] at velocities [rad/s], shape (n,); valid until the next call."""
-        if not (self._stribeck or self._saturates):
+        if not self._moves:
             return self._at_rest
-        limit = self._limit
-        np.multiply(velocity, velocity, limit)
-        limit *= self._exponent
-        np.exp(limit, limit)
-        limit *= self._drifted_peak
-        limit += self._at_rest
-        if self._saturates:
-            work = np.abs(velocity, self._work)
-            work *= self._per_speed
-            np.tanh(work, work)
-            work *= self._drifted_saturation
-            limit += work
-        return limit
+        more = self._in_motion(velocity, self._applied)
+        if self.drifting:
+            more = multiply(more, self._factor, self._limit)
+        return add(more, self._at_rest, self._limit)
+
+    def _sum(self, velocity: np.ndarray, applied: np.ndarray) -> np.ndarray:
+        """Sum of what varies with the velocity [N m]."""
+        acting = self._moving.acting
+        return reduce(
+            add, [law.amplitude(velocity, applied, *values) for law, values in acting]
+        )

@@ -1,29 +1,41 @@
-"""The way from the commanded torque to the joint: saturation, delay, lag, scale, offset, ripple."""
+"""The way from the commanded torque to the joint: what effects on it do to a torque, step by step."""
 
 from __future__ import annotations
 
+from functools import partial
+from typing import NamedTuple
+
 import numpy as np
 
-from gapscope.effects.actuation import ripple_torque, saturate
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.envs.drive.rows import Rows
+from gapscope.effects.effect import Path
+from gapscope.envs.drive.repeated import Repeated
+from gapscope.envs.drive.rows import Laws, Rows
+
+
+class Moment(NamedTuple):
+    """What a law on the way to the joint may ask for of its ``Series`` if it does not depend on time.
+
+    Attributes:
+        position: of the motors [rad], shape (n,).
+    """
+
+    position: np.ndarray | None
 
 
 class TorquePath(Rows):
-    """applied = (1 + s) u + offset + A sin(n q + phi), with u the command clipped, delayed and lagged, step by step.
+    """What is applied: the command after the laws before delay and lag, these two, and the laws behind them.
 
     The commanded torque is held over each step, so that a delayed one changes at most once within a step, after the
     fraction of T / dt. What is applied is the mean over the step of what comes out of delay and lag: the impulse of
     each step is exact for every T, the moment within the step is not. The lag's state is exact as well: it decays
     towards the older torque before the change and towards the newer one after it. Before the first command that command
-    counts as having been held.
+    counts as having been held. A law between delay and lag acts behind both.
 
     Args:
-        delay, scale, offset: T [s], s [1] and offset [N m], each of shape (n,).
+        arm: an arm with effects.
+        order: the arm's joints in the order of the result.
         dt: time step [s].
-        lag: time constant [s], shape (n,); none by default.
-        limit: of the commanded torque [N m], shape (n,), 0 for none; none by default.
-        ripple: A [N m], n [1], phi [rad], each of shape (n,); none by default.
 
     Attributes:
         constant: whether a held command always gives the same torque.
@@ -31,78 +43,52 @@ class TorquePath(Rows):
     """
 
     ROWS = (
-        *("_whole", "_fraction", "_gain", "_offset", "_limit", "changing", "_lagging"),
-        *("_amplitude", "_cycles", "_phase", "_fresh"),
+        *("_before", "_after", "_whole", "_fraction", "_lag", "_lagging"),
+        *("changing", "_fresh"),
     )
 
-    def __init__(
-        self,
-        delay: np.ndarray,
-        scale: np.ndarray,
-        offset: np.ndarray,
-        dt: float,
-        lag: np.ndarray | None = None,
-        limit: np.ndarray | None = None,
-        ripple: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
-    ) -> None:
-        steps = np.asarray(delay) / dt
-        none = np.zeros(len(steps))
+    def __init__(self, arm: CorrectedArm, order: np.ndarray, dt: float) -> None:
+        laws = arm.of_kind(Path)
+        in_time = [law.place for law, _ in laws if law.varies_with == "time"]
+        first = min(in_time, default=0)
+        now = [item for item in laws if item[0].varies_with != "time"]
+        self._before = Laws([item for item in now if item[0].place < first], order)
+        self._after = Laws([item for item in now if item[0].place >= first], order)
+        delay, lag = (arm.quantity(name)[order] for name in ("delay", "lag"))
+        steps = delay / dt
         self._whole = np.floor(steps + 1e-9).astype(int)
         self._fraction = np.clip(steps - self._whole, 0.0, 1.0)
-        self._gain, self._offset = 1.0 + scale, np.array(offset, dtype=float)
-        self._limit = none if limit is None else limit
-        amplitude, cycles, phase = ripple or (none, none, none)
-        self._amplitude, self._cycles, self._phase = amplitude, cycles, phase
-        time_constant = none if lag is None else lag
-        self._lag = _Lag(time_constant, self._fraction, dt)
+        self._lag = _Lag(lag, self._fraction, dt)
         # a lag on one joint of an arm takes all its joints through the same formula
-        self._lagging = np.full(len(steps), bool(np.any(time_constant)))
-        changes = self._lagging.any() or np.any(delay) or np.any(self._amplitude)
+        self._lagging = np.full(len(steps), bool(lag.any()))
+        acting = self._before.acting + self._after.acting
+        changes = lag.any() or delay.any()
+        changes |= any(law.varies_with == "position" for law, _ in acting)
         self.changing = np.full(len(steps), bool(changes))
         self._fresh = np.ones(len(steps), dtype=bool)
         self._held = np.zeros((2, len(steps)))
-        self._note()
+        self.note()
         self.reset()
 
-    def _note(self) -> None:
+    def note(self) -> None:
         """Note what does nothing and is left out of a step, and hold as many commands as the longest delay needs."""
-        self._columns = np.arange(len(self._whole))
-        self._late = bool(self._whole.any() or self._fraction.any())
+        size = len(self._whole)
+        self._columns = np.arange(size)
+        self._first, self._last = (
+            Repeated(partial(_through, laws), 2, size) if laws.acting else None
+            for laws in (self._before, self._after)
+        )
         self._lags = bool(self._lagging.any())
-        self._scales = bool(np.any(self._gain != 1.0) or self._offset.any())
-        self._limits = bool(self._limit.any())
-        self._ripples = bool(self._amplitude.any())
+        self._in_time = bool(self._lags or self._whole.any() or self._fraction.any())
         self.constant = not self.changing.any()
         length = int(self._whole.max()) + 2
-        if self._held.shape != (length, len(self._whole)):
-            self._held, self._now = np.zeros((length, len(self._whole))), -1
-
-    @classmethod
-    def of(cls, arm: CorrectedArm, order: np.ndarray, dt: float) -> TorquePath:
-        """The way to the joints of an arm with effects; ``order`` puts its joints in that of the result."""
-
-        def value(name: str, parameter: str) -> np.ndarray:
-            return arm.value(name, parameter)[order]
-
-        a, n, phi = (
-            value("torque_ripple", name) for name in ("amplitude", "cycles", "phase")
-        )
-        return cls(
-            value("actuator_delay", "delay"),
-            value("torque_scale", "scale"),
-            value("torque_offset", "torque"),
-            dt,
-            lag=value("actuator_lag", "time_constant"),
-            limit=value("torque_saturation", "limit"),
-            ripple=(a, n, phi),
-        )
+        if self._held.shape != (length, size):
+            self._held, self._now = np.zeros((length, size)), -1
 
     def beside(self, count: int) -> TorquePath:
         """The same for ``count`` such arms; all commands are forgotten."""
         many = super().beside(count)
-        many._lag = self._lag.beside(count)
-        many._held = np.zeros((len(self._held), len(many._whole)))
-        many._note()
+        many._held = np.zeros_like(many._held)
         many.reset()
         return many
 
@@ -110,11 +96,9 @@ class TorquePath(Rows):
         """Take over the way of one arm as that of arm ``number``, whose commands are forgotten."""
         before, now, length = self._held, self._now, len(self._held)
         super().put(number, one)
-        self._lag.put(number, one._lag)
         size = len(one._whole)
         self._fresh[number * size : (number + 1) * size] = True
         self._starts = True
-        self._note()
         if len(self._held) != length:
             # the commands of the other arms, in a ring of another length
             self._now = now
@@ -135,15 +119,16 @@ class TorquePath(Rows):
 
         Args:
             commanded: [N m], shape (n,).
-            position: of the motors [rad], shape (n,); needed for ripple only.
+            position: of the motors [rad], shape (n,); not needed if the path is ``constant``.
         """
-        u = saturate(commanded, None, self._limit) if self._limits else commanded
-        if self._late or self._lags:
+        u = commanded
+        if self._first:
+            u = self._first(u, position)
+        if self._in_time:
             u = self._through_time(u)
-        u = self._gain * u + self._offset if self._scales else np.array(u)
-        if self._ripples and position is not None:
-            u += ripple_torque(position, self._amplitude, self._cycles, self._phase)
-        return u
+        if self._last:
+            u = self._last(u, position)
+        return np.array(u)
 
     def _through_time(self, u: np.ndarray) -> np.ndarray:
         """Delay and lag."""
@@ -163,6 +148,16 @@ class TorquePath(Rows):
         if not self._lags:
             return late_only
         return np.where(self._lagging, self._lag(older, newer), late_only)
+
+
+def _through(
+    laws: Laws[Path], torque: np.ndarray, position: np.ndarray | None
+) -> np.ndarray:
+    """Torque [N m] that leaves some laws one after the other."""
+    moment = Moment(position)
+    for law, values in laws.acting:
+        torque = law.applied(torque, moment, *values)
+    return torque
 
 
 class _Lag(Rows):

@@ -137,7 +137,7 @@ class RigidStep(ABC):
             if self._stuck:
                 confirmed = self._still_sticks(acceleration, limit)
             else:
-                confirmed = sign(self._slid(), self._work).tobytes() == self._signs
+                confirmed = self._slides_as_guessed()
                 if not confirmed:
                     self._assume(
                         np.where(self._direction == self._work, self._direction, 0.0)
@@ -164,13 +164,12 @@ class RigidStep(ABC):
             subtract(out, self._braking, out)
         return self._try(out)
 
-    def _slid(self) -> np.ndarray:
-        """Velocities of the joints with dry friction, 0 elsewhere [rad/s]."""
-        return (
-            self._velocity
-            if self._all_dry
-            else multiply(self._velocity, self._dry_mask, self._work)
-        )
+    def _slides_as_guessed(self) -> bool:
+        """Whether the joints with dry friction move as guessed; ``_work`` is their directions, 0 elsewhere."""
+        velocity = self._velocity
+        if not self._all_dry:
+            velocity = multiply(velocity, self._dry_mask, self._work)
+        return sign(velocity, self._work).tobytes() == self._signs
 
     def _still_sticks(self, acceleration: np.ndarray, limit: np.ndarray) -> bool:
         """Whether a solution with sticking joints is as guessed; otherwise the next guess is made.
@@ -185,7 +184,7 @@ class RigidStep(ABC):
             velocity[joint] = 0.0
             if abs(friction) > limit.item(joint):
                 over[joint] = 1.0 if friction > 0 else -1.0
-        if sign(self._slid(), self._work).tobytes() == self._signs and not over:
+        if self._slides_as_guessed() and not over:
             return True
         direction = np.where(self._direction == self._work, self._direction, 0.0)
         for joint, way in over.items():

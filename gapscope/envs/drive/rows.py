@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from copy import copy
-from typing import ClassVar, TypeVar
+from typing import ClassVar, Generic, TypeVar
 
 import numpy as np
 
+from gapscope.effects.effect import Effect
+
 R = TypeVar("R", bound="Rows")
 """A class of values of joints."""
+K = TypeVar("K", bound=Effect)
+"""A kind of effects."""
 
 
 class Rows:
     """A calculation that is done joint by joint, so that joints of several arms can stand in one array.
 
     Attributes:
-        ROWS: names of the attributes that hold one value per joint, shape (k,).
+        ROWS: names of the attributes that hold one value per joint, shape (k,), or are such calculations themselves.
     """
 
     ROWS: ClassVar[tuple[str, ...]] = ()
@@ -24,12 +29,85 @@ class Rows:
         """The same for ``count`` such arms, joints of the first arm first."""
         many = copy(self)
         for name in self.ROWS:
-            setattr(many, name, np.tile(getattr(self, name), count))
+            own = getattr(self, name)
+            several = (
+                own.beside(count) if isinstance(own, Rows) else np.tile(own, count)
+            )
+            setattr(many, name, several)
+        many.note()
         return many
 
     def put(self: R, number: int, one: R) -> None:
         """Take over the values of one arm as those of arm ``number``, counted from 0."""
-        size = len(getattr(one, self.ROWS[0]))
-        part = slice(number * size, (number + 1) * size)
         for name in self.ROWS:
-            getattr(self, name)[part] = getattr(one, name)
+            own, new = getattr(self, name), getattr(one, name)
+            if isinstance(own, Rows):
+                own.put(number, new)
+            else:
+                own[number * len(new) : (number + 1) * len(new)] = new
+        self.note()
+
+    def note(self) -> None:
+        """Note what follows from the values, whenever they have changed."""
+
+
+class Laws(Rows, Generic[K]):
+    """Effects of one kind on joints, each with the values of its parameters, 0 on joints without it.
+
+    An effect is on at a joint if a parameter that goes with its severity is not zero there.
+
+    Args:
+        found: effects with their parameters over all joints of an arm, as ``CorrectedArm.of_kind`` gives them.
+        order: the arm's joints in the order of the rows.
+
+    Attributes:
+        acting: the effects that are on at some joint, with one row of values per parameter, in the order of their
+            place and name, so that sums are the same on every arm.
+        joints: mask of the joints at which one is on, shape (k,).
+    """
+
+    def __init__(
+        self, found: Iterable[tuple[K, list[np.ndarray]]], order: np.ndarray
+    ) -> None:
+        self._known: dict[str, tuple[K, np.ndarray]] = {}
+        self.joints: np.ndarray = np.zeros(len(order), dtype=bool)
+        for effect, values in found:
+            # one effect may be given several times, each on other joints
+            rows = np.array(values)[:, order]
+            if effect.name in self._known:
+                rows += self._known[effect.name][1]
+            self._known[effect.name] = effect, rows
+        self.note()
+
+    def note(self) -> None:
+        """Note which effects are on, and where; those that are on nowhere are forgotten."""
+        self.acting = []
+        self.joints = np.zeros_like(self.joints)
+        for effect, rows in self._known.values():
+            telling = [parameter.severity != 0 for parameter in effect.parameters]
+            on = rows[telling].any(axis=0)
+            if on.any():
+                self.acting.append((effect, rows))
+                self.joints |= on
+        self.acting.sort(key=lambda item: (getattr(item[0], "place", 0), item[0].name))
+        self._known = {item[0].name: item for item in self.acting}
+
+    def beside(self, count: int) -> Laws[K]:
+        """The same for ``count`` such arms."""
+        many = copy(self)
+        many.joints = np.tile(self.joints, count)
+        many._known = {
+            effect.name: (effect, np.tile(rows, count)) for effect, rows in self.acting
+        }
+        many.note()
+        return many
+
+    def put(self, number: int, one: Laws[K]) -> None:
+        """Take over the effects of one arm as those of arm ``number``; arms may have different ones."""
+        part = slice(number * len(one.joints), (number + 1) * len(one.joints))
+        for _, rows in self.acting:
+            rows[:, part] = 0.0
+        for effect, values in one.acting:
+            nothing = np.zeros((len(values), len(self.joints)))
+            self._known.setdefault(effect.name, (effect, nothing))[1][:, part] = values
+        self.note()

@@ -6,6 +6,7 @@ import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
+from gapscope.effects.catalogue import of_quantity
 from gapscope.envs.drive.two_mass import MOST_SUBSTEPS, RESOLUTION
 
 POSTURES = 12
@@ -69,12 +70,9 @@ def substeps(
                 worst = float(rates[-1] ** power)
                 shape = np.abs(root.T @ modes[:, -1])
                 joint = int((shape[:n] + shape[n:] * elastic).argmax())
-                inside = (
-                    "joint_elasticity.stiffness"
-                    if power == 0.5
-                    else "joint_elasticity.damping"
-                )
-                where = inside if elastic[joint] else "parallel_spring.stiffness"
+                inside = "gear_stiffness" if power == 0.5 else "gear_damping"
+                effect, name = of_quantity(inside if elastic[joint] else "stiffness")
+                where = f"{effect.name}.{name}"
     parts = max(1, int(np.ceil(worst * dt / RESOLUTION - 1e-9)))
     if parts > MOST_SUBSTEPS:
         raise InputError(

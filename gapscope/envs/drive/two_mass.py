@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from gapscope.arm.errors import InputError
+from gapscope.effects.catalogue import of_quantity
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.transmission import (
-    BACKLASH,
-    ELASTICITY,
     backlash_deflection,
     elastic_deflection,
     elastic_torque,
@@ -70,18 +69,19 @@ class TwoMass:
         inertia: np.ndarray,
         link_inertia: np.ndarray,
     ) -> None:
-        k = arm.value(ELASTICITY.name, "stiffness")[order]
-        d = arm.value(ELASTICITY.name, "damping")[order]
-        self._width = arm.value(BACKLASH.name, "width")[order]
+        k, d, self._width = (
+            arm.quantity(name)[order]
+            for name in ("gear_stiffness", "gear_damping", "play")
+        )
         self.joints = (k > 0) | (self._width > 0)
         without_rotor = self.joints & (inertia <= 0)
         if without_rotor.any():
             joint = int(order[without_rotor][0]) + 1
-            elastic = k[without_rotor][0] > 0
+            what = "gear_stiffness" if k[without_rotor][0] > 0 else "play"
             raise InputError(
                 f"joint {joint} has a motor of its own but no rotor inertia",
-                "give nominal.armature in the data sheet, or add the effect armature",
-                where=ELASTICITY.name if elastic else BACKLASH.name,
+                f"give nominal.armature in the data sheet, or add the effect {of_quantity('rotor')[0].name}",
+                where=of_quantity(what)[0].name,
             )
         rigid_gear = self.joints & (k == 0)
         if rigid_gear.any():

@@ -66,12 +66,12 @@ class ControlledArms:
         self._ordered = bool((self._order == np.arange(arm.n_joints)).all())
         drive = self._arms.drive(setup.effects)
         encoders = self._encoders(drive)
-        self._readings = Readings(encoders, setup.encoder_noise, count)
         self.effects: list[tuple[AppliedEffect, ...]] = [setup.effects] * count
         self._drives = [drive] * count
         self._chunk = 1 if setup.control.gains else sensor_chunk(setup.timing)
         rate = 1.0 / (dt * self._chunk)
         shape = (count, arm.n_joints)
+        self._readings = Readings(encoders, setup.encoder_noise, shape)
         self._estimate = VelocityFilters(rate, shape)
         planned = len(range(setup.layout.size)[setup.layout.planned])
         self.courses = Courses(setup.timing, *shape, planned)
@@ -82,7 +82,7 @@ class ControlledArms:
         self._diverged: dict[int, _Diverged] = {}
 
     def _encoders(self, drive: ArmDrive) -> Encoders:
-        return Encoders(drive.corrected, self._encoder_step, 0.0, None)
+        return Encoders(drive.corrected, self._encoder_step)
 
     def reset(
         self,
@@ -106,7 +106,7 @@ class ControlledArms:
         self._readings.put(number, encoders, seed)
         self.courses.put(number, course)
         start, still = course.q[0], np.zeros(len(course.dq))
-        true, order = start - encoders.offset, self._order
+        true, order = encoders.undone(start), self._order
         self._arms.reset(number, true[order], course.dq[order])
         self._home[number] = true[order]
         moving = self._control.gains is None

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from gapscope.arm.velocity_filter import VelocityFilter, filter_gains
-from gapscope.effects.sensing import quantize
 from gapscope.envs.drive.encoders import Encoders
 from gapscope.envs.velocity_estimate import VELOCITY_DAMPING, cutoff
 
@@ -14,59 +13,40 @@ class Readings:
     """The encoders of N rigid arms, n joints in the arm's order; each arm has its own source of noise.
 
     Args:
-        one: those of one arm, without noise.
+        one: those of one arm.
         noise: standard deviation [rad], a number or shape (n,).
-        count: N.
+        shape: (N, n).
     """
 
-    def __init__(self, one: Encoders, noise: np.ndarray | float, count: int) -> None:
-        self._one = [one] * count
-        self._noise = np.broadcast_to(noise, one.offset.shape)
+    def __init__(
+        self, one: Encoders, noise: np.ndarray | float, shape: tuple[int, int]
+    ) -> None:
+        count, n = shape
+        self._one, self._all = [one] * count, one.beside(count)
+        self._noise, self._noisy = np.broadcast_to(noise, n), bool(np.any(noise))
         self._rngs = [np.random.default_rng() for _ in range(count)]
-        self._offset, self._step = (
-            np.tile(values, (count, 1)) for values in (one.offset, one.step)
-        )
-        self._noisy = bool(self._noise.any())
-        self._note()
-
-    def _note(self) -> None:
-        self._exact, self._rounded = not self._step.any(), bool((self._step > 0).all())
 
     def put(self, number: int, one: Encoders, seed: np.ndarray) -> None:
         """Give an arm, numbered from 0, other encoders, and its noise a seed, whole numbers of shape (k,)."""
-        self._offset[number], self._step[number] = one.offset, one.step
+        self._one[number] = one
+        self._all.put(number, one)
         self._rngs[number] = np.random.default_rng(seed)
-        self._note()
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
         """Readings [rad] of the true positions q [rad], shape (N, n)."""
-        return self._read(q, self._offset, self._step, self._rngs)
+        noise = None
+        if self._noisy:
+            noise = np.concatenate([self._drawn(number) for number in range(len(q))])
+        return self._all(q.ravel(), noise).reshape(q.shape)
 
     def of(self, number: int, q: np.ndarray) -> np.ndarray:
         """Reading [rad] of one arm at its true position q [rad], shape (n,)."""
-        part = slice(number, number + 1)
-        return self._read(
-            q[None], self._offset[part], self._step[part], self._rngs[part]
-        )[0]
+        return self._one[number](q, self._drawn(number) if self._noisy else None)
 
-    def _read(
-        self,
-        q: np.ndarray,
-        offset: np.ndarray,
-        step: np.ndarray,
-        rngs: list[np.random.Generator],
-    ) -> np.ndarray:
-        seen = q + offset
-        if self._noisy:
-            for row, rng in zip(seen, rngs, strict=True):
-                row += self._noise * rng.standard_normal(len(row))
-        if self._exact:
-            return seen
-        if self._rounded:  # as ``quantize``, but without a look at each step
-            np.divide(seen, step, seen)
-            np.rint(seen, seen)
-            return np.multiply(seen, step, seen)
-        return quantize(seen, step)
+    def _drawn(self, number: int) -> np.ndarray:
+        """Noise of an arm [rad], shape (n,)."""
+        rng = self._rngs[number]
+        return self._noise * rng.standard_normal(len(self._noise))
 
 
 class VelocityFilters:

@@ -188,7 +188,7 @@ class SimulatedArms:
 
     def _drift(self) -> None:
         """Bring the drift of friction up to date in the arms in which that is due."""
-        due = self._friction.due(self._counts)
+        due = self._counts % self._friction.every == 0
         if not due.any():
             return
         n = self.q.shape[1]

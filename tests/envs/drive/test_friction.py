@@ -1,4 +1,4 @@
-"""Friction of a simulated arm: the formulas of the catalogue, sticking, drift, passivity."""
+"""Friction of a simulated arm: sticking, drift, passivity."""
 
 from dataclasses import replace
 
@@ -8,65 +8,12 @@ import pytest
 from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.effect import Drift, DryLaw
-from gapscope.envs.drive.friction import Friction
 from gapscope.envs.engines import ENGINES
 from gapscope.envs.mystery_arm import POSTURE
 from gapscope.envs.simulated_arm import SimulatedArm
 
 ALL = (1, 2, 3, 4, 5, 6, 7)
 SLOPE = np.array([0.2, 0.5, -0.3, -0.9, 0.3, 0.6, 0.1])
-
-
-def test_formulas_are_those_of_the_catalogue(data_sheet_arm: NominalArm) -> None:
-    """Written anew so that a step allocates nothing; equal over random values, velocities, loads and times."""
-    rng = np.random.default_rng(0)
-    for _ in range(20):
-        effects = (
-            AppliedEffect("coulomb_friction", (1, 4), {"torque": rng.uniform(0, 3, 2)}),
-            AppliedEffect(
-                "stribeck_friction",
-                (2, 4),
-                {"torque": rng.uniform(0, 3, 2), "velocity": rng.uniform(0.01, 2, 2)},
-            ),
-            AppliedEffect(
-                "saturating_friction",
-                (1, 2),
-                {"torque": rng.uniform(0, 3, 2), "velocity": rng.uniform(0.1, 2, 2)},
-            ),
-            AppliedEffect(
-                "load_friction", ALL, {"coefficient": rng.uniform(0, 0.5, 7)}
-            ),
-            AppliedEffect(
-                "friction_drift",
-                (2, 7),
-                {"amplitude": rng.uniform(0, 1, 2), "time_constant": [3.0, 90.0]},
-            ),
-        )
-        arm = CorrectedArm(data_sheet_arm, effects)
-        velocity, applied, t = (
-            rng.normal(size=7),
-            50 * rng.normal(size=7),
-            float(rng.uniform(0, 20)),
-        )
-        friction = Friction(arm, np.arange(7), 1e-3)
-        friction.drift(t)
-        friction.load(applied)
-        limit = data_sheet_arm.coulomb + sum(
-            law.amplitude(velocity, applied, *values)
-            for law, values in arm.of_kind(DryLaw)
-            if isinstance(law, DryLaw)
-        )
-        factor = next(
-            1.0 + law.change(t, *values)
-            for law, values in arm.of_kind(Drift)
-            if isinstance(law, Drift)
-        )
-        np.testing.assert_allclose(friction.limit(velocity), limit * factor, rtol=1e-12)
-        np.testing.assert_allclose(
-            friction.viscous, data_sheet_arm.viscous * factor, rtol=1e-12
-        )
 
 
 @pytest.mark.parametrize("engine", ENGINES)

@@ -1,11 +1,31 @@
 """The way from the commanded torque to the joint."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from gapscope.arm.nominal import NominalArm
+from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.drive.path import TorquePath
 
-ZERO = np.zeros(1)
+
+def _path(joints: int = 1, dt: float = 1e-3, **effects: dict) -> TorquePath:
+    """The way to the joints with effects on all of them; those that are 0 are left out."""
+    arm = NominalArm("arm", Path("arm.urdf"), tuple("abcdefg"[:joints]))
+    applied = [
+        AppliedEffect(name, tuple(range(1, joints + 1)), values)
+        for name, values in effects.items()
+        if any(np.any(value) for value in values.values())
+    ]
+    return TorquePath(CorrectedArm(arm, tuple(applied)), np.arange(joints), dt)
+
+
+def _late(delay: float = 0.0, lag: float = 0.0, dt: float = 1e-3) -> TorquePath:
+    """One joint with a delay and a lag [s]."""
+    times = {"actuator_delay": {"delay": delay}, "actuator_lag": {"time_constant": lag}}
+    return _path(dt=dt, **times)
 
 
 def _response(path: TorquePath, commands: list[float]) -> list[float]:
@@ -24,23 +44,22 @@ def _response(path: TorquePath, commands: list[float]) -> list[float]:
 def test_delay_keeps_the_impulse_of_a_held_torque(
     delay: float, expected: list[float]
 ) -> None:
-    path = TorquePath(np.array([delay]), ZERO, ZERO, 1e-3)
+    path = _late(delay)
     assert _response(path, [0, 1, 1, 1, 1, 1]) == pytest.approx(expected)
 
 
 def test_first_command_counts_as_held_before() -> None:
-    assert _response(
-        TorquePath(np.array([5e-3]), ZERO, ZERO, 1e-3), [7, 1]
-    ) == pytest.approx([7, 7])
+    assert _response(_late(5e-3), [7, 1]) == pytest.approx([7, 7])
 
 
 def test_scale_comes_before_offset() -> None:
-    path = TorquePath(np.zeros(2), np.array([0.5, 0.0]), np.array([1.0, -2.0]), 1e-3)
+    scale, offset = {"scale": [0.5, 0.0]}, {"torque": [1.0, -2.0]}
+    path = _path(2, torque_offset=offset, torque_scale=scale)
     np.testing.assert_allclose(path(np.array([4.0, 4.0])), [7.0, 2.0])
 
 
 def test_reset_forgets_commands() -> None:
-    path = TorquePath(np.array([2e-3]), ZERO, ZERO, 1e-3)
+    path = _late(2e-3)
     _response(path, [1, 2, 3])
     path.reset()
     assert _response(path, [9, 0]) == pytest.approx([9, 9])
@@ -66,7 +85,7 @@ def test_frequency_response_of_delay_and_lag(
 ) -> None:
     """Out / in = exp(-j w T) / (1 + j w T_lag), within 1 % at 20 Hz and steps of 1 ms."""
     w, dt = 2 * np.pi * frequency, 1e-3
-    path = TorquePath(np.array([delay]), ZERO, ZERO, dt, lag=np.array([lag]))
+    path = _late(delay, lag, dt)
     expected = np.exp(-1j * w * delay) / (1 + 1j * w * lag)
     assert abs(_gain(path, frequency, dt) / expected - 1) < 0.01 * (w * dt / 0.126)
 
@@ -75,7 +94,7 @@ def test_frequency_response_of_delay_and_lag(
 def test_step_through_delay_and_lag_by_hand(delay: float) -> None:
     """The mean over each step of 1 - exp(-(t - T) / T_lag), integrated by hand."""
     dt, lag = 1e-3, 4e-3
-    path = TorquePath(np.array([delay]), ZERO, ZERO, dt, lag=np.array([lag]))
+    path = _late(delay, lag, dt)
     response = _response(path, [0.0, *[1.0] * 12])[1:]
     end = np.maximum(np.arange(1, 13) * dt - delay, 0.0)
     start = np.maximum(np.arange(12) * dt - delay, 0.0)
@@ -84,18 +103,39 @@ def test_step_through_delay_and_lag_by_hand(delay: float) -> None:
 
 
 def test_saturation_clips_what_was_commanded() -> None:
-    path = TorquePath(
-        np.zeros(2), np.array([0.5, 0.0]), ZERO, 1e-3, limit=np.array([4.0, 0.0])
-    )
-    np.testing.assert_allclose(path(np.array([9.0, 9.0])), [6.0, 9.0])
-    np.testing.assert_allclose(path(np.array([-9.0, -9.0])), [-6.0, -9.0])
+    limit, scale = {"limit": [4.0, 5.0]}, {"scale": [0.5, 0.0]}
+    path = _path(2, torque_scale=scale, torque_saturation=limit)
+    np.testing.assert_allclose(path(np.array([9.0, 9.0])), [6.0, 5.0])
+    np.testing.assert_allclose(path(np.array([-9.0, -3.0])), [-6.0, -3.0])
 
 
 def test_ripple_goes_by_the_motors_position() -> None:
     """2 sin(3 q + 0.5): at q = pi / 6 - 1 / 6 it is 2 N m."""
-    ripple = (np.array([2.0]), np.array([3.0]), np.array([0.5]))
-    path = TorquePath(ZERO, ZERO, ZERO, 1e-3, ripple=ripple)
+    path = _path(torque_ripple={"amplitude": 2.0, "cycles": 3.0, "phase": 0.5})
     assert path(np.array([1.0]), np.array([(np.pi / 2 - 0.5) / 3])) == pytest.approx(
         [3.0]
     )
     assert not path.constant
+
+
+def test_what_is_clipped_is_clipped_before_it_is_late_and_scaled_behind() -> None:
+    path = _path(
+        torque_scale={"scale": 0.5},
+        actuator_delay={"delay": 0.5e-3},
+        torque_saturation={"limit": 2.0},
+    )
+    assert _response(path, [0, 4, 4]) == pytest.approx([0, 1.5, 3])
+
+
+def test_arms_side_by_side_may_have_different_effects() -> None:
+    """The second of three arms is given a delay and a limit, then a scale instead."""
+    path = _path(2).beside(3)
+    late = {"actuator_delay": {"delay": 1e-3}, "torque_saturation": {"limit": 2.0}}
+    command = np.array([3.0, 3.0, 3.0, 1.0, 3.0, 3.0])
+    for effects, expected in (
+        (late, [[3, 3, 2, 1, 3, 3], [6, 6, 2, 1, 6, 6], [3, 3, 2, 2, 3, 3]]),
+        ({"torque_scale": {"scale": 1.0}}, [[3, 3, 6, 2, 3, 3]]),
+    ):
+        path.put(1, _path(2, **effects))
+        for factor, row in zip((1.0, 2.0, 1.0), expected, strict=False):
+            np.testing.assert_allclose(path(factor * command), row)

@@ -6,13 +6,14 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from own_effects import RECORDS, on_arm
 
 import gapscope  # noqa: F401 (makes the environment known)
 from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
-from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.catalogue import CATALOGUE, register, remove
 from gapscope.effects.severity import draw
 from gapscope.envs.environment import ArmTracking
 from gapscope.envs.randomisation import Randomisation
@@ -127,6 +128,35 @@ def test_drift_of_held_and_of_delayed_torque(data_sheet_arm: NominalArm) -> None
     late = AppliedEffect("actuator_delay", (2,), {"delay": 2.3e-3})
     for effects in ((warm, load), (warm, load, late)):
         _compare(data_sheet_arm, effects=effects, action="torque", size=0.2)
+
+
+def test_equal_with_effects_of_a_user_that_differ_between_arms(
+    data_sheet_arm: NominalArm,
+) -> None:
+    """Each arm has two of them, and others at the next reset."""
+    for record in RECORDS.values():
+        register(record)
+    try:
+        effects = [on_arm(name) for name in RECORDS]
+        count, options = len(effects), {"episode_length": 0.16, "encoder_noise": 1e-4}
+        alone = [ArmTracking(data_sheet_arm, engine="mujoco", **options)] * count
+        together = VectorArmTracking(count, data_sheet_arm, **options)
+        for shift in (1, 2):
+            each = [
+                {"effects": (effect, effects[i - shift])}
+                for i, effect in enumerate(effects)
+            ]
+            seen = [together.reset(seed=5, options={"each": each})[0]]
+            seen += [
+                together.step(np.zeros((count, 7), np.float32))[0] for _ in range(6)
+            ]
+            for i, env in enumerate(alone):
+                own = [env.reset(seed=5 + i, options=each[i])[0]]
+                own += [env.step(np.zeros(7, np.float32))[0] for _ in range(6)]
+                np.testing.assert_array_equal(own, np.array(seen)[:, i])
+    finally:
+        for name in RECORDS:
+            remove(name)
 
 
 def test_made_by_name(data_sheet_arm: NominalArm) -> None:
