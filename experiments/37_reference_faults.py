@@ -137,14 +137,10 @@ def noisy(case: Case, torque: float, position: float, rng: np.random.Generator) 
 
 def with_fault(case: Case, fault: Fault) -> Case | None:
     """The case with a fault; ``None`` if it cannot have it."""
-    rng, controller = np.random.default_rng(0), case.controller
     try:
-        if isinstance(fault, GainMismatch):
-            controller = fault.declared(controller)
-        recordings = tuple(fault.apply(r, rng, case.arm) for r in case.recordings)
+        return fault.in_case(case, np.random.default_rng(0), case.arm)
     except InputError:
         return None
-    return replace(case, recordings=recordings, controller=controller)
 
 
 def references_part(

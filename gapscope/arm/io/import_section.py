@@ -12,8 +12,8 @@ import numpy as np
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.channel_entry import UNITS, Channel, parse_channel
 from gapscope.arm.io.formats.lerobot_calibration import MotorRange, read_calibration
-from gapscope.arm.io.mend import Mend, parse_mend
 from gapscope.arm.io.transmission import parse_transmission, per_joint
+from gapscope.arm.reading import Reading
 from gapscope.arm.recording import CHANNELS
 
 _MOTOR_MOTION = ("q", "dq", "q_ref", "dq_ref")
@@ -58,7 +58,7 @@ class Import:
         fit, judge: row ranges of each file, both ends included, counted from 0 below the header; ``fit`` empty: all.
         fit_episodes, judge_episodes: episodes of each dataset; both empty: all are fitted.
         calibration: of the motors, by name, for positions in normalised units; ``None`` if there is none.
-        mend: what is put right after all this.
+        mend: what is put right after all this; ``None``: nothing.
         source: the case file, for messages.
     """
 
@@ -77,7 +77,7 @@ class Import:
     fit_episodes: tuple[int, ...] = ()
     judge_episodes: tuple[int, ...] = ()
     calibration: Mapping[str, MotorRange] | None = None
-    mend: Mend = field(default_factory=Mend)
+    mend: Reading | None = None
     source: Path | None = None
 
     @property
@@ -140,7 +140,7 @@ def parse_import(section: Mapping[str, Any], n_joints: int, source: Path) -> Imp
     if "calibration" in section:
         given["calibration"] = read_calibration(source.parent / section["calibration"])
     if "mend" in section:
-        given["mend"] = parse_mend(section["mend"] or {}, n_joints, source)
+        given["mend"] = Reading.from_mend(section["mend"] or {}, n_joints, source)
     channels = {
         name: parse_channel(name, section[name], n_joints, source)
         if name in section

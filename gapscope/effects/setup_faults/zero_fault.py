@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from gapscope.arm.nominal import NominalArm
-from gapscope.arm.recording import Recording
+from gapscope.arm.reading import Columns, Reading
 from gapscope.effects.parameter import Parameter
-from gapscope.effects.setup_faults.fault import Fault, columns_of
+from gapscope.effects.setup_faults.fault import Fault, Look, Values
+
+# Zeros of joints off by large angles: starts of the search for one [rad]. (budget)
+ZERO_STARTS = tuple(float(a) for a in np.deg2rad((-135, -90, -45, 45, 90, 135, 180)))
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,7 @@ class ZeroOffset(Fault):
 
     Attributes:
         joints: from 1.
-        offset: recorded less true angle [rad].
+        offset: recorded less true angle [rad], one for all joints or one for each.
     """
 
     name = "zero_offset"
@@ -35,7 +36,7 @@ class ZeroOffset(Fault):
         Parameter("offset", "delta", "rad", (-np.pi, np.pi), (-np.pi / 2, np.pi / 2)),
     )
     joints: tuple[int, ...]
-    offset: float
+    offset: Values
 
     @classmethod
     def draw(cls, rng: np.random.Generator, n_joints: int) -> ZeroOffset:
@@ -43,15 +44,13 @@ class ZeroOffset(Fault):
         joint = int(rng.integers(n_joints)) + 1
         return cls((joint,), float(rng.choice([-1, 1, 2])) * np.pi / 2)
 
-    def apply(
-        self, recording: Recording, rng: np.random.Generator, arm: NominalArm
-    ) -> Recording:
-        """Count positions and their references from the other zero."""
-        columns = columns_of(recording, self.joints, self.name)
-        changed: dict[str, Any] = {}
-        for channel in ("q", "q_ref"):
-            series = getattr(recording, channel)
-            if series is not None:
-                changed[channel] = np.array(series)
-                changed[channel][:, columns] += self.offset
-        return replace(recording, **changed)
+    @classmethod
+    def candidates(cls, look: Look) -> list[Fault]:
+        """Each joint by eighths of a turn."""
+        return [cls((j,), a) for j in range(1, look.n + 1) for a in ZERO_STARTS]
+
+    def reading(self, n: int) -> Reading:
+        """Positions and their references counted from the model's zero."""
+        offset = self.per_joint("offset", len(self.columns(n)))
+        back = self.of_joints(n, -offset, usual=0.0)
+        return Reading.identity(n, motion=replace(Columns.identity(n), offset=back))
