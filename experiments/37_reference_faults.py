@@ -38,6 +38,7 @@ from gapscope.diagnosis.setup_faults.references.detection import find_reference_
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.environment import tilt
+from gapscope.effects.setup_faults.channel_faults import ZeroOffset
 from gapscope.effects.setup_faults.controller_faults import (
     GainMismatch,
     UnmeasuredTorque,
@@ -49,7 +50,6 @@ from gapscope.effects.setup_faults.reference_faults import (
     SpeedScaling,
     VelocityOfReference,
 )
-from gapscope.effects.setup_faults.zero_fault import ZeroOffset
 from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.position_controller import position_controller
 from gapscope.envs.session import Plan, record_case

@@ -27,6 +27,7 @@ from gapscope.effects.setup_faults.channel_faults import (
     JointSwap,
     SignFlip,
     UnitMismatch,
+    ZeroOffset,
 )
 from gapscope.effects.setup_faults.fault import Fault
 from gapscope.effects.setup_faults.fault_catalogue import FAULTS
@@ -37,7 +38,6 @@ from gapscope.effects.setup_faults.torque_faults import (
     LateTorque,
     TorqueUnit,
 )
-from gapscope.effects.setup_faults.zero_fault import ZeroOffset
 from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.session import Plan, record_case
 

@@ -27,7 +27,8 @@ from gapscope.arm.shifted_inertials import shifted_arm
 
 GAP_STEPS = 4.0
 """A step of time longer than this many median steps is a gap, over which no torque is interpolated."""
-POSITIONS, MOTION = ("q", "q_ref"), ("q", "dq", "q_ref", "dq_ref")
+COLUMNS = {"tau": "torque", "tau_sensor": "sensor"}
+"""Which columns of a reading are those of a channel; of all others the motion's."""
 
 IN_MEND = {
     ("time", "scale"): "time_factor",
@@ -105,7 +106,9 @@ class Columns:
 
     def __call__(self, series: np.ndarray, *, position: bool = False) -> np.ndarray:
         """The series of the joints, (N, n); the offset is that of positions alone."""
-        out = series[:, list(self.source)] * np.array(self.factor)
+        in_order = list(self.source) == sorted(self.source)
+        columns = series if in_order else series[:, list(self.source)]
+        out = columns * np.array(self.factor)
         return out + np.array(self.offset) if position else out
 
     def then(self, other: Columns) -> Columns:
@@ -323,6 +326,17 @@ class Reading:
             ddq[:, source] * acceleration,
         )
 
+    def of_channels(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Those of some channels, by name, (N, n) each, whose columns, factors or offsets change."""
+        changed = {}
+        for name, series in values.items():
+            columns: Columns = getattr(self, COLUMNS.get(name, "motion"))
+            if name == "temperature":
+                columns = replace(columns, factor=(1.0,) * len(columns.source))
+            if columns != Columns.identity(len(columns.source)):
+                changed[name] = columns(series, position=name in ("q", "q_ref"))
+        return changed
+
     def true_time(self, t: np.ndarray, file: str) -> np.ndarray:
         """Time of a file's rows [s], (N,), of the recorded one."""
         if self.files and file not in self.files:
@@ -391,21 +405,7 @@ class Reading:
 
     def _of_columns(self, recording: Recording) -> Recording:
         """Columns, factors and offsets."""
-        columns = {
-            **dict.fromkeys(MOTION, "motion"),
-            "tau": "torque",
-            "tau_sensor": "sensor",
-        }
-        changed: dict[str, Any] = {}
-        for channel, name in columns.items():
-            series = getattr(recording, channel)
-            if series is not None and self.differs(name):
-                changed[channel] = getattr(self, name)(
-                    series, position=channel in POSITIONS
-                )
-        source = list(self.motion.source)
-        if recording.temperature is not None and source != sorted(source):
-            changed["temperature"] = recording.temperature[:, source]
+        changed: dict[str, Any] = self.of_channels(recording.channels)
         return replace(recording, **changed) if changed else recording
 
     def _of_references(self, recording: Recording) -> Recording:

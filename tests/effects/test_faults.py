@@ -23,6 +23,7 @@ from gapscope.effects.setup_faults.channel_faults import (
     JointSwap,
     SignFlip,
     UnitMismatch,
+    ZeroOffset,
 )
 from gapscope.effects.setup_faults.controller_faults import (
     GainMismatch,
@@ -42,7 +43,6 @@ from gapscope.effects.setup_faults.torque_faults import (
     LateTorque,
     TorqueUnit,
 )
-from gapscope.effects.setup_faults.zero_fault import ZeroOffset
 
 
 @pytest.fixture

@@ -22,11 +22,13 @@ from gapscope.diagnosis.thresholds import (
     UNIT_LAST_STEP,
     UNIT_NUISANCE_FACTOR,
 )
-from gapscope.effects.setup_faults.channel_faults import UnitMismatch
+from gapscope.effects.setup_faults.channel_faults import (
+    UnitMismatch,
+    ZeroOffset,
+)
 from gapscope.effects.setup_faults.fault import Fault
 from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
 from gapscope.effects.setup_faults.torque_faults import LateTorque, TorqueUnit
-from gapscope.effects.setup_faults.zero_fault import ZeroOffset
 
 CURVED = 0.02
 """Step over which the curvature is taken."""

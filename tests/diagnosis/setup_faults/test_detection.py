@@ -21,6 +21,7 @@ from gapscope.effects.setup_faults.channel_faults import (
     JointSwap,
     SignFlip,
     UnitMismatch,
+    ZeroOffset,
 )
 from gapscope.effects.setup_faults.fault import Fault
 from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
@@ -30,7 +31,6 @@ from gapscope.effects.setup_faults.torque_faults import (
     LateTorque,
     TorqueUnit,
 )
-from gapscope.effects.setup_faults.zero_fault import ZeroOffset
 from gapscope.envs.mystery_arm import HIDDEN, iiwa
 from gapscope.envs.randomisation import Randomisation, draw_effects
 from gapscope.envs.session import Plan, record_case

@@ -24,6 +24,7 @@ from gapscope.effects.setup_faults.channel_faults import (
     JointSwap,
     SignFlip,
     UnitMismatch,
+    ZeroOffset,
 )
 from gapscope.effects.setup_faults.controller_faults import GainMismatch
 from gapscope.effects.setup_faults.fault import Fault
@@ -40,7 +41,6 @@ from gapscope.effects.setup_faults.torque_faults import (
     LateTorque,
     TorqueUnit,
 )
-from gapscope.effects.setup_faults.zero_fault import ZeroOffset
 from gapscope.outputs.mended_case import CASE, write_mended_case
 
 N = synthetic.N
