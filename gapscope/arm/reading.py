@@ -7,7 +7,7 @@ fault would have written; and written as the ``mend:`` part of an import section
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -196,9 +196,8 @@ class Reading:
         return cls(**{**usual, **changed})
 
     def differs(self, *names: str) -> bool:
-        """Whether any of some attributes changes anything; of all by default."""
+        """Whether any of some attributes changes anything."""
         same = Reading.identity(len(self.kp_factor))
-        names = names or tuple(field.name for field in fields(self))
         return any(getattr(self, name) != getattr(same, name) for name in names)
 
     @property

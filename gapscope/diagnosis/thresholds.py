@@ -86,7 +86,7 @@ FAULT_VALUE_CHARGE = 0.3  # Gain that a fault with a continuous value owes to th
 FAULT_SHARPNESS = 10.0  # Log evidence per unit of gain, for probabilities [1]. (hand)
 FAULT_PRIOR_ODDS = 1e-3  # Prior odds of a setup fault against none [1]. (hand)
 
-# --- setup_faults: search of channel mappings
+# --- setup_faults: search of readings
 FAULT_COARSE_STEP = 4  # All candidates are compared on every so many-th sample... (budget)
 FAULT_FINALISTS = 5  # ...and this many of them on all. (budget)
 # Zeros off by less are no convention but the effect encoder_offset [rad]. (definition)

@@ -93,7 +93,9 @@ def _computed(gains: np.ndarray) -> str:
 
 def _velocity(recordings: tuple[Recording, ...]) -> tuple[FoundFault, ...]:
     names = tuple(r.name for r in recordings if is_of_reference(r))
-    return (_found(VelocityOfReference(), names),) if names else ()
+    fault = VelocityOfReference()
+    found = FoundFault(fault, OBVIOUS_FAULT_PROBABILITY, recordings=names)
+    return (found,) if names else ()
 
 
 def _set_points(recordings: tuple[Recording, ...]) -> tuple[FoundFault, ...]:
@@ -105,7 +107,7 @@ def _set_points(recordings: tuple[Recording, ...]) -> tuple[FoundFault, ...]:
             of_variant = periods.setdefault(points.variant, {})
             of_variant[recording.name] = points.every / recording.rate
     return tuple(
-        _by_median(partial(CoarseReference, variant), of_variant)
+        _by_median(partial(CoarseReference, variant), "period", of_variant)
         for variant, of_variant in periods.items()
     )
 
@@ -140,23 +142,18 @@ def _pace(recordings: tuple[Recording, ...]) -> tuple[FoundFault, ...]:
             for name, s in paces.items()
             if abs(np.log(s / first)) < NAMED_RATE_ERROR
         }
-        faults.append(_by_median(SpeedScaling, alike))
+        faults.append(_by_median(SpeedScaling, "factor", alike))
         paces = {name: s for name, s in paces.items() if name not in alike}
     return tuple(faults)
 
 
 def _by_median(
-    fault: Callable[[float], Fault], values: Mapping[str, float]
+    fault: Callable[[float], Fault], name: str, values: Mapping[str, float]
 ) -> FoundFault:
-    """The fault with the median over recordings, and how far they differ."""
+    """The fault whose parameter is the median over recordings, and how far these differ."""
     given = list(values.values())
-    found = fault(float(np.median(given)))
-    (name,), ((median,),) = found.values(), found.values().values()
+    median = float(np.median(given))
     std = max(float(np.std(given)), 1e-3 * median)
-    return _found(found, tuple(values), {name: (std,)})
-
-
-def _found(
-    fault: Fault, recordings: tuple[str, ...], std: Mapping[str, tuple[float, ...]] = {}
-) -> FoundFault:
-    return FoundFault(fault, OBVIOUS_FAULT_PROBABILITY, std, recordings)
+    return FoundFault(
+        fault(median), OBVIOUS_FAULT_PROBABILITY, {name: (std,)}, tuple(values)
+    )
