@@ -106,8 +106,9 @@ class Columns:
 
     def __call__(self, series: np.ndarray, *, position: bool = False) -> np.ndarray:
         """The series of the joints, (N, n); the offset is that of positions alone."""
-        in_order = list(self.source) == sorted(self.source)
-        columns = series if in_order else series[:, list(self.source)]
+        source = list(self.source)
+        in_order = source == list(range(series.shape[1]))
+        columns = series if in_order else series[:, source]
         out = columns * np.array(self.factor)
         return out + np.array(self.offset) if position else out
 
