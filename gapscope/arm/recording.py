@@ -118,13 +118,16 @@ class Recording:
         """Time from the first to the last sample [s]."""
         return float(self.t[-1] - self.t[0])
 
+    @property
+    def channels(self) -> dict[str, np.ndarray]:
+        """The channels that it has, by name, (N, n) each."""
+        channels = {name: getattr(self, name) for name in CHANNELS}
+        return {name: series for name, series in channels.items() if series is not None}
+
     def part(self, rows: np.ndarray | slice, **changed: Any) -> Recording:
         """The recording with some of its rows, a mask, places or a slice; ``changed`` are other attributes."""
-        chosen: dict[str, Any] = {}
-        for name in ("t", *CHANNELS):
-            series = getattr(self, name)
-            if series is not None:
-                chosen[name] = series[rows]
+        series = {"t": self.t, **self.channels}
+        chosen: dict[str, Any] = {name: x[rows] for name, x in series.items()}
         return replace(self, **chosen, **changed)
 
 

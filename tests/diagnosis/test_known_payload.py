@@ -17,6 +17,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
+from gapscope.arm.reading import Reading
 from gapscope.diagnosis.advice.recorded_data import RecordedData
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import validate
@@ -32,7 +33,6 @@ from gapscope.diagnosis.reference.change import Change
 from gapscope.diagnosis.reference.diagnose_change import diagnose_change
 from gapscope.diagnosis.reference.identify_reference import identify_reference
 from gapscope.diagnosis.result import Diagnosis
-from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.fault_samples import sample
 from gapscope.diagnosis.setup_faults.nuisance import fold_equations
@@ -232,12 +232,12 @@ class TestSegment:
         """The nominal column is the prediction of the arm with the load, where there was one."""
         arm, body = synthetic.arm(), synthetic.body()
         told = sample([[segment(0)], [segment(1)]])
-        eq = fold_equations(arm, body, told, ChannelMapping.identity(3))
+        eq = fold_equations(arm, body, told, Reading.identity(3))
         none = fold_equations(
             arm,
             body,
             replace(told, load=np.zeros_like(told.load)),
-            ChannelMapping.identity(3),
+            Reading.identity(3),
         )
         np.testing.assert_array_equal(eq.gram[0], none.gram[0])
         rows = told.folds[1]

@@ -25,7 +25,7 @@ def random_motion(rng: np.random.Generator, n: int = arms.N, count: int = 40) ->
 class TestDrives:
     def test_uncoupled_arm_has_its_joints(self) -> None:
         ratios = np.diag([10.0, -20.0] * 3 + [30.0])
-        arm = replace(arms.arm(), coupling=coupling_of_transmission(ratios, None))
+        arm = replace(arms.arm(), coupling=coupling_of_transmission(ratios))
         matrix, labels = drives(arm)
         np.testing.assert_array_equal(matrix, np.eye(arms.N))
         assert labels == tuple("1234567")
