@@ -21,6 +21,7 @@ from gapscope.diagnosis.setup_faults.nuisance import (
     FoldEquations,
 )
 from gapscope.diagnosis.thresholds import KNOWN_FACTOR_R2
+from gapscope.effects.catalogue import of_quantity
 from gapscope.effects.setup_faults.fault import Fault, Look
 
 TURN = 2 * np.pi
@@ -34,7 +35,7 @@ class TurnedBase(Fault):
     turned are gravity turned, but for friction and inertia.
     """
 
-    name = "base_tilt"
+    name = of_quantity("gravity")[0].name
     roll: float
     pitch: float
 
