@@ -201,9 +201,16 @@ def _check_record(effect: Effect) -> None:
 
 
 def _check_parametrisation(effect: Effect) -> None:
-    """Check that fitting and drawing give the parameters that the effect has."""
+    """Check that fitting and drawing give the parameters, and that a search for one has a place to begin."""
     fit, given = effect.parametrisation, {}
     if fit is not None:
+        searched = isinstance(effect, TorqueLaw | Drift) and fit.nonlinear
+        if searched and (fit.grid is None or len(fit.nonlinear) > 1):
+            raise InputError(
+                f"no Grid says where the search for {', '.join(fit.nonlinear)} begins",
+                "give one nonlinear parameter, and a Grid of the values to try first",
+                where=f"{effect.name}.parametrisation",
+            )
         x, s = np.ones((fit.linear, 1)), np.ones((len(fit.nonlinear), 1))
         given["parametrisation"] = lambda: fit.values(x, s)
     if effect.severity is not None:
@@ -241,7 +248,8 @@ def _trials(effect: Effect) -> Iterator[Trial]:
     """The laws of an effect on joints, each with samples. Of those on links and arms, the record alone is checked."""
     rng = np.random.default_rng(0)
     q, dq, load = rng.uniform(-2.0, 2.0, (3, _N, _JOINTS))
-    dq[0] = load[1] = 0.0
+    # where laws divide by zero
+    dq[0] = load[1] = q[2] = 0.0
     t = np.linspace(0.0, 1.0, _N)
     none = np.zeros((_N, _JOINTS))
     time = t[:, None]

@@ -164,7 +164,9 @@ def law_columns(
     position: np.ndarray,
     load: np.ndarray,
 ) -> np.ndarray:
-    """Torque of a term's law of unit amplitude, for each value of (K,) of its nonlinear parameter [N m], (N, K).
+    """Torque of a term's law for each value of (K,) of its nonlinear parameter [N m], (N, K c).
+
+    Those of c linear coordinates, each one alone and of size one, lie side by side.
 
     Args:
         term: the term.
@@ -175,10 +177,15 @@ def law_columns(
     """
     law, motion = term.definition, segment.motion
     assert isinstance(law, TorqueLaw)
-    parameters = parametrisation_of(law).values(np.ones((1, len(values))), values[None])
+    fit, count = parametrisation_of(law), len(values)
     velocity = motion.dq[:, term.joint - 1, None]
     signals = Signals(motion.t[:, None], position, velocity, load)
-    return law.law(signals, *(parameters[name] for name in law.names))
+    columns = []
+    for unit in np.eye(fit.linear):
+        parameters = fit.values(np.outer(unit, np.ones(count)), values[None])
+        torque = law.law(signals, *(parameters[name] for name in law.names))
+        columns.append(np.broadcast_to(torque, (len(motion.t), count)))
+    return np.stack(columns, axis=2).reshape(len(motion.t), -1)
 
 
 def waves(cycles: np.ndarray, q: np.ndarray) -> np.ndarray:

@@ -93,14 +93,16 @@ def search_nonlinear(
         friction = [x[:, j, None] for x in arm.steady_friction]
         return _drift(effect, values, friction, data, scan)
     if known is None and (of_velocity := data.candidates.law(term)) is not None:
-        return scan.best(of_velocity.values, scan.weighted(of_velocity.columns))
+        columns = scan.weighted(of_velocity.columns)
+        return scan.best(of_velocity.values, columns, term.parametrisation.linear)
     values = _values(term, data.segments, known)
     by_segment = []
     for segment, load in zip(data.segments, needed, strict=True):
         position = arm.corrected.true_position(segment.motion.q)[:, j, None]
         law = law_columns(term, values, segment, position, load[:, None])
         by_segment.append(law)
-    return scan.best(values, scan.weighted(data.rows(by_segment)))
+    columns = scan.weighted(data.rows(by_segment))
+    return scan.best(values, columns, term.parametrisation.linear)
 
 
 def _values(term: Term, segments: list[Segment], known: float | None) -> np.ndarray:
