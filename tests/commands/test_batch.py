@@ -16,12 +16,10 @@ from typing import Any
 
 import pytest
 
-from gapscope.arm.errors import GapscopeError
-from gapscope.commands.many.diagnosis_batch import KeptReference, _resume_hint, finished
+from gapscope.commands.many.diagnosis_batch import KeptReference, finished
 from gapscope.diagnosis.reference.identify_reference import identify_reference
 from gapscope.interface.reference import kept_reference
 from gapscope.provenance import made_from
-from gapscope.workers.in_order import in_order
 
 Command = Callable[..., Any]
 
@@ -243,22 +241,6 @@ def test_interrupted_says_how_to_go_on_and_leaves_nothing_half(
     done = gapscope("diagnose", *cases, "--out", out)
     assert done.code == 0 and done.out.count("kept from an earlier run") == len(before)
     assert (out / "summary.html").is_file()
-
-
-def _inverse() -> Callable[[int], float]:
-    """1 / number [1]; the process ends where there is none. Made here, so that workers need not import this file."""
-
-    def inverse(number: int) -> float:
-        if number == 0:
-            os._exit(1)
-        return 1.0 / number
-
-    return inverse
-
-
-def test_a_process_ended_from_outside_is_told_with_what_to_do() -> None:
-    with pytest.raises(GapscopeError, match="for want of memory"), _resume_hint():
-        list(in_order(_inverse(), [(2,), (0,), (4,)], jobs=2, backend="local"))
 
 
 @pytest.mark.skipif(find_spec("ray") is not None, reason="Ray is installed")
