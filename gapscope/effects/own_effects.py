@@ -175,7 +175,10 @@ def _check_record(effect: Effect) -> None:
             f"use one of {', '.join(FAMILIES)}",
             "family",
         )
-    scopes = {LinkChange: ("link", "arm"), External: ("arm",)}
+    scopes: dict[type[Effect], tuple[str, ...]] = {
+        LinkChange: ("link", "arm"),
+        External: ("arm",),
+    }
     allowed = next((s for k, s in scopes.items() if isinstance(effect, k)), ("joint",))
     if effect.scope not in allowed:
         raise refuse(
@@ -204,8 +207,8 @@ def _check_parametrisation(effect: Effect) -> None:
     """Check that fitting and drawing give the parameters, and that a search for one has a place to begin."""
     fit, given = effect.parametrisation, {}
     if fit is not None:
-        searched = isinstance(effect, TorqueLaw | Drift) and fit.nonlinear
-        if searched and (fit.grid is None or len(fit.nonlinear) > 1):
+        on_grid = isinstance(effect, TorqueLaw | Drift) and bool(fit.nonlinear)
+        if on_grid and (fit.grid is None or len(fit.nonlinear) > 1):
             raise InputError(
                 f"no Grid says where the search for {', '.join(fit.nonlinear)} begins",
                 "give one nonlinear parameter, and a Grid of the values to try first",

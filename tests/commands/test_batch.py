@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from guard import HANG
 
 from gapscope.commands.many.diagnosis_batch import KeptReference, finished
 from gapscope.diagnosis.reference.identify_reference import identify_reference
@@ -223,7 +224,7 @@ def test_interrupted_says_how_to_go_on_and_leaves_nothing_half(
         start_new_session=True,
         preexec_fn=heeding_interrupts,
     )
-    end = time.monotonic() + 120
+    end = time.monotonic() + HANG
     while (
         not list(out.glob("*/diagnosis.json"))
         and time.monotonic() < end
@@ -231,7 +232,7 @@ def test_interrupted_says_how_to_go_on_and_leaves_nothing_half(
     ):
         time.sleep(0.01)
     os.killpg(running.pid, signal.SIGINT)
-    _, said = running.communicate(timeout=60)
+    _, said = running.communicate(timeout=HANG)
     assert running.returncode == 130, said
     # a worker that is interrupted while it starts may tell of itself; the command does not
     assert "run the same command again" in said and "cli.py" not in said
