@@ -82,6 +82,23 @@ def test_a_command_without_the_file_says_what_is_missing(folder: Path) -> None:
     assert "did you forget --effects-from" in done.stderr
 
 
+def test_several_files_are_given_one_after_the_other(folder: Path) -> None:
+    other = blocks("python")[0].replace('"cable_drag"', '"hose_drag"')
+    (folder / "hose_drag.py").write_text(other)
+    command = (
+        "gapscope predict arm --recording arm/recording_1.csv --out two.csv "
+        "--model two.yaml --effects-from cable_drag.py --effects-from hose_drag.py"
+    )
+    model = (folder / "found/corrected.yaml").read_text()
+    entry = model[model.index("- effect") :]
+    (folder / "two.yaml").write_text(
+        model + "\n" + entry.replace("cable_drag", "hose_drag")
+    )
+    done = gapscope(folder, command)
+    assert done.returncode == 0, done.stderr
+    assert (folder / "two.csv").read_text() != (folder / "predicted.csv").read_text()
+
+
 def test_the_environment_variable_stands_for_the_option(folder: Path) -> None:
     command = (
         "gapscope predict arm --recording arm/recording_1.csv --out again.csv "
