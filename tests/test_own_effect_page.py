@@ -106,6 +106,9 @@ def test_the_environment_variable_stands_for_the_option(folder: Path) -> None:
     )
     done = gapscope(folder, command, GAPSCOPE_EFFECTS=str(folder / "cable_drag.py"))
     assert done.returncode == 0, done.stderr
+    missing = gapscope(folder, command, GAPSCOPE_EFFECTS="none.py")
+    assert missing.returncode == 2
+    assert "none.py, named in GAPSCOPE_EFFECTS" in missing.stderr
     again = (folder / "again.csv").read_text()
     assert again == (folder / "predicted.csv").read_text()
 

@@ -224,4 +224,7 @@ for _package, _version, _effect in installed_effects():
     register(_effect)
     _packages[_package] = _version
 for _file in filter(None, os.environ.get(FILES, "").split(os.pathsep)):
-    load_effects(_file)
+    try:
+        load_effects(_file)
+    except InputError as error:
+        raise error.at(Path(_file), f"named in {FILES}") from None
