@@ -66,14 +66,15 @@ def unit_columns(
         parameters = [by_name[name] for name in effect.names]
         if isinstance(effect, Path):
             u = signals.recorded
-            columns.append(effect.applied(u, signals, *parameters) - u)
+            torque = effect.applied(u, signals, *parameters) - u
         elif isinstance(effect, Drift):
-            columns.append(signals.friction * effect.change(signals.t, *parameters))
+            torque = signals.friction * effect.change(signals.t, *parameters)
         elif isinstance(effect, TorqueLaw):
             state = signals.t, signals.position, signals.velocity, signals.load
-            columns.append(effect.law(Signals(*state), *parameters))
+            torque = effect.law(Signals(*state), *parameters)
         else:
             raise KeyError(f"{effect.name} has no nonlinear parameter on a joint")
+        columns.append(np.broadcast_to(torque, (len(signals.t), len(values))))
     return np.stack(columns, axis=2).reshape(len(signals.t), -1)
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from cases import sines
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
@@ -30,10 +31,7 @@ def motion() -> Motion:
     rng = np.random.default_rng(0)
     t = np.arange(60) / 100
     phase, size = rng.uniform(0, 6, 7), rng.uniform(0.5, 1.5, 7)
-    angle = 3 * t[:, None] + phase
-    return Motion(
-        t, size * np.sin(angle), 3 * size * np.cos(angle), -9 * size * np.sin(angle)
-    )
+    return sines(t, size, 3.0, phase)
 
 
 def test_nominal_parameters_give_the_torque_of_the_nominal_arm(arm, motion):
