@@ -87,8 +87,25 @@ EFFECTS = {
 }
 """The record of each effect in the package, by the effect's name."""
 
-NAMES_EFFECTS: dict[str, str] = {}
-"""Modules outside ``effects/`` that name an effect all the same, with what for. No new ones: ask the records instead."""
+NAMES_EFFECTS: dict[str, str] = {
+    f"gapscope.{module}": reason
+    for reason, modules in {
+        "armature is the data sheet's or a model file's own key": (
+            *("arm.beyond_any_arm", "arm.nominal", "arm.robots"),
+            *("arm.dynamics.robot_file", "envs.mystery_arm"),
+            *("model_audit.check_joints", "model_audit.read_mjcf"),
+            "diagnosis.reference.reference_file",
+        ),
+        "payload is the case's key of a known load": ("diagnosis.document.context",),
+        "the blind check keeps what hides what, and plain methods, apart": (
+            *("blind_check.plan", "blind_check.baselines.columns"),
+            *("blind_check.baselines.methods", "blind_check.scoring.classes"),
+            *("blind_check.scoring.closure", "blind_check.scoring.compare"),
+        ),
+    }.items()
+    for module in modules
+}
+"""Modules outside ``effects/`` that name an effect all the same, with what for. No new ones: ask the records."""
 
 MOST_FILES = 25
 """Modules in one folder."""
