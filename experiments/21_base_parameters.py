@@ -64,9 +64,9 @@ def counts(states: int) -> None:
             continue
         inertial, rotors, everything = (
             structural_base(
-                Regressor(arm, effects=effects), np.random.default_rng(0), states
+                Regressor(arm, quantities=quantities), np.random.default_rng(0), states
             )
-            for effects in ((), ("armature",), JOINT_COLUMNS)
+            for quantities in ((), ("rotor",), JOINT_COLUMNS)
         )
         print(
             f"{name:14} {arm.n_joints:5d} {known:>6} {inertial.count:6d} {inertial.gap:8.1e} {rotors.count:12d} "

@@ -31,7 +31,8 @@ from gapscope.blind_check.generator.laws import LAWS, SETUP
 from gapscope.blind_check.generator.sizing import draw_cause
 from gapscope.blind_check.generator.true_arm import Columns, TrueArm
 from gapscope.diagnosis.gap.changes_during import changes_during
-from gapscope.ident.kalman.changes import PAYLOAD, RecordingChange
+from gapscope.ident.kalman.change_hypothesis import PAYLOAD
+from gapscope.ident.kalman.changes import RecordingChange
 from gapscope.ident.signals.conditioning import condition, position_cutoff
 
 CASES = Path(__file__).parent / "cases"

@@ -141,7 +141,7 @@ def row(file: Path, quick: bool = False) -> dict[str, Any]:
             steps: dict[str, Callable[[], str]] = {
                 "base": lambda: str(
                     structural_base(
-                        Regressor(arm, effects=()), np.random.default_rng(0), 300
+                        Regressor(arm, quantities=()), np.random.default_rng(0), 300
                     ).count
                 ),
                 "excited": lambda: excited(arm),

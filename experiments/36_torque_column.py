@@ -62,9 +62,7 @@ def _of(fault: Callable[[int], Fault]) -> Spoil:
     """All recordings of a case with a fault, given the number of joints."""
 
     def spoil(case: Case, rng: np.random.Generator) -> Case:
-        made = fault(case.arm.n_joints)
-        recordings = tuple(made.apply(r, rng, case.arm) for r in case.recordings)
-        return replace(case, recordings=recordings)
+        return fault(case.arm.n_joints).in_case(case, rng, case.arm)
 
     return spoil
 

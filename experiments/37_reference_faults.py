@@ -38,6 +38,7 @@ from gapscope.diagnosis.setup_faults.references.detection import find_reference_
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import CATALOGUE
 from gapscope.effects.environment import tilt
+from gapscope.effects.setup_faults.channel_faults import ZeroOffset
 from gapscope.effects.setup_faults.controller_faults import (
     GainMismatch,
     UnmeasuredTorque,
@@ -49,7 +50,6 @@ from gapscope.effects.setup_faults.reference_faults import (
     SpeedScaling,
     VelocityOfReference,
 )
-from gapscope.effects.setup_faults.zero_fault import ZeroOffset
 from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.position_controller import position_controller
 from gapscope.envs.session import Plan, record_case
@@ -137,14 +137,10 @@ def noisy(case: Case, torque: float, position: float, rng: np.random.Generator) 
 
 def with_fault(case: Case, fault: Fault) -> Case | None:
     """The case with a fault; ``None`` if it cannot have it."""
-    rng, controller = np.random.default_rng(0), case.controller
     try:
-        if isinstance(fault, GainMismatch):
-            controller = fault.declared(controller)
-        recordings = tuple(fault.apply(r, rng, case.arm) for r in case.recordings)
+        return fault.in_case(case, np.random.default_rng(0), case.arm)
     except InputError:
         return None
-    return replace(case, recordings=recordings, controller=controller)
 
 
 def references_part(

@@ -12,7 +12,6 @@ check. A run that was interrupted goes on.
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +23,11 @@ from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.arm.io.write_case import write_case
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
-from gapscope.diagnosis.setup_faults.shifted_inertials import shifted_arm
 from gapscope.effects.setup_faults.channel_faults import (
     JointSwap,
     SignFlip,
     UnitMismatch,
+    ZeroOffset,
 )
 from gapscope.effects.setup_faults.fault import Fault
 from gapscope.effects.setup_faults.fault_catalogue import FAULTS
@@ -39,7 +38,6 @@ from gapscope.effects.setup_faults.torque_faults import (
     LateTorque,
     TorqueUnit,
 )
-from gapscope.effects.setup_faults.zero_fault import ZeroOffset
 from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.session import Plan, record_case
 
@@ -77,12 +75,7 @@ def sound(file: Path) -> Case:
 
 def spoilt(case: Case, fault: Fault) -> Case:
     """The case as a set-up with the fault would have written it."""
-    rng = np.random.default_rng(0)
-    made = tuple(fault.apply(r, rng, case.arm) for r in case.recordings)
-    arm = case.arm
-    if isinstance(fault, ShiftedInertials):
-        arm = shifted_arm(arm, fault.by, fault.moved_only)
-    return replace(case, arm=arm, recordings=made)
+    return fault.in_case(case, np.random.default_rng(0), case.arm)
 
 
 def largest_gap(case: Case | Path) -> float | None:

@@ -35,7 +35,7 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Drift, Transmission
 from gapscope.effects.severity import draw
 from gapscope.envs.export.formats import export
-from gapscope.envs.export.left_out import HELD, nearest_coulomb
+from gapscope.envs.export.left_out import HELD, holds, nearest_friction
 from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.simulated_arm import SimulatedArm
 
@@ -144,12 +144,13 @@ def exported(
     effects: tuple[AppliedEffect, ...], arm: NominalArm
 ) -> tuple[AppliedEffect, ...]:
     """The effects of an arm as they are exported: Coulomb friction beside load friction, as the file advises."""
-    load = [e for e in effects if e.name == "load_friction"]
-    nearest = (
-        AppliedEffect("coulomb_friction", e.joints, {"torque": nearest_coulomb(e, arm)})
-        for e in load
-    )
-    return (*effects, *nearest)
+    nearest = nearest_friction(CorrectedArm(arm, effects))
+    joints = np.flatnonzero(nearest)
+    if not joints.size:
+        return effects
+    torque = {"torque": nearest[joints]}
+    numbers = tuple((joints + 1).tolist())
+    return (*effects, AppliedEffect("coulomb_friction", numbers, torque))
 
 
 def on_the_arm(
@@ -180,7 +181,7 @@ def round_trip(
     needs = any(isinstance(e.effect, Transmission | Drift) for e in effects)
     gaps = {}
     for name, (form, run) in TARGETS.items():
-        left_out = any(e.name not in HELD[form] for e in effects)
+        left_out = any(not holds(HELD[form], e.effect) for e in effects)
         own = arm if form == "mjcf" else bare
         if needs and own is bare:
             gaps[name] = Gaps(None, None, left_out)

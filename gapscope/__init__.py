@@ -17,6 +17,7 @@ from gapscope.envs.registration import register_environment
 
 if TYPE_CHECKING:
     from gapscope.arm.case import Case, load_case
+    from gapscope.effects.catalogue import load_effects
     from gapscope.interface.advise import advise
     from gapscope.interface.agree import agree
     from gapscope.interface.audit import audit
@@ -46,6 +47,7 @@ __all__ = [
     "gap",
     "identify",
     "load_case",
+    "load_effects",
     "make_arm",
     "predict",
     "read_corrected",
@@ -55,6 +57,7 @@ __all__ = [
 _MODULES = {
     "Case": "arm.case",
     "load_case": "arm.case",
+    "load_effects": "effects.catalogue",
     "make_arm": "interface.models",
     "read_corrected": "interface.models",
     **{

@@ -30,6 +30,7 @@ from gapscope.commands.gap import gap
 from gapscope.commands.identify import identify
 from gapscope.commands.inspect import inspect
 from gapscope.commands.many.fleet import fleet
+from gapscope.commands.options import with_own_effects
 from gapscope.commands.predict import predict
 from gapscope.commands.record import record
 from gapscope.commands.replay import replay
@@ -64,6 +65,8 @@ COMMANDS = (
     doctor,
 )
 """Commands in the order in which ``--help`` lists them."""
+WITHOUT_EFFECTS = (inspect, audit, check, serve, demo, doctor)
+"""Commands that deal with no effect, or with those of the package alone: the others take ``--effects-from``."""
 INTERRUPTED = 130
 """Exit code after Ctrl-C."""
 
@@ -75,7 +78,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 for command in COMMANDS:
-    app.command()(command)
+    own = command if command in WITHOUT_EFFECTS else with_own_effects(command)
+    app.command()(own)
 app.add_typer(blind, name="blind")
 
 _python_warning = warnings.showwarning

@@ -15,6 +15,7 @@ import numpy as np
 
 from gapscope.arm.case import Case, case_files
 from gapscope.arm.input_file import digest_of, read_bytes
+from gapscope.effects.catalogue import own_sources
 
 KEY = "made_from"
 """Key of ``diagnosis.json`` and of an evaluation's finished cells."""
@@ -46,9 +47,18 @@ def source_files() -> list[Path]:
     ]
 
 
-@cache
 def source_hash() -> str:
-    """SHA-256 over names and contents of those files."""
+    """SHA-256 over names and contents of those files, and of the files that effects of users were read from."""
+    own = own_sources()
+    if not own:
+        return _package_hash()
+    parts = [_package_hash(), *(part for source in own for part in source)]
+    return hashlib.sha256("\0".join(parts).encode()).hexdigest()
+
+
+@cache
+def _package_hash() -> str:
+    """SHA-256 over names and contents of the package's files."""
     digest = hashlib.sha256()
     for path in source_files():
         digest.update(_place(path).encode() + b"\0" + path.read_bytes() + b"\0")
@@ -62,7 +72,6 @@ def library_versions(
     return {name: _version(name) for name in libraries}
 
 
-@cache
 def program() -> str:
     """SHA-256 of what leads to a diagnosis: its source, Python and the libraries."""
     versions = [

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Iterator
 from importlib.util import find_spec
 from multiprocessing.util import Finalize
 from pathlib import Path
 from shutil import rmtree
 
 import pytest
+from own_effect_page import write_example
 
 from gapscope.arm.known_robots import KNOWN_ROBOTS
+from gapscope.effects.catalogue import load_effects, remove
+from gapscope.effects.effect import TorqueLaw
 
 BESIDE_THE_PROJECT = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -47,6 +51,15 @@ def sample_cases(data_root: Path) -> Path:
     if not (folder / "labels.json").is_file():
         pytest.skip(f"no sample cases in {data_root} (set GAPSCOPE_DATA)")
     return folder
+
+
+@pytest.fixture
+def cable_drag(tmp_path: Path) -> Iterator[TorqueLaw]:
+    """The effect of a user that the documentation shows, in the catalogue for one test."""
+    (effect,) = load_effects(write_example(tmp_path))
+    assert isinstance(effect, TorqueLaw)
+    yield effect
+    remove(effect.name)
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

@@ -9,6 +9,23 @@ from pathlib import Path
 
 import pytest
 
+from gapscope.effects import (
+    actuation,
+    coupled_motors,
+    environment,
+    friction,
+    rigid_body,
+    sensing,
+    transmission,
+)
+from gapscope.effects.effect import Effect
+
+FAMILIES = (
+    *(actuation, coupled_motors, environment, friction),
+    *(rigid_body, sensing, transmission),
+)
+"""Modules that hold the records of effects."""
+
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "gapscope"
 
@@ -61,6 +78,34 @@ ONLY_IN = {
     ),
 }
 """The only places that may import a library."""
+
+EFFECTS = {
+    value.name: key
+    for source in FAMILIES
+    for key, value in vars(source).items()
+    if isinstance(value, Effect)
+}
+"""The record of each effect in the package, by the effect's name."""
+
+NAMES_EFFECTS: dict[str, str] = {
+    f"gapscope.{module}": reason
+    for reason, modules in {
+        "armature is the data sheet's or a model file's own key": (
+            *("arm.beyond_any_arm", "arm.nominal", "arm.robots"),
+            *("arm.dynamics.robot_file", "envs.mystery_arm"),
+            *("model_audit.check_joints", "model_audit.read_mjcf"),
+            "diagnosis.reference.reference_file",
+        ),
+        "payload is the case's key of a known load": ("diagnosis.document.context",),
+        "the blind check keeps what hides what, and plain methods, apart": (
+            *("blind_check.plan", "blind_check.baselines.columns"),
+            *("blind_check.baselines.methods", "blind_check.scoring.classes"),
+            *("blind_check.scoring.closure", "blind_check.scoring.compare"),
+        ),
+    }.items()
+    for module in modules
+}
+"""Modules outside ``effects/`` that name an effect all the same, with what for. No new ones: ask the records."""
 
 MOST_FILES = 25
 """Modules in one folder."""
@@ -145,6 +190,31 @@ def test_no_module_imports_itself_by_way_of_others():
         waiting = {
             module: needed for module, needed in waiting.items() if module not in free
         }
+
+
+def effects_named(module: str) -> set[str]:
+    """Effects that a module names: as a string, docstrings aside, or by importing their record."""
+    tree = ast.parse(FILES[module].read_text(encoding="utf-8"))
+    documented = {
+        id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)
+    }
+    named = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and id(node) not in documented:
+            named |= {node.value} & EFFECTS.keys()
+        elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith(
+            "gapscope.effects"
+        ):
+            records = {alias.name for alias in node.names}
+            named |= {name for name, record in EFFECTS.items() if record in records}
+    return named
+
+
+def test_effects_are_named_in_their_records_alone():
+    """The generator of the blind check shares nothing with them and has names of its own."""
+    apart = ("gapscope.effects", "gapscope.blind_check.generator")
+    naming = {m for m in FILES if not m.startswith(apart) and effects_named(m)}
+    assert naming == NAMES_EFFECTS.keys()
 
 
 def test_folders_stay_small():

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import nbformat
 import pytest
+from guard import HANG
 from nbclient import NotebookClient
 
 FOLDER = Path(__file__).parents[1] / "docs" / "notebooks"
@@ -15,7 +16,7 @@ FOLDER = Path(__file__).parents[1] / "docs" / "notebooks"
 @pytest.mark.parametrize("path", sorted(FOLDER.glob("*.ipynb")), ids=lambda p: p.stem)
 def test_notebook_runs(path):
     notebook = nbformat.read(path, as_version=4)
-    NotebookClient(notebook, timeout=300, kernel_name="python3").execute()
+    NotebookClient(notebook, timeout=int(HANG), kernel_name="python3").execute()
     shown = [
         output.get("data", {}).get("text/html", "")
         for cell in notebook.cells

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from guard import HANG
 
 import gapscope
 from gapscope.effects.catalogue import CATALOGUE
@@ -36,7 +37,7 @@ HEAVY = {
 def test_front_door_does_not_wait_for_libraries(call):
     code = f"import sys\ntry:\n    {call}\nfinally:\n    print(*sys.modules, file=sys.stderr)"
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=HANG
     )
     assert done.returncode == 0, done.stderr
     assert not HEAVY & set(done.stderr.split())

@@ -88,7 +88,7 @@ def _true_and_wrong(
 ) -> tuple[tuple[AppliedEffect, ...], tuple[AppliedEffect, ...]]:
     """Effects of the true arm, a delay, and of the wrong model, which has too much inertia besides."""
     joints = tuple(range(1, arm.n_joints + 1))
-    delay = drives_with("delay", joints, np.full(arm.n_joints, DELAY))
-    rotors = drives_with("rotor", joints, (ROTORS - 1) * arm.armature)
+    delay = drives_with(joints, delay=np.full(arm.n_joints, DELAY))
+    rotors = drives_with(joints, rotor=(ROTORS - 1) * arm.armature)
     load = carried(LOAD * ArmScale.of(arm).lift, (0.0, 0.0, 0.1))
     return (delay,), (rotors, load, delay)

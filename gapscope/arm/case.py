@@ -252,7 +252,9 @@ def _with_coupling(arm: NominalArm, importing: Import | None) -> NominalArm:
     """The arm with the coupled motors that the transmission of its logs shows, unless its data sheet says which."""
     if arm.coupling is not None or importing is None or importing.transmission is None:
         return arm
-    matrix = coupling_of_transmission(importing.transmission, importing.signs)
+    turned = importing.turned
+    signs = 1.0 if turned is None else np.array(turned.motion.factor)
+    matrix = coupling_of_transmission(importing.transmission, signs)
     return replace(arm, coupling=matrix)
 
 

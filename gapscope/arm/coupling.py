@@ -51,7 +51,7 @@ def coupling_of_entries(
 
 
 def coupling_of_transmission(
-    transmission: np.ndarray, signs: np.ndarray | None
+    transmission: np.ndarray, signs: np.ndarray | float = 1.0
 ) -> np.ndarray:
     """The matrix D of motor speeds w = D dq [1], (n, n), from R of q_motor = R q_joint, (n, n), and the log's signs.
 
@@ -59,7 +59,7 @@ def coupling_of_transmission(
     side to count on, and no row but that of the joint.
     """
     # the matrix has the log's directions, D those of the URDF
-    rows = transmission if signs is None else transmission * signs
+    rows = transmission * signs
     matrix = np.eye(len(rows))
     for motor, row in enumerate(rows):
         if row[motor] != 0:

@@ -12,15 +12,9 @@ import numpy as np
 from gapscope.arm.coupling import coupling_of_entries
 from gapscope.arm.errors import InputError
 from gapscope.arm.nearest_name import check_known
+from gapscope.arm.nominal import SHEET_UNITS
 
-UNITS = {
-    "armature": "kg m^2",
-    "coulomb": "N m",
-    "viscous": "N m s/rad",
-    "torque_limit": "N m",
-}
-"""Entries with one value per joint, and their units."""
-KNOWN = (*UNITS, "encoder", "encoder_step", "coupling")
+KNOWN = (*SHEET_UNITS, "encoder", "encoder_step", "coupling")
 """Entries that a data sheet may have; ``encoder`` is checked by the nominal arm."""
 
 
@@ -50,7 +44,7 @@ def checked_sheet(
     sheet = {key: value for key, value in sheet.items() if value is not None}
     for key, value in sheet.items():
         check_known("entry of a data sheet", key, KNOWN, where=where)
-        if key in UNITS:
+        if key in SHEET_UNITS:
             _check_numbers(key, value, n_joints, f"{where}.{key}")
     _check_step(sheet.get("encoder_step"), f"{where}.encoder_step")
     if "coupling" in sheet:
@@ -63,7 +57,7 @@ def checked_sheet(
 
 def _check_numbers(key: str, value: Any, n_joints: int, where: str) -> None:
     """Check that there is one number per joint, zero or above; a torque limit above zero, or infinite for none."""
-    unit = UNITS[key]
+    unit = SHEET_UNITS[key]
     try:
         array = np.array(value, dtype=float)
     except (TypeError, ValueError, OverflowError):

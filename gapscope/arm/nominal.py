@@ -17,6 +17,13 @@ FRICTION_SMOOTHING = 0.005
 """Velocity scale v0 of the smoothed sign, sgn v = tanh(v / v0) [rad/s], as the case format fixes it; a slide's velocity
 is divided by ``NominalArm.per_radian`` first."""
 
+SHEET_UNITS = {
+    "armature": "kg m^2",
+    "coulomb": "N m",
+    "viscous": "N m s/rad",
+    "torque_limit": "N m",
+}
+"""Entries of the data sheet with one value per joint, and their units."""
 _QUANTITIES = {
     "gravity": "gravity",
     "armature": "armature",
@@ -72,17 +79,12 @@ class NominalArm:
         """Fill in zeros if the data sheet is silent and freeze the arrays."""
         n = len(self.joints)
         object.__setattr__(self, "sliding", self.sliding or (False,) * n)
-        for name in ("armature", "coulomb", "viscous", "presliding"):
-            if getattr(self, name) is None:
+        per_joint = (*SHEET_UNITS, "presliding")
+        for name in per_joint:
+            if name != "torque_limit" and getattr(self, name) is None:
                 object.__setattr__(self, name, np.zeros(n))
-        for name, length in (
-            ("gravity", 3),
-            ("armature", n),
-            ("coulomb", n),
-            ("viscous", n),
-            ("presliding", n),
-            ("torque_limit", n),
-        ):
+        for name in ("gravity", *per_joint):
+            length = 3 if name == "gravity" else n
             value = getattr(self, name)
             if value is None:
                 continue

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,8 +13,6 @@ from gapscope.arm.motions.motion import whole_rate
 
 CHANNELS = ("q", "dq", "tau", "q_ref", "dq_ref", "tau_sensor", "temperature")
 """Names of the per-joint channels, in the order in which files hold them."""
-NO_SERIES = ("name", "notes", "payload", "begun")
-"""Attributes of a recording that are no arrays over time."""
 USUAL_STEP = 0.01
 """Largest difference of a usual step of time from the median step, over it [1]: the resolution of a clock of dates in
 double precision is 0.1 % of the step of a log at 5 kHz."""
@@ -58,12 +56,10 @@ class Recording:
 
     def __post_init__(self) -> None:
         """Freeze the arrays and check their shapes."""
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.name in NO_SERIES or value is None:
-                continue
-            array = _frozen(value)
-            object.__setattr__(self, field.name, array)
+        for name in ("t", *CHANNELS):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, _frozen(value))
         if self.t.ndim != 1 or self.q.ndim != 2:
             raise InputError(
                 "t must have shape (N,) and q shape (N, n)", file=self.name
@@ -122,13 +118,16 @@ class Recording:
         """Time from the first to the last sample [s]."""
         return float(self.t[-1] - self.t[0])
 
+    @property
+    def channels(self) -> dict[str, np.ndarray]:
+        """The channels that it has, by name, (N, n) each."""
+        channels = {name: getattr(self, name) for name in CHANNELS}
+        return {name: series for name, series in channels.items() if series is not None}
+
     def part(self, rows: np.ndarray | slice, **changed: Any) -> Recording:
         """The recording with some of its rows, a mask, places or a slice; ``changed`` are other attributes."""
-        chosen: dict[str, Any] = {}
-        for name in ("t", *CHANNELS):
-            series = getattr(self, name)
-            if series is not None:
-                chosen[name] = series[rows]
+        series = {"t": self.t, **self.channels}
+        chosen: dict[str, Any] = {name: x[rows] for name, x in series.items()}
         return replace(self, **chosen, **changed)
 
 

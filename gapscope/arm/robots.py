@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gapscope.arm.data_sheet import UNITS, checked_sheet
+from gapscope.arm.data_sheet import checked_sheet
 from gapscope.arm.dynamics.mjcf import numbers
 from gapscope.arm.dynamics.robot_file import (
     actuated_joints,
@@ -22,9 +22,9 @@ from gapscope.arm.dynamics.tree.kinematic_tree import KinematicTree
 from gapscope.arm.dynamics.tree.locked_joints import lock
 from gapscope.arm.errors import InputError, ModelWarning
 from gapscope.arm.known_robots import locate
-from gapscope.arm.nominal import NominalArm
+from gapscope.arm.nominal import SHEET_UNITS, NominalArm
 
-PER_JOINT = tuple(UNITS)
+PER_JOINT = tuple(SHEET_UNITS)
 """Entries of the data sheet with one value per joint."""
 
 

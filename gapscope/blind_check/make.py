@@ -14,6 +14,7 @@ from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.io.json_file import read_json, write_json
 from gapscope.blind_check.generator.case import make_case, write_case
 from gapscope.blind_check.generator.conditions import CaseSpec
+from gapscope.blind_check.own_laws import enter_own_laws
 from gapscope.blind_check.plan import BlindPlan, allocate_cases
 from gapscope.blind_check.seal import (
     COMMITMENT,
@@ -112,6 +113,7 @@ def _one(
     spec: CaseSpec, name: str, seed: tuple[int, ...], out: Path, folder: Path
 ) -> str:
     """Make one case; its folder is renamed into place at the end, after its label was written."""
+    enter_own_laws(spec.laws)  # a process of its own does not have them yet
     aside = out / f".{name}"
     shutil.rmtree(aside, ignore_errors=True)
     shutil.rmtree(out / name, ignore_errors=True)

@@ -21,6 +21,7 @@ from gapscope.blind_check.generator.conditions import (
     draw_conditions,
 )
 from gapscope.blind_check.generator.laws import BEYOND, INSIDE, LAWS, SETUP
+from gapscope.blind_check.own_laws import enter_own_laws, own_names
 
 TOGETHER = (
     {
@@ -49,7 +50,8 @@ class BlindPlan:
     Attributes:
         singles, pairs, triples, outside, healthy: numbers of cases of each kind, at a severity of 3 to 20.
         ladder: number of single effects at a severity of 0.5 to 3.
-        effects: effects of singles, pairs, triples and the ladder; empty: all.
+        effects: effects of singles, pairs, triples and the ladder; empty: all of the package. A case with an effect of
+            a user, whose own law generates it, is of the kind ``recovery``.
         robots: arms.
         inertials_off: share of the cases whose nominal inertials are 1 to 10 % off [1].
         noisy: share with three times the encoder noise [1].
@@ -76,7 +78,8 @@ class BlindPlan:
         Raises:
             InputError: an effect or a robot is unknown, or a number cannot be.
         """
-        _check_names("effects", self.effects, (*INSIDE, *SETUP))
+        _check_names("effects", self.effects, (*INSIDE, *SETUP, *own_names()))
+        enter_own_laws(self.effects)
         _check_names("robots", self.robots, ROBOTS)
         for field in COUNTS:
             count = getattr(self, field)
@@ -115,7 +118,7 @@ def _check_names(field: str, names: tuple[str, ...], known: Sequence[str]) -> No
         if name not in known:
             raise InputError(
                 f"unknown {name!r}",
-                f"{nearest(name, known)}use {', '.join(known)}",
+                f"{nearest(name, known)}use {', '.join(known)}; an effect of your own needs --effects-from",
                 where=f"plan, {field}",
             )
 
@@ -152,7 +155,7 @@ def allocate_cases(plan: BlindPlan, seed: int) -> list[CaseSpec]:
     """The cases of a plan, in random order; the same seed gives the same cases."""
     rng = np.random.default_rng([seed, 1])
     effects = plan.effects or (*INSIDE, *SETUP)
-    mixable = [name for name in effects if name not in ALONE and name in INSIDE]
+    mixable = [name for name in effects if name not in (*ALONE, *SETUP, *BEYOND)]
     graded = [
         name
         for name in effects
@@ -172,6 +175,8 @@ def allocate_cases(plan: BlindPlan, seed: int) -> list[CaseSpec]:
     specs = []
     for k, (kind, laws) in enumerate(deck):
         severity = weak[k] if kind == "ladder" else strong[k]
+        if any(LAWS[name].recovery for name in laws):
+            kind = "recovery"
         wanted = None if kind == "healthy" else severity
         specs.append(CaseSpec(kind, laws, wanted, conditions[k]))
     return [specs[k] for k in rng.permutation(len(specs))]

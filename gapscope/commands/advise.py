@@ -156,10 +156,10 @@ def read_payload(mass: float | None, centre: str) -> KnownLoad | None:
         raise InputError(
             f"{centre!r} is no centre of mass",
             "give x,y,z in m, such as 0,0,0.05",
-            where="payload-com",
+            where="--payload-com",
         ) from None
     if mass == 0:
         raise InputError(
-            "a payload of 0 kg is none", "give its mass in kg", where="payload"
+            "a payload of 0 kg is none", "give its mass in kg", where="--payload"
         )
     return KnownLoad(mass, (x, y, z))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gapscope.commands.options import split_names
+from gapscope.commands.options import split_names, with_own_effects
 from gapscope.terminal import console, note, say, wrote
 
 if TYPE_CHECKING:
@@ -66,6 +66,7 @@ TrainingCases = Annotated[
 
 
 @blind.command()
+@with_own_effects
 def make(
     out: NewCases,
     seed: Seed = None,
@@ -116,6 +117,7 @@ def _changed_plan(path: Path | None, changes: dict[str, Any]) -> BlindPlan:
 
 
 @blind.command()
+@with_own_effects
 def run(
     cases: Cases, out: NewResults, labels: SealedLabels = None, jobs: Jobs = 1
 ) -> None:
@@ -133,6 +135,7 @@ def run(
 
 
 @blind.command()
+@with_own_effects
 def score(
     cases: Cases,
     results: Results,

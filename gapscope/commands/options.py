@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -56,6 +59,41 @@ Collisions = Annotated[
 SearchSeed = Annotated[
     int | None, typer.Option(min=0, help="find the same trajectory again")
 ]
+
+EffectsFrom = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--effects-from",
+        help="Python file with effects of your own; may be given several times",
+        metavar="FILE",
+    ),
+]
+
+
+def with_own_effects(command: Callable[..., Any]) -> Callable[..., Any]:
+    """A command with the option ``--effects-from``: effects of such files take part in whatever it does."""
+    own = inspect.signature(command, eval_str=True)
+
+    @wraps(command)
+    def run(*, effects_from: list[Path] | None = None, **options: Any) -> Any:
+        if effects_from:
+            from gapscope.effects.catalogue import load_effects
+
+            for file in effects_from:
+                load_effects(file)
+        return command(**options)
+
+    kind = inspect.Parameter.KEYWORD_ONLY
+    added = inspect.Parameter(
+        "effects_from", kind, default=None, annotation=EffectsFrom
+    )
+    signature = own.replace(parameters=[*own.parameters.values(), added])
+    # typer reads the one or the other
+    run.__signature__ = signature  # type: ignore[attr-defined]
+    run.__annotations__ = {
+        name: parameter.annotation for name, parameter in signature.parameters.items()
+    }
+    return run
 
 
 def split_names(text: str) -> tuple[str, ...]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,15 +17,12 @@ from gapscope.arm.io.write_case import is_used, write_case
 from gapscope.arm.nearest_name import check_known, nearest
 from gapscope.arm.nominal import NominalArm
 from gapscope.commands.inputs import read_arm_and_controller
-from gapscope.diagnosis.setup_faults.shifted_inertials import shifted_arm
 from gapscope.effects.corrected_file import (
     error_context,
     read_with_faults,
     write_corrected,
 )
-from gapscope.effects.setup_faults.controller_faults import GainMismatch
 from gapscope.effects.setup_faults.fault import Fault
-from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
 from gapscope.envs.session import Plan, hidden_by_reading_back, record_case
 from gapscope.outputs.folder import make_folder
 
@@ -103,14 +99,10 @@ def _with_faults(
     case: Case, faults: tuple[Fault, ...], rng: np.random.Generator
 ) -> Case:
     """The case as a set-up with these faults would have written it."""
-    arm, recordings, controller = case.arm, case.recordings, case.controller
+    vendor = case.arm
     for fault in faults:
-        recordings = tuple(fault.apply(r, rng, case.arm) for r in recordings)
-        if isinstance(fault, ShiftedInertials):
-            arm = shifted_arm(arm, fault.by, fault.moved_only)
-        if isinstance(fault, GainMismatch):
-            controller = fault.declared(controller)
-    return replace(case, arm=arm, recordings=recordings, controller=controller)
+        case = fault.in_case(case, rng, vendor)
+    return case
 
 
 def _check_places(effects: Path, out: Path, sealed: Path | None) -> None:

@@ -86,15 +86,9 @@ FAULT_VALUE_CHARGE = 0.3  # Gain that a fault with a continuous value owes to th
 FAULT_SHARPNESS = 10.0  # Log evidence per unit of gain, for probabilities [1]. (hand)
 FAULT_PRIOR_ODDS = 1e-3  # Prior odds of a setup fault against none [1]. (hand)
 
-# --- setup_faults: search of channel mappings
+# --- setup_faults: search of readings
 FAULT_COARSE_STEP = 4  # All candidates are compared on every so many-th sample... (budget)
 FAULT_FINALISTS = 5  # ...and this many of them on all. (budget)
-# Assumed over true period: starts of the search for a wrong rate [1]. (budget)
-RATE_STARTS = (0.2, 0.25, 1 / 3, 0.4, 0.5, 0.65, 0.8, 1.25, 1.55, 2.0, 2.5, 3.0, 4.0, 5.0)
-# Gear ratios: starts of the search for one [1]. (physical)
-GEAR_RATIO_STARTS = tuple(float(r) for r in np.geomspace(2.0, 500.0, 28))
-# Zeros of joints off by large angles: starts of the search for one [rad]. (budget)
-ZERO_STARTS = tuple(float(a) for a in np.deg2rad((-135, -90, -45, 45, 90, 135, 180)))
 # Zeros off by less are no convention but the effect encoder_offset [rad]. (definition)
 LEAST_ZERO_OFFSET = np.deg2rad(20.0)
 # A vector fitted in gravity's place counts as gravity if its size is right within this factor [1]: inertials and
@@ -105,17 +99,11 @@ LEAST_TURN = 0.4
 # Shifts at which the recorded torque is kept: a driver's delay is looked for up to the last [s]. (physical)
 TORQUE_SHIFT_STEP = 0.005
 TORQUE_SHIFTS = tuple(TORQUE_SHIFT_STEP * k for k in range(41))
-# Delays of the torque column: starts of the search for one [s]. (budget)
-TORQUE_DELAY_STARTS = (0.01, 0.02, 0.04, 0.08, 0.16)
-# A torque is in another unit from this factor on, either way [1]; nearer to one it is a constant that is off. (hand)
-UNIT_FACTOR = 1.9
 DECIMAL_UNITS = (1e-3, 1e-2, 1e3)  # mN m, N cm and kN m in N m [1]. (definition)
 DECIMAL_UNIT_ERROR = 1.15  # A factor no farther from one of these is it, either way [1]. (hand)
 OWN_UNIT_FACTOR = 1.3  # A joint whose factor is nearer to one than this has no other unit [1]. (hand)
 # A joint's factor is known from the nominal torque if they share this part of their variance [1]. (hand)
 KNOWN_FACTOR_R2 = 0.3
-# With fewer joints that travel too far, each is tried by itself as one read on its motor's side. (budget)
-FEW_FAR_JOINTS = 4
 REFINE_FIRST_STEP = 0.1  # First step of the logarithm of a fault's value [1]. (budget)
 REFINE_LAST_STEP = 0.003  # Step at which refining a fault's value ends [1]. (budget)
 UNIT_LAST_STEP = 0.02  # The same for a torque's unit, which inertials leave open to a few per cent [1]. (budget)
@@ -163,11 +151,6 @@ RATE_BAND = 5.0  # Recorded velocities are compared with those of the positions 
 RATE_AGREEMENT = 0.98  # Correlation of a joint's two velocities from which on they are compared [1]. (hand)
 RATE_DISAGREEMENT = 0.05  # Range of the joints' rates, over their median, beyond which none is named [1]. (hand)
 STAMP_AMOUNT_STD = 0.02  # Standard deviation of an amount, over the amount, at least [1]. (hand)
-# Stamps are wrong if the motion over an even clock is rougher by less than this factor than over the stamps [1].
-# (hand)
-EVEN_CLOCK_RATIO = 0.5
-LOST_SAMPLE_STEP = 2.5  # A step longer than this many periods has lost samples in it [1]. (hand)
-CLOCK_WANDER_SAMPLES = 25  # Samples over which the slow wander of a clock is taken out. (hand)
 LOG_DIGITS = 6  # Significant digits that a log keeps at least; distances below what they resolve are rounding. (hand)
 CLOCK_SAMPLES = 1000  # Samples of a case on which the torque's clock is compared with the motion's. (budget)
 CLOCK_ROUNDS = 6  # Steps of the search for its rate. (budget)
@@ -186,10 +169,6 @@ LATTICE_LEVELS = 6  # Least number of distinct positions. (hand)
 LATTICE_SAMPLES = 6000  # Positions of a joint that are looked at, from each recording. (budget)
 
 # --- setup_faults: references, velocities, gains
-SET_POINT_LEAST = 30  # Set points of a reference at least, for their distance to be regular. (hand)
-SET_POINT_REGULARITY = 0.8  # Share of their distances that are alike within a row, at least [1]. (hand)
-# A row is the corner of a line if the second difference there exceeds this share of that at the plainest [1]. (hand)
-CORNER_SHARE = 0.02
 # Correlation of the torque with the steps of a coarse reference from which on the controller did follow them [1].
 # (hand)
 STEPS_IN_TORQUE = 0.3
@@ -228,10 +207,6 @@ RICHEST_INERTIALS = 0.3  # Relative errors of the inertials then [1]. (physical)
 RICHEST_ROUNDS = 3  # Rounds in which joints are weighed by what is left. (budget)
 
 # --- model: linearisation
-BACKLASH_START = 0.004  # Free play with which the columns of backlash begin [rad]. (hand)
-# Step of free play, over its width, for the difference by it [1]: a link that rebounds once more or less takes
-# another course, so that a small step measures single impacts, not the width. (hand)
-PLAY_STEP = 0.15
 LEAST_TORQUE_GAIN = 0.2  # Recorded over needed torque lies between this [1]... (physical)
 MOST_TORQUE_GAIN = 5.0  # ...and this [1]: a wider finite difference crosses a reversal of friction. (physical)
 PIECE_LENGTH = 1.5  # Length of the pieces of the normal equations, every other of which is a half [s]. (hand)
@@ -241,27 +216,11 @@ SENSOR_SCALE = 0.01  # Prior of the error of a sensor's scale [1]. (data sheets 
 SENSOR_LAG = 2e-3  # Prior of a sensor's lag [s]. (hand)
 
 # --- model: scan of parameters that act nonlinearly
-# Ripples with fewer periods per revolution are not looked for: a spring that is not straight looks alike. (hand)
-LEAST_RIPPLE_CYCLES = 3.5
-MOST_RIPPLE_CYCLES = 200.0  # Ripples with more periods per revolution are not looked for. (physical)
-# Periods of a ripple that some recording must show; less is a bend that much else explains. (hand)
-LEAST_RIPPLE_PERIODS = 1.5
 FORCE_WINDOW_BIN = 0.1  # Resolution of the windows in which a force may act [s]. (budget)
 FORCE_WINDOW_EDGES = 80  # Edges of windows that are compared at first. (budget)
 # Share of a force's effect that always counts beside what the errors of the arm could explain of it [1]. (hand)
 FORCE_WINDOW_RIDGE = 0.05
 LEAST_FORCE_WINDOW = 0.3  # Shortest such window [s]. (hand)
-LEAST_TORQUE_LIMIT = 0.01  # Saturation lets at least this share of the largest recorded torque through [1]. (hand)
-LEAST_NEED_AT_LIMIT = 0.7  # While it acts this share of the limit is needed on average [1]. (hand)
-# It acts for this share of the time at most [1], as a controller whose torque never arrives cannot track... (hand)
-LIMITED_TIME_TRACKING = 0.4
-# ...or for this one, if the arm hardly holds [1]: what is needed keeps to the limit meanwhile... (hand)
-LIMITED_TIME_HELD = 0.85
-HELD_NEAR_LIMIT = 0.15  # ...within this share of it [1]. (hand)
-# Quantile of a joint's speed that counts as its largest [1]: the last percent is noise and single peaks. (statistics)
-FASTEST = 0.99
-# Limits that are tried in even steps up to the largest torque, and as many in even ratios. (budget)
-TORQUE_LIMIT_GRID = 40
 
 # --- selection: charges of the evidence
 # Charge for each different effect [nats]: the logarithm of the number of ways to name one, and a margin for what
@@ -288,8 +247,6 @@ LEAST_LINK_MASS = 0.05  # Share of its nominal mass that a changed link keeps at
 # --- selection: search
 SEARCH_RATE = 100.0  # The search works on segments decimated to no less than this [Hz]. (budget)
 MOVE_GAIN = 3.0  # A move must raise the evidence by this much [nats]. (hand)
-# Distances over which dry friction may build up after a reversal: teeth and grease bend [rad]. (physical)
-PRESLIDING_DISTANCES = (1e-5, 2e-5, 3e-5, 6e-5, 1e-4, 3e-4)
 PRESLIDING_GAIN = 5.0  # A joint's presliding must narrow the gap of trusted rows by so much [nats]. (hand)
 FORWARD_STEPS = 12  # Forward steps before the search gives up. (budget)
 GROUPS_TRIED = 3  # Groups that are tried around their own values at each step. (budget)
@@ -327,11 +284,8 @@ UNDECIDED_EVIDENCE = -1.0
 # --- selection: starts of compliant joints
 COMPLIANCE_RATIO = 1.2  # Skip the compliance search if no joint's gap exceeds this many times the floor [1]. (hand)
 COMPLIANCE_START_GAIN = 5.0  # What a start has to explain before its fit [nats]. (hand)
-RESONANCES = np.geomspace(1.2, 20.0, 12)  # Resonances to try [Hz]... (physical)
-DAMPING_RATIOS = (0.02, 0.12)  # ...with these damping ratios [1]. (physical)
 # A start is fitted if it explains this share of what the best one explains [1]. (budget)
 COMPLIANCE_START_SHARE = 0.4
-PLAY_WIDTHS = np.geomspace(4e-4, 6e-2, 11)  # Widths of free play to try [rad]. (physical)
 
 # --- assessment: excess residual, what exceeds the floor
 # Errors of the nominal inertials that are less likely than this explain no gap as a whole [1]. (statistics)

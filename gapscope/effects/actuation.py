@@ -11,7 +11,12 @@ import numpy as np
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.effect import Path, Series
 from gapscope.effects.parameter import Parameter
-from gapscope.effects.parametrisation import Parametrisation, Values, linear_in
+from gapscope.effects.parametrisation import (
+    JointSeries,
+    Parametrisation,
+    Values,
+    linear_in,
+)
 from gapscope.effects.sampling import log_uniform, random_sign
 
 
@@ -120,6 +125,90 @@ def ripple_values(x: np.ndarray, nonlinear: np.ndarray) -> Values:
     }
 
 
+def torque_limits(series: JointSeries, known: float | None) -> np.ndarray:
+    """Limits to try [N m], (K,): from the least up to the largest torque in even steps and ratios; none without any."""
+    largest = _largest(series)
+    if largest == 0:
+        return np.zeros(0)
+    least = _least_limit(series)
+    if known is not None:
+        return np.clip(known * np.linspace(0.9, 1.1, 21), least, 0.999 * largest)
+    steps = np.linspace(least, 0.98 * largest, LIMIT_GRID)
+    ratios = np.geomspace(least, 0.97 * largest, LIMIT_GRID)[1:]
+    return np.sort([*steps, *ratios])
+
+
+def possible_limits(
+    limits: np.ndarray, recorded: np.ndarray, needed: np.ndarray
+) -> np.ndarray:
+    """Which limits the motion allows, (K,): what torque seldom exceeds, while about the limit is needed.
+
+    Without the second, to call most of a torque lost would explain any gap.
+
+    Args:
+        limits: [N m], (K,).
+        recorded, needed: torque of the joint [N m], (M,) each.
+    """
+    # needed torque in the direction of the recorded one, while that exceeds the limit: mean and mean square
+    along, size = np.sign(recorded) * needed, np.abs(recorded)
+    order = np.argsort(size)
+    within = np.searchsorted(size[order], limits, side="right")
+    count = len(size) - within
+    sums = [_sums_from(x[order], within) for x in (along, along**2)]
+    mean, mean_square = sums / np.maximum(count, 1)
+    apart2 = mean_square - 2 * mean * limits + limits**2
+    apart = np.sqrt(np.maximum(apart2, 0.0))
+    seldom = count / len(size) < LIMITED_TIME_TRACKING
+    held = apart < HELD_NEAR_LIMIT * limits
+    return (mean > LEAST_NEED_AT_LIMIT * limits) & (seldom | held)
+
+
+def no_limit(series: JointSeries, best: float | None) -> tuple[float, float] | None:
+    """The largest torque for a limit, if no better one was tried."""
+    largest = _largest(series)
+    if largest == 0:
+        # any limit lets a torque of zero through
+        return 1.0, 1.0
+    # at the lowest limit a search would go on to call even more of the torque lost
+    if best is not None and best > 1.02 * _least_limit(series):
+        return None
+    return 0.999 * largest, 0.5 * largest
+
+
+def _largest(series: JointSeries) -> float:
+    return float(np.abs(np.concatenate(series.recorded)).max())
+
+
+def _least_limit(series: JointSeries) -> float:
+    """The lowest limit [N m] that a joint's recorded torque may have."""
+    recorded = np.abs(np.concatenate(series.recorded))
+    seldom = float(np.quantile(recorded, 1.0 - LIMITED_TIME_HELD))
+    return max(LEAST_LIMIT * float(recorded.max()), seldom)
+
+
+def _sums_from(series: np.ndarray, starts: np.ndarray) -> np.ndarray:
+    """Sums of a series (N,) from each of some places to its end, (L,)."""
+    up_to = np.append(0.0, np.cumsum(series))
+    return np.asarray(up_to[-1] - up_to[starts])
+
+
+def ripple_cycles(series: JointSeries, known: float | None) -> np.ndarray:
+    """Cycles per revolution to look for, (K,), as far as slow motion keeps them within the band of a fit."""
+    # of a slide, periods per 2 pi of what counts as a radian
+    size = series.radian
+    travel = max(float(np.ptp(q)) for q in series.position) / size
+    # cycles that the recordings can separate
+    step = 0.8 / max(travel, 0.3)
+    if known is not None:
+        near = known + step / size * np.linspace(-0.6, 0.6, 9)
+        return np.maximum(near, LEAST_CYCLES / size)
+    speed = float(np.quantile(np.abs(np.concatenate(series.velocity)), 0.3)) / size
+    # a joint that stands still shows no ripple; its columns are constant then, whatever the cycles
+    least = max(LEAST_CYCLES, LEAST_PERIODS * 2 * np.pi / max(travel, LEAST_TRAVEL))
+    band = max(min(MOST_CYCLES, 75.0 / max(speed, 1e-3)), 30.0)
+    return np.arange(least, least + band, step) / size
+
+
 def draw_limit(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
     """1 to 1.6 times the torque of each joint."""
     return {"limit": scale.torque[j] * rng.uniform(1.0, 1.6)}
@@ -154,6 +243,29 @@ def draw_ripple(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Val
     }
 
 
+LEAST_DELAY = 1e-3
+"""Delays and lags shorter than this count as a skew of sampling and are not named [s]. (hand)"""
+LEAST_LIMIT = 0.01
+"""Saturation lets at least this share of the largest recorded torque through [1]. (hand)"""
+LEAST_NEED_AT_LIMIT = 0.7
+"""While it acts this share of the limit is needed on average [1]. (hand)"""
+LIMITED_TIME_TRACKING = 0.4
+"""It acts for this share of the time at most [1], as a controller whose torque never arrives cannot track... (hand)"""
+LIMITED_TIME_HELD = 0.85
+"""...or for this one, if the arm hardly holds [1]: what is needed keeps to the limit meanwhile... (hand)"""
+HELD_NEAR_LIMIT = 0.15
+"""...within this share of it [1]. (hand)"""
+LIMIT_GRID = 40
+"""Limits that are tried in even steps up to the largest torque, and as many in even ratios. (budget)"""
+LEAST_CYCLES = 3.5
+"""Ripples with fewer periods per revolution are not looked for: a spring that is not straight looks alike. (hand)"""
+MOST_CYCLES = 200.0
+"""Ripples with more periods per revolution are not looked for. (physical)"""
+LEAST_PERIODS = 1.5
+"""Periods of a ripple that some recording must show; less is a bend that much else explains. (hand)"""
+LEAST_TRAVEL = 1e-6
+"""Travel below which a joint stands still [rad]."""
+
 DELAY_TIME = Parameter("delay", "T", "s", (0.0, 0.2), (0.002, 0.02))
 TIME_CONSTANT = Parameter("time_constant", "T", "s", (0.0, 0.5), (0.005, 0.03))
 SCALE_ERROR = Parameter("scale", "s", "1", (-0.6, 1.5), (0.1, 0.3))
@@ -176,7 +288,12 @@ SATURATION = Path(
     place=0,
     varies_with="nothing",
     parametrisation=Parametrisation(
-        saturation_values, nonlinear=("limit",), lowest=0.6
+        saturation_values,
+        nonlinear=("limit",),
+        lowest=0.6,
+        grid=torque_limits,
+        possible=possible_limits,
+        otherwise=no_limit,
     ),
     severity=draw_limit,
     limits=True,
@@ -197,10 +314,11 @@ DELAY = Path(
         ("viscous_friction", "a chirp above 10 Hz"),
     ),
     inverse=delay_inverse,
+    late_forms=((1 / 2, 1 / 6),),
     applied=delay,
     place=1,
     varies_with="time",
-    parametrisation=linear_in(DELAY_TIME, step=1e-4, lowest=0.0),
+    parametrisation=linear_in(DELAY_TIME, step=1e-4, lowest=LEAST_DELAY),
     severity=draw_delay,
     inherent=True,
     delays=True,
@@ -222,10 +340,12 @@ LAG = Path(
         ("armature", "a chirp above 10 Hz"),
     ),
     inverse=lag_inverse,
+    # in one stage, or spread over two equal ones, as that of a current loop behind a filter
+    late_forms=((0.0, 0.0), (1 / 4, 0.0)),
     applied=lag,
     place=2,
     varies_with="time",
-    parametrisation=linear_in(TIME_CONSTANT, step=1e-4, lowest=0.0),
+    parametrisation=linear_in(TIME_CONSTANT, step=1e-4, lowest=LEAST_DELAY),
     severity=draw_lag,
     inherent=True,
     delays=True,
@@ -296,7 +416,9 @@ RIPPLE = Path(
     inverse=ripple_inverse,
     applied=ripple,
     place=5,
-    parametrisation=Parametrisation(ripple_values, linear=2, nonlinear=("cycles",)),
+    parametrisation=Parametrisation(
+        ripple_values, linear=2, nonlinear=("cycles",), grid=ripple_cycles
+    ),
     severity=draw_ripple,
     inherent=True,
     simplified=True,

@@ -160,15 +160,16 @@ class AppliedEffect:
             )
 
 
-def drives_with(
-    quantity: str, joints: Sequence[int], values: np.ndarray
-) -> AppliedEffect:
-    """What changes one quantity of the drives, a key of ``QUANTITIES``, on joints from 1, m of them.
+def drives_with(joints: tuple[int, ...], **quantities: np.ndarray) -> AppliedEffect:
+    """The effect by which drives of some joints, or coupled motors, have quantities, keys of ``QUANTITIES``.
 
-    ``values`` are increments to the nominal arm, or the values themselves, in the unit of the quantity, shape (m,).
+    Args:
+        joints: numbers from 1, m of them.
+        quantities: all of one effect, increments to the nominal arm or the values themselves, each of shape (m,).
     """
-    effect, parameter = of_quantity(quantity)
-    return AppliedEffect(effect.name, tuple(joints), {parameter: values})
+    effect, _ = of_quantity(next(iter(quantities)))
+    values = {name: quantities[own] for name, own in effect.quantities.items()}
+    return AppliedEffect(effect.name, joints, values)
 
 
 def carried(mass: float, com: Sequence[float]) -> AppliedEffect:

@@ -1,10 +1,19 @@
-"""The catalogue: every effect of Gapscope, by name; others can be entered with ``register``."""
+"""The catalogue: every effect of Gapscope, by name, and the effects of users.
+
+A user's effects come from a file that ``load_effects`` reads, from an installed package, or from ``register``. Files
+are named in the environment variable ``GAPSCOPE_EFFECTS`` as well, and read when a process first imports the
+catalogue: so every process that this one starts, on this machine or by Ray, has them too.
+"""
 
 from __future__ import annotations
 
+import os
+from dataclasses import dataclass
 from difflib import get_close_matches
+from pathlib import Path
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.input_file import read_text
 from gapscope.effects.actuation import DELAY, LAG, OFFSET, RIPPLE, SATURATION, SCALE
 from gapscope.effects.coupled_motors import COUPLED_MOTORS
 from gapscope.effects.effect import Effect
@@ -16,6 +25,13 @@ from gapscope.effects.friction import (
     SATURATING,
     STRIBECK,
     VISCOUS,
+)
+from gapscope.effects.own_effects import (
+    PAGE,
+    check_effect,
+    effects_of,
+    installed_effects,
+    run_file,
 )
 from gapscope.effects.rigid_body import ARMATURE, LINK_INERTIA, PAYLOAD
 from gapscope.effects.sensing import ENCODER_OFFSET, ENCODER_QUANTIZATION
@@ -33,24 +49,116 @@ CATALOGUE: dict[str, Effect] = {
 }
 
 
-def register(new: Effect) -> Effect:
-    """Enter an effect into the catalogue of this process, so that it can be simulated, predicted, and diagnosed.
+SHIPPED = frozenset(CATALOGUE) | frozenset(COUPLED_MOTORS)
+"""Names of the effects that come with the package."""
+FILES = "GAPSCOPE_EFFECTS"
+"""Environment variable with the files of effects that this process and those it starts have, as in PATH."""
 
-    A process that is started later, as by ``diagnose --jobs``, does not have it unless it imports the same file.
+
+@dataclass(frozen=True)
+class _OwnFile:
+    """A file of effects: its text when it was read, and what it brought."""
+
+    text: str
+    effects: tuple[Effect, ...]
+
+
+_files: dict[Path, _OwnFile] = {}
+_packages: dict[str, str] = {}
+
+
+def register(new: Effect) -> Effect:
+    """Enter an effect into the catalogue of this process alone, so that it can be simulated, predicted and diagnosed.
+
+    ``load_effects`` reads it from a file, for the processes that this one starts too.
 
     Returns:
         The effect.
 
     Raises:
-        InputError: the catalogue has an effect of this name.
+        InputError: the catalogue has an effect of this name, or the effect cannot be used.
     """
-    if new.name in CATALOGUE or new.name in COUPLED_MOTORS:
+    if known_effect(new.name) is new:
+        return new
+    check_effect(new)
+    if known_effect(new.name) is not None:
         raise InputError(
             f"the catalogue has an effect called {new.name!r}",
             "give the effect another name, or remove the other one first",
         )
     CATALOGUE[new.name] = new
     return new
+
+
+def load_effects(file: Path | str) -> tuple[Effect, ...]:
+    """Enter the effects of a Python file into the catalogue: the records at its top level, and what it registers.
+
+    A file that has been read before is read again if it was changed.
+
+    Args:
+        file: the file; it is run, as ``import`` would.
+
+    Returns:
+        The effects.
+
+    Raises:
+        InputError: the file cannot be run, holds no effect, or one of a name that is taken or with a law that cannot be
+            used.
+    """
+    path = Path(os.path.abspath(Path(file).expanduser()))
+    text = read_text(path, f"give a Python file with an effect: {PAGE}")
+    earlier = _files.pop(path, None)
+    if earlier is not None:
+        if earlier.text == text and all(map(_is_entered, earlier.effects)):
+            _files[path] = earlier
+            return earlier.effects
+        for old in filter(_is_entered, earlier.effects):
+            remove(old.name)
+    others = list(CATALOGUE.values())
+    try:
+        module = run_file(path)
+        named = [one for one in effects_of(module) if one not in others]
+        for one in named:
+            _enter(one, path)
+        entered = tuple(one for one in CATALOGUE.values() if one not in others)
+        if not entered:
+            raise InputError(
+                "holds no effect",
+                f"define one at the top level, such as MY_EFFECT = TorqueLaw(...): {PAGE}",
+                file=path,
+            )
+    except InputError:
+        # all of a file or nothing
+        for one in [one for one in CATALOGUE.values() if one not in others]:
+            remove(one.name)
+        raise
+    _files[path] = _OwnFile(text, entered)
+    _pass_files_on()
+    return entered
+
+
+def _pass_files_on() -> None:
+    """Name the files of this process to those that it starts."""
+    if _files or FILES in os.environ:
+        os.environ[FILES] = os.pathsep.join(map(str, _files))
+
+
+def _is_entered(one: Effect) -> bool:
+    return CATALOGUE.get(one.name) is one
+
+
+def _enter(one: Effect, path: Path) -> None:
+    """Register an effect of a file, which errors name."""
+    try:
+        register(one)
+    except InputError as error:
+        raise error.at(path) from None
+
+
+def own_sources() -> list[tuple[str, str]]:
+    """What effects of users were read from: names and texts of files, names and versions of packages."""
+    files = [(path.name, own.text) for path, own in _files.items()]
+    return [*files, *_packages.items()]
 
 
 def remove(name: str) -> Effect:
@@ -61,6 +169,9 @@ def remove(name: str) -> Effect:
     """
     removed = effect(name)
     CATALOGUE.pop(name, None)
+    for path in [path for path, own in _files.items() if removed in own.effects]:
+        del _files[path]
+    _pass_files_on()
     return removed
 
 
@@ -83,10 +194,10 @@ def explained(*, coupled: bool = False) -> list[Effect]:
 
 
 def of_quantity(quantity: str) -> tuple[Effect, str]:
-    """The first effect of the catalogue with a parameter that is a key of ``QUANTITIES``, and that parameter's name."""
+    """The first effect with a parameter that is a key of ``QUANTITIES``, and that parameter's name."""
     return next(
         (effect, parameter)
-        for effect in CATALOGUE.values()
+        for effect in (*CATALOGUE.values(), *COUPLED_MOTORS.values())
         for parameter, own in effect.quantities.items()
         if own == quantity
     )
@@ -106,9 +217,22 @@ def effect(name: str) -> Effect:
     known = known_effect(name)
     if known is None:
         near = get_close_matches(name, [*CATALOGUE, *COUPLED_MOTORS], n=1, cutoff=0.5)
-        names = f"use one of {', '.join(sorted(CATALOGUE))}"
+        known_names = f"use one of {', '.join(sorted(CATALOGUE))}"
         raise InputError(
             f"unknown effect {name!r}",
-            f"did you mean {near[0]}? Or {names}" if near else names,
+            (f"did you mean {near[0]}? " if near else "")
+            + "If it is an effect of your own: did you forget --effects-from FILE, or gapscope.load_effects(FILE) in "
+            f"Python? Else {known_names}",
         )
     return known
+
+
+# what this process has from the start: of installed packages, and of files that the process that started it had
+for _package, _version, _effect in installed_effects():
+    register(_effect)
+    _packages[_package] = _version
+for _file in filter(None, os.environ.get(FILES, "").split(os.pathsep)):
+    try:
+        load_effects(_file)
+    except InputError as error:
+        raise error.at(Path(_file), f"named in {FILES}") from None

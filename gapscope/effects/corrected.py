@@ -34,9 +34,8 @@ from gapscope.effects.effect import (
 )
 from gapscope.effects.environment import BASE_TILT, tilt
 from gapscope.effects.free_play import behind_play
-from gapscope.effects.friction import LOAD
+from gapscope.effects.friction import LOAD, friction_direction
 from gapscope.effects.passivity import check_totals
-from gapscope.effects.presliding import friction_direction
 from gapscope.effects.residual.model import ResidualNetwork
 from gapscope.effects.rigid_body import ARMATURE
 from gapscope.effects.series import MotionSeries, slow_with_rates
@@ -85,7 +84,7 @@ class CorrectedArm:
                     where=applied.name,
                 )
             places |= here
-        check_totals(self.arm, [e.name for e in self.effects], self.value)
+        check_totals(self.effects, self.quantity)
 
     def _check_motors(self, applied: AppliedEffect) -> None:
         """Check that an effect of coupled motors is on motors that are declared as coupled."""

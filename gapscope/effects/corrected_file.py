@@ -150,7 +150,8 @@ def _fault(entry: dict[str, Any], where: str, path: Path) -> Fault:
             where=where,
         )
     try:
-        return kind(**given)
+        fault = kind(**given)
+        fault.check()
     except InputError as error:
         raise error.at(path, where) from None
     except (TypeError, ValueError) as error:
@@ -160,6 +161,7 @@ def _fault(entry: dict[str, Any], where: str, path: Path) -> Fault:
             file=path,
             where=where,
         ) from None
+    return fault
 
 
 def read_corrected_arm(arm: NominalArm, path: Path | str) -> CorrectedArm:

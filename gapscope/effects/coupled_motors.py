@@ -29,6 +29,7 @@ COUPLED_COULOMB: DryLaw = replace(
     equation="D^T c sgn(D dq)",
     looks_like="a step of the torque of all joints of one motor, where the motor turns round",
     confused_with=((COULOMB.name, _ALONE),),
+    on_joint=COULOMB.name,
     parametrisation=linear_in(COULOMB_TORQUE, lowest=0.0),
     severity=None,
     reach="motor",
@@ -42,10 +43,12 @@ COUPLED_STRIBECK: DryLaw = replace(
     equation="D^T d exp(-(D dq / vs)^2) sgn(D dq)",
     looks_like="friction of a motor that falls as it begins to move",
     confused_with=((STRIBECK.name, _ALONE),),
+    on_joint=STRIBECK.name,
     parametrisation=None,
     severity=None,
     reach="motor",
     quantities={"torque": "motor_breakaway", "velocity": "motor_breakaway_speed"},
+    without="",
 )
 
 COUPLED_SATURATING: DryLaw = replace(
@@ -54,11 +57,13 @@ COUPLED_SATURATING: DryLaw = replace(
     equation="D^T d tanh(|D dq| / vs) sgn(D dq)",
     looks_like="friction of a motor that grows with its speed, less and less",
     confused_with=((SATURATING.name, _ALONE),),
+    on_joint=SATURATING.name,
     parametrisation=None,
     severity=None,
     reach="motor",
     plotted_against="own torque",
     quantities={"torque": "motor_saturating", "velocity": "motor_saturating_speed"},
+    without="",
 )
 
 COUPLED_VISCOUS: TorqueLaw = replace(
@@ -67,6 +72,7 @@ COUPLED_VISCOUS: TorqueLaw = replace(
     equation="D^T b D dq",
     looks_like="a torque on all joints of one motor, linear in the motor's speed",
     confused_with=((VISCOUS.name, _ALONE),),
+    on_joint=VISCOUS.name,
     parametrisation=linear_in(VISCOUS_COEFFICIENT, lowest=0.0),
     severity=None,
     reach="motor",
@@ -80,6 +86,7 @@ COUPLED_ARMATURE: Inertial = replace(
     equation="D^T I D ddq",
     looks_like="a torque on all joints of one motor, proportional to the motor's acceleration",
     confused_with=((ARMATURE.name, _ALONE),),
+    on_joint=ARMATURE.name,
     parametrisation=linear_in(ROTOR_INERTIA, lowest=0.0),
     severity=None,
     reach="motor",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -103,6 +104,7 @@ class Springs:
         self.followed = delta is not None
         self.delta = _at_once(k, driving) if delta is None else delta
 
+    @cached_property
     def columns(self) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of the torque [N m] by each spring's stiffness, and by its damping, (N, n, e); if followed."""
         assert self._recursion is not None

@@ -5,12 +5,13 @@ What all effects of a kind have in common, its class states as default: the side
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 
+from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import smooth_sign
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.parameter import Parameter
@@ -65,6 +66,7 @@ QUANTITIES = {
     "motor_saturating": "as saturating, of such a motor [N m]",
     "motor_saturating_speed": "as saturating_speed, of such a motor [rad/s]",
     "body": "inertia of a link [kg, m]",
+    "load": "a body that the last link carries [kg, m]",
     "gravity": "its direction [rad]",
     "contact": "a force from outside and when it acts [N, s]",
 }
@@ -72,8 +74,8 @@ QUANTITIES = {
 
 Effects say which of these their parameters are (``Effect.quantities``), so that neither simulator nor exports name any.
 """
-SHEET = {"friction": "coulomb", "damping": "viscous", "rotor": "armature"}
-"""Quantities that the data sheet states, with their name in ``NominalArm``."""
+SHEET = {"rotor": "armature", "friction": "coulomb", "damping": "viscous"}
+"""Quantities that the data sheet states, in its order, with their name in ``NominalArm``."""
 
 
 @dataclass(frozen=True)
@@ -102,6 +104,7 @@ class Effect:
         limits: whether it cuts the recorded torque off at its first parameter [N m].
         built_in: whether it belongs to how the arm was built, so that it does not change from one day to another.
         near_equivalent: the more common effect that it equals to first order, if any.
+        on_joint: of an effect of a motor that turns several joints, the same on a single joint.
         plotted_against: the quantity over which a report draws it.
         quantities: by parameter, what it is of a simulated arm's drives and bodies, a key of ``QUANTITIES``; parameters
             that are none of these act through the law alone.
@@ -127,6 +130,7 @@ class Effect:
     limits: bool = field(default=False, kw_only=True)
     built_in: bool = field(default=False, kw_only=True)
     near_equivalent: str | None = field(default=None, kw_only=True)
+    on_joint: str | None = field(default=None, kw_only=True)
     plotted_against: PlottedQuantity = field(default="own torque", kw_only=True)
     quantities: Mapping[str, str] = field(default_factory=dict, kw_only=True)
     without: str = field(default="", kw_only=True)
@@ -143,6 +147,107 @@ class Effect:
     def names(self) -> tuple[str, ...]:
         """Names of the parameters."""
         return tuple(p.name for p in self.parameters)
+
+    @property
+    def fitted(self) -> Parametrisation:
+        """How a diagnosis fits it, of an effect that the torque gap shows."""
+        assert self.parametrisation is not None
+        return self.parametrisation
+
+    def values_at(self, x: np.ndarray, searched: np.ndarray | None = None) -> Values:
+        """Parameters by name at linear coordinates x, (linear, m), and searched ones, (s, m), moved into their bounds.
+
+        A link's number is none of them: it says where.
+        """
+        none = np.zeros((0, x.shape[1]))
+        values = self.fitted.values(x, none if searched is None else searched)
+        return {
+            p.name: np.clip(values[p.name], *p.bounds)
+            for p in self.parameters
+            if p.name in values
+        }
+
+    def columns(self, at: Mechanics, x: np.ndarray, searched: np.ndarray) -> np.ndarray:
+        """Derivatives of the bodies' torque by its linear coordinates, (N, n, linear, m), where it acts on bodies.
+
+        By central differences; kinds of effects whose law gives them do better.
+
+        Args:
+            at: the arm with its effects, on a motion.
+            x: linear coordinates around which to differentiate, (linear, m).
+            searched: nonlinear parameters, (s, m).
+        """
+        begun = self.fitted.step or DIFFERENCE
+        steps = np.where(x != 0, RELATIVE_DIFFERENCE * np.abs(x), begun)
+        out = np.empty((*at.rigid.shape, *x.shape))
+        for place in np.ndindex(*x.shape):
+            moved = np.zeros_like(x)
+            moved[place] = steps[place]
+            above, below = (at.rigid_with(self, x + side) for side in (moved, -moved))
+            out[(..., *place)] = (above - below) / (2 * steps[place])
+        return out
+
+
+DIFFERENCE = 1e-5
+"""Step of central differences about no value, in the units of a coordinate."""
+RELATIVE_DIFFERENCE = 1e-4
+"""Step of central differences about a value, over it [1]."""
+
+
+class Mechanics(Protocol):
+    """The bodies of an arm with effects on a motion of N samples: what columns of effects on them are made of."""
+
+    @property
+    def motion(self) -> Motion:
+        """The recorded motion."""
+
+    @property
+    def q(self) -> np.ndarray:
+        """True positions [rad], (N, n)."""
+
+    @property
+    def rigid(self) -> np.ndarray:
+        """Torque of the bodies, effects included [N m], (N, n)."""
+
+    def rigid_with(self, effect: Effect, x: np.ndarray) -> np.ndarray:
+        """The same with an effect at other linear coordinates, (linear, m)."""
+
+    @property
+    def sensitivities(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Derivatives of that torque by position, velocity and acceleration, (N, n, n) each."""
+
+    @property
+    def gravity(self) -> np.ndarray:
+        """Nominal gravity [m/s^2], (3,)."""
+
+    @property
+    def gravity_regressor(self) -> np.ndarray:
+        """G with G g the torque of gravity, (N, n, 3) [kg m]."""
+
+    @property
+    def unit_force(self) -> np.ndarray:
+        """J^T by a force in the world frame at the last link's centre of mass, (N, n, 3) [m]."""
+
+    @property
+    def inertials(self) -> np.ndarray:
+        """Ten nominal inertial parameters of each link, (n, 10)."""
+
+    @property
+    def last_link(self) -> int:
+        """Number of the last link, from 0."""
+
+    def link_regressor(self, link: int) -> np.ndarray:
+        """The bodies' torque by the inertial parameters of a link, (N, n, 10)."""
+
+    @property
+    def transmitted(self) -> np.ndarray:
+        """Torque through the transmissions as recorded [N m], (N, n): what reached the motors less what they need."""
+
+    def value(self, effect: str, parameter: str) -> np.ndarray:
+        """Values of an effect's parameter over all joints, (n,)."""
+
+    def nominal_play(self, width: float) -> np.ndarray:
+        """Torque per radian from a little free play [rad] on each nominal joint, (N, n, n)."""
 
 
 class Signals(NamedTuple):
@@ -233,10 +338,66 @@ class LinkChange(Inertial):
     """A change of one link's inertia.
 
     ``change(own, *values)`` gives the ten inertial parameters that are added to a link which has ``own``, shape (10,),
-    in the order of ``gapscope.arm.dynamics.rigid_body.INERTIAL_PARAMETERS``.
+    in the order of ``gapscope.arm.dynamics.rigid_body.INERTIAL_PARAMETERS``. Of scope ``arm`` it is the last link's.
+
+    Attributes:
+        tangent_at: derivative of that change by the linear coordinates x, (linear,): ``tangent_at(x)`` of shape
+            (10, linear); ``None`` for central differences.
     """
 
     change: Law = field(kw_only=True)
+    tangent_at: Callable[[np.ndarray], np.ndarray] | None = field(
+        default=None, kw_only=True
+    )
+
+    def tangent(self, own: np.ndarray, link: int, x: np.ndarray) -> np.ndarray:
+        """Derivative of the ten parameters of a link, from 0, that has ``own``, by coordinates x, (10, linear)."""
+        if self.tangent_at is not None:
+            return self.tangent_at(x)
+        where = (np.array(link + 1.0),) if self.scope == "link" else ()
+
+        def change(x: np.ndarray) -> np.ndarray:
+            values = self.fitted.values(x[:, None], np.zeros((0, 1)))
+            named = [np.squeeze(values[name], axis=-1) for name in values]
+            return self.change(own, *where, *named)
+
+        steps = DIFFERENCE * np.eye(len(x))
+        pairs = [change(x + step) - change(x - step) for step in steps]
+        return np.stack(pairs, axis=1) / (2 * DIFFERENCE)
+
+    def columns(self, at: Mechanics, x: np.ndarray, searched: np.ndarray) -> np.ndarray:
+        """The inertial regressor of each link times the derivative of its ten parameters."""
+        links = [at.last_link] if self.scope == "arm" else range(len(at.inertials))
+        columns = [
+            at.link_regressor(link) @ self.tangent(at.inertials[link], link, own)
+            for link, own in zip(links, x.T, strict=True)
+        ]
+        return np.stack(columns, axis=3)
+
+
+@dataclass(frozen=True)
+class Turn(Inertial):
+    """A turn of the base: ``rotation(*values)`` is R from the base to the world frame, (3, 3).
+
+    Attributes:
+        far: linear coordinates of turns too far from the nominal arm for its linearisation, to begin a fit with.
+    """
+
+    rotation: Law = field(kw_only=True)
+    far: tuple[tuple[float, ...], ...] = field(default=(), kw_only=True)
+
+    def columns(self, at: Mechanics, x: np.ndarray, searched: np.ndarray) -> np.ndarray:
+        """G times the derivative of gravity in the base frame, R^T g."""
+
+        def gravity(x: np.ndarray) -> np.ndarray:
+            return self.rotation(*x).T @ at.gravity
+
+        pairs = [
+            gravity(x[:, 0] + step) - gravity(x[:, 0] - step)
+            for step in DIFFERENCE * np.eye(len(x))
+        ]
+        tangent = np.stack(pairs, axis=1) / (2 * DIFFERENCE)
+        return (at.gravity_regressor @ tangent)[..., None]
 
 
 @dataclass(frozen=True)
@@ -245,14 +406,31 @@ class Transmission(Effect):
 
     ``deflection(torque, *values)`` is how far the motor leads the joint, theta - q [rad], when the torque through the
     transmission [N m] changes slowly; it lags behind the torque by the time constant ``lag(*values)`` [s].
+
+    Attributes:
+        behind: torque that the bodies need of the motors behind it [N m], (N, n), ``behind(matrices, rate, torque,
+            *values)`` with the derivatives of their torque by the links' position, velocity and acceleration, (N, n, n)
+            each, the sampling rate [Hz] and their torque if the joint were rigid [N m], (N, n).
+        derivatives: as ``columns``, where it begins and in use; ``None`` for central differences.
+        starts: linear coordinates to begin a fit with, (linear,) each: ``starts(inertia, torque)`` of a joint that
+            moves an inertia [kg m^2] by a torque [N m], (N,); a linearisation around none of it shows nothing.
     """
 
     deflection: Law = field(kw_only=True)
     lag: Law = field(kw_only=True)
+    behind: Law = field(kw_only=True)
+    derivatives: Callable[..., np.ndarray] | None = field(default=None, kw_only=True)
+    starts: Callable[[float, np.ndarray], Iterator[np.ndarray]] = field(kw_only=True)
     side: Side = field(default="both", kw_only=True)
     inherent: bool = field(default=True, kw_only=True)
     simplified: bool = field(default=True, kw_only=True)
     locally_linear: bool = field(default=False, kw_only=True)
+
+    def columns(self, at: Mechanics, x: np.ndarray, searched: np.ndarray) -> np.ndarray:
+        """Its own derivatives, or central differences."""
+        if self.derivatives is None:
+            return super().columns(at, x, searched)
+        return self.derivatives(self, at, x)
 
 
 @dataclass(frozen=True)
@@ -264,6 +442,8 @@ class Path(Effect):
 
     Attributes:
         place: order from the command to the joint; the lowest acts first on a recorded torque.
+        late_forms: of an effect that makes torque late by T, in what is recorded the coefficients of T^2 and T^3
+            times the second and third derivative of the torque needed; a pair for each form that it may have.
         varies_with: on what ``applied`` depends besides the recorded torque of the moment: the position of the moment,
             or other times, through the series' methods. A simulator has a step for a delay and a lag
             (``quantities``), and for all that does not depend on time.
@@ -272,6 +452,7 @@ class Path(Effect):
     inverse: Law = field(kw_only=True)
     applied: Law = field(kw_only=True)
     place: int = field(kw_only=True)
+    late_forms: tuple[tuple[float, float], ...] = field(default=(), kw_only=True)
     varies_with: Literal["nothing", "position", "time"] = field(
         default="position", kw_only=True
     )
@@ -289,9 +470,27 @@ class Sensing(Effect):
     true: Law = field(kw_only=True)
     recorded: Law = field(kw_only=True)
 
+    def columns(self, at: Mechanics, x: np.ndarray, searched: np.ndarray) -> np.ndarray:
+        """What moves the true positions changes the bodies' torque as their position does."""
+        out = np.empty((*at.q.shape, *x.shape))
+        for i, step in enumerate(DIFFERENCE * np.eye(len(x))):
+            moved = step[:, None]
+            above, below = (
+                self.true(at.motion.q, *self.fitted.values(x + side, searched).values())
+                for side in (moved, -moved)
+            )
+            by_x = (above - below) / (2 * DIFFERENCE)
+            out[:, :, i] = at.sensitivities[0] * by_x[:, None]
+        return out
+
 
 @dataclass(frozen=True)
 class External(Effect):
     """An external force: ``active(t, start, end)`` says when it acts [1]; t from the start of the recording [s]."""
 
     active: Law = field(kw_only=True)
+
+    def columns(self, at: Mechanics, x: np.ndarray, searched: np.ndarray) -> np.ndarray:
+        """-J^T while it acts."""
+        active = self.active(at.motion.t, *searched[:, 0])
+        return (-active[:, None, None] * at.unit_force)[..., None]

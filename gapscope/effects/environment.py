@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gapscope.effects.arm_scale import ArmScale
-from gapscope.effects.effect import External, Inertial
+from gapscope.effects.effect import External, Turn
 from gapscope.effects.parameter import Parameter
 from gapscope.effects.parametrisation import Parametrisation, Values
 
@@ -66,7 +66,10 @@ def draw_force(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Valu
 
 PITCH = Parameter("pitch", "theta", "rad", (-1.58, 1.58), (-0.0873, 0.0873))
 
-BASE_TILT = Inertial(
+ON_SIDE = 1.35
+"""Pitch of an arm on a wall [rad], short of a right angle, at which roll changes nothing."""
+
+BASE_TILT = Turn(
     name="base_tilt",
     family="environment",
     scope="arm",
@@ -80,6 +83,15 @@ BASE_TILT = Inertial(
     confused_with=(
         ("encoder_offset", "static poses turned about the first joint"),
         ("torque_offset", "static poses turned about the first joint"),
+    ),
+    rotation=tilt,
+    # an arm that hangs, and arms on a wall
+    far=(
+        (np.pi, 0.0),
+        (np.pi / 2, 0.0),
+        (-np.pi / 2, 0.0),
+        (0.0, ON_SIDE),
+        (0.0, -ON_SIDE),
     ),
     parametrisation=Parametrisation(
         tilt_values, linear=2, clip=clip_tilt, usual=0.0873

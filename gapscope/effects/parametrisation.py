@@ -6,10 +6,10 @@ parameters in a simple one. The linear coordinates are fitted by least squares; 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,31 @@ Values = Mapping[str, np.ndarray]
 """Values of parameters by name."""
 GridUnit = Literal["own", "duration", "largest speed"]
 """What the values of a grid count in."""
+
+
+FASTEST = 0.99
+"""Quantile of a joint's speed that counts as its largest [1]: the last percent is noise and single peaks."""
+
+
+class JointSeries(NamedTuple):
+    """What one joint did in all recordings, by which values of a nonlinear parameter are chosen; a series per part.
+
+    Attributes:
+        t: time since the start of the recording [s], (N,) each.
+        position, velocity: [rad], [rad/s].
+        recorded: torque [N m].
+        radian: what counts as a radian of this joint: 1, or of a slide a length [m].
+    """
+
+    t: Sequence[np.ndarray]
+    position: Sequence[np.ndarray]
+    velocity: Sequence[np.ndarray]
+    recorded: Sequence[np.ndarray]
+    radian: float
+
+
+Tries = Callable[[JointSeries, float | None], np.ndarray]
+"""Values of a nonlinear parameter to try, (K,): the first ones, or some about a value that is known."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +64,26 @@ class Grid:
     unit: GridUnit = "own"
     points: int = 16
 
+    def __call__(self, series: JointSeries, known: float | None) -> np.ndarray:
+        """The values, (points,), or some about one that is known."""
+        unit = self._unit(series)
+        if known is None:
+            return unit * np.geomspace(self.lowest, self.highest, self.points)
+        near = known * np.geomspace(0.6, 1 / 0.6, 13)
+        return np.clip(near, unit * self.bounds[0], unit * self.bounds[1])
+
+    def _unit(self, series: JointSeries) -> float:
+        """What the values count in, in the parameter's own unit: 1, a time [s], or a speed [rad/s]."""
+        if self.unit == "duration":
+            # blocks of a recording begin when it has run for a while
+            last = max(float(t[-1]) for t in series.t)
+            return last - min(float(t[0]) for t in series.t)
+        if self.unit == "largest speed":
+            speeds = np.abs(np.concatenate(series.velocity))
+            # a joint that never moves still needs a unit; nothing is found on it
+            return max(float(np.quantile(speeds, FASTEST)), 1e-3)
+        return 1.0
+
 
 @dataclass(frozen=True)
 class Parametrisation:
@@ -49,24 +94,33 @@ class Parametrisation:
         linear: number of linear coordinates.
         nonlinear: names of the parameters that are searched.
         step: step of the linear coordinates for finite differences; ``None`` if it goes with the torque of the joint.
-        lowest: least value of the first linear coordinate.
+        lowest: least value of the first linear coordinate; or a function of the nominal masses of the links [kg], (n,),
+            and of the number of the last link, from 0, that gives one value or one for each link.
         usual: size of the linear coordinates that is usual on real arms, the width of their prior; infinite if the
             recorded torque alone bounds them.
         data_sheet: quantity of the nominal arm to which the first linear coordinate adds, by its name in
             ``NominalArm``; the sum may not be negative.
         clip: moves linear coordinates, shape (linear, m), into the bounds of the parameters; ``None`` for no bounds.
-        grid: where the search for the nonlinear parameter of a torque law or a drift begins.
+        grid: values of the nonlinear parameter to try; a ``Grid``, or a function of what the joint did.
+        possible: which values the motion allows, (K,), by the torque recorded and the torque needed [N m], (M,) each;
+            ``None`` if all.
+        otherwise: value and standard deviation in place of the best one of those tried (``None`` if there were none
+            to try), if that explains nothing; ``None`` to keep it.
     """
 
     values: Callable[[np.ndarray, np.ndarray], Values]
     linear: int = 1
     nonlinear: tuple[str, ...] = ()
     step: float | None = None
-    lowest: float = -np.inf
+    lowest: float | Callable[[np.ndarray, int], np.ndarray | float] = -np.inf
     usual: float = np.inf
     data_sheet: str | None = None
     clip: Callable[[np.ndarray], np.ndarray] | None = None
-    grid: Grid | None = None
+    grid: Tries | None = None
+    possible: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray] | None = None
+    otherwise: (
+        Callable[[JointSeries, float | None], tuple[float, float] | None] | None
+    ) = None
 
     @property
     def cost(self) -> int:
@@ -99,7 +153,7 @@ def linear_in(
 def amplitude_and_searched(
     amplitude: str,
     searched: str,
-    grid: Grid | None = None,
+    grid: Tries | None = None,
     *,
     step: float | None = None,
     lowest: float = -np.inf,

@@ -6,31 +6,25 @@ dq^T M(q) dq >= 0. Springs may be negative: their energy depends on the position
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.nominal import NominalArm
-from gapscope.effects.coupled_motors import (
-    COUPLED_ARMATURE,
-    COUPLED_COULOMB,
-    COUPLED_VISCOUS,
-)
-from gapscope.effects.friction import COULOMB, VISCOUS
-from gapscope.effects.rigid_body import ARMATURE
+from gapscope.effects.applied import AppliedEffect
 
 ROUNDING = 1e-8
 """Values this far below zero are rounding, and count as zero [N m, N m s/rad, kg m^2]."""
-TOTALS = (
-    ("coulomb", COULOMB.name, "torque", "N m"),
-    ("viscous", VISCOUS.name, "coefficient", "N m s/rad"),
-    ("armature", ARMATURE.name, "inertia", "kg m^2"),
-    ("", COUPLED_COULOMB.name, "torque", "N m"),
-    ("", COUPLED_VISCOUS.name, "coefficient", "N m s/rad"),
-    ("", COUPLED_ARMATURE.name, "inertia", "kg m^2"),
-)
-"""Value of the data sheet, if there is one, and the effect and parameter that add to it, with their unit."""
+NOT_NEGATIVE = {
+    f"{of}{quantity}": unit
+    for of in ("", "motor_")
+    for quantity, unit in (
+        ("friction", "N m"),
+        ("damping", "N m s/rad"),
+        ("rotor", "kg m^2"),
+    )
+}
+"""Quantities of drives that feed energy in below zero, with their units."""
 
 
 def total(values: np.ndarray, name: str, unit: str) -> np.ndarray:
@@ -50,19 +44,18 @@ def total(values: np.ndarray, name: str, unit: str) -> np.ndarray:
 
 
 def check_totals(
-    arm: NominalArm, names: Sequence[str], value: Callable[[str, str], np.ndarray]
+    effects: Iterable[AppliedEffect], quantity: Callable[[str], np.ndarray]
 ) -> None:
     """Check that friction and rotors with their effects are not negative in total.
 
     Args:
-        arm: the nominal arm.
-        names: of the effects that act on it; others are not looked at.
-        value: of an effect's parameter over all joints, (n,), as ``CorrectedArm.value``.
+        effects: that act on the arm; quantities of no effect are not looked at.
+        quantity: value over all joints, (n,), as ``CorrectedArm.quantity``.
 
     Raises:
         InputError: one is negative; names effect and joint.
     """
-    for stated, name, parameter, unit in TOTALS:
-        if name in names:
-            nominal = getattr(arm, stated) if stated else 0.0
-            total(nominal + value(name, parameter), name, unit)
+    for applied in effects:
+        for named in applied.effect.quantities.values():
+            if named in NOT_NEGATIVE:
+                total(quantity(named), applied.name, NOT_NEGATIVE[named])

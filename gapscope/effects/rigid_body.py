@@ -39,6 +39,22 @@ def link_change(
     return moved - own
 
 
+def payload_tangent(x: np.ndarray) -> np.ndarray:
+    """Derivative of the payload's ten inertial parameters by mass and first moment, (10, 4)."""
+    mass = float(x[0])
+    # around nothing only mass and first moment count, whose squares the moments of inertia are
+    if abs(mass) < 1e-3:
+        return np.eye(10, 4)
+    steps = 1e-4 * abs(mass) * np.eye(4)
+    ends = [(x + step, x - step) for step in steps]
+    pairs = [
+        point_mass_parameters(above[0], above[1:] / above[0])
+        - point_mass_parameters(below[0], below[1:] / below[0])
+        for above, below in ends
+    ]
+    return np.stack(pairs, axis=1) / (2e-4 * abs(mass))
+
+
 def payload_values(x: np.ndarray, nonlinear: np.ndarray) -> Values:
     """Mass m = x0 and first moment m c = x1, x2, x3."""
     return {"mass": x[0], "com": x[1:] / nonzero(x[0])}
@@ -63,6 +79,16 @@ def clip_link(x: np.ndarray) -> np.ndarray:
     )
 
 
+def lightest_load(masses: np.ndarray, last: int) -> float:
+    """Least mass of a load [kg]: no more can be missing than the last link's own, of the nominal ``masses``, (n,)."""
+    return -float(masses[last])
+
+
+def lightest_links(masses: np.ndarray, last: int) -> np.ndarray:
+    """Least change of each link's mass [kg], (n,): a link keeps a share of its nominal ``masses``."""
+    return (LEAST_LINK_MASS - 1.0) * masses
+
+
 def draw_armature(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Values:
     """20 to 100 % of the nominal armature."""
     return {"inertia": scale.rotor[j] * rng.uniform(0.2, 1.0)}
@@ -84,6 +110,8 @@ def draw_link(rng: np.random.Generator, scale: ArmScale, j: np.ndarray) -> Value
     }
 
 
+LEAST_LINK_MASS = 0.05
+"""Share of its nominal mass that a changed link keeps at least [1]. (physical)"""
 ROTOR_INERTIA = Parameter(
     "inertia", "I", "kg m^2", (-1e3, 5e3), (0.02, 1.3), increment=True
 )
@@ -129,9 +157,12 @@ PAYLOAD = LinkChange(
         ("encoder_offset", "static poses over the whole range of every joint"),
     ),
     change=payload_change,
-    parametrisation=Parametrisation(payload_values, linear=4, clip=clip_payload),
+    tangent_at=payload_tangent,
+    parametrisation=Parametrisation(
+        payload_values, linear=4, lowest=lightest_load, clip=clip_payload
+    ),
     severity=draw_payload,
-    quantities={"mass": "body", "com": "body"},
+    quantities={"mass": "load", "com": "load"},
 )
 
 LINK_INERTIA = LinkChange(
@@ -151,7 +182,9 @@ LINK_INERTIA = LinkChange(
         ("armature", "the same motion with the other joints in another posture"),
     ),
     change=link_change,
-    parametrisation=Parametrisation(link_values, linear=4, clip=clip_link),
+    parametrisation=Parametrisation(
+        link_values, linear=4, lowest=lightest_links, clip=clip_link
+    ),
     built_in=True,
     severity=draw_link,
     quantities={"link": "body", "mass": "body", "com": "body"},

@@ -6,10 +6,14 @@ the link. Torque passes between them as a function of the twist theta - q and of
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from gapscope.effects.arm_scale import ArmScale
-from gapscope.effects.effect import Signals, TorqueLaw, Transmission
+from gapscope.effects.deflection import Matrices, Springs, through_springs
+from gapscope.effects.effect import Mechanics, Signals, TorqueLaw, Transmission
+from gapscope.effects.free_play import through_play
 from gapscope.effects.parameter import Parameter
 from gapscope.effects.parametrisation import (
     Parametrisation,
@@ -18,6 +22,7 @@ from gapscope.effects.parametrisation import (
     nonzero,
 )
 from gapscope.effects.sampling import log_uniform
+from gapscope.effects.series import slow_with_rates
 
 
 def elastic_deflection(
@@ -56,6 +61,101 @@ def backlash_deflection(torque: np.ndarray, width: np.ndarray) -> np.ndarray:
 def through_backlash(twist: np.ndarray, width: np.ndarray) -> np.ndarray:
     """The part of a twist [rad] beyond free play of the whole width w [rad]; 0 inside it."""
     return twist - np.minimum(np.maximum(twist, -0.5 * width), 0.5 * width)
+
+
+def behind_gear_play(
+    matrices: Matrices, rate: float, torque: np.ndarray, width: np.ndarray
+) -> np.ndarray:
+    """Torque that bodies behind free play need of the motors [N m], (N, n), the gear being closed by its teeth."""
+    none = np.zeros_like(width)
+    return through_play(matrices, rate, torque, width, none, none)
+
+
+def elasticity_starts(inertia: float, torque: np.ndarray) -> Iterator[np.ndarray]:
+    """Compliance and d / k^2 of resonances of what the joint moves, with some damping ratios."""
+    for resonance in RESONANCES:
+        stiffness = inertia * (2 * np.pi * resonance) ** 2
+        for ratio in DAMPING_RATIOS:
+            damping = 2 * ratio * np.sqrt(stiffness * inertia)
+            yield np.array([1 / stiffness, damping / stiffness**2])
+
+
+def backlash_starts(inertia: float, torque: np.ndarray) -> Iterator[np.ndarray]:
+    """Widths of free play; none if the torque never changes its sign, as the gear then stays on one side."""
+    if torque.min() < 0 < torque.max():
+        yield from PLAY_WIDTHS[:, None]
+
+
+def elasticity_columns(
+    effect: Transmission, at: Mechanics, x: np.ndarray
+) -> np.ndarray:
+    """Derivatives by compliance and d / k^2, (N, n, 2, n): where elasticity begins, and around values in use.
+
+    A joint that bends by torque times compliance, less damping times its rate, moves its link as slowly. Around values
+    that are not zero the springs are followed.
+    """
+    twist = at.transmitted
+    per_coordinate = (twist, -np.gradient(twist, at.motion.t, axis=0))
+    out = np.empty((*twist.shape, *x.shape))
+    for i, unit in enumerate(per_coordinate):
+        deflections = slow_with_rates(unit, at.motion)
+        pairs = zip(at.sensitivities, deflections, strict=True)
+        out[:, :, i] = -sum(matrix * y[:, None] for matrix, y in pairs)
+    used = np.flatnonzero(x.any(axis=0))
+    springs = _springs(effect, at, x) if used.size else None
+    largest = np.abs(x[0]).max()
+    for i, j in ((i, j) for j in used for i in range(len(x))):
+        size = max(abs(x[i, j]), 1e-3 * largest)
+        if springs is not None:
+            out[:, :, i, j] = _by_spring(effect, springs, x, i, j, 1e-4 * size)
+            continue
+        moved = x.copy()
+        moved[i, j] += 1e-3 * size
+        out[:, :, i, j] = (at.rigid_with(effect, moved) - at.rigid) / (1e-3 * size)
+    return out
+
+
+def _springs(effect: Transmission, at: Mechanics, x: np.ndarray) -> Springs | None:
+    """The springs in use; ``None`` if one lies behind free play of its own joint, or cannot hold its link."""
+    stiffness, damping = (at.value(effect.name, name) for name in effect.names)
+    if (at.value("backlash", "width")[stiffness > 0] > 0).any():
+        return None
+    torque = at.rigid_with(effect, np.zeros_like(x))
+    rate = at.motion.rate
+    springs = Springs(at.sensitivities, rate, torque, stiffness, damping)
+    return springs if springs.followed else None
+
+
+def _by_spring(
+    effect: Transmission, springs: Springs, x: np.ndarray, i: int, j: int, step: float
+) -> np.ndarray:
+    """Derivative by coordinate i of joint j, (N, n): that by stiffness and damping, and of these by the coordinate."""
+    ends = []
+    for side in (step, -step):
+        moved = x[:, [j]].copy()
+        moved[i] += side
+        ends.append(effect.values_at(moved))
+    place = int(np.searchsorted(springs.elastic, j))
+    parts = [
+        columns[:, :, place] * ((ends[0][name] - ends[1][name]) / (2 * step))
+        for columns, name in zip(springs.columns, effect.names, strict=True)
+    ]
+    return np.asarray(sum(parts))
+
+
+def backlash_columns(effect: Transmission, at: Mechanics, x: np.ndarray) -> np.ndarray:
+    """Derivatives by the width, (N, n, 1, n): where free play begins, and around widths in use.
+
+    Its motion is no smooth function of the width: a link that rebounds once more or less takes another course, so that
+    a small step measures single impacts, not the width.
+    """
+    out = np.array(at.nominal_play(PLAY_START)[:, :, None])
+    for j in np.flatnonzero(x[0]):
+        step = np.zeros_like(x)
+        step[0, j] = PLAY_STEP * abs(x[0, j])
+        above, below = (at.rigid_with(effect, x + side) for side in (step, -step))
+        out[:, :, 0, j] = (above - below) / (2 * step[0, j])
+    return out
 
 
 def spring(signals: Signals, stiffness: np.ndarray, rest: np.ndarray) -> np.ndarray:
@@ -117,6 +217,16 @@ LONGEST_LAG = 0.05
 """Longest d / k [s] of a gear: 2 z / w, critical damping at 6 Hz; what creeps longer is no spring."""
 COMPLIANCE_STEP = 1e-6
 """Step of compliance [rad/(N m)] and of free play [rad] for finite differences; the torque is far from linear."""
+RESONANCES = np.geomspace(1.2, 20.0, 12)
+"""Resonances with which elasticity is tried [Hz]: those of joints that are not stiff. (physical)"""
+DAMPING_RATIOS = (0.02, 0.12)
+"""Damping ratios with which they are [1]: of steel, and of rubber. (physical)"""
+PLAY_WIDTHS = np.geomspace(4e-4, 6e-2, 11)
+"""Widths with which free play is tried [rad]. (physical)"""
+PLAY_START = 0.004
+"""Free play with which the columns of backlash begin [rad]. (hand)"""
+PLAY_STEP = 0.15
+"""Step of free play, over its width, for the difference by it [1]. (hand)"""
 
 
 ELASTICITY = Transmission(
@@ -136,6 +246,9 @@ ELASTICITY = Transmission(
     ),
     deflection=elastic_deflection,
     lag=elastic_lag,
+    behind=through_springs,
+    derivatives=elasticity_columns,
+    starts=elasticity_starts,
     parametrisation=Parametrisation(
         elasticity_values,
         linear=2,
@@ -164,6 +277,9 @@ BACKLASH = Transmission(
     ),
     deflection=backlash_deflection,
     lag=no_lag,
+    behind=behind_gear_play,
+    derivatives=backlash_columns,
+    starts=backlash_starts,
     parametrisation=linear_in(PLAY_WIDTH, step=COMPLIANCE_STEP, lowest=0.0),
     severity=draw_backlash,
     quantities={"width": "play"},

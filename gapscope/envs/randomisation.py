@@ -220,7 +220,7 @@ def _rotors(
     bare = tuple(joint for joint in sorted(flexible) if inertia[joint - 1] <= 0)
     if not bare:
         return ()
-    return (drives_with("rotor", bare, scale.rotor[np.array(bare) - 1]),)
+    return (drives_with(bare, rotor=scale.rotor[np.array(bare) - 1]),)
 
 
 class RandomiseEffects(gymnasium.Wrapper):

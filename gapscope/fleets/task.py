@@ -122,7 +122,7 @@ def _in_scratch(task: FleetTask) -> FleetResult:
     """
     if program() != task.program:
         raise GapscopeError(
-            "the worker has another version of Gapscope or its libraries",
+            "the worker has another version of Gapscope, its libraries, or effects of your own",
             "install the same versions on all machines",
         )
     key = hashlib.sha256(task.case.address.encode()).hexdigest()[:16]

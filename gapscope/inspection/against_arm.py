@@ -10,6 +10,7 @@ from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.import_section import UNITS
 from gapscope.arm.io.load_recording import recording_of_columns
 from gapscope.arm.nominal import NominalArm
+from gapscope.arm.reading import Columns
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.inspection.channels import ChannelGuess
@@ -88,8 +89,9 @@ def _recording(
         places = columns_of_arm(group or torque.group, arm.joints)
         if places is None:
             return None
-        for j, place in enumerate(places, start=1):
-            columns[f"{name}{j}"] = scale * series[rows, place]
+        n = len(places)
+        read = Columns(tuple(places), (scale,) * n, (0.0,) * n)(series[rows])
+        columns |= {f"{name}{j}": x for j, x in enumerate(read.T, start=1)}
     if max(np.abs(column).max(initial=0.0) for column in columns.values()) > LARGEST:
         return None
     try:

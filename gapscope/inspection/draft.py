@@ -13,7 +13,9 @@ import yaml
 
 from gapscope.arm.dynamics.robot_file import actuated_joints
 from gapscope.arm.io.layouts import LEROBOT
+from gapscope.arm.nominal import SHEET_UNITS
 from gapscope.arm.recording import CHANNELS
+from gapscope.effects.effect import SHEET
 from gapscope.inspection.against_arm import columns_of_arm
 from gapscope.inspection.channels import ChannelGuess
 from gapscope.inspection.inspection import MAIN, TORQUES, Inspection
@@ -23,12 +25,6 @@ BESIDE = 70
 """Longest reason that stands beside its line; longer ones stand above."""
 ABOVE = 110
 """Width of reasons above their line."""
-DATA_SHEET = {
-    "armature": "kg m^2: rotor inertia times gear ratio squared",
-    "coulomb": "N m",
-    "viscous": "N m s/rad",
-}
-"""Entries of the data sheet with their units."""
 
 
 def case_text(found: Inspection, folder: Path, robot: str | None) -> str:
@@ -216,7 +212,10 @@ def _reason(found: Inspection, label: str, guess: ChannelGuess) -> str:
 def _data_sheet(found: Inspection) -> Iterator[str]:
     """What only a data sheet can say; of a known robot, what its file says."""
     yield "# nominal:  # the data sheet, one value per joint, joint side; take the # away to state it"
-    for name, unit in DATA_SHEET.items():
+    for quantity, name in SHEET.items():
+        unit = SHEET_UNITS[name]
+        if quantity == "rotor":
+            unit += ": rotor inertia times gear ratio squared"
         values = [0.0] * found.n_joints
         if found.arm is not None:
             values = [float(f"{x:.6g}") for x in getattr(found.arm, name)]

@@ -10,6 +10,7 @@ import numpy as np
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm, smooth_sign
 from gapscope.arm.recording import Recording
+from gapscope.effects.setup_faults.torque_faults import TorqueUnit
 from gapscope.ident.signals.conditioning import Segment, condition, position_cutoff
 
 READINGS = ("with gravity", "without gravity")
@@ -109,7 +110,7 @@ def _unit(factors: np.ndarray) -> str:
         sign = ", its sign turned" + (
             "" if turned == len(factors) else f" on {turned} of {len(factors)} joints"
         )
-    if 0.5 < np.median(size) < 2.0:
+    if TorqueUnit("current", factor=tuple(size.tolist())).is_ordinary:
         return "in N m of the joint" + sign
     return (
         "not in N m of the joint: amperes, the motor's side, or a share of a limit"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from typing import Any
 
 import numpy as np
@@ -67,15 +67,8 @@ def _link(audit: Audit, link: Link) -> dict[str, Any]:
 
 
 def _joint(joint: Joint) -> dict[str, Any]:
-    numbers = (
-        "lower",
-        "upper",
-        "effort",
-        "velocity",
-        "damping",
-        "friction",
-        "armature",
-    )
+    # what a file may leave out
+    numbers = [each.name for each in fields(joint) if each.default is None]
     return {
         "name": joint.name,
         "line": joint.line,

@@ -16,7 +16,7 @@ from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.diagnosis.setup_faults.shifted_inertials import shifted_body
+from gapscope.arm.shifted_inertials import shifted_body
 from gapscope.model_audit.finding import Finding
 from gapscope.model_audit.thresholds import (
     GRAVITY_MISFIT,

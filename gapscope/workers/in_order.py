@@ -5,10 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
-from joblib import Parallel, delayed
-
 from gapscope.workers.as_completed import as_completed
-from gapscope.workers.backends import RAY
 
 Result = TypeVar("Result")
 
@@ -25,26 +22,14 @@ def in_order(
         function: of a module, with arguments and results that can be pickled.
         arguments: of each call.
         jobs: calls at a time.
-        backend: ``local``: processes of this machine, by joblib; ``ray``: the cluster at ``RAY_ADDRESS``, or the one
-            that this machine belongs to, else processes of this machine.
+        backend: see ``as_completed``.
 
     Returns:
-        The result of each call; with Ray the exception if a call could not be run to its end.
+        The result of each call, or the exception if it could not be run to its end.
     """
-    if backend == RAY:
-        return _by_ray(function, arguments, jobs)
-    made: Iterator[Result] = Parallel(n_jobs=jobs, return_as="generator")(
-        delayed(function)(*a) for a in arguments
-    )
-    return made
-
-
-def _by_ray(
-    function: Callable[..., Result], arguments: Sequence[tuple[Any, ...]], jobs: int
-) -> Iterator[Result | Exception]:
     early: dict[int, Any] = {}
     following = 0
-    for ended in as_completed(function, arguments, jobs, RAY):
+    for ended in as_completed(function, arguments, jobs, backend):
         early[ended.number] = ended.error or ended.result
         while following in early:
             yield early.pop(following)

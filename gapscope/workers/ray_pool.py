@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from gapscope.effects.catalogue import FILES
 from gapscope.workers.backends import ray_module
 from gapscope.workers.pool import Pool, WorkerLostError
 
@@ -44,7 +46,11 @@ class RayPool(Pool):
         """Send a call to the cluster."""
         # a function is sent to the cluster once, not with every call
         if function not in self._remote:
-            self._remote[function] = self._ray.remote(max_retries=0)(function)
+            options: dict[str, Any] = {"max_retries": 0}
+            if os.environ.get(FILES):
+                # a worker may have been started before the effects of the user's files were read here
+                options["runtime_env"] = {"env_vars": {FILES: os.environ[FILES]}}
+            self._remote[function] = self._ray.remote(**options)(function)
         handle = self._remote[function].remote(*arguments)
         self._running.add(handle)
         return handle

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from cases import limits, motion_of
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -10,8 +11,7 @@ from gapscope.agents.gains import Tuning, gains
 from gapscope.agents.torque_model import ArmModel
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
-from gapscope.arm.motions.motion import Motion
-from gapscope.arm.motions.trajectory import Fourier, Limits
+from gapscope.arm.motions.trajectory import Fourier
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
@@ -35,23 +35,20 @@ INSTANT = sorted(
     }
 )
 """Effects that a single sample undoes."""
-LIMITS = Limits(np.full(2, -2.0), np.full(2, 2.0), np.full(2, 2.0), np.full(2, 8.0))
 REFERENCE = Fourier.random(
-    np.random.default_rng(1), LIMITS, duration=2.0, frequency=0.4, ramp=0.5
+    np.random.default_rng(1),
+    limits(2, 2.0, 2.0, 8.0),
+    duration=2.0,
+    frequency=0.4,
+    ramp=0.5,
 )
-
-
-def motion(t: np.ndarray) -> Motion:
-    return Motion(
-        t, REFERENCE.position(t), REFERENCE.velocity(t), REFERENCE.acceleration(t)
-    )
 
 
 def samples(model: ArmModel, t: np.ndarray) -> np.ndarray:
     """The model's single samples, each joint looked at ahead of time."""
     out = np.empty((len(t), 2))
     for joint, ahead in enumerate(model.ahead):
-        seen = motion(t + ahead)
+        seen = motion_of(REFERENCE, t + ahead)
         out[:, joint] = [
             model(*now)[joint] for now in zip(seen.q, seen.dq, seen.ddq, strict=True)
         ]
@@ -71,7 +68,7 @@ def test_feedforward_is_what_the_corrected_arm_predicts(
     corrected = CorrectedArm(
         two, tuple(draw(name, rng, scale) for name in sorted(names))
     )
-    model, seen = ArmModel(corrected), motion(np.linspace(0.0, 2.0, 101))
+    model, seen = ArmModel(corrected), motion_of(REFERENCE, np.linspace(0.0, 2.0, 101))
     predicted = corrected.predict(RigidBody(two), seen)
     planned = Feedforward(gains(np.ones(2), Tuning()), np.full(2, np.inf), model).plan(
         seen
@@ -87,7 +84,10 @@ def test_a_delay_is_made_up_for_by_looking_ahead(two: NominalArm) -> None:
     model, plain = ArmModel(CorrectedArm(two, (delay,))), ArmModel(CorrectedArm(two))
     np.testing.assert_array_equal(model.ahead, [0.0, 0.013])
     t = np.arange(0.0, 2.2, 1e-3)
-    planned, needed = model.series(motion(t)), plain.series(motion(t))
+    planned, needed = (
+        model.series(motion_of(REFERENCE, t)),
+        plain.series(motion_of(REFERENCE, t)),
+    )
     inner = slice(100, 1900)
     np.testing.assert_allclose(
         planned[:-13, 1][inner], needed[13:, 1][inner], atol=0.05
@@ -106,7 +106,10 @@ def test_a_lag_is_undone_so_that_the_needed_torque_arrives(two: NominalArm) -> N
         ArmModel(CorrectedArm(smooth)),
     )
     t = np.arange(0.0, 2.0, 1e-3)
-    commanded, needed = model.series(motion(t))[:, 0], plain.series(motion(t))[:, 0]
+    commanded, needed = (
+        model.series(motion_of(REFERENCE, t))[:, 0],
+        plain.series(motion_of(REFERENCE, t))[:, 0],
+    )
     arrives = np.zeros(len(t))
     arrives[0] = needed[0]
     for i in range(1, len(t)):
@@ -124,7 +127,7 @@ def test_a_force_from_outside_is_left_out(two: NominalArm) -> None:
         "end": np.array(1.5),
     }
     force = AppliedEffect("external_force", (), values)
-    seen = motion(np.linspace(0.0, 2.0, 101))
+    seen = motion_of(REFERENCE, np.linspace(0.0, 2.0, 101))
     with_force, without = (
         ArmModel(CorrectedArm(two, effects)).series(seen) for effects in ((force,), ())
     )
@@ -148,7 +151,7 @@ def test_the_network_adds_its_torque(two: NominalArm) -> None:
         np.full(2, 10.0),
         12.0,
     )
-    seen = motion(np.linspace(0.0, 2.0, 101))
+    seen = motion_of(REFERENCE, np.linspace(0.0, 2.0, 101))
     plain, learnt = (
         ArmModel(CorrectedArm(two)),
         ArmModel(CorrectedArm(two, (), residual)),

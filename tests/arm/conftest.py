@@ -6,38 +6,33 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from arms import Link, written
+from cases import to_and_fro
 
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.arm.robots import load_nominal_arm
 
-JOINT = """
-  <joint name="{name}" type="revolute">
-    <parent link="{parent}"/><child link="{child}"/><axis xyz="0 1 0"/>
-    <limit lower="-2" upper="2" effort="10" velocity="3"/>
-    <dynamics damping="{damping}" friction="{friction}"/>
-  </joint>
-  <link name="{child}">
-    <inertial><mass value="1"/><origin xyz="0 0 0.2"/>
-      <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>
-  </link>"""
 
-URDF = (
-    '<robot name="two"><link name="base"/>'
-    + JOINT.format(
-        name="shoulder", parent="base", child="upper", damping=0.5, friction=0.25
+def link(joint: str, name: str, damping: float, friction: float) -> Link:
+    return Link(
+        joint,
+        name,
+        mass=1,
+        com="0 0 0.2",
+        inertia="0.1 0.1 0.1",
+        limit="-2 2 10 3",
+        more=f'<dynamics damping="{damping}" friction="{friction}"/>',
     )
-    + JOINT.format(name="elbow", parent="upper", child="lower", damping=0.1, friction=0)
-    + "</robot>"
-)
+
+
+LINKS = (link("shoulder", "upper", 0.5, 0.25), link("elbow", "lower", 0.1, 0))
 
 
 @pytest.fixture
 def urdf(tmp_path: Path) -> Path:
     """URDF of the two-joint arm."""
-    path = tmp_path / "robot.urdf"
-    path.write_text(URDF)
-    return path
+    return written(tmp_path / "robot.urdf", "two", *LINKS)
 
 
 @pytest.fixture
@@ -50,8 +45,7 @@ def arm(urdf: Path) -> NominalArm:
 def recording() -> Recording:
     """Two seconds at 100 Hz with every channel, both joints moving to and fro."""
     t = np.arange(200) / 100
-    q = np.column_stack([np.sin(3 * t), 0.5 * np.cos(4 * t)])
-    dq = np.column_stack([3 * np.cos(3 * t), -2 * np.sin(4 * t)])
+    q, dq = to_and_fro(t)
     noise = np.random.default_rng(1).normal(size=(200, 2))
     return Recording(
         "motion.csv",

@@ -8,20 +8,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from arms import Link, written
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.robots import load_nominal_arm
 
-URDF = """<robot name="two"><link name="base"/>
-  <joint name="pitch" type="revolute"><parent link="base"/><child link="upper"/>
-    <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="90" velocity="9"/></joint>
-  <link name="upper"><inertial><mass value="4"/><origin xyz="0.3 0.02 0.01"/>
-    <inertia ixx="0.01" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="elbow" type="revolute"><parent link="upper"/><child link="lower"/><origin xyz="0.6 0 0"/>
-    <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="40" velocity="9"/></joint>
-  <link name="lower"><inertial><mass value="2"/><origin xyz="0.2 0.01 0.01"/>
-    <inertia ixx="0.005" iyy="0.03" izz="0.03" ixy="0" ixz="0" iyz="0"/></inertial></link>
-</robot>"""
+LINKS = (
+    Link(
+        *("pitch", "upper"),
+        mass=4,
+        com="0.3 0.02 0.01",
+        inertia="0.01 0.1 0.1",
+        limit="-3 3 90 9",
+    ),
+    Link(
+        *("elbow", "lower"),
+        origin="0.6 0 0",
+        com="0.2 0.01 0.01",
+        inertia="0.005 0.03 0.03",
+        limit="-3 3 40 9",
+    ),
+)
 Motion = Callable[[np.ndarray], np.ndarray]
 
 
@@ -40,7 +47,7 @@ def make_case(tmp_path: Path) -> Callable[..., Path]:
         spoil: Callable[[dict[str, np.ndarray]], None] = lambda table: None,
         **changed: object,
     ) -> Path:
-        (tmp_path / "robot.urdf").write_text(URDF)
+        written(tmp_path / "robot.urdf", "two", *LINKS)
         sheet = {
             "armature": [0.3, 0.1],
             "coulomb": [2.0, 1.0],

@@ -80,7 +80,7 @@ def test_nothing_open_is_said_and_nothing_written(
     ("options", "words"),
     [
         (("--payload", -2), ("payload", "kg")),
-        (("--payload", 2, "--payload-com", "up"), ("payload-com", "x,y,z")),
+        (("--payload", 2, "--payload-com", "up"), ("--payload-com", "x,y,z")),
         (("--fastest", 0.1), ("0.25 Hz",)),
         (("--torque", 0.0001), ("allow no trajectory", "gravity")),
         (("--margin", 3.5), ("allow no trajectory", "position")),

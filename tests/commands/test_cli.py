@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from guard import HANG
 
 from gapscope.arm.case import load_case
 from gapscope.arm.io.load_recording import load_recording
@@ -58,7 +59,7 @@ class TestHelp:
             [sys.executable, "-c", "from gapscope.cli import main; main()", "--help"],
             capture_output=True,
             text=True,
-            timeout=60,
+            timeout=HANG,
             check=False,
         )
         assert done.returncode == 0 and "diagnose" in done.stdout

@@ -17,6 +17,7 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
+from gapscope.arm.reading import Reading
 from gapscope.diagnosis.advice.recorded_data import RecordedData
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import validate
@@ -32,12 +33,12 @@ from gapscope.diagnosis.reference.change import Change
 from gapscope.diagnosis.reference.diagnose_change import diagnose_change
 from gapscope.diagnosis.reference.identify_reference import identify_reference
 from gapscope.diagnosis.result import Diagnosis
-from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
 from gapscope.diagnosis.setup_faults.detection import find_setup_faults
 from gapscope.diagnosis.setup_faults.fault_samples import sample
 from gapscope.diagnosis.setup_faults.nuisance import fold_equations
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.transmission import BACKLASH, ELASTICITY
 from gapscope.ident.identification import IdentificationSettings, identify
 from gapscope.ident.signals.conditioning import Segment, blocks, condition, thinned
 
@@ -221,9 +222,7 @@ class TestSegment:
             body = RigidBody(nominal)
             data = FitData(nominal, body, folds, CUTOFF)
             bodies = CompliantBodies(data, body, CorrectedArm(nominal))
-            found.append(
-                [bodies.mass, bodies.elastic(1, 5e3, 10.0), bodies.loose(1, 0.01)]
-            )
+            found.append([bodies.mass, *_behind(bodies)])
         for one, other in zip(*found, strict=True):
             np.testing.assert_allclose(
                 one, other, rtol=1e-4, atol=1e-4 * np.abs(other).max()
@@ -233,12 +232,12 @@ class TestSegment:
         """The nominal column is the prediction of the arm with the load, where there was one."""
         arm, body = synthetic.arm(), synthetic.body()
         told = sample([[segment(0)], [segment(1)]])
-        eq = fold_equations(arm, body, told, ChannelMapping.identity(3))
+        eq = fold_equations(arm, body, told, Reading.identity(3))
         none = fold_equations(
             arm,
             body,
             replace(told, load=np.zeros_like(told.load)),
-            ChannelMapping.identity(3),
+            Reading.identity(3),
         )
         np.testing.assert_array_equal(eq.gram[0], none.gram[0])
         rows = told.folds[1]
@@ -369,3 +368,9 @@ def test_identification_takes_it_out_of_the_torque() -> None:
         np.abs(difference).max()
         < 0.03 * np.abs(row @ nominal[: told.columns.links]).max()
     )
+
+
+def _behind(bodies: CompliantBodies) -> list[np.ndarray]:
+    """What a spring and what free play of the second joint add to the torque [N m], (M, n)."""
+    spring, play = np.array([1 / 5e3, 10.0 / 5e3**2]), np.array([0.01])
+    return [bodies.added(ELASTICITY, 1, spring), bodies.added(BACKLASH, 1, play)]

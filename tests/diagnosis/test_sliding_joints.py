@@ -1,9 +1,11 @@
 """Arms with sliding joints: a gantry that carries an arm, and a SCARA, recorded with effects, diagnosed in m and N."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from arms import Link, written
 
 import gapscope
 from gapscope.arm.errors import InputError
@@ -17,45 +19,33 @@ from gapscope.envs.session import Plan, record_case
 from gapscope.ident.model.friction_law import FrictionLaw
 from gapscope.ident.model.model_columns import ModelColumns
 
-JOINT = """
-  <joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{name}_link"/><origin xyz="{at}"/>
-    <axis xyz="{axis}"/><limit lower="{low}" upper="{high}" effort="{effort}" velocity="{speed}"/></joint>
-  <link name="{name}_link"><inertial><origin xyz="{com}"/><mass value="{mass}"/>
-    <inertia ixx="{I}" iyy="{I}" izz="{I}" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
-COLUMNS = [
-    "name",
-    "kind",
-    "parent",
-    "at",
-    "axis",
-    "low",
-    "high",
-    "effort",
-    "speed",
-    "com",
-    "mass",
-    "I",
-]
 SLIDE, TURN = "prismatic", "revolute"
-GANTRY = [
-    ("rail", SLIDE, "base", "0 0 0", "1 0 0", -1, 1, 600, 1, "0 0 0", 30, 0.5),
-    ("arm", TURN, "rail_link", "0 0 .2", "0 1 0", -2, 2, 150, 2, "0 0 .2", 6, 0.1),
-    ("fore", TURN, "arm_link", "0 0 .4", "0 1 0", -2, 2, 60, 3, ".02 0 .15", 3, 0.04),
-]
-SCARA = [
-    ("j1", TURN, "base", "0 0 .3", "0 0 1", -2.5, 2.5, 90, 4, ".15 0 0", 6, 0.06),
-    ("j2", TURN, "j1_link", ".3 0 0", "0 0 1", -2.5, 2.5, 50, 5, ".1 .01 0", 4, 0.03),
-    ("z", SLIDE, "j2_link", ".25 0 0", "0 0 -1", 0, 0.2, 200, 0.8, "0 0 0", 1.5, 0.003),
-]
+GANTRY = (
+    ("rail", SLIDE, "0 0 0", "1 0 0", "-1 1 600 1", "0 0 0", 30, 0.5),
+    ("arm", TURN, "0 0 .2", "0 1 0", "-2 2 150 2", "0 0 .2", 6, 0.1),
+    ("fore", TURN, "0 0 .4", "0 1 0", "-2 2 60 3", ".02 0 .15", 3, 0.04),
+)
+SCARA = (
+    ("j1", TURN, "0 0 .3", "0 0 1", "-2.5 2.5 90 4", ".15 0 0", 6, 0.06),
+    ("j2", TURN, ".3 0 0", "0 0 1", "-2.5 2.5 50 5", ".1 .01 0", 4, 0.03),
+    ("z", SLIDE, ".25 0 0", "0 0 -1", "0 0.2 200 0.8", "0 0 0", 1.5, 0.003),
+)
+Row = tuple[str, str, str, str, str, str, float, float]
 PLAN = Plan(recordings=2, duration=6.0, rate=125.0, engine="mujoco")
 
 
-def robot(folder: Path, rows: list[tuple[object, ...]]) -> NominalArm:
-    joints = [JOINT.format(**dict(zip(COLUMNS, row, strict=True))) for row in rows]
-    path = folder / "robot.urdf"
-    text = "".join(joints)
-    path.write_text(f'<robot name="slides"><link name="base"/>{text}</robot>')
-    return load_nominal_arm(path)
+def robot(folder: Path, rows: Iterable[Row]) -> NominalArm:
+    """A chain of joints: name, kind, place, axis, limit, centre of mass, mass, moment of inertia."""
+    links = [
+        Link(
+            *(name, f"{name}_link", axis, at, mass, com),
+            inertia=f"{moment} {moment} {moment}",
+            limit=limit,
+            kind=kind,
+        )
+        for name, kind, at, axis, limit, com, mass, moment in rows
+    ]
+    return load_nominal_arm(written(folder / "robot.urdf", "slides", *links))
 
 
 def test_friction_of_a_linear_axis_that_carries_an_arm_is_found_in_newtons(

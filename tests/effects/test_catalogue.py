@@ -11,10 +11,11 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
-from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.applied import AppliedEffect, drives_with
 from gapscope.effects.catalogue import CATALOGUE, effect
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.effect import Effect
+from gapscope.effects.coupled_motors import COUPLED_MOTORS
+from gapscope.effects.effect import QUANTITIES, SHEET, Effect
 
 UNITS = {
     "N m",
@@ -281,3 +282,33 @@ def test_values_are_copied_and_read_only() -> None:
     assert applied.parameters["torque"][0] == 1.0
     with pytest.raises(ValueError, match="read-only"):
         applied.parameters["torque"][0] = 5.0
+
+
+@pytest.mark.parametrize(
+    "definition",
+    [
+        each
+        for each in (*CATALOGUE.values(), *COUPLED_MOTORS.values())
+        if each.scope == "joint" and each.quantities
+    ],
+    ids=lambda definition: definition.name,
+)
+def test_quantities_of_drives_are_those_of_the_data_sheet_and_of_one_effect(
+    two: NominalArm, definition: Effect
+) -> None:
+    assert set(definition.quantities) == set(definition.names)
+    values = {
+        own: np.array([definition.parameter(name).typical[1]])
+        for name, own in definition.quantities.items()
+    }
+    applied = drives_with((2,), **values)
+    assert applied.effect is definition
+    for name, value in values.items():
+        without, with_it = (
+            CorrectedArm(two, effects).quantity(name) for effects in ((), (applied,))
+        )
+        stated = SHEET.get(name)
+        nominal = 0.0 if stated is None else getattr(two, stated)
+        assert name in QUANTITIES and (without == nominal).all()
+        assert with_it[1] == without[1] + value[0]
+        assert (np.delete(with_it, 1) == np.delete(without, 1)).all()

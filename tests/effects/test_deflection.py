@@ -250,7 +250,7 @@ class TestElasticity:
         def added(k: np.ndarray, d: np.ndarray) -> np.ndarray:
             return through_springs(matrices, 250.0, torque, k, d)
 
-        found = Springs(matrices, 250.0, torque, stiffness, damping).columns()
+        found = Springs(matrices, 250.0, torque, stiffness, damping).columns
         for joint, unit in enumerate(np.eye(2)):
             dk, dd = 1e-3 * stiffness * unit, 1e-3 * damping * unit
             ends = (

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from arms import ROD, chain
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.known_load import point_mass_parameters
 from gapscope.arm.motions.motion import Motion
-from gapscope.arm.nominal import NominalArm
 from gapscope.effects import (
     actuation,
     environment,
@@ -232,14 +232,7 @@ def test_lag_of_a_ramp_trails_by_its_time_constant(sine: Motion) -> None:
 
 def test_force_on_the_last_link_by_hand(tmp_path) -> None:
     """Rod along x, centre of mass at 0.5 m, hinge about y: 10 N upwards turn it by r x f = -5 N m."""
-    urdf = tmp_path / "rod.urdf"
-    urdf.write_text(
-        '<robot name="rod"><link name="base"/><link name="rod"><inertial><origin xyz="0.5 0 0"/><mass value="2"/>'
-        '<inertia ixx="0.01" iyy="0.05" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-        '<joint name="hinge" type="continuous"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint>'
-        "</robot>"
-    )
-    arm = NominalArm("rod", urdf, ("hinge",))
+    arm = chain(tmp_path, "rod", ROD)
     body = RigidBody(arm)
     assert body.force_torque(
         np.zeros((1, 1)), np.array([0.0, 0.0, 10.0])

@@ -14,7 +14,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import read_corrected_arm, write_corrected
-from gapscope.effects.presliding import friction_direction
+from gapscope.effects.friction import friction_direction
 
 COULOMB = AppliedEffect("coulomb_friction", (1,), {"torque": [2.0]})
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from guard import HANG
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError, ModelWarning
@@ -165,6 +166,6 @@ def test_no_torch_is_needed(tmp_path: Path) -> None:
         [sys.executable, "-c", code + "assert 'torch' not in sys.modules"],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=HANG,
     )
     assert done.returncode == 0, done.stderr

@@ -4,18 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from arms import ROD, written
 
 from gapscope.arm.nominal import NominalArm
 from gapscope.envs.engines import ENGINES, installed
 from gapscope.envs.mystery_arm import iiwa
-
-PENDULUM = """<robot name="pendulum">
-  <link name="base"/>
-  <link name="rod"><inertial><origin xyz="0.5 0 0"/><mass value="2"/>
-    <inertia ixx="0.01" iyy="0.05" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="hinge" type="continuous"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint>
-</robot>"""
-"""A rod about a horizontal axis: inertia 0.05 + 2 * 0.5^2 = 0.55 kg m^2, gravity torque -9.81 cos q N m."""
 
 
 @pytest.fixture(scope="session")
@@ -33,9 +26,9 @@ def bare_arm(data_sheet_arm: NominalArm) -> NominalArm:
 @pytest.fixture(scope="session")
 def pendulum_urdf(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The pendulum's URDF file."""
-    path = tmp_path_factory.mktemp("pendulum") / "pendulum.urdf"
-    path.write_text(PENDULUM)
-    return path
+    return written(
+        tmp_path_factory.mktemp("pendulum") / "pendulum.urdf", "pendulum", ROD
+    )
 
 
 @pytest.fixture

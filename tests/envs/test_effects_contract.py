@@ -307,6 +307,8 @@ def test_the_simulated_motion_needs_the_torque_that_the_law_says(
             *("", ""),
             deflection=lambda torque: 0.0 * torque,
             lag=lambda: np.zeros(7),
+            behind=lambda matrices, rate, torque: torque,
+            starts=lambda inertia, torque: iter(()),
         ),
     ],
     ids=lambda record: record.name,

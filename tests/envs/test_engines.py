@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from guard import HANG
 
 from gapscope.arm.dynamics.feedforward import feedforward
 from gapscope.arm.dynamics.odd_inertials import odd_inertials
@@ -234,6 +235,6 @@ def test_pybullet_is_loaded_in_silence() -> None:
     pytest.importorskip("pybullet")
     code = "import sys, gapscope.envs.engines.pybullet; print('heard', file=sys.stderr)"
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=HANG
     )
     assert (done.returncode, done.stdout, done.stderr.split()) == (0, "", ["heard"])

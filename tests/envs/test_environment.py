@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from guard import HANG
 
 gym = pytest.importorskip(
     "gymnasium", reason="the environment needs gymnasium, a dependency of the package"
@@ -103,7 +104,7 @@ def test_made_by_name_with_and_without_an_import(code: str) -> None:
         [sys.executable, "-c", code],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=HANG,
         cwd=ROOT,
     )
     assert done.returncode == 0, done.stderr

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +16,13 @@ from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.catalogue import CATALOGUE, register, remove
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.friction import COULOMB
+from gapscope.effects.parameter import Parameter
 from gapscope.envs.engines import installed
 from gapscope.envs.export.formats import export
-from gapscope.envs.export.left_out import FORMATS, HELD
+from gapscope.envs.export.left_out import FORMATS, HELD, holds
 
 BODIES = (
     AppliedEffect("payload", (), {"mass": 1.3, "com": [0.02, -0.01, 0.05]}),
@@ -403,7 +406,8 @@ class TestLeftOut:
         missing, _ = export(
             CorrectedArm(data_sheet_arm, (effect,)), form, tmp_path / "arm.xml"
         )
-        assert any(line.startswith(name) for line in missing) != (name in HELD[form])
+        told = any(line.startswith(name) for line in missing)
+        assert told != holds(HELD[form], definition)
 
 
 class TestMjcfSource:
@@ -455,3 +459,32 @@ class TestRefused:
                 tmp_path / "arm.sdf",
             )
         assert not (tmp_path / "arm.sdf").exists()
+
+
+class TestOwnEffect:
+    """A user's own effect is exported by the quantities that its record says; without any it is left out."""
+
+    SEAL = replace(
+        COULOMB,
+        name="seal_drag",
+        parameters=(Parameter("drag", "s", "N m", (0.0, 10.0), (0.1, 1.0)),),
+        quantities={"drag": "friction"},
+    )
+
+    @pytest.fixture(params=["friction", "nothing"])
+    def said(self, request: pytest.FixtureRequest) -> Iterator[bool]:
+        says = request.param == "friction"
+        register(self.SEAL if says else replace(self.SEAL, quantities={}))
+        yield says
+        remove(self.SEAL.name)
+
+    @pytest.mark.parametrize("form", [*FORMATS, "isaac_lab", "gazebo"])
+    def test_is_held_by_its_quantities(
+        self, tmp_path: Path, form: str, said: bool
+    ) -> None:
+        effect = AppliedEffect("seal_drag", (2,), {"drag": [0.625]})
+        arm = CorrectedArm(load_nominal_arm("kuka_iiwa"), (effect,))
+        missing, _ = export(arm, form, tmp_path / "arm.out")
+        assert any(line.startswith("seal_drag, joint 2") for line in missing) != said
+        written = (tmp_path / "arm.out").read_text().replace("drag 0.625", "")
+        assert ("0.625" in written) == said

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import sines
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
@@ -41,10 +42,7 @@ def network() -> ResidualNetwork:
 
 
 def motion(size: float) -> Motion:
-    t = np.arange(801) / 400
-    phase = 1.5 * t[:, None] + np.arange(N)
-    angle, rate, curve = np.sin(phase), 1.5 * np.cos(phase), -2.25 * np.sin(phase)
-    return Motion(t, size * angle, size * rate, size * curve)
+    return sines(np.arange(801) / 400, size, 1.5, np.arange(N))
 
 
 def test_samples_one_by_one_say_what_the_whole_motion_says() -> None:

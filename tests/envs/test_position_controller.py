@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from arms import Link, changed, written
 
 from gapscope.arm.case import Case
 from gapscope.arm.control.pd import PD
@@ -111,22 +112,18 @@ def test_healthy_arms_without_a_data_sheet_are_recorded(robot: str) -> None:
     assert max(errors) < 0.01
 
 
-LIGHT_LINK = """<robot name="light"><link name="base"/>
-<link name="upper"><inertial><mass value="0.05"/>
-<inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<link name="lower"><inertial><origin xyz="0 0 0.15"/><mass value="1"/>
-<inertia ixx="2e-3" iyy="2e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="a" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
-<limit lower="-1" upper="1" effort="50" velocity="1"/><dynamics damping="DAMPING"/></joint>
-<joint name="b" type="revolute"><parent link="upper"/><child link="lower"/><axis xyz="0 1 0"/>
-<limit lower="-1" upper="1" effort="50" velocity="1"/><dynamics damping="DAMPING"/></joint></robot>"""
-"""A heavy link upright on two joints with one axis, a light one between them: without friction stiff gains ring."""
+LIGHT = Link(
+    "a", "upper", mass=0.05, com="0 0 0", inertia="1e-4 1e-4 1e-4", limit="-1 1 50 1"
+)
+HEAVY = Link(
+    "b", "lower", mass=1, com="0 0 0.15", inertia="2e-3 2e-3 1e-3", limit="-1 1 50 1"
+)
+"""Upright on two joints with one axis, a light link between them: without friction stiff gains ring."""
 
 
 def _light_link(tmp_path: Path, damping: float) -> Case:
-    urdf = tmp_path / "light.urdf"
-    urdf.write_text(LIGHT_LINK.replace("DAMPING", str(damping)), encoding="utf-8")
-    arm = load_nominal_arm(urdf)
+    links = changed((LIGHT, HEAVY), more=f'<dynamics damping="{damping}"/>')
+    arm = load_nominal_arm(written(tmp_path / "light.urdf", "light", *links))
     plan = Plan(recordings=1, engine="mujoco")
     return record_case("light", arm, (), plan, np.random.default_rng(0))
 

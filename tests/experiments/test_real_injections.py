@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from arms import ROD, chain
 
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
@@ -23,20 +24,18 @@ scenes, loads, paths, positions, injections = (
     )
 )
 ONE = np.array([0])
-PENDULUM = """<robot name="pendulum"><link name="base"/>
-  <joint name="j1" type="revolute"><parent link="base"/><child link="bob"/><axis xyz="0 0 1"/>
-    <limit lower="-3" upper="3" effort="9" velocity="3"/></joint>
-  <link name="bob"><inertial><origin xyz="0.5 0 0"/><mass value="2"/>
-    <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"""
-"""2 kg at 0.5 m: 10 N m where it is level under 10 m/s^2."""
 
 
 @pytest.fixture
 def arm(tmp_path) -> NominalArm:
-    urdf = tmp_path / "pendulum.urdf"
-    urdf.write_text(PENDULUM)
-    gravity = np.array([0.0, -10.0, 0.0])
-    return NominalArm("pendulum", urdf, ("j1",), gravity=gravity)
+    """2 kg at 0.5 m: 10 N m where it is level under 10 m/s^2."""
+    bob = ROD._replace(
+        axis="0 0 1",
+        inertia="0.01 0.01 0.01",
+        limit="-3 3 9 3",
+        kind="revolute",
+    )
+    return chain(tmp_path, "pendulum", bob, gravity=[0.0, -10.0, 0.0])
 
 
 def scene_of(arm, q, tau, rate=100.0):

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from arms import Link, written
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
@@ -16,11 +17,6 @@ ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "experiments"))
 symbolic_regressor = importlib.import_module("symbolic_regressor").symbolic_regressor
 
-JOINT = """
-  <joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>
-    <origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/><limit lower="-3" upper="3" effort="9" velocity="3"/></joint>
-  <link name="{child}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
-  </link>"""
 ARMS = {
     "one oblique axis": ["revolute"],
     "two oblique axes": ["revolute", "revolute"],
@@ -32,20 +28,11 @@ SQUARE = ("0 0 0", "1.570796326794897 0 0", "0 -1.5708 0.1")
 
 def write_arm(folder, joints, gravity=(0.3, -0.2, -9.81), wanted=None) -> NominalArm:
     """A chain of (kind, xyz, rpy, axis)."""
-    parts = [
-        JOINT.format(
-            name=f"j{i}",
-            kind=k,
-            parent=f"l{i - 1}",
-            child=f"l{i}",
-            xyz=x,
-            rpy=r,
-            axis=a,
-        )
-        for i, (k, x, r, a) in enumerate(joints, 1)
+    links = [
+        Link(*(f"j{i}", f"l{i}", axis, xyz, 1, "0 0 0", "1 1 1", "-3 3 9 3", kind, rpy))
+        for i, (kind, xyz, rpy, axis) in enumerate(joints, 1)
     ]
-    urdf = folder / "chain.urdf"
-    urdf.write_text(f'<robot name="chain"><link name="l0"/>{"".join(parts)}</robot>')
+    urdf = written(folder / "chain.urdf", "chain", *links)
     names = tuple(f"j{i}" for i, joint in enumerate(joints, 1) if joint[0] != "fixed")
     return NominalArm("chain", urdf, wanted or names, gravity=np.array(gravity))
 

@@ -5,42 +5,30 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-import numpy as np
 import pytest
+from arms import HEAVY, chain
+from cases import simulated_case
 
-from gapscope.arm.case import Case
-from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.write_case import write_case
-from gapscope.arm.motions.motion import Motion
-from gapscope.arm.motions.trajectory import Fourier, Limits
-from gapscope.arm.nominal import NominalArm
-from gapscope.arm.recording import Recording
 from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.corrected import CorrectedArm
-
-URDF = """<robot name="one"><link name="base"/>
-<joint name="pitch" type="revolute"><parent link="base"/><child link="lower"/><axis xyz="0 1 0"/>
-<limit lower="-3" upper="3" effort="99" velocity="9"/></joint>
-<link name="lower"><inertial><mass value="4"/><origin xyz="0.3 0.02 0.01"/>
-<inertia ixx="0.02" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"""
 
 
 def _case(folder: Path, viscous: float, seed: int) -> None:
-    urdf = folder.parent / "one.urdf"
-    urdf.write_text(URDF)
-    arm = NominalArm("one", urdf, ("pitch",), armature=np.array([0.2]))
-    effects = (AppliedEffect("viscous_friction", (1,), {"coefficient": [viscous]}),)
-    body, rng = RigidBody(arm), np.random.default_rng(seed)
-    limits = Limits(*(np.full(1, value) for value in (-2.0, 2.0, 2.0, 8.0)))
-    recordings = []
-    for k, frequency in enumerate((0.2, 0.35)):
-        motion = Fourier.random(rng, limits, duration=5.0, frequency=frequency)
-        t = np.arange(501) / 100
-        seen = Motion(t, motion.position(t), motion.velocity(t), motion.acceleration(t))
-        tau = CorrectedArm(arm, effects if viscous else ()).predict(body, seen)
-        tau = tau + 0.02 * rng.standard_normal((len(t), 1))
-        recordings.append(Recording(f"recording_{k}.csv", t, seen.q, tau))
-    write_case(Case(folder.name, folder.parent, arm, tuple(recordings)), folder)
+    link = HEAVY[1]._replace(origin="0 0 0")
+    arm = chain(folder.parent, "one", link, armature=[0.2])
+    friction = AppliedEffect("viscous_friction", (1,), {"coefficient": [viscous]})
+    case = simulated_case(
+        folder.parent,
+        folder.name,
+        arm,
+        (friction,) if viscous else (),
+        seed=seed,
+        frequencies=(0.2, 0.35),
+        duration=5.0,
+        rate=100.0,
+        noise=0.02,
+    )
+    write_case(case, folder)
 
 
 @pytest.fixture(scope="session")

@@ -16,6 +16,7 @@ from typing import Any
 
 import pandas as pd
 import pytest
+from guard import HANG
 
 from gapscope.cli import main
 from gapscope.fleets.run import FleetPlan, run_fleet
@@ -61,7 +62,7 @@ def _kill_a_busy_worker(cluster: Any, killed: list[int]) -> None:
         for node in cluster.list_all_nodes()
         for process in node.all_processes["raylet"]
     ]
-    end = time.monotonic() + 120
+    end = time.monotonic() + HANG
     while time.monotonic() < end:
         for raylet in raylets:
             for worker in psutil.Process(raylet).children():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import sines
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
@@ -23,11 +24,7 @@ def motion(arm: NominalArm) -> Recording:
     t = np.arange(0.0, 6.0, 0.005)
     n = arm.n_joints
     phase, size = rng.uniform(0, 6, n), rng.uniform(0.4, 0.7, n)
-    speed = 1.5 + 0.3 * np.arange(n)
-    angle = np.outer(t, speed) + phase
-    q = size * np.sin(angle)
-    dq = size * speed * np.cos(angle)
-    ddq = -size * speed**2 * np.sin(angle)
-    tau = RigidBody(arm).inverse_dynamics(q, dq, ddq)
+    seen = sines(t, size, 1.5 + 0.3 * np.arange(n), phase)
+    tau = RigidBody(arm).inverse_dynamics(seen.q, seen.dq, seen.ddq)
     tau += 0.05 * rng.standard_normal(tau.shape)
-    return Recording("motion", t, q, tau, dq)
+    return Recording("motion", t, seen.q, tau, seen.dq)

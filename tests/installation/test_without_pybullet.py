@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from guard import HANG
 
 from gapscope.arm.io.write_case import write_case
 from gapscope.arm.robots import load_nominal_arm
@@ -28,7 +29,7 @@ main(sys.argv[1:])
 def without_pybullet(*arguments: object) -> subprocess.CompletedProcess[str]:
     """A command in a process that cannot import PyBullet."""
     command = [sys.executable, "-c", SCRIPT, *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=300)
+    return subprocess.run(command, capture_output=True, text=True, timeout=HANG)
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from jsonschema import Draft202012Validator
 
 import gapscope
 from gapscope.arm.errors import InputError
-from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
+from gapscope.arm.shifted_inertials import shifted_text
 from gapscope.model_audit.audit import Audit, audit_model
 
 Text = Callable[..., str]
@@ -77,7 +77,7 @@ def test_an_inertia_ten_times_too_large_is_found_with_its_line(
 def test_shifted_inertials_are_found_and_the_way_back(
     arm_text: Text, file_of: Write, by: int, moved_only: bool, shapes: bool
 ) -> None:
-    text = ShiftedInertials(by, moved_only).urdf(arm_text(shapes))
+    text = shifted_text(arm_text(shapes), by, moved_only)
     audit = audit_model(file_of(text))
     shift = next(one for one in audit.findings if one.kind == "shifted_inertials")
     assert ("next" if by > 0 else "previous") in shift.remedy

@@ -10,7 +10,7 @@ import pytest
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.diagnosis.setup_faults.shifted_inertials import shifted_arm
+from gapscope.arm.shifted_inertials import shifted_arm
 from gapscope.model_audit.static_poses import check_static, static_poses
 
 POSES, HELD, RATE = 16, 40, 50

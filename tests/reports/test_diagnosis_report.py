@@ -15,6 +15,7 @@ from typing import Any
 import documents
 import numpy as np
 import pytest
+from guard import HANG
 
 from gapscope.diagnosis.document.sentences import verdict_sentence
 from gapscope.diagnosis.localisation.locate import locate
@@ -313,7 +314,7 @@ def test_a_browser_draws_the_figures_offline(
         ),
     ]
     done = subprocess.run(
-        command, capture_output=True, text=True, timeout=120, check=True
+        command, capture_output=True, text=True, timeout=HANG, check=True
     )
     drawn = re.findall(r'class="figure[^"]*js-plotly-plot"', done.stdout)
     assert len(drawn) == figures

@@ -10,6 +10,7 @@ from pathlib import Path
 import documents
 import numpy as np
 import pytest
+from guard import HANG
 
 from gapscope.arm.dynamics.link_hulls import link_hulls
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -27,6 +28,15 @@ CHROMIUM = next(
 pytestmark = pytest.mark.skipif(
     CHROMIUM is None, reason="no Chromium on this machine (Debian: chromium)"
 )
+COLOURED = """() => {
+    const probe = document.body.appendChild(document.createElement("i"));
+    probe.style.color = "var(--card)";
+    const card = getComputedStyle(probe).color;
+    probe.remove();
+    const figure = document.querySelector("#torque-figure .main-svg");
+    return getComputedStyle(figure).backgroundColor === card;
+}"""
+"""Whether the figures have the colours of the page."""
 LARGEST = 3_000_000
 """Size of a report [bytes]."""
 
@@ -49,7 +59,9 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def browser() -> Iterator[playwright.Browser]:
     with playwright.sync_playwright() as started:
         options = ["--enable-unsafe-swiftshader"]
-        opened = started.chromium.launch(executable_path=CHROMIUM, args=options)
+        opened = started.chromium.launch(
+            executable_path=CHROMIUM, args=options, timeout=1000 * HANG
+        )
         yield opened
         opened.close()
 
@@ -58,6 +70,7 @@ def browser() -> Iterator[playwright.Browser]:
 def page(browser, report) -> Iterator[playwright.Page]:
     """The report, opened; it must load nothing and complain of nothing."""
     context = browser.new_context(viewport={"width": 1280, "height": 900})
+    context.set_default_timeout(1000 * HANG)
     context.grant_permissions(["clipboard-read", "clipboard-write"])
     opened = context.new_page()
     asked, complaints = [], []
@@ -131,25 +144,23 @@ def test_dark_turns_page_and_figures_dark(page):
 
     light = lightness(), paper()
     page.emulate_media(color_scheme="dark")
-    page.wait_for_timeout(300)
+    page.wait_for_function(COLOURED)
     assert lightness() < 60 < light[0]
     assert paper() != light[1]
 
 
 def test_a_phone_needs_no_sideways_scrolling(page):
     page.set_viewport_size({"width": 390, "height": 800})
-    page.wait_for_timeout(200)
-    wider = (
-        "document.documentElement.scrollWidth - document.documentElement.clientWidth"
-    )
-    assert page.evaluate(wider) <= 0
+    # figures follow the width of the page a little later
+    root = "document.documentElement"
+    page.wait_for_function(f"{root}.scrollWidth <= {root}.clientWidth")
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_nothing(page, scheme):
     axe_playwright = pytest.importorskip("axe_playwright_python.sync_playwright")
     page.emulate_media(color_scheme=scheme)
-    page.wait_for_timeout(300)
+    page.wait_for_function(COLOURED)
     found = axe_playwright.Axe().run(page).response["violations"]
     told = [
         f"{violation['id']} ({violation['impact']}): {node['html'][:120]}"

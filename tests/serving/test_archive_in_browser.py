@@ -8,6 +8,7 @@ import threading
 
 import documents
 import pytest
+from guard import HANG
 
 from gapscope.archive.archive import Archive
 from gapscope.reports.diagnosis import render
@@ -50,8 +51,9 @@ def address(tmp_path_factory):
 def page(address):
     """The table; no page may complain or ask for anything elsewhere."""
     with playwright.sync_playwright() as started:
-        browser = started.chromium.launch(executable_path=CHROMIUM)
+        browser = started.chromium.launch(executable_path=CHROMIUM, timeout=1000 * HANG)
         opened = browser.new_page()
+        opened.set_default_timeout(1000 * HANG)
         complaints, asked = [], []
         opened.on("pageerror", lambda error: complaints.append(str(error)))
         opened.on("console", lambda said: complaints.append(said.text) if said.type == "error" else None)  # fmt: skip

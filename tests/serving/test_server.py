@@ -13,6 +13,7 @@ from urllib.request import urlopen
 
 import documents
 import pytest
+from guard import HANG
 
 from gapscope.archive.archive import Archive
 from gapscope.arm.errors import InputError
@@ -82,7 +83,7 @@ def ask(server: ArchiveServer):
     """Sends a request as it is given, nothing in its address made harmless."""
 
     def call(target: str, method: str = "GET", host: str | None = None) -> Got:
-        connection = HTTPConnection("127.0.0.1", server.server_port, timeout=20)
+        connection = HTTPConnection("127.0.0.1", server.server_port, timeout=HANG)
         connection.putrequest(
             method, target, skip_host=host is not None, skip_accept_encoding=True
         )

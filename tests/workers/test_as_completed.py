@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 
 from gapscope.workers.as_completed import as_completed
+from gapscope.workers.backends import LOCAL
+from gapscope.workers.in_order import in_order
 from gapscope.workers.pool import WorkerLostError
 
 
@@ -37,6 +39,12 @@ def test_a_call_whose_worker_dies_is_made_again_and_the_tries_are_counted(
     assert [ended[k].tries for k in range(5)] == [1, 2, 1, 2, 1]
     assert isinstance(ended[2].error, ZeroDivisionError)
     assert isinstance(ended[3].error, WorkerLostError)
+
+
+def test_a_worker_that_is_lost_costs_its_own_call_only(tmp_path: Path) -> None:
+    first, lost, last = in_order(_fragile(tmp_path), [(2,), (-2,), (3,)], 2, LOCAL)
+    assert (first, last) == (4, 9)
+    assert isinstance(lost, WorkerLostError)
 
 
 @pytest.mark.parametrize("jobs", [1, 2])

@@ -37,7 +37,8 @@ def stamps(table: Table, importing: Import) -> np.ndarray:
     else:
         count = table.numbers(time.column)
     t = count / time.rate if time.rate is not None else count * time.factor
-    return importing.mend.true_time(t, table.path.name)
+    mend = importing.mend
+    return t if mend is None else mend.true_time(t, table.path.name)
 
 
 def read_channel(table: Table, channel: Channel, arm: NominalArm) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +12,8 @@ import numpy as np
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.channel_entry import UNITS, Channel, parse_channel
 from gapscope.arm.io.formats.lerobot_calibration import MotorRange, read_calibration
-from gapscope.arm.io.mend import Mend, parse_mend
 from gapscope.arm.io.transmission import parse_transmission, per_joint
+from gapscope.arm.reading import Columns, Reading
 from gapscope.arm.recording import CHANNELS
 
 _MOTOR_MOTION = ("q", "dq", "q_ref", "dq_ref")
@@ -50,15 +50,14 @@ class Import:
         channels: where each channel stands; ``None`` for one that is not to be read.
         joints: names of the joints in the log, in the arm's order; by default the arm's own.
         topic: topic or table that holds q, in a log of several.
-        signs: +1 or -1 per joint, (n,), or ``None``.
-        offsets: added to the positions [rad], (n,), or ``None``.
         transmission: R, or ``None`` if the log is on the joint's side.
+        turned: signs and offsets of the joints behind it; ``None`` if there are none.
         join: how rows of files or topics side by side meet: ``row`` by row, or by time onto the one that holds q:
             ``interpolate`` or ``hold`` (the last value before); ``None``: topics by interpolation, files by row.
         fit, judge: row ranges of each file, both ends included, counted from 0 below the header; ``fit`` empty: all.
         fit_episodes, judge_episodes: episodes of each dataset; both empty: all are fitted.
         calibration: of the motors, by name, for positions in normalised units; ``None`` if there is none.
-        mend: what is put right after all this.
+        mend: what is put right after all this; ``None``: nothing.
         source: the case file, for messages.
     """
 
@@ -68,16 +67,15 @@ class Import:
     )
     joints: tuple[str, ...] | None = None
     topic: str | None = None
-    signs: np.ndarray | None = None
-    offsets: np.ndarray | None = None
     transmission: np.ndarray | None = None
+    turned: Reading | None = None
     join: str | None = None
     fit: tuple[tuple[int, int], ...] = ()
     judge: tuple[tuple[int, int], ...] = ()
     fit_episodes: tuple[int, ...] = ()
     judge_episodes: tuple[int, ...] = ()
     calibration: Mapping[str, MotorRange] | None = None
-    mend: Mend = field(default_factory=Mend)
+    mend: Reading | None = None
     source: Path | None = None
 
     @property
@@ -96,16 +94,7 @@ class Import:
                     out[name] = out[name] @ inverse.T
             if "tau" in out:
                 out["tau"] = out["tau"] @ self.transmission
-        if self.signs is not None:
-            out = {
-                name: x if name == "temperature" else x * self.signs
-                for name, x in out.items()
-            }
-        if self.offsets is not None:
-            out |= {
-                name: out[name] + self.offsets for name in ("q", "q_ref") if name in out
-            }
-        return out
+        return out if self.turned is None else out | self.turned.of_channels(out)
 
 
 def parse_import(section: Mapping[str, Any], n_joints: int, source: Path) -> Import:
@@ -120,9 +109,8 @@ def parse_import(section: Mapping[str, Any], n_joints: int, source: Path) -> Imp
         InputError: a list has not one value per joint, the transmission cannot be inverted, or keys contradict.
     """
     given = {key: section[key] for key in ("topic", "join") if key in section}
-    for key in ("signs", "offsets"):
-        if key in section:
-            given[key] = per_joint(section[key], n_joints, source, key)
+    if "signs" in section or "offsets" in section:
+        given["turned"] = _turned(section, n_joints, source)
     if "joints" in section:
         given["joints"] = tuple(
             per_joint(section["joints"], n_joints, source, "joints", str)
@@ -140,7 +128,7 @@ def parse_import(section: Mapping[str, Any], n_joints: int, source: Path) -> Imp
     if "calibration" in section:
         given["calibration"] = read_calibration(source.parent / section["calibration"])
     if "mend" in section:
-        given["mend"] = parse_mend(section["mend"] or {}, n_joints, source)
+        given["mend"] = Reading.from_mend(section["mend"] or {}, n_joints, source)
     channels = {
         name: parse_channel(name, section[name], n_joints, source)
         if name in section
@@ -160,6 +148,17 @@ def parse_import(section: Mapping[str, Any], n_joints: int, source: Path) -> Imp
         source=source,
         **given,
     )
+
+
+def _turned(section: Mapping[str, Any], n_joints: int, source: Path) -> Reading:
+    """Signs and offsets of an import section."""
+    same = Columns.identity(n_joints)
+    signs = per_joint(section.get("signs", same.factor), n_joints, source, "signs")
+    offsets = section.get("offsets", same.offset)
+    added = per_joint(offsets, n_joints, source, "offsets")
+    torque = replace(same, factor=tuple(signs.tolist()))
+    motion = replace(torque, offset=tuple(added.tolist()))
+    return Reading.identity(n_joints, motion=motion, torque=torque, sensor=torque)
 
 
 def _check_sides(section: Mapping[str, Any], source: Path) -> None:

@@ -207,8 +207,9 @@ def _recording(
     for series in (t, *values.values()):
         series.setflags(write=False)
     recording = Recording(main.path.name, t, payload=payload, begun=begun, **values)  # type: ignore[arg-type]
-    mend = importing.mend.of_every_row if every_row else importing.mend
-    recording = mend(recording, arm)
+    if importing.mend is not None:
+        mend = importing.mend.of_right_time
+        recording = (mend.of_every_row if every_row else mend)(recording, arm)
     notes += check_positions(recording, arm, main, any_unit=any_unit)
     if not every_row:
         notes += held_notes(recording) + step_notes(recording)

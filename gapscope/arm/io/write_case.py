@@ -18,7 +18,7 @@ from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.folder_lock import LOCK
 from gapscope.arm.io.atomic_write import atomic_write, folder_aside
 from gapscope.arm.io.controller_file import controller_section
-from gapscope.arm.nominal import NominalArm
+from gapscope.arm.nominal import SHEET_UNITS, NominalArm
 from gapscope.arm.recording import CHANNELS, Recording
 
 
@@ -168,7 +168,7 @@ def _fill(case: Case, folder: Path, ending: str) -> None:
         "robot": "robot.urdf",
         "joints": list(case.arm.joints),
         "gravity": case.arm.gravity.tolist(),
-        "nominal": _sheet(case.arm),
+        "nominal": nominal_section(case.arm),
     }
     if case.arm.locked:
         content["locked"] = dict(case.arm.locked)
@@ -204,16 +204,13 @@ def _file_names(labels: Iterable[str], ending: str) -> list[str]:
     return names
 
 
-def _sheet(arm: NominalArm) -> dict[str, Any]:
-    """The ``nominal:`` section."""
-    sheet: dict[str, Any] = {
-        name: getattr(arm, name).tolist() for name in ("armature", "coulomb", "viscous")
-    }
-    if arm.torque_limit is not None:
-        sheet["torque_limit"] = arm.torque_limit.tolist()
-    sheet["encoder"] = arm.encoder
+def nominal_section(arm: NominalArm) -> dict[str, Any]:
+    """The ``nominal:`` section of an arm: rotors, friction, torque limits, encoders."""
+    known = {name: getattr(arm, name) for name in SHEET_UNITS}
+    section = {name: x.tolist() for name, x in known.items() if x is not None}
+    section["encoder"] = arm.encoder
     if arm.encoder_step is not None:
-        sheet["encoder_step"] = arm.encoder_step
+        section["encoder_step"] = arm.encoder_step
     if arm.coupled_motors and arm.coupling is not None:
-        sheet["coupling"] = coupling_entries(arm.coupling)
-    return sheet
+        section["coupling"] = coupling_entries(arm.coupling)
+    return section

@@ -45,7 +45,7 @@ class CaseSpec:
     """What one case is to be.
 
     Attributes:
-        kind: ``single``, ``pair``, ``triple``, ``outside``, ``healthy`` or ``ladder``.
+        kind: ``single``, ``pair``, ``triple``, ``outside``, ``healthy`` or ``ladder``, or ``recovery``.
         laws: names of the laws at work.
         severity: class that each effect's own gap over the floor is drawn from, or ``None``.
         conditions: its conditions.

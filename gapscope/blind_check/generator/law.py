@@ -67,6 +67,7 @@ class Law:
         own: whether each joint's size shows in that joint's torque, so that joints are sized one by one.
         measure: what the severity is read from: ``torque``, ``step`` (over the data sheet's), or ``none``.
         outside: whether the law is outside the catalogue.
+        recovery: whether the diagnosis explains it by this very law, as an effect of a user.
         form: one phrase on how its form differs from the catalogue's.
     """
 
@@ -80,6 +81,7 @@ class Law:
     own: bool = True
     measure: str = "torque"
     outside: bool = False
+    recovery: bool = False
     form: str = ""
 
 
@@ -128,7 +130,8 @@ class Cause:
                 "joints": joints,
                 "parameters": parameters,
             }
-        return {"effect": self.law.name, "joints": joints, "parameters": parameters}
+        label = {"effect": self.law.name, "joints": joints, "parameters": parameters}
+        return {**label, "recovery": True} if self.law.recovery else label
 
 
 def times(*names: str) -> Resize:

@@ -116,7 +116,7 @@ class _Simulation:
         compliant = self._joints["stiffness"][0, :n] > 0
         rotors = self._joints["armature"][0, :n]
         self._model.dof_armature[:] = np.where(compliant, 0.0, rotors)
-        self._outer = _OuterForces(plant, self._model, self._data)
+        self._outer = _OuterForces(plant, self._model, self._data, self._state)
 
     def taken_over_by(self, plant: TrueArm) -> _Simulation:
         """Another arm in the state of this one: its motion, joints, controller and clock."""
@@ -189,19 +189,26 @@ def _start(
 
 
 class _OuterForces:
-    """Force on the tip and motion of the base, if the arm has them."""
+    """Force on the tip, motion of the base and further torques on the joints, if the arm has them."""
 
-    def __init__(self, plant: TrueArm, model: Any, data: Any) -> None:
+    def __init__(
+        self, plant: TrueArm, model: Any, data: Any, state: np.ndarray
+    ) -> None:
         self.plant = plant
         self.model = model
         self.data = data
         self.tip = tip_body(model)
-        self.active = plant.push is not None or plant.shaken is not None
+        self.drive = state["drive"][0, : plant.arm.n]
+        moved = plant.push is not None or plant.shaken is not None
+        self.active = moved or bool(plant.resisting)
         self._last: np.ndarray | None = None
 
     def apply(self, t: float) -> None:
         """Set what acts in the step that begins at t [s]."""
         plant = self.plant
+        for resisting in plant.resisting:
+            q, dq = self.data.qpos, self.data.qvel
+            self.data.qfrc_applied[:] -= resisting(t, q, dq, self.drive)
         if plant.shaken is not None:
             size, frequency, phase = plant.shaken
             swing = np.sin(2 * np.pi * frequency * t + phase)

@@ -17,6 +17,8 @@ Columns = dict[str, np.ndarray]
 """A recording: t [s] (N,), and q, dq, tau, q_ref, dq_ref of shape (N, n)."""
 Spoil = Callable[[Columns, np.random.Generator], Columns]
 """What a fault of the set-up makes of a recording."""
+Resistance = Callable[[float, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+"""Torque against the motors [N m], (n,), from time [s], positions [rad], velocities [rad/s] and motor torque [N m]."""
 TipForce = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
 """Force on the tip in the world [N], (3,), from time [s] and the tip's position [m] and velocity [m/s]."""
 
@@ -56,6 +58,7 @@ class TrueArm:
         gravity: in the base frame [m/s^2], (3,).
         push: force on the tip, or none.
         shaken: amplitude of the base's acceleration [m/s^2], (3,), with frequency [Hz] and phase [rad]; or none.
+        resisting: further torques against the motors.
         spoil: faults of the set-up, in turn.
         spoil_urdf: a fault of the nominal arm's URDF.
     """
@@ -68,6 +71,7 @@ class TrueArm:
     gravity: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, -GRAVITY]))
     push: TipForce | None = None
     shaken: tuple[np.ndarray, float, float] | None = None
+    resisting: list[Resistance] = field(default_factory=list)
     spoil: list[Spoil] = field(default_factory=list)
     spoil_urdf: Callable[[ET.Element], None] | None = None
 

@@ -21,7 +21,9 @@ def summary(cases: Sequence[Compared]) -> dict[str, Any]:
     def of(*names: str) -> list[Compared]:
         return [case for case in cases if case.kind in names]
 
-    inside = [case for case in cases if case.truth and case.kind != "ladder"]
+    # a recovery check is no accuracy: it has a row of its own, and no part in the other figures
+    counted = [case for case in cases if case.kind not in ("ladder", "recovery")]
+    inside = [case for case in counted if case.truth]
     seconds = [case.seconds for case in cases if case.seconds is not None]
     return {
         "cases": len(cases),
@@ -35,7 +37,7 @@ def summary(cases: Sequence[Compared]) -> dict[str, Any]:
         "by_effect": _split(of("single"), lambda c: c.truth[0].effect),
         "healthy": healthy(of("healthy")),
         "unknown": unknown(cases),
-        "calibration": calibration([c for c in cases if c.kind != "ladder"]),
+        "calibration": calibration(counted),
         "confusion": confusion(of("single", "outside", "healthy")),
         "seconds": _quantiles(seconds),
     }

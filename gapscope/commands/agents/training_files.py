@@ -23,6 +23,7 @@ from gapscope.agents.training.tuning import tune
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.folder_lock import locked
 from gapscope.arm.io.json_file import to_json, write_json
+from gapscope.arm.nominal import SHEET_UNITS
 from gapscope.commands.inputs import read_arm
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import error_context, read_corrected
@@ -32,8 +33,6 @@ from gapscope.reports.training.page import write_page
 
 COMMAND, CURVE, PAGE = "command.json", "curve.csv", "learning_curve.html"
 OURS = (COMMAND, CURVE, PAGE, DOCUMENT, POLICY, NORMALISATION)
-SHEET = ("gravity", "armature", "coulomb", "viscous", "torque_limit")
-"""Numbers of the nominal arm that its URDF does not have."""
 
 
 def train_files(
@@ -120,7 +119,7 @@ def _digest(label: object, corrected: CorrectedArm) -> str:
             "urdf": arm.urdf,
             "joints": arm.joints,
             "encoder": [arm.encoder, arm.encoder_step],
-            "sheet": [getattr(arm, name) for name in SHEET],
+            "sheet": [getattr(arm, name) for name in ("gravity", *SHEET_UNITS)],
             "effects": [described(applied) for applied in corrected.effects],
             "networks": [[x.form, x.weights, x.biases] for x in networks],
             "chosen": None if residual is None else residual.chosen,

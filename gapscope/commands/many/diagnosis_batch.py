@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from joblib.externals.loky.process_executor import TerminatedWorkerError
-
 from gapscope.arm.errors import GapscopeError, InterruptedRunError
 from gapscope.arm.folder_lock import locked
 from gapscope.arm.io.json_file import write_json
@@ -242,11 +240,6 @@ def _resume_hint() -> Iterator[None]:
         raise InterruptedRunError(
             "interrupted before the last case was done",
             "run the same command again to resume: every case with a diagnosis.json is kept",
-        ) from None
-    except TerminatedWorkerError:
-        raise GapscopeError(
-            "a process was ended from outside, perhaps for want of memory",
-            "run the same command again, with fewer --jobs, to resume: every case with a diagnosis.json is kept",
         ) from None
 
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.diagnosis.model.terms import Term
-from gapscope.diagnosis.selection.load_or_link import LINK, LOAD
 from gapscope.diagnosis.selection.moves import near_equivalent_pairs
 from gapscope.diagnosis.selection.search import Selection
 from gapscope.diagnosis.thresholds import (
@@ -75,13 +74,18 @@ def equivalents(selection: Selection, finding: str) -> list[Alternative]:
     A load is far more common than a changed last link. That link is named only if the motion speaks against a load of
     this form, which a real load need not have, or if mass is missing, which is a load only if the URDF contains one.
     """
-    if finding == LOAD:
-        return [_equivalent(LINK, LAST_LINK_ODDS)]
-    if finding != f"{LINK} {selection.last_link}":
+    every = selection.evidence.terms.all
+    load = next((t for t in every if t.is_load), None)
+    link = next((t for t in every if t.changes_link(selection.last_link)), None)
+    if load is None or link is None:
         return []
-    link = next(t for t in selection.fit.terms if t.finding == finding)
+    if finding == load.finding:
+        return [_equivalent(link.effect, LAST_LINK_ODDS)]
+    if finding != link.finding:
+        return []
     mass_is_missing = selection.fit.theta[link.columns[0]] <= 0
-    return [_equivalent(LOAD, LAST_LINK_ODDS if mass_is_missing else LOAD_FORM_ODDS)]
+    odds = LAST_LINK_ODDS if mass_is_missing else LOAD_FORM_ODDS
+    return [_equivalent(load.effect, odds)]
 
 
 def _equivalent(effect: str, odds: float) -> Alternative:
@@ -92,8 +96,7 @@ def _equivalent(effect: str, odds: float) -> Alternative:
 def _options(selection: Selection, mine: frozenset[Term]) -> dict[str, frozenset[Term]]:
     """Terms by which each effect of the catalogue could take the place of an effect's terms; empty sets left out."""
     found = selection.fit.terms
-    last_link = f"{LINK} {selection.last_link}"
-    is_last_link = any(t.finding == last_link for t in mine)
+    of_last_link = any(t.changes_link(selection.last_link) for t in mine)
     joints = {t.joint for t in mine} - {0}
     named = {t.effect for t in found}
     options: dict[str, frozenset[Term]] = {NONE: frozenset()}
@@ -101,14 +104,13 @@ def _options(selection: Selection, mine: frozenset[Term]) -> dict[str, frozenset
         # The joints do not say which link; an effect that is named already explains its part.
         if effect.scope == "link" or effect.name in named:
             continue
-        # A load is the last link's other name, see equivalents.
-        if effect.name == LOAD and is_last_link:
-            continue
         terms = frozenset(
             t
             for t in selection.evidence.terms.open
             if t.effect == effect.name
             and (t.joint in joints or effect.scope == "arm" or not joints)
+            # A load is the last link's other name, see equivalents.
+            and not (of_last_link and t.is_load)
         )
         if terms:
             options[effect.name] = terms

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from gapscope.diagnosis.display import uncertain
-from gapscope.ident.kalman.changes import PAYLOAD, RecordingChange
+from gapscope.ident.kalman.change_hypothesis import PAYLOAD
+from gapscope.ident.kalman.changes import RecordingChange
 
 PARAMETERS = {
     "m": ("mass", "kg"),

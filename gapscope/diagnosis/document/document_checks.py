@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
+from gapscope.effects.effect import SHEET
+
 Problem = tuple[str, str]
 """A field, and what is wrong with it."""
 
@@ -121,7 +123,7 @@ def _arrays_over_joints(
 def _arrays_of_reference(against: dict[str, Any]) -> Iterator[tuple[str, list[Any]]]:
     """Arrays over joints of what was identified on a reference."""
     for section in ("identified", "identified_std", "held_out", "today"):
-        for key in ("armature", "coulomb", "viscous", "rmse", "torque_nrmse"):
+        for key in (*SHEET.values(), "rmse", "torque_nrmse"):
             if key in against[section]:
                 yield f"against.{section}.{key}", against[section][key]
 

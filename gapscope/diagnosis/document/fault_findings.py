@@ -10,6 +10,8 @@ import numpy as np
 from gapscope.diagnosis.document.entries import numbers
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault
 from gapscope.diagnosis.thresholds import LEAST_PROBABILITY
+from gapscope.effects.catalogue import known_effect, of_quantity
+from gapscope.effects.effect import Turn
 
 HANGING = -0.5
 """Gravity along the upright axis of the base, over the whole, of an arm that hangs, at most [1]."""
@@ -107,7 +109,7 @@ def _alternatives(fault: FoundFault) -> list[dict[str, Any]]:
     """All torques turned are gravity turned, but for what does not turn with gravity."""
     if fault.turned_base is None:
         return []
-    return [_other_sign("base_tilt", [], fault.turned_base)]
+    return [_other_sign(of_quantity("gravity")[0].name, [], fault.turned_base)]
 
 
 def with_torques_turned(
@@ -118,11 +120,12 @@ def with_torques_turned(
 
 
 def _with_its_equivalent(effect: dict[str, Any], n_joints: int) -> dict[str, Any]:
-    if effect["effect"] != "base_tilt":
+    turn = known_effect(effect["effect"])
+    if not isinstance(turn, Turn):
         return effect
-    angles = [effect["parameters"][name]["value"] for name in ("roll", "pitch")]
+    angles = [effect["parameters"][name]["value"] for name in turn.names]
     # gravity along the base's axis that was upright, over the whole [1]
-    if np.prod(np.cos(np.array(angles, dtype=float))) > HANGING:
+    if turn.rotation(*angles)[2, 2] > HANGING:
         return effect
     joints = list(range(1, n_joints + 1))
     other = _other_sign("sign_flip", joints, LEAST_PROBABILITY)

@@ -35,7 +35,7 @@ UNSURE = (
 
 STARTED = (
     "what the controller's integrator held at the start of each recording is not recorded: it was estimated, so that "
-    "constant torques of a joint, as of torque_offset, cannot be found"
+    "constant torques of a joint cannot be found"
 )
 
 
@@ -70,7 +70,7 @@ def with_likelier_rule(case: Case, effects: tuple[AppliedEffect, ...]) -> Case |
         case: a case whose torque was computed.
         effects: found in it.
     """
-    found = [e for e in effects if e.name == "armature"]
+    found = [e for e in effects if "rotor" in e.effect.quantities.values()]
     if (
         WARNING not in case.warnings
         or not _unsure(case)
@@ -81,7 +81,7 @@ def with_likelier_rule(case: Case, effects: tuple[AppliedEffect, ...]) -> Case |
         return None
     joints = np.array(found[0].joints) - 1
     half_ticks = (
-        found[0].parameters["inertia"]
+        next(iter(found[0].parameters.values()))
         * 2
         * case.controller.rate
         / case.controller.velocity_gain[joints]

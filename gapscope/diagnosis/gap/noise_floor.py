@@ -22,7 +22,6 @@ from gapscope.diagnosis.thresholds import (
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import DryLaw
-from gapscope.effects.friction import COULOMB
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, Segment, low_pass
 
 NOISE_BANDS = ((13.0, 25.0), (25.0, 50.0), (50.0, 100.0))
@@ -129,10 +128,10 @@ def dry_friction(corrected: CorrectedArm, segment: Segment) -> np.ndarray:
     """Size of dry friction at each trimmed sample, c + d + mu |tau| and the like at rest [N m], (M, n)."""
     load = filtered_torque(segment)
     still = np.zeros_like(load)
-    nominal = corrected.arm.coulomb + corrected.value(COULOMB.name, "torque")
-    dry = np.abs(nominal) + still
+    dry = np.abs(corrected.quantity("friction")) + still
     for law, values in corrected.of_kind(DryLaw):
-        if law is COULOMB:  # already in the nominal arm's
+        # already with the nominal arm's
+        if "friction" in law.quantities.values():
             continue
         amplitude = np.abs(law.amplitude(still, load, *values))
         if law.reach == "motor" and corrected.arm.coupling is not None:

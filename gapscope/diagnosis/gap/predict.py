@@ -21,9 +21,8 @@ def predict_torque(corrected: CorrectedArm, recording: Recording) -> np.ndarray:
     t, first, back = np.unique(recording.t, return_index=True, return_inverse=True)
     motion = Recording(recording.name, t, recording.q[first])
     at_rest = np.zeros_like(motion.q)
-    undelayed = tuple(
-        effect for effect in corrected.effects if effect.name != "actuator_delay"
-    )
+    # at rest nothing is late
+    undelayed = tuple(e for e in corrected.effects if not e.effect.delays)
     torque = CorrectedArm(corrected.arm, undelayed).predict(
         body, Motion(t, motion.q, at_rest, at_rest)
     )

@@ -1,33 +1,21 @@
-"""Columns of candidates for nonlinear parameters that follow from the recordings alone, whatever the arm's effects are.
+"""Columns of candidates for nonlinear parameters, and those of them that follow from the recordings alone.
 
-A search scans them at every linearisation on what is left there; they are computed and filtered once.
+A search scans the latter at every linearisation on what is left there; they are computed and filtered once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
 from gapscope.diagnosis.model.decimated_segments import DecimatedSegments
 from gapscope.diagnosis.model.scan import products
-from gapscope.diagnosis.model.terms import Term, parametrisation_of
-from gapscope.diagnosis.thresholds import (
-    FASTEST,
-    LEAST_RIPPLE_CYCLES,
-    LEAST_RIPPLE_PERIODS,
-    LEAST_TORQUE_LIMIT,
-    LIMITED_TIME_HELD,
-    MOST_RIPPLE_CYCLES,
-    TORQUE_LIMIT_GRID,
-)
-from gapscope.effects.effect import Signals, TorqueLaw
-from gapscope.effects.parametrisation import Grid
+from gapscope.diagnosis.model.terms import Term
+from gapscope.effects.effect import Drift, Effect, Path, Signals, TorqueLaw
+from gapscope.effects.parametrisation import JointSeries
 from gapscope.ident.signals.conditioning import Segment, low_pass
-
-LEAST_TRAVEL = 1e-6
-"""Travel below which a joint stands still [rad]."""
 
 
 class Candidates(NamedTuple):
@@ -44,6 +32,57 @@ class Candidates(NamedTuple):
     products: np.ndarray | None = None
 
 
+class JointSignals(NamedTuple):
+    """What the laws on one joint may depend on, on one segment, (N, 1) each.
+
+    Attributes:
+        t: time since the start of the recording [s].
+        position, velocity: [rad], [rad/s].
+        recorded: torque [N m].
+        load: torque that the arm predicts [N m].
+        friction: its friction as if it did not drift [N m].
+    """
+
+    t: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    recorded: np.ndarray
+    load: np.ndarray
+    friction: np.ndarray
+
+
+def unit_columns(
+    effect: Effect, values: np.ndarray, signals: JointSignals
+) -> np.ndarray:
+    """Torque of an effect of unit coordinates for each value of (K,) of its nonlinear parameter [N m], (N, K c).
+
+    Raises:
+        KeyError: no law of its kind has a nonlinear parameter on a joint.
+    """
+    columns = []
+    for unit in np.eye(effect.fitted.linear):
+        x = np.repeat(unit[:, None], len(values), axis=1)
+        by_name = effect.fitted.values(x, values[None])
+        parameters = [by_name[name] for name in effect.names]
+        if isinstance(effect, Path):
+            u = signals.recorded
+            torque = effect.applied(u, signals, *parameters) - u
+        elif isinstance(effect, Drift):
+            torque = signals.friction * effect.change(signals.t, *parameters)
+        elif isinstance(effect, TorqueLaw):
+            state = signals.t, signals.position, signals.velocity, signals.load
+            torque = effect.law(Signals(*state), *parameters)
+        else:
+            raise KeyError(f"{effect.name} has no nonlinear parameter on a joint")
+        columns.append(np.broadcast_to(torque, (len(signals.t), len(values))))
+    return np.stack(columns, axis=2).reshape(len(signals.t), -1)
+
+
+def shows_at_rest(effect: Effect) -> bool:
+    """Whether rows on which the joint sticks show it as well as others: what friction hides is not on the way there."""
+    return isinstance(effect, Path) and not effect.limits
+
+
 class CandidateColumns:
     """Columns of candidates on the rows of some segments, each computed when it is first asked for.
 
@@ -54,58 +93,51 @@ class CandidateColumns:
 
     def __init__(self, data: DecimatedSegments, per_radian: np.ndarray) -> None:
         self._data, self._per_radian = data, per_radian
-        self._ripples: dict[int, Candidates] = {}
-        self._limits: dict[int, Candidates] = {}
-        self._laws: dict[Term, Candidates | None] = {}
+        self.series = cache(self._series)
+        self.of = cache(self._of)
 
-    def ripples(self, j: int) -> Candidates:
-        """Cycles of ripples to look for on a joint, with sine and cosine of each."""
-        if j not in self._ripples:
-            self._ripples[j] = self._waves(j)
-        return self._ripples[j]
+    def _series(self, j: int) -> JointSeries:
+        """What a joint, from 0, did in all recordings."""
+        segments = self._data.segments
+        return JointSeries(
+            [s.motion.t for s in segments],
+            [s.motion.q[:, j] for s in segments],
+            [s.motion.dq[:, j] for s in segments],
+            [s.torque[:, j] for s in segments if s.torque is not None],
+            float(self._per_radian[j]),
+        )
 
-    def limits(self, j: int) -> Candidates:
-        """Limits of a joint's torque [N m], with what each would have kept from the joint [N m]."""
-        if j not in self._limits:
-            torque = recorded_torque(self._data.segments, j)
-            limits = _torque_limits(torque)
-            lost = [beyond(x, limits) for x in torque]
-            self._limits[j] = Candidates(limits, self._data.rows(lost))
-        return self._limits[j]
+    def _of(self, term: Term) -> Candidates | None:
+        """First values of a term's nonlinear parameter, with their columns.
 
-    def law(self, term: Term) -> Candidates | None:
-        """Values of a law's nonlinear parameter, with its torque of unit amplitude [N m].
-
-        ``None`` if the law depends on more than time and velocity: on what the effects of the arm change.
+        ``None`` if its law depends on what the effects of the arm change.
         """
-        if term not in self._laws:
-            self._laws[term] = self._of_velocity(term)
-        return self._laws[term]
-
-    def _of_velocity(self, term: Term) -> Candidates | None:
-        values = grid_values(term, self._data.segments)
-        columns = []
+        effect, j = term.definition, term.joint - 1
+        if effect.fitted.grid is None:
+            raise KeyError(f"{effect.name} says no values of its nonlinear parameter")
+        values = effect.fitted.grid(self.series(j), None)
+        # of a torque of zero
+        if not len(values):
+            return Candidates(values, np.zeros((0, 0)))
+        many, columns = shows_at_rest(effect), []
         for segment in self._data.segments:
+            stride = self._stride(segment) if many else 1
+            signals = _recorded(segment, j, stride)
+            if not isinstance(effect, Path):
+                # a zero that is off shifts the phase of what acts on the way to the joint, and more of other laws
+                signals = signals._replace(position=np.full_like(signals.t, np.nan))
+            own = unit_columns(effect, values, signals)
             # what is not a number shows in the torque of a law that depends on it
-            unknown = np.full((len(segment.motion.t), 1), np.nan)
-            columns.append(law_columns(term, values, segment, unknown, unknown))
-        if not all(np.isfinite(x).all() for x in columns):
-            return None
-        return Candidates(values, self._data.rows(columns))
-
-    def _waves(self, j: int) -> Candidates:
-        data = self._data
-        q = [s.motion.q[:, j, None] for s in data.segments]
-        # of a slide, periods per 2 pi of what counts as a radian
-        size = self._per_radian[j]
-        dq = np.concatenate([s.motion.dq[:, j] for s in data.segments])
-        cycles = _ripple_cycles([x / size for x in q], dq / size) / size
-        columns = [
-            self._sparse(s, waves(cycles, x[:: self._stride(s)]))
-            for s, x in zip(data.segments, q, strict=True)
-        ]
+            if not np.isfinite(own).all():
+                return None
+            if many:
+                columns.append(self._sparse(segment, own))
+            else:
+                columns.append(self._data.thin(own, segment))
+        if not many:
+            return Candidates(values, np.vstack(columns))
         stacked = np.vstack(columns).astype(np.float32)
-        return Candidates(cycles, stacked, products(stacked, 2))
+        return Candidates(values, stacked, products(stacked, effect.fitted.linear))
 
     def _stride(self, segment: Segment) -> int:
         """Every how many samples many columns are computed: a divisor of ``step`` that leaves four times the band."""
@@ -121,111 +153,16 @@ class CandidateColumns:
         return kept[np.minimum(np.round(rows).astype(int), len(kept) - 1)]
 
 
-def grid_values(term: Term, segments: list[Segment]) -> np.ndarray:
-    """Values of a term's nonlinear parameter to try, by its effect's grid, (K,).
-
-    Raises:
-        KeyError: the effect has no grid.
-    """
-    grid = grid_of(term)
-    unit = grid_unit(grid, term.joint - 1, segments)
-    return unit * np.geomspace(grid.lowest, grid.highest, grid.points)
-
-
-def grid_of(term: Term) -> Grid:
-    """The grid of a term's nonlinear parameter.
-
-    Raises:
-        KeyError: the effect has none.
-    """
-    grid = term.parametrisation.grid
-    if grid is None:
-        raise KeyError(f"{term.effect} says no grid for its nonlinear parameter")
-    return grid
-
-
-def grid_unit(grid: Grid, j: int, segments: list[Segment]) -> float:
-    """What the values of a grid count in, in the parameter's own unit: 1, a time [s], or a speed [rad/s]."""
-    if grid.unit == "duration":
-        # blocks of a recording begin when it has run for a while
-        last = max(float(s.motion.t[-1]) for s in segments)
-        return last - min(float(s.motion.t[0]) for s in segments)
-    if grid.unit == "largest speed":
-        speeds = [np.abs(s.motion.dq[:, j]) for s in segments]
-        # a joint that never moves still needs a unit; nothing is found on it
-        return max(float(np.quantile(np.concatenate(speeds), FASTEST)), 1e-3)
-    return 1.0
-
-
-def law_columns(
-    term: Term,
-    values: np.ndarray,
-    segment: Segment,
-    position: np.ndarray,
-    load: np.ndarray,
-) -> np.ndarray:
-    """Torque of a term's law of unit amplitude, for each value of (K,) of its nonlinear parameter [N m], (N, K).
-
-    Args:
-        term: the term.
-        values: of the parameter.
-        segment: where the joint moves.
-        position: true positions of the joint [rad], (N, 1).
-        load: torque through its transmission [N m], (N, 1).
-    """
-    law, motion = term.definition, segment.motion
-    assert isinstance(law, TorqueLaw)
-    parameters = parametrisation_of(law).values(np.ones((1, len(values))), values[None])
-    velocity = motion.dq[:, term.joint - 1, None]
-    signals = Signals(motion.t[:, None], position, velocity, load)
-    return law.law(signals, *(parameters[name] for name in law.names))
-
-
-def waves(cycles: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """sin n q and cos n q side by side for each n of (K,), shape (N, 2 K); q in rad, (N, 1)."""
-    return np.stack([np.sin(cycles * q), np.cos(cycles * q)], axis=2).reshape(
-        len(q), -1
+def _recorded(segment: Segment, j: int, stride: int) -> JointSignals:
+    """Signals of a joint, from 0, on every so many samples of a segment; what an arm's effects change is unknown."""
+    assert segment.torque is not None
+    motion, own = segment.motion, np.s_[::stride, j, None]
+    unknown = np.full((len(motion.t[::stride]), 1), np.nan)
+    return JointSignals(
+        motion.t[::stride, None],
+        motion.q[own],
+        motion.dq[own],
+        segment.torque[own],
+        unknown,
+        unknown,
     )
-
-
-def cycle_step(q: Sequence[np.ndarray]) -> float:
-    """Cycles per revolution that recordings of a joint's position [rad] can separate."""
-    return 0.8 / max(max(float(np.ptp(x)) for x in q), 0.3)
-
-
-def _ripple_cycles(q: Sequence[np.ndarray], dq: np.ndarray) -> np.ndarray:
-    """Cycles per revolution to look for on a joint, as far as its slow motion keeps them within the filter's band."""
-    speed = float(np.quantile(np.abs(dq), 0.3))
-    # a joint that stands still shows no ripple; its columns are constant then, whatever the cycles
-    travel = max(max(float(np.ptp(x)) for x in q), LEAST_TRAVEL)
-    least = max(LEAST_RIPPLE_CYCLES, LEAST_RIPPLE_PERIODS * 2 * np.pi / travel)
-    band = max(min(MOST_RIPPLE_CYCLES, 75.0 / max(speed, 1e-3)), 30.0)
-    return np.arange(least, least + band, cycle_step(q))
-
-
-def recorded_torque(segments: list[Segment], j: int) -> list[np.ndarray]:
-    """Recorded torque of a joint on each segment [N m], (N, 1)."""
-    return [s.torque[:, j, None] for s in segments if s.torque is not None]
-
-
-def beyond(torque: np.ndarray, limits: np.ndarray) -> np.ndarray:
-    """What each limit of (K,) keeps of a torque (N, 1), (N, K), all [N m]."""
-    return torque - np.clip(torque, -limits, limits)
-
-
-def least_limit(torque: Sequence[np.ndarray]) -> float:
-    """The lowest limit [N m] that a joint's recorded torque may have; 0 if there is no torque."""
-    recorded = np.abs(np.concatenate(torque))
-    seldom = float(np.quantile(recorded, 1.0 - LIMITED_TIME_HELD))
-    return max(LEAST_TORQUE_LIMIT * float(recorded.max()), seldom)
-
-
-def _torque_limits(torque: Sequence[np.ndarray]) -> np.ndarray:
-    """Limits to try [N m], (K,): from the least up to the largest torque in even steps and ratios; none without any."""
-    largest = float(np.abs(np.concatenate(torque)).max())
-    if largest == 0:
-        return np.zeros(0)
-    least = least_limit(torque)
-    steps = np.linspace(least, 0.98 * largest, TORQUE_LIMIT_GRID)
-    ratios = np.geomspace(least, 0.97 * largest, TORQUE_LIMIT_GRID)[1:]
-    return np.sort([*steps, *ratios])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -10,8 +10,8 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.diagnosis.gap.prediction import moves_bodies
 from gapscope.diagnosis.model.decimated_segments import DecimatedSegments
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.deflection import Matrices, through_springs
-from gapscope.effects.free_play import through_play
+from gapscope.effects.deflection import Matrices
+from gapscope.effects.effect import Transmission
 
 
 class CompliantBodies:
@@ -46,35 +46,22 @@ class CompliantBodies:
             for _, _, mass in self._matrices
         ]
         self.mass = np.mean(inertias, axis=0)
-        self._known: dict[tuple[str, int, float, float], np.ndarray] = {}
+        self._known: dict[tuple[str | float, ...], np.ndarray] = {}
 
-    def elastic(self, j: int, stiffness: float, damping: float) -> np.ndarray:
-        """What elasticity of one joint adds to the torque on the rows of all segments [N m], (M, n)."""
-        spring, damper = stiffness * self._unit[j], damping * self._unit[j]
+    def added(self, effect: Transmission, j: int, x: np.ndarray) -> np.ndarray:
+        """What a transmission of one joint, from 0, adds to the torque on the rows of all segments [N m], (M, n).
 
-        def behind(matrices: Matrices, rate: float, torque: np.ndarray) -> np.ndarray:
-            return through_springs(matrices, rate, torque, spring, damper)
-
-        return self._added(("elastic", j, stiffness, damping), behind)
-
-    def loose(self, j: int, width: float) -> np.ndarray:
-        """What free play of one joint adds to the torque on the rows of all segments [N m], (M, n)."""
-        none, play = np.zeros(len(self._unit)), width * self._unit[j]
-
-        def behind(matrices: Matrices, rate: float, torque: np.ndarray) -> np.ndarray:
-            return through_play(matrices, rate, torque, play, none, none)
-
-        return self._added(("loose", j, width, 0.0), behind)
-
-    def _added(
-        self,
-        key: tuple[str, int, float, float],
-        behind: Callable[[Matrices, float, np.ndarray], np.ndarray],
-    ) -> np.ndarray:
-        """Torque behind a compliant joint less that of rigid joints, on the rows."""
+        Args:
+            effect: elasticity, free play or the like.
+            j: the joint.
+            x: linear coordinates of the effect, (linear,).
+        """
+        key = (effect.name, j, *x.tolist())
         if key not in self._known:
+            values = effect.values_at(x[:, None]).values()
+            own = [value * self._unit[j] for value in values]
             added = [
-                behind(matrices, rate, torque) - torque
+                effect.behind(matrices, rate, torque, *own) - torque
                 for matrices, rate, torque in self._by_segment()
             ]
             self._known[key] = self._data.rows(added).astype(np.float32)

@@ -20,21 +20,20 @@ from gapscope.diagnosis.model.scan_residual import ScanResidual
 from gapscope.diagnosis.model.segment_rows import SegmentRows
 from gapscope.diagnosis.model.terms import Term, Terms
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.effect import Drift
+from gapscope.effects.effect import Drift, Effect, External
 from gapscope.ident.model.rank import orthonormal_columns
 from gapscope.ident.signals.effective_samples import independent_samples
 
-COMMON = (
-    "torque_offset",
-    "coulomb_friction",
-    "viscous_friction",
-    "armature",
-    "torque_scale",
-)
-"""Effects that are taken out of a joint's gap before a nonlinear parameter is searched on it."""
-FRICTION = ("coulomb_friction", "viscous_friction")
 DEPENDENT = 1e-3
 """Directions of a basis smaller than this, over the largest one, say nothing of their own [1]."""
+
+
+def _is_plain(effect: Effect) -> bool:
+    """Whether an effect is taken out of a joint's gap before a nonlinear parameter is searched on it.
+
+    One number of a joint that no healthy arm should have beyond its data sheet.
+    """
+    return effect.reach == "joint" and effect.fitted.cost == 1 and not effect.inherent
 
 
 class GapScanner:
@@ -60,7 +59,7 @@ class GapScanner:
         self._terms, self._theta, self._rows = terms, theta, rows
         self._arm = ScannedArm(corrected, [part.at for part in rows])
         self._trust = [part.trust for part in rows]
-        self._common = [COMMON.index(name) for name in FRICTION]
+        self._common = [effect for effect in terms.definitions if _is_plain(effect)]
         self._scans = [self._scan(j) for j in range(data.arm.n_joints)]
 
     def search(self) -> dict[Term, NonlinearParameters]:
@@ -70,9 +69,11 @@ class GapScanner:
             for term in self._terms.all
             if term.parametrisation.nonlinear and term.joint > 0
         }
-        window = self._force_window()
-        if window is not None:
-            found[self._terms.of("external_force")[0]] = window
+        for term in self._terms.all:
+            if isinstance(term.definition, External):
+                window = self._force_window(term)
+                if window is not None:
+                    found[term] = window
         return found
 
     def residual(self) -> ScanResidual:
@@ -99,7 +100,7 @@ class GapScanner:
 
     def _scan(self, j: int, term: Term | None = None) -> Scan:
         """Residual of joint j's gap, and of what a term in use does if one is named."""
-        places = [self._terms.of(name)[j].columns[0] for name in COMMON]
+        places = [self._terms.of(e.name)[j].columns[0] for e in self._common]
         common = self._weighted([part.columns[:, j, places] for part in self._rows], j)
         gap = self._weighted([part.gap[:, j, None] for part in self._rows], j)[:, 0]
         if term is not None:
@@ -119,28 +120,30 @@ class GapScanner:
         self, common: np.ndarray, own: np.ndarray, term: Term, j: int
     ) -> None:
         """Take a term in use out of the common columns, in place; it would lie within the basis otherwise."""
-        # the column of a torque scale is the whole predicted torque, which saturation leaves as it is
-        if not term.definition.limits:
-            scale = 1.0 + self._corrected.value("torque_scale", "scale")[j]
-            common[:, COMMON.index("torque_scale")] += own / scale
-        # the columns of friction drift with it
-        if isinstance(term.definition, Drift):
-            common[:, self._common] = self._steady_friction(j)
+        for place, effect in enumerate(self._common):
+            # the column of a torque scale is the whole predicted torque, which saturation leaves as it is
+            scales = "scale" in effect.quantities.values()
+            if scales and not term.definition.limits:
+                gain = 1.0 + self._corrected.quantity("scale")[j]
+                common[:, place] += own / gain
+            # the columns of friction drift with it
+            if isinstance(term.definition, Drift) and effect.family == "friction":
+                common[:, place] = self._steady(effect, j)
 
-    def _steady_friction(self, j: int) -> np.ndarray:
-        """Weighted columns of friction on joint j as if there were no drift, (M, 2)."""
+    def _steady(self, effect: Effect, j: int) -> np.ndarray:
+        """Weighted column of an effect on joint j as if there were no drift, (M,)."""
         steady = tuple(
             e for e in self._corrected.effects if not isinstance(e.effect, Drift)
         )
         arm = replace(self._corrected, effects=steady)
-        places = [self._terms.of(name)[j].columns[0] for name in FRICTION]
+        place = self._terms.of(effect.name)[j].columns[0]
         out = []
         for k, part in enumerate(self._rows):
             # a drift moves no bodies
             at = part.at.under(arm)
-            x = columns(at, self._data, k, self._terms, self._theta, set(FRICTION))
-            out.append(x[:, j, places])
-        return self._weighted(out, j)
+            x = columns(at, self._data, k, self._terms, self._theta, {effect.name})
+            out.append(x[:, j, [place]])
+        return self._weighted(out, j)[:, 0]
 
     def _contribution(self, term: Term, j: int) -> np.ndarray:
         """What a term contributes to joint j at theta_0 [N m], weighted, (M,)."""
@@ -160,9 +163,8 @@ class GapScanner:
         power = max(float(scan.residual @ scan.residual), 1e-12)
         return float(floor2 * scan.noise * len(scan.residual) / power)
 
-    def _force_window(self) -> NonlinearParameters | None:
-        """The window in which an external force explains most."""
-        force = self._terms.of("external_force")[0]
+    def _force_window(self, force: Term) -> NonlinearParameters | None:
+        """The window in which a force from outside explains most."""
         scans = self._scans
         if self._theta[list(force.columns)].any():
             scans = [self._scan(j, force) for j in range(self._data.arm.n_joints)]

@@ -13,13 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from gapscope.diagnosis.gap.prediction import Prediction
-from gapscope.diagnosis.model.body_jacobian import bodily_columns
-from gapscope.diagnosis.model.candidate_columns import beyond
+from gapscope.diagnosis.model.body_point import acts_on_bodies, bodily_columns
 from gapscope.diagnosis.model.fit_data import FitData
-from gapscope.diagnosis.model.terms import Term, Terms, parametrisation_of
+from gapscope.diagnosis.model.terms import Term, Terms
 from gapscope.diagnosis.thresholds import LEAST_TORQUE_GAIN, MOST_TORQUE_GAIN
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.effect import Effect, Path, Transmission
+from gapscope.effects.effect import Effect, Path
 from gapscope.ident.signals.conditioning import Segment
 
 TORQUE_STEP = 1e-4
@@ -41,7 +40,7 @@ def columns(
 ) -> np.ndarray:
     """Rows of the derivatives of the predicted torque by theta, (M, n, P) [N m] per unit of theta.
 
-    Those of ``link_inertia`` are left zero: they are combinations of the inertial regressor.
+    Those of changed links are left zero: they are combinations of the inertial regressor.
 
     Args:
         at: what the arm with the effects of theta predicts on the segment.
@@ -59,9 +58,10 @@ def columns(
         some = moves[start : start + at_once]
         changes = data.thin(at.changes([move.arm for move in some]), segment)
         for move, change in zip(some, np.moveaxis(changes, 1, 0), strict=True):
+            if move.begun is not None:
+                change = change - data.thin(at.changes([move.begun])[:, 0], segment)
             out[:, move.joints, move.places] = change / move.step
-    _rest(out, terms, theta)
-    for place, j, lost in _saturated(segment, terms):
+    for place, j, lost in _lost(segment, terms):
         out[:, j, place] = data.thin(lost, segment)
     bodily = bodily_columns(at, segment, bodies, terms, theta, only)
     if bodily:
@@ -70,23 +70,18 @@ def columns(
     return out
 
 
-def _acts_on_its_joint(effect: Effect, arm: CorrectedArm) -> bool:
-    """Whether an effect changes the torque of its own joint alone, in proportion to its coordinates."""
-    # behind encoders on the joints a transmission moves the motors, not the links
-    behind = isinstance(effect, Transmission) and arm.arm.encoder == "joint"
-    return (effect.reach == "joint" or behind) and not effect.limits
-
-
 class _Move(NamedTuple):
     """The arm with some coordinates moved by a step, and the columns that the change of its torque gives.
 
     Attributes:
         arm: with the coordinates moved.
+        begun: the arm from which they are moved; ``None`` for the arm itself.
         step: by which they are, of each of these joints or of all.
         joints, places: of the columns: whose torque they are of, and where they lie in theta.
     """
 
     arm: CorrectedArm
+    begun: CorrectedArm | None
     step: np.ndarray | float
     joints: np.ndarray | slice
     places: np.ndarray | int
@@ -97,7 +92,7 @@ def steps(effect: Effect, size: np.ndarray) -> np.ndarray:
 
     ``size`` is the ``torque_size`` of the joints [N m], (n,).
     """
-    step = parametrisation_of(effect).step
+    step = effect.fitted.step
     return TORQUE_STEP * size if step is None else np.full(len(size), step)
 
 
@@ -120,35 +115,46 @@ def _moves(
         if only is not None and effect.name not in only:
             continue
         step = steps(effect, size)
-        if _acts_on_its_joint(effect, arm):
-            for coordinate, places in enumerate(terms.block(effect.name)):
-                moved = moved_arm(arm, terms, theta, effect.name, coordinate, step)
-                if moved is not None:
-                    yield _Move(moved, step, joints, places)
-        elif effect.reach == "motor":
+        if effect.reach == "motor":
             motors = terms.of(effect.name)
             largest = float(step.max())
             for term in motors:
                 place = term.columns[0]
                 moved = _stepped(arm, terms, theta, motors, [place], largest)
-                yield _Move(moved, largest, slice(None), place)
+                yield _Move(moved, None, largest, slice(None), place)
+        # what cuts the delivered torque changes none that is needed
+        elif not (effect.limits or acts_on_bodies(effect, arm)):
+            for coordinate, places in enumerate(terms.block(effect.name)):
+                moved = moved_arms(arm, terms, theta, effect.name, coordinate, step)
+                if moved is not None:
+                    yield _Move(*moved, step, joints, places)
 
 
-def moved_arm(
+def moved_arms(
     arm: CorrectedArm,
     terms: Terms,
     theta: np.ndarray,
     name: str,
     coordinate: int,
     step: np.ndarray,
-) -> CorrectedArm | None:
-    """The arm with one coordinate of an effect moved by a step on all joints; ``None`` if no term of it is open."""
+) -> tuple[CorrectedArm, CorrectedArm | None] | None:
+    """The arm with one coordinate of an effect moved by a step on all joints; ``None`` if no term of it is open.
+
+    Coordinates beyond the first mean nothing of an effect that is off, as the rest of a spring without stiffness: of
+    one that is linear in them they are moved from an arm on which it has begun by a step of the first, which comes
+    second.
+    """
     chosen = [t for t in terms.of(name) if terms.can_choose(t)]
     if not chosen:
         return None
     places = [t.columns[coordinate] for t in chosen]
     own = step[[t.joint - 1 for t in chosen]]
-    return _stepped(arm, terms, theta, chosen, places, own)
+    if coordinate == 0 or not chosen[0].definition.locally_linear:
+        return _stepped(arm, terms, theta, chosen, places, own), None
+    on, first = theta.copy(), [t.columns[0] for t in chosen]
+    on[first] += np.where(theta[first] == 0, own, 0.0)
+    begun = _stepped(arm, terms, on, chosen, [], 0.0)
+    return _stepped(arm, terms, on, chosen, places, own), begun
 
 
 def _stepped(
@@ -176,21 +182,17 @@ def _as_recorded(at: Prediction, columns: np.ndarray) -> np.ndarray:
     return _delayed(at.arm, columns, at.motion.t) * gain[:, :, None]
 
 
-def _rest(out: np.ndarray, terms: Terms, theta: np.ndarray) -> None:
-    """The rest of a spring of stiffness zero is undefined; its coordinate k q0 is a constant torque."""
-    stiffness, rest = terms.block("parallel_spring")
-    unused = theta[stiffness] == 0
-    out[:, :, rest[unused]] = out[:, :, terms.block("torque_offset")[0][unused]]
-
-
-def _saturated(segment: Segment, terms: Terms) -> Iterator[tuple[int, int, np.ndarray]]:
-    """What saturation keeps from a joint: place of its term, joint from 0, recorded torque beyond the limit, (N,)."""
+def _lost(segment: Segment, terms: Terms) -> Iterator[tuple[int, int, np.ndarray]]:
+    """What is not delivered of a recorded torque: place of the term, joint from 0, torque lost on the way, (N,)."""
     assert segment.torque is not None
-    for term in terms.of("torque_saturation"):
-        if term in terms.shapes:
-            j = term.joint - 1
-            torque, limit = segment.torque[:, j], np.array(terms.shapes[term])
-            yield term.columns[0], j, beyond(torque, limit)
+    for term in terms.all:
+        effect = term.definition
+        if isinstance(effect, Path) and effect.limits and term in terms.shapes:
+            searched = np.array(terms.shapes[term])[:, None]
+            values = effect.values_at(np.ones((len(term.columns), 1)), searched)
+            torque = segment.torque[:, term.joint - 1]
+            delivered = effect.applied(torque, None, *values.values())
+            yield term.columns[0], term.joint - 1, torque - delivered
 
 
 def _delayed(corrected: CorrectedArm, columns: np.ndarray, t: np.ndarray) -> np.ndarray:

@@ -18,7 +18,6 @@ import numpy as np
 
 from gapscope.diagnosis.gap.noise_floor import NoiseFloor, noise_floor
 from gapscope.diagnosis.gap.prediction import Prediction
-from gapscope.diagnosis.model.body_jacobian import link_tangent
 from gapscope.diagnosis.model.discrepancy import Discrepancy, discrepancy
 from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.model.fold import EquationRows, Fold
@@ -30,6 +29,7 @@ from gapscope.diagnosis.model.terms import Term, Terms
 from gapscope.diagnosis.model.torque_sensor import LinkRows, link_rows, two_sides
 from gapscope.diagnosis.thresholds import MOST_PIECES, PIECE_LENGTH, SENSOR_ZERO
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import LinkChange
 
 
 class Linearisation:
@@ -130,7 +130,7 @@ class Linearisation:
         at = Prediction.of(self._corrected, bodies, segment.motion)
         only = {t.effect for t in terms}
         x = columns(at, data, k, self.terms, self.theta, only)
-        self._add_link_inertia(x, data.nuisance[k], self._torque_gain)
+        self._add_changed_links(x, data.nuisance[k], self._torque_gain)
         return np.concatenate([x[:, :, places], data.nuisance[k]], axis=2)
 
     def _fold_places(self) -> list[list[int]]:
@@ -152,7 +152,7 @@ class Linearisation:
         rate = np.gradient(at.torque, segment.motion.t, axis=0)
         floor = noise_floor(self._corrected, self.body, segment, at)
         sticking = floor.sticking[:: data.step(segment)]
-        self._add_link_inertia(x, data.nuisance[k], self._torque_gain)
+        self._add_changed_links(x, data.nuisance[k], self._torque_gain)
         return SegmentRows(
             data.thin(gap, segment),
             x,
@@ -166,7 +166,7 @@ class Linearisation:
     @property
     def _torque_gain(self) -> np.ndarray:
         """What a recorded torque is of the one that reaches its joint, by the scale of the torque, (n,)."""
-        return np.asarray(1.0 / (1.0 + self._corrected.value("torque_scale", "scale")))
+        return np.asarray(1.0 / (1.0 + self._corrected.quantity("scale")))
 
     def _bodily_change(self, at: Prediction) -> np.ndarray:
         """What the effects on bodies add to the torque of the nominal arm's [N m], (N, n).
@@ -191,21 +191,27 @@ class Linearisation:
             for series in (rows.gap, rows.columns, rows.sensor)
         )
         gain = np.full(self.arm.n_joints, float(rows.known))
-        self._add_link_inertia(x, self.data.nuisance[k], gain)
+        self._add_changed_links(x, self.data.nuisance[k], gain)
         return replace(rows, gap=gap, columns=x, sensor=errors)
 
-    def _add_link_inertia(
+    def _add_changed_links(
         self, x: np.ndarray, nuisance: np.ndarray, gain: np.ndarray
     ) -> None:
-        """Columns of link inertia from those of the inertial regressor; ``gain`` on the bodies' torque, (n,)."""
+        """Columns of changed links from those of the inertial regressor; ``gain`` on the bodies' torque, (n,)."""
         own = self.body.inertial_parameters().reshape(-1, 10)
         regressor = nuisance.reshape(*nuisance.shape[:2], -1, 10)
         units = self.data.units.reshape(-1, 10)
-        for link, places in enumerate(self.terms.block("link_inertia").T):
-            tangent = link_tangent(own[link], link, self.theta[places])
+        for term in self.terms.all:
+            effect, link, places = term.definition, term.joint - 1, list(term.columns)
+            if not isinstance(effect, LinkChange) or effect.scope != "link":
+                continue
+            tangent = effect.tangent(own[link], link, self.theta[places])
             # the regressor is per unit of an inertial error; links without mass have none
             per_unit = np.divide(
-                tangent.T, units[link], out=np.zeros((4, 10)), where=units[link] > 0
+                tangent.T,
+                units[link],
+                out=np.zeros_like(tangent.T),
+                where=units[link] > 0,
             )
             x[:, :, places] = gain[:, None] * (regressor[:, :, link] @ per_unit.T)
 

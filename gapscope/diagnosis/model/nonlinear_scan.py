@@ -14,33 +14,15 @@ import numpy as np
 
 from gapscope.diagnosis.gap.prediction import Prediction
 from gapscope.diagnosis.model.candidate_columns import (
-    beyond,
-    cycle_step,
-    grid_of,
-    grid_unit,
-    grid_values,
-    law_columns,
-    least_limit,
-    recorded_torque,
-    waves,
+    JointSignals,
+    shows_at_rest,
+    unit_columns,
 )
 from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.model.scan import NonlinearParameters, Scan
 from gapscope.diagnosis.model.terms import Term
-from gapscope.diagnosis.thresholds import (
-    HELD_NEAR_LIMIT,
-    LEAST_NEED_AT_LIMIT,
-    LEAST_RIPPLE_CYCLES,
-    LIMITED_TIME_TRACKING,
-)
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.effect import Drift, Path
-from gapscope.ident.signals.conditioning import Segment
-
-
-def around(value: float, lowest: float, highest: float) -> np.ndarray:
-    """Candidates about a value, in equal ratios."""
-    return np.clip(value * np.geomspace(0.6, 1 / 0.6, 13), lowest, highest)
+from gapscope.effects.effect import Drift
 
 
 class ScannedArm:
@@ -73,6 +55,23 @@ class ScannedArm:
             out.append(np.subtract(*both))
         return out
 
+    def signals(self, j: int, data: FitData) -> list[JointSignals]:
+        """What the laws on a joint, from 0, depend on, on each segment."""
+        out = []
+        for k, segment in enumerate(data.segments):
+            assert segment.torque is not None
+            position = self.corrected.true_position(segment.motion.q)
+            columns = (
+                position,
+                segment.motion.dq,
+                segment.torque,
+                self._predictions[k].torque,
+                self.steady_friction[k],
+            )
+            time = segment.motion.t[:, None]
+            out.append(JointSignals(time, *(x[:, j, None] for x in columns)))
+        return out
+
 
 def search_nonlinear(
     term: Term, arm: ScannedArm, data: FitData, scan: Scan, known: float | None
@@ -82,50 +81,39 @@ def search_nonlinear(
     Raises:
         KeyError: the effect has no nonlinear parameter on a joint.
     """
-    j, effect = term.joint - 1, term.definition
-    needed = arm.torque(j)
-    if effect.limits:
-        return _saturation(j, data, scan, known, needed)
-    if isinstance(effect, Path):
-        return _ripple(j, arm.corrected, data, scan, known)
-    if isinstance(effect, Drift):
-        values = _values(term, data.segments, known)
-        friction = [x[:, j, None] for x in arm.steady_friction]
-        return _drift(effect, values, friction, data, scan)
-    if known is None and (of_velocity := data.candidates.law(term)) is not None:
-        return scan.best(of_velocity.values, scan.weighted(of_velocity.columns))
-    values = _values(term, data.segments, known)
-    by_segment = []
-    for segment, load in zip(data.segments, needed, strict=True):
-        position = arm.corrected.true_position(segment.motion.q)[:, j, None]
-        law = law_columns(term, values, segment, position, load[:, None])
-        by_segment.append(law)
-    return scan.best(values, scan.weighted(data.rows(by_segment)))
-
-
-def _values(term: Term, segments: list[Segment], known: float | None) -> np.ndarray:
-    """Values of a term's nonlinear parameter to try: the effect's grid, or values about one that is known."""
-    if known is None:
-        return grid_values(term, segments)
-    grid = grid_of(term)
-    unit = grid_unit(grid, term.joint - 1, segments)
-    lowest, highest = grid.bounds
-    return around(known, unit * lowest, unit * highest)
-
-
-def _drift(
-    drift: Drift,
-    times: np.ndarray,
-    friction: Sequence[np.ndarray],
-    data: FitData,
-    scan: Scan,
-) -> NonlinearParameters:
-    """The best time constant of a drift of a joint's friction [N m], (N, 1) for each segment."""
-    series = []
-    for s, steady in zip(data.segments, friction, strict=True):
-        change = drift.change(s.motion.t[:, None], np.ones(len(times)), times)
-        series.append(steady * change)
-    return scan.best(times, scan.weighted(data.rows(series)))
+    effect, fitted, j = term.definition, term.parametrisation, term.joint - 1
+    series = data.candidates.series(j)
+    first = data.candidates.of(term) if known is None else None
+    assert fitted.grid is not None
+    values = fitted.grid(series, known) if first is None else first.values
+    if fitted.possible is not None and len(values):
+        needed = np.concatenate(arm.torque(j))
+        kept = fitted.possible(values, np.concatenate(series.recorded), needed)
+        values = values[kept]
+        if first is not None:
+            first = first._replace(values=values, columns=first.columns[:, kept])
+    found = None
+    if len(values):
+        if first is None:
+            of_segments = [
+                unit_columns(effect, values, signals)
+                for signals in arm.signals(j, data)
+            ]
+            columns, known_products = scan.weighted(data.rows(of_segments)), None
+        else:
+            columns, known_products = first.columns, first.products
+            if not shows_at_rest(effect):
+                columns = scan.weighted(columns)
+        found = scan.best(values, columns, fitted.linear, known_products)
+    if fitted.otherwise is None:
+        assert found is not None
+        return found
+    other = fitted.otherwise(series, None if found is None else found.values[0])
+    if other is None:
+        assert found is not None
+        return found
+    value, std = other
+    return NonlinearParameters((value,), (std,))
 
 
 def _without_friction(arm: CorrectedArm) -> CorrectedArm:
@@ -136,79 +124,3 @@ def _without_friction(arm: CorrectedArm) -> CorrectedArm:
     return CorrectedArm(
         bare, tuple(e for e in arm.effects if e.effect.family != "friction")
     )
-
-
-def _ripple(
-    j: int, arm: CorrectedArm, data: FitData, scan: Scan, known: float | None
-) -> NonlinearParameters:
-    """The best number of cycles; about one that is known."""
-    if known is None:
-        # the columns are not weighed by trust: a ripple shows as well where a joint sticks
-        cycles, columns, products = data.candidates.ripples(j)
-        return scan.best(cycles, columns, 2, products)
-    q = [arm.true_position(s.motion.q)[:, j, None] for s in data.segments]
-    size = arm.arm.per_radian[j]
-    step = cycle_step([x / size for x in q]) / size
-    cycles = np.maximum(
-        known + step * np.linspace(-0.6, 0.6, 9), LEAST_RIPPLE_CYCLES / size
-    )
-    columns = data.rows([waves(cycles, x) for x in q])
-    return scan.best(cycles, scan.weighted(columns), 2)
-
-
-def _saturation(
-    j: int,
-    data: FitData,
-    scan: Scan,
-    known: float | None,
-    needed: Sequence[np.ndarray],
-) -> NonlinearParameters:
-    """A limit that the torque seldom exceeds, while about the limit is needed; if there is none, the largest torque.
-
-    Without the second, to call most of a torque lost would explain any gap.
-    """
-    torque = recorded_torque(data.segments, j)
-    recorded = np.vstack(torque)[:, 0]
-    largest, least = float(np.abs(recorded).max()), least_limit(torque)
-    if largest == 0:
-        # any limit lets a torque of zero through
-        return NonlinearParameters((1.0,), (1.0,))
-    none = NonlinearParameters((0.999 * largest,), (0.5 * largest,))
-    if known is None:
-        limits, columns, _ = data.candidates.limits(j)
-        possible = _possible(limits, recorded, np.concatenate(needed))
-        limits, lost = limits[possible], scan.weighted(columns[:, possible])
-    else:
-        near = known * np.linspace(0.9, 1.1, 21)
-        limits = np.clip(near, least, 0.999 * largest)
-        limits = limits[_possible(limits, recorded, np.concatenate(needed))]
-        lost = scan.weighted(data.rows([beyond(x, limits) for x in torque]))
-    if not len(limits):
-        return none
-    found = scan.best(limits, lost)
-    # at the lowest limit the scan would go on to call even more of the torque lost
-    return found if found.values[0] > 1.02 * least else none
-
-
-def _possible(
-    limits: np.ndarray, recorded: np.ndarray, needed: np.ndarray
-) -> np.ndarray:
-    """Which limits the motion allows, (L,), by the torque recorded and the torque needed [N m], (N,) each."""
-    # needed torque in the direction of the recorded one, while that exceeds the limit: mean and mean square
-    along, size = np.sign(recorded) * needed, np.abs(recorded)
-    order = np.argsort(size)
-    within = np.searchsorted(size[order], limits, side="right")
-    count = len(size) - within
-    sums = [_sums_from(x[order], within) for x in (along, along**2)]
-    mean, mean_square = sums / np.maximum(count, 1)
-    apart2 = mean_square - 2 * mean * limits + limits**2
-    apart = np.sqrt(np.maximum(apart2, 0.0))
-    seldom = count / len(size) < LIMITED_TIME_TRACKING
-    held = apart < HELD_NEAR_LIMIT * limits
-    return (mean > LEAST_NEED_AT_LIMIT * limits) & (seldom | held)
-
-
-def _sums_from(series: np.ndarray, starts: np.ndarray) -> np.ndarray:
-    """Sums of a series (N,) from each of some places to its end, (L,)."""
-    up_to = np.append(0.0, np.cumsum(series))
-    return np.asarray(up_to[-1] - up_to[starts])

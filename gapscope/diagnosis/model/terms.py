@@ -10,7 +10,7 @@ import numpy as np
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import effect as by_name
 from gapscope.effects.catalogue import explained
-from gapscope.effects.effect import Effect
+from gapscope.effects.effect import Effect, LinkChange
 from gapscope.effects.parametrisation import Parametrisation
 
 
@@ -36,7 +36,16 @@ class Term:
     @property
     def parametrisation(self) -> Parametrisation:
         """How its effect is fitted."""
-        return parametrisation_of(self.definition)
+        return self.definition.fitted
+
+    @property
+    def is_load(self) -> bool:
+        """Whether it is a body that the last link carries."""
+        return isinstance(self.definition, LinkChange) and not self.joint
+
+    def changes_link(self, joint: int) -> bool:
+        """Whether it is a change of the link that a joint moves, from 1."""
+        return isinstance(self.definition, LinkChange) and self.joint == joint
 
     @property
     def finding(self) -> str:
@@ -69,7 +78,7 @@ class Terms:
         """Lay out theta: effect by effect, coordinate by coordinate, joint by joint."""
         terms, start = [], 0
         for effect in self.definitions:
-            linear = parametrisation_of(effect).linear
+            linear = effect.fitted.linear
             joints = self._places(effect)
             places = len(joints)
             for k, joint in enumerate(joints):
@@ -144,27 +153,22 @@ class Terms:
 
     def _applied(self, group: list[Term], theta: np.ndarray) -> AppliedEffect:
         """One finding's terms as an effect, its values moved into their bounds."""
-        effect, fitted = group[0].definition, group[0].parametrisation
+        effect = group[0].definition
         linear = np.array([theta[list(t.columns)] for t in group]).T
-        shape = (
-            np.array([self.shapes[t] for t in group]).T
-            if fitted.nonlinear
-            else np.zeros((0, len(group)))
-        )
-        values = dict(fitted.values(linear, shape))
+        shape = None
+        if effect.fitted.nonlinear:
+            shape = np.array([self.shapes[t] for t in group]).T
+        values = dict(effect.values_at(linear, shape))
         if effect.scope != "joint":
             values = {
                 name: np.squeeze(value, axis=-1) for name, value in values.items()
             }
         if effect.scope == "link":
             values = {"link": np.array(float(group[0].joint)), **values}
-        bounded = {
-            p.name: np.clip(values[p.name], *p.bounds) for p in effect.parameters
-        }
         return AppliedEffect(
             effect.name,
             tuple(t.joint for t in group) if effect.scope == "joint" else (),
-            bounded,
+            values,
         )
 
     def clipped(
@@ -174,7 +178,7 @@ class Terms:
         out = theta.copy()
         named = None if effects is None else frozenset(effects)
         for effect in self.definitions:
-            clip = parametrisation_of(effect).clip
+            clip = effect.fitted.clip
             if clip is not None and (named is None or effect.name in named):
                 block = self.block(effect.name)
                 out[block] = clip(out[block])
@@ -199,9 +203,3 @@ def count_findings(terms: Iterable[Term]) -> int:
 def cost(terms: Iterable[Term]) -> int:
     """Number of parameters that terms spend."""
     return sum(term.parametrisation.cost for term in terms)
-
-
-def parametrisation_of(effect: Effect) -> Parametrisation:
-    """How an effect is fitted, of those that the torque gap can show."""
-    assert effect.parametrisation is not None
-    return effect.parametrisation

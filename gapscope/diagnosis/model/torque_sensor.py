@@ -28,10 +28,9 @@ from gapscope.diagnosis.gap.noise_floor import (
     steady_floor,
 )
 from gapscope.diagnosis.gap.prediction import Prediction, without
-from gapscope.diagnosis.model.body_jacobian import bodily_columns
-from gapscope.diagnosis.model.body_point import Bodies
+from gapscope.diagnosis.model.body_point import Bodies, bodily_columns
 from gapscope.diagnosis.model.fold import EquationRows
-from gapscope.diagnosis.model.jacobian import moved_arm, steps, torque_size
+from gapscope.diagnosis.model.jacobian import moved_arms, steps, torque_size
 from gapscope.diagnosis.model.terms import Terms
 from gapscope.diagnosis.thresholds import (
     EFFECT_FORM,
@@ -43,7 +42,6 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import explained
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Signals, TorqueLaw
-from gapscope.effects.transmission import SPRING
 from gapscope.ident.signals.conditioning import Segment
 
 
@@ -104,7 +102,7 @@ def link_rows(
     theta: np.ndarray,
     zero: np.ndarray,
 ) -> LinkRows:
-    """Rows of a segment's joint torque sensors at every sample; the columns of ``link_inertia`` are left zero.
+    """Rows of a segment's joint torque sensors at every sample; the columns of changed links are left zero.
 
     Args:
         corrected: the arm with the effects of theta.
@@ -127,17 +125,16 @@ def link_rows(
     derivatives = bodily_columns(at, segment, bodies, terms, theta)
     columns[:, :, list(derivatives)] = np.stack(list(derivatives.values()), axis=2)
     joints, size = np.arange(n), torque_size(at)
-    stiffness, rest = terms.block(SPRING.name)
-    columns[:, joints, stiffness] = arm.true_position(motion.q)
-    columns[:, joints, rest] = -1.0
     for law in explained():
-        if not isinstance(law, TorqueLaw) or law.side != "link" or law is SPRING:
+        if not isinstance(law, TorqueLaw) or law.side != "link":
             continue
         step = steps(law, size)
         for i, places in enumerate(terms.block(law.name)):
-            moved = moved_arm(arm, terms, theta, law.name, i, step)
-            if moved is not None:
-                change = link_torque(moved, laden, motion) - link
+            arms = moved_arms(arm, terms, theta, law.name, i, step)
+            if arms is not None:
+                moved, begun = arms
+                before = link if begun is None else link_torque(begun, laden, motion)
+                change = link_torque(moved, laden, motion) - before
                 columns[:, joints, places] = change / step
     floors = [
         floor(corrected, laden, segment) for floor in (actuator_floor, link_floor)

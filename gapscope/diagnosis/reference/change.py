@@ -64,27 +64,24 @@ def combined(
     first: tuple[AppliedEffect, ...], second: tuple[AppliedEffect, ...]
 ) -> tuple[AppliedEffect, ...]:
     """Effects on top of others; torque offsets add up, those below a new torque scale counted by it."""
-    offset = _per_joint(first, "torque_offset", "torque")
-    if not offset:
+    offsets = [e for e in first if "offset" in e.effect.quantities.values()]
+    if not offsets:
         return (*first, *second)
-    scale = _per_joint(second, "torque_scale", "scale")
-    offset = {j: v * (1.0 + scale.get(j, 0.0)) for j, v in offset.items()}
-    for j, v in _per_joint(second, "torque_offset", "torque").items():
-        offset[j] = offset.get(j, 0.0) + v
-    joints = tuple(sorted(offset))
-    merged = AppliedEffect(
-        "torque_offset", joints, {"torque": np.array([offset[j] for j in joints])}
+    name, parameter = offsets[0].name, offsets[0].effect.names[0]
+    joints = sorted({j for e in (*first, *second) if e.name == name for j in e.joints})
+    n = max(joints)
+    below, above = (
+        sum((e.per_joint(parameter, n) for e in some if e.name == name), np.zeros(n))
+        for some in (first, second)
     )
-    return (merged, *(e for e in (*first, *second) if e.name != "torque_offset"))
-
-
-def _per_joint(
-    effects: tuple[AppliedEffect, ...], name: str, parameter: str
-) -> dict[int, float]:
-    """Values of a parameter by joint."""
-    return {
-        j: float(v)
-        for e in effects
-        if e.name == name
-        for j, v in zip(e.joints, e.parameters[parameter], strict=True)
-    }
+    scale = np.zeros(n)
+    for applied in second:
+        if "scale" in applied.effect.quantities.values():
+            own = applied.parameters[applied.effect.names[0]]
+            for joint, value in zip(applied.joints, own, strict=True):
+                if joint <= n:
+                    scale[joint - 1] += value
+    total = below * (1.0 + scale) + above
+    places = np.array(joints) - 1
+    merged = AppliedEffect(name, tuple(joints), {parameter: total[places]})
+    return (merged, *(e for e in (*first, *second) if e.name != name))

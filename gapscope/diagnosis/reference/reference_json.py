@@ -9,6 +9,8 @@ import numpy as np
 from gapscope.diagnosis.model.nuisance_prior import inverse
 from gapscope.diagnosis.reference.change import Change
 from gapscope.diagnosis.thresholds import FRICTION_DAY_TO_DAY
+from gapscope.effects.catalogue import known_effect
+from gapscope.effects.effect import SHEET, LinkChange
 
 SCALED = (
     "masses are measured with the torque of the reference: were its torque constants wrong by a factor on all joints, "
@@ -22,9 +24,8 @@ def comparison_entry(change: Change) -> dict[str, Any]:
     content = dict(change.diagnosis.document)
     content["against"] = _against(change)
     notes = [f"reference: {text}" for text in change.reference.warnings]
-    if any(
-        effect["effect"] in ("payload", "link_inertia") for effect in content["effects"]
-    ):
+    named = [known_effect(effect["effect"]) for effect in content["effects"]]
+    if any(isinstance(effect, LinkChange) for effect in named):
         notes.append(SCALED)
     content["warnings"] = [*content.get("warnings", []), *notes]
     return content
@@ -36,7 +37,7 @@ def _against(change: Change) -> dict[str, Any]:
     places = reference.places(("I", "c", "b"))
 
     def of_value(value: np.ndarray) -> dict[str, Any]:
-        names = ("armature", "coulomb", "viscous")
+        names = (SHEET["rotor"], SHEET["friction"], SHEET["damping"])
         return dict(zip(names, value[places].tolist(), strict=True))
 
     deviation = np.sqrt(np.diag(inverse(reference.precision)))

@@ -1,25 +1,95 @@
 """Compliant joints: found by what is simulated of them, each as elasticity or as backlash, and dropped if not needed.
 
 Elasticity twists in proportion to the torque, free play jumps where the torque changes its sign. A linearisation around
-no compliance shows neither, so that each is fitted from its own simulated start, and the two are compared as fitted.
+no compliance shows neither. What each effect offers as starts is simulated on each joint and compared with what the
+model leaves; fits begin at the best, and the two are compared as fitted.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import NamedTuple
+
+import numpy as np
 
 from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.fitted_model import Model, fit_terms
 from gapscope.diagnosis.selection.refinement import refine
-from gapscope.diagnosis.selection.resonance_starts import Start, starts
 from gapscope.diagnosis.selection.visibility import closed_between
 from gapscope.diagnosis.thresholds import (
+    COMPLIANCE_RATIO,
+    COMPLIANCE_START_GAIN,
     COMPLIANCE_START_SHARE,
     COMPLIANCE_STARTS_TRIED,
     MOVE_GAIN,
     VISIBLE_EFFECT,
 )
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import Transmission
+
+
+@dataclass(frozen=True)
+class Start:
+    """A term with values to begin with.
+
+    Attributes:
+        term: a transmission of one joint, elasticity or backlash.
+        values: linear coordinates.
+        gain: what these values explain of the residual [nats].
+    """
+
+    term: Term
+    values: np.ndarray
+    gain: float
+
+
+def starts(model: Model, joints: Iterable[int] | None = None) -> list[Start]:
+    """The best start of each effect on each joint that is not compliant yet, the most promising first.
+
+    Args:
+        model: the model whose residual is to be explained.
+        joints: joints to look at, from 1; all if ``None``.
+    """
+    if model.data.arm.encoder != "motor":
+        return []
+    taken = {t.joint for t in model.fit.terms if not t.definition.locally_linear}
+    looked_at = _joints_above_floor(model) - taken
+    if joints is not None:
+        looked_at &= set(joints)
+    if not looked_at:
+        return []
+    arm = CorrectedArm(model.data.arm, model.terms.effects(model.linear.theta))
+    bodies, best = model.data.compliance.of(arm), dict[Term, Start]()
+    # recorded is what reaches the joint over the scale of its torque
+    recorded = 1.0 / (1.0 + arm.quantity("scale"))
+    for term in model.terms.all:
+        effect, j = term.definition, term.joint - 1
+        # bodies on the way of a search may have negative mass
+        skipped = term.joint not in looked_at or bodies.mass[j] <= 0
+        if skipped or not isinstance(effect, Transmission):
+            continue
+        needed = np.concatenate([torque[:, j] for torque in bodies.torque])
+        for values in effect.starts(bodies.mass[j], needed):
+            torque = bodies.added(effect, j, values)
+            gain = model.linear.scan_residual.gain(torque * recorded)
+            known = best[term].gain if term in best else 0.0
+            if gain > max(known, COMPLIANCE_START_GAIN):
+                best[term] = Start(term, values, gain)
+    return sorted(best.values(), key=lambda start: -start.gain)
+
+
+def _joints_above_floor(model: Model) -> set[int]:
+    """Joints, from 1, whose residual exceeds the floor, or what a reference leaves, by enough to look for compliance.
+
+    What bends or rattles shows on its own joint, whatever it does to the others.
+    """
+    rows, floor2 = model.evidence.rows, model.evidence.floor2
+    if model.data.reference is not None:
+        floor2 = np.maximum(floor2, model.data.reference.rest**2)
+    residual2 = (model.fit.held_out_mse * rows).sum(axis=0)
+    ratio2 = residual2 / (floor2 * rows).sum(axis=0)
+    return {int(j) + 1 for j in np.flatnonzero(ratio2 >= COMPLIANCE_RATIO**2)}
 
 
 class Compliance(NamedTuple):

@@ -7,24 +7,19 @@ import numpy as np
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.joint_units import size_per_radian
 from gapscope.arm.nominal import NominalArm
-from gapscope.diagnosis.model.terms import Terms, parametrisation_of
-from gapscope.diagnosis.thresholds import LEAST_DELAY, LEAST_LINK_MASS
+from gapscope.diagnosis.model.terms import Terms
 
 
 def lowest_values(arm: NominalArm, body: RigidBody, terms: Terms) -> np.ndarray:
-    """Lowest values: friction, armature and the last link's mass may not fall below zero in total.
-
-    A delay must be longer than what sampling explains.
-    """
+    """Lowest values, (P,): as the effects say; what adds to the data sheet may not fall below zero in total."""
     lowest = np.full(terms.size, -np.inf)
+    masses = body.inertial_parameters()[::10]
     for effect in terms.definitions:
-        fitted, places = parametrisation_of(effect), terms.block(effect.name)[0]
-        lowest[places] = LEAST_DELAY if effect.delays else fitted.lowest
+        fitted, places = effect.fitted, terms.block(effect.name)[0]
+        least = fitted.lowest
+        lowest[places] = least(masses, body.last_link) if callable(least) else least
         if fitted.data_sheet is not None:
             lowest[places] = -getattr(arm, fitted.data_sheet) - 1e-9
-    masses = body.inertial_parameters()[::10]
-    lowest[terms.block("payload")[0]] = -masses[body.last_link]
-    lowest[terms.block("link_inertia")[0]] = (LEAST_LINK_MASS - 1.0) * masses
     return lowest
 
 
@@ -35,7 +30,7 @@ def stated_bounds(arm: NominalArm, terms: Terms) -> np.ndarray:
     """
     bounds = np.full(terms.size, -np.inf)
     for effect in terms.definitions:
-        stated = parametrisation_of(effect).data_sheet
+        stated = effect.fitted.data_sheet
         if stated is not None:
             nominal = getattr(arm, stated)
             places = terms.block(effect.name)[0]
@@ -47,7 +42,7 @@ def usual_sizes(arm: NominalArm, terms: Terms) -> np.ndarray:
     """Usual sizes of the coordinates, (P,), infinite for those that the torque alone bounds."""
     usual = np.full(terms.size, np.inf)
     for effect in terms.definitions:
-        size: float | np.ndarray = parametrisation_of(effect).usual
+        size: float | np.ndarray = effect.fitted.usual
         alone = effect.scope == "joint" and len(effect.parameters) == 1
         if alone and effect.reach != "motor":
             size = size * size_per_radian(effect.parameters[0].unit, arm.sliding)

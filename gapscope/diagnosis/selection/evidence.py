@@ -326,16 +326,15 @@ class Evidence:
     def _impossible(self, theta: np.ndarray, terms: frozenset[Term]) -> frozenset[Term]:
         """Terms whose values cannot be, or that say the same as others of the set."""
         impossible = self.terms.impossible(theta, terms, self.lowest)
-        payload = frozenset(self.terms.of("payload"))
-        last_link = self.terms.of("link_inertia")[self.linear.body.last_link]
-        # a payload is part of the last link
-        if payload | {last_link} <= terms:
-            impossible |= payload
-        taken = theta[self.terms.block("payload")[0]].min() < 0
-        if taken and payload <= terms:
-            loads = self.terms.effects(theta, payload)
-            if feeds_energy(self.linear.arm, self.linear.body, loads):
-                impossible |= payload
+        last = self.linear.body.last_link + 1
+        loads = frozenset(t for t in terms if t.is_load)
+        # a load is part of the last link
+        if loads and any(t.changes_link(last) for t in terms):
+            impossible |= loads
+        if any(theta[t.columns[0]] < 0 for t in loads):
+            effects = self.terms.effects(theta, loads)
+            if feeds_energy(self.linear.arm, self.linear.body, effects):
+                impossible |= loads
         return impossible
 
 

@@ -17,9 +17,7 @@ from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.fitted_model import Model, fit_terms
 from gapscope.diagnosis.selection.visibility import closed_between
 from gapscope.diagnosis.thresholds import LINK_OVER_PAYLOAD, VISIBLE_EFFECT
-from gapscope.effects.rigid_body import link_change
-
-LOAD, LINK = "payload", "link_inertia"
+from gapscope.effects.effect import LinkChange
 
 
 def prefer_payload(model: Model) -> Model:
@@ -27,13 +25,14 @@ def prefer_payload(model: Model) -> Model:
 
     No load is the same body if mass is missing. The link is far better if the evidence says so and a person sees it.
     """
-    link = _last_link(model)
-    if link is None or any(t.effect == LOAD for t in model.fit.terms):
+    last = model.data.body.last_link + 1
+    link = next((t for t in model.fit.terms if t.changes_link(last)), None)
+    payload = next((t for t in model.terms.all if t.is_load), None)
+    if link is None or payload is None or payload in model.fit.terms:
         return model
     load = _as_load(model, link)
     if load[0] <= 0:
         return model
-    (payload,) = model.terms.of(LOAD)
     others = model.fit.terms - {link}
     # around values of the same body: from nothing a heavy load far out is not found beside another changed link
     starts = {t: model.fit.theta[list(t.columns)] for t in others} | {payload: load}
@@ -46,14 +45,9 @@ def prefer_payload(model: Model) -> Model:
     return loaded
 
 
-def _last_link(model: Model) -> Term | None:
-    """The changed last link among the terms of a model."""
-    term = model.terms.of(LINK)[model.data.body.last_link]
-    return term if term in model.fit.terms else None
-
-
 def _as_load(model: Model, link: Term) -> np.ndarray:
     """Mass [kg] and first moment [kg m] of the load that is the same body as a changed last link, (4,)."""
+    assert isinstance(link.definition, LinkChange)
     own = model.data.body.inertial_parameters().reshape(-1, 10)[link.joint - 1]
-    change = model.fit.theta[list(link.columns)]
-    return link_change(own, np.array(link.joint), change[0], change[1:])[:4]
+    (effect,) = model.terms.effects(model.fit.theta, [link])
+    return link.definition.change(own, *effect.parameters.values())[:4]

@@ -66,8 +66,9 @@ def _with_a_term_swapped(
             if other.joint in (term.joint, 0):
                 yield (chosen - {term}) | {other}
         if term.joint == 0:
-            for link in terms.of("link_inertia"):
-                yield (chosen - {term}) | {link}
+            for link in terms.all:
+                if link.definition.scope == "link":
+                    yield (chosen - {term}) | {link}
 
 
 def _effects(terms: list[Term]) -> list[str]:

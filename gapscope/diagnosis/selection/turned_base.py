@@ -11,33 +11,26 @@ from gapscope.diagnosis.setup_faults.gravity_direction import (
 )
 from gapscope.diagnosis.thresholds import TURNED_BASE_FALL
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.environment import BASE_TILT, tilt
-
-ON_SIDE = 1.35
-"""Pitch of an arm on a wall [rad], short of a right angle, at which roll changes nothing."""
-TURNS = tuple(
-    np.array(turn)
-    for turn in (
-        (np.pi, 0.0),
-        (np.pi / 2, 0.0),
-        (-np.pi / 2, 0.0),
-        (0.0, ON_SIDE),
-        (0.0, -ON_SIDE),
-    )
-)
-"""Roll and pitch of an arm that hangs, and of arms on a wall [rad]."""
+from gapscope.effects.effect import Turn
 
 
 def add_turned_base(nominal: Model) -> Model:
-    """The model with ``base_tilt`` from the turn that takes most of the gap away, if it takes most of it."""
-    turns = [*TURNS, *_fitted_turn(nominal)]
-    gaps = [_gap_square(nominal, turn) for turn in turns]
-    best = int(np.argmin(gaps))
-    if gaps[best] > (1.0 - TURNED_BASE_FALL) * _gap_square(nominal, np.zeros(2)):
-        return nominal
-    (term,) = nominal.terms.of(BASE_TILT.name)
-    turned = fit_terms(nominal, frozenset({term}), {term: turns[best]})
-    return turned if nominal.gain_of(turned) > 0 else nominal
+    """The model with the turn of the base that takes most of the gap away, if one does, of the effect's starts."""
+    gravity = nominal.data.body.gravity
+    upright = _gap_square(nominal, gravity)
+    for term in nominal.terms.all:
+        effect = term.definition
+        if not isinstance(effect, Turn):
+            continue
+        turns = [*map(np.array, effect.far), *_fitted_turn(nominal)]
+        gaps = [_gap_square(nominal, effect.rotation(*x).T @ gravity) for x in turns]
+        best = int(np.argmin(gaps))
+        if gaps[best] > (1.0 - TURNED_BASE_FALL) * upright:
+            continue
+        turned = fit_terms(nominal, frozenset({term}), {term: turns[best]})
+        if nominal.gain_of(turned) > 0:
+            return turned
+    return nominal
 
 
 def _fitted_turn(model: Model) -> list[np.ndarray]:
@@ -63,12 +56,11 @@ def _fitted_turn(model: Model) -> list[np.ndarray]:
     return [] if turn is None else [np.array(turn)]
 
 
-def _gap_square(model: Model, turn: np.ndarray) -> float:
-    """Squared gap of the nominal arm with its base turned, over that of the torques, summed over rows [1]."""
+def _gap_square(model: Model, gravity: np.ndarray) -> float:
+    """Squared gap of the nominal arm under another gravity, over that of the torques, summed over rows [1]."""
     data = model.data
     arm = CorrectedArm(data.arm)
-    gravity = data.body.gravity
-    change = tilt(*turn).T @ gravity - gravity
+    change = gravity - data.body.gravity
     total = 0.0
     for segment, bodies in zip(data.segments, data.bodies, strict=True):
         assert segment.torque is not None

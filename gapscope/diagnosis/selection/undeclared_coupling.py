@@ -16,13 +16,6 @@ from gapscope.diagnosis.model.linearisation import Linearisation
 from gapscope.diagnosis.selection.evidence import Evidence, Fit, evidences
 from gapscope.diagnosis.selection.search import Selection
 from gapscope.diagnosis.thresholds import COUPLING_CLOSES, MOVE_GAIN
-from gapscope.effects.coupled_motors import COUPLED_COULOMB, COUPLED_VISCOUS
-from gapscope.effects.friction import COULOMB, VISCOUS
-
-OWN = (COULOMB.name, VISCOUS.name)
-"""Friction that both joints of a pair may have beside what they share."""
-SHARED = (COUPLED_COULOMB.name, COUPLED_VISCOUS.name)
-"""Friction of the motor."""
 
 
 @dataclass(frozen=True)
@@ -89,8 +82,11 @@ def _weighed(
 ) -> UndeclaredCoupling | None:
     """A pair of joints with the evidence of a common motor; ``None`` if that closes too little on either."""
     every = evidence.terms.all
-    own = {t for t in every if t.effect in OWN and t.joint in (joint, motor)}
-    shared = {t for t in every if t.effect in SHARED and t.joint == motor}
+    # friction of the motor, and that which both joints may have beside what they share
+    frictions = [t for t in every if t.definition.family == "friction"]
+    shared = {t for t in frictions if t.definition.on_joint and t.joint == motor}
+    alike = {t.definition.on_joint for t in shared}
+    own = {t for t in frictions if t.effect in alike and t.joint in (joint, motor)}
     apart = evidence.fit_possible(selection.fit.terms | own)
     common = evidence.fit_possible(apart.terms | shared)
     if not common.terms & shared:

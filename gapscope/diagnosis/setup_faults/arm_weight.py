@@ -28,8 +28,8 @@ def weight_penalty(eq: FoldEquations, torque: ReadTorque, spread: float) -> floa
     0 for an arm that is as heavy as its model or more: a load may add any weight.
 
     Args:
-        eq: normal equations under a mapping.
-        torque: the torque as the mapping reads it.
+        eq: normal equations under a reading.
+        torque: the torque as the reading reads it.
         spread: factor on the deviation of the prior.
     """
     share, std = weight_share(eq, torque)

@@ -1,158 +1,86 @@
-"""The setup faults that may be in a case: each with the mapping of the channels that puts it right."""
+"""What a case shows under a reading, from which faults tell where they may be; and bases turned, which look like them.
+
+A torque's factor is looked for from where the nominal arm has it: with what friction and an offset explain taken out of
+both, torque and nominal torque of a joint have variances whose ratio is the square of the factor.
+"""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
-from gapscope.diagnosis.setup_faults.channel_mapping import (
-    ChannelMapping,
-    flipped,
-    offset_by,
-    scaled,
-    shifted,
-    swapped,
-    timed,
-    turned,
-)
+from gapscope.arm.reading import Reading
 from gapscope.diagnosis.setup_faults.fault_samples import FaultSamples
-from gapscope.diagnosis.thresholds import (
-    FEW_FAR_JOINTS,
-    GEAR_RATIO_STARTS,
-    RATE_STARTS,
-    ZERO_STARTS,
+from gapscope.diagnosis.setup_faults.nuisance import (
+    COULOMB,
+    OFFSET,
+    VISCOUS,
+    FoldEquations,
 )
+from gapscope.diagnosis.thresholds import KNOWN_FACTOR_R2
+from gapscope.effects.catalogue import of_quantity
+from gapscope.effects.setup_faults.fault import Fault, Look
 
-DEGREE = np.pi / 180
 TURN = 2 * np.pi
-TURNED_BASE = "base_tilt"
-"""Name of the effect that competes with faults."""
 
 
 @dataclass(frozen=True)
-class FaultCandidate:
-    """A setup fault with its values, and the mapping that puts recordings with it right.
+class TurnedBase(Fault):
+    """A base turned by roll and pitch [rad].
 
-    Attributes:
-        name: name of the fault, a key of ``gapscope.effects.setup_faults.fault_catalogue.FAULTS``.
-        joints: from 1; empty for the whole arm.
-        variant: which channel, unit or kind; empty if the fault has only one.
-        mapping: puts it right.
-        values: its continuous parameters by name, one per joint or one for the arm.
+    No fault: it is an effect, which the search finds. Here it competes with the faults that look like it: all torques
+    turned are gravity turned, but for friction and inertia.
     """
 
-    name: str
-    joints: tuple[int, ...]
-    variant: str
-    mapping: ChannelMapping
-    values: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    name = of_quantity("gravity")[0].name
+    roll: float
+    pitch: float
+
+    def reading(self, n: int) -> Reading:
+        """With the base turned."""
+        return Reading.identity(n, turn=(self.roll, self.pitch))
 
 
-def torque_candidates(n: int) -> list[FaultCandidate]:
-    """Faults of the torque alone, which leave the predicted torque as it is.
-
-    Two flips are tried together: each may hide the other, since links share their inertials.
-    """
-    flips = [_flip(n, j, "torque") for j in range(n)]
-    double_flips = [
-        replace(a, joints=a.joints + b.joints, mapping=a.mapping.then(b.mapping))
-        for a, b in itertools.combinations(flips, 2)
-    ]
-    swaps = [_swap(n, pair, "torque") for pair in _pairs(n)]
-    all_joints = tuple(range(1, n + 1))
-    negated = replace(ChannelMapping.identity(n), torque_factor=(-1.0,) * n)
-    all_flipped = FaultCandidate("sign_flip", all_joints, "torque", negated)
-    return [*flips, *double_flips, *swaps, all_flipped]
+HALF, QUARTER = np.pi, np.pi / 2
+TURNED_BASES = (
+    TurnedBase(HALF, 0.0),
+    TurnedBase(QUARTER, 0.0),
+    TurnedBase(-QUARTER, 0.0),
+    TurnedBase(0.0, QUARTER),
+    TurnedBase(0.0, -QUARTER),
+)
+"""Arms that hang, or are mounted sideways."""
 
 
-def motion_candidates(n: int) -> list[FaultCandidate]:
-    """Flips and swaps of positions, with the torque or without, and other zeros."""
-    flips = [
-        _flip(n, j, channel) for j in range(n) for channel in ("position", "joint")
-    ]
-    swaps = [_swap(n, pair, "joint") for pair in _pairs(n)]
-    zeros = [zero_offset(n, j, start) for j in range(n) for start in ZERO_STARTS]
-    return [*flips, *swaps, *zeros]
-
-
-def arm_candidates(n: int) -> list[FaultCandidate]:
-    """Shifted inertials, wrong rates, and bases turned."""
-    rates = [wrong_rate(n, amount) for amount in RATE_STARTS]
-    return [*inertial_candidates(n), *rates, *turned_bases(n)]
-
-
-def turned_bases(n: int) -> list[FaultCandidate]:
-    """Arms that hang, or are mounted sideways.
-
-    No faults: a turned base is an effect, ``base_tilt``, which the search finds. Here it competes with the faults that
-    look like it: all torques turned are gravity turned, but for friction and inertia.
-    """
-    half, quarter = np.pi, np.pi / 2
-    turns = [
-        (half, 0.0),
-        (quarter, 0.0),
-        (-quarter, 0.0),
-        (0.0, quarter),
-        (0.0, -quarter),
-    ]
-    return [turned_base(n, *turn) for turn in turns]
-
-
-def turned_base(n: int, roll: float, pitch: float) -> FaultCandidate:
-    """A base turned by roll and pitch [rad]."""
-    return FaultCandidate(TURNED_BASE, (), "", turned(n, roll, pitch))
-
-
-def inertial_candidates(n: int) -> list[FaultCandidate]:
-    """Inertials one link off either way, among all links or among those that a joint moves."""
-    return [
-        FaultCandidate(
-            "shifted_inertials",
-            (),
-            "",
-            shifted(n, -by, moved_only),
-            {"by": (float(by),)},
-        )
-        for moved_only in (False, True)
-        for by in (1, -1)
-    ]
-
-
-def unit_candidates(
-    arm: NominalArm, samples: FaultSamples, mapping: ChannelMapping
-) -> list[FaultCandidate]:
-    """Degrees on each joint, all, and those that move too far; revolutions on all; motor side on those too far."""
+def look_at(
+    arm: NominalArm,
+    samples: FaultSamples,
+    equations: FoldEquations,
+    reading: Reading,
+    rate_is_known: bool,
+) -> Look:
+    """What samples of a case show under a reading, given the equations under it."""
+    factor, known = factor_starts(equations, reading)
     n = arm.n_joints
-    far = joints_beyond_range(arm, samples, mapping)
-    turning = tuple(j for j in range(n) if not arm.sliding[j])
-    in_degrees = {(j,) for j in turning} | ({turning} if turning else set())
-    on_motor_side: set[tuple[int, ...]] = set()
-    # joints that travel too far probably share one cause
-    if far:
-        in_degrees |= {tuple(j for j in far if j in turning)} - {()}
-        on_motor_side.add(far)
-    if len(far) < FEW_FAR_JOINTS:
-        on_motor_side |= {(j,) for j in far}
-    found = [degrees(n, joints) for joints in sorted(in_degrees)]
-    if turning:
-        found.append(revolutions(n, turning))
-    for joints in sorted(on_motor_side):
-        found += [
-            motor_side(n, joints, (ratio,) * len(joints)) for ratio in GEAR_RATIO_STARTS
-        ]
-    return found
+    return Look(
+        reading,
+        tuple(np.flatnonzero(~np.array(arm.sliding)).tolist()),
+        joints_beyond_range(arm, samples, reading),
+        factor,
+        known,
+        bool(np.diag(equations.products.sum(axis=0))[n:].any()),
+        rate_is_known or reading.differs("time_factor"),
+    )
 
 
 def joints_beyond_range(
-    arm: NominalArm, samples: FaultSamples, mapping: ChannelMapping
+    arm: NominalArm, samples: FaultSamples, reading: Reading
 ) -> tuple[int, ...]:
     """Joints, from 0, that travel more than a turn, or farther than their limits in the URDF are apart."""
-    q, _, _ = mapping.motion(samples.q, samples.dq, samples.ddq)
+    q, _, _ = reading.true_motion(samples.q, samples.dq, samples.ddq)
     travel = np.ptp(q, axis=0)
     lower, upper = RigidBody(arm).position_limits()
     # a slide may travel as far as its limits allow
@@ -161,68 +89,22 @@ def joints_beyond_range(
     return tuple(int(j) for j in np.flatnonzero(travel > allowed))
 
 
-def degrees(n: int, joints: tuple[int, ...]) -> FaultCandidate:
-    """Positions of joints, from 0, in degrees."""
-    return FaultCandidate(
-        "unit_mismatch", _from_one(joints), "degrees", scaled(n, joints, DEGREE)
-    )
-
-
-def revolutions(n: int, joints: tuple[int, ...]) -> FaultCandidate:
-    """Positions of joints, from 0, in revolutions."""
-    mapping = scaled(n, joints, TURN)
-    return FaultCandidate("unit_mismatch", _from_one(joints), "revolutions", mapping)
-
-
-def motor_side(
-    n: int, joints: tuple[int, ...], ratios: tuple[float, ...]
-) -> FaultCandidate:
-    """Positions and torques of joints, from 0, on the motor's side of gears with these ratios [1]."""
-    motion_factor, torque_factor = [1.0] * n, [1.0] * n
-    for joint, ratio in zip(joints, ratios, strict=True):
-        motion_factor[joint] = 1.0 / ratio
-        torque_factor[joint] = ratio
-    mapping = replace(
-        ChannelMapping.identity(n),
-        motion_factor=tuple(motion_factor),
-        torque_factor=tuple(torque_factor),
-    )
-    values = {"ratio": tuple(ratios)}
-    return FaultCandidate(
-        "unit_mismatch", _from_one(joints), "motor_side", mapping, values
-    )
-
-
-def zero_offset(n: int, joint: int, offset: float) -> FaultCandidate:
-    """Positions of a joint, from 0, recorded with an angle [rad] beyond the true ones."""
-    values = {"offset": (offset,)}
-    mapping = offset_by(n, joint, -offset)
-    return FaultCandidate("zero_offset", (joint + 1,), "", mapping, values)
-
-
-def wrong_rate(n: int, amount: float) -> FaultCandidate:
-    """Stamps made with ``amount`` times the true period [1]."""
-    return FaultCandidate(
-        "time_stamps", (), "wrong_rate", timed(n, 1.0 / amount), {"amount": (amount,)}
-    )
-
-
-def _pairs(n: int) -> list[tuple[int, int]]:
-    """Pairs of joints, from 0, the smaller number first."""
-    return [(i, j) for j in range(n) for i in range(j)]
-
-
-def _from_one(joints: tuple[int, ...]) -> tuple[int, ...]:
-    return tuple(j + 1 for j in joints)
-
-
-def _flip(n: int, joint: int, channel: str) -> FaultCandidate:
-    return FaultCandidate(
-        "sign_flip", (joint + 1,), channel, flipped(n, joint, channel)
-    )
-
-
-def _swap(n: int, pair: tuple[int, int], channel: str) -> FaultCandidate:
-    return FaultCandidate(
-        "joint_swap", _from_one(pair), channel, swapped(n, pair, channel)
-    )
+def factor_starts(eq: FoldEquations, reading: Reading) -> tuple[np.ndarray, np.ndarray]:
+    """Nominal over read torque of each joint [1], (n,), and of which joints it is known, (n,)."""
+    torque = eq.read(reading)
+    cross, square = torque.cross.sum(axis=0), torque.square.sum(axis=0)
+    gram, n, shared = eq.gram.sum(axis=0), len(square), eq.shared
+    nuisances = shared + np.array([COULOMB, VISCOUS, OFFSET])
+    factors, explained = np.ones(n), np.zeros(n)
+    for j in range(n):
+        signals = np.empty((2, 2))
+        signals[0] = square[j], cross[j, shared]
+        signals[1] = cross[j, shared], gram[j, shared, shared]
+        by_nuisance = np.stack([cross[j, nuisances], gram[j, nuisances, shared]])
+        own = gram[j][np.ix_(nuisances, nuisances)]
+        left = signals - by_nuisance @ np.linalg.pinv(own) @ by_nuisance.T
+        recorded, nominal = np.maximum(np.diag(left), 0.0)
+        if recorded > 0 and nominal > 0:
+            factors[j] = np.sqrt(nominal / recorded)
+            explained[j] = left[0, 1] ** 2 / (recorded * nominal)
+    return factors, explained > KNOWN_FACTOR_R2

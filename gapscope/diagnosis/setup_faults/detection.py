@@ -19,8 +19,7 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.gap.excerpt import excerpt
 from gapscope.diagnosis.gap.plausible_data import check_rates
 from gapscope.diagnosis.gap.torque_gap import torque_gap
-from gapscope.diagnosis.setup_faults.candidates import inertial_candidates
-from gapscope.diagnosis.setup_faults.fault_search import faults_by_torque, found_fault
+from gapscope.diagnosis.setup_faults.fault_search import faults_by_torque
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.diagnosis.setup_faults.merge import merged
 from gapscope.diagnosis.setup_faults.time_stamps import find_jitter, find_stamps
@@ -35,6 +34,7 @@ from gapscope.diagnosis.thresholds import (
     SHIFTED_INERTIALS_FALL,
 )
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
 from gapscope.ident.signals.conditioning import (
     Segment,
     condition,
@@ -93,16 +93,15 @@ def _shifted_inertials(case: Case) -> list[FoundFault]:
     before = _nrmse_of(case.arm, segments)
     if before is None or before.max() < NOMINAL_RIGHT_RATIO * NOMINAL_RIGHT_NRMSE:
         return []
-    for candidate in inertial_candidates(case.arm.n_joints):
-        fault = found_fault(candidate, (), OBVIOUS_FAULT_PROBABILITY)
+    for fault in ShiftedInertials.one_link_off():
         try:
-            after = _nrmse_of(fault.repair_arm(case.arm), segments)
+            after = _nrmse_of(fault.reading(case.arm.n_joints).arm(case.arm), segments)
         except GapscopeError:
             continue  # moved this way, the inertials leave no arm
         if after is None or after.max() >= NOMINAL_RIGHT_NRMSE:
             continue
         if after.max() * NOMINAL_RIGHT_RATIO < before.max():
-            return [fault]
+            return [FoundFault(fault, OBVIOUS_FAULT_PROBABILITY)]
     return []
 
 
@@ -114,9 +113,9 @@ def _lowers_gap(fault: FoundFault, alone: bool) -> bool:
         alone: whether one recording shows it.
     """
     without, after = fault.gap_without_this, fault.gap_after
-    shown_by_torque = fault.mapping is not None and not fault.recordings
-    # friction that the nominal arm lacks hides from its gap at what time the torque was recorded
-    if not shown_by_torque or without is None or fault.name == "late_torque":
+    # what concerns some recordings shows in themselves; friction that the nominal arm lacks hides from its gap at what
+    # time the torque was recorded
+    if fault.recordings or without is None or fault.name == "late_torque":
         return True
     # read that way the recordings leave no gap to look at: too short, or no arm
     if after is None:

@@ -11,29 +11,19 @@ from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.nominal import NominalArm
+from gapscope.arm.reading import Reading
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.setup_faults.candidates import (
-    TURNED_BASE,
-    FaultCandidate,
-    arm_candidates,
+    TURNED_BASES,
+    TurnedBase,
     joints_beyond_range,
-    motion_candidates,
-    torque_candidates,
-    turned_base,
-    turned_bases,
-    unit_candidates,
+    look_at,
 )
-from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
 from gapscope.diagnosis.setup_faults.fault_samples import sample
-from gapscope.diagnosis.setup_faults.found_fault import FaultParameter, FoundFault
-from gapscope.diagnosis.setup_faults.mapping_score import MappingScore, MappingScorer
+from gapscope.diagnosis.setup_faults.found_fault import FoundFault
+from gapscope.diagnosis.setup_faults.reading_score import ReadingScore, ReadingScorer
 from gapscope.diagnosis.setup_faults.refine import refined
 from gapscope.diagnosis.setup_faults.time_stamps import rate_error
-from gapscope.diagnosis.setup_faults.torque_column import (
-    is_ordinary,
-    late_torque,
-    torque_column_candidates,
-)
 from gapscope.diagnosis.thresholds import (
     COMMON_DELAY_LOSS,
     FAULT_COARSE_STEP,
@@ -52,9 +42,15 @@ from gapscope.diagnosis.thresholds import (
     LATE_JOINT_LOSS,
     LATE_REFERENCE_SHARE,
     OTHER_DELAYS,
-    TORQUE_DELAY_STARTS,
 )
+from gapscope.effects.setup_faults.channel_faults import JointSwap, UnitMismatch
+from gapscope.effects.setup_faults.fault import Fault
 from gapscope.effects.setup_faults.fault_catalogue import FAULTS
+from gapscope.effects.setup_faults.torque_faults import (
+    TORQUE_DELAY_STARTS,
+    LateTorque,
+    TorqueUnit,
+)
 from gapscope.ident.signals.conditioning import (
     TORQUE_CUTOFF,
     condition,
@@ -67,11 +63,11 @@ _Kind = tuple[str, str, int]
 
 @dataclass(frozen=True)
 class _Finalist:
-    """A refined candidate, compared on all samples with the mapping without it."""
+    """A refined candidate, compared on all samples with the reading without it."""
 
-    candidate: FaultCandidate
+    candidate: Fault
     std: tuple[float, ...]
-    score: MappingScore
+    score: ReadingScore
     gain: float
 
 
@@ -84,23 +80,26 @@ def faults_by_torque(case: Case) -> list[FoundFault]:
     rate_is_known = all(rate_error(r) is not None for r in recordings)
     strictness = FAULT_SINGLE_RECORDING_FACTOR if len(recordings) == 1 else 1.0
     thinned = fine.samples.thinned(FAULT_COARSE_STEP)
-    coarse = MappingScorer(case.arm, fine.body, thinned)
+    coarse = ReadingScorer(case.arm, fine.body, thinned)
 
-    mapping, found = ChannelMapping.identity(case.arm.n_joints), []
-    for _ in range(case.arm.n_joints):
-        candidates = _candidates(fine, mapping, rate_is_known)
+    n = case.arm.n_joints
+    reading, found = Reading.identity(n), []
+    for _ in range(n):
+        candidates = _candidates(fine, reading, rate_is_known)
         charges = _choice_charges(candidates)
-        screened = _screened(coarse, mapping, candidates, charges)
-        finalists = _finalists(coarse, fine, mapping, screened, charges)
+        screened = _screened(coarse, reading, candidates, charges)
+        finalists = _finalists(coarse, fine, reading, screened, charges)
         best = max(finalists, key=lambda finalist: finalist.gain, default=None)
-        if best is None or not _is_accepted(best, fine, mapping, strictness):
+        if best is None or not _is_accepted(best, fine, reading, strictness):
             break
         probability = _probability(best, finalists)
-        if best.candidate.name != TURNED_BASE:
-            fault = found_fault(best.candidate, best.std, probability)
-            turned = _turned_base(best, fine, mapping, probability)
-            found.append(replace(fault, turned_base=turned))
-        mapping = mapping.then(best.candidate.mapping)
+        if not isinstance(best.candidate, TurnedBase):
+            turned = _turned_base(best, fine, reading, probability)
+            # each has one continuous value at most
+            std = {name: best.std for name in best.candidate.values() if best.std}
+            fault = FoundFault(best.candidate, probability, std, turned_base=turned)
+            found.append(fault)
+        reading = reading.then(best.candidate.reading(n))
     # gravity is added to a torque that is right otherwise
     return sorted(found, key=lambda fault: fault.name == "gravity_compensated_torque")
 
@@ -116,13 +115,13 @@ def looks_late(case: Case) -> bool:
     if scorer is None:
         return False
     n = case.arm.n_joints
-    before = scorer.score(ChannelMapping.identity(n))
-    read = (late_torque(n, delay).mapping for delay in TORQUE_DELAY_STARTS)
-    gain = max(scorer.score(mapping).gain(before) for mapping in read)
+    before = scorer.score(Reading.identity(n))
+    read = (LateTorque("delay", delay).reading(n) for delay in TORQUE_DELAY_STARTS)
+    gain = max(scorer.score(reading).gain(before) for reading in read)
     return gain > LATE_REFERENCE_SHARE * FAULT_GAIN
 
 
-def _scorer(arm: NominalArm, recordings: tuple[Recording, ...]) -> MappingScorer | None:
+def _scorer(arm: NominalArm, recordings: tuple[Recording, ...]) -> ReadingScorer | None:
     """Scores of recordings with a torque; ``None`` if they hold too little."""
     if not recordings:
         return None
@@ -131,96 +130,89 @@ def _scorer(arm: NominalArm, recordings: tuple[Recording, ...]) -> MappingScorer
         segments = [condition(r, cutoff) for r in recordings]
     except GapscopeError:
         return None
-    return MappingScorer(arm, RigidBody(arm), sample(segments))
+    return ReadingScorer(arm, RigidBody(arm), sample(segments))
 
 
 def _candidates(
-    scorer: MappingScorer, mapping: ChannelMapping, rate_is_known: bool
-) -> list[FaultCandidate]:
-    """Faults that may come on top of a mapping, and turned bases, which compete with them."""
-    n = scorer.arm.n_joints
-    candidates = [
-        *torque_candidates(n),
-        *motion_candidates(n),
-        *arm_candidates(n),
-        *unit_candidates(scorer.arm, scorer.samples, mapping),
-    ]
-    equations = scorer.equations_of(mapping)
-    if equations is not None:
-        candidates += torque_column_candidates(equations, mapping)
-    # Recorded velocities, or a time scale that was corrected already, settle the rate.
-    if rate_is_known or mapping.time_factor != 1.0:
-        candidates = [c for c in candidates if c.name != "time_stamps"]
+    scorer: ReadingScorer, reading: Reading, rate_is_known: bool
+) -> list[Fault]:
+    """Faults that may come on top of a reading, and turned bases, which compete with them."""
+    equations = scorer.equations_of(reading)
+    if equations is None:
+        return []
+    look = look_at(scorer.arm, scorer.samples, equations, reading, rate_is_known)
+    candidates = [c for fault in FAULTS.values() for c in fault.candidates(look)]
     # a turned base does not turn once more, nor is it right while torques are turned as well
-    if any(mapping.turn):
-        return [c for c in candidates if c.name != TURNED_BASE]
-    turn = scorer.gravity_turn(mapping)
-    return candidates if turn is None else [*candidates, turned_base(n, *turn)]
+    if any(reading.turn):
+        return candidates
+    turn = scorer.gravity_turn(reading)
+    shown = () if turn is None else (TurnedBase(*turn),)
+    return [*candidates, *TURNED_BASES, *shown]
 
 
-def _choice_charges(candidates: list[FaultCandidate]) -> dict[_Kind, float]:
+def _choice_charges(candidates: list[Fault]) -> dict[_Kind, float]:
     """Gain that candidates owe to the choice of their joints, of as many as there are of their kind [1].
 
     All torques turned is one convention; two of seven joints are one of 21 pairs.
     """
     joints: dict[_Kind, set[tuple[int, ...]]] = {}
     for candidate in candidates:
-        joints.setdefault(_kind(candidate), set()).add(candidate.joints)
+        joints.setdefault(_kind(candidate), set()).add(candidate.kind[2])
     return {
         kind: float(np.log(len(sets))) / FAULT_SHARPNESS
         for kind, sets in joints.items()
     }
 
 
-def _kind(candidate: FaultCandidate) -> _Kind:
-    return candidate.name, candidate.variant, len(candidate.joints)
+def _kind(candidate: Fault) -> _Kind:
+    name, variant, joints = candidate.kind
+    return name, variant, len(joints)
 
 
 def _screened(
-    coarse: MappingScorer,
-    mapping: ChannelMapping,
-    candidates: list[FaultCandidate],
+    coarse: ReadingScorer,
+    reading: Reading,
+    candidates: list[Fault],
     charges: dict[_Kind, float],
-) -> list[FaultCandidate]:
+) -> list[Fault]:
     """The best few candidates that gain anything, one of each fault, variant and set of joints.
 
     Most would gain nothing even if no fold were held out: these are not compared on held-out folds.
     """
-    before = coarse.score(mapping)
+    before, n = coarse.score(reading), coarse.arm.n_joints
     gains = []
     for candidate in candidates:
-        read, charge = mapping.then(candidate.mapping), charges[_kind(candidate)]
+        read, charge = reading.then(candidate.reading(n)), charges[_kind(candidate)]
         gain = coarse.best_score(read).gain(before) - charge
         if gain > 0:
             gain = coarse.score(read).gain(before) - charge
         gains.append(gain)
-    kept: dict[tuple[str, str, tuple[int, ...]], FaultCandidate] = {}
+    kept: dict[tuple[str, str, tuple[int, ...]], Fault] = {}
     for index in np.argsort(gains)[::-1][:FAULT_FINALISTS]:
         candidate = candidates[index]
         if gains[index] > 0:
             # Several start values of one fault lead to the same refined one: the best is enough.
-            kind = (candidate.name, candidate.variant, candidate.joints)
-            kept.setdefault(kind, candidate)
+            kept.setdefault(candidate.kind, candidate)
     return list(kept.values())
 
 
 def _finalists(
-    coarse: MappingScorer,
-    fine: MappingScorer,
-    mapping: ChannelMapping,
-    candidates: list[FaultCandidate],
+    coarse: ReadingScorer,
+    fine: ReadingScorer,
+    reading: Reading,
+    candidates: list[Fault],
     charges: dict[_Kind, float],
 ) -> list[_Finalist]:
     """The candidates refined, each with its gain less what its values and the choice of its joints owe."""
-    before = fine.score(mapping)
+    before = fine.score(reading)
     finalists = []
     for start in candidates:
         # refined on few samples, compared on all
-        candidate, std = refined(coarse, mapping, start)
-        if is_ordinary(candidate):
+        candidate, std = refined(coarse, reading, start)
+        if isinstance(candidate, TorqueUnit) and candidate.is_ordinary:
             continue
-        score = fine.score(mapping.then(candidate.mapping))
-        if not _is_of_all_joints(candidate, fine, mapping, before, score):
+        score = fine.score(reading.then(candidate.reading(fine.arm.n_joints)))
+        if not _is_of_all_joints(candidate, fine, reading, before, score):
             continue
         fitted = bool(std)
         charge = charges[_kind(start)] + (FAULT_VALUE_CHARGE if fitted else 0.0)
@@ -230,47 +222,47 @@ def _finalists(
 
 
 def _is_of_all_joints(
-    candidate: FaultCandidate,
-    scorer: MappingScorer,
-    mapping: ChannelMapping,
-    before: MappingScore,
-    after: MappingScore,
+    candidate: Fault,
+    scorer: ReadingScorer,
+    reading: Reading,
+    before: ReadingScore,
+    after: ReadingScore,
 ) -> bool:
     """Whether a late torque is late by the same time on all joints, as by a log; true of other faults.
 
     Friction that turns round late, in a joint or two, looks late as well, each by a time of its own. Then some joint
     loses, or joints gain much more by half or by one and a half of the delay.
     """
-    if candidate.name != "late_torque":
+    if not isinstance(candidate, LateTorque):
         return True
-    (delay,), n = candidate.values["delay"], scorer.arm.n_joints
     own = after.joint_gain(before)
     if -own.min() > max(FAULT_FOLD_LOSS, LATE_JOINT_LOSS * own.sum()):
         return False
     gains = [own]
     for share in OTHER_DELAYS:
-        other = mapping.then(late_torque(n, share * delay).mapping)
+        late = replace(candidate, delay=share * candidate.delay)
+        other = reading.then(late.reading(scorer.arm.n_joints))
         gains.append(scorer.score(other).joint_gain(before))
     lost = np.max(gains, axis=0) - own
     return bool(lost.sum() < COMMON_DELAY_LOSS * own.sum())
 
 
 def _is_accepted(
-    best: _Finalist, fine: MappingScorer, mapping: ChannelMapping, strictness: float
+    best: _Finalist, fine: ReadingScorer, reading: Reading, strictness: float
 ) -> bool:
     """Whether a finalist is decisive; less is needed of a unit with which its joints could not have moved so far."""
-    beyond = joints_beyond_range(fine.arm, fine.samples, mapping)
-    named = [j - 1 for j in best.candidate.joints]
-    if best.candidate.name == "unit_mismatch" and set(named) <= set(beyond):
+    beyond = joints_beyond_range(fine.arm, fine.samples, reading)
+    named = [j - 1 for j in best.candidate.kind[2]]
+    if isinstance(best.candidate, UnitMismatch) and set(named) <= set(beyond):
         strictness *= FAULT_FAR_FACTOR
     # columns that were exchanged explain both joints, or they were not
-    exchanged = named if best.candidate.name == "joint_swap" else ()
-    return decisive(fine.score(mapping), best.score, strictness, exchanged)
+    exchanged = named if isinstance(best.candidate, JointSwap) else ()
+    return decisive(fine.score(reading), best.score, strictness, exchanged)
 
 
 def decisive(
-    before: MappingScore,
-    after: MappingScore,
+    before: ReadingScore,
+    after: ReadingScore,
     share: float = 1.0,
     exchanged: Sequence[int] = (),
 ) -> bool:
@@ -300,39 +292,16 @@ def _probability(best: _Finalist, finalists: Sequence[_Finalist]) -> float:
 
 
 def _turned_base(
-    best: _Finalist, fine: MappingScorer, mapping: ChannelMapping, probability: float
+    best: _Finalist, fine: ReadingScorer, reading: Reading, probability: float
 ) -> float | None:
     """Probability of a turned base in the place of all torques turned; ``None`` for other faults."""
-    n, candidate = fine.arm.n_joints, best.candidate
-    if candidate.variant != "torque" or len(candidate.joints) < n:
+    n = fine.arm.n_joints
+    _, variant, joints = best.candidate.kind
+    if variant != "torque" or len(joints) < n:
         return None
-    before = fine.score(mapping)
+    before = fine.score(reading)
     gains = [
-        fine.score(mapping.then(base.mapping)).gain(before) for base in turned_bases(n)
+        fine.score(reading.then(base.reading(n))).gain(before) for base in TURNED_BASES
     ]
     odds = np.exp(FAULT_SHARPNESS * min(max(gains) - best.gain, 0.0))
     return probability * float(odds)
-
-
-def found_fault(
-    candidate: FaultCandidate, std: tuple[float, ...], probability: float
-) -> FoundFault:
-    """A candidate that was accepted, with the standard deviations of its values."""
-    parameters = {
-        name: FaultParameter(_unit(candidate.name, name), values, std or None)
-        for name, values in candidate.values.items()
-    }
-    return FoundFault(
-        candidate.name,
-        candidate.joints,
-        candidate.variant,
-        parameters,
-        probability,
-        mapping=candidate.mapping,
-    )
-
-
-def _unit(fault: str, parameter: str) -> str:
-    """Unit of a parameter of a fault, as the catalogue has it."""
-    units = {p.name: p.unit for p in FAULTS[fault].parameters}
-    return units[parameter]

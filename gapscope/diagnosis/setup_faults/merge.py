@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 
-from gapscope.diagnosis.setup_faults.found_fault import FaultParameter, FoundFault
+import numpy as np
+
+from gapscope.diagnosis.setup_faults.found_fault import FoundFault
 
 
 def merged(faults: Iterable[FoundFault]) -> tuple[FoundFault, ...]:
@@ -22,30 +24,16 @@ def merged(faults: Iterable[FoundFault]) -> tuple[FoundFault, ...]:
 
 
 def _joined(first: FoundFault, second: FoundFault) -> FoundFault:
-    overlap = set(first.joints) & set(second.joints)
-    if overlap or first.mapping is None or second.mapping is None:
-        return first
+    """Both as one; the first if they share a joint."""
     joints = first.joints + second.joints
-    order = sorted(range(len(joints)), key=lambda i: joints[i])
+    if len(set(joints)) < len(joints):
+        return first
+    order = np.argsort(joints)
+    shared = first.std.keys() & second.std.keys()
+    both = {name: np.array(first.std[name] + second.std[name]) for name in shared}
     return replace(
         first,
-        joints=tuple(joints[i] for i in order),
-        parameters={
-            name: _concatenated(parameter, second.parameters[name], order)
-            for name, parameter in first.parameters.items()
-        },
+        fault=first.fault.joined(second.fault),
+        std={name: tuple(std[order].tolist()) for name, std in both.items()},
         probability=min(first.probability, second.probability),
-        mapping=first.mapping.then(second.mapping),
     )
-
-
-def _concatenated(
-    first: FaultParameter, second: FaultParameter, order: list[int]
-) -> FaultParameter:
-    """Values of the first joints and of the second, sorted."""
-    values = first.value + second.value
-    std = None
-    if first.std is not None:
-        stds = first.std + (second.std or ())
-        std = tuple(stds[i] for i in order)
-    return FaultParameter(first.unit, tuple(values[i] for i in order), std)

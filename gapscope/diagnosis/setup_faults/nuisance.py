@@ -1,4 +1,4 @@
-"""What an arm may ordinarily have beyond its data sheet, fitted under every mapping of its recordings.
+"""What an arm may ordinarily have beyond its data sheet, fitted under every reading of its recordings.
 
 The torque of joint j is taken as
 
@@ -21,7 +21,7 @@ import numpy as np
 from gapscope.arm.dynamics.inertial_scale import inertial_scale
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
-from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
+from gapscope.arm.reading import Reading
 from gapscope.diagnosis.setup_faults.fault_samples import FaultSamples
 from gapscope.diagnosis.thresholds import (
     FAULT_SIGN_WIDTH,
@@ -40,7 +40,7 @@ ROTOR, COULOMB, VISCOUS, OFFSET = 1, 2, 3, 5
 
 @dataclass(frozen=True)
 class ReadTorque:
-    """The torque as a mapping reads it, against the columns of ``FoldEquations``; K folds, n joints.
+    """The torque as a reading reads it, against the columns of ``FoldEquations``; K folds, n joints.
 
     Attributes:
         cross: X_j^T tau_j, (K, n, D).
@@ -58,7 +58,7 @@ class ReadTorque:
 
 @dataclass(frozen=True)
 class FoldEquations:
-    """Normal equations of each fold and joint under one mapping of the motion, K folds, n joints.
+    """Normal equations of each fold and joint under one reading of the motion, K folds, n joints.
 
     X_j = [Y_j scale, t_j, p_j, ddq_j, sgn dq_j, dq_j, q_j, 1] has D = 10 n + 8 columns: those of the inertial errors
     and of the base's tilt, which all joints share, and those of the joint's own values.
@@ -101,9 +101,10 @@ class FoldEquations:
         """Number of columns that all joints share, 10 n + 2; the joint's own follow."""
         return int(self.gram.shape[2]) - OWN
 
-    def read(self, mapping: ChannelMapping) -> ReadTorque:
-        """The torque as a mapping reads it."""
-        source, factor = list(mapping.torque_source), np.array(mapping.torque_factor)
+    def read(self, reading: Reading) -> ReadTorque:
+        """The torque as a reading reads it."""
+        torque = reading.torque
+        source, factor = list(torque.source), np.array(torque.factor)
         joints = np.arange(len(source))
         gravity = len(joints) + joints
         # two index arrays with a slice between them: numpy puts their axis first
@@ -111,7 +112,7 @@ class FoldEquations:
         cross = by_joint.transpose(1, 0, 2) * factor[:, None]
         square = self.products[:, source, source] * factor**2
         pull = self.products[:, source, gravity] * factor
-        if mapping.without_gravity:
+        if reading.gravity:
             own = self.products[:, gravity, gravity]
             cross = cross + self.cross[:, joints, :, gravity].transpose(1, 0, 2)
             square = square + 2 * pull + own
@@ -121,13 +122,13 @@ class FoldEquations:
 
 
 def fold_equations(
-    arm: NominalArm, body: RigidBody, samples: FaultSamples, mapping: ChannelMapping
+    arm: NominalArm, body: RigidBody, samples: FaultSamples, reading: Reading
 ) -> FoldEquations:
-    """Normal equations of all folds under a mapping of the motion and the torque's delay.
+    """Normal equations of all folds under a reading of the motion and the torque's delay.
 
     Sources and factors of the torque, and whether gravity was left out of it, do not matter.
     """
-    q, dq, ddq = mapping.motion(samples.q, samples.dq, samples.ddq)
+    q, dq, ddq = reading.true_motion(samples.q, samples.dq, samples.ddq)
     regressor = body.regressor(q, dq, ddq)
     sign = np.tanh(dq / (FAULT_SIGN_WIDTH * arm.per_radian))
     nominal = regressor @ body.inertial_parameters() + arm.armature * ddq
@@ -143,13 +144,13 @@ def fold_equations(
     level = pull @ _tilts(body)
     x = np.concatenate([regressor * std, level, own], axis=2).transpose(1, 0, 2)
     folds = samples.folds
-    torques = np.concatenate([samples.torque(mapping.torque_delay), gravity], axis=1)
+    torques = np.concatenate([samples.torque(reading.recorded_delay), gravity], axis=1)
     return FoldEquations(
         gram=np.array([x[:, f].transpose(0, 2, 1) @ x[:, f] for f in folds]),
         cross=np.array([x[:, f].transpose(0, 2, 1) @ torques[f] for f in folds]),
         products=np.array([torques[f].T @ torques[f] for f in folds]),
         rows=np.array([f.stop - f.start for f in folds]),
-        deviation=torque_deviation(samples.torque(mapping.torque_delay)),
+        deviation=torque_deviation(samples.torque(reading.recorded_delay)),
         weight=samples.weight,
         lowest=-np.array([arm.armature, arm.coulomb, arm.viscous]),
         lowest_mass=-np.maximum(body.inertial_parameters()[::10], 0.0) / std[::10],

@@ -1,11 +1,11 @@
-"""The ordinary values of an arm fitted under a mapping: the gap on held-out folds, and the penalty on the values."""
+"""The ordinary values of an arm fitted under a reading: the gap on held-out folds, and the penalty on the values."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from gapscope.arm.reading import Reading
 from gapscope.diagnosis.setup_faults.arm_weight import weight_penalty
-from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
 from gapscope.diagnosis.setup_faults.nuisance import (
     OWN,
     ROTOR,
@@ -28,20 +28,20 @@ MOST_ROUNDS = 5
 
 
 def held_out_gap(
-    eq: FoldEquations, mapping: ChannelMapping, spread: float = 1.0
+    eq: FoldEquations, reading: Reading, spread: float = 1.0
 ) -> tuple[np.ndarray, float]:
-    """How well an ordinary arm explains the torque under a mapping, and how extraordinary it must be for that.
+    """How well an ordinary arm explains the torque under a reading, and how extraordinary it must be for that.
 
     Args:
-        eq: normal equations under the motion of the mapping.
-        mapping: how to read the torque.
+        eq: normal equations under the motion of the reading.
+        reading: how to read the torque.
         spread: factor on the standard deviations of the prior.
 
     Returns:
         Gap left on each fold with values fitted to the other folds, over the torque's deviation, (K, n); and half the
         squared size of the values fitted to all folds, in deviations of their prior.
     """
-    torque = eq.read(mapping)
+    torque = eq.read(reading)
     target, square = _against_nominal(eq, torque)
     # cross-validation over the folds; the last fit is to all of them
     folds = len(eq.rows)
@@ -51,9 +51,9 @@ def held_out_gap(
     return gap, _penalty(eq, torque, values[folds], spread)
 
 
-def fitted_gap(eq: FoldEquations, mapping: ChannelMapping) -> tuple[np.ndarray, float]:
+def fitted_gap(eq: FoldEquations, reading: Reading) -> tuple[np.ndarray, float]:
     """The same with the gap on each fold of the values fitted to all folds: smaller, at a fraction of the cost."""
-    torque = eq.read(mapping)
+    torque = eq.read(reading)
     target, square = _against_nominal(eq, torque)
     whole = np.ones((1, len(eq.rows)))
     values = _fit(eq, target, torque.deviation, 1.0, whole)

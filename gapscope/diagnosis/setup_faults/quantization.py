@@ -8,12 +8,13 @@ through values against k gives the step with its standard deviation.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
 from gapscope.arm.case import Case
 from gapscope.arm.recording import Recording
-from gapscope.diagnosis.setup_faults.found_fault import FaultParameter, FoundFault
+from gapscope.diagnosis.setup_faults.found_fault import FoundFault
 from gapscope.diagnosis.thresholds import (
     LATTICE_AGREEMENT,
     LATTICE_COHERENCE,
@@ -24,10 +25,29 @@ from gapscope.diagnosis.thresholds import (
     STEP_OVER_DATA_SHEET,
     STEP_WITHOUT_DATA_SHEET,
 )
+from gapscope.effects.catalogue import of_quantity
+from gapscope.effects.setup_faults.fault import Fault
+
+QUANTISATION, _ = of_quantity("resolution")
+
+
+@dataclass(frozen=True)
+class Quantisation(Fault):
+    """No fault but an effect: it shows in the recordings themselves, and no reading brings back what was rounded.
+
+    Attributes:
+        joints: from 1.
+        step: of each [rad].
+    """
+
+    name = QUANTISATION.name
+    parameters = QUANTISATION.parameters
+    joints: tuple[int, ...]
+    step: tuple[float, ...]
 
 
 def find_quantization(case: Case) -> tuple[FoundFault, ...]:
-    """``encoder_quantization`` on the joints whose step exceeds the data sheet's, as one finding; or none."""
+    """Quantisation on the joints whose step exceeds the data sheet's, as one finding; or none."""
     sheet = case.arm.encoder_step
     least = STEP_WITHOUT_DATA_SHEET * case.arm.per_radian
     if sheet is not None:
@@ -41,13 +61,8 @@ def find_quantization(case: Case) -> tuple[FoundFault, ...]:
     if not found:
         return ()
     steps, stds = zip(*found.values(), strict=True)
-    parameters = {"step": FaultParameter("rad", steps, stds)}
-    joints = tuple(found)
-    return (
-        FoundFault(
-            "encoder_quantization", joints, "", parameters, OBVIOUS_FAULT_PROBABILITY
-        ),
-    )
+    quantisation = Quantisation(tuple(found), steps)
+    return (FoundFault(quantisation, OBVIOUS_FAULT_PROBABILITY, {"step": stds}),)
 
 
 def encoder_step(

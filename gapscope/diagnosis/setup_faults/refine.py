@@ -3,109 +3,93 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from gapscope.diagnosis.setup_faults.candidates import (
-    TURN,
-    FaultCandidate,
-    motor_side,
-    wrong_rate,
-    zero_offset,
-)
-from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
-from gapscope.diagnosis.setup_faults.mapping_score import MappingScorer
-from gapscope.diagnosis.setup_faults.torque_column import (
-    late_torque,
-    torque_unit,
-    without_right_joints,
-)
+from gapscope.arm.reading import Reading
+from gapscope.diagnosis.setup_faults.candidates import TURN
+from gapscope.diagnosis.setup_faults.reading_score import ReadingScorer
 from gapscope.diagnosis.thresholds import (
     DECIMAL_UNIT_ERROR,
     DECIMAL_UNITS,
     LEAST_ZERO_OFFSET,
     NARROW_NUISANCE_FACTOR,
+    OWN_UNIT_FACTOR,
     REFINE_FIRST_STEP,
     REFINE_LAST_STEP,
     UNIT_LAST_STEP,
     UNIT_NUISANCE_FACTOR,
 )
+from gapscope.effects.setup_faults.channel_faults import (
+    UnitMismatch,
+    ZeroOffset,
+)
+from gapscope.effects.setup_faults.fault import Fault
+from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
+from gapscope.effects.setup_faults.torque_faults import LateTorque, TorqueUnit
 
 CURVED = 0.02
 """Step over which the curvature is taken."""
 SHRINK = 2.5
 """Factor by which the step shrinks when no value moves."""
 
-Build = Callable[[np.ndarray], FaultCandidate]
+Build = Callable[[np.ndarray], Fault]
 """A candidate from its values, or their logarithms."""
 
 
 def refined(
-    scorer: MappingScorer, before: ChannelMapping, candidate: FaultCandidate
-) -> tuple[FaultCandidate, tuple[float, ...]]:
+    scorer: ReadingScorer, before: Reading, candidate: Fault
+) -> tuple[Fault, tuple[float, ...]]:
     """The candidate with its best values, and their standard deviations; itself if it has no continuous ones."""
-    n = scorer.arm.n_joints
-    joints = tuple(j - 1 for j in candidate.joints)
-    if candidate.name == "late_torque":
-        return _refined_one(
-            scorer, before, candidate, lambda value: late_torque(n, value)
-        )
-    if candidate.variant == "wrong_rate":
-        return _refined_one(
-            scorer, before, candidate, lambda value: wrong_rate(n, value)
-        )
-    if candidate.name == "zero_offset":
-        return _refined_zero(scorer, before, candidate)
-    if candidate.name == "torque_unit":
-        return without_right_joints(n, *_refined_unit(scorer, before, candidate))
-    if candidate.variant == "motor_side":
-        return _refined_by_joint(
-            scorer, before, candidate, lambda values: motor_side(n, joints, values)
-        )
+    match candidate:
+        case ZeroOffset():
+            return _refined_zero(scorer, before, candidate)
+        case TorqueUnit():
+            unit, std = _refined_unit(scorer, before, candidate)
+            return _without_right_joints(unit, std, scorer.arm.n_joints)
+        case UnitMismatch(variant="motor_side"):
+            return _refined_by_joint(scorer, before, candidate)
+        case LateTorque() | TimeStamps():
+            (name,), (start,) = candidate.values(), candidate.values().values()
+
+            def build(x: np.ndarray) -> Fault:
+                value: dict[str, Any] = {name: float(np.exp(x[0]))}
+                return replace(candidate, **value)
+
+            search = _PatternSearch(scorer, before, build)
+            return search.in_logarithms(search.minimum(np.log(start)))
     return candidate, ()
 
 
-def _refined_one(
-    scorer: MappingScorer,
-    before: ChannelMapping,
-    candidate: FaultCandidate,
-    build: Callable[[float], FaultCandidate],
-) -> tuple[FaultCandidate, tuple[float, ...]]:
-    """A candidate with one value for the arm."""
-    (start,) = candidate.values.values()
-    search = _PatternSearch(scorer, before, lambda x: build(float(np.exp(x[0]))))
-    return search.in_logarithms(search.minimum(np.log(start)))
-
-
 def _refined_zero(
-    scorer: MappingScorer, before: ChannelMapping, candidate: FaultCandidate
-) -> tuple[FaultCandidate, tuple[float, ...]]:
+    scorer: ReadingScorer, before: Reading, candidate: ZeroOffset
+) -> tuple[Fault, tuple[float, ...]]:
     """A joint's zero to within its deviation; as it began if it ends at an angle too small for a fault."""
-    n, joint = scorer.arm.n_joints, candidate.joints[0] - 1
 
-    def build(x: np.ndarray) -> FaultCandidate:
-        return zero_offset(n, joint, float(np.remainder(x[0] + np.pi, TURN) - np.pi))
+    def build(x: np.ndarray) -> Fault:
+        offset = float(np.remainder(x[0] + np.pi, TURN) - np.pi)
+        return replace(candidate, offset=offset)
 
     search = _PatternSearch(scorer, before, build)
-    x = search.minimum(np.array(candidate.values["offset"]))
+    x = search.minimum(np.array(candidate.values()["offset"]))
     found = build(x)
-    if abs(found.values["offset"][0]) < LEAST_ZERO_OFFSET:
+    if abs(found.values()["offset"][0]) < LEAST_ZERO_OFFSET:
         return candidate, ()
     return found, tuple(search.deviation(x).tolist())
 
 
 def _refined_by_joint(
-    scorer: MappingScorer,
-    before: ChannelMapping,
-    candidate: FaultCandidate,
-    build: Callable[[tuple[float, ...]], FaultCandidate],
-) -> tuple[FaultCandidate, tuple[float, ...]]:
-    """A candidate with a value for each of its joints: one for all, unless their own explain decisively more."""
-    joints = len(candidate.joints)
-    (start,) = candidate.values.values()
+    scorer: ReadingScorer, before: Reading, candidate: UnitMismatch
+) -> tuple[Fault, tuple[float, ...]]:
+    """Gear ratios: one for all joints, unless their own explain decisively more."""
+    start = candidate.values()["ratio"]
+    joints = len(start)
 
-    def built(x: np.ndarray) -> FaultCandidate:
-        return build(tuple(np.exp(np.broadcast_to(x, joints)).tolist()))
+    def built(x: np.ndarray) -> Fault:
+        ratio = tuple(np.exp(np.broadcast_to(x, joints)).tolist())
+        return replace(candidate, ratio=ratio)
 
     wide = _PatternSearch(scorer, before, built)
     narrow = _PatternSearch(scorer, before, built, NARROW_NUISANCE_FACTOR)
@@ -120,54 +104,66 @@ def _refined_by_joint(
 
 
 def _refined_unit(
-    scorer: MappingScorer, before: ChannelMapping, candidate: FaultCandidate
-) -> tuple[FaultCandidate, tuple[float, ...]]:
+    scorer: ReadingScorer, before: Reading, candidate: TorqueUnit
+) -> tuple[TorqueUnit, tuple[float, ...]]:
     """A torque's unit: one factor for its joints, and of their own for those that it explains decisively less."""
-    n = scorer.arm.n_joints
-    joints = tuple(j - 1 for j in candidate.joints)
-    starts = np.log(candidate.values["factor"])
+    joints = len(candidate.joints)
+    starts = np.log(candidate.values()["factor"])
+
+    def unit(x: np.ndarray, groups: np.ndarray) -> TorqueUnit:
+        return replace(candidate, factor=tuple(np.exp(x[groups]).tolist()))
 
     def search(groups: np.ndarray) -> _PatternSearch:
         """Over the factor of each group of joints."""
+        return _PatternSearch(
+            scorer, before, lambda x: unit(x, groups), UNIT_NUISANCE_FACTOR
+        )
 
-        def built(x: np.ndarray) -> FaultCandidate:
-            return torque_unit(n, joints, tuple(np.exp(x[groups]).tolist()))
-
-        return _PatternSearch(scorer, before, built, UNIT_NUISANCE_FACTOR)
-
-    groups: np.ndarray = np.zeros(len(joints), dtype=int)
+    groups: np.ndarray = np.zeros(joints, dtype=int)
     x = search(groups).minimum(np.array([np.median(starts)]), UNIT_LAST_STEP)
     least = search(groups).cost(x)
     for j, start in enumerate(starts):
-        alone = np.where(np.arange(len(joints)) == j, len(x), groups)
+        alone = np.where(np.arange(joints) == j, len(x), groups)
         # Bayesian information criterion, as above
         cost = search(alone).cost(np.append(x, start))
         if cost + 0.5 * np.log(search(groups).independent) < least:
             groups, x, least = alone, np.append(x, start), cost
     found = search(groups)
     x = found.minimum(x, UNIT_LAST_STEP)
-    unit, std = found.in_logarithms(x)
+    _, std = found.in_logarithms(x)
     nearest = min(DECIMAL_UNITS, key=lambda decimal: abs(np.log(decimal) - x[0]))
     # how far a factor is from that of a unit is the arm's, which has a scale of its torque
     if len(x) == 1 and abs(x[0] - np.log(nearest)) < np.log(DECIMAL_UNIT_ERROR):
-        return torque_unit(n, joints, (nearest,) * len(joints)), ()
-    return unit, tuple(std[group] for group in groups)
+        return replace(candidate, factor=(nearest,) * joints), ()
+    return unit(x, groups), tuple(std[group] for group in groups)
+
+
+def _without_right_joints(
+    candidate: TorqueUnit, std: tuple[float, ...], n: int
+) -> tuple[TorqueUnit, tuple[float, ...]]:
+    """A unit of those joints alone whose factor is not about one, with the deviations; the same if none or all are."""
+    factor = np.array(candidate.values()["factor"])
+    off = np.abs(np.log(factor)) > np.log(OWN_UNIT_FACTOR)
+    if off.all() or not off.any():
+        return candidate, std
+    reduced = TorqueUnit.of(np.array(candidate.joints)[off] - 1, factor[off], n)
+    return reduced, tuple(np.array(std)[off].tolist())
 
 
 class _PatternSearch:
     """The search for the most probable values x of a candidate, which are its own or their logarithms.
 
     Args:
-        scorer: of mappings of the case.
-        before: the mapping on top of which the candidate comes.
+        scorer: of readings of the case.
+        before: the reading on top of which the candidate comes.
         build: the candidate with values x.
         spread: factor on what the arm may ordinarily have beyond its data sheet.
     """
 
     def __init__(
         self,
-        scorer: MappingScorer,
-        before: ChannelMapping,
+        scorer: ReadingScorer,
+        before: Reading,
         build: Build,
         spread: float = 1.0,
     ) -> None:
@@ -177,8 +173,8 @@ class _PatternSearch:
 
     def cost(self, x: np.ndarray) -> float:
         """Negative logarithm of the probability, up to a constant [nats]."""
-        mapping = self.before.then(self.build(x).mapping)
-        score = self.scorer.score(mapping, self.spread)
+        reading = self.before.then(self.build(x).reading(self.scorer.arm.n_joints))
+        score = self.scorer.score(reading, self.spread)
         return self.independent * float(np.log(score.joint_rms).sum()) + score.penalty
 
     def minimum(self, x: np.ndarray, last_step: float = REFINE_LAST_STEP) -> np.ndarray:
@@ -199,7 +195,7 @@ class _PatternSearch:
                 step /= SHRINK
         return x
 
-    def in_logarithms(self, x: np.ndarray) -> tuple[FaultCandidate, tuple[float, ...]]:
+    def in_logarithms(self, x: np.ndarray) -> tuple[Fault, tuple[float, ...]]:
         """The candidate whose values have the logarithms x, and their standard deviations."""
         std = np.exp(x) * self.deviation(x)
         return self.build(x), tuple(float(s) for s in std)

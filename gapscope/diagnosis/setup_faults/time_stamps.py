@@ -9,22 +9,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from gapscope.arm.errors import InputError
+from gapscope.arm.io.even_rows import stamps_are_wrong, unevenness
 from gapscope.arm.io.plausibility import PLAUSIBLE_RATES, REPEATED, repeated_rows
 from gapscope.arm.io.samples.stuck import LEFT_OUT
 from gapscope.arm.recording import Recording
-from gapscope.diagnosis.setup_faults.channel_mapping import timed
-from gapscope.diagnosis.setup_faults.clock import stamps_are_wrong, unevenness
-from gapscope.diagnosis.setup_faults.found_fault import (
-    FaultParameter,
-    FoundFault,
-    present_channels,
-)
+from gapscope.diagnosis.setup_faults.found_fault import FoundFault
 from gapscope.diagnosis.thresholds import (
     AGREED_RATE_ERROR,
     NAMED_JITTER,
@@ -38,6 +32,8 @@ from gapscope.diagnosis.thresholds import (
     RATE_REPEATED,
     STAMP_AMOUNT_STD,
 )
+from gapscope.effects.setup_faults.channel_faults import UnitMismatch
+from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
 from gapscope.ident.signals.conditioning import GAP_STEPS, SHORTEST
 
 VELOCITY_UNITS = {
@@ -67,16 +63,8 @@ def _milliseconds(recordings: tuple[Recording, ...]) -> FoundFault | None:
     names = tuple(r.name for r in recordings if _in_milliseconds(r))
     if not names:
         return None
-    mapping = timed(recordings[0].n_joints, 1e-3)
-    return FoundFault(
-        "unit_mismatch",
-        (),
-        "milliseconds",
-        {},
-        OBVIOUS_FAULT_PROBABILITY,
-        names,
-        mapping,
-    )
+    fault = UnitMismatch("milliseconds")
+    return FoundFault(fault, OBVIOUS_FAULT_PROBABILITY, recordings=names)
 
 
 def _in_milliseconds(recording: Recording) -> bool:
@@ -118,11 +106,7 @@ def _wrong_rate(recordings: tuple[Recording, ...]) -> FoundFault | None:
     wrong = {
         name: error for name, error in errors.items() if abs(np.log(error)) > least
     }
-    fault = _fault("wrong_rate", wrong)
-    if fault is None:
-        return None
-    true_period = 1.0 / fault.parameters["amount"].value[0]
-    return replace(fault, mapping=timed(recordings[0].n_joints, true_period))
+    return _fault("wrong_rate", wrong)
 
 
 def _check_units(errors: Mapping[str, float | None]) -> None:
@@ -154,9 +138,9 @@ def _fault(kind: str, amounts: dict[str, float]) -> FoundFault | None:
     values = np.array(list(amounts.values()))
     median = float(np.median(values))
     std = float(max(values.std(), STAMP_AMOUNT_STD * median))
-    parameters = {"amount": FaultParameter("1", (median,), (std,))}
+    fault = TimeStamps(kind, median)
     return FoundFault(
-        "time_stamps", (), kind, parameters, OBVIOUS_FAULT_PROBABILITY, tuple(amounts)
+        fault, OBVIOUS_FAULT_PROBABILITY, {"amount": (std,)}, tuple(amounts)
     )
 
 
@@ -165,7 +149,7 @@ def repeats(recording: Recording) -> float:
     dropped = _counted(recording, REPEATED)
     if dropped:
         return dropped / (len(recording.t) + dropped)
-    repeated, _ = repeated_rows(recording.t, present_channels(recording))
+    repeated, _ = repeated_rows(recording.t, recording.channels)
     return float(repeated.mean())
 
 

@@ -19,7 +19,7 @@ from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.recording import Recording
-from gapscope.diagnosis.setup_faults.found_fault import FaultParameter, FoundFault
+from gapscope.diagnosis.setup_faults.found_fault import FoundFault
 from gapscope.diagnosis.thresholds import (
     CLOCK_GAIN,
     CLOCK_HINT,
@@ -31,6 +31,7 @@ from gapscope.diagnosis.thresholds import (
     OBVIOUS_FAULT_PROBABILITY,
     STAMP_AMOUNT_STD,
 )
+from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
 from gapscope.ident.signals.conditioning import (
     TORQUE_CUTOFF,
     Segment,
@@ -112,11 +113,9 @@ def find_torque_clock(case: Case) -> FoundFault | None:
     std = max(0.1 * CLOCK_LEAST_SKEW / longest, STAMP_AMOUNT_STD * abs(share))
     every = (*case.recordings, *case.judged)
     return FoundFault(
-        "time_stamps",
-        (),
-        TORQUE_CLOCK,
-        {"amount": FaultParameter("1", (1.0 + share,), (std,))},
+        TimeStamps(TORQUE_CLOCK, 1.0 + share),
         OBVIOUS_FAULT_PROBABILITY,
+        {"amount": (std,)},
         tuple(r.name for r in every if r.tau is not None),
     )
 

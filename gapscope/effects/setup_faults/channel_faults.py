@@ -1,23 +1,23 @@
-"""Faults of channels: signs, joints and units that differ from the assumed ones."""
+"""Faults of channels: signs, joints, units and zeros that differ from the assumed ones."""
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from gapscope.arm.errors import InputError
-from gapscope.arm.nominal import NominalArm
-from gapscope.arm.recording import CHANNELS, Recording
+from gapscope.arm.reading import Columns, Reading
 from gapscope.effects.parameter import Parameter
-from gapscope.effects.setup_faults.fault import (
-    POSITIONS,
-    TORQUES,
-    Fault,
-    columns_of,
-    scaled,
-)
+from gapscope.effects.setup_faults.fault import Fault, Look, Values, factors
+
+# Gear ratios: starts of the search for one [1]. (physical)
+GEAR_RATIO_STARTS = tuple(float(r) for r in np.geomspace(2.0, 500.0, 28))
+# Zeros of joints off by large angles: starts of the search for one [rad]. (budget)
+ZERO_STARTS = tuple(float(a) for a in np.deg2rad((-135, -90, -45, 45, 90, 135, 180)))
+# With fewer joints that travel too far, each is tried by itself as one read on its motor's side. (budget)
+FEW_FAR_JOINTS = 4
 
 
 @dataclass(frozen=True)
@@ -42,17 +42,32 @@ class SignFlip(Fault):
         """One joint."""
         return cls((int(rng.integers(n_joints)) + 1,), str(rng.choice(cls.variants)))
 
-    def apply(
-        self, recording: Recording, rng: np.random.Generator, arm: NominalArm
-    ) -> Recording:
-        """Turn the sign of the channels round."""
-        channels = {
-            "joint": POSITIONS + TORQUES,
-            "position": POSITIONS,
-            "torque": TORQUES,
+    @classmethod
+    def candidates(cls, look: Look) -> list[Fault]:
+        """Every joint in every way, and torques of two joints and of all.
+
+        Two flips are tried together: each may hide the other, since links share their inertials.
+        """
+        joints = range(1, look.n + 1)
+        torques = [
+            *itertools.combinations(joints, 1),
+            *itertools.combinations(joints, 2),
+        ]
+        if look.n > 2:
+            torques.append(tuple(joints))
+        of_motion = [cls((j,), way) for j in joints for way in ("position", "joint")]
+        return [*map(cls, torques), *of_motion]
+
+    def reading(self, n: int) -> Reading:
+        """With the sign of its channels turned."""
+        turned = factors(n, self.of_joints(n, -1.0))
+        torques = {"torque": turned, "sensor": turned}
+        changed = {
+            "torque": torques,
+            "position": {"motion": turned},
+            "joint": {"motion": turned, **torques},
         }
-        columns = columns_of(recording, self.joints, self.name)
-        return scaled(recording, channels[self.variant], columns, -1.0)
+        return Reading.identity(n, **changed[self.variant])
 
 
 @dataclass(frozen=True)
@@ -78,24 +93,24 @@ class JointSwap(Fault):
         first = int(rng.integers(1, n_joints))
         return cls((first, first + 1), str(rng.choice(cls.variants)))
 
-    def apply(
-        self, recording: Recording, rng: np.random.Generator, arm: NominalArm
-    ) -> Recording:
-        """Exchange the columns."""
+    @classmethod
+    def candidates(cls, look: Look) -> list[Fault]:
+        """Every pair in either way."""
+        pairs = list(itertools.combinations(range(1, look.n + 1), 2))
+        return [cls(pair, variant) for variant in cls.variants for pair in pairs]
+
+    def reading(self, n: int) -> Reading:
+        """With the columns exchanged."""
         if len(set(self.joints)) != 2:
             raise InputError(
                 f"expected two joints, got {list(self.joints)}", where=self.name
             )
-        first, second = columns_of(recording, self.joints, self.name)
-        channels = CHANNELS if self.variant == "joint" else TORQUES
-        changed: dict[str, Any] = {}
-        for channel in channels:
-            series = getattr(recording, channel)
-            if series is not None:
-                swapped = np.array(series)
-                swapped[:, [first, second]] = series[:, [second, first]]
-                changed[channel] = swapped
-        return replace(recording, **changed)
+        first, second = self.columns(n)
+        source = np.arange(n)
+        source[[first, second]] = second, first
+        swapped = replace(Columns.identity(n), source=tuple(source.tolist()))
+        motion = swapped if self.variant == "joint" else Columns.identity(n)
+        return Reading.identity(n, motion=motion, torque=swapped, sensor=swapped)
 
 
 @dataclass(frozen=True)
@@ -106,7 +121,7 @@ class UnitMismatch(Fault):
         variant: ``degrees`` or ``revolutions`` (positions), ``milliseconds`` (time) or ``motor_side`` (position times
             ratio, torque over ratio).
         joints: from 1; all if empty. Of no meaning for milliseconds.
-        ratio: gear ratio of ``motor_side`` [1].
+        ratio: gear ratio of ``motor_side`` [1], one for all joints or one for each.
     """
 
     name = "unit_mismatch"
@@ -119,7 +134,7 @@ class UnitMismatch(Fault):
     parameters = (Parameter("ratio", "r", "1", (1.0, 1000.0), (50.0, 160.0)),)
     variant: str
     joints: tuple[int, ...] = ()
-    ratio: float = 100.0
+    ratio: Values = 100.0
 
     @classmethod
     def draw(cls, rng: np.random.Generator, n_joints: int) -> UnitMismatch:
@@ -128,17 +143,77 @@ class UnitMismatch(Fault):
         ratio = np.round(rng.uniform(*cls.parameters[0].typical))
         return cls(variant, ratio=float(ratio))
 
-    def apply(
-        self, recording: Recording, rng: np.random.Generator, arm: NominalArm
-    ) -> Recording:
-        """Write the channel in the other unit."""
-        joints = self.joints or tuple(range(1, recording.n_joints + 1))
-        columns = columns_of(recording, joints, self.name)
-        if self.variant == "degrees":
-            return scaled(recording, POSITIONS, columns, 180.0 / np.pi)
-        if self.variant == "revolutions":
-            return scaled(recording, POSITIONS, columns, 0.5 / np.pi)
+    @classmethod
+    def candidates(cls, look: Look) -> list[Fault]:
+        """Degrees on each joint, all, and those that move too far; revolutions on all; motor side on those too far."""
+        far = tuple(j + 1 for j in look.beyond)
+        turning = tuple(j + 1 for j in look.turning)
+        in_degrees = {(j,) for j in turning} | {turning}
+        # joints that travel too far probably share one cause
+        in_degrees.add(tuple(j for j in far if j in turning))
+        on_motor_side = {far}
+        if len(far) < FEW_FAR_JOINTS:
+            on_motor_side |= {(j,) for j in far}
+        found = [cls("degrees", joints) for joints in sorted(in_degrees) if joints]
+        if turning:
+            found.append(cls("revolutions", turning))
+        geared = itertools.product(sorted(on_motor_side), GEAR_RATIO_STARTS)
+        return [*found, *(cls("motor_side", *pair) for pair in geared if pair[0])]
+
+    def values(self) -> dict[str, tuple[float, ...]]:
+        """The ratio, of ``motor_side`` alone."""
+        return super().values() if self.variant == "motor_side" else {}
+
+    def reading(self, n: int) -> Reading:
+        """In the unit assumed."""
         if self.variant == "milliseconds":
-            return replace(recording, t=1e3 * recording.t)
-        turned = scaled(recording, POSITIONS, columns, self.ratio)
-        return scaled(turned, TORQUES, columns, 1.0 / self.ratio)
+            return Reading.identity(n, time_factor=1e-3)
+        if self.variant == "motor_side":
+            ratio = self.per_joint("ratio", len(self.columns(n)))
+            torque = factors(n, self.of_joints(n, ratio))
+            motion = factors(n, self.of_joints(n, 1.0 / ratio))
+            return Reading.identity(n, motion=motion, torque=torque, sensor=torque)
+        unit = np.pi / 180 if self.variant == "degrees" else 2 * np.pi
+        return Reading.identity(n, motion=factors(n, self.of_joints(n, unit)))
+
+
+@dataclass(frozen=True)
+class ZeroOffset(Fault):
+    """Angles of joints counted from another zero than the model's: recorded q = q + offset.
+
+    As between an arm's Denavit-Hartenberg parameters and its URDF. Angles of a few degrees are no matter of convention:
+    they are the effect ``encoder_offset``.
+
+    Attributes:
+        joints: from 1.
+        offset: recorded less true angle [rad], one for all joints or one for each.
+    """
+
+    name = "zero_offset"
+    scope = "joint"
+    looks_like = (
+        "gravity torque as if a joint and what hangs on it were turned by a large angle"
+    )
+    reference = "siciliano2009"
+    parameters = (
+        Parameter("offset", "delta", "rad", (-np.pi, np.pi), (-np.pi / 2, np.pi / 2)),
+    )
+    joints: tuple[int, ...]
+    offset: Values
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, n_joints: int) -> ZeroOffset:
+        """One joint, by a quarter of a turn either way or by half a turn."""
+        joint = int(rng.integers(n_joints)) + 1
+        return cls((joint,), float(rng.choice([-1, 1, 2])) * np.pi / 2)
+
+    @classmethod
+    def candidates(cls, look: Look) -> list[Fault]:
+        """Each joint by eighths of a turn."""
+        return [cls((j,), a) for j in range(1, look.n + 1) for a in ZERO_STARTS]
+
+    def reading(self, n: int) -> Reading:
+        """Positions and their references counted from the model's zero."""
+        offset = self.per_joint("offset", len(self.columns(n)))
+        back = self.of_joints(n, -offset, usual=0.0)
+        return Reading.identity(n, motion=replace(Columns.identity(n), offset=back))

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
+from gapscope.arm.case import Case
 from gapscope.arm.control.pd import PD
-from gapscope.arm.controller import Controller
 from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm
+from gapscope.arm.reading import Reading, references
 from gapscope.arm.recording import Recording
 from gapscope.effects.parameter import Parameter
-from gapscope.effects.setup_faults.fault import Fault, columns_of
-from gapscope.effects.setup_faults.reference_faults import references
+from gapscope.effects.setup_faults.fault import Fault, Values
 
 FACTOR = (1e-3, 1e3)
 """Bounds of a factor on a gain [1]."""
@@ -36,16 +37,9 @@ class GainMismatch(Fault):
         Parameter("kp_factor", "a", "1", FACTOR, (0.1, 30.0)),
         Parameter("kd_factor", "b", "1", FACTOR, (0.01, 10.0)),
     )
-    kp_factor: tuple[float, ...]
-    kd_factor: tuple[float, ...]
+    kp_factor: Values
+    kd_factor: Values
     joints: tuple[int, ...] = ()
-
-    def __post_init__(self) -> None:
-        """One factor, or one for each joint."""
-        for name in ("kp_factor", "kd_factor"):
-            values = np.atleast_1d(getattr(self, name)).astype(float)
-            object.__setattr__(self, name, tuple(values.tolist()))
-        super().__post_init__()
 
     @classmethod
     def draw(cls, rng: np.random.Generator, n_joints: int) -> GainMismatch:
@@ -54,35 +48,26 @@ class GainMismatch(Fault):
         factors = size ** rng.choice([-1, 1], 2)
         return cls((float(factors[0]),), (float(factors[1]),))
 
-    def apply(
-        self, recording: Recording, rng: np.random.Generator, arm: NominalArm
-    ) -> Recording:
-        """The recording, which is right; see ``declared``."""
-        return recording
+    def reading(self, n: int) -> Reading:
+        """With the gains at work."""
+        count = len(self.columns(n))
+        gains = ("kp_factor", "kd_factor")
+        by_joint = {x: self.of_joints(n, self.per_joint(x, count)) for x in gains}
+        return Reading.identity(n, **by_joint)
 
-    def declared(self, controller: Controller | None) -> Controller | None:
-        """The controller that a case with this fault declares: gains at work over the factors.
+    def in_case(self, case: Case, rng: np.random.Generator, vendor: NominalArm) -> Case:
+        """The case that declares the gains at work over the factors; its recordings are right.
 
         Raises:
-            InputError: the controller is not ``pd``.
+            InputError: its controller is not ``pd``.
         """
-        if not isinstance(controller, PD):
+        if not isinstance(case.controller, PD):
             raise InputError(
                 "needs a controller of kind pd, whose gains it changes",
                 "record under a pd controller",
                 where=self.name,
             )
-        n = len(controller.kp)
-        joints = self.joints or tuple(range(1, n + 1))
-        if min(joints) < 1 or max(joints) > n:
-            raise InputError(
-                f"joints {list(joints)} of an arm with {n} joints", where=self.name
-            )
-        columns = np.array(joints) - 1
-        kp, kd = np.array(controller.kp), np.array(controller.kd)
-        kp[columns] /= self.per_joint("kp_factor", len(columns))
-        kd[columns] /= self.per_joint("kd_factor", len(columns))
-        return replace(controller, kp=kp, kd=kd)
+        return super().in_case(case, rng, vendor)
 
 
 @dataclass(frozen=True)
@@ -101,20 +86,13 @@ class UnmeasuredTorque(Fault):
     scope = "joint"
     looks_like = "a torque without any noise of its own that does not fit the motion"
     reference = "siciliano2009"
-    parameters = (
+    parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("kp", "kp", "N m/rad", (0.0, 1e6), (10.0, 500.0)),
         Parameter("kd", "kd", "N m s/rad", (0.0, 1e5), (0.5, 20.0)),
     )
-    kp: tuple[float, ...] = (80.0,)
-    kd: tuple[float, ...] = (2.5,)
+    kp: Values = (80.0,)
+    kd: Values = (2.5,)
     joints: tuple[int, ...] = ()
-
-    def __post_init__(self) -> None:
-        """One gain, or one for each joint."""
-        for name in ("kp", "kd"):
-            values = np.atleast_1d(getattr(self, name)).astype(float)
-            object.__setattr__(self, name, tuple(values.tolist()))
-        super().__post_init__()
 
     @classmethod
     def draw(cls, rng: np.random.Generator, n_joints: int) -> UnmeasuredTorque:
@@ -126,8 +104,8 @@ class UnmeasuredTorque(Fault):
         self, recording: Recording, rng: np.random.Generator, arm: NominalArm
     ) -> Recording:
         """Write what the gains give in the torque's place."""
-        joints = self.joints or tuple(range(1, recording.n_joints + 1))
-        columns = columns_of(recording, joints, self.name)
+        self.check()
+        columns = self.columns(recording.n_joints)
         q_ref, dq_ref = references(recording, self.name)
         dq = recording.dq
         if dq is None:

@@ -6,6 +6,7 @@ from gapscope.effects.setup_faults.channel_faults import (
     JointSwap,
     SignFlip,
     UnitMismatch,
+    ZeroOffset,
 )
 from gapscope.effects.setup_faults.controller_faults import (
     GainMismatch,
@@ -25,7 +26,6 @@ from gapscope.effects.setup_faults.torque_faults import (
     LateTorque,
     TorqueUnit,
 )
-from gapscope.effects.setup_faults.zero_fault import ZeroOffset
 
 FAULTS: dict[str, type[Fault]] = {
     fault.name: fault

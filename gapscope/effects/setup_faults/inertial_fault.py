@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 
 import numpy as np
 
-from gapscope.arm.nominal import NominalArm
-from gapscope.arm.recording import Recording
+from gapscope.arm.reading import Reading
 from gapscope.effects.parameter import Parameter
-from gapscope.effects.setup_faults.fault import Fault
+from gapscope.effects.setup_faults.fault import Fault, Look
 
 
 @dataclass(frozen=True)
@@ -35,36 +33,16 @@ class ShiftedInertials(Fault):
         """One link up or down the chain."""
         return cls(int(rng.choice([-1, 1])), bool(rng.integers(2)))
 
-    def apply(
-        self, recording: Recording, rng: np.random.Generator, arm: NominalArm
-    ) -> Recording:
-        """The recording, which is right; see ``urdf``."""
-        return recording
+    @classmethod
+    def candidates(cls, look: Look) -> list[Fault]:
+        """One link off."""
+        return [*cls.one_link_off()]
 
-    def urdf(self, text: str) -> str:
-        """URDF text with the ``<inertial>`` of each link that has one moved to the next such link, in file order."""
-        root = ET.fromstring(text)
-        links = self._links(root)
-        inertials = [link.find("inertial") for link in links]
-        givers = np.roll(np.arange(len(links)), self.by)
-        for link, own, giver in zip(links, inertials, givers, strict=True):
-            given = inertials[int(giver)]
-            assert own is not None and given is not None
-            link.remove(own)
-            link.append(given)
-        return ET.tostring(root, encoding="unicode")
+    @classmethod
+    def one_link_off(cls) -> list[ShiftedInertials]:
+        """Either way, among all links or among those that a joint moves."""
+        return [cls(by, moved) for moved in (False, True) for by in (1, -1)]
 
-    def _links(self, root: ET.Element) -> list[ET.Element]:
-        """Links whose inertials are exchanged, in file order."""
-        moved = {
-            child.get("link")
-            for joint in root.iter("joint")
-            if joint.get("type") in ("revolute", "continuous", "prismatic")
-            for child in joint.iter("child")
-        }
-        return [
-            link
-            for link in root.iter("link")
-            if link.find("inertial") is not None
-            and (not self.moved_only or link.get("name") in moved)
-        ]
+    def reading(self, n: int) -> Reading:
+        """With the inertials back where they belong."""
+        return Reading.identity(n, link_shift=-self.by, moved_only=self.moved_only)

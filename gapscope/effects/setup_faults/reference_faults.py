@@ -8,6 +8,7 @@ import numpy as np
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm
+from gapscope.arm.reading import Reading, references
 from gapscope.arm.recording import Recording
 from gapscope.effects.parameter import Parameter
 from gapscope.effects.setup_faults.fault import Fault
@@ -34,11 +35,17 @@ class IgnoredVelocityReference(Fault):
         """Some hundredths to tenths of a second."""
         return cls(float(rng.uniform(*cls.parameters[0].typical)))
 
+    def reading(self, n: int) -> Reading:
+        """With the reference that a controller which does use its velocity would have followed."""
+        return Reading.identity(n, lead=self.lead)
+
     def apply(
         self, recording: Recording, rng: np.random.Generator, arm: NominalArm
     ) -> Recording:
         """Write the reference that leads to the same motion if its velocity is ignored."""
+        self.check()
         q_ref, dq_ref = references(recording, self.name)
+        # a log whose velocity is that of its positions: no inverse of the reading, which leaves it
         lead = q_ref + self.lead * dq_ref
         rate = np.gradient(lead, recording.t, axis=0)
         return replace(recording, q_ref=lead, dq_ref=rate)
@@ -57,6 +64,10 @@ class VelocityOfReference(Fault):
     def draw(cls, rng: np.random.Generator, n_joints: int) -> VelocityOfReference:
         """The fault, which has no values."""
         return cls()
+
+    def reading(self, n: int) -> Reading:
+        """Without the velocity."""
+        return Reading.identity(n, own_velocity=False)
 
     def apply(
         self, recording: Recording, rng: np.random.Generator, arm: NominalArm
@@ -88,10 +99,15 @@ class SpeedScaling(Fault):
         """A slider between a third and nine tenths."""
         return cls(float(rng.uniform(0.33, 0.9)))
 
+    def reading(self, n: int) -> Reading:
+        """With the reference at the arm's pace, as long as it lasts."""
+        return Reading.identity(n, pace=self.factor)
+
     def apply(
         self, recording: Recording, rng: np.random.Generator, arm: NominalArm
     ) -> Recording:
         """Let the reference run at its own pace; it rests once it has ended."""
+        self.check()
         q_ref, dq_ref = references(recording, self.name)
         t = recording.t
         planned = t[0] + (t - t[0]) / self.factor
@@ -131,6 +147,10 @@ class CoarseReference(Fault):
         period = float(rng.choice([0.02, 0.04, 0.1]))
         return cls(str(rng.choice(cls.variants)), period)
 
+    def reading(self, n: int) -> Reading:
+        """With a smooth reference through the set points."""
+        return Reading.identity(n, smooth_reference=True)
+
     def apply(
         self, recording: Recording, rng: np.random.Generator, arm: NominalArm
     ) -> Recording:
@@ -139,6 +159,7 @@ class CoarseReference(Fault):
         Raises:
             InputError: set points come no more rarely than rows.
         """
+        self.check()
         q_ref, _ = references(recording, self.name)
         t = recording.t
         every = round(self.period * recording.rate)
@@ -156,23 +177,3 @@ class CoarseReference(Fault):
             return replace(recording, q_ref=q_ref[kept][before], dq_ref=held_rate)
         lines = [np.interp(t, t[kept], column) for column in q_ref[kept].T]
         return replace(recording, q_ref=np.column_stack(lines), dq_ref=held_rate)
-
-
-def references(recording: Recording, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Reference positions [rad] and velocities [rad/s] of a recording, (N, n) each.
-
-    Velocities that were not recorded are the derivative of the positions.
-
-    Raises:
-        InputError: no reference was recorded.
-    """
-    if recording.q_ref is None:
-        raise InputError(
-            "has no reference q_ref, of which this is a fault",
-            "record under a position controller",
-            file=recording.name,
-            where=name,
-        )
-    if recording.dq_ref is not None:
-        return recording.q_ref, recording.dq_ref
-    return recording.q_ref, np.gradient(recording.q_ref, recording.t, axis=0)

@@ -7,9 +7,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gapscope.arm.nominal import NominalArm
+from gapscope.arm.reading import Reading
 from gapscope.arm.recording import Recording
 from gapscope.effects.parameter import Parameter
-from gapscope.effects.setup_faults.fault import Fault
+from gapscope.effects.setup_faults.fault import Fault, Look
+
+# Assumed over true period: starts of the search for a wrong rate [1]. (budget)
+RATE_STARTS = (
+    0.2,
+    0.25,
+    1 / 3,
+    0.4,
+    0.5,
+    0.65,
+    0.8,
+    1.25,
+    1.55,
+    2.0,
+    2.5,
+    3.0,
+    4.0,
+    5.0,
+)
 
 
 @dataclass(frozen=True)
@@ -42,37 +61,36 @@ class TimeStamps(Fault):
         low, high = (0.1, 0.3) if variant == "jitter" else (0.01, 0.05)
         return cls(variant, float(rng.uniform(low, high)))
 
+    @classmethod
+    def candidates(cls, look: Look) -> list[Fault]:
+        """Wrong rates; all else shows in the recordings themselves."""
+        starts = () if look.rate_is_known else RATE_STARTS
+        return [cls("wrong_rate", amount) for amount in starts]
+
+    def reading(self, n: int) -> Reading:
+        """At the true rate, on an even clock, without repeated rows; samples that were lost stay lost."""
+        changed: dict[str, dict[str, float | bool]] = {
+            "gaps": {},
+            "repeats": {"once": True},
+            "jitter": {"even": True},
+            "wrong_rate": {"time_factor": 1.0 / self.amount},
+            "torque_clock": {"torque_drift": self.amount - 1.0},
+        }
+        return Reading.identity(n, **changed[self.variant])
+
     def apply(
         self, recording: Recording, rng: np.random.Generator, arm: NominalArm
     ) -> Recording:
-        """Lose, repeat or shift stamps."""
-        changes = {
-            "wrong_rate": self._at_wrong_rate,
+        """Lose, repeat or shift stamps; what was measured after the recording's end is not in it."""
+        at_random = {
             "jitter": self._with_jitter,
             "gaps": self._with_gaps,
             "repeats": self._with_repeats,
-            "torque_clock": self._with_torque_clock,
         }
-        return changes[self.variant](recording, rng)
-
-    def _at_wrong_rate(
-        self, recording: Recording, rng: np.random.Generator
-    ) -> Recording:
-        """Stamps of a rate that was assumed."""
-        t = recording.t
-        return replace(recording, t=t[0] + (t - t[0]) * self.amount)
-
-    def _with_torque_clock(
-        self, recording: Recording, rng: np.random.Generator
-    ) -> Recording:
-        """Torque under stamps of an assumed rate; what was measured after the recording's end is not in it."""
-        if recording.tau is None:
-            return recording
-        start = recording.t[0]
-        measured = start + (recording.t - start) / self.amount
-        inside = measured <= recording.t[-1]
-        columns = [np.interp(measured, recording.t, x) for x in recording.tau.T]
-        return replace(recording, tau=np.column_stack(columns)).part(inside)
+        if self.variant in at_random:
+            self.check()
+            return at_random[self.variant](recording, rng)
+        return super().apply(recording, rng, arm)
 
     def _with_jitter(self, recording: Recording, rng: np.random.Generator) -> Recording:
         """Stamps off at random."""

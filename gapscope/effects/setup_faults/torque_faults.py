@@ -10,10 +10,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gapscope.arm.nominal import NominalArm
+from gapscope.arm.reading import Reading
 from gapscope.arm.recording import Recording
-from gapscope.arm.torque_column import gravity_torque
 from gapscope.effects.parameter import Parameter
-from gapscope.effects.setup_faults.fault import Fault, columns_of
+from gapscope.effects.setup_faults.fault import Fault, Look, Values, factors
+
+# Delays of the torque column: starts of the search for one [s]. (budget)
+TORQUE_DELAY_STARTS = (0.01, 0.02, 0.04, 0.08, 0.16)
+# A torque is in another unit from this factor on, either way [1]; nearer to one it is a constant that is off. (hand)
+UNIT_FACTOR = 1.9
 
 
 @dataclass(frozen=True)
@@ -35,13 +40,14 @@ class GravityCompensatedTorque(Fault):
         """The fault, which has no values."""
         return cls()
 
-    def apply(
-        self, recording: Recording, rng: np.random.Generator, arm: NominalArm
-    ) -> Recording:
-        """Take the gravity torque out."""
-        if recording.tau is None:
-            return recording
-        return replace(recording, tau=recording.tau - gravity_torque(recording, arm))
+    @classmethod
+    def candidates(cls, look: Look) -> list[Fault]:
+        """The fault, of an arm that has a weight."""
+        return [cls()] if look.has_weight and not look.reading.gravity else []
+
+    def reading(self, n: int) -> Reading:
+        """With the gravity torque put back."""
+        return Reading.identity(n, gravity=1)
 
 
 @dataclass(frozen=True)
@@ -63,13 +69,7 @@ class TorqueUnit(Fault):
     parameters = (Parameter("factor", "k", "1", (1e-4, 1e4), (0.1, 20.0)),)
     variant: str
     joints: tuple[int, ...] = ()
-    factor: tuple[float, ...] = (10.0,)
-
-    def __post_init__(self) -> None:
-        """One factor, or one for each joint."""
-        factors = np.atleast_1d(self.factor).astype(float)
-        object.__setattr__(self, "factor", tuple(factors.tolist()))
-        super().__post_init__()
+    factor: Values = (10.0,)
 
     @classmethod
     def draw(cls, rng: np.random.Generator, n_joints: int) -> TorqueUnit:
@@ -84,18 +84,37 @@ class TorqueUnit(Fault):
         halves = [large if 2 * j < n_joints else small for j in range(n_joints)]
         return cls(variant, factor=tuple(halves))
 
-    def apply(
-        self, recording: Recording, rng: np.random.Generator, arm: NominalArm
-    ) -> Recording:
-        """Write the torque in the other unit."""
-        joints = self.joints or tuple(range(1, recording.n_joints + 1))
-        columns = columns_of(recording, joints, self.name)
-        factors = self.per_joint("factor", len(columns))
-        if recording.tau is None:
-            return recording
-        tau = np.array(recording.tau)
-        tau[:, columns] /= factors
-        return replace(recording, tau=tau)
+    @classmethod
+    def candidates(cls, look: Look) -> list[Fault]:
+        """Another unit of all joints if most are far from the nominal arm; else of those that are, and of each."""
+        known = look.known
+        usual = float(np.median(look.factor[known])) if known.any() else 1.0
+        if _is_gross(usual):
+            # a joint whose torque says nothing has the others' factor
+            return [
+                cls.of(np.arange(look.n), np.where(known, look.factor, usual), look.n)
+            ]
+        far = np.flatnonzero(known & _is_gross(look.factor))
+        groups = [far[k : k + 1] for k in range(len(far))]
+        if len(far) > 1:
+            groups.append(far)
+        return [cls.of(joints, look.factor[joints], look.n) for joints in groups]
+
+    @property
+    def is_ordinary(self) -> bool:
+        """Whether the unit is near enough to N m for a constant that is off."""
+        return bool(not _is_gross(float(np.median(self.factor))))
+
+    @classmethod
+    def of(cls, joints: np.ndarray, factor: np.ndarray, n: int) -> TorqueUnit:
+        """Of joints, from 0, out of n, with the factor of each."""
+        variant = "current" if len(joints) == n else "command_scale"
+        return cls(variant, tuple((joints + 1).tolist()), tuple(factor.tolist()))
+
+    def reading(self, n: int) -> Reading:
+        """In N m."""
+        factor = self.per_joint("factor", len(self.columns(n)))
+        return Reading.identity(n, torque=factors(n, self.of_joints(n, factor)))
 
 
 @dataclass(frozen=True)
@@ -122,17 +141,32 @@ class LateTorque(Fault):
         variant = str(rng.choice(cls.variants))
         return cls(variant, float(rng.uniform(*cls.parameters[0].typical)))
 
+    @classmethod
+    def candidates(cls, look: Look) -> list[Fault]:
+        """Some delays, of a torque that is not late already, in a time that is right."""
+        late = look.reading.differs("torque_delay", "time_factor")
+        return [] if late else [cls("delay", delay) for delay in TORQUE_DELAY_STARTS]
+
+    def reading(self, n: int) -> Reading:
+        """At the time of the motion; what a filter took away stays away."""
+        return Reading.identity(
+            n, torque_delay=self.delay if self.variant == "delay" else 0.0
+        )
+
     def apply(
         self, recording: Recording, rng: np.random.Generator, arm: NominalArm
     ) -> Recording:
         """Write the torque late, constant before the start."""
-        if recording.tau is None:
-            return recording
-        t = recording.t
-        if self.variant == "filter":
-            return replace(recording, tau=_low_passed(t, recording.tau, self.delay))
-        late = [np.interp(t - self.delay, t, column) for column in recording.tau.T]
-        return replace(recording, tau=np.column_stack(late))
+        if self.variant == "delay" or recording.tau is None:
+            return super().apply(recording, rng, arm)
+        self.check()
+        tau = _low_passed(recording.t, recording.tau, self.delay)
+        return replace(recording, tau=tau)
+
+
+def _is_gross(factor: np.ndarray | float) -> np.ndarray:
+    """Whether true over recorded torque is that of another unit [1]."""
+    return np.abs(np.log(factor)) > np.log(UNIT_FACTOR)
 
 
 def _low_passed(t: np.ndarray, tau: np.ndarray, time_constant: float) -> np.ndarray:

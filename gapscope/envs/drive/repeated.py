@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
-from types import CodeType
 from typing import Any
 
 import numpy as np
@@ -26,66 +24,60 @@ def repeated(
         size: of each array.
     """
     notes = _Notes()
-    arguments = [_Noted(notes, np.zeros(size), f"a{i}") for i in range(count)]
+    arguments = [_Noted(notes, np.zeros(size), number) for number in range(count)]
     try:
         with np.errstate(all="ignore"):
             result: Any = function(*arguments)
     except (AttributeError, TypeError, ValueError):
         return function
-    if not notes or result is not notes[-1][1]:
+    last = notes.calls[-1][1][-1] if notes.calls else None
+    if not isinstance(result, _Noted) or result.value is not last:
         return function
-    lines = [f"{call}, {out.name})" for call, out in notes]
-    # what comes out is an array of its own, no memory that is used again
-    lines[-1] = f"return {notes[-1][0]})"
-    names = ", ".join(
-        [*(x.name for x in arguments), *(f"{x}={x}" for x in notes.known)]
-    )
-    body = "\n ".join(lines)
-    exec(_code(f"def noted({names}):\n {body}"), notes.known)
-    return notes.known["noted"]
+    return notes
 
 
-@cache
-def _code(source: str) -> CodeType:
-    """Compiled code; laws of one form share it."""
-    return compile(source, "<law>", "exec")
-
-
-class _Notes(list[tuple[str, "_Noted"]]):
-    """Operations as source code without the end of the call, each with what it gives.
-
-    Attributes:
-        known: functions and arrays by their names in it.
-    """
+class _Notes:
+    """The operations of a function, in their order, and where its arguments go in."""
 
     def __init__(self) -> None:
-        super().__init__()
-        self.known: dict[str, Any] = {}
+        self.calls: list[tuple[np.ufunc, list[Any]]] = []
+        self._given: list[tuple[list[Any], int, int]] = []
 
-    def name(self, value: Any) -> str:
-        """A new name for a value."""
-        name = f"x{len(self.known)}"
-        self.known[name] = value
-        return name
+    def note(self, operation: np.ufunc, *inputs: Any) -> _Noted:
+        """Note an operation, of which at least one input goes back to an argument."""
+        call = [x.value if isinstance(x, _Noted) else np.asarray(x) for x in inputs]
+        for place, x in enumerate(inputs):
+            if isinstance(x, _Noted) and x.number is not None:
+                self._given.append((call, place, x.number))
+        out = operation(*call)
+        # where the result goes to comes last
+        call.append(out)
+        self.calls.append((operation, call))
+        return _Noted(self, out)
+
+    def __call__(self, *arguments: np.ndarray | float) -> np.ndarray:
+        """The function's value, an array of its own."""
+        for inputs, place, number in self._given:
+            inputs[place] = arguments[number]
+        for operation, inputs in self.calls:
+            operation(*inputs)
+        return np.array(self.calls[-1][1][-1])
 
 
 class _Noted(NDArrayOperatorsMixin):
-    """An array that is an argument, or comes from one; nobody may ask for its values."""
+    """An array that stands for argument ``number``, or comes from one; nobody may ask for its values."""
 
     __array__ = __bool__ = None
 
-    def __init__(self, notes: _Notes, value: np.ndarray, name: str) -> None:
-        self._notes, self.value, self.name = notes, value, name
+    def __init__(
+        self, notes: _Notes, value: np.ndarray, number: int | None = None
+    ) -> None:
+        self._notes, self.value, self.number = notes, value, number
 
     def __array_ufunc__(
-        self, ufunc: np.ufunc, method: str, *inputs: Any, **kwargs: Any
+        self, operation: np.ufunc, method: str, *inputs: Any, **options: Any
     ) -> Any:
-        """Note the operation, if it is a plain one."""
-        if method != "__call__" or kwargs or ufunc.nout != 1:
+        """Have the operation noted, if it is a plain one."""
+        if method != "__call__" or options or operation.nout != 1:
             return NotImplemented
-        notes = self._notes
-        out = ufunc(*(x.value if isinstance(x, _Noted) else x for x in inputs))
-        names = [x.name if isinstance(x, _Noted) else notes.name(x) for x in inputs]
-        given = _Noted(notes, out, notes.name(out))
-        notes.append((f"{notes.name(ufunc)}({', '.join(names)}", given))
-        return given
+        return self._notes.note(operation, *inputs)

@@ -5,7 +5,7 @@ A bristle bends by z and slips at g(v),
     dz/dt = v - sigma0 |v| z / g(v),   friction = sigma0 z + sigma1 dz/dt,   g(v) = Fc + (Fs - Fc) exp(-(v / vs)^2),
 
 so that at a constant speed the friction is g(v) sgn v (canudas1995). With Fs = Fc and sigma1 = 0 it is Dahl's model of
-``gapscope.effects.presliding``, whose distance is Fc / sigma0.
+``gapscope.effects.friction``, whose distance is Fc / sigma0.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def dry_bristle(drive: JointDrive, step: float) -> Bristle | None:
         drive: of the joint.
         step: of the simulator [s].
     """
-    peak, speed = drive.stribeck
+    peak, speed = drive.breakaway, drive.breakaway_speed
     stiffest = drive.inertia * (STIFFEST / step) ** 2
     if builds_up(drive):
         stiffness = min(drive.friction / drive.presliding, stiffest)
@@ -78,11 +78,16 @@ def saturating_bristles(drive: JointDrive, step: float) -> tuple[Bristle, ...]:
         drive: of the joint.
         step: of the simulator [s].
     """
-    torque, speed = drive.saturating
-    if torque == 0:
+    if drive.saturating == 0:
         return ()
     stiffness = drive.inertia * (STIFFEST / step) ** 2
     return tuple(
-        Bristle(stiffness, 0.0, share * torque, 0.0, relative * speed)
+        Bristle(
+            stiffness,
+            0.0,
+            share * drive.saturating,
+            0.0,
+            relative * drive.saturating_speed,
+        )
         for share, relative in zip(TANH_SHARES, TANH_SPEEDS, strict=True)
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from gapscope.envs.export.left_out import left_out, remarks
@@ -18,9 +19,8 @@ def heading(arm: PlainArm, form: str, more: tuple[str, ...], relative: bool) -> 
         more: what the writer of the format has to say beyond what is left out.
         relative: whether meshes are named from the folder of the file.
     """
-    effects = ", ".join(dict.fromkeys(e.name for e in arm.corrected.effects)) or "none"
     lines = [
-        f"Corrected arm of {arm.body.file.name}, written by gapscope export; SI units. Effects: {effects}.",
+        f"Corrected arm of {arm.body.file.name}, written by gapscope export; SI units. {effects_line(arm)}",
         f"Simulate it under gravity of {arm.gravity:g} m/s^2 along -z of the world"
         + (", as the base is turned into it." if not arm.upright else "."),
         f"Meshes are named by paths {'from the folder of this file' if relative else 'from the root of the disk'}.",
@@ -36,8 +36,19 @@ def heading(arm: PlainArm, form: str, more: tuple[str, ...], relative: bool) -> 
             "Odd, and some simulators change such inertias:",
             *(f"  {line}" for line in odd),
         ]
+    return xml_comment(lines)
+
+
+def effects_line(arm: PlainArm) -> str:
+    """Which effects an exported arm has."""
+    names = ", ".join(dict.fromkeys(e.name for e in arm.corrected.effects))
+    return f"Effects: {names or 'none'}."
+
+
+def xml_comment(lines: Sequence[str]) -> str:
+    """Lines as the text of a comment of XML."""
     text = "\n".join(lines)
-    while "--" in text:  # which a comment of XML may not hold
+    while "--" in text:  # which it may not hold
         text = text.replace("--", "- -")
     return f"\n{text}\n"
 

@@ -2,31 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import QUANTITIES
 from gapscope.effects.passivity import total
 from gapscope.envs.drive.substeps import least_inertia, mass_matrices
 from gapscope.envs.drive.two_mass import teeth
 
-
-class Ripple(NamedTuple):
-    """A sin(n q + phi) at the coordinate q of the file: A [N m], n [1], phi [rad]."""
-
-    amplitude: float
-    cycles: float
-    phase: float
-
-
-class FrictionCurve(NamedTuple):
-    """A torque [N m] and the speed [rad/s] over which it falls or grows; off if the torque is 0."""
-
-    torque: float
-    velocity: float
+NOT_NEGATIVE = {"friction": "N m", "damping": "N m s/rad", "rotor": "kg m^2"}
+"""Quantities that may not be negative in total, with their unit."""
 
 
 class Gear(NamedTuple):
@@ -45,153 +34,117 @@ class Gear(NamedTuple):
 class JointDrive:
     """What acts on one joint, nominal values and effects together, joint side.
 
+    Quantities have the names and units of ``gapscope.effects.effect.QUANTITIES``; ``rest`` and ``ripple_phase`` hold at
+    the coordinate of the file, which is what the encoder reads.
+
     Attributes:
-        damping: viscous friction [N m s/rad].
-        friction: Coulomb friction [N m].
-        stribeck: what dry friction is higher by at rest.
-        saturating: what dry friction grows to in motion.
         presliding: distance over which dry friction builds up [rad], 0 if at once.
-        armature: rotor inertia [kg m^2].
         inertia: smallest inertia that friction holds, however the other joints move [kg m^2].
         gear: between motor and joint, or ``None`` if they are one body.
-        stiffness, rest: of the parallel spring [N m/rad], [rad].
-        scale: share by which more torque arrives than is commanded [1].
-        offset: torque that arrives beside it [N m].
-        ripple: torque that arrives with the position.
-        delay: time by which the torque arrives late [s].
-        lag: time constant between the two [s].
-        zero: what the encoder reads beyond the true position, by which the coordinate of the file is shifted [rad].
-        effort: limit of the commanded torque [N m], or ``None`` if none is known.
-        velocity: limit of the joint's velocity [rad/s], or ``None``.
+        effort: lowest known limit of the commanded torque [N m], infinite if none is known.
+        velocity: limit of the joint's velocity [rad/s], infinite if none is known.
     """
 
-    damping: float
     friction: float
-    stribeck: FrictionCurve
-    saturating: FrictionCurve
-    presliding: float
-    armature: float
-    inertia: float
-    gear: Gear | None
+    damping: float
+    rotor: float
+    breakaway: float
+    breakaway_speed: float
+    saturating: float
+    saturating_speed: float
     stiffness: float
     rest: float
-    scale: float
-    offset: float
-    ripple: Ripple
     delay: float
     lag: float
+    scale: float
+    offset: float
+    ripple: float
+    ripple_cycles: float
+    ripple_phase: float
     zero: float
-    effort: float | None
-    velocity: float | None
+    presliding: float
+    inertia: float
+    gear: Gear | None
+    effort: float
+    velocity: float
 
 
 def joint_drives(corrected: CorrectedArm, body: RigidBody) -> dict[str, JointDrive]:
     """The drives of a corrected arm by name of the joint; ``body`` holds its changed bodies.
 
     Raises:
-        InputError: friction or armature that is negative in total.
+        InputError: friction or rotor inertia that is negative in total.
     """
-    arm, value = corrected.arm, corrected.value
-    armature = total(arm.armature + value("armature", "inertia"), "armature", "kg m^2")
-    zero = value("encoder_offset", "offset")
+    arm = corrected.arm
+    names = [field.name for field in fields(JointDrive)]
+    columns = {x: corrected.quantity(x) for x in names if x in QUANTITIES}
+    columns |= {name: passive_quantity(corrected, name) for name in NOT_NEGATIVE}
+    # springs and ripple follow the true position, the coordinates of a file are what the encoders read
+    zero = columns["zero"]
+    columns["rest"] = columns["rest"] + zero
+    columns["ripple_phase"] = columns["ripple_phase"] - columns["ripple_cycles"] * zero
     masses = mass_matrices(body)[:, body.places][:, :, body.places]
-    gears = _gears(corrected, armature, least_inertia(masses))
-    columns = {
-        "damping": total(
-            arm.viscous + value("viscous_friction", "coefficient"),
-            "viscous_friction",
-            "N m s/rad",
-        ),
-        "friction": total(
-            arm.coulomb + value("coulomb_friction", "torque"), "coulomb_friction", "N m"
-        ),
+    gears = _gears(corrected, columns["rotor"], least_inertia(masses))
+    limit = body.effort_limits() if arm.torque_limit is None else arm.torque_limit
+    columns |= {
         "presliding": arm.presliding,
-        "armature": armature,
-        "inertia": _held_inertia(masses, armature, gears),
-        "stiffness": value("parallel_spring", "stiffness"),
-        "rest": value("parallel_spring", "rest") + zero,
-        "scale": value("torque_scale", "scale"),
-        "offset": value("torque_offset", "torque"),
-        "delay": value("actuator_delay", "delay"),
-        "lag": value("actuator_lag", "time_constant"),
-        "zero": zero,
+        "inertia": _held_inertia(masses, columns["rotor"], gears),
+        "effort": np.minimum(_known(limit), _known(corrected.quantity("limit"))),
+        "velocity": _known(body.velocity_limits()),
     }
-    efforts = _efforts(corrected, body)
-    velocities = body.velocity_limits()
     return {
         joint: JointDrive(
-            **{name: float(column[j]) for name, column in columns.items()},
-            stribeck=FrictionCurve(*_values(corrected, "stribeck_friction", j)),
-            saturating=FrictionCurve(*_values(corrected, "saturating_friction", j)),
             gear=gears[j],
-            ripple=_ripple(corrected, zero, j),
-            effort=efforts[j],
-            velocity=float(velocities[j]) if 0 < velocities[j] < np.inf else None,
+            **{name: float(column[j]) for name, column in columns.items()},
         )
         for j, joint in enumerate(arm.joints)
     }
 
 
+def passive_quantity(corrected: CorrectedArm, name: str, of: str = "") -> np.ndarray:
+    """A quantity that may not be negative in total, of joints or, with ``of="motor_"``, of coupled motors, (n,).
+
+    Raises:
+        InputError: it is negative.
+    """
+    return total(corrected.quantity(of + name), of + name, NOT_NEGATIVE[name])
+
+
+def _known(limit: np.ndarray) -> np.ndarray:
+    """Limits, infinite where none is known."""
+    return np.where(limit > 0, limit, np.inf)
+
+
 def _held_inertia(
-    masses: np.ndarray, armature: np.ndarray, gears: list[Gear | None]
+    masses: np.ndarray, rotors: np.ndarray, gears: list[Gear | None]
 ) -> np.ndarray:
     """Inertia [kg m^2], (n,), by which springs of any stiffness s on all joints are no faster than sqrt(s / inertia).
 
     Of motors and bodies whose mass matrices are of shape (K, n, n), without their rotors.
     """
     alone = np.array([gear is not None for gear in gears])
-    together = masses + np.diag(np.where(alone, 0.0, armature))
+    together = masses + np.diag(np.where(alone, 0.0, rotors))
     least = least_inertia(together)
     root = np.sqrt(least)
     # the largest eigenvalue of M^-1, with each joint's own least inertia as unit
     coupling = np.linalg.eigvalsh(root[:, None] * np.linalg.inv(together) * root)
-    return np.where(alone, armature, least / coupling.max())
-
-
-def _values(corrected: CorrectedArm, name: str, j: int) -> tuple[float, float]:
-    """Torque and velocity of a friction law at joint j from 0."""
-    return (
-        float(corrected.value(name, "torque")[j]),
-        float(corrected.value(name, "velocity")[j]),
-    )
-
-
-def _ripple(corrected: CorrectedArm, zero: np.ndarray, j: int) -> Ripple:
-    """Ripple of joint j from 0, which follows the true position whatever the encoder reads."""
-    a, n, phi = (
-        float(corrected.value("torque_ripple", name)[j])
-        for name in ("amplitude", "cycles", "phase")
-    )
-    return Ripple(a, n, phi - n * float(zero[j]))
-
-
-def _efforts(corrected: CorrectedArm, body: RigidBody) -> list[float | None]:
-    """The lowest known limit of each joint's commanded torque [N m]."""
-    limit = corrected.arm.torque_limit
-    nominal = body.effort_limits() if limit is None else limit
-    saturated = corrected.value("torque_saturation", "limit")
-    out = []
-    for pair in zip(nominal.tolist(), saturated.tolist(), strict=True):
-        known = [x for x in pair if 0 < x < np.inf]
-        out.append(min(known, default=None))
-    return out
+    return np.where(alone, rotors, least / coupling.max())
 
 
 def _gears(
-    corrected: CorrectedArm, armature: np.ndarray, inertia: np.ndarray
+    corrected: CorrectedArm, rotors: np.ndarray, inertia: np.ndarray
 ) -> list[Gear | None]:
     """Gears of the joints; ``None`` where nothing yields, or where no rotor is known that could turn on its own."""
-    stiffness = corrected.value("joint_elasticity", "stiffness")
-    damping = corrected.value("joint_elasticity", "damping")
-    width = corrected.value("backlash", "width")
-    tooth_stiffness, tooth_damping = teeth(armature, inertia)
-    gears: list[Gear | None] = []
-    for j, k in enumerate(stiffness.tolist()):
-        if armature[j] <= 0 or not (k > 0 or width[j] > 0):
-            gears.append(None)
-        elif k > 0:
-            gears.append(Gear(k, float(damping[j]), float(width[j]), True))
-        else:
-            k, d = float(tooth_stiffness[j]), float(tooth_damping[j])
-            gears.append(Gear(k, d, float(width[j]), False))
-    return gears
+    stiffness, damping, width = (
+        corrected.quantity(name) for name in ("gear_stiffness", "gear_damping", "play")
+    )
+    elastic = stiffness > 0
+    tooth_stiffness, tooth_damping = teeth(rotors, inertia)
+    stiffness = np.where(elastic, stiffness, tooth_stiffness)
+    damping = np.where(elastic, damping, tooth_damping)
+    return [
+        Gear(float(stiffness[j]), float(damping[j]), float(width[j]), bool(elastic[j]))
+        if rotors[j] > 0 and (elastic[j] or width[j] > 0)
+        else None
+        for j in range(len(rotors))
+    ]

@@ -2,57 +2,51 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 
 from gapscope.arm.dynamics.odd_inertials import odd_inertials
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import usual_load
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import Effect
 from gapscope.envs.export.plain_arm import PlainArm
 
 FORMATS = ("urdf", "mjcf", "sdf")
 """Formats that can be written."""
-EVERYWHERE = {
-    "payload",
-    "link_inertia",
-    "base_tilt",
-    "coulomb_friction",
-    "viscous_friction",
-    "torque_saturation",
-    "encoder_offset",
-}
-"""Effects that every format holds."""
+EVERYWHERE = {"body", "load", "gravity", "friction", "damping", "limit", "zero"}
+"""Quantities that every format holds."""
+GEAR = {"gear_stiffness", "gear_damping", "play"}
+"""Quantities between a joint and a motor of its own, which needs a rotor."""
 HELD = {
     "urdf": EVERYWHERE,
-    "sdf": EVERYWHERE | {"parallel_spring"},
+    "sdf": EVERYWHERE | {"stiffness", "rest"},
     "mjcf": EVERYWHERE
-    | {"parallel_spring", "armature", "stribeck_friction", "saturating_friction"}
-    | {"torque_scale", "torque_offset", "torque_ripple"}
-    | {"actuator_lag", "actuator_delay", "joint_elasticity", "backlash"}
-    | {"coupled_coulomb_friction", "coupled_viscous_friction", "coupled_armature"},
+    | {"stiffness", "rest", "rotor", "delay", "lag", "scale", "offset"}
+    | {"breakaway", "breakaway_speed", "saturating", "saturating_speed"}
+    | {"ripple", "ripple_cycles", "ripple_phase"}
+    | {"motor_friction", "motor_damping", "motor_rotor"}
+    | GEAR,
 }
-"""Effects that a format holds."""
-TWO_MASSES = ("joint_elasticity", "backlash")
-"""Effects that need a motor of its own, with a rotor."""
-HINTS = {
-    "friction_drift": "friction of the file is that without drift; at the start of a recording it is 1 + amplitude "
-    "times as large",
-    "external_force": "it belongs to the recording in which it acted",
-    "encoder_quantization": "round what is read to it",
-    "actuator_delay": "hold the command back by it",
-    "stribeck_friction": "friction of the file at rest is lower by it",
-    "saturating_friction": "friction of the file in motion is lower by it",
-}
-"""What to do about effects that are left out."""
+"""Quantities that a format holds."""
+
+
+def holds(held: Collection[str], effect: Effect) -> bool:
+    """Whether what has these quantities has the whole effect, all of whose parameters are some of them."""
+    return all(effect.quantities.get(name) in held for name in effect.names)
 
 
 def left_out(arm: PlainArm, form: str) -> tuple[str, ...]:
     """What a file of this format leaves out of a corrected arm, in words and figures."""
     corrected = arm.corrected
+    # rotors are told in total, nominal and found
+    held = HELD[form] | {"rotor"}
     lines = [
         described(e, corrected.arm)
         for e in corrected.effects
-        if e.name not in HELD[form] and e.name != "armature"
+        if not holds(held, e.effect)
     ]
     if form == "mjcf":
         lines += _without_rotor(arm)
@@ -64,7 +58,7 @@ def left_out(arm: PlainArm, form: str) -> tuple[str, ...]:
         lines.append(
             f"resolution of the encoders: {corrected.arm.encoder_step:.4g} rad"
         )
-    if form == "mjcf" and any(drive.velocity for drive in arm.drives.values()):
+    if form == "mjcf" and any(d.velocity < np.inf for d in arm.drives.values()):
         lines.append("velocity limits of the joints: MuJoCo knows none")
     kept = form == "urdf"  # whose elements stay as they are
     return (
@@ -80,14 +74,14 @@ def _without_rotor(arm: PlainArm) -> list[str]:
     """Effects of a gear on joints whose rotor is not known."""
     lines = []
     names = arm.corrected.arm.joints
-    for effect in arm.corrected.effects:
-        if effect.name not in TWO_MASSES:
+    for applied in arm.corrected.effects:
+        if GEAR.isdisjoint(applied.effect.quantities.values()):
             continue
-        rigid = [j for j in effect.joints if arm.drives[names[j - 1]].gear is None]
+        rigid = [j for j in applied.joints if arm.drives[names[j - 1]].gear is None]
         if rigid:
             lines.append(
-                f"{effect.name}, joint{'s' * (len(rigid) > 1)} {_figures(np.array(rigid))}: a motor of its own needs "
-                "a rotor; give nominal.armature in the data sheet, or add the effect armature"
+                f"{applied.name}{_joints(rigid)}: a motor of its own needs a rotor; give nominal.armature in the data "
+                "sheet, or add the effect armature"
             )
     return lines
 
@@ -95,7 +89,7 @@ def _without_rotor(arm: PlainArm) -> list[str]:
 def _beside_the_format(arm: PlainArm) -> list[str]:
     """What the joints of the data sheet have and the format does not."""
     joints = [arm.drives[joint] for joint in arm.corrected.arm.joints]
-    rotors = np.array([drive.armature for drive in joints])
+    rotors = np.array([drive.rotor for drive in joints])
     distances = np.array([drive.presliding for drive in joints])
     lines = []
     if rotors.any():
@@ -125,40 +119,43 @@ def described(applied: AppliedEffect, arm: NominalArm, hint: str | None = None) 
         arm: the nominal arm.
         hint: what to do, in place of what holds for every format.
     """
-    definition = applied.effect
-    joints = (
-        f", joint{'s' * (len(applied.joints) > 1)} {', '.join(map(str, applied.joints))}"
-        if applied.joints
-        else ""
-    )
     values = "; ".join(
         f"{p.name} {_figures(applied.parameters[p.name])}"
         + ("" if p.unit == "1" else f" {p.unit}")
-        for p in definition.parameters
+        for p in applied.effect.parameters
     )
     hint = hint or _hint(applied, arm)
-    return f"{applied.name}{joints}: {values}" + (f" ({hint})" if hint else "")
+    return f"{applied.name}{_joints(applied.joints)}: {values}" + (
+        f" ({hint})" if hint else ""
+    )
 
 
-def _hint(applied: AppliedEffect, arm: NominalArm) -> str | None:
-    """What to do about an effect that is left out, if there is anything to say."""
-    if applied.name != "load_friction":
-        return HINTS.get(applied.name)
-    nearest = _figures(nearest_coulomb(applied, arm))
+def _hint(applied: AppliedEffect, arm: NominalArm) -> str:
+    """What to do about an effect that is left out; empty if there is nothing to say."""
+    nearest = nearest_friction(CorrectedArm(arm, (applied,)))
+    if not nearest.any():
+        return applied.effect.without
+    figures = _figures(nearest[np.array(applied.joints) - 1])
     return (
-        f"nearest: Coulomb friction higher by {nearest} N m, the coefficient times the RMS of the load over all "
+        f"nearest: Coulomb friction higher by {figures} N m, the coefficient times the RMS of the load over all "
         "postures; better, times the load of your motion"
     )
 
 
-def nearest_coulomb(load: AppliedEffect, arm: NominalArm) -> np.ndarray:
-    """Coulomb friction that takes as much as load friction from a motor that carries the usual load [N m], per joint.
+def nearest_friction(corrected: CorrectedArm) -> np.ndarray:
+    """Coulomb friction that takes as much as friction by load does from motors that carry the usual load [N m], (n,).
 
     That is the RMS of gravity and dry friction over all postures.
     """
-    rows = np.array(load.joints, dtype=int) - 1
-    usual = usual_load(arm)[rows]
-    return np.asarray(load.parameters["coefficient"] * usual)
+    factor = corrected.quantity("load_factor")
+    return factor * usual_load(corrected.arm) if factor.any() else factor
+
+
+def _joints(numbers: Collection[int]) -> str:
+    """Joints of an effect, as they follow its name; empty without any."""
+    if not numbers:
+        return ""
+    return f", joint{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}"
 
 
 def _figures(values: np.ndarray) -> str:

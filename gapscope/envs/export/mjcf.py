@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from gapscope.arm.dynamics.link_shapes import Shape
 from gapscope.arm.dynamics.plain_urdf import Link, numbers, rotation
 from gapscope.envs.export.heading import mesh_path
-from gapscope.envs.export.mjcf_coupling import add_coupled_motors
 from gapscope.envs.export.mjcf_drive import (
     add_actuators,
+    add_coupled_motors,
     add_encoders,
     add_friction_default,
     add_gears,
@@ -141,7 +141,7 @@ def _add_body(parent: ET.Element, link: Link, arm: PlainArm) -> ET.Element:
     if link.limits is not None:
         joint.set("range", numbers(np.array(link.limits)))
     rest = drive.rest if drive.stiffness else 0.0
-    set_values(joint, {"stiffness": drive.stiffness, "springref": rest})
+    set_values(joint, stiffness=drive.stiffness, springref=rest)
     if drive.gear is None:
         set_drive(joint, drive)
     else:

@@ -10,13 +10,12 @@ from gapscope.arm.dynamics.plain_urdf import Link, numbers
 from gapscope.envs.drive.substeps import mass_matrices, substeps
 from gapscope.envs.drive.two_mass import TOOTH_DAMPING, TOOTH_FREQUENCY
 from gapscope.envs.export.bristles import (
-    Bristle,
     builds_up,
     dry_bristle,
     presliding_distance,
     saturating_bristles,
 )
-from gapscope.envs.export.joint_drive import JointDrive, Ripple
+from gapscope.envs.export.joint_drive import JointDrive, passive_quantity
 from gapscope.envs.export.plain_arm import PlainArm
 
 LONGEST_STEP = 1e-3
@@ -73,7 +72,7 @@ def time_step(arm: PlainArm) -> float:
     order = arm.body.order
     parts = substeps(
         mass_matrices(arm.body),
-        np.array([drive.armature for drive in joints])[order],
+        np.array([drive.rotor for drive in joints])[order],
         np.array([gear is not None for gear in gears])[order],
         stiffness[order],
         damping[order],
@@ -99,19 +98,19 @@ def add_friction_default(root: ET.Element, step: float) -> None:
 
 def set_drive(joint: ET.Element, drive: JointDrive) -> None:
     """Friction and rotor on the joint that the motor turns."""
-    values = {
-        "damping": drive.damping,
-        "frictionloss": 0.0 if builds_up(drive) else drive.friction,
-        "armature": drive.armature,
-    }
-    set_values(joint, values)
+    set_values(
+        joint,
+        damping=drive.damping,
+        frictionloss=0.0 if builds_up(drive) else drive.friction,
+        armature=drive.rotor,
+    )
 
 
-def set_values(element: ET.Element, values: dict[str, float]) -> None:
+def set_values(element: ET.Element, **values: float) -> None:
     """Attributes that are not zero."""
     for name, value in values.items():
         if value:
-            element.set(name, repr(value))
+            element.set(name, repr(float(value)))
 
 
 def add_motor(parent: ET.Element, link: Link, drive: JointDrive) -> ET.Element:
@@ -137,7 +136,7 @@ def add_gears(tendons: ET.Element, arm: PlainArm) -> None:
         if gear.elastic:
             tendon.set("stiffness", repr(gear.stiffness))
             tendon.set("springlength", f"{-half!r} {half!r}" if half else "0")
-            set_values(tendon, {"damping": gear.damping})
+            set_values(tendon, damping=gear.damping)
         else:
             # teeth meet: a limit pushes only and takes any load, with the rebound of the teeth's resonance
             tendon.set("range", f"{-half!r} {half!r}")
@@ -145,6 +144,35 @@ def add_gears(tendons: ET.Element, arm: PlainArm) -> None:
             tendon.set("solimplimit", HARD)
         for name, factor in ((motor_name(joint, drive), "1"), (joint, "-1")):
             ET.SubElement(tendon, "joint", joint=name, coef=factor)
+
+
+def add_coupled_motors(tendons: ET.Element, arm: PlainArm) -> None:
+    """Rotor and friction of motors that turn several joints, as tendons of length D_m q.
+
+    Their torque acts on the joints along D_m^T.
+
+    Raises:
+        InputError: friction or rotor inertia is negative.
+    """
+    corrected = arm.corrected
+    if corrected.arm.coupling is None:
+        return
+    rotor, damping, friction = (
+        passive_quantity(corrected, name, "motor_")
+        for name in ("rotor", "damping", "friction")
+    )
+    for motor in np.flatnonzero((rotor > 0) | (damping > 0) | (friction > 0)).tolist():
+        tendon = ET.SubElement(tendons, "fixed", name=f"motor_{motor + 1}")
+        set_values(
+            tendon,
+            armature=rotor[motor],
+            damping=damping[motor],
+            frictionloss=friction[motor],
+        )
+        ratios = corrected.arm.coupling[motor]
+        for joint, ratio in zip(corrected.arm.joints, ratios, strict=True):
+            if ratio:
+                ET.SubElement(tendon, "joint", joint=joint, coef=repr(float(ratio)))
 
 
 def add_actuators(root: ET.Element, arm: PlainArm, step: float) -> tuple[str, ...]:
@@ -159,9 +187,13 @@ def add_actuators(root: ET.Element, arm: PlainArm, step: float) -> tuple[str, ..
     notes = []
     for joint, drive in arm.drives.items():
         bristle = dry_bristle(drive, step)
-        _add_passive(actuators, joint, drive, "friction", drive.ripple, bristle)
+        ripple = (drive.ripple, drive.ripple_cycles, drive.ripple_phase)
+        cogging = ripple if drive.ripple else None
+        _add_passive(
+            actuators, joint, drive, "friction", cogging=cogging, lugre=bristle
+        )
         for number, each in enumerate(saturating_bristles(drive, step), 1):
-            _add_passive(actuators, joint, drive, f"friction_{number}", None, each)
+            _add_passive(actuators, joint, drive, f"friction_{number}", lugre=each)
         if bristle is not None and builds_up(drive):
             distance = presliding_distance(bristle)
             if distance > 1.01 * drive.presliding:
@@ -205,7 +237,7 @@ def _add_command(
         actuator.set("dyntype", "filterexact")
         actuator.set("dynprm", repr(_filter_time(drive.lag, step)))
         actuator.set("actearly", "true")
-    if drive.effort is not None:
+    if drive.effort < np.inf:
         actuator.set("ctrlrange", numbers(np.array([-drive.effort, drive.effort])))
 
 
@@ -223,18 +255,16 @@ def _add_passive(
     joint: str,
     drive: JointDrive,
     use: str,
-    ripple: Ripple | None,
-    bristle: Bristle | None,
+    **values: tuple[float, ...] | None,
 ) -> None:
-    """Ripple and a bristle on the motor, if there are any."""
-    values = {}
-    if ripple is not None and ripple.amplitude:
-        values["cogging"] = numbers(np.array(ripple))
-    if bristle is not None:
-        values["lugre"] = numbers(np.array(bristle))
-    if not values:
-        return
-    moved = motor_name(joint, drive)
-    passive = ET.SubElement(actuators, "dcmotor", name=f"{joint}_{use}", joint=moved)
-    for name, value in {**PASSIVE, **values}.items():
-        passive.set(name, value)
+    """Attributes of what acts on the motor beside the command, if there are any."""
+    present = {
+        name: numbers(np.array(x)) for name, x in values.items() if x is not None
+    }
+    if present:
+        moved = motor_name(joint, drive)
+        passive = ET.SubElement(
+            actuators, "dcmotor", name=f"{joint}_{use}", joint=moved
+        )
+        for name, value in {**PASSIVE, **present}.items():
+            passive.set(name, value)

@@ -110,7 +110,7 @@ def _add_joint(model: ET.Element, link: Link, arm: PlainArm) -> None:
         "velocity": drive.velocity,
     }
     for name, value in values.items():
-        if value is not None:
+        if value < np.inf:
             _text(limit, name, repr(float(value)))
     dynamics = ET.SubElement(axis, "dynamics")
     _text(dynamics, "damping", repr(drive.damping))

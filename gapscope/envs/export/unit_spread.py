@@ -8,18 +8,11 @@ import numpy as np
 
 from gapscope.arm.nominal import NominalArm
 from gapscope.effects.applied import AppliedEffect
+from gapscope.effects.effect import SHEET, External
 from gapscope.envs.effect_ranges import EffectRange, EffectRanges
 
 Z95 = 1.96
 """Half the width of a 95 % interval of a normal distribution [standard deviations]."""
-TOTALS = {
-    "coulomb_friction": "coulomb",
-    "viscous_friction": "viscous",
-    "armature": "armature",
-}
-"""Effects whose value adds to one of the data sheet, with which it may not be negative."""
-BOUND_TO_RECORDING = ("external_force",)
-"""Effects that belong to the recording in which they acted."""
 
 
 def effect_range(applied: AppliedEffect, std: Mapping[str, np.ndarray]) -> EffectRange:
@@ -48,35 +41,31 @@ def spread(units: Sequence[Iterable[EffectRange]]) -> tuple[EffectRange, ...]:
     Args:
         units: the ranges of each unit.
     """
-    by_unit = [{item.key: item for item in unit} for unit in units]
+    # a force from outside belongs to the recording in which it acted
+    by_unit = [
+        {r.key: r for r in unit if not isinstance(r.low.effect, External)}
+        for unit in units
+    ]
     keys = dict.fromkeys(key for unit in by_unit for key in unit)
     return tuple(
         _hull([unit[key] for unit in by_unit if key in unit], len(by_unit))
         for key in keys
-        if key[0] not in BOUND_TO_RECORDING
     )
 
 
 def within_nominal(ranges: Iterable[EffectRange], arm: NominalArm) -> EffectRanges:
     """The ranges without values at which friction or armature would be negative, the data sheet's included."""
-    kept = []
-    for item in ranges:
-        sheet = TOTALS.get(item.low.name)
-        if sheet is not None:
-            joints = np.array(item.low.joints) - 1
-            least = -getattr(arm, sheet)[joints]
-            low, high = (_raised(end, least) for end in (item.low, item.high))
-            item = EffectRange(low, high)
-        kept.append(item)
-    return EffectRanges(tuple(kept))
+    return EffectRanges(
+        tuple(EffectRange(_raised(r.low, arm), _raised(r.high, arm)) for r in ranges)
+    )
 
 
 def _hull(items: list[EffectRange], units: int) -> EffectRange:
     """The range that holds all of some ranges of an effect, of so many units."""
-    effect = items[0].low.name
+    effect = items[0].low.effect
     joints = tuple(sorted({joint for item in items for joint in item.low.joints}))
     low, high = {}, {}
-    for parameter in items[0].low.effect.parameters:
+    for parameter in effect.parameters:
         name = parameter.name
         # an effect that is absent has this value, or none
         absent = 0.0 if parameter.severity == 1 else np.nan
@@ -88,7 +77,8 @@ def _hull(items: list[EffectRange], units: int) -> EffectRange:
             highs.append(without)
         low[name], high[name] = np.nanmin(lows, axis=0), np.nanmax(highs, axis=0)
     return EffectRange(
-        AppliedEffect(effect, joints, low), AppliedEffect(effect, joints, high)
+        AppliedEffect(effect.name, joints, low),
+        AppliedEffect(effect.name, joints, high),
     )
 
 
@@ -103,7 +93,12 @@ def _on(
     return np.array([known.get(joint, absent) for joint in joints])
 
 
-def _raised(applied: AppliedEffect, least: np.ndarray) -> AppliedEffect:
-    """The effect with its values raised to the least possible ones, shape (m,)."""
-    raised = {name: np.maximum(v, least) for name, v in applied.parameters.items()}
-    return AppliedEffect(applied.name, applied.joints, raised)
+def _raised(applied: AppliedEffect, arm: NominalArm) -> AppliedEffect:
+    """The effect with what adds to the data sheet raised to where the sum is not negative."""
+    rows = np.array(applied.joints, dtype=int) - 1
+    values = dict(applied.parameters)
+    for name, quantity in applied.effect.quantities.items():
+        if quantity in SHEET:
+            least = -getattr(arm, SHEET[quantity])[rows]
+            values[name] = np.maximum(values[name], least)
+    return AppliedEffect(applied.name, applied.joints, values)

@@ -166,9 +166,9 @@ def _set_drive(joint: ET.Element, drive: JointDrive) -> None:
         if limit is None
         else limit
     )
-    if drive.effort is not None:
-        limit.set("effort", repr(float(drive.effort)))
-    if drive.velocity is not None:
+    if drive.effort < np.inf:
+        limit.set("effort", repr(drive.effort))
+    if drive.velocity < np.inf:
         limit.set("velocity", repr(drive.velocity))
 
 

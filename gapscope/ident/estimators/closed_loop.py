@@ -57,8 +57,8 @@ def closed_loop(
         return own.problem(law, base.kept, problem.names)
 
     # the order of the columns of the model
-    effects = (*SMOOTH, "coulomb_friction")
-    regressor = Regressor(case.arm, columns.body, effects)
+    quantities = (*SMOOTH, "friction")
+    regressor = Regressor(case.arm, columns.body, quantities)
     first = WeightedLeastSquares().estimate(problem).value
     start = base.nearest(first, columns.nominal(law))
     return Experiment(regressor, base, case.controller, fit, build, start)

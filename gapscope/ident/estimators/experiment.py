@@ -17,6 +17,7 @@ from gapscope.arm.dynamics.sensitivity import sensitivity, ticks_per_step
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.recording import Recording
 from gapscope.arm.velocity_filter import rule_of
+from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.checks.controller_check import check_controller
 from gapscope.ident.checks.plausible_samples import check_bare
 from gapscope.ident.model.base_parameters import BaseParameters
@@ -147,12 +148,12 @@ class Experiment:
         return ArrayCache()
 
     def _full(self, parameters: np.ndarray) -> np.ndarray:
-        """Parameters in the order of ``Plant.of``; effects without a column keep the data sheet's values; (14 n,)."""
+        """Parameters in the order of ``Plant.of``; quantities without a column keep the sheet's values; (14 n,)."""
         arm = self.regressor.arm
         n = arm.n_joints
-        sheet = (arm.armature, arm.viscous, arm.coulomb, np.zeros(n))
-        laws = dict(zip(JOINT_COLUMNS, sheet, strict=True))
-        for k, name in enumerate(self.regressor.effects):
+        nominal = CorrectedArm(arm)
+        laws = {name: nominal.quantity(name) for name in JOINT_COLUMNS}
+        for k, name in enumerate(self.regressor.quantities):
             laws[name] = parameters[(10 + k) * n : (11 + k) * n]
         return np.concatenate([parameters[: 10 * n], *laws.values()])
 

@@ -29,7 +29,7 @@ class ExcitationModel:
 
     Args:
         arm: the nominal arm.
-        effects: effects with columns of their own, as in ``Regressor``.
+        quantities: with columns of their own, as in ``Regressor``.
 
     Attributes:
         names: of the base columns, shape (b,).
@@ -37,10 +37,10 @@ class ExcitationModel:
     """
 
     def __init__(
-        self, arm: NominalArm, body: RigidBody, effects: tuple[str, ...] = ()
+        self, arm: NominalArm, body: RigidBody, quantities: tuple[str, ...] = ()
     ) -> None:
         self.arm, self.body = arm, body
-        self._regressor = Regressor(arm, body, effects)
+        self._regressor = Regressor(arm, body, quantities)
         base = structural_base(self._regressor, np.random.default_rng(0), SAMPLES)
         self._kept = base.kept
         self.names = tuple(self._regressor.names[i] for i in self._kept)
@@ -77,12 +77,12 @@ class ExcitationModel:
         by_q, by_dq, by_ddq = self._inertial(motion, full[:, :, :links] + by_nominal)
         by_ddq += self.arm.armature * by_torque
         by_dq += self.arm.viscous * by_torque
-        for k, name in enumerate(self._regressor.effects):
+        for k, name in enumerate(self._regressor.quantities):
             first = links + k * n
             own = np.einsum("ijj->ij", full[:, :, first : first + n])
-            if name == "armature":
+            if name == "rotor":
                 by_ddq += own
-            elif name == "viscous_friction":
+            elif name == "damping":
                 by_dq += own
         return by_q, by_dq, by_ddq
 

@@ -58,7 +58,7 @@ class ExcitationPlan:
         rate: samples per second that are written [Hz].
         criterion: ``condition``, ``d`` or ``e``; or ``separation`` of effects.
         effects: names of effects to separate, for ``separation``; with another criterion they are only reported on.
-        columns: effects with columns of the regressor, beside the inertial ones.
+        columns: quantities with columns of the regressor, beside the inertial ones.
         optimiser: one of ``OPTIMISERS``; by default ``gradient``, and ``cma`` for ``separation``.
         budget: when the search ends.
 

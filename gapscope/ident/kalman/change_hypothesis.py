@@ -8,6 +8,10 @@ from typing import Protocol
 import numpy as np
 
 from gapscope.arm.errors import InputError
+from gapscope.effects.catalogue import of_quantity
+
+PAYLOAD = of_quantity("load")[0].name
+"""Name of the hypothesis that a load on the last link changed."""
 
 
 class Parameters(Protocol):
@@ -68,7 +72,7 @@ def payload_hypothesis(base: Parameters, link: int) -> ChangeHypothesis:
     """
     names = tuple(f"{kind}{link}" for kind in ("m", "mx", "my", "mz"))
     places = [base.names.index(name) for name in names]
-    return ChangeHypothesis("payload", names, base.combination[:, places])
+    return ChangeHypothesis(PAYLOAD, names, base.combination[:, places])
 
 
 def friction_hypothesis(base: Parameters, joint: int) -> ChangeHypothesis:

@@ -11,6 +11,7 @@ import numpy as np
 from gapscope.arm.errors import InputError
 from gapscope.arm.recording import Recording
 from gapscope.ident.kalman.change_hypothesis import (
+    PAYLOAD,
     friction_hypothesis,
     payload_hypothesis,
 )
@@ -23,8 +24,6 @@ from gapscope.ident.signals.conditioning import thinned
 from gapscope.ident.signals.samples import Band, Samples
 from gapscope.ident.uncertainty.validation import MOVING
 
-PAYLOAD = "payload"
-"""Name of the hypothesis that a load on the last link changed."""
 MOST = 500
 """Samples of a recording among which a change is looked for; 10 s at a cut-off of 12 Hz."""
 COLUMN_RATE = 100.0

@@ -55,9 +55,9 @@ class Unscented:
             raise InputError(
                 f"{', '.join(unknown)} is no parameter of the regressor", where="names"
             )
-        if self.regressor.effects != JOINT_COLUMNS:
+        if self.regressor.quantities != JOINT_COLUMNS:
             raise InputError(
-                "the filter needs a regressor with the columns of all joint effects",
+                "the filter needs a regressor with the columns of all quantities of drives",
                 where="regressor",
             )
         for field, length in (("spread", len(self.names)), ("drift", len(self.names))):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.arm.nominal import NominalArm
-from gapscope.effects.presliding import friction_direction
+from gapscope.effects.friction import friction_direction
 
 STRIBECK_SPEEDS = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0)
 """Speeds vs tried for d exp(-(v / vs)^2) [rad/s]."""

@@ -11,8 +11,8 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.ident.model.friction_law import FrictionLaw, drives
 from gapscope.ident.model.regressor import Regressor
 
-SMOOTH = ("armature", "viscous_friction", "torque_offset")
-"""Effects of the catalogue whose columns do not depend on the friction law."""
+SMOOTH = ("rotor", "damping", "offset")
+"""Quantities of drives whose columns do not depend on the friction law."""
 LEAST_ARM = 0.05
 """Lever that a link's first moment is at least counted with in its unit [m]."""
 

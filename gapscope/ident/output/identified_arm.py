@@ -15,32 +15,25 @@ from typing import Any
 import numpy as np
 import yaml
 
-from gapscope.arm.coupling import coupling_entries
 from gapscope.arm.dynamics.plain_urdf import moving_links, numbers, plain_urdf
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.io.case_file import read_case_file
 from gapscope.arm.io.case_paths import moved
+from gapscope.arm.io.write_case import nominal_section
 from gapscope.arm.nominal import NominalArm
-from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.coupled_motors import (
-    COUPLED_ARMATURE,
-    COUPLED_COULOMB,
-    COUPLED_SATURATING,
-    COUPLED_STRIBECK,
-    COUPLED_VISCOUS,
-)
+from gapscope.effects.applied import AppliedEffect, drives_with
 from gapscope.ident.identification import Identification
 
 UNNOTICED = 1e-9
 """Offsets and friction below this are not written [N m]."""
 COUPLED = {
-    "I": (COUPLED_ARMATURE.name, "inertia"),
-    "b": (COUPLED_VISCOUS.name, "coefficient"),
-    "c": (COUPLED_COULOMB.name, "torque"),
-    "d": (COUPLED_STRIBECK.name, "torque"),
-    "s": (COUPLED_SATURATING.name, "torque"),
+    "I": "motor_rotor",
+    "b": "motor_damping",
+    "c": "motor_friction",
+    "d": "motor_breakaway",
+    "s": "motor_saturating",
 }
-"""Effect and parameter of a coupled motor by the symbol of its column."""
+"""Quantity of a coupled motor by the symbol of its column."""
 
 
 def presliding(result: Identification) -> np.ndarray:
@@ -97,24 +90,7 @@ def with_sheet(result: Identification) -> NominalArm:
 
 def sheet(result: Identification) -> dict[str, Any]:
     """The ``nominal:`` section of an identified arm."""
-    return data_sheet(with_sheet(result))
-
-
-def data_sheet(arm: NominalArm) -> dict[str, Any]:
-    """The ``nominal:`` section of an arm: rotors, friction, torque limits, encoders."""
-    section: dict[str, Any] = {
-        "armature": arm.armature.tolist(),
-        "coulomb": arm.coulomb.tolist(),
-        "viscous": arm.viscous.tolist(),
-    }
-    if arm.torque_limit is not None:
-        section["torque_limit"] = arm.torque_limit.tolist()
-    section["encoder"] = arm.encoder
-    if arm.encoder_step is not None:
-        section["encoder_step"] = arm.encoder_step
-    if arm.coupled_motors and arm.coupling is not None:
-        section["coupling"] = coupling_entries(arm.coupling)
-    return section
+    return nominal_section(with_sheet(result))
 
 
 def effects(result: Identification) -> tuple[AppliedEffect, ...]:
@@ -122,17 +98,20 @@ def effects(result: Identification) -> tuple[AppliedEffect, ...]:
     found = _of_coupled_motors(result)
     joints, offset = _noticed(result, "o")
     if joints:
-        found.append(AppliedEffect("torque_offset", joints, {"torque": offset}))
+        found.append(drives_with(joints, offset=offset))
     law = result.choice.law
     joints, drop = _noticed(result, "d")
     if joints and law.stribeck_speed is not None:
         velocity = law.stribeck_speed * _sizes(result, joints)
-        found.append(_friction("stribeck_friction", joints, drop, velocity))
+        # the solver's bound at zero holds to its tolerance only
+        drop = np.maximum(drop, 0.0)
+        found.append(drives_with(joints, breakaway=drop, breakaway_speed=velocity))
     joints, level = _noticed(result, "s")
     if joints and law.saturation_speeds is not None:
         fastest = np.array(law.saturation_speeds)[np.array(joints) - 1]
         velocity = fastest * _sizes(result, joints)
-        found.append(_friction("saturating_friction", joints, level, velocity))
+        level = np.maximum(level, 0.0)
+        found.append(drives_with(joints, saturating=level, saturating_speed=velocity))
     return tuple(found)
 
 
@@ -147,27 +126,20 @@ def _of_coupled_motors(result: Identification) -> list[AppliedEffect]:
     motors = [int(label.removesuffix("m")) for label in result.columns.coupled]
     first = len(result.case.arm.joints)
     found = []
-    for symbol, (name, parameter) in COUPLED.items():
+    for symbol, quantity in COUPLED.items():
         for k, motor in enumerate(motors):
             value = named.get(f"{symbol}{motor}m", 0.0)
             # the solver's bound at zero holds to its tolerance only
             if value <= UNNOTICED:
                 continue
-            values = {parameter: np.array([value])}
+            values = {quantity: np.array([value])}
+            speed = f"{quantity}_speed"
             if symbol == "d":
-                values["velocity"] = np.array([law.stribeck_speed])
+                values[speed] = np.array([law.stribeck_speed])
             if symbol == "s" and law.saturation_speeds is not None:
-                values["velocity"] = np.array([law.saturation_speeds[first + k]])
-            found.append(AppliedEffect(name, (motor,), values))
+                values[speed] = np.array([law.saturation_speeds[first + k]])
+            found.append(drives_with((motor,), **values))
     return found
-
-
-def _friction(
-    name: str, joints: tuple[int, ...], torque: np.ndarray, velocity: np.ndarray
-) -> AppliedEffect:
-    """Friction of a torque [N m] and a speed [rad/s]; the solver's bound at zero holds to its tolerance only."""
-    values = {"torque": np.maximum(torque, 0.0), "velocity": velocity}
-    return AppliedEffect(name, joints, values)
 
 
 def _noticed(result: Identification, symbol: str) -> tuple[tuple[int, ...], np.ndarray]:
@@ -202,7 +174,7 @@ def write_case_beside(arm: NominalArm, source: Path, path: Path, urdf: str) -> N
         "robot": urdf,
         "joints": list(arm.joints),
         "gravity": arm.gravity.tolist(),
-        "nominal": data_sheet(arm),
+        "nominal": nominal_section(arm),
     }
     with atomic_write(path) as aside:
         aside.write_text(

@@ -4,7 +4,18 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from gapscope.diagnosis.document.wording import joint_names
 from gapscope.diagnosis.result import Diagnosis
+
+OF_COLUMNS = (
+    "motion",
+    "torque",
+    "time_factor",
+    "torque_delay",
+    "gravity",
+    "link_shift",
+)
+"""What a reading changes of a log's columns, or of the robot that goes with them."""
 
 
 class Action(NamedTuple):
@@ -18,7 +29,8 @@ def actions(diagnosis: Diagnosis) -> list[Action]:
     """What a reader would do next, the most pressing first."""
     document = diagnosis.document
     found = []
-    if any(fault.mapping is not None for fault in diagnosis.faults):
+    n = len(joint_names(document))
+    if any(fault.reading(n).differs(*OF_COLUMNS) for fault in diagnosis.faults):
         found.append(
             Action(
                 "Read the logs as they are meant: mended_case.yaml, beside this page, does",

@@ -18,6 +18,7 @@ from gapscope.diagnosis.fleet.compare_units import DIFFERING, ONE, SHARED, SOME
 from gapscope.diagnosis.fleet.confusion import NOMINAL
 from gapscope.diagnosis.thresholds import ALIKE_NRMSE, FLEET_LEVEL
 from gapscope.effects.catalogue import known_effect
+from gapscope.reports.diagnosis.reference_section import ADDING
 
 Content = Mapping[str, Any]
 
@@ -27,11 +28,8 @@ MEANING = {
     SOME: "several units have it, not all",
     ONE: "this unit differs from the others",
 }
-_SHEET = {
-    "urdf": "URDF",
-    "torque_limit": "torque limits",
-    "coulomb": "Coulomb friction",
-    "viscous": "viscous friction",
+_SHEET = {"urdf": "URDF", "torque_limit": "torque limits"} | {
+    key: effect_name(effect.name) for key, effect in ADDING.items()
 }
 
 

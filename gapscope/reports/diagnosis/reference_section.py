@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from gapscope.diagnosis.display import percent, significant, uncertain
+from gapscope.diagnosis.display import display_unit, percent, significant, uncertain
 from gapscope.diagnosis.document.wording import (
     effect_name,
     joint_names,
@@ -15,13 +15,11 @@ from gapscope.diagnosis.document.wording import (
 )
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.diagnosis.thresholds import LEAST_REFERENCE_SKEW
+from gapscope.effects.catalogue import of_quantity
+from gapscope.effects.effect import SHEET, Effect
 
-SHEET = (
-    ("armature", "armature", "kg m²"),
-    ("coulomb", "Coulomb friction", "N m"),
-    ("viscous", "viscous friction", "N m s/rad"),
-)
-"""Entries of the data sheet: key, name, unit."""
+ADDING = {key: of_quantity(quantity)[0] for quantity, key in SHEET.items()}
+"""Effects that add to an entry of the data sheet, by its key."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +29,7 @@ class ReferenceJoint:
     Attributes:
         label: ``J2``.
         name: name of the joint.
-        identified: ``value ± std`` of each entry of ``SHEET``.
+        identified: ``value ± std`` of each entry of ``ADDING``.
         today: Coulomb and viscous friction on the day of the case, each with its change in percent.
         held_out: torque NRMSE on stretches of the reference that were not fitted [1].
         errors: torque NRMSE that the likeliest errors of the identified arm come to [1].
@@ -59,12 +57,18 @@ def against(diagnosis: Diagnosis) -> dict[str, Any] | None:
         "ratio": percent(content["torque_ratio_to_nominal"]),
         "skew": _skew(content["sampling_skew"]),
         "joints": _joints(content, joint_names(diagnosis.document)),
-        "sheet": [f"{name} [{unit}]" for _, name, unit in SHEET],
+        "sheet": [_titled(effect) for effect in ADDING.values()],
         "allowed": percent(today["friction_allowed"]),
         "inherent": [
             _with_joints(e["effect"], e["joints"]) for e in content["inherent"]
         ],
     }
+
+
+def _titled(effect: Effect) -> str:
+    """Name and unit of an effect of one parameter."""
+    _, unit = display_unit(effect.parameters[0].unit, 1.0)
+    return f"{effect_name(effect.name)} [{unit}]"
 
 
 def _skew(skew: float) -> str:
@@ -87,7 +91,7 @@ def _joints(content: Mapping[str, Any], names: Sequence[str]) -> list[ReferenceJ
             label=f"J{j + 1}",
             name=name,
             identified=tuple(
-                uncertain(identified[key][j], std[key][j]) for key, _, _ in SHEET
+                uncertain(identified[key][j], std[key][j]) for key in ADDING
             ),
             today=tuple(
                 _changed(identified[key][j], today[key][j])

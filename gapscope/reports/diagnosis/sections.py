@@ -28,6 +28,7 @@ from gapscope.diagnosis.document.wording import (
 )
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.effects.catalogue import known_effect
+from gapscope.effects.effect import Effect
 from gapscope.reports.diagnosis.guesses import guesses
 from gapscope.reports.diagnosis.places import pictures
 from gapscope.reports.diagnosis.reference_section import against
@@ -61,13 +62,11 @@ class JointGap:
 
 @dataclass(frozen=True)
 class FoundEffect:
-    """One effect found, with its parameters as text and what the catalogue says of it."""
+    """One effect found, with its parameters as text and its record, ``None`` if this process does not know it."""
 
     entry: Mapping[str, Any]
     parameters: list[ParameterText]
-    family: str
-    equation: str
-    looks_like: str
+    definition: Effect | None
     only_this: list[float | None]
     without_this: list[float | None]
     signatures: list[int]
@@ -223,7 +222,6 @@ SECTIONS: tuple[Callable[[Diagnosis], dict[str, Any] | None], ...] = (
 
 
 def _found(entry: Mapping[str, Any], diagnosis: Diagnosis) -> FoundEffect:
-    definition = known_effect(entry["effect"])
     own = [
         index
         for index, signature in enumerate(diagnosis.signatures)
@@ -233,9 +231,7 @@ def _found(entry: Mapping[str, Any], diagnosis: Diagnosis) -> FoundEffect:
     return FoundEffect(
         entry=entry,
         parameters=parameter_texts(entry),
-        family=definition.family.replace("_", " ") if definition else "",
-        equation=definition.equation if definition else "",
-        looks_like=definition.looks_like if definition else "",
+        definition=known_effect(entry["effect"]),
         only_this=list(entry["gap_with_only_this"]["torque_nrmse"]),
         without_this=list(entry["gap_without_this"]["torque_nrmse"]),
         signatures=own,

@@ -6,17 +6,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gapscope.effects.catalogue import of_quantity
 from gapscope.ident.kalman.change_hypothesis import (
+    PAYLOAD,
     ChangeHypothesis,
     friction_hypothesis,
     payload_hypothesis,
 )
 from gapscope.watching.detection.watched_arm import WatchedArm
 
-PAYLOAD, FRICTION = "payload", "friction"
-OFFSET, ENCODER = "torque_offset", "encoder_offset"
-OTHER = "other"
-"""Names of effects in alarms; those of the catalogue, but that friction is viscous and Coulomb friction together."""
+OFFSET, ENCODER = (of_quantity(x)[0].name for x in ("offset", "zero"))
+FRICTION, OTHER = "friction", "other"
+"""Names in alarms beside those of effects; friction is viscous and Coulomb friction together."""
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from gapscope.arm.joint_units import joint_unit
+from gapscope.effects.catalogue import effect
+from gapscope.ident.kalman.change_hypothesis import PAYLOAD
 from gapscope.watching.alarm import ALARM, DRIFT, MISFIT, Event, Size
 from gapscope.watching.detection.change_test import Candidate
 from gapscope.watching.detection.hypotheses import (
@@ -14,7 +16,6 @@ from gapscope.watching.detection.hypotheses import (
     FRICTION,
     OFFSET,
     OTHER,
-    PAYLOAD,
 )
 from gapscope.watching.detection.learning import Moment, Normal
 from gapscope.watching.detection.watched_arm import WatchedArm
@@ -176,7 +177,7 @@ def sizes_of(candidate: Candidate, arm: WatchedArm, normal: Normal) -> dict[str,
         values = np.r_[torque, fit.size]
         names = ("torque_at_usual_speed", "viscous", "coulomb")
         return _listed(names, values, np.r_[error, std], units)
-    unit = joint_unit("rad" if change.effect == ENCODER else "N m", slides)
+    unit = joint_unit(effect(change.effect).parameters[0].unit, slides)
     return _listed(("offset",), fit.size, std, (unit,))
 
 

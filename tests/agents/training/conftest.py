@@ -5,25 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
+from arms import ROD, chain, changed
 
 from gapscope.agents.training.task import Task
 from gapscope.agents.training.training_settings import TrainingSettings
 from gapscope.arm.nominal import NominalArm
 
-URDF = """<robot name="rod"><link name="base"/>
-  <link name="rod"><inertial><origin xyz="0.5 0 0"/><mass value="2"/>
-    <inertia ixx="0.01" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="{joint}" type="revolute"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/>
-    <limit lower="-3" upper="3" effort="60" velocity="9"/></joint></robot>"""
-
 
 def rod(folder: Path, joint: str = "hinge") -> NominalArm:
     """2 kg at 0.5 m about a horizontal axis, a rotor of 0.4 kg m^2: 1 kg m^2, and gravity of -9.81 cos q N m."""
-    urdf = folder / f"{joint}.urdf"
-    urdf.write_text(URDF.format(joint=joint))
-    return NominalArm("rod", urdf, (joint,), armature=np.array([0.4]))
+    links = changed(
+        [ROD], joint=joint, inertia="0.01 0.1 0.1", limit="-3 3 60 9", kind="revolute"
+    )
+    return chain(folder, joint, *links, armature=[0.4])
 
 
 @pytest.fixture

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import limits, motion_of
 
 from gapscope.agents.torque_model import ArmModel, Gravity
 from gapscope.agents.training.held_out_trial import held_out, idle, judge
@@ -16,7 +17,7 @@ from gapscope.arm.case import Case
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.write_case import write_case
 from gapscope.arm.motions.motion import Motion
-from gapscope.arm.motions.trajectory import Fourier, Limits
+from gapscope.arm.motions.trajectory import Fourier
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
 from gapscope.effects.applied import AppliedEffect
@@ -88,14 +89,14 @@ def files(arm: NominalArm, tmp_path: Path) -> dict[str, str]:
 
 
 def motion() -> tuple[Fourier, Motion]:
-    limits = Limits(np.full(1, -1.0), np.full(1, 1.0), np.full(1, 1.5), np.full(1, 6.0))
     reference = Fourier.random(
-        np.random.default_rng(1), limits, duration=1.0, frequency=0.5, ramp=0.3
+        np.random.default_rng(1),
+        limits(1, 1.0, 1.5, 6.0),
+        duration=1.0,
+        frequency=0.5,
+        ramp=0.3,
     )
-    t = 1e-3 * np.arange(1251)
-    return reference, Motion(
-        t, reference.position(t), reference.velocity(t), reference.acceleration(t)
-    )
+    return reference, motion_of(reference, 1e-3 * np.arange(1251))
 
 
 @pytest.mark.parametrize("name", ["nominal", "corrected", "network", "identified"])

@@ -4,29 +4,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from arms import ROD, chain
 
 from gapscope.arm.dynamics.feedforward import feedforward
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm
 
-URDF = """<robot name="pendulum"><link name="base"/>
-<link name="rod"><inertial><origin xyz="0.5 0 0"/><mass value="2"/>
-<inertia ixx="0.01" iyy="0.05" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="hinge" type="continuous"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint></robot>"""
-
 
 @pytest.fixture
 def arm(tmp_path: Path) -> NominalArm:
     """2 kg at 0.5 m, inertia 0.55 kg m^2 about the hinge."""
-    path = tmp_path / "pendulum.urdf"
-    path.write_text(URDF)
-    sheet = {
-        "armature": np.array([0.2]),
-        "coulomb": np.array([3.0]),
-        "viscous": np.array([0.7]),
-    }
-    return NominalArm("pendulum", path, ("hinge",), **sheet)
+    return chain(
+        tmp_path, "pendulum", ROD, armature=[0.2], coulomb=[3.0], viscous=[0.7]
+    )
 
 
 def test_laws_by_hand(arm: NominalArm) -> None:

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from arms import ROD, chain
+from cases import sines
 
 from gapscope.arm.control.pd import PD
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -10,18 +12,13 @@ from gapscope.arm.dynamics.sensitivity import sensitivity, ticks_per_step
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.nominal import NominalArm
 
-ROD = """<robot name="rod"><link name="base"/><link name="rod"><inertial><origin xyz="0.5 0 0"/><mass value="2"/>
-  <inertia ixx="0.01" iyy="0.05" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="hinge" type="continuous"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint></robot>"""
 INERTIA, WEIGHT = 0.55, 9.81
 """Of the rod about its hinge [kg m^2], and its gravity torque at the horizontal [N m]."""
 
 
 @pytest.fixture
 def rod(tmp_path):
-    path = tmp_path / "rod.urdf"
-    path.write_text(ROD)
-    return NominalArm("rod", path, ("hinge",))
+    return chain(tmp_path, "rod", ROD)
 
 
 def plant_of(arm, armature=0.0, viscous=0.0, coulomb=0.0, offset=0.0):
@@ -105,9 +102,8 @@ def motion(data_arm):
     t = np.arange(1501) / 1000
     rng = np.random.default_rng(0)
     rate, phase = rng.uniform(1, 4, 7), rng.uniform(0, 6, 7)
-    q = 0.5 * np.sin(np.outer(t, rate) + phase)
-    dq = 0.5 * rate * np.cos(np.outer(t, rate) + phase)
-    return Commands(t, q, dq, np.zeros_like(q))
+    seen = sines(t, 0.5, rate, phase)
+    return Commands(t, seen.q, seen.dq, np.zeros_like(seen.q))
 
 
 @pytest.fixture

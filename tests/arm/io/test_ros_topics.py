@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cases import to_and_fro
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -234,7 +235,7 @@ def whole_bag(folder: Path, recording: Recording) -> Path:
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Log:
     t = np.arange(200) / 100
-    q = np.column_stack([np.sin(3 * t), 0.5 * np.cos(4 * t)])
+    q, _ = to_and_fro(t)
     folder = tmp_path_factory.mktemp("bag") / "whole"
     return open_log(whole_bag(folder, Recording("motion", t, q)))
 

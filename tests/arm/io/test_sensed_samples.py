@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import to_and_fro
 
 from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.io.write_case import write_recording
@@ -16,7 +17,7 @@ from gapscope.arm.recording import Recording
 
 T = np.arange(2000) / 500
 RNG = np.random.default_rng(0)
-Q = np.column_stack([np.sin(3 * T), 0.5 * np.cos(4 * T)])
+Q, _ = to_and_fro(T)
 SOUND = Recording(
     "sound.csv",
     T,

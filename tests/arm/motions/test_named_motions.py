@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from arms import ROD, Link, written
 
 from gapscope.arm.dynamics.inverse_kinematics import inverse_kinematics
 from gapscope.arm.dynamics.kinematics import Kinematics, Pose
@@ -187,12 +188,8 @@ def test_bad_requests_are_refused_with_what_to_do(space: Workspace) -> None:
 
 
 def test_an_arm_of_one_joint_moves_but_holds_no_line(tmp_path) -> None:
-    urdf = tmp_path / "rod.urdf"
-    urdf.write_text(
-        '<robot name="rod"><link name="base"/><link name="rod"><inertial><mass value="1"/>'
-        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
-        '<joint name="hinge" type="continuous"><parent link="base"/><child link="rod"/></joint></robot>'
-    )
+    link = ROD._replace(axis="1 0 0", mass=1, com="0 0 0", inertia="1 1 1")
+    urdf = written(tmp_path / "rod.urdf", "rod", link)
     body = RigidBody(load_nominal_arm(urdf))
     space = workspace(body)
     assert motions_for(1) == ("fourier", "point_to_point")
@@ -208,16 +205,16 @@ def test_an_arm_of_one_joint_moves_but_holds_no_line(tmp_path) -> None:
 
 def test_of_a_narrow_range_the_margin_leaves_half(tmp_path: Path) -> None:
     """A range of +-0.06 rad, as of a file whose radians are read as degrees, within the margin of 0.1 rad."""
-    joint = (
-        '<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/><axis xyz="0 1 0"/>'
-        '<origin xyz="0 0 0.3"/><limit lower="{3}" upper="{4}" effort="50" velocity="2"/></joint>'
-        '<link name="{2}"><inertial><origin xyz="0 0 0.1"/><mass value="1"/>'
-        '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    wide = Link(
+        *("wide", "a"),
+        origin="0 0 0.3",
+        mass=1,
+        com="0 0 0.1",
+        inertia="0.01 0.01 0.01",
+        limit="-2 2 50 2",
     )
-    joints = joint.format("wide", "base", "a", -2, 2)
-    joints += joint.format("narrow", "a", "b", -0.06, 0.06)
-    file = tmp_path / "robot.urdf"
-    file.write_text(f'<robot name="narrow"><link name="base"/>{joints}</robot>')
+    narrow = wide._replace(joint="narrow", name="b", limit="-0.06 0.06 50 2")
+    file = written(tmp_path / "robot.urdf", "narrow", wide, narrow)
     limits = workspace(RigidBody(load_nominal_arm(file))).limits
     assert limits.lower == pytest.approx([-1.9, -0.03])
     assert limits.upper == pytest.approx([1.9, 0.03])

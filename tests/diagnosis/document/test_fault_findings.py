@@ -11,6 +11,7 @@ from gapscope.diagnosis.document.fault_findings import (
     with_torques_turned,
 )
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault
+from gapscope.effects.setup_faults.channel_faults import SignFlip
 
 EFFECT = {"effect": "armature", "share": 0.5, "share_interval": [0.4, 0.6]}
 
@@ -24,7 +25,7 @@ def stages(recorded: float, repaired: float, corrected: float) -> GapStages:
 
 def fault(only: float | None) -> FoundFault:
     gap = None if only is None else np.array([only, 0.1])
-    return FoundFault("sign_flip", (1,), "torque", {}, 0.99, gap_with_only_this=gap)
+    return FoundFault(SignFlip((1,)), 0.99, gap_with_only_this=gap)
 
 
 def test_without_faults_the_effects_share_the_whole() -> None:
@@ -83,7 +84,7 @@ def test_the_whole_is_what_is_closed_if_the_floor_is_estimated_too_high() -> Non
 
 
 def test_all_torques_turned_and_a_base_that_hangs_are_each_others_alternative() -> None:
-    turned = FoundFault("sign_flip", (1, 2), "torque", {}, 0.9, turned_base=0.1)
+    turned = FoundFault(SignFlip((1, 2)), 0.9, turned_base=0.1)
     gap = stages(recorded=0.6, repaired=0.1, corrected=0.1)
     (flip,) = with_faults([], (turned,), gap)
     (other,) = flip["alternatives"]

@@ -5,19 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
+from cases import changed_during
 
 from gapscope.arm.case import Case
-from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.motions.named_motions import draw_motion, workspace
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.change_findings import change_finding, change_text
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.gap.changes_during import changes_during, up_to_changes
 from gapscope.effects.applied import AppliedEffect
-from gapscope.envs.mystery_arm import POSTURE, iiwa, position_controller
-from gapscope.envs.recorder import record
 
 MOMENT = {"load": 4.1, "friction": 4.4}
 CHANGED = {
@@ -29,24 +25,9 @@ CHANGED = {
 @pytest.fixture(scope="module")
 def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
     """Three recordings: one in which a load is picked up, one in which friction rises, one without change."""
-    arm, rng = iiwa(), np.random.default_rng(2)
-    controller, space = position_controller(arm, POSTURE), workspace(RigidBody(arm))
-    recordings = tuple(
-        record(
-            arm,
-            (),
-            draw_motion("fourier", rng, space, 8.0),
-            controller,
-            duration=8.0,
-            rng=rng,
-            torque_noise=0.1,
-            name=name,
-            later=(MOMENT[name], (CHANGED[name],)) if name in CHANGED else None,
-        )
-        for name in ("healthy", "load", "friction")
-    )
+    later = {name: (MOMENT[name], (effect,)) for name, effect in CHANGED.items()}
     folder = tmp_path_factory.mktemp("case")
-    return Case("changes", folder, arm, recordings, controller=controller)
+    return changed_during("changes", folder, later, "healthy", "load", "friction")
 
 
 def test_what_changed_is_found_with_its_moment_and_size(case: Case) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import synthetic
+from cases import each
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.control.laws import LAWS
@@ -36,9 +37,7 @@ def case() -> Case:
 def without(case: Case, *channels: str) -> Case:
     """The case without some channels of its recordings."""
     nothing = dict.fromkeys(channels)
-    return replace(
-        case, recordings=tuple(replace(r, **nothing) for r in case.recordings)
-    )
+    return each(case, lambda r: replace(r, **nothing))
 
 
 @pytest.mark.parametrize(

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from cases import case_of
 
-from gapscope.arm.case import Case
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.gap.excerpt import excerpt, folds_of
 from gapscope.diagnosis.thresholds import EXAMINED, LEAST_WINDOW, MOST_FOLDS, WINDOW
@@ -24,18 +22,14 @@ def recording(seconds: float, name: str = "long.csv") -> Recording:
     return Recording(name, t, q, np.cos(0.7 * t[:, None] + phases))
 
 
-def case(*recordings: Recording) -> Case:
-    return Case("long", Path(), iiwa(), recordings)
-
-
 def test_a_minute_is_looked_at_as_it_is() -> None:
-    whole = case(recording(60.0))
+    whole = case_of("long", iiwa(), recording(60.0))
     assert excerpt(whole) is whole
 
 
 def test_an_hour_is_looked_at_in_every_part() -> None:
     whole = recording(3600.0)
-    seen = excerpt(case(whole)).recordings[0]
+    seen = excerpt(case_of("long", iiwa(), whole)).recordings[0]
     windows = pieces(seen)
     lengths = [seen.t[w][-1] - seen.t[w][0] for w in windows]
     np.testing.assert_allclose(lengths, WINDOW, atol=0.1)
@@ -52,13 +46,17 @@ def test_an_hour_is_looked_at_in_every_part() -> None:
 
 
 def test_of_many_recordings_each_has_its_window() -> None:
-    seen = excerpt(case(*(recording(20.0, f"{k}.csv") for k in range(20)))).recordings
+    seen = excerpt(
+        case_of("long", iiwa(), *(recording(20.0, f"{k}.csv") for k in range(20)))
+    ).recordings
     assert [r.name for r in seen] == [f"{k}.csv" for k in range(20)]
     assert sum(len(r.t) for r in seen) / RATE == pytest.approx(EXAMINED, rel=0.05)
 
 
 def test_of_too_many_recordings_some_are_looked_at_from_first_to_last() -> None:
-    seen = excerpt(case(*(recording(10.0, f"{k}.csv") for k in range(100)))).recordings
+    seen = excerpt(
+        case_of("long", iiwa(), *(recording(10.0, f"{k}.csv") for k in range(100)))
+    ).recordings
     assert len(seen) == EXAMINED / LEAST_WINDOW
     assert (seen[0].name, seen[-1].name) == ("0.csv", "99.csv")
 
@@ -66,7 +64,9 @@ def test_of_too_many_recordings_some_are_looked_at_from_first_to_last() -> None:
 @pytest.mark.parametrize("seconds", [[60.0], [3600.0], [10.0] * 5, [8.0] * 20])
 def test_folds_hold_every_segment_and_are_few(seconds: list[float]) -> None:
     names = [recording(s, f"{k}.csv") for k, s in enumerate(seconds)]
-    segments = [condition(r, 10.0) for r in excerpt(case(*names)).recordings]
+    segments = [
+        condition(r, 10.0) for r in excerpt(case_of("long", iiwa(), *names)).recordings
+    ]
     folds = folds_of(segments)
     assert min(4, len(folds)) <= len(folds) <= MOST_FOLDS
     rows = sum(len(s.motion.t[s.inner]) for fold in folds for s in fold)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import case_of, to_and_fro
 
-from gapscope.arm.case import Case
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.io.load_recording import load_recording
 from gapscope.arm.nominal import NominalArm
@@ -23,12 +23,8 @@ T = np.arange(600) / 100
 
 
 def recording(name: str = "a.csv", **changed: np.ndarray) -> Recording:
-    q = np.column_stack([np.sin(3 * T), 0.5 * np.cos(4 * T)])
+    q, _ = to_and_fro(T)
     return replace(Recording(name, T, q, 10 * q), **changed)
-
-
-def case(*recordings: Recording) -> Case:
-    return Case("case", Path(), ARM, recordings)
 
 
 def with_cell(channel: str, value: float) -> Recording:
@@ -59,8 +55,8 @@ STILL = np.tile([0.3, -0.2], (600, 1))
 )
 def test_refused(recordings: list[Recording], message: str) -> None:
     with pytest.raises(GapscopeError, match=message):
-        check_torque(case(*recordings))
-        check_moving(case(*recordings))
+        check_torque(case_of("case", ARM, *recordings))
+        check_moving(case_of("case", ARM, *recordings))
 
 
 def test_what_is_unusual_only_passes() -> None:
@@ -69,7 +65,7 @@ def test_what_is_unusual_only_passes() -> None:
     brief = np.column_stack([np.sin(T), short + 1e-4 * rng.normal(size=len(T))])
     impact = recording().tau + np.where(T == 2.0, 1e5, 0.0)[:, None]
     resting = recording("b.csv", q=STILL, tau=STILL + 0.01 * rng.normal(size=(600, 2)))
-    found = case(recording(q=brief), recording(tau=impact), resting)
+    found = case_of("case", ARM, recording(q=brief), recording(tau=impact), resting)
     check_torque(found)
     check_moving(found)
     assert still_note(found) == ()
@@ -78,7 +74,7 @@ def test_what_is_unusual_only_passes() -> None:
 def test_a_joint_that_never_moves_is_said() -> None:
     q = recording().q.copy()
     q[:, 1] = 0.4
-    found = case(recording(q=q), recording(q=q))
+    found = case_of("case", ARM, recording(q=q), recording(q=q))
     check_moving(found)
     (note,) = still_note(found)
     assert note.startswith("joint 2 (elbow) never moves")
@@ -88,11 +84,11 @@ def test_a_joint_that_never_moves_is_said() -> None:
 def test_little_motion_is_said() -> None:
     resting = recording(q=STILL)
     moving = recording().duration
-    (note,) = short_note(case(recording(), recording(), resting))
+    (note,) = short_note(case_of("case", ARM, recording(), recording(), resting))
     seconds = float(note.removeprefix("only ").split()[0])
     assert seconds == pytest.approx(2 * moving, rel=0.1)
     enough = [recording()] * int(np.ceil(22.0 / moving))
-    assert short_note(case(*enough)) == ()
+    assert short_note(case_of("case", ARM, *enough)) == ()
 
 
 @pytest.mark.parametrize(
@@ -107,7 +103,7 @@ def test_a_slow_log_is_not_taken_for_one_in_milliseconds(
 
 def test_a_rate_below_any_log_is_named_as_it_is() -> None:
     with pytest.raises(GapscopeError, match="the rate is 5 Hz, expected 10 to 20000"):
-        check_rates(case(recording(t=0.2 * np.arange(600))))
+        check_rates(case_of("case", ARM, recording(t=0.2 * np.arange(600))))
 
 
 def leap(t: np.ndarray) -> np.ndarray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 
 import numpy as np
@@ -243,11 +242,3 @@ def test_the_tree_follows_the_hotter_side() -> None:
     cuts = hottest_leaf(x, y, 2)
     assert {(cut.index, cut.above) for cut in cuts} == {(0, True), (2, False)}
     assert hottest_leaf(x, np.ones(2000), 2) == ()
-
-
-def test_a_minute_of_seven_joints_takes_less_than_a_second() -> None:
-    rows = motion(5, joints=7, seconds=60.0)
-    error = noise(rows, 5) + (np.abs(rows.dq) < 0.1) * noise(rows, 6)
-    begun = time.perf_counter()
-    locate(error, rows, load_of(rows), np.full(7, FLOOR), list(range(1, 8)))
-    assert time.perf_counter() - begun < 1.0

@@ -9,10 +9,14 @@ from gapscope.diagnosis.model.compliant_bodies import CompliantCandidates
 from gapscope.diagnosis.model.decimated_segments import DecimatedSegments
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.transmission import ELASTICITY
 from gapscope.ident.signals.conditioning import condition, thinned
 
 LOAD = AppliedEffect("payload", (), {"mass": np.array(1.0), "com": np.zeros(3)})
 FRICTION = AppliedEffect("coulomb_friction", (1,), {"torque": np.array([2.0])})
+
+SOFT = np.array([1 / 2e3, 5.0 / 2e3**2])
+"""Compliance [rad/(N m)] and d / k^2 of a spring."""
 
 
 def test_friction_leaves_the_bodies_and_a_load_does_not() -> None:
@@ -20,9 +24,9 @@ def test_friction_leaves_the_bodies_and_a_load_does_not() -> None:
     data = DecimatedSegments([thinned(condition(recording, 20.0)[0], 100.0)], 10.0)
     arm, candidates = synthetic.arm(), CompliantCandidates(data, synthetic.body())
     bare = candidates.of(CorrectedArm(arm))
-    once = bare.elastic(1, 2e3, 5.0)
+    once = bare.added(ELASTICITY, 1, SOFT)
     assert candidates.of(CorrectedArm(arm, (FRICTION,))) is bare
-    assert bare.elastic(1, 2e3, 5.0) is once
+    assert bare.added(ELASTICITY, 1, SOFT) is once
     laden = candidates.of(CorrectedArm(arm, (LOAD, FRICTION)))
     assert (laden.mass > bare.mass).any()
-    assert not np.allclose(laden.elastic(1, 2e3, 5.0), once)
+    assert not np.allclose(laden.added(ELASTICITY, 1, SOFT), once)

@@ -11,9 +11,9 @@ from gapscope.diagnosis.model.linearisation import Linearisation
 from gapscope.diagnosis.selection.compliant_joints import (
     best_compliant_joint,
     settle_compliance,
+    starts,
 )
 from gapscope.diagnosis.selection.fitted_model import fit_terms
-from gapscope.diagnosis.selection.resonance_starts import starts
 
 HEALTHY = Truth()
 LOOSE = Truth(play=(0.008, 0.0, 0.0))

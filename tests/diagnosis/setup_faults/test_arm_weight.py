@@ -9,17 +9,14 @@ import pytest
 import synthetic
 
 from gapscope.arm.case import Case
+from gapscope.arm.reading import Reading
 from gapscope.diagnosis.setup_faults.arm_weight import weight_penalty, weight_share
-from gapscope.diagnosis.setup_faults.channel_mapping import (
-    ChannelMapping,
-    without_gravity,
-)
 from gapscope.diagnosis.setup_faults.fault_samples import sample
 from gapscope.diagnosis.setup_faults.nuisance import FoldEquations, fold_equations
 from gapscope.effects.setup_faults.torque_faults import GravityCompensatedTorque
 from gapscope.ident.signals.conditioning import condition
 
-AS_READ = ChannelMapping.identity(synthetic.N)
+AS_READ = Reading.identity(synthetic.N)
 
 
 @pytest.fixture(scope="module")
@@ -52,10 +49,9 @@ def test_a_torque_times_a_factor_carries_that_share(case: Case, factor: float) -
 def test_a_torque_without_gravity_carries_none_until_it_is_read_as_such(
     case: Case,
 ) -> None:
-    rng, fault = np.random.default_rng(0), GravityCompensatedTorque()
-    recordings = tuple(fault.apply(r, rng, case.arm) for r in case.recordings)
-    equations = _equations(replace(case, recordings=recordings))
+    fault = GravityCompensatedTorque()
+    equations = _equations(fault.in_case(case, np.random.default_rng(0), case.arm))
     share, _ = weight_share(equations, equations.read(AS_READ))
     assert share == pytest.approx(0.0, abs=0.03)
-    right = equations.read(without_gravity(synthetic.N))
+    right = equations.read(fault.reading(synthetic.N))
     assert weight_share(equations, right)[0] == pytest.approx(1.0, abs=0.03)

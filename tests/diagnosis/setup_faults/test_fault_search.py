@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from gapscope.diagnosis.setup_faults.fault_search import decisive
-from gapscope.diagnosis.setup_faults.mapping_score import MappingScore
+from gapscope.diagnosis.setup_faults.reading_score import ReadingScore
 
 
-def score(*residual: float) -> MappingScore:
+def score(*residual: float) -> ReadingScore:
     """The same residual on four folds."""
-    return MappingScore(np.tile(residual, (4, 1)), penalty=3.0)
+    return ReadingScore(np.tile(residual, (4, 1)), penalty=3.0)
 
 
 def test_an_exchange_that_explains_both_joints_is_decisive() -> None:

@@ -18,107 +18,54 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.io.write_case import write_case
 from gapscope.arm.recording import CHANNELS
-from gapscope.diagnosis.setup_faults.candidates import motor_side
-from gapscope.diagnosis.setup_faults.channel_mapping import (
-    ChannelMapping,
-    flipped,
-    late,
-    offset_by,
-    rescaled,
-    scaled,
-    shifted,
-    swapped,
-    timed,
-    without_gravity,
-)
-from gapscope.diagnosis.setup_faults.found_fault import (
-    FaultParameter,
-    FoundFault,
-    repaired,
-)
-from gapscope.diagnosis.setup_faults.shifted_inertials import shifted_arm
+from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
+from gapscope.diagnosis.setup_faults.references.control_faults import OtherGainsAtWork
 from gapscope.effects.setup_faults.channel_faults import (
     JointSwap,
     SignFlip,
     UnitMismatch,
+    ZeroOffset,
 )
+from gapscope.effects.setup_faults.controller_faults import GainMismatch
 from gapscope.effects.setup_faults.fault import Fault
 from gapscope.effects.setup_faults.fault_catalogue import FAULTS as CATALOGUE
 from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
+from gapscope.effects.setup_faults.reference_faults import (
+    IgnoredVelocityReference,
+    SpeedScaling,
+    VelocityOfReference,
+)
 from gapscope.effects.setup_faults.time_stamp_fault import TimeStamps
 from gapscope.effects.setup_faults.torque_faults import (
     GravityCompensatedTorque,
     LateTorque,
     TorqueUnit,
 )
-from gapscope.effects.setup_faults.zero_fault import ZeroOffset
 from gapscope.outputs.mended_case import CASE, write_mended_case
 
 N = synthetic.N
 
 
-def found(name: str, variant: str, mapping: ChannelMapping) -> FoundFault:
+def found(fault: Fault) -> FoundFault:
     """A fault as a diagnosis finds it, with values that are exact."""
-    return FoundFault(name, (2,), variant, {}, 1.0, mapping=mapping)
+    return FoundFault(fault, 1.0)
 
 
-FAULTS: dict[str, tuple[Fault, FoundFault]] = {
-    "torque turned": (
-        SignFlip((2,)),
-        found("sign_flip", "torque", flipped(N, 1, "torque")),
-    ),
-    "position turned": (
-        SignFlip((2,), "position"),
-        found("sign_flip", "position", flipped(N, 1, "position")),
-    ),
-    "joints exchanged": (
-        JointSwap((2, 3), "joint"),
-        found("joint_swap", "joint", swapped(N, (1, 2), "joint")),
-    ),
-    "torques exchanged": (
-        JointSwap((1, 3)),
-        found("joint_swap", "torque", swapped(N, (0, 2), "torque")),
-    ),
-    "degrees": (
-        UnitMismatch("degrees"),
-        found("unit_mismatch", "degrees", scaled(N, (0, 1, 2), np.pi / 180)),
-    ),
-    "revolutions": (
-        UnitMismatch("revolutions"),
-        found("unit_mismatch", "revolutions", scaled(N, (0, 1, 2), 2 * np.pi)),
-    ),
-    "milliseconds": (
-        UnitMismatch("milliseconds"),
-        found("unit_mismatch", "milliseconds", timed(N, 1e-3)),
-    ),
-    "motor side": (
-        UnitMismatch("motor_side", (2,), 50.0),
-        found("unit_mismatch", "motor_side", motor_side(N, (1,), (50.0,)).mapping),
-    ),
-    "inertials shifted": (
-        ShiftedInertials(1),
-        found("shifted_inertials", "", shifted(N, -1)),
-    ),
-    "zero off": (
-        ZeroOffset((2,), np.pi / 2),
-        found("zero_offset", "", offset_by(N, 1, -np.pi / 2)),
-    ),
-    "gravity left out": (
-        GravityCompensatedTorque(),
-        found("gravity_compensated_torque", "", without_gravity(N)),
-    ),
-    "currents": (
-        TorqueUnit("current", factor=(12.0, 12.0, 8.0)),
-        found("torque_unit", "current", rescaled(N, (0, 1, 2), (12.0, 12.0, 8.0))),
-    ),
-    "torque late": (
-        LateTorque("delay", 0.06),
-        found("late_torque", "delay", late(N, 0.06)),
-    ),
-    "half the rate": (
-        TimeStamps("wrong_rate", 2.0),
-        found("time_stamps", "wrong_rate", timed(N, 0.5)),
-    ),
+FAULTS: dict[str, Fault] = {
+    "torque turned": SignFlip((2,)),
+    "position turned": SignFlip((2,), "position"),
+    "joints exchanged": JointSwap((2, 3), "joint"),
+    "torques exchanged": JointSwap((1, 3)),
+    "degrees": UnitMismatch("degrees"),
+    "revolutions": UnitMismatch("revolutions"),
+    "milliseconds": UnitMismatch("milliseconds"),
+    "motor side": UnitMismatch("motor_side", (2,), 50.0),
+    "inertials shifted": ShiftedInertials(1),
+    "zero off": ZeroOffset((2,), np.pi / 2),
+    "gravity left out": GravityCompensatedTorque(),
+    "currents": TorqueUnit("current", factor=(12.0, 12.0, 8.0)),
+    "torque late": LateTorque("delay", 0.06),
+    "half the rate": TimeStamps("wrong_rate", 2.0),
 }
 
 
@@ -132,10 +79,7 @@ def spoilt(*faults: Fault) -> Case:
     """The case as a set-up with the faults would have recorded it."""
     case, rng = sound(), np.random.default_rng(0)
     for fault in faults:
-        if isinstance(fault, ShiftedInertials):
-            case = replace(case, arm=shifted_arm(case.arm, fault.by))
-        made = tuple(fault.apply(r, rng, case.arm) for r in case.recordings)
-        case = replace(case, recordings=made)
+        case = fault.in_case(case, rng, sound().arm)
     return case
 
 
@@ -159,38 +103,26 @@ def assert_sound(case: Case, least: float = 1.0) -> None:
 @pytest.mark.parametrize("label", FAULTS)
 def test_a_fault_of_the_catalogue_is_put_right(label: str, tmp_path: Path) -> None:
     """Every row but the first and last ones of a torque that was late, by a multiple of the period."""
-    fault, diagnosed = FAULTS[label]
+    fault = FAULTS[label]
     file = write_case(spoilt(fault), tmp_path / "case", ending="npz")
     bad = load_case(file, any_unit=True)
     out = tmp_path / "results" / "here"
-    first, *_ = write_mended_case((diagnosed,), bad, lambda: file, out)
+    first, *_ = write_mended_case((found(fault),), bad, lambda: file, out)
     right = load_case(first)
     assert first == out / CASE
-    assert_sound(right, 0.98 if diagnosed.name == "late_torque" else 1.0)
+    assert_sound(right, 0.98 if label == "torque late" else 1.0)
 
 
-def of_references(name: str, **values: float) -> FoundFault:
-    """A fault of references or of the controller on all joints."""
-    parameters = {key: FaultParameter("1", (x,) * N) for key, x in values.items()}
-    return FoundFault(name, (1, 2, 3), "", parameters, 1.0)
-
-
-OF_REFERENCES: dict[str, tuple[FoundFault, str]] = {
-    "velocity of the reference": (of_references("velocity_of_reference"), "  dq: null"),
+OF_REFERENCES: dict[str, tuple[Fault, str]] = {
+    "velocity of the reference": (VelocityOfReference(), "  dq: null"),
     "velocity reference ignored": (
-        of_references("ignored_velocity_reference", lead=0.05),
+        IgnoredVelocityReference(0.05),
         "    reference: {lead: 0.05}",
     ),
-    "slower than the reference": (
-        of_references("speed_scaling", factor=0.6),
-        "    reference: {pace: 0.6}",
-    ),
-    "other gains": (
-        of_references("gain_mismatch", kp_factor=4.0, kd_factor=0.5),
-        "controller:",
-    ),
+    "slower than the reference": (SpeedScaling(0.6), "    reference: {pace: 0.6}"),
+    "other gains": (GainMismatch(4.0, 0.5, (1, 2, 3)), "controller:"),
     "torque of gains": (
-        of_references("unmeasured_torque", kp_at_work=80.0, kd_at_work=4.0),
+        OtherGainsAtWork(kp_at_work=80.0, kd_at_work=4.0),
         "  tau: null",
     ),
 }
@@ -200,7 +132,8 @@ OF_REFERENCES: dict[str, tuple[FoundFault, str]] = {
 def test_references_and_controller_are_read_as_the_diagnosis_reads_them(
     label: str, tmp_path: Path
 ) -> None:
-    diagnosed, line = OF_REFERENCES[label]
+    fault, line = OF_REFERENCES[label]
+    diagnosed = found(fault)
     gains = {"kp": np.full(N, 80.0), "kd": np.full(N, 4.0)}
     referred = tuple(
         replace(r, q_ref=r.q + 0.01 * np.sin(r.q), dq=0.9 * r.q, dq_ref=r.q)
@@ -231,8 +164,8 @@ def test_references_and_controller_are_read_as_the_diagnosis_reads_them(
 
 
 def test_every_fault_of_the_catalogue_is_tried() -> None:
-    tried = {diagnosed.name for _, diagnosed in FAULTS.values()}
-    tried |= {diagnosed.name for diagnosed, _ in OF_REFERENCES.values()}
+    tried = {fault.name for fault in FAULTS.values()}
+    tried |= {fault.name for fault, _ in OF_REFERENCES.values()}
     # a reference that was recorded coarsely is smoothed by every diagnosis
     assert tried | {"coarse_reference"} == set(CATALOGUE)
 
@@ -241,9 +174,8 @@ def test_what_a_case_file_cannot_say_is_said_to_be_left(tmp_path: Path) -> None:
     """A slider at another place in one recording: its pace is no line of the case."""
     file = write_case(sound(), tmp_path / "case", ending="npz")
     case = load_case(file)
-    slider = of_references("speed_scaling", factor=0.6)
-    slider = replace(slider, joints=(), recordings=(case.recordings[0].name,))
-    _, turned = FAULTS["torque turned"]
+    slider = replace(found(SpeedScaling(0.6)), recordings=(case.recordings[0].name,))
+    turned = found(FAULTS["torque turned"])
     first, *_ = write_mended_case((turned, slider), case, lambda: file, tmp_path)
     assert "# left to every diagnosis: speed_scaling" in first.read_text()
     assert "pace" not in first.read_text()
@@ -253,24 +185,22 @@ def test_two_faults_with_the_reason_on_each_line(tmp_path: Path) -> None:
     """In the order in which they were found: what is exchanged was in degrees before."""
     case = spoilt(UnitMismatch("degrees", (2,)), JointSwap((2, 3), "joint"))
     file = write_case(case, tmp_path / "case", ending="npz")
-    faults = (
-        FAULTS["joints exchanged"][1],
-        found("unit_mismatch", "degrees", scaled(N, (1,), np.pi / 180)),
-    )
+    exchanged, degrees = FAULTS["joints exchanged"], UnitMismatch("degrees", (2,))
+    faults = (found(exchanged), found(degrees))
     first, *_ = write_mended_case(faults, case, lambda: file, tmp_path)
     assert_sound(load_case(first))
     lines = {
         line.split(":")[0].strip(): line for line in first.read_text().splitlines()
     }
-    both = "# joint_swap (joint), joint 2; unit_mismatch (degrees), joint 2"
+    both = "# joint_swap (joint), joint 2, 3; unit_mismatch (degrees), joint 2"
     assert lines["motion"].endswith(both) and "columns: [1, 3, 2]" in lines["motion"]
-    assert lines["torque"].endswith("# joint_swap (joint), joint 2")
+    assert lines["torque"].endswith("# joint_swap (joint), joint 2, 3")
 
 
 def test_what_asks_for_no_other_reading_leaves_no_file(tmp_path: Path) -> None:
     """Jitter is put right at every diagnosis; what an earlier run has left is removed."""
     (tmp_path / CASE).write_text("name: of an earlier run")
-    jitter = FoundFault("time_stamps", (), "jitter", {}, 1.0)
+    jitter = found(TimeStamps("jitter", 0.2))
     assert write_mended_case((jitter,), sound(), Path, tmp_path) == ()
     assert not (tmp_path / CASE).exists()
 
@@ -301,8 +231,8 @@ def test_it_comes_on_top_of_the_import_section_of_the_case(tmp_path: Path) -> No
     }
     file = tmp_path / "case.yaml"
     file.write_text(yaml.safe_dump(content))
-    _, turned = FAULTS["torque turned"]
-    _, exchanged = FAULTS["torques exchanged"]
+    turned = found(FAULTS["torque turned"])
+    exchanged = found(FAULTS["torques exchanged"])
     first, *_ = write_mended_case((turned,), case, lambda: file, tmp_path / "results")
     assert_sound(load_case(first))
     # what exchanges the torques once more on top of that puts them right
@@ -321,8 +251,7 @@ def test_stamps_of_some_files_alone(tmp_path: Path) -> None:
         replace(case, recordings=(first, *others)), tmp_path / "case", ending="npz"
     )
     name = load_case(file, any_unit=True).recordings[0].name
-    _, diagnosed = FAULTS["milliseconds"]
-    diagnosed = replace(diagnosed, recordings=(name,))
+    diagnosed = replace(found(FAULTS["milliseconds"]), recordings=(name,))
     made, *_ = write_mended_case((diagnosed,), case, lambda: file, tmp_path)
     assert_sound(load_case(made))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import synthetic
 
-from gapscope.diagnosis.setup_faults.channel_mapping import ChannelMapping
+from gapscope.arm.reading import Reading
 from gapscope.diagnosis.setup_faults.fault_samples import sample
 from gapscope.diagnosis.setup_faults.nuisance import fold_equations
 from gapscope.diagnosis.setup_faults.nuisance_fit import (
@@ -17,7 +17,7 @@ from gapscope.diagnosis.thresholds import ORDINARY_PENALTY
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, condition
 
 FREE = np.full(2, -np.inf)
-IDENTITY = ChannelMapping.identity(synthetic.arm().n_joints)
+IDENTITY = Reading.identity(synthetic.arm().n_joints)
 
 
 def test_without_bounds_it_solves_the_normal_equations() -> None:

@@ -38,10 +38,10 @@ def rounded(
 def test_step_is_found(step: float, offset: float, digits: int) -> None:
     (found,) = find_quantization(rounded(synthetic.case(), {2: step}, digits, offset))
     assert found.name == "encoder_quantization" and found.joints == (2,)
-    quantity = found.parameters["step"]
-    assert quantity.unit == "rad" and quantity.std is not None
-    assert abs(quantity.value[0] / step - 1) < 1e-3
-    assert quantity.std[0] < 1e-3 * step
+    quantity = found.document()["parameters"]["step"]
+    assert quantity["unit"] == "rad"
+    assert abs(quantity["value"][0] / step - 1) < 1e-3
+    assert quantity["std"][0] < 1e-3 * step
 
 
 def test_step_of_the_data_sheet_is_found_and_not_named() -> None:
@@ -75,7 +75,7 @@ def test_a_12_bit_servo_is_known_by_its_positions(data_root: Path) -> None:
     )
     (found,) = find_quantization(case)
     np.testing.assert_allclose(
-        found.parameters["step"].value[:5], 2 * np.pi / 4096, rtol=1e-4
+        found.fault.values()["step"][:5], 2 * np.pi / 4096, rtol=1e-4
     )
 
 

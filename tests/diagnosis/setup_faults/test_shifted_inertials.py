@@ -12,7 +12,7 @@ from synthetic import arm
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
-from gapscope.diagnosis.setup_faults.shifted_inertials import shifted_arm, shifted_body
+from gapscope.arm.shifted_inertials import shifted_arm, shifted_body
 
 
 def copied(folder: Path, change: tuple[str, str] = ("", "")) -> NominalArm:

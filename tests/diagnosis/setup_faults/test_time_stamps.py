@@ -20,7 +20,7 @@ def moving(name: str, clock: float, stamps: np.ndarray = T) -> Recording:
 def test_a_rate_off_by_one_per_cent_in_all_recordings_is_named() -> None:
     (found,) = find_stamps([moving("a", 0.99), moving("b", 0.99)])
     assert found.variant == "wrong_rate"
-    np.testing.assert_allclose(found.parameters["amount"].value, 0.99, rtol=1e-3)
+    np.testing.assert_allclose(found.fault.values()["amount"], 0.99, rtol=1e-3)
     for recording in (moving("a", 0.99), moving("b", 0.99)):
         np.testing.assert_allclose(found.repair(recording).t, T, atol=0.01)
 

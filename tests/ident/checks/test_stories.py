@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
-import arms
 import numpy as np
 import pytest
+from cases import each, panda_case
 
 from gapscope.arm.case import Case
 from gapscope.arm.recording import Recording
@@ -26,14 +26,14 @@ FIVE = np.deg2rad(5.0)
 
 
 def zero_off(joint: int, angle: float = FIVE) -> Case:
-    return arms.case(
+    return panda_case(
         (AppliedEffect("encoder_offset", (joint,), {"offset": np.array([angle])}),)
     )
 
 
 @cache
 def healthy() -> Identification:
-    return identify(arms.case(), CUTOFF)
+    return identify(panda_case(), CUTOFF)
 
 
 @cache
@@ -70,9 +70,9 @@ class TestWrongZero:
         assert f"zero of joint {joint}" in question and "offsets" in question
 
     def test_the_correction_that_it_offers_mends_the_arm(self) -> None:
-        delta = off(2).zeros.offset * (np.arange(arms.N) == 1)
+        delta = off(2).zeros.offset * (np.arange(7) == 1)
         mended = identify(
-            arms.changed(zero_off(2), lambda r: replace(r, q=r.q - delta)), CUTOFF
+            each(zero_off(2), lambda r: replace(r, q=r.q - delta)), CUTOFF
         )
         assert mended.questions == ()
         assert all(check.positive_mass for check in mended.physical.before)
@@ -116,7 +116,7 @@ def saturated(r: Recording) -> Recording:
 
 
 def resting(r: Recording) -> Recording:
-    return replace(r, q=np.where(np.arange(arms.N) == 6, 0.3, r.q))
+    return replace(r, q=np.where(np.arange(7) == 6, 0.3, r.q))
 
 
 class TestTroubleshooting:
@@ -141,7 +141,7 @@ class TestTroubleshooting:
         row: str,
         joints: tuple[int, ...] | None,
     ) -> None:
-        fired = found(identify(arms.changed(arms.case(), fault), CUTOFF))
+        fired = found(identify(each(panda_case(), fault), CUTOFF))
         assert row in fired
         assert joints is None or fired[row] == joints
 
@@ -149,16 +149,14 @@ class TestTroubleshooting:
         assert found(off(3))["joint_zero"] == (3,)
 
     def test_torque_in_another_unit_fires_its_row_where_it_is_let_pass(self) -> None:
-        case = arms.changed(
-            arms.case(), lambda r: replace(r, tau=1e3 * np.asarray(r.tau))
-        )
+        case = each(panda_case(), lambda r: replace(r, tau=1e3 * np.asarray(r.tau)))
         assert "torque_unit" in found(identify(case, replace(CUTOFF, any_torque=True)))
 
     def test_stribeck_friction_fires_its_row_and_is_recovered(self) -> None:
         planted = AppliedEffect(
             "stribeck_friction", (1, 2), {"torque": [4.0, 4.0], "velocity": [0.2, 0.2]}
         )
-        result = identify(arms.case((planted,)), CUTOFF)
+        result = identify(panda_case((planted,)), CUTOFF)
         assert "low_speed_friction" in found(result)
         assert result.choice.law.stribeck_speed == 0.2
         values = dict(
@@ -171,7 +169,7 @@ class TestTroubleshooting:
         assert [values["d1"], values["d2"]] == pytest.approx([4.0, 4.0], rel=0.1)
 
     def test_motion_too_small_fires_the_condition(self) -> None:
-        assert "condition" in found(identify(arms.case(size=0.06, speed=0.3), CUTOFF))
+        assert "condition" in found(identify(panda_case(size=0.06, speed=0.3), CUTOFF))
 
     def test_rows_say_what_to_do(self) -> None:
         for row in healthy().table:

@@ -6,9 +6,9 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-import arms
 import numpy as np
 import pytest
+from cases import each, panda_case
 
 from gapscope.arm.case import Case, load_case
 from gapscope.arm.errors import InputError
@@ -29,9 +29,7 @@ ROOT = Path(__file__).resolve().parents[3]
 
 
 def scaled(factor: float) -> Case:
-    return arms.changed(
-        arms.case(), lambda r: replace(r, tau=factor * np.asarray(r.tau))
-    )
+    return each(panda_case(), lambda r: replace(r, tau=factor * np.asarray(r.tau)))
 
 
 @cache
@@ -73,7 +71,7 @@ def test_a_nominal_arm_that_is_off_by_more_than_the_torque_is_said_plainly() -> 
 
 
 def test_silent_on_a_healthy_arm() -> None:
-    assert not torque_gain(compared(arms.case())).found
+    assert not torque_gain(compared(panda_case())).found
 
 
 @pytest.mark.shared_data

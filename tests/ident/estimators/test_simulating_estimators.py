@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from arms import iiwa_of_three
 
 import gapscope.ident.estimators.experiment as rolled
 from gapscope.arm.dynamics.rigid_body import RigidBody
@@ -11,7 +12,6 @@ from gapscope.arm.dynamics.rollout import roll_outs
 from gapscope.arm.errors import GapscopeError, InputError
 from gapscope.arm.known_load import KnownLoad
 from gapscope.arm.motions.trajectory import Fourier, urdf_limits
-from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.position_controller import position_controller
@@ -41,15 +41,7 @@ EFFECTS = (
 @pytest.fixture(scope="module")
 def arm():
     """Three joints of the iiwa, with rotors and friction."""
-    pytest.importorskip("pybullet_data")
-    sheet = {
-        "armature": [0.3, 0.3, 0.2],
-        "viscous": [4.0, 4.0, 2.0],
-        "coulomb": [1.0, 1.0, 0.5],
-    }
-    return load_nominal_arm(
-        "kuka_iiwa", joints=[f"lbr_iiwa_joint_{j}" for j in (1, 2, 4)], sheet=sheet
-    )
+    return iiwa_of_three()
 
 
 @pytest.fixture(scope="module")

@@ -2,66 +2,50 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from arms import Link, chain
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.trajectory import Limits
 from gapscope.arm.nominal import NominalArm
 
-JOINT = """
-  <joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/>
-    <origin xyz="0 0 {height}"/><axis xyz="{axis}"/><limit lower="-2.5" upper="2.5" effort="60" velocity="3"/></joint>
-  <link name="{child}"><inertial><mass value="3"/><origin xyz="0.02 0.01 0.2"/>
-    <inertia ixx="0.05" iyy="0.06" izz="0.02" ixy="0.001" ixz="0.002" iyz="0.003"/></inertial>
-    <collision><origin xyz="0 0 {middle}"/><geometry><box size="0.08 0.08 {length}"/></geometry></collision></link>"""
-URDF = (
-    '<robot name="three"><link name="base"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>'
-    + JOINT.format(
-        name="yaw",
-        parent="base",
-        child="first",
-        height=0.2,
-        axis="0 0 1",
-        middle=0.0,
-        length=0.1,
+BASE = '<link name="base"><collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision></link>'
+
+
+def link(
+    joint: str, name: str, axis: str, height: float, middle: float, length: float
+) -> Link:
+    """3 kg, with a box about a point ``middle`` above its joint [m]."""
+    return Link(
+        *(joint, name, axis, f"0 0 {height}"),
+        mass=3,
+        com="0.02 0.01 0.2",
+        inertia="0.05 0.06 0.02 0.001 0.002 0.003",
+        limit="-2.5 2.5 60 3",
+        shape=f'<collision><origin xyz="0 0 {middle}"/><geometry><box size="0.08 0.08 {length}"/></geometry>'
+        "</collision>",
     )
-    + JOINT.format(
-        name="lift",
-        parent="first",
-        child="second",
-        height=0.1,
-        axis="0 1 0",
-        middle=0.25,
-        length=0.4,
-    )
-    + JOINT.format(
-        name="bend",
-        parent="second",
-        child="third",
-        height=0.5,
-        axis="0 1 0",
-        middle=0.325,
-        length=0.55,
-    )
-    + "</robot>"
+
+
+LINKS = (
+    link("yaw", "first", "0 0 1", 0.2, 0.0, 0.1),
+    link("lift", "second", "0 1 0", 0.1, 0.25, 0.4),
+    link("bend", "third", "0 1 0", 0.5, 0.325, 0.55),
 )
 """Axis of lift at 0.3 m, of bend 0.5 m beyond it; the third box reaches from 0.05 m to 0.6 m beyond bend."""
 
 
 @pytest.fixture(scope="session")
 def arm(tmp_path_factory: pytest.TempPathFactory) -> NominalArm:
-    path: Path = tmp_path_factory.mktemp("arm") / "three.urdf"
-    path.write_text(URDF)
-    return NominalArm(
+    return chain(
+        tmp_path_factory.mktemp("arm"),
         "three",
-        path,
-        ("yaw", "lift", "bend"),
-        armature=np.array([0.2, 0.1, 0.05]),
-        viscous=np.array([1.0, 0.5, 0.2]),
-        coulomb=np.array([1.0, 2.0, 0.5]),
+        *LINKS,
+        base=BASE,
+        armature=[0.2, 0.1, 0.05],
+        viscous=[1.0, 0.5, 0.2],
+        coulomb=[1.0, 2.0, 0.5],
     )
 
 

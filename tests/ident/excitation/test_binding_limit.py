@@ -41,7 +41,7 @@ def candidate(arm: NominalArm, body: RigidBody, limits: Limits) -> Candidate:
     def made(**changed: np.ndarray) -> tuple[TrajectorySearch, np.ndarray, float]:
         within = limits._replace(**changed)
         space = Parametrisation(family("fourier", 3, 10.0, 3, 0.1), within)
-        model = ExcitationModel(arm, body, ("armature", "viscous_friction"))
+        model = ExcitationModel(arm, body, ("rotor", "damping"))
         checker = Checker(arm, body, Allowed(within, np.full(3, 40.0), 0.0, 0.0), None)
         search = TrajectorySearch(
             space, model, CRITERIA["condition"], checker, Budget(10)

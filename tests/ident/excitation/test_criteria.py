@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import sines
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
@@ -68,14 +69,8 @@ def test_unknown_criterion_is_refused() -> None:
 
 def to_and_fro(amplitude: float, n: int = 400) -> Motion:
     t = np.linspace(0.0, 10.0, n)
-    w, phase = 2 * np.pi * np.array([0.3, 0.4, 0.5]), np.array([0.0, 1.0, 2.0])
-    angle = np.multiply.outer(t, w) + phase
-    return Motion(
-        t,
-        amplitude * np.sin(angle),
-        amplitude * w * np.cos(angle),
-        -amplitude * w**2 * np.sin(angle),
-    )
+    w = 2 * np.pi * np.array([0.3, 0.4, 0.5])
+    return sines(t, amplitude, w, np.arange(3))
 
 
 def test_an_effect_is_as_far_from_its_likeness_as_the_load_varies(

@@ -29,7 +29,7 @@ from gapscope.ident.excitation.trajectory_parametrisation import Parametrisation
 from gapscope.ident.excitation.trajectory_search import Budget, TrajectorySearch
 from gapscope.ident.model.regressor import JOINT_COLUMNS
 
-COLUMNS = ("armature", "viscous_friction")
+COLUMNS = ("rotor", "damping")
 LIMITS = LimitPlan(singular=0.0)
 
 

@@ -141,7 +141,7 @@ def test_gradient_of_regressor_and_torque_agrees_with_finite_differences(
     smooth = NominalArm(
         "three", arm.urdf, arm.joints, armature=arm.armature, viscous=arm.viscous
     )
-    model = ExcitationModel(smooth, RigidBody(smooth), ("armature", "viscous_friction"))
+    model = ExcitationModel(smooth, RigidBody(smooth), ("rotor", "damping"))
     rng, t = np.random.default_rng(5), np.arange(4.0)
     motion, weight = rng.standard_normal((3, 4, 3)), rng.standard_normal((4, 3))
     by_matrix = rng.standard_normal((4, 3, len(model.names)))

@@ -4,10 +4,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from arms import iiwa_of_three
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.trajectory import Fourier, urdf_limits
-from gapscope.arm.robots import load_nominal_arm
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.position_controller import position_controller
 from gapscope.envs.recorder import record
@@ -21,15 +21,7 @@ CENTRE = np.array([0.0, 0.6, -1.2])
 @pytest.fixture(scope="session")
 def arm():
     """Three joints of the iiwa, with rotors and friction."""
-    pytest.importorskip("pybullet_data")
-    sheet = {
-        "armature": [0.3, 0.3, 0.2],
-        "viscous": [4.0, 4.0, 2.0],
-        "coulomb": [1.0, 1.0, 0.5],
-    }
-    return load_nominal_arm(
-        "kuka_iiwa", joints=[f"lbr_iiwa_joint_{j}" for j in (1, 2, 4)], sheet=sheet
-    )
+    return iiwa_of_three()
 
 
 @pytest.fixture(scope="session")

@@ -1,15 +1,10 @@
 """A load picked up in the middle of a recording is told by ``identify``, and none is where there was none."""
 
-import numpy as np
 import pytest
+from cases import changed_during
 
 from gapscope.arm.case import Case
-from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.arm.motions.named_motions import draw_motion, workspace
 from gapscope.effects.applied import AppliedEffect
-from gapscope.envs.mystery_arm import POSTURE, iiwa
-from gapscope.envs.position_controller import position_controller
-from gapscope.envs.recorder import record
 from gapscope.ident.identification import identify
 from gapscope.ident.output.identification_json import check, document, plain
 
@@ -19,29 +14,9 @@ MOMENT = 3.7
 
 @pytest.fixture(scope="module")
 def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
-    arm, rng = iiwa(), np.random.default_rng(2)
-    controller, space = position_controller(arm, POSTURE), workspace(RigidBody(arm))
-    recordings = tuple(
-        record(
-            arm,
-            (),
-            draw_motion("fourier", rng, space, 8.0),
-            controller,
-            duration=8.0,
-            rng=rng,
-            torque_noise=0.1,
-            name=f"recording_{i}",
-            later=(MOMENT, (LOAD,)) if i == 1 else None,
-        )
-        for i in range(3)
-    )
-    return Case(
-        "picked_up",
-        tmp_path_factory.mktemp("case"),
-        arm,
-        recordings,
-        controller=controller,
-    )
+    later = {"recording_1": (MOMENT, (LOAD,))}
+    names = [f"recording_{i}" for i in range(3)]
+    return changed_during("picked_up", tmp_path_factory.mktemp("case"), later, *names)
 
 
 def test_a_load_that_is_picked_up_is_told_with_moment_and_mass(case: Case) -> None:

@@ -44,9 +44,9 @@ def test_what_does_not_fit_is_named(world):
         unscented(world, ("m9",), (1.0,))
     with pytest.raises(InputError, match="one per name"):
         unscented(world, ("m3", "b1"), (1.0,))
-    with pytest.raises(InputError, match="columns of all joint effects"):
+    with pytest.raises(InputError, match="columns of all quantities"):
         Unscented(
-            Regressor(world.arm, effects=()),
+            Regressor(world.arm, quantities=()),
             ("m3",),
             np.ones(1),
             np.ones(1),

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from arms import Link, chain
 
 from gapscope.arm.errors import InputError
 from gapscope.arm.nominal import NominalArm
@@ -17,33 +18,28 @@ from gapscope.ident.model.orthonormal_base import OrthonormalBase, orthonormal_b
 from gapscope.ident.model.regressor import Regressor
 
 LENGTH = 0.5
-JOINT = """
-  <joint name="j{i}" type="{kind}"><parent link="l{before}"/><child link="l{i}"/><origin xyz="{x} 0 0"/>
-    <axis xyz="{axis}"/><limit lower="-3" upper="3" effort="9" velocity="3"/></joint>
-  <link name="l{i}"><inertial><mass value="1"/><origin xyz="0.2 0.1 0"/>
-    <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
 
 
-def chain(
+def in_a_row(
     folder: Path,
     kinds: tuple[str, ...],
     axes: tuple[str, ...],
-    gravity=(0.0, -9.81, 0.0),
+    gravity: tuple[float, ...] = (0.0, -9.81, 0.0),
 ) -> NominalArm:
     """Joints in a row along x, each ``LENGTH`` from the one before."""
-    rows = enumerate(zip(kinds, axes, strict=True), 1)
-    joints = [
-        JOINT.format(i=i, before=i - 1, kind=k, axis=a, x=LENGTH if i > 1 else 0.0)
-        for i, (k, a) in rows
+    links = [
+        Link(
+            *(f"j{i}", f"l{i}", axis),
+            origin=f"{LENGTH if i > 1 else 0.0} 0 0",
+            mass=1,
+            com="0.2 0.1 0",
+            inertia="0.1 0.1 0.1",
+            limit="-3 3 9 3",
+            kind=kind,
+        )
+        for i, (kind, axis) in enumerate(zip(kinds, axes, strict=True), 1)
     ]
-    urdf = folder / "chain.urdf"
-    urdf.write_text(f'<robot name="chain"><link name="l0"/>{"".join(joints)}</robot>')
-    return NominalArm(
-        "chain",
-        urdf,
-        tuple(f"j{i + 1}" for i in range(len(kinds))),
-        gravity=np.array(gravity),
-    )
+    return chain(folder, "chain", *links, gravity=gravity)
 
 
 def measured(data_root: Path, name: str) -> NominalArm:
@@ -55,8 +51,8 @@ def measured(data_root: Path, name: str) -> NominalArm:
     )
 
 
-def random_base(arm: NominalArm, effects=(), preference="link"):
-    regressor = Regressor(arm, effects=effects)
+def random_base(arm: NominalArm, quantities=(), preference="link"):
+    regressor = Regressor(arm, quantities=quantities)
     return regressor, structural_base(
         regressor, np.random.default_rng(0), preference=preference
     )
@@ -64,7 +60,7 @@ def random_base(arm: NominalArm, effects=(), preference="link"):
 
 @pytest.fixture(scope="module")
 def iiwa():
-    regressor, base = random_base(load_nominal_arm("kuka_iiwa"), ("armature",))
+    regressor, base = random_base(load_nominal_arm("kuka_iiwa"), ("rotor",))
     Y = regressor.matrix(random_states(regressor, np.random.default_rng(1), 100))
     return regressor, base, Y
 
@@ -91,12 +87,12 @@ def test_number_of_base_parameters_of_measured_arms(robot, count, data_root):
 
 def test_rounded_angles_of_a_urdf_leave_the_rank_alone():
     # the parallel axes of the xArm6 are 4e-6 rad apart in its URDF; rotors add 4 base parameters, as for the UR10
-    _, base = random_base(load_nominal_arm("xarm6"), ("armature",))
+    _, base = random_base(load_nominal_arm("xarm6"), ("rotor",))
     assert base.count == 36 + 4
 
 
 def test_planar_arm_has_the_combinations_of_the_textbook(tmp_path):
-    arm = chain(tmp_path, ("revolute",) * 2, ("0 0 1",) * 2)
+    arm = in_a_row(tmp_path, ("revolute",) * 2, ("0 0 1",) * 2)
     _, base = random_base(arm)
     assert base.expressions() == (
         "mx1 + 0.5 m2",
@@ -109,13 +105,13 @@ def test_planar_arm_has_the_combinations_of_the_textbook(tmp_path):
 
 
 def test_preference_by_kind_lets_the_mass_stand_for_what_it_can(tmp_path):
-    arm = chain(tmp_path, ("revolute",) * 2, ("0 0 1",) * 2)
+    arm = in_a_row(tmp_path, ("revolute",) * 2, ("0 0 1",) * 2)
     _, base = random_base(arm, preference="kind")
     assert base.expressions()[:4] == ("mx1 - 2 Izz1", "my1", "m2 + 4 Izz1", "mx2")
 
 
 def test_slides_show_their_masses_alone(tmp_path):
-    arm = chain(tmp_path, ("prismatic",) * 3, ("1 0 0", "0 1 0", "0 0 1"))
+    arm = in_a_row(tmp_path, ("prismatic",) * 3, ("1 0 0", "0 1 0", "0 0 1"))
     _, base = random_base(arm)
     assert base.expressions() == ("m1", "m2", "m3")
 
@@ -128,7 +124,7 @@ def test_rotor_folds_into_the_inertia_of_the_first_link(iiwa):
 @pytest.mark.parametrize("preference", ["link", "kind"])
 def test_base_columns_give_the_same_torque_on_other_states(iiwa, preference):
     regressor, _, Y = iiwa
-    _, base = random_base(regressor.arm, ("armature",), preference)
+    _, base = random_base(regressor.arm, ("rotor",), preference)
     pi = np.random.default_rng(2).standard_normal(77)
     assert np.allclose(Y[:, :, base.kept] @ base.of(pi), Y @ pi, rtol=0, atol=1e-8)
     assert np.array_equal(base.combination[:, base.kept], np.eye(base.count))
@@ -201,8 +197,8 @@ def test_scale_of_columns_does_not_change_the_choice(iiwa):
 
 
 def test_arm_at_rest_shows_gravity_alone(tmp_path):
-    arm = chain(tmp_path, ("revolute",) * 2, ("0 0 1",) * 2)
-    regressor = Regressor(arm, effects=())
+    arm = in_a_row(tmp_path, ("revolute",) * 2, ("0 0 1",) * 2)
+    regressor = Regressor(arm, quantities=())
     states = random_states(regressor, np.random.default_rng(0), 50)
     still = type(states)(states.t, states.q, 0 * states.q, 0 * states.q)
     assert base_parameters(regressor.matrix(still), regressor.names).expressions() == (

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import arms
 import pytest
+from cases import panda_case
 
 from gapscope.arm.case import Case
 from gapscope.effects.applied import AppliedEffect
@@ -25,14 +25,14 @@ def chosen(case: Case) -> tuple[Choice, list[float]]:
 
 
 def test_right_bodies_are_pulled_to_as_strongly_as_can_be() -> None:
-    choice, tried = chosen(arms.case())
+    choice, tried = chosen(panda_case())
     assert max(tried) > max(PULLS)
     assert choice.pull in (max(tried), max(tried) / 10) and max(tried) <= STRONGEST
 
 
 def test_wrong_bodies_are_not() -> None:
     choice, tried = chosen(
-        arms.case(
+        panda_case(
             (AppliedEffect("payload", (), {"mass": 3.0, "com": [0.0, 0.0, 0.1]}),)
         )
     )

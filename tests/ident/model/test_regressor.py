@@ -2,14 +2,15 @@
 
 import numpy as np
 import pytest
+from cases import sines
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.robots import load_nominal_arm
-from gapscope.effects.applied import AppliedEffect
-from gapscope.effects.catalogue import CATALOGUE
+from gapscope.effects.applied import drives_with
+from gapscope.effects.catalogue import of_quantity
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.model.regressor import JOINT_COLUMNS, Regressor
 
@@ -30,10 +31,7 @@ def motion() -> Motion:
     rng = np.random.default_rng(0)
     t = np.arange(60) / 100
     phase, size = rng.uniform(0, 6, 7), rng.uniform(0.5, 1.5, 7)
-    angle = 3 * t[:, None] + phase
-    return Motion(
-        t, size * np.sin(angle), 3 * size * np.cos(angle), -9 * size * np.sin(angle)
-    )
+    return sines(t, size, 3.0, phase)
 
 
 def test_nominal_parameters_give_the_torque_of_the_nominal_arm(arm, motion):
@@ -46,7 +44,7 @@ def test_nominal_parameters_give_the_torque_of_the_nominal_arm(arm, motion):
 
 
 def test_inertial_columns_give_the_inverse_dynamics(arm, motion):
-    regressor = Regressor(arm, effects=())
+    regressor = Regressor(arm, quantities=())
     torque = regressor.body.inverse_dynamics(motion.q, motion.dq, motion.ddq)
     assert (
         np.abs(regressor.matrix(motion) @ regressor.nominal() - torque).max()
@@ -55,17 +53,17 @@ def test_inertial_columns_give_the_inverse_dynamics(arm, motion):
 
 
 @pytest.mark.parametrize("name", JOINT_COLUMNS)
-def test_column_of_an_effect_is_the_derivative_of_the_predicted_torque(
+def test_column_of_a_quantity_is_the_derivative_of_the_predicted_torque(
     arm, motion, name
 ):
     regressor = Regressor(arm)
     Y, step, joints = regressor.matrix(motion), 1e-3, tuple(range(1, 8))
-    symbol = CATALOGUE[name].parameters[0].symbol
+    symbol = of_quantity(name)[0].parameters[0].symbol
     for joint in (1, 4, 7):
         predicted = []
         for sign in (-1, 1):
             value = sign * step * (np.array(joints) == joint)
-            effect = AppliedEffect(name, joints, {CATALOGUE[name].names[0]: value})
+            effect = drives_with(joints, **{name: value})
             predicted.append(
                 CorrectedArm(arm, (effect,)).predict(regressor.body, motion)
             )
@@ -140,9 +138,9 @@ def test_last_link_has_the_last_columns(arm, motion):
     )
 
 
-def test_effect_without_a_column_is_refused(arm):
+def test_quantity_without_a_column_is_refused(arm):
     with pytest.raises(
         InputError,
-        match="(?s)backlash is no effect with a regressor column.*choose among armature",
+        match="(?s)play is no quantity with a regressor column.*choose among rotor",
     ):
-        Regressor(arm, effects=("backlash",))
+        Regressor(arm, quantities=("play",))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import arms
 import numpy as np
+from cases import panda_case, panda_motion
 
 from gapscope.arm.motions.motion import Motion
 from gapscope.ident.identification import IdentificationSettings, identify
@@ -13,7 +13,7 @@ from gapscope.ident.output.base_file import write_base
 
 
 def test_matrices_lead_both_ways(tmp_path: Path) -> None:
-    result = identify(arms.case(), IdentificationSettings(cutoff=20.0))
+    result = identify(panda_case(), IdentificationSettings(cutoff=20.0))
     write_base(result, tmp_path / "base.npz")
     found = np.load(tmp_path / "base.npz", allow_pickle=False)
     p, b = len(found["names"]), len(found["kept_names"])
@@ -42,7 +42,7 @@ def test_matrices_lead_both_ways(tmp_path: Path) -> None:
 
 
 def states() -> Motion:
-    reference = arms.motion(5)
+    reference = panda_motion(5)
     t = np.arange(100) / 20
     return Motion(
         t, reference.position(t), reference.velocity(t), reference.acceleration(t)

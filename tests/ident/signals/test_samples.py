@@ -5,9 +5,10 @@ from __future__ import annotations
 import tracemalloc
 from dataclasses import replace
 
-import arms
 import numpy as np
 import pytest
+from arms import tooled_panda
+from cases import panda_recording
 
 from gapscope.ident.model.friction_law import FrictionLaw
 from gapscope.ident.model.model_columns import ModelColumns
@@ -18,8 +19,8 @@ BAND = Band(10.0)
 
 
 def made(band: Band = BAND) -> Samples:
-    recording = arms.recording("a.csv", 3)
-    return Samples(ModelColumns(arms.arm()), band.segments([recording]), band)
+    recording = panda_recording("a.csv", 3)
+    return Samples(ModelColumns(tooled_panda()), band.segments([recording]), band)
 
 
 def test_blocks_hold_the_same_samples(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -42,9 +43,9 @@ def test_blocks_hold_the_same_samples(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_long_recordings_are_thinned_further() -> None:
-    segments = BAND.segments([arms.recording("a.csv", 3)])
+    segments = BAND.segments([panda_recording("a.csv", 3)])
     bounded = BAND.bounded(segments, most=100)
-    few = Samples(ModelColumns(arms.arm()), segments, bounded)
+    few = Samples(ModelColumns(tooled_panda()), segments, bounded)
     assert len(few.torque) <= 100
     whole = made()
     np.testing.assert_allclose(
@@ -60,7 +61,7 @@ def test_long_recordings_are_thinned_further() -> None:
 
 
 def test_short_recordings_keep_all_that_the_band_holds() -> None:
-    assert BAND.bounded(BAND.segments([arms.recording("a.csv", 3)])) == BAND
+    assert BAND.bounded(BAND.segments([panda_recording("a.csv", 3)])) == BAND
 
 
 def test_full_rate_columns_are_held_of_one_block_at_a_time(
@@ -82,11 +83,11 @@ def test_full_rate_columns_are_held_of_one_block_at_a_time(
 
 
 def test_torque_at_its_limit_does_not_count() -> None:
-    recording = arms.recording("a.csv", 3)
+    recording = panda_recording("a.csv", 3)
     tau = np.asarray(recording.tau).copy()
     limit = 0.6 * np.abs(tau[:, 1]).max()
     tau[:, 1] = tau[:, 1].clip(-limit, limit)
-    model = ModelColumns(arms.arm())
+    model = ModelColumns(tooled_panda())
     clipped = replace(recording, tau=tau)
     samples = Samples(model, BAND.segments([clipped]), BAND)
     whole = made()

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
-import arms
 import numpy as np
 import pytest
+from cases import each, panda_case
 
 from gapscope.arm.recording import Recording
 from gapscope.effects.applied import AppliedEffect
@@ -24,7 +24,7 @@ LACKS = "lacks an effect"
 
 @cache
 def healthy() -> Identification:
-    return identify(arms.case(count=4), CUTOFF)
+    return identify(panda_case(count=4), CUTOFF)
 
 
 def warned(result: Identification) -> list[str]:
@@ -33,15 +33,15 @@ def warned(result: Identification) -> list[str]:
 
 def test_healthy_arm_is_told_apart_from_one_with_load_friction() -> None:
     assert not warned(healthy())
-    (warning,) = warned(identify(arms.case((LOAD,), count=4), CUTOFF))
+    (warning,) = warned(identify(panda_case((LOAD,), count=4), CUTOFF))
     joints = warning[: warning.index(" is not noise")].split("joint ")[1].split(", ")
     assert {"2", "4"} <= set(joints)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_other_recordings(seed: int) -> None:
-    assert not warned(identify(arms.case(seed=seed), CUTOFF))
-    assert warned(identify(arms.case((LOAD,), seed=seed), CUTOFF))
+    assert not warned(identify(panda_case(seed=seed), CUTOFF))
+    assert warned(identify(panda_case((LOAD,), seed=seed), CUTOFF))
 
 
 def test_healthy_arm_is_shown_whole() -> None:
@@ -73,9 +73,9 @@ def test_essential_parameters_explain_the_torque() -> None:
 
 def test_a_joint_that_rests_costs_rank_and_is_said() -> None:
     def resting(r: Recording) -> Recording:
-        return replace(r, q=np.where(np.arange(arms.N) == 6, 0.3, r.q))
+        return replace(r, q=np.where(np.arange(7) == 6, 0.3, r.q))
 
-    result = identify(arms.changed(arms.case(), resting), CUTOFF)
+    result = identify(each(panda_case(), resting), CUTOFF)
     shown = result.examined.shown
     assert shown.rank == result.base.count < shown.base.count == 69
     assert any(
@@ -85,8 +85,8 @@ def test_a_joint_that_rests_costs_rank_and_is_said() -> None:
 
 
 def test_few_samples_are_said() -> None:
-    short = arms.changed(
-        arms.case(),
+    short = each(
+        panda_case(),
         lambda r: replace(r, t=r.t[:425], q=r.q[:425], tau=np.asarray(r.tau)[:425]),
     )
     result = identify(short, CUTOFF)

@@ -16,12 +16,12 @@ from gapscope.ident.model.regressor import Regressor
 from gapscope.ident.model.tsqr import TriangularFactor
 from gapscope.ident.uncertainty.identifiability import identifiability
 
-EFFECTS = ("armature", "viscous_friction")
+QUANTITIES = ("rotor", "damping")
 
 
 @pytest.fixture(scope="module")
 def iiwa():
-    regressor = Regressor(load_nominal_arm("kuka_iiwa"), effects=EFFECTS)
+    regressor = Regressor(load_nominal_arm("kuka_iiwa"), quantities=QUANTITIES)
     base = structural_base(regressor, np.random.default_rng(0))
     return regressor, base, random_states(regressor, np.random.default_rng(1), 200)
 

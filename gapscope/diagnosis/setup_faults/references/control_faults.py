@@ -6,12 +6,15 @@ are fitted to every other block of the recordings and judged on the rest.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
 from gapscope.arm.case import Case
 from gapscope.arm.control.pd import PD
+from gapscope.arm.reading import Reading, references
 from gapscope.arm.recording import Recording
-from gapscope.diagnosis.setup_faults.found_fault import FaultParameter, FoundFault
+from gapscope.diagnosis.setup_faults.found_fault import FoundFault
 from gapscope.diagnosis.setup_faults.references.control_rows import ControlRows
 from gapscope.diagnosis.thresholds import (
     EXACT_LAW,
@@ -24,7 +27,38 @@ from gapscope.diagnosis.thresholds import (
     OTHER_GAINS_MISFIT,
     UNMEASURED_MISFIT,
 )
-from gapscope.effects.setup_faults.reference_faults import references
+from gapscope.effects.setup_faults.controller_faults import (
+    GainMismatch,
+    UnmeasuredTorque,
+)
+from gapscope.effects.setup_faults.fault import Values
+from gapscope.effects.setup_faults.reference_faults import IgnoredVelocityReference
+
+
+@dataclass(frozen=True)
+class OtherGainsAtWork(UnmeasuredTorque):
+    """A torque that gains gave while others were at work, which are known.
+
+    Attributes:
+        joints: from 1.
+        kp, kd: of the column [N m/rad], [N m s/rad].
+        kp_at_work, kd_at_work: of the controller, one for all joints or one for each.
+    """
+
+    parameters = (
+        *UnmeasuredTorque.parameters,
+        *(replace(x, name=f"{x.name}_at_work") for x in UnmeasuredTorque.parameters),
+    )
+    kp_at_work: Values = 0.0
+    kd_at_work: Values = 0.0
+
+    def reading(self, n: int) -> Reading:
+        """With the torque that the gains at work gave."""
+        joints = self.columns(n)
+        kp, kd = (self.per_joint(x, len(joints)) for x in ("kp_at_work", "kd_at_work"))
+        gains = zip(kp.tolist(), kd.tolist(), strict=True)
+        law = dict(zip(joints.tolist(), gains, strict=True))
+        return Reading.identity(n, law=tuple(law.get(j) for j in range(n)))
 
 
 def ignored_velocity(case: Case, rows: ControlRows) -> FoundFault | None:
@@ -50,8 +84,8 @@ def ignored_velocity(case: Case, rows: ControlRows) -> FoundFault | None:
         return None
     value = float(np.median(leads))
     std = max(float(np.std(leads)), 1e-3 * value)
-    parameters = {"lead": FaultParameter("s", (value,), (std,))}
-    return _fault("ignored_velocity_reference", (), parameters)
+    fault = IgnoredVelocityReference(value)
+    return FoundFault(fault, OBVIOUS_FAULT_PROBABILITY, {"lead": (std,)})
 
 
 def other_gains(case: Case, rows: ControlRows) -> FoundFault | None:
@@ -81,11 +115,8 @@ def other_gains(case: Case, rows: ControlRows) -> FoundFault | None:
         alike = np.ptp(np.log(kp)) < np.log(INFERRED_GAIN_SPREAD)
         if 2 * len(factors) <= rows.moves.sum() or not alike:
             return None
-    parameters = {
-        "kp_factor": FaultParameter("1", tuple(kp.tolist())),
-        "kd_factor": FaultParameter("1", tuple(kd.tolist())),
-    }
-    return _fault("gain_mismatch", tuple(factors), parameters)
+    fault = GainMismatch(tuple(kp.tolist()), tuple(kd.tolist()), tuple(factors))
+    return FoundFault(fault, OBVIOUS_FAULT_PROBABILITY)
 
 
 def exact_gains(recordings: tuple[Recording, ...]) -> np.ndarray | None:
@@ -201,16 +232,10 @@ def _unmeasured(
     moving: np.ndarray, gains: np.ndarray, at_work: np.ndarray | None
 ) -> FoundFault:
     """The fault on joints from 0, with gains of the column and, if they are known, at work, (n, 2) each."""
-    sets = {"": gains} if at_work is None else {"": gains, "_at_work": at_work}
-    parameters = {}
-    for suffix, values in sets.items():
-        kp, kd = values[moving].T
-        parameters[f"kp{suffix}"] = FaultParameter("N m/rad", tuple(kp.tolist()))
-        parameters[f"kd{suffix}"] = FaultParameter("N m s/rad", tuple(kd.tolist()))
-    return _fault("unmeasured_torque", tuple((moving + 1).tolist()), parameters)
-
-
-def _fault(
-    name: str, joints: tuple[int, ...], parameters: dict[str, FaultParameter]
-) -> FoundFault:
-    return FoundFault(name, joints, "", parameters, OBVIOUS_FAULT_PROBABILITY)
+    joints = tuple((moving + 1).tolist())
+    kp, kd = (tuple(column) for column in gains[moving].T.tolist())
+    fault = UnmeasuredTorque(kp, kd, joints)
+    if at_work is not None:
+        others = (tuple(column) for column in at_work[moving].T.tolist())
+        fault = OtherGainsAtWork(kp, kd, joints, *others)
+    return FoundFault(fault, OBVIOUS_FAULT_PROBABILITY)

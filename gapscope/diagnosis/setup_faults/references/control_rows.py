@@ -12,6 +12,7 @@ from gapscope.arm.case import Case
 from gapscope.arm.control.pd import PD
 from gapscope.arm.dynamics.feedforward import feedforward
 from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.reading import references
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.thresholds import (
     FAULT_SIGN_WIDTH,
@@ -19,7 +20,6 @@ from gapscope.diagnosis.thresholds import (
     LEAST_MOTION_SHARE,
 )
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.setup_faults.reference_faults import references
 from gapscope.ident.signals.conditioning import (
     TORQUE_CUTOFF,
     condition,

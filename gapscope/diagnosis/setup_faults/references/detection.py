@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from gapscope.arm.case import Case
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.recording import Recording
-from gapscope.diagnosis.setup_faults.found_fault import (
-    FaultParameter,
-    FoundFault,
-    repaired,
-)
+from gapscope.arm.set_points import SetPoints, set_points
+from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.diagnosis.setup_faults.references.control_faults import (
     exact_gains,
     ignored_velocity,
@@ -24,13 +23,18 @@ from gapscope.diagnosis.setup_faults.references.control_rows import (
     ControlRows,
     control_rows,
 )
-from gapscope.diagnosis.setup_faults.references.set_points import SetPoints, set_points
 from gapscope.diagnosis.setup_faults.references.speed_scaling import pace
 from gapscope.diagnosis.setup_faults.references.velocity_source import is_of_reference
 from gapscope.diagnosis.thresholds import (
     NAMED_RATE_ERROR,
     OBVIOUS_FAULT_PROBABILITY,
     STEPS_IN_TORQUE,
+)
+from gapscope.effects.setup_faults.fault import Fault
+from gapscope.effects.setup_faults.reference_faults import (
+    CoarseReference,
+    SpeedScaling,
+    VelocityOfReference,
 )
 from gapscope.ident.signals.conditioning import low_pass
 
@@ -89,7 +93,9 @@ def _computed(gains: np.ndarray) -> str:
 
 def _velocity(recordings: tuple[Recording, ...]) -> tuple[FoundFault, ...]:
     names = tuple(r.name for r in recordings if is_of_reference(r))
-    return (_fault("velocity_of_reference", "", {}, names),) if names else ()
+    fault = VelocityOfReference()
+    found = FoundFault(fault, OBVIOUS_FAULT_PROBABILITY, recordings=names)
+    return (found,) if names else ()
 
 
 def _set_points(recordings: tuple[Recording, ...]) -> tuple[FoundFault, ...]:
@@ -101,12 +107,7 @@ def _set_points(recordings: tuple[Recording, ...]) -> tuple[FoundFault, ...]:
             of_variant = periods.setdefault(points.variant, {})
             of_variant[recording.name] = points.every / recording.rate
     return tuple(
-        _fault(
-            "coarse_reference",
-            variant,
-            {"period": _value("s", list(of_variant.values()))},
-            tuple(of_variant),
-        )
+        _by_median(partial(CoarseReference, variant), "period", of_variant)
         for variant, of_variant in periods.items()
     )
 
@@ -141,25 +142,18 @@ def _pace(recordings: tuple[Recording, ...]) -> tuple[FoundFault, ...]:
             for name, s in paces.items()
             if abs(np.log(s / first)) < NAMED_RATE_ERROR
         }
-        value = {"factor": _value("1", list(alike.values()))}
-        faults.append(_fault("speed_scaling", "", value, tuple(alike)))
+        faults.append(_by_median(SpeedScaling, "factor", alike))
         paces = {name: s for name, s in paces.items() if name not in alike}
     return tuple(faults)
 
 
-def _value(unit: str, values: list[float]) -> FaultParameter:
-    """The median over recordings, and how far they differ."""
-    median = float(np.median(values))
-    std = max(float(np.std(values)), 1e-3 * median)
-    return FaultParameter(unit, (median,), (std,))
-
-
-def _fault(
-    name: str,
-    variant: str,
-    parameters: dict[str, FaultParameter],
-    recordings: tuple[str, ...],
+def _by_median(
+    fault: Callable[[float], Fault], name: str, values: Mapping[str, float]
 ) -> FoundFault:
+    """The fault whose parameter is the median over recordings, and how far these differ."""
+    given = list(values.values())
+    median = float(np.median(given))
+    std = max(float(np.std(given)), 1e-3 * median)
     return FoundFault(
-        name, (), variant, parameters, OBVIOUS_FAULT_PROBABILITY, recordings
+        fault(median), OBVIOUS_FAULT_PROBABILITY, {name: (std,)}, tuple(values)
     )

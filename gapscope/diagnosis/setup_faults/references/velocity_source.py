@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from gapscope.arm.reading import references
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.thresholds import (
     LEAST_MOTION_SHARE,
     RATE_BAND,
     REFERENCE_VELOCITY_RATIO,
 )
-from gapscope.effects.setup_faults.reference_faults import references
 from gapscope.ident.signals.conditioning import low_pass
 
 

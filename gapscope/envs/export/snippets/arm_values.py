@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,64 +10,61 @@ import numpy as np
 from gapscope.arm.controller import Controller
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import LinkChange
 from gapscope.envs.effect_ranges import EffectRange, EffectRanges
-from gapscope.envs.export.joint_drive import joint_drives
+from gapscope.envs.export.joint_drive import JointDrive, joint_drives
 from gapscope.envs.export.plain_arm import PlainArm
 
 LEAST_SHARE = 0.01
 """Share of a link's mass that remains at the lower end of a range [1]."""
 
 
+def finite(values: Mapping[str, float]) -> dict[str, float]:
+    """The entries that are finite."""
+    return {name: value for name, value in values.items() if np.isfinite(value)}
+
+
 @dataclass(frozen=True)
-class JointValues:
-    """What acts on one joint, nominal values and effects together, joint side.
+class JointValues(JointDrive):
+    """What acts on one joint, and the gains that command it.
 
     Attributes:
         name: name of the joint.
-        damping: viscous friction [N m s/rad].
-        friction: Coulomb friction [N m].
-        static_friction: friction at rest, with the Stribeck torque [N m].
-        armature: rotor inertia [kg m^2].
-        spring_stiffness, spring_rest: of the parallel spring [N m/rad], [rad] of what the encoder reads.
-        effort: limit of the commanded torque [N m], infinite if none is known.
-        velocity: limit of the velocity [rad/s], infinite if none is known.
         kp, kd: gains of the commanded torque [N m/rad], [N m s/rad]; 0 if the controller is no PD law.
-        torque_gain: torque that reaches the joint over the one commanded [1].
-        torque_offset: torque that arrives beside it [N m].
-        delay: time from a command to its torque [s].
-        encoder_offset: what the encoder reads beyond the true position [rad].
     """
 
     name: str
-    damping: float
-    friction: float
-    static_friction: float
-    armature: float
-    spring_stiffness: float
-    spring_rest: float
-    effort: float
-    velocity: float
     kp: float
     kd: float
-    torque_gain: float
-    torque_offset: float
-    delay: float
-    encoder_offset: float
+
+    @property
+    def static_friction(self) -> float:
+        """Dry friction at rest [N m]."""
+        return self.friction + self.breakaway
+
+    @property
+    def gain(self) -> float:
+        """Torque that reaches the joint over the one commanded [1]."""
+        return 1.0 + self.scale
 
     @property
     def applied_kp(self) -> float:
         """Torque that reaches the joint over the position's error [N m/rad]."""
-        return self.torque_gain * self.kp
+        return self.gain * self.kp
 
     @property
     def applied_kd(self) -> float:
         """Torque that reaches the joint over the velocity's error [N m s/rad]."""
-        return self.torque_gain * self.kd
+        return self.gain * self.kd
 
     @property
     def applied_effort(self) -> float:
         """Limit of the torque that reaches the joint [N m]."""
-        return self.torque_gain * self.effort
+        return self.gain * self.effort
+
+    def table(self, names: Mapping[str, str]) -> dict[str, float]:
+        """Attributes under other names, those that are finite."""
+        return finite({key: getattr(self, name) for key, name in names.items()})
 
 
 @dataclass(frozen=True)
@@ -92,29 +89,75 @@ class SnippetArm:
     Attributes:
         plain: its bodies and drives.
         joints: its joints, in the order of the case.
-        low, high: the same at the ends of the ranges, or ``None`` without ranges.
+        low, high: the same at the ends of the ranges; the joints themselves without ranges.
         bodies: bodies that have a range.
         ranges: what both come from, or ``None``.
     """
 
     plain: PlainArm
     joints: tuple[JointValues, ...]
-    low: tuple[JointValues, ...] | None = None
-    high: tuple[JointValues, ...] | None = None
+    low: tuple[JointValues, ...]
+    high: tuple[JointValues, ...]
     bodies: tuple[BodyRange, ...] = ()
     ranges: EffectRanges | None = None
 
-    def varies(self, name: str) -> bool:
-        """Whether a value of any joint has a range."""
-        return any(low < high for low, high in self.ends(name).values())
-
     def ends(self, name: str) -> dict[str, tuple[float, float]]:
         """Lowest and highest value of each joint, by its name; twice the value without ranges."""
-        low, high = self.low or self.joints, self.high or self.joints
-        return {
-            a.name: (getattr(a, name), getattr(b, name))
-            for a, b in zip(low, high, strict=True)
-        }
+        pairs = zip(self.low, self.high, strict=True)
+        return {a.name: (getattr(a, name), getattr(b, name)) for a, b in pairs}
+
+    def ranged(self, name: str) -> dict[str, tuple[float, float]]:
+        """Lowest and highest value of the joints that have a range."""
+        ends = self.ends(name).items()
+        return {joint: (low, high) for joint, (low, high) in ends if low < high}
+
+    def ranges_of(
+        self, names: Mapping[str, str]
+    ) -> dict[str, dict[str, tuple[float, float]]]:
+        """By joint the ranges of some of its values, under other names."""
+        found: dict[str, dict[str, tuple[float, float]]] = {}
+        for key, name in names.items():
+            for joint, ends in self.ranged(name).items():
+                found.setdefault(joint, {})[key] = ends
+        return found
+
+    def factors(self, *names: str) -> dict[str, tuple[float, float]]:
+        """Lowest and highest factor of some values of each joint together, of the joints that have a range.
+
+        A value that is zero has no factor.
+        """
+        found = {}
+        for joint in self.joints:
+            ratios = [1.0]
+            for name in names:
+                value = getattr(joint, name)
+                if value > 0:
+                    ratios += [end / value for end in self.ends(name)[joint.name]]
+            if np.ptp(ratios) > 0:
+                found[joint.name] = (min(ratios), max(ratios))
+        return found
+
+    def column(self, name: str, joints: Sequence[str]) -> dict[str, float]:
+        """A value of some joints, if it is finite."""
+        values = {j.name: getattr(j, name) for j in self.joints if j.name in joints}
+        return finite(values)
+
+    def groups(self, name: str) -> dict[tuple[float, float], list[str]]:
+        """Joints by the lowest and highest of a value, in the order of the first of each group."""
+        groups: dict[tuple[float, float], list[str]] = {}
+        for joint, ends in self.ends(name).items():
+            groups.setdefault(ends, []).append(joint)
+        return groups
+
+    @property
+    def added_mass(self) -> dict[str, tuple[float, float]]:
+        """Lowest and highest mass to be added by body [kg]."""
+        return {body.name: body.mass for body in self.bodies}
+
+    @property
+    def gains(self) -> dict[str, float]:
+        """Torque that arrives over the one commanded, of joints at which they differ [1]."""
+        return {j.name: j.gain for j in self.joints if j.gain != 1.0}
 
 
 def snippet_arm(
@@ -133,7 +176,7 @@ def snippet_arm(
     corrected = plain.corrected
     joints = _joints(plain, corrected, controller)
     if ranges is None:
-        return SnippetArm(plain, joints)
+        return SnippetArm(plain, joints, joints, joints)
     low, high = (
         _joints(plain, _moved(corrected, ranges, side), controller)
         for side in ("low", "high")
@@ -146,35 +189,13 @@ def _joints(
 ) -> tuple[JointValues, ...]:
     """The values of the joints with the effects of an arm."""
     drives = joint_drives(corrected, plain.body)
+    none = np.zeros(len(drives))
     pd = controller is not None and controller.kind == "pd"
-    gains = [getattr(controller, x) if pd else np.zeros(len(drives)) for x in _GAINS]
-    joints = []
-    for j, (name, drive) in enumerate(drives.items()):
-        kp, kd = (float(values[j]) for values in gains)
-        joints.append(
-            JointValues(
-                name=name,
-                damping=drive.damping,
-                friction=drive.friction,
-                static_friction=drive.friction + drive.stribeck.torque,
-                armature=drive.armature,
-                spring_stiffness=drive.stiffness,
-                spring_rest=drive.rest,
-                effort=np.inf if drive.effort is None else drive.effort,
-                velocity=np.inf if drive.velocity is None else drive.velocity,
-                kp=kp,
-                kd=kd,
-                torque_gain=1.0 + drive.scale,
-                torque_offset=drive.offset,
-                delay=drive.delay,
-                encoder_offset=drive.zero,
-            )
-        )
-    return tuple(joints)
-
-
-_GAINS = ("kp", "kd")
-"""Gains of a PD law."""
+    kp, kd = (getattr(controller, x) if pd else none for x in ("kp", "kd"))
+    return tuple(
+        JointValues(**vars(drive), name=name, kp=float(kp[j]), kd=float(kd[j]))
+        for j, (name, drive) in enumerate(drives.items())
+    )
 
 
 def _moved(
@@ -207,7 +228,7 @@ def _key(applied: AppliedEffect) -> tuple[str, int]:
 
 def _bodies(plain: PlainArm, ranges: EffectRanges) -> tuple[BodyRange, ...]:
     """The bodies that payload and link errors leave open."""
-    changes = tuple(r for r in ranges.ranges if r.low.name in _OF_BODIES)
+    changes = tuple(r for r in ranges.ranges if isinstance(r.low.effect, LinkChange))
     if not changes:
         return ()
     ranges = EffectRanges(changes)
@@ -230,10 +251,6 @@ def _bodies(plain: PlainArm, ranges: EffectRanges) -> tuple[BodyRange, ...]:
         for j, joint in enumerate(plain.corrected.arm.joints)
         if np.ptp(added[:, j]) > 0 or np.ptp(centres[:, j], axis=0).any()
     )
-
-
-_OF_BODIES = ("payload", "link_inertia")
-"""Effects that change bodies."""
 
 
 def _moments(plain: PlainArm, corrected: CorrectedArm) -> tuple[np.ndarray, np.ndarray]:

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from gapscope.arm.nominal import FRICTION_SMOOTHING
-from gapscope.envs.export.snippets.joint_table import TABLE, table_values
+from gapscope.envs.export.snippets.joint_table import NAMES, TABLE
 from gapscope.envs.export.snippets.target import JOINTS, Target
 
-NAMES = (
-    *("damping", "friction", "armature", "spring_stiffness", "spring_rest"),
-    *("effort", "kp", "kd", "torque_gain"),
-)
-"""Values in the table."""
 TEMPLATE = (
-    """
+    NAMES
+    + """
 from pydrake.multibody.tree import DoorHinge, DoorHingeConfig, PdControllerGains, RevoluteJoint
 
 GEAR_RATIO = 1.0  # rotor inertia below is that of the joint side: with the true ratio N it is divided by N^2
@@ -60,9 +56,9 @@ DRAKE = Target(
     name="drake",
     title="Drake 1.51",
     template=TEMPLATE,
-    held=JOINTS | {"torque_scale", "parallel_spring"},
+    held=JOINTS | {"scale", "stiffness", "rest"},
     hints={
-        "torque_scale": "as torque_gain, in gains and limits; multiply what you feed into the actuation port by it",
+        "scale": "as torque_gain, in gains and limits; multiply what you feed into the actuation port by it",
     },
     notes=(
         "MultibodyPlant reads no <dynamics friction> of a URDF; DoorHinge adds the law here, on revolute joints. It is "
@@ -72,6 +68,5 @@ DRAKE = Target(
         "pydrake.systems.primitives.",
         "The gains are those of the case, without its feedforward, if its controller is a PD law, else none.",
     ),
-    values=lambda arm: table_values(arm, NAMES),
 )
 """The target."""

@@ -19,8 +19,8 @@ TEMPLATE = """
     <dynamics>
       <damping>{{ joint.damping | number }}</damping>
       <friction>{{ joint.friction | number }}</friction>
-      <spring_reference>{{ joint.spring_rest | number }}</spring_reference>
-      <spring_stiffness>{{ joint.spring_stiffness | number }}</spring_stiffness>
+      <spring_reference>{{ joint.rest | number }}</spring_reference>
+      <spring_stiffness>{{ joint.stiffness | number }}</spring_stiffness>
     </dynamics>
   </axis></joint>
 {% endfor %}
@@ -31,10 +31,10 @@ GAZEBO = Target(
     name="gazebo",
     title="Gazebo (SDF 1.12)",
     template=TEMPLATE,
-    held=(JOINTS - {"armature"}) | {"torque_scale", "parallel_spring"},
+    held=(JOINTS - {"rotor"}) | {"scale", "stiffness", "rest"},
     hints={
-        "torque_scale": "in the limits; multiply the efforts that you command by 1 + scale",
-        "armature": "SDF has no rotors; adding it about the axis to the inertia of the link that the joint moves "
+        "scale": "in the limits; multiply the efforts that you command by 1 + scale",
+        "rotor": "SDF has no rotors; adding it about the axis to the inertia of the link that the joint moves "
         "is exact for that joint alone",
     },
     notes=(
@@ -45,6 +45,5 @@ GAZEBO = Target(
     model="sdf",
     comment="<!--",
     draws=False,
-    values=lambda arm: {"inf": float("inf")},
 )
 """The target."""

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from gapscope.envs.export.snippets.joint_table import TABLE, table_values
+from gapscope.envs.export.snippets.joint_table import NAMES, TABLE
 from gapscope.envs.export.snippets.target import JOINTS, Target
 
-NAMES = (
-    *("damping", "friction", "armature", "spring_stiffness", "spring_rest"),
-    *("effort", "kp", "kd", "torque_gain"),
-)
-"""Values in the table."""
 TEMPLATE = (
-    """
+    NAMES
+    + """
 import numpy as np
 """
     + TABLE
@@ -60,10 +56,10 @@ GENESIS = Target(
     name="genesis",
     title="Genesis 1.4",
     template=TEMPLATE,
-    held=JOINTS | {"torque_scale"},
+    held=JOINTS | {"scale"},
     hints={
-        "torque_scale": "as torque_gain, in gains and limits; multiply efforts that you command by it",
-        "parallel_spring": "its stiffness is set, but a joint springs back to where its file has it at rest: move "
+        "scale": "as torque_gain, in gains and limits; multiply efforts that you command by it",
+        "stiffness": "its stiffness is set, but a joint springs back to where its file has it at rest: move "
         "that by spring_rest",
     },
     notes=(
@@ -72,6 +68,5 @@ GENESIS = Target(
         "command control_dofs_force instead.",
         "The gains are those of the case, without its feedforward, if its controller is a PD law, else zero.",
     ),
-    values=lambda arm: table_values(arm, NAMES),
 )
 """The target."""

@@ -2,13 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
-import numpy as np
-
-from gapscope.envs.export.snippets.arm_values import JointValues, SnippetArm
-from gapscope.envs.export.snippets.target import JOINTS, Target, finite
+from gapscope.envs.export.snippets.target import JOINTS, Target
 
 TEMPLATE = """
 import math
@@ -20,40 +14,41 @@ from isaaclab.managers import EventTermCfg, SceneEntityCfg
 {% endif %}
 
 PHYSICS_DT = 0.005  # s: sim.dt of your environment, in which delays are counted
-{% if gains %}
-TORQUE_GAIN = {{ gains | table }}  # times efforts that you command
+{% if arm.gains %}
+TORQUE_GAIN = {{ arm.gains | table }}  # times efforts that you command
 {% endif %}
 
 ACTUATORS = {  # actuators= of ArticulationCfg
-{% for group in groups %}
-    "{{ group.label }}": DelayedPDActuatorCfg(
-        joint_names_expr=[{{ group.names | map("quoted") | join(", ") }}],
-        stiffness={{ group.table("applied_kp") | table(8) }},
-        damping={{ group.table("applied_kd") | table(8) }},
-{% if group.table("applied_effort") %}
-        actuator_effort_limit={{ group.table("applied_effort") | table(8) }},  # 2.x: effort_limit
+{% for delay, names in arm.groups("delay").items() %}
+    "arm_{{ loop.index }}": DelayedPDActuatorCfg(
+        joint_names_expr=[{{ names | map("quoted") | join(", ") }}],
+        stiffness={{ arm.column("applied_kp", names) | table(8) }},
+        damping={{ arm.column("applied_kd", names) | table(8) }},
+{% if arm.column("applied_effort", names) %}
+        actuator_effort_limit={{ arm.column("applied_effort", names) | table(8) }},  # 2.x: effort_limit
 {% endif %}
-{% if group.table("velocity") %}
-        actuator_velocity_limit={{ group.table("velocity") | table(8) }},  # 2.x: velocity_limit
+{% if arm.column("velocity", names) %}
+        actuator_velocity_limit={{ arm.column("velocity", names) | table(8) }},  # 2.x: velocity_limit
 {% endif %}
-        armature={{ group.table("armature") | table(8) }},
-        friction={{ group.table("static_friction") | table(8) }},
-        dynamic_friction={{ group.table("friction") | table(8) }},
-        viscous_friction={{ group.table("damping") | table(8) }},
-{% if group.delay[0] < group.delay[1] %}
-        min_delay=math.floor({{ group.delay[0] | number }} / PHYSICS_DT),
-        max_delay=math.ceil({{ group.delay[1] | number }} / PHYSICS_DT),
+        armature={{ arm.column("rotor", names) | table(8) }},
+        friction={{ arm.column("static_friction", names) | table(8) }},
+        dynamic_friction={{ arm.column("friction", names) | table(8) }},
+        viscous_friction={{ arm.column("damping", names) | table(8) }},
+{% if delay[0] < delay[1] %}
+        min_delay=math.floor({{ delay[0] | number }} / PHYSICS_DT),
+        max_delay=math.ceil({{ delay[1] | number }} / PHYSICS_DT),
 {% else %}
-        min_delay=round({{ group.delay[0] | number }} / PHYSICS_DT),
-        max_delay=round({{ group.delay[1] | number }} / PHYSICS_DT),
+        min_delay=round({{ delay[0] | number }} / PHYSICS_DT),
+        max_delay=round({{ delay[1] | number }} / PHYSICS_DT),
 {% endif %}
     ),
 {% endfor %}
 }
 {% if arm.ranges %}
 
+{% set friction = ["static_friction", "friction", "damping"] %}
 EVENTS = {  # for name, term in EVENTS.items(): setattr(cfg.events, name, term)
-{% for name, ends in friction.items() %}
+{% for name, ends in arm.factors(*friction).items() %}
     # one factor each for static, dynamic and viscous friction of {{ name }}: the term has one range for all three
     "friction_{{ name }}": EventTermCfg(
         func=mdp.randomize_joint_parameters,
@@ -65,10 +60,13 @@ EVENTS = {  # for name, term in EVENTS.items(): setattr(cfg.events, name, term)
         },
     ),
 {% endfor %}
-{% for name, value, ends in without_factor %}
-    # {{ value }} of {{ name }} is 0 here and {{ ends | pair }} over all units: no factor of 0 draws that
+{% for joint in joints %}
+{% for value in friction if joint[value] == 0 < arm.ends(value)[joint.name][1] %}
+{% set ends = arm.ends(value)[joint.name] %}
+    # {{ value }} of {{ joint.name }} is 0 here and {{ ends | pair }} over all units: no factor of 0 draws that
 {% endfor %}
-{% for name, ends in arm.ends("armature").items() if ends[0] < ends[1] %}
+{% endfor %}
+{% for name, ends in arm.ranged("rotor").items() %}
     "armature_{{ name }}": EventTermCfg(
         func=mdp.randomize_joint_parameters,
         mode="startup",
@@ -79,7 +77,7 @@ EVENTS = {  # for name, term in EVENTS.items(): setattr(cfg.events, name, term)
         },
     ),
 {% endfor %}
-{% for name, ends in gain.items() %}
+{% for name, ends in arm.factors("applied_kp", "applied_kd").items() %}
     "gains_{{ name }}": EventTermCfg(
         func=mdp.randomize_actuator_gains,
         mode="startup",
@@ -114,87 +112,14 @@ EVENTS = {  # for name, term in EVENTS.items(): setattr(cfg.events, name, term)
 {% endif %}
 """
 
-
-FRICTION = ("static_friction", "friction", "damping")
-"""Values of a joint that one range of Isaac Lab scales."""
-
-
-class Group:
-    """Joints with the same delay, which one actuator configuration has for all of its joints.
-
-    Attributes:
-        label: its key.
-        joints: the joints.
-        delay: lowest and highest delay [s].
-    """
-
-    def __init__(
-        self, label: str, joints: list[JointValues], delay: tuple[float, float]
-    ) -> None:
-        self.label, self.joints, self.delay = label, joints, delay
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the joints."""
-        return [joint.name for joint in self.joints]
-
-    def table(self, value: str) -> dict[str, float]:
-        """A value of each joint, if it is finite."""
-        return finite({joint.name: getattr(joint, value) for joint in self.joints})
-
-
-def values(arm: SnippetArm) -> Mapping[str, Any]:
-    """Groups of joints, factors of their friction and gains."""
-    by_delay: dict[tuple[float, float], list[JointValues]] = {}
-    delays = arm.ends("delay")
-    for joint in arm.joints:
-        by_delay.setdefault(delays[joint.name], []).append(joint)
-    groups = [
-        Group(f"arm_{k}", joints, delay)
-        for k, (delay, joints) in enumerate(by_delay.items(), 1)
-    ]
-    gains = {j.name: j.torque_gain for j in arm.joints if j.torque_gain != 1.0}
-    return {
-        "groups": groups,
-        "gains": gains,
-        "friction": factors(arm, *FRICTION),
-        "gain": factors(arm, "applied_kp", "applied_kd"),
-        "without_factor": [
-            (joint.name, value, arm.ends(value)[joint.name])
-            for joint in arm.joints
-            for value in FRICTION
-            if getattr(joint, value) == 0 < arm.ends(value)[joint.name][1]
-        ],
-    }
-
-
-def factors(arm: SnippetArm, *names: str) -> dict[str, tuple[float, float]]:
-    """Lowest and highest factor of some values of each joint together; joints without a range are left out.
-
-    Args:
-        arm: the arm.
-        names: of the values; one that is zero has no factor.
-    """
-    found = {}
-    for joint in arm.joints:
-        ratios = [1.0]
-        for name in names:
-            value = getattr(joint, name)
-            if value > 0:
-                ratios += [end / value for end in arm.ends(name)[joint.name]]
-        if np.ptp(ratios) > 0:
-            found[joint.name] = (min(ratios), max(ratios))
-    return found
-
-
 ISAAC_LAB = Target(
     name="isaac_lab",
     title="Isaac Lab 3 (names of 2.x beside them)",
     template=TEMPLATE,
-    held=JOINTS | {"actuator_delay", "torque_scale", "stribeck_friction"},
+    held=JOINTS | {"delay", "scale", "breakaway", "breakaway_speed"},
     hints={
-        "stribeck_friction": "in friction at rest; in motion dynamic_friction acts at once, not from this velocity on",
-        "torque_scale": "in gains and limits; multiply efforts that you command by TORQUE_GAIN",
+        "breakaway": "in friction at rest; in motion dynamic_friction acts at once, not from this velocity on",
+        "scale": "in gains and limits; multiply efforts that you command by TORQUE_GAIN",
     },
     notes=(
         "friction and dynamic_friction are efforts in N m from Isaac Sim 5 on; before, they were coefficients of the "
@@ -205,6 +130,5 @@ ISAAC_LAB = Target(
         "The gains are those of the case, without its feedforward, if its controller is a PD law, else zero: put in "
         "your own, or command efforts.",
     ),
-    values=values,
 )
 """The target."""

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
-
-from gapscope.envs.export.snippets.arm_values import SnippetArm
-from gapscope.envs.export.snippets.target import finite
-
+NAMES = """
+{% set names = {
+  "damping": "damping", "friction": "friction", "armature": "rotor", "spring_stiffness": "stiffness",
+  "spring_rest": "rest", "effort": "effort", "kp": "kp", "kd": "kd", "torque_gain": "gain",
+} %}
+"""
+"""Values of the table, in Jinja: what ``JointValues`` calls them by the name in the table."""
 TABLE = """
 JOINTS = {
-{% for name, values in table.items() %}
-    {{ name | quoted }}: {{ values | table(4) }},
+{% for joint in joints %}
+    {{ joint.name | quoted }}: {{ joint.table(names) | table(4) }},
 {% endfor %}
 }
 {% if arm.ranges %}
 RANGES = {
-{% for name, ends in ends.items() %}
-    {{ name | quoted }}: {{ ends | table(4) }},
+{% for joint, ends in arm.ranges_of(names).items() %}
+    {{ joint | quoted }}: {{ ends | table(4) }},
 {% endfor %}
 }
 {% endif %}
@@ -33,19 +34,3 @@ def values_of(name, rng=None):
     return dict(JOINTS[name])
 """
 """Text of the table, in Jinja; ``rng`` is a generator of numpy."""
-
-
-def table_values(arm: SnippetArm, names: Sequence[str]) -> Mapping[str, Any]:
-    """What the table needs.
-
-    Args:
-        arm: the arm.
-        names: of the values, each as ``JointValues`` has it.
-    """
-    ends: dict[str, dict[str, tuple[float, float]]] = {}
-    for name in names:
-        for joint, (low, high) in arm.ends(name).items():
-            if low < high:
-                ends.setdefault(joint, {})[name] = (low, high)
-    rows = {j.name: finite({n: getattr(j, n) for n in names}) for j in arm.joints}
-    return {"table": rows, "ends": ends}

@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
-from gapscope.envs.export.snippets.arm_values import SnippetArm
-from gapscope.envs.export.snippets.isaac_lab import factors
 from gapscope.envs.export.snippets.target import JOINTS, Target
 
 TEMPLATE = """
@@ -20,8 +15,8 @@ from mjlab.managers.scene_entity_config import SceneEntityCfg
 {% endif %}
 
 PHYSICS_DT = 0.002  # s: timestep of your MuJoCo model, in which delays are counted
-{% if gains %}
-TORQUE_GAIN = {{ gains | table }}  # times efforts that you command
+{% if arm.gains %}
+TORQUE_GAIN = {{ arm.gains | table }}  # times efforts that you command
 {% endif %}
 
 ACTUATORS = (  # actuators= of EntityArticulationInfoCfg
@@ -32,7 +27,7 @@ ACTUATORS = (  # actuators= of EntityArticulationInfoCfg
         stiffness={{ joint.applied_kp | number }},
         damping={{ joint.applied_kd | number }},
         effort_limit={{ joint.applied_effort | number }},
-        armature={{ joint.armature | number }},
+        armature={{ joint.rotor | number }},
         frictionloss={{ joint.friction | number }},
         viscous_damping={{ joint.damping | number }},
 {% if delay[0] < delay[1] %}
@@ -49,28 +44,31 @@ ACTUATORS = (  # actuators= of EntityArticulationInfoCfg
 )
 {% if arm.ranges %}
 
+{% set terms = {"friction": "joint_friction", "damping": "joint_damping", "rotor": "joint_armature"} %}
 EVENTS = {  # events= of ManagerBasedRlEnvCfg
-{% for key, func, ends in drawn %}
-    "{{ key }}": EventTermCfg(
+{% for name, func in terms.items() if arm.ranged(name) %}
+    "{{ func }}": EventTermCfg(
         func=dr.{{ func }},
         mode="startup",
         params={
-            "ranges": {{ ends | table(12) }},
+            "ranges": {{ arm.ranged(name) | table(12) }},
             "operation": "abs",
         },
     ),
 {% endfor %}
-{% for name, ends in biased.items() %}
-    "encoder_{{ name }}": EventTermCfg(
+{% for joint in joints if joint.name in arm.ranged("zero") %}
+{# the file of the arm has the offsets themselves #}
+{% set ends = arm.ranged("zero")[joint.name] %}
+    "encoder_{{ joint.name }}": EventTermCfg(
         func=dr.encoder_bias,
         mode="startup",
         params={
-            "bias_range": {{ ends | pair }},
-            "asset_cfg": SceneEntityCfg("robot", joint_names=({{ name | quoted }},)),
+            "bias_range": {{ (ends[0] - joint.zero, ends[1] - joint.zero) | pair }},
+            "asset_cfg": SceneEntityCfg("robot", joint_names=({{ joint.name | quoted }},)),
         },
     ),
 {% endfor %}
-{% for name, ends in gain.items() %}
+{% for name, ends in arm.factors("applied_kp", "applied_kd").items() %}
     "gains_{{ name }}": EventTermCfg(
         func=dr.pd_gains,
         mode="startup",
@@ -107,48 +105,19 @@ TWO_MASSES = (
     "joint, and leave armature, frictionloss and viscous_damping of this one out"
 )
 """What to know of joints with elasticity or backlash."""
-TERMS = (("friction", "friction"), ("damping", "damping"), ("armature", "armature"))
-"""Values of a joint, and what ``dr.joint_*`` calls them."""
-
-
-def values(arm: SnippetArm) -> Mapping[str, Any]:
-    """Gains of the torque, and what the events draw."""
-    # the file of the arm has the offsets themselves
-    found = {joint.name: joint.encoder_offset for joint in arm.joints}
-    biased = {
-        name: (low - found[name], high - found[name])
-        for name, (low, high) in arm.ends("encoder_offset").items()
-        if low < high
-    }
-    drawn = [
-        (
-            f"joint_{func}",
-            f"joint_{func}",
-            {n: e for n, e in ends.items() if e[0] < e[1]},
-        )
-        for name, func in TERMS
-        if arm.varies(name) and (ends := arm.ends(name))
-    ]
-    return {
-        "gains": {j.name: j.torque_gain for j in arm.joints if j.torque_gain != 1.0},
-        "drawn": drawn,
-        "biased": biased,
-        "gain": factors(arm, "applied_kp", "applied_kd"),
-    }
-
 
 MJLAB = Target(
     name="mjlab",
     title="mjlab 1.6",
     template=TEMPLATE,
-    held=JOINTS | {"actuator_delay", "torque_scale"},
+    held=JOINTS | {"delay", "scale"},
     hints={
-        "torque_scale": "in gains and limits; multiply efforts that you command by TORQUE_GAIN",
-        "encoder_offset": "in the file of gapscope export --format mjcf; its range as the event dr.encoder_bias, for "
+        "scale": "in gains and limits; multiply efforts that you command by TORQUE_GAIN",
+        "zero": "in the file of gapscope export --format mjcf; its range as the event dr.encoder_bias, for "
         "which observe joint_pos_biased",
-        "joint_elasticity": TWO_MASSES,
-        "backlash": TWO_MASSES,
-        "parallel_spring": "in the file of gapscope export --format mjcf, which this belongs to",
+        "gear_stiffness": TWO_MASSES,
+        "play": TWO_MASSES,
+        "stiffness": "in the file of gapscope export --format mjcf, which this belongs to",
     },
     notes=(
         "The lag holds back targets and efforts, not the measured state: to delay torque as the arm does, command "
@@ -158,6 +127,5 @@ MJLAB = Target(
         "your own, or command efforts.",
     ),
     model="mjcf",
-    values=values,
 )
 """The target."""

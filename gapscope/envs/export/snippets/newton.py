@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from gapscope.envs.export.snippets.joint_table import TABLE, table_values
+from gapscope.envs.export.snippets.joint_table import NAMES, TABLE
 from gapscope.envs.export.snippets.target import JOINTS, Target
 
-NAMES = (
-    *("damping", "friction", "armature", "spring_stiffness", "spring_rest"),
-    *("effort", "kp", "kd", "torque_gain", "torque_offset", "delay"),
-)
-"""Values in the table."""
 TEMPLATE = (
-    """
+    NAMES
+    + """
+{% set names = dict(names, torque_offset="offset", delay="delay") %}
 from newton.actuators import ClampingMaxEffort, DrivePD
 
 PHYSICS_DT = 0.002  # s: time between calls of Actuator.step, in which Delay counts
@@ -53,11 +50,10 @@ NEWTON = Target(
     name="newton",
     title="Newton 1.8",
     template=TEMPLATE,
-    held=JOINTS
-    | {"actuator_delay", "torque_scale", "torque_offset", "parallel_spring"},
+    held=JOINTS | {"delay", "scale", "offset", "stiffness", "rest"},
     hints={
-        "torque_scale": "as torque_gain, in gains and limits; multiply feedforward efforts by it",
-        "torque_offset": "as const_effort of DrivePD, which the limit clips too",
+        "scale": "as torque_gain, in gains and limits; multiply feedforward efforts by it",
+        "offset": "as const_effort of DrivePD, which the limit clips too",
     },
     notes=(
         "Delay holds back targets and feedforward, not the measured state: to delay torque as the arm does, command "
@@ -67,6 +63,5 @@ NEWTON = Target(
         "DriveNeuralMLP and DriveNeuralGRU load networks that map one joint's position error and velocity to its whole "
         "torque; a residual network adds to a drive and sees all joints: evaluate it beside them.",
     ),
-    values=lambda arm: table_values(arm, NAMES),
 )
 """The target."""

@@ -2,28 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
-from gapscope.envs.export.snippets.arm_values import SnippetArm
 from gapscope.envs.export.snippets.target import JOINTS, Target
 
-FIELDS = {
-    "dof_frictionloss": "friction",
-    "dof_damping": "damping",
-    "dof_armature": "armature",
-}
-"""Fields of ``mjx.Model``, one number for each degree of freedom, and the values of a joint."""
 TEMPLATE = """
 import jax
 import jax.numpy as jp
 
+{% set fields = {"dof_frictionloss": "friction", "dof_damping": "damping", "dof_armature": "rotor"} %}
 RANGES = {  # by field of mjx.Model, then by joint
-{% for field, ends in fields.items() %}
-    "{{ field }}": {{ ends | table(4) }},
+{% for field, name in fields.items() if arm.ranged(name) %}
+    "{{ field }}": {{ arm.ranged(name) | table(4) }},
 {% endfor %}
 }
-ADDED_MASS = {{ mass | table }}  # kg, by body
+ADDED_MASS = {{ arm.added_mass | table }}  # kg, by body
 ADDED_COM = {  # m along x, y, z of the body
 {% for body in arm.bodies %}
     {{ body.name | quoted }}: ({{ body.com[0] | pair }}, {{ body.com[1] | pair }}, {{ body.com[2] | pair }}),
@@ -77,26 +68,16 @@ TWO_MASSES = (
 """What to know of joints with elasticity or backlash."""
 
 
-def values(arm: SnippetArm) -> Mapping[str, Any]:
-    """The ranges by field, and the masses."""
-    fields = {}
-    for field, name in FIELDS.items():
-        ends = {joint: e for joint, e in arm.ends(name).items() if e[0] < e[1]}
-        if ends:
-            fields[field] = ends
-    return {"fields": fields, "mass": {body.name: body.mass for body in arm.bodies}}
-
-
 PLAYGROUND = Target(
     name="playground",
     title="MuJoCo Playground 0.2",
     template=TEMPLATE,
-    held=JOINTS - {"torque_saturation"},
+    held=JOINTS - {"limit"},
     hints={
-        "stribeck_friction": LUGRE,
-        "saturating_friction": LUGRE,
-        "joint_elasticity": TWO_MASSES,
-        "backlash": TWO_MASSES,
+        "breakaway": LUGRE,
+        "saturating": LUGRE,
+        "gear_stiffness": TWO_MASSES,
+        "play": TWO_MASSES,
     },
     notes=(
         "Only what has a range is drawn; the values found are in the file of gapscope export --format mjcf.",
@@ -104,6 +85,5 @@ PLAYGROUND = Target(
     ),
     model="mjcf",
     needs_ranges=True,
-    values=values,
 )
 """The target."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gapscope.envs.export.snippets.target import Target
+from gapscope.envs.export.snippets.target import JOINTS, Target
 
 TEMPLATE = """
 joint_trajectory_controller:
@@ -15,7 +15,7 @@ joint_trajectory_controller:
       {{ joint.name | quoted }}:
         p: {{ joint.kp | number }}
         d: {{ joint.kd | number }}
-        ff_velocity_scale: {{ (joint.damping / joint.torque_gain) | number }}  # N m s/rad: viscous friction
+        ff_velocity_scale: {{ (joint.damping / joint.gain) | number }}  # N m s/rad: viscous friction
 {% if joint.effort < inf %}
         u_clamp_max: {{ joint.effort | number }}
         u_clamp_min: {{ (-joint.effort) | number }}
@@ -26,17 +26,17 @@ joint_trajectory_controller:
 #   effort = (armature * a + friction * tanh(v / 0.005) + spring_stiffness * (q - spring_rest) - torque_offset)
 #            / torque_gain
 {% for joint in joints %}
-# {{ joint.name }}: armature {{ joint.armature | number }}, friction {{ joint.friction | number }}, spring_stiffness {{
-joint.spring_stiffness | number }}, spring_rest {{
-(joint.spring_rest - joint.encoder_offset) | number }}, torque_offset {{
-joint.torque_offset | number }}, torque_gain {{ joint.torque_gain | number }}
+# {{ joint.name }}: armature {{ joint.rotor | number }}, friction {{ joint.friction | number }}, spring_stiffness {{
+joint.stiffness | number }}, spring_rest {{
+(joint.rest - joint.zero) | number }}, torque_offset {{
+joint.offset | number }}, torque_gain {{ joint.gain | number }}
 {% endfor %}
-{% if joints | selectattr("encoder_offset") | list %}
+{% if joints | selectattr("zero") | list %}
 
 # <offset> of the <joint> in a SimpleTransmission, by which encoders that read too much are corrected. Not with the URDF
 # of gapscope export, whose joints are at what the encoders read:
-{% for joint in joints if joint.encoder_offset %}
-# {{ joint.name }}: {{ (-joint.encoder_offset) | number }} rad
+{% for joint in joints if joint.zero %}
+# {{ joint.name }}: {{ (-joint.zero) | number }} rad
 {% endfor %}
 {% endif %}
 """
@@ -45,15 +45,12 @@ ROS2_CONTROL = Target(
     name="ros2_control",
     title="ros2_control (joint_trajectory_controller of ROS 2 Kilted)",
     template=TEMPLATE,
-    held=frozenset(
-        {"viscous_friction", "coulomb_friction", "armature", "torque_saturation"}
-        | {"torque_scale", "torque_offset", "parallel_spring", "encoder_offset"}
-    ),
+    held=JOINTS | {"scale", "offset", "stiffness", "rest", "zero"},
     hints={
-        "payload": "in the file of gapscope export --format urdf, from which gravity and inertia are computed",
-        "encoder_offset": "as the offset of a transmission, or by the URDF of gapscope export; not by both",
-        "actuator_delay": "bounds the bandwidth: nothing in a controller undoes it",
-        "actuator_lag": "bounds the bandwidth: nothing in a controller undoes it",
+        "load": "in the file of gapscope export --format urdf, from which gravity and inertia are computed",
+        "zero": "as the offset of a transmission, or by the URDF of gapscope export; not by both",
+        "delay": "bounds the bandwidth: nothing in a controller undoes it",
+        "lag": "bounds the bandwidth: nothing in a controller undoes it",
     },
     notes=(
         "This compensates on the real arm what a simulator would add. Start with half of friction and "
@@ -63,6 +60,5 @@ ROS2_CONTROL = Target(
         "Keep integral gain small: it and compensated dry friction hunt about the target.",
     ),
     draws=False,
-    values=lambda arm: {"inf": float("inf")},
 )
 """The target."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
@@ -11,16 +11,14 @@ from typing import Any
 import jinja2
 import numpy as np
 
-from gapscope.envs.export.left_out import described
+from gapscope.envs.export.heading import effects_line, xml_comment
+from gapscope.envs.export.left_out import described, holds
 from gapscope.envs.export.snippets.arm_values import SnippetArm
 
-BODIES = frozenset({"payload", "link_inertia", "base_tilt", "encoder_offset"})
-"""Effects on bodies and where they are: in the file of the arm that a snippet belongs to."""
-JOINTS = frozenset(
-    {"coulomb_friction", "viscous_friction", "armature", "torque_saturation"}
-)
-"""Effects that most snippets hold."""
-
+BODIES = frozenset({"body", "load", "gravity", "zero"})
+"""Quantities of bodies and where they are: in the file of the arm that a snippet belongs to."""
+JOINTS = frozenset({"friction", "damping", "rotor", "limit"})
+"""Quantities that most snippets hold."""
 
 LONGEST = 100
 """Characters of a line of Python, beyond which a dict takes several."""
@@ -34,14 +32,13 @@ class Target:
         name: of the format.
         title: its name and the versions whose words are used.
         template: of the text below the head, in Jinja.
-        held: effects that the snippet holds, as far as ``hints`` says.
-        hints: what else there is to say on an effect.
+        held: quantities that the snippet holds, as far as ``hints`` says; see ``gapscope.effects.effect.QUANTITIES``.
+        hints: what else there is to say on a quantity.
         notes: what to know of the simulator, a sentence each.
         model: format of the file of bodies that it belongs to; empty if the snippet has none.
         comment: how a line of comment begins; ``<!--`` stands for one comment in XML.
         needs_ranges: whether there is nothing to write without ranges.
         draws: whether ranges can be written.
-        values: more for the template, from the arm.
     """
 
     name: str
@@ -54,21 +51,19 @@ class Target:
     comment: str = "#"
     needs_ranges: bool = False
     draws: bool = True
-    values: Callable[[SnippetArm], Mapping[str, Any]] = lambda arm: {}
 
     def text(self, arm: SnippetArm) -> str:
         """The snippet."""
         body = _jinja().from_string(self.template)
-        rendered = body.render(arm=arm, joints=arm.joints, **self.values(arm))
+        rendered = body.render(arm=arm, joints=arm.joints, inf=np.inf)
         return self.head(arm) + rendered.lstrip("\n")
 
     def head(self, arm: SnippetArm) -> str:
         """The comment at its head: what it is, what it leaves out, what to know."""
         plain = arm.plain
-        effects = ", ".join(dict.fromkeys(e.name for e in plain.corrected.effects))
         lines = [
             f"Corrected arm of {plain.body.file.name} for {self.title}, written by gapscope export;",
-            f"SI units, joint side. Effects: {effects or 'none'}.",
+            f"SI units, joint side. {effects_line(plain)}",
         ]
         if arm.ranges is not None:
             lines.append(
@@ -83,10 +78,7 @@ class Target:
             lines.append("To know:")
         lines += [f"  {note}" for note in self.notes]
         if self.comment == "<!--":
-            text = "\n".join(lines)
-            while "--" in text:  # which a comment of XML may not hold
-                text = text.replace("--", "- -")
-            return f"<!--\n{text}\n-->\n"
+            return f"<!--{xml_comment(lines)}-->\n"
         return "".join(f"{self.comment} {line}\n" for line in lines) + "\n"
 
     def left_out(self, arm: SnippetArm) -> tuple[str, ...]:
@@ -94,10 +86,14 @@ class Target:
         corrected = arm.plain.corrected
         lines = []
         for applied in corrected.effects:
-            hint = self.hints.get(applied.name)
-            if applied.name in self.held and hint is None:
+            effect = applied.effect
+            said = (
+                self.hints[x] for x in effect.quantities.values() if x in self.hints
+            )
+            hint = next(said, None)
+            if hint is None and holds(self.held, effect):
                 continue
-            if applied.name in BODIES and self.model and hint is None:
+            if hint is None and self.model and holds(BODIES, effect):
                 hint = f"in the file of gapscope export --format {self.model}, which this belongs to"
             lines.append(described(applied, corrected.arm, hint))
         distances = {n: d.presliding for n, d in arm.plain.drives.items()}
@@ -128,11 +124,6 @@ def pair(ends: tuple[float, float]) -> str:
 def quoted(name: str) -> str:
     """A name as Python and YAML read it."""
     return json.dumps(name, ensure_ascii=False)
-
-
-def finite(values: Mapping[str, float]) -> dict[str, float]:
-    """The entries that are finite."""
-    return {name: value for name, value in values.items() if np.isfinite(value)}
 
 
 def table(values: Mapping[str, Any], indent: int = 0) -> str:

@@ -69,12 +69,7 @@ def _with_references(recording: Recording) -> Recording:
 
 
 def with_fault(case: Case, fault: Fault) -> Case:
-    rng = np.random.default_rng(0)
-    recordings = tuple(fault.apply(r, rng, case.arm) for r in case.recordings)
-    controller = case.controller
-    if isinstance(fault, GainMismatch):
-        controller = fault.declared(controller)
-    return replace(case, recordings=recordings, controller=controller)
+    return fault.in_case(case, np.random.default_rng(0), case.arm)
 
 
 def without_torque(case: Case) -> Case:
@@ -131,7 +126,7 @@ def test_faults_are_found_with_their_values(label: str, arm: str) -> None:
     _, (found,) = find_reference_faults(with_fault(under_pd(arm), fault))
     assert (found.name, found.variant) == (fault.name, variant)
     for name, value in values.items():
-        np.testing.assert_allclose(found.parameters[name].value, value, rtol=0.03)
+        np.testing.assert_allclose(found.fault.values()[name], value, rtol=0.03)
 
 
 @pytest.mark.parametrize(
@@ -245,8 +240,8 @@ def test_gains_of_a_computed_torque_that_does_not_fit_are_found_by_the_motion() 
     fault = UnmeasuredTorque((800.0, 900.0, 300.0), (1.0, 1.0, 1.0))
     repaired, (found,) = find_reference_faults(with_fault(case, fault))
     assert found.name == "unmeasured_torque"
-    assert found.parameters["kp_at_work"].value == pytest.approx(KP, rel=0.1)
-    assert found.parameters["kd_at_work"].value == pytest.approx(KD, rel=0.2)
+    assert found.fault.values()["kp_at_work"] == pytest.approx(KP, rel=0.1)
+    assert found.fault.values()["kd_at_work"] == pytest.approx(KD, rel=0.2)
     for right, given in zip(case.recordings, repaired.recordings, strict=True):
         error = (given.tau - right.tau).std(axis=0)
         assert (error < 0.2 * right.tau.std(axis=0)).all()

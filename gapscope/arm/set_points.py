@@ -9,11 +9,15 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from gapscope.arm.recording import Recording
-from gapscope.diagnosis.thresholds import (
-    CORNER_SHARE,
-    SET_POINT_LEAST,
-    SET_POINT_REGULARITY,
+
+SET_POINT_LEAST = (
+    30  # Set points of a reference at least, for their distance to be regular. (hand)
 )
+SET_POINT_REGULARITY = (
+    0.8  # Share of their distances that are alike within a row, at least [1]. (hand)
+)
+# A row is the corner of a line if the second difference there exceeds this share of that at the plainest [1]. (hand)
+CORNER_SHARE = 0.02
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,10 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numpy as np
+
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
-from gapscope.effects.setup_faults.inertial_fault import ShiftedInertials
 
 
 def shifted_arm(arm: NominalArm, links: int, moved_only: bool = False) -> NominalArm:
@@ -46,8 +47,37 @@ def _shifted_text(arm: NominalArm, links: int, moved_only: bool) -> str | None:
     """The changed URDF; ``None`` if nothing is moved, or the file is no URDF."""
     if links == 0 or ET.parse(arm.urdf).getroot().tag != "robot":
         return None
-    text = arm.urdf.read_text(encoding="utf-8")
-    return ShiftedInertials(links, moved_only).urdf(text)
+    return shifted_text(arm.urdf.read_text(encoding="utf-8"), links, moved_only)
+
+
+def shifted_text(text: str, by: int, moved_only: bool = False) -> str:
+    """URDF text with the ``<inertial>`` of each link that has one moved ``by`` such links further, in file order."""
+    root = ET.fromstring(text)
+    links = _links(root, moved_only)
+    inertials = [link.find("inertial") for link in links]
+    givers = np.roll(np.arange(len(links)), by)
+    for link, own, giver in zip(links, inertials, givers, strict=True):
+        given = inertials[int(giver)]
+        assert own is not None and given is not None
+        link.remove(own)
+        link.append(given)
+    return ET.tostring(root, encoding="unicode")
+
+
+def _links(root: ET.Element, moved_only: bool) -> list[ET.Element]:
+    """Links whose inertials are exchanged, in file order."""
+    moved = {
+        child.get("link")
+        for joint in root.iter("joint")
+        if joint.get("type") in ("revolute", "continuous", "prismatic")
+        for child in joint.iter("child")
+    }
+    return [
+        link
+        for link in root.iter("link")
+        if link.find("inertial") is not None
+        and (not moved_only or link.get("name") in moved)
+    ]
 
 
 @cache

@@ -1,0 +1,553 @@
+"""How a log must be read: what stands in its columns, against what an arm and its set-up have.
+
+A reading is data. It is applied to a recording; composed with another; inverted, which makes the log that a set-up at
+fault would have written; and written as the ``mend:`` part of an import section. Faults of the set-up are readings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gapscope.arm.control.pd import PD
+from gapscope.arm.controller import Controller
+from gapscope.arm.dynamics.rigid_body import RigidBody
+from gapscope.arm.errors import InputError
+from gapscope.arm.io.even_rows import even_stamps
+from gapscope.arm.io.plausibility import repeated_rows
+from gapscope.arm.nominal import NominalArm
+from gapscope.arm.recording import Recording
+from gapscope.arm.set_points import set_points
+from gapscope.arm.shifted_inertials import shifted_arm
+
+GAP_STEPS = 4.0
+"""A step of time longer than this many median steps is a gap, over which no torque is interpolated."""
+COLUMNS = {"tau": "torque", "tau_sensor": "sensor"}
+"""Which columns of a reading are those of a channel; of all others the motion's."""
+
+IN_MEND = {
+    ("time", "scale"): "time_factor",
+    ("torque", "delay"): "torque_delay",
+    ("reference", "lead"): "lead",
+    ("reference", "pace"): "pace",
+}
+"""Numbers of a reading in the ``mend:`` part of an import section."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Series of n joints out of those that were read: x_j = factor_j read x_source_j + offset_j.
+
+    Attributes:
+        source: joint, from 0, whose column holds this joint.
+        factor: [1].
+        offset: of positions [rad].
+    """
+
+    source: tuple[int, ...]
+    factor: tuple[float, ...]
+    offset: tuple[float, ...]
+
+    @classmethod
+    def identity(cls, n: int) -> Columns:
+        """As they were read."""
+        return cls(tuple(range(n)), (1.0,) * n, (0.0,) * n)
+
+    @classmethod
+    def from_mend(
+        cls, section: Mapping[str, Any], key: str, n: int, file: Path | None
+    ) -> Columns:
+        """From an entry of ``mend:``.
+
+        Raises:
+            InputError: a list has not one value per joint, or columns are no order of the joints.
+        """
+        entry = section.get(key, {})
+
+        def per_joint(name: str, default: float | range) -> np.ndarray:
+            values = np.array(entry.get(name, default), dtype=float)
+            if values.ndim and values.shape != (n,):
+                raise InputError(
+                    f"expected {n} entries, one per joint, got {values.size}",
+                    file=file,
+                    where=f"field import.mend.{key}.{name}",
+                )
+            return np.broadcast_to(values, (n,))
+
+        source = per_joint("columns", range(1, n + 1)).astype(int) - 1
+        if sorted(source) != list(range(n)):
+            raise InputError(
+                f"expected each of the numbers 1 to {n} once, got {entry['columns']}",
+                "give for each joint the number of the joint whose column holds it",
+                file=file,
+                where=f"field import.mend.{key}.columns",
+            )
+        factor, offset = per_joint("scale", 1.0), per_joint("offset", 0.0)
+        return cls(*(tuple(x.tolist()) for x in (source, factor, offset)))
+
+    def to_mend(self) -> dict[str, Any]:
+        """As an entry of ``mend:``, without what changes nothing."""
+        entry: dict[str, Any] = {}
+        same = Columns.identity(len(self.source))
+        if self.source != same.source:
+            entry["columns"] = [source + 1 for source in self.source]
+        for key, values, nothing in (
+            ("scale", self.factor, same.factor),
+            ("offset", self.offset, same.offset),
+        ):
+            if values != nothing:
+                entry[key] = values[0] if len(set(values)) == 1 else list(values)
+        return entry
+
+    def __call__(self, series: np.ndarray, *, position: bool = False) -> np.ndarray:
+        """The series of the joints, (N, n); the offset is that of positions alone."""
+        source = list(self.source)
+        in_order = source == list(range(series.shape[1]))
+        columns = series if in_order else series[:, source]
+        out = columns * np.array(self.factor)
+        return out + np.array(self.offset) if position else out
+
+    def then(self, other: Columns) -> Columns:
+        """These first, and ``other`` of the result."""
+        before = list(other.source)
+        factor, offset = np.array(other.factor), np.array(other.offset)
+        return Columns(
+            tuple(self.source[s] for s in before),
+            tuple((factor * np.array(self.factor)[before]).tolist()),
+            tuple((np.array(self.offset)[before] * factor + offset).tolist()),
+        )
+
+    def inverse(self) -> Columns:
+        """The columns that were read, of the series of the joints."""
+        place = np.argsort(self.source)
+        factor, offset = np.array(self.factor), np.array(self.offset)
+        # 0.0 - x, for no offset is 0 and not -0
+        back = 0.0 - offset / factor
+        return Columns(
+            tuple(place.tolist()),
+            tuple((1.0 / factor[place]).tolist()),
+            tuple(back[place].tolist()),
+        )
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What an arm of n joints did, in terms of what was recorded.
+
+    Attributes:
+        motion: of q, dq and their references; temperatures follow its columns.
+        torque, sensor: of tau and of tau_sensor.
+        time_factor: true over recorded period [1], ...
+        files: ...of the files of these names; of all if empty. Recorded velocities do not depend on the stamps.
+        torque_delay: d, by which tau is late against the motion, in true time [s], ...
+        torque_drift: ...and the share s of its time by which it is late as well [1].
+        gravity: how often the nominal arm's gravity torque is to be added to tau; 1 where it was left out. It is added
+            last, whatever else is wrong with the torque.
+        lead: kd / kp of a controller that ignores the velocity's reference [s]; 0: it does not.
+        pace: the arm's speed over that of the reference [1].
+        kp_factor, kd_factor: gains at work over the declared ones [1], (n,).
+        law: kp and kd at work of each joint whose torque they gave, ``None`` for one that was measured; empty if all
+            were.
+        own_velocity: whether dq is the arm's; otherwise that of the reference, and not read.
+        smooth_reference: whether the controller followed a smooth motion through the set points recorded.
+        even: whether samples were taken evenly, whatever their stamps.
+        once: whether rows that repeat the measurement before them are to be left out.
+        link_shift: links by which the inertials of the URDF have to move, in file order, ...
+        moved_only: ...among those that a joint moves, or among all.
+        turn: roll and pitch by which the base is turned against the nominal arm's gravity [rad].
+    """
+
+    motion: Columns
+    torque: Columns
+    sensor: Columns
+    kp_factor: tuple[float, ...]
+    kd_factor: tuple[float, ...]
+    time_factor: float = 1.0
+    files: tuple[str, ...] = ()
+    torque_delay: float = 0.0
+    torque_drift: float = 0.0
+    gravity: int = 0
+    lead: float = 0.0
+    pace: float = 1.0
+    law: tuple[tuple[float, float] | None, ...] = ()
+    own_velocity: bool = True
+    smooth_reference: bool = False
+    even: bool = False
+    once: bool = False
+    link_shift: int = 0
+    moved_only: bool = False
+    turn: tuple[float, float] = (0.0, 0.0)
+
+    @classmethod
+    def identity(cls, n: int, **changed: Any) -> Reading:
+        """Everything as it is recorded, but for what is given."""
+        same, ones = Columns.identity(n), (1.0,) * n
+        usual = {
+            "motion": same,
+            "torque": same,
+            "sensor": same,
+            "kp_factor": ones,
+            "kd_factor": ones,
+        }
+        return cls(**{**usual, **changed})
+
+    def differs(self, *names: str) -> bool:
+        """Whether any of some attributes changes anything."""
+        same = Reading.identity(len(self.kp_factor))
+        return any(getattr(self, name) != getattr(same, name) for name in names)
+
+    @property
+    def equation_key(self) -> tuple[object, ...]:
+        """What the predicted torque, and the time of the recorded one, depend on."""
+        shift = self.link_shift, self.moved_only, self.turn
+        return self.motion, self.time_factor, self.torque_delay, *shift
+
+    @property
+    def recorded_delay(self) -> float:
+        """By which the torque is late against the motion, in recorded time [s]."""
+        return self.torque_delay / self.time_factor
+
+    # --- as a group
+
+    def then(self, other: Reading) -> Reading:
+        """The reading that applies this one first and ``other`` to its result.
+
+        With u(t) = (1 + s) t + d the time at which tau was recorded, u = u_1 u_2; q_ref - T dq_ref at pace s, of
+        another lead and pace, has the lead T_1 + s_1 T_2.
+        """
+        drift = 1.0 + self.torque_drift
+        return Reading(
+            self.motion.then(other.motion),
+            self.torque.then(other.torque),
+            self.sensor.then(other.sensor),
+            _product(self.kp_factor, other.kp_factor),
+            _product(self.kd_factor, other.kd_factor),
+            self.time_factor * other.time_factor,
+            other.files or self.files,
+            other.time_factor * self.torque_delay + drift * other.torque_delay,
+            self.torque_drift + drift * other.torque_drift,
+            self.gravity + other.gravity,
+            self.lead + self.pace * other.lead,
+            self.pace * other.pace,
+            other.law or self.law,
+            self.own_velocity and other.own_velocity,
+            self.smooth_reference or other.smooth_reference,
+            self.even or other.even,
+            self.once or other.once,
+            self.link_shift + other.link_shift,
+            self.moved_only or other.moved_only,
+            # a base is turned once
+            other.turn if any(other.turn) else self.turn,
+        )
+
+    def inverse(self) -> Reading:
+        """What makes of a right recording the one that has to be read so, but for what no reading brings back.
+
+        That is rows and stamps, a velocity, a torque that gains gave, a coarse reference, and a turned base.
+        """
+        drift = 1.0 + self.torque_drift
+        return Reading(
+            self.motion.inverse(),
+            self.torque.inverse(),
+            self.sensor.inverse(),
+            tuple(1.0 / factor for factor in self.kp_factor),
+            tuple(1.0 / factor for factor in self.kd_factor),
+            1.0 / self.time_factor,
+            self.files,
+            0.0 - self.torque_delay / (drift * self.time_factor),
+            1.0 / drift - 1.0,
+            -self.gravity,
+            0.0 - self.lead / self.pace,
+            1.0 / self.pace,
+            link_shift=-self.link_shift,
+            moved_only=self.moved_only,
+        )
+
+    # --- as the mend: part of an import section
+
+    @classmethod
+    def from_mend(
+        cls, section: Mapping[str, Any], n: int, file: Path | None = None
+    ) -> Reading:
+        """From the ``mend:`` part of an import section that has passed the case schema.
+
+        Raises:
+            InputError: a list has not one value per joint, or columns are no order of the joints.
+        """
+        parts = ("motion", "torque", "sensor")
+        columns = {key: Columns.from_mend(section, key, n, file) for key in parts}
+        numbers = {
+            name: float(section[key][entry])
+            for (key, entry), name in IN_MEND.items()
+            if entry in section.get(key, {})
+        }
+        return cls.identity(
+            n,
+            **columns,
+            **numbers,
+            files=tuple(section.get("time", {}).get("files", ())),
+            gravity=int(section.get("torque", {}).get("gravity") == "left_out"),
+        )
+
+    def to_mend(self) -> dict[str, Any]:
+        """As the ``mend:`` part of an import section, without what changes nothing or cannot be said there."""
+        said: dict[str, dict[str, Any]] = {
+            "time": {},
+            "motion": self.motion.to_mend(),
+            "torque": self.torque.to_mend(),
+            "sensor": self.sensor.to_mend(),
+            "reference": {},
+        }
+        for (key, entry), name in IN_MEND.items():
+            if self.differs(name):
+                said[key][entry] = getattr(self, name)
+        if said["time"] and self.files:
+            said["time"]["files"] = list(self.files)
+        if self.gravity:
+            said["torque"]["gravity"] = "left_out"
+        return {key: entries for key, entries in said.items() if entries}
+
+    # --- of arrays
+
+    def true_motion(
+        self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """True q [rad], dq [rad/s], ddq [rad/s^2] of those that the recorded positions and stamps give, (N, n) each."""
+        source, factor = list(self.motion.source), np.array(self.motion.factor)
+        speed, acceleration = factor / self.time_factor, factor / self.time_factor**2
+        return (
+            self.motion(q, position=True),
+            dq[:, source] * speed,
+            ddq[:, source] * acceleration,
+        )
+
+    def of_channels(self, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Those of some channels, by name, (N, n) each, whose columns, factors or offsets change."""
+        changed = {}
+        for name, series in values.items():
+            columns: Columns = getattr(self, COLUMNS.get(name, "motion"))
+            if name == "temperature":
+                columns = replace(columns, factor=(1.0,) * len(columns.source))
+            if columns != Columns.identity(len(columns.source)):
+                changed[name] = columns(series, position=name in ("q", "q_ref"))
+        return changed
+
+    def true_time(self, t: np.ndarray, file: str) -> np.ndarray:
+        """Time of a file's rows [s], (N,), of the recorded one."""
+        if self.files and file not in self.files:
+            return t
+        return t * self.time_factor
+
+    # --- of a recording, an arm and a controller
+
+    def __call__(
+        self, recording: Recording, arm: NominalArm | None = None
+    ) -> Recording:
+        """The recording as a right set-up would have written it; the same object if nothing is changed.
+
+        Args:
+            recording: with its known load.
+            arm: the nominal arm, whose gravity torque is added; needed where it was left out.
+
+        Raises:
+            InputError: the recording is not longer than the delay of its torque.
+        """
+        steps: tuple[Callable[[Recording], Recording], ...] = (
+            self._of_rows,
+            self._of_columns,
+            self._of_references,
+            partial(advanced, delay=self.torque_delay, drift=self.torque_drift),
+            self._of_law,
+        )
+        for step in steps:
+            recording = step(recording)
+        if not self.gravity:
+            return recording
+        assert arm is not None
+        return with_gravity(recording, arm, self.gravity)
+
+    def arm(self, arm: NominalArm) -> NominalArm:
+        """The nominal arm with its inertials where they belong."""
+        return shifted_arm(arm, self.link_shift, self.moved_only)
+
+    def controller(self, controller: Controller | None) -> Controller | None:
+        """The controller with the gains at work; unchanged if it is no PD controller."""
+        if not isinstance(controller, PD) or not self.differs("kp_factor", "kd_factor"):
+            return controller
+        kp = np.array(controller.kp) * self.kp_factor
+        return replace(controller, kp=kp, kd=np.array(controller.kd) * self.kd_factor)
+
+    @property
+    def of_right_time(self) -> Reading:
+        """The same of recordings whose time is right already."""
+        return replace(self, time_factor=1.0)
+
+    @property
+    def of_every_row(self) -> Reading:
+        """The same without what leaves rows out: a late torque, and a reference that ended."""
+        return replace(self, torque_delay=0.0, torque_drift=0.0, pace=1.0)
+
+    def _of_rows(self, recording: Recording) -> Recording:
+        """Rows and their stamps."""
+        if self.once:
+            recording = without_repeats(recording)
+        t = recording.t
+        if self.even:
+            t = even_stamps(t)
+        if self.differs("time_factor"):
+            t = t[0] + (t - t[0]) * self.time_factor
+        return recording if t is recording.t else replace(recording, t=t)
+
+    def _of_columns(self, recording: Recording) -> Recording:
+        """Columns, factors and offsets."""
+        changed: dict[str, Any] = self.of_channels(recording.channels)
+        return replace(recording, **changed) if changed else recording
+
+    def _of_references(self, recording: Recording) -> Recording:
+        """References, and a velocity that is theirs: that of the positions takes its place."""
+        if recording.q_ref is None:
+            return recording
+        if not self.own_velocity:
+            recording = replace(recording, dq=None)
+        recording = at_pace(without_lead(recording, self.lead), self.pace)
+        points = set_points(recording) if self.smooth_reference else None
+        return recording if points is None else points.smooth(recording)
+
+    def _of_law(self, recording: Recording) -> Recording:
+        """kp (q_ref - q) + kd (dq_ref - dq) as the torque of joints whose gains gave it."""
+        at_work = {j: gains for j, gains in enumerate(self.law) if gains is not None}
+        if (
+            not at_work
+            or recording.q_ref is None
+            or recording.dq is None
+            or recording.tau is None
+        ):
+            return recording
+        q_ref, dq_ref = references(recording, "unmeasured_torque")
+        tau = np.array(recording.tau)
+        for j, (kp, kd) in at_work.items():
+            tau[:, j] = (
+                kp * (q_ref - recording.q)[:, j] + kd * (dq_ref - recording.dq)[:, j]
+            )
+        return replace(recording, tau=tau)
+
+
+def _product(one: tuple[float, ...], other: tuple[float, ...]) -> tuple[float, ...]:
+    return tuple((np.array(one) * other).tolist())
+
+
+def without_repeats(recording: Recording) -> Recording:
+    """The recording without rows that repeat the measurement before them."""
+    repeated, notes = repeated_rows(recording.t, recording.channels)
+    if not repeated.any():
+        return recording
+    return recording.part(~repeated, notes=recording.notes + notes)
+
+
+def gravity_torque(recording: Recording, arm: NominalArm) -> np.ndarray:
+    """g(q) of the nominal arm with the recording's known load, joint side [N m], (N, n)."""
+    body = RigidBody(arm).carrying(recording.payload)
+    still = np.zeros_like(recording.q)
+    return body.inverse_dynamics(recording.q, still, still)
+
+
+def with_gravity(recording: Recording, arm: NominalArm, times: int = 1) -> Recording:
+    """A recording whose torque is without gravity, as UR's ``actual_current_as_torque``, with g(q) added.
+
+    tau = recorded tau + times g(q), g of the nominal arm; unchanged without a torque.
+    """
+    if recording.tau is None:
+        return recording
+    return replace(
+        recording, tau=recording.tau + times * gravity_torque(recording, arm)
+    )
+
+
+def advanced(recording: Recording, delay: float, drift: float = 0.0) -> Recording:
+    """A recording whose torque is late by ``delay`` [s] and a share ``drift`` [1] of its time, put right.
+
+    tau(t) = recorded tau(t + delay + drift (t - t_0)), linear between samples, constant before the first. Rows whose
+    torque was not recorded, at the end and before gaps, are left out; unchanged without a torque.
+
+    Raises:
+        InputError: the recording is not longer than the delay.
+    """
+    if recording.tau is None or (delay == 0.0 and drift == 0.0):
+        return recording
+    t = recording.t
+    due = t + delay + drift * (t - t[0])
+    # a due time that is a sample's but for rounding is that sample's
+    inside = due - 1e-9 <= t[-1]
+    after = np.clip(np.searchsorted(t, due - 1e-9), 1, len(t) - 1)
+    inside &= t[after] - t[after - 1] <= GAP_STEPS / recording.rate
+    if inside.sum() < 2:
+        raise InputError(
+            f"lasts {recording.duration:.3g} s, no longer than the delay of {due[0] - t[0]:.3g} s of its torque",
+            "check the delay under import.mend.torque, in s",
+            file=recording.name,
+        )
+    shifted = [np.interp(due[inside], t, column) for column in recording.tau.T]
+    return replace(recording.part(inside), tau=np.column_stack(shifted))
+
+
+def references(recording: Recording, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Reference positions [rad] and velocities [rad/s] of a recording, (N, n) each.
+
+    Velocities that were not recorded are the derivative of the positions.
+
+    Args:
+        recording: the recording.
+        name: of the fault that asks, for the message.
+
+    Raises:
+        InputError: no reference was recorded.
+    """
+    if recording.q_ref is None:
+        raise InputError(
+            "has no reference q_ref, of which this is a fault",
+            "record under a position controller",
+            file=recording.name,
+            where=name,
+        )
+    if recording.dq_ref is not None:
+        return recording.q_ref, recording.dq_ref
+    return recording.q_ref, np.gradient(recording.q_ref, recording.t, axis=0)
+
+
+def without_lead(recording: Recording, lead: float) -> Recording:
+    """The recording with q_ref - (kd / kp) dq_ref as its reference position, which ``lead`` = kd / kp [s] is.
+
+    Under gains kp and kd a controller that ignores its velocity reference commands what one does that uses it and is
+    given this position: kp (q_ref - T dq_ref - q) + kd (dq_ref - dq) = kp (q_ref - q) - kd dq. The velocity's reference
+    stays, for a feedforward; unchanged without a reference.
+    """
+    if recording.q_ref is None or lead == 0.0:
+        return recording
+    q_ref, dq_ref = references(recording, "lead")
+    return replace(recording, q_ref=q_ref - lead * dq_ref, dq_ref=dq_ref)
+
+
+def at_pace(recording: Recording, factor: float) -> Recording:
+    """The recording with its reference at the arm's pace, q_ref(t0 + s (t - t0)); rows beyond its end are left out.
+
+    Args:
+        recording: unchanged without a reference.
+        factor: s, the arm's speed over that of the recorded reference [1].
+    """
+    if recording.q_ref is None or factor == 1.0:
+        return recording
+    t = recording.t
+    reached = t[0] + (t - t[0]) * factor
+    inside = reached <= t[-1]
+    changed: dict[str, Any] = {}
+    for channel, times in (("q_ref", 1.0), ("dq_ref", factor)):
+        series = getattr(recording, channel)
+        if series is not None:
+            columns = [np.interp(reached[inside], t, column) for column in series.T]
+            changed[channel] = times * np.column_stack(columns)
+    return replace(recording.part(inside), **changed)

@@ -1,0 +1,198 @@
+"""Effects of a user are read from a file, tried, and refused with a word on what to do."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from own_effect_page import blocks, write_example
+
+import gapscope
+from gapscope.arm.errors import InputError
+from gapscope.effects.catalogue import (
+    CATALOGUE,
+    FILES,
+    explained,
+    known_effect,
+    register,
+    remove,
+)
+from gapscope.effects.effect import Effect, Inertial, Signals, TorqueLaw
+from gapscope.effects.friction import COULOMB
+from gapscope.effects.own_effects import check_effect
+from gapscope.effects.parametrisation import linear_in
+from gapscope.provenance import program
+from gapscope.workers.as_completed import as_completed
+from gapscope.workers.in_order import in_order
+
+EXAMPLE = blocks("python")[0]
+
+
+@pytest.fixture(autouse=True)
+def as_before() -> Iterator[None]:
+    """The catalogue as it was, after each test."""
+    names = set(CATALOGUE)
+    yield
+    for name in set(CATALOGUE) - names:
+        remove(name)
+
+
+@pytest.fixture
+def example() -> TorqueLaw:
+    """The record of the documentation, which is not in the catalogue."""
+    names: dict[str, Any] = {}
+    exec(EXAMPLE, names)
+    effect = names["CABLE_DRAG"]
+    assert isinstance(effect, TorqueLaw)
+    return effect
+
+
+def test_a_file_brings_what_stands_at_its_top_level(tmp_path: Path) -> None:
+    (effect,) = gapscope.load_effects(write_example(tmp_path))
+    assert CATALOGUE["cable_drag"] is effect
+    assert explained()[-1] is effect
+    assert os.environ[FILES] == str(tmp_path / "cable_drag.py")
+
+
+def test_a_file_may_import_effects_of_the_package_and_register_its_own(
+    tmp_path: Path,
+) -> None:
+    file = write_example(tmp_path)
+    file.write_text(
+        "from gapscope.effects.friction import COULOMB\n"
+        "from gapscope.effects.catalogue import register\n"
+        f"{EXAMPLE}\nregister(CABLE_DRAG)\ndel CABLE_DRAG\n"
+    )
+    (effect,) = gapscope.load_effects(file)
+    assert effect.name == "cable_drag"
+    assert CATALOGUE["coulomb_friction"] is COULOMB
+
+
+def test_a_file_is_read_again_only_after_a_change(tmp_path: Path) -> None:
+    file = write_example(tmp_path)
+    (first,) = gapscope.load_effects(file)
+    before = program()
+    assert gapscope.load_effects(file) == (first,)
+    file.write_text(EXAMPLE.replace("tanh(v / 0.1 rad/s)", "sgn v"))
+    (second,) = gapscope.load_effects(file)
+    assert CATALOGUE["cable_drag"] is second
+    assert second.equation.endswith("sgn v")
+    assert program() != before, "diagnoses made with the old law are not kept"
+
+
+def test_what_was_removed_is_passed_on_no_more(tmp_path: Path) -> None:
+    gapscope.load_effects(write_example(tmp_path))
+    remove("cable_drag")
+    assert known_effect("cable_drag") is None
+    assert os.environ[FILES] == ""
+
+
+@pytest.mark.parametrize("backend", ["local", "ray"])
+def test_workers_have_the_effects_of_files(tmp_path: Path, backend: str) -> None:
+    if backend == "ray":
+        pytest.importorskip("ray")
+    gapscope.load_effects(write_example(tmp_path))
+    calls = [("cable_drag",), ("no_such_effect",)]
+    ended = as_completed(known_effect, calls, jobs=2, backend=backend)
+    found = {call.arguments: call.result for call in ended}
+    assert found[calls[0]].equation == CATALOGUE["cable_drag"].equation
+    assert found[calls[1]] is None
+    own, none = in_order(known_effect, calls, 2, backend)
+    assert own.name == "cable_drag" and none is None
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("x = 1\n", "holds no effect"),
+        ("x = 1\ndef f(:\n", "line 2: is not valid Python"),
+        ("import numpy\n\nnumpy.no_such_name\n", "line 3: fails while it is read"),
+        ("raise SystemExit(3)\n", "line 1: fails"),
+        (EXAMPLE.replace('"cable_drag"', '"backlash"'), "called 'backlash'"),
+        (EXAMPLE.replace('"cable_drag"', '"Cable Drag"'), "snake case"),
+        (EXAMPLE.replace('family="friction"', 'family="cable"'), "'cable'"),
+        (EXAMPLE.replace('scope="joint"', 'scope="arm"'), "scope: .*use joint"),
+        (EXAMPLE.replace("(1.0, 10.0)", "(1.0, 1e9)"), "typical values"),
+        (EXAMPLE.replace('"torque", "width", Grid', '"c", "width", Grid'), "gives c"),
+        (EXAMPLE.replace(", Grid(0.1, 2.0, (0.05, 6.0))", ""), "no Grid"),
+        (EXAMPLE.replace("nonzero(width)", "width"), "gives nan where every"),
+        (EXAMPLE.replace("return torque *", "return 1.0 + torque *"), "gives 1 where"),
+        (EXAMPLE.replace(", width: np.ndarray", ""), "positional arguments"),
+        (EXAMPLE.replace("(signals.velocity / 0.1)", "(signals.speed)"), "'speed'"),
+        (EXAMPLE.replace("return torque", "return np.log(-torque)"), "nan or inf"),
+        (EXAMPLE.replace("/ 0.1)\n", "/ 0.1).sum(axis=-1)\n"), "shape"),
+        (EXAMPLE.replace("/ 0.1)\n", "/ 0.1) * signals.load.mean()\n"), "one sample"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_refused_with_a_remedy(
+    text: str, message: str, tmp_path: Path
+) -> None:
+    file, before = tmp_path / "mine.py", dict(CATALOGUE)
+    file.write_text(text)
+    with pytest.raises(InputError, match=rf"(?s)mine\.py.*{message}") as caught:
+        gapscope.load_effects(file)
+    assert caught.value.remedy
+    assert before == CATALOGUE
+
+
+def test_a_file_that_is_not_there_is_said_to_be_missing(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"none\.py: no such file"):
+        gapscope.load_effects(tmp_path / "none.py")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda e: replace(e, quantities={"torque": "colour"}), "no quantity"),
+        (lambda e: replace(e, severity=lambda *_: {}), "severity: gives nothing"),
+        (lambda e: replace(e, severity=lambda: {}), "severity: cannot be computed"),
+        (
+            lambda e: replace(e, parametrisation=linear_in(e.parameters[0])),
+            "gives torque, but the parameters are torque, width",
+        ),
+        (
+            lambda e: Inertial(**{n: getattr(e, n) for n in POSITIONAL}),
+            "Inertial has no law",
+        ),
+    ],
+)
+def test_a_record_that_cannot_be_used_is_refused(
+    change: Callable[[TorqueLaw], Effect], message: str, example: TorqueLaw
+) -> None:
+    with pytest.raises(InputError, match=message):
+        register(change(example))
+    assert "cable_drag" not in CATALOGUE
+
+
+POSITIONAL = (
+    *("name", "family", "scope", "equation", "parameters", "looks_like", "reference"),
+)
+
+
+def test_a_name_is_entered_once(example: TorqueLaw) -> None:
+    assert register(example) is register(example)
+    with pytest.raises(InputError, match="'cable_drag'"):
+        register(replace(example, equation="another"))
+    assert CATALOGUE["cable_drag"] is example
+
+
+@pytest.mark.parametrize("name", sorted(CATALOGUE))
+def test_effects_of_the_package_pass_the_same_checks(name: str) -> None:
+    effect = CATALOGUE[name]
+    if type(effect) is Inertial:
+        pytest.skip("changes the model by code of its own")
+    check_effect(effect)
+
+
+def test_the_law_of_the_example_is_what_its_page_says(
+    example: TorqueLaw,
+) -> None:
+    """c (1 - exp(-(q / w)^2)) tanh(v / 0.1) with q = w and v = 0.1 rad/s: c (1 - 1/e) tanh 1."""
+    signals = Signals(0.0, np.array([0.5]), np.array([0.1]), np.zeros(1))
+    torque = example.law(signals, np.array([6.0]), np.array([0.5]))
+    assert torque == pytest.approx(6.0 * 0.632121 * 0.761594, rel=1e-5)

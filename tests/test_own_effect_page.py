@@ -1,0 +1,152 @@
+"""What ``docs/own_effect.md`` shows works from outside the package, as it stands there."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+from html import unescape
+from pathlib import Path
+
+import pytest
+from own_effect_page import blocks, write_example
+
+ROOT = Path(__file__).parents[1]
+
+
+def gapscope(
+    folder: Path, command: str, **variables: str
+) -> subprocess.CompletedProcess[str]:
+    """Run a command line in a folder outside the project."""
+    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    return subprocess.run(
+        [sys.executable, "-m", *shlex.split(command)],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": path, **variables},
+        text=True,
+        capture_output=True,
+    )
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which the commands of the page were run."""
+    folder = tmp_path_factory.mktemp("outside")
+    write_example(folder)
+    (folder / "truth.yaml").write_text(blocks("yaml")[0])
+    make, use = blocks("sh")[:2]
+    for command in [*make.splitlines(), *use.splitlines()]:
+        done = gapscope(folder, command)
+        assert done.returncode == 0, f"{command}\n{done.stderr}"
+        if command.startswith("gapscope diagnose"):
+            # the answer that the page shows, however the terminal breaks it; engines differ in the last digits
+            shown, answer = (
+                re.sub(r"\d+\.\d+", "#", " ".join(text.split()))
+                for text in (blocks("text")[0], done.stdout)
+            )
+            assert shown in answer
+    return folder
+
+
+def test_the_diagnosis_of_a_recording_finds_the_effect(folder: Path) -> None:
+    document = json.loads((folder / "found/diagnosis.json").read_text())
+    (found,) = document["effects"]
+    assert (found["effect"], found["joints"]) == ("cable_drag", [2])
+    parameters = found["parameters"]
+    assert parameters["torque"]["unit"] == "N m"
+    assert parameters["torque"]["value"][0] == pytest.approx(6.0, rel=0.02)
+    assert parameters["width"]["value"][0] == pytest.approx(0.5, rel=0.02)
+
+
+def test_the_report_has_its_name_equation_units_and_words(folder: Path) -> None:
+    report = unescape((folder / "found/report.html").read_text(encoding="utf-8"))
+    for text in ("Cable drag", "c (1 - exp(-(q / w)^2))", "N m", "larger towards"):
+        assert text in report
+
+
+def test_an_export_lists_it_as_left_out(folder: Path) -> None:
+    command = (
+        "gapscope export found/corrected.yaml --case arm --effects-from cable_drag.py"
+    )
+    done = gapscope(folder, f"{command} --format urdf --out arm.urdf")
+    assert "cable_drag, joint 2" in done.stdout
+
+
+def test_a_command_without_the_file_says_what_is_missing(folder: Path) -> None:
+    done = gapscope(folder, "gapscope gap arm --model found/corrected.yaml")
+    assert done.returncode == 2
+    assert "found/corrected.yaml, effects[0]" in done.stderr
+    assert "did you forget --effects-from" in done.stderr
+
+
+def test_several_files_are_given_one_after_the_other(folder: Path) -> None:
+    other = blocks("python")[0].replace('"cable_drag"', '"hose_drag"')
+    (folder / "hose_drag.py").write_text(other)
+    command = (
+        "gapscope predict arm --recording arm/recording_1.csv --out two.csv "
+        "--model two.yaml --effects-from cable_drag.py --effects-from hose_drag.py"
+    )
+    model = (folder / "found/corrected.yaml").read_text()
+    entry = model[model.index("- effect") :]
+    (folder / "two.yaml").write_text(
+        model + "\n" + entry.replace("cable_drag", "hose_drag")
+    )
+    done = gapscope(folder, command)
+    assert done.returncode == 0, done.stderr
+    assert (folder / "two.csv").read_text() != (folder / "predicted.csv").read_text()
+
+
+def test_the_environment_variable_stands_for_the_option(folder: Path) -> None:
+    command = (
+        "gapscope predict arm --recording arm/recording_1.csv --out again.csv "
+        "--model found/corrected.yaml"
+    )
+    done = gapscope(folder, command, GAPSCOPE_EFFECTS=str(folder / "cable_drag.py"))
+    assert done.returncode == 0, done.stderr
+    missing = gapscope(folder, command, GAPSCOPE_EFFECTS="none.py")
+    assert missing.returncode == 2
+    assert "none.py, named in GAPSCOPE_EFFECTS" in missing.stderr
+    again = (folder / "again.csv").read_text()
+    assert again == (folder / "predicted.csv").read_text()
+
+
+def test_several_cases_are_diagnosed_with_it_in_processes_of_their_own(
+    folder: Path,
+) -> None:
+    done = gapscope(
+        folder,
+        "gapscope diagnose arm arm/case.yaml --jobs 2 --effects-from cable_drag.py --out both",
+    )
+    assert done.returncode == 0, done.stderr
+    for name in ("arm", "arm-2"):
+        document = json.loads((folder / "both" / name / "diagnosis.json").read_text())
+        assert [found["effect"] for found in document["effects"]] == ["cable_drag"]
+
+
+def test_an_installed_package_brings_effects_without_an_option(
+    folder: Path, tmp_path: Path
+) -> None:
+    """The package is a folder on the path, with what pip leaves of an entry point."""
+    site = tmp_path / "site"
+    about = site / "my_arms-1.2.dist-info"
+    about.mkdir(parents=True)
+    write_example(site)
+    (about / "METADATA").write_text(
+        "Metadata-Version: 2.1\nName: my-arms\nVersion: 1.2\n"
+    )
+    (about / "entry_points.txt").write_text(
+        "[gapscope.effects]\ndrag = cable_drag:CABLE_DRAG\n"
+    )
+    command = "gapscope predict arm --recording arm/recording_1.csv --out installed.csv --model found/corrected.yaml"
+    path = os.pathsep.join([str(ROOT), str(site)])
+    done = gapscope(folder, command, PYTHONPATH=path)
+    assert done.returncode == 0, done.stderr
+    installed = (folder / "installed.csv").read_text()
+    assert installed == (folder / "predicted.csv").read_text()
+    (about / "entry_points.txt").write_text("[gapscope.effects]\ndrag = no_such:X\n")
+    done = gapscope(folder, command, PYTHONPATH=path)
+    assert done.returncode == 2
+    assert "the effects of the package my-arms cannot be loaded" in done.stderr
