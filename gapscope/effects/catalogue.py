@@ -104,6 +104,10 @@ def load_effects(file: Path | str) -> tuple[Effect, ...]:
     Raises:
         InputError: the file cannot be run, holds no effect, or one of a name that is taken or with a law that cannot be
             used.
+
+    Examples:
+        >>> import gapscope
+        >>> gapscope.load_effects("cable_drag.py")  # doctest: +SKIP
     """
     path = Path(os.path.abspath(Path(file).expanduser()))
     text = read_text(path, f"give a Python file with an effect: {PAGE}")

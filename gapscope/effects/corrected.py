@@ -35,7 +35,7 @@ from gapscope.effects.effect import (
 from gapscope.effects.environment import BASE_TILT, tilt
 from gapscope.effects.free_play import behind_play
 from gapscope.effects.friction import LOAD, friction_direction
-from gapscope.effects.passivity import check_totals
+from gapscope.effects.passivity import check_totals, is_movable
 from gapscope.effects.residual.model import ResidualNetwork
 from gapscope.effects.rigid_body import ARMATURE
 from gapscope.effects.series import MotionSeries, slow_with_rates
@@ -159,6 +159,13 @@ class CorrectedArm:
         return nominal.changed(
             self.inertial_increments(nominal), self.base_rotation().T @ self.arm.gravity
         )
+
+    def feeds_energy(self, nominal: RigidBody) -> bool:
+        """Whether effects turn bodies of positive kinetic energy into bodies that have none, or a negative one.
+
+        A payload below zero takes mass from the last link at a point; with it may go more inertia than the link has.
+        """
+        return not is_movable(self.body(nominal)) and is_movable(nominal)
 
     def true_position(self, q: np.ndarray) -> np.ndarray:
         """Position [rad] of what the encoders sit on from the recorded one, shape (N, n): sensing effects undone."""

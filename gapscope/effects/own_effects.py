@@ -32,6 +32,7 @@ from gapscope.effects.effect import (
     Signals,
     TorqueLaw,
     Transmission,
+    Turn,
 )
 from gapscope.effects.effect import (
     Path as WayToJoint,
@@ -49,7 +50,10 @@ FAMILIES = (
     "sensing",
     "environment",
 )
-KINDS = (TorqueLaw, Drift, LinkChange, Transmission, WayToJoint, Sensing, External)
+KINDS = (
+    *(TorqueLaw, Drift, LinkChange, Turn, Transmission),
+    *(WayToJoint, Sensing, External),
+)
 """Kinds of effects that act by a law of their own."""
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 _N, _JOINTS = 6, 3
@@ -178,6 +182,7 @@ def _check_record(effect: Effect) -> None:
     scopes: dict[type[Effect], tuple[str, ...]] = {
         LinkChange: ("link", "arm"),
         External: ("arm",),
+        Turn: ("arm",),
     }
     allowed = next((s for k, s in scopes.items() if isinstance(effect, k)), ("joint",))
     if effect.scope not in allowed:

@@ -10,6 +10,8 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
+from gapscope.arm.dynamics.plain_urdf import check_inertia
+from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.effects.applied import AppliedEffect
 
@@ -59,3 +61,12 @@ def check_totals(
         for named in applied.effect.quantities.values():
             if named in NOT_NEGATIVE:
                 total(quantity(named), applied.name, NOT_NEGATIVE[named])
+
+
+def is_movable(body: RigidBody) -> bool:
+    """Whether bodies have positive kinetic energy in every posture that is looked at, as real ones have."""
+    try:
+        check_inertia(body)
+    except InputError:
+        return False
+    return True

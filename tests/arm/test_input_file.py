@@ -193,8 +193,8 @@ BAD_ARMS = [
     ('<axis xyz="0 1 0"/>', '<axis xyz="0 0 0"/>', "joint shoulder: its axis has no"),
     ('damping="0.5"', 'damping="soft"', "joint shoulder, damping: expected a number"),
     (
-        '<axis xyz="0 1 0"/>',
-        '<origin xyz="0 nan 0"/><axis xyz="0 1 0"/>',
+        '<child link="upper"/><origin xyz="0 0 0"',
+        '<child link="upper"/><origin xyz="0 nan 0"',
         "joint shoulder, xyz: expected 3 numbers",
     ),
 ]

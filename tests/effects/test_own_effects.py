@@ -93,9 +93,12 @@ def test_what_was_removed_is_passed_on_no_more(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("backend", ["local", "ray"])
-def test_workers_have_the_effects_of_files(tmp_path: Path, backend: str) -> None:
+def test_workers_have_the_effects_of_files(
+    tmp_path: Path, backend: str, request: pytest.FixtureRequest
+) -> None:
     if backend == "ray":
-        pytest.importorskip("ray")
+        # tests that come later in this process have clusters of their own
+        request.addfinalizer(pytest.importorskip("ray").shutdown)
     gapscope.load_effects(write_example(tmp_path))
     calls = [("cable_drag",), ("no_such_effect",)]
     ended = as_completed(known_effect, calls, jobs=2, backend=backend)

@@ -12,7 +12,6 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.motion import Motion
 from gapscope.arm.nominal import NominalArm
-from gapscope.diagnosis.selection.possible_bodies import feeds_energy
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.catalogue import CATALOGUE
@@ -109,4 +108,4 @@ def test_a_load_that_takes_more_inertia_than_there_is_feeds_energy(
 ) -> None:
     """The last link: 2 kg at 0.5 m, 0.55 kg m^2 about its axis. 1.5 kg at 0.9 m would take 1.2 kg m^2."""
     load = AppliedEffect("payload", (), {"mass": np.array(mass), "com": np.array(com)})
-    assert feeds_energy(two, RigidBody(two), (load,)) is expected
+    assert CorrectedArm(two, (load,)).feeds_energy(RigidBody(two)) is expected

@@ -15,7 +15,7 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.catalogue import CATALOGUE, register, remove
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.effect import Effect, Inertial, Path, Sensing, Transmission
+from gapscope.effects.effect import Effect, Path, Sensing, Transmission
 from gapscope.effects.severity import draw
 from gapscope.envs.engines import ENGINES
 from gapscope.envs.simulated_arm import SimulatedArm
@@ -296,18 +296,17 @@ def test_the_simulated_motion_needs_the_torque_that_the_law_says(
         Path(
             *("slow", "actuation", "joint", "", ()),
             *("", ""),
-            inverse=lambda needed, series: series.rate(needed),
-            applied=lambda recorded, series: series.rate(recorded),
+            inverse=lambda needed, series, s: needed + s * series.rate(needed),
+            applied=lambda recorded, series, s: recorded - s * series.rate(recorded),
             place=3,
             varies_with="time",
         ),
-        Inertial("heavy", "rigid_body", "joint", "", (), "", ""),
         Transmission(
             *("sloppy", "transmission", "joint", "", ()),
             *("", ""),
-            deflection=lambda torque: 0.0 * torque,
-            lag=lambda: np.zeros(7),
-            behind=lambda matrices, rate, torque: torque,
+            deflection=lambda torque, s: s * torque,
+            lag=lambda s: np.zeros_like(s),
+            behind=lambda matrices, rate, torque, s: torque,
             starts=lambda inertia, torque: iter(()),
         ),
     ],

@@ -469,6 +469,8 @@ class TestOwnEffect:
         name="seal_drag",
         parameters=(Parameter("drag", "s", "N m", (0.0, 10.0), (0.1, 1.0)),),
         quantities={"drag": "friction"},
+        parametrisation=None,
+        severity=None,
     )
 
     @pytest.fixture(params=["friction", "nothing"])

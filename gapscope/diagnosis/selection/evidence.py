@@ -38,7 +38,6 @@ from gapscope.diagnosis.selection.coordinate_limits import (
     usual_sizes,
 )
 from gapscope.diagnosis.selection.fold_equations import FoldEquations, mean_squares
-from gapscope.diagnosis.selection.possible_bodies import feeds_energy
 from gapscope.diagnosis.thresholds import (
     BUILT_IN_CHANGE,
     NEW_EFFECT,
@@ -47,6 +46,7 @@ from gapscope.diagnosis.thresholds import (
     SKEWS,
     UNLIKELY_ERRORS,
 )
+from gapscope.effects.corrected import CorrectedArm
 
 FEWEST_AT_ONCE = 8
 """Sets of terms of one size from which on it pays to fit them at once."""
@@ -332,8 +332,8 @@ class Evidence:
         if loads and any(t.changes_link(last) for t in terms):
             impossible |= loads
         if any(theta[t.columns[0]] < 0 for t in loads):
-            effects = self.terms.effects(theta, loads)
-            if feeds_energy(self.linear.arm, self.linear.body, effects):
+            laden = CorrectedArm(self.linear.arm, self.terms.effects(theta, loads))
+            if laden.feeds_energy(self.linear.body):
                 impossible |= loads
         return impossible
 
