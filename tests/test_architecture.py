@@ -1,4 +1,4 @@
-"""Imports inside the package: one way, no cycles, libraries only where they belong, rooms of a size to know."""
+"""Imports inside the package: one way, no cycles, libraries only where they belong; effects named in records alone."""
 
 from __future__ import annotations
 
@@ -107,9 +107,6 @@ NAMES_EFFECTS: dict[str, str] = {
 }
 """Modules outside ``effects/`` that name an effect all the same, with what for. No new ones: ask the records."""
 
-MOST_FILES = 25
-"""Modules in one folder."""
-
 FILES = {
     ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(
         ".__init__"
@@ -215,15 +212,6 @@ def test_effects_are_named_in_their_records_alone():
     apart = ("gapscope.effects", "gapscope.blind_check.generator")
     naming = {m for m in FILES if not m.startswith(apart) and effects_named(m)}
     assert naming == NAMES_EFFECTS.keys()
-
-
-def test_folders_stay_small():
-    folders = {path.parent for path in FILES.values()}
-    sizes = {
-        folder.relative_to(ROOT).as_posix(): len(list(folder.glob("*.py")))
-        for folder in folders
-    }
-    assert {name: size for name, size in sizes.items() if size > MOST_FILES} == {}
 
 
 def test_names_of_test_modules_are_unique():

@@ -180,11 +180,11 @@ class Effect:
         begun = self.fitted.step or DIFFERENCE
         steps = np.where(x != 0, RELATIVE_DIFFERENCE * np.abs(x), begun)
         out = np.empty((*at.rigid.shape, *x.shape))
-        for place in np.ndindex(*x.shape):
+        for i, j in np.ndindex(*x.shape):
             moved = np.zeros_like(x)
-            moved[place] = steps[place]
+            moved[i, j] = steps[i, j]
             above, below = (at.rigid_with(self, x + side) for side in (moved, -moved))
-            out[(..., *place)] = (above - below) / (2 * steps[place])
+            out[:, :, i, j] = (above - below) / (2 * steps[i, j])
         return out
 
 

@@ -212,6 +212,6 @@ def bodily_columns(
         places = np.array([t.columns for t in chosen]).T
         searched = np.array([terms.shapes.get(t, ()) for t in chosen]).T
         columns = effect.columns(point, theta[places], searched)
-        for where in np.ndindex(*places.shape):
-            out[int(places[where])] = columns[(..., *where)]
+        for i, j in np.ndindex(*places.shape):
+            out[int(places[i, j])] = columns[:, :, i, j]
     return out

@@ -125,9 +125,9 @@ def _moves(
         # what cuts the delivered torque changes none that is needed
         elif not (effect.limits or acts_on_bodies(effect, arm)):
             for coordinate, places in enumerate(terms.block(effect.name)):
-                moved = moved_arms(arm, terms, theta, effect.name, coordinate, step)
-                if moved is not None:
-                    yield _Move(*moved, step, joints, places)
+                arms = moved_arms(arm, terms, theta, effect.name, coordinate, step)
+                if arms is not None:
+                    yield _Move(*arms, step, joints, places)
 
 
 def moved_arms(

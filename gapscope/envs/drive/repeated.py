@@ -75,9 +75,9 @@ class _Noted(NDArrayOperatorsMixin):
         self._notes, self.value, self.number = notes, value, number
 
     def __array_ufunc__(
-        self, operation: np.ufunc, method: str, *inputs: Any, **options: Any
+        self, ufunc: np.ufunc, method: str, *inputs: Any, **kwargs: Any
     ) -> Any:
         """Have the operation noted, if it is a plain one."""
-        if method != "__call__" or options or operation.nout != 1:
+        if method != "__call__" or kwargs or ufunc.nout != 1:
             return NotImplemented
-        return self._notes.note(operation, *inputs)
+        return self._notes.note(ufunc, *inputs)
