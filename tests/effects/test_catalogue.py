@@ -221,6 +221,12 @@ BAD = {
         {"torque": [np.nan]},
         r"value \[nan\] outside",
     ),
+    "half a link": (
+        "link_inertia",
+        (),
+        {"link": 2.5, "mass": 1.0, "com": [0, 0, 0]},
+        "a link is a whole number",
+    ),
     "joint 0": (
         "coulomb_friction",
         (0,),
