@@ -120,30 +120,32 @@ class GapScanner:
         self, common: np.ndarray, own: np.ndarray, term: Term, j: int
     ) -> None:
         """Take a term in use out of the common columns, in place; it would lie within the basis otherwise."""
-        for place, effect in enumerate(self._common):
-            # the column of a torque scale is the whole predicted torque, which saturation leaves as it is
-            scales = "scale" in effect.quantities.values()
-            if scales and not term.definition.limits:
-                gain = 1.0 + self._corrected.quantity("scale")[j]
-                common[:, place] += own / gain
-            # the columns of friction drift with it
-            if isinstance(term.definition, Drift) and effect.family == "friction":
-                common[:, place] = self._steady(effect, j)
+        scales = ["scale" in e.quantities.values() for e in self._common]
+        # the column of a torque scale is the whole predicted torque, which saturation leaves as it is
+        if any(scales) and not term.definition.limits:
+            gain = 1.0 + self._corrected.quantity("scale")[j]
+            common[:, scales] += own[:, None] / gain
+        # the columns of friction drift with it
+        if isinstance(term.definition, Drift):
+            frictions = [e for e in self._common if e.family == "friction"]
+            places = [self._common.index(e) for e in frictions]
+            common[:, places] = self._steady(frictions, j)
 
-    def _steady(self, effect: Effect, j: int) -> np.ndarray:
-        """Weighted column of an effect on joint j as if there were no drift, (M,)."""
+    def _steady(self, frictions: Sequence[Effect], j: int) -> np.ndarray:
+        """Weighted columns of friction on joint j as if there were no drift, (M, F)."""
         steady = tuple(
             e for e in self._corrected.effects if not isinstance(e.effect, Drift)
         )
         arm = replace(self._corrected, effects=steady)
-        place = self._terms.of(effect.name)[j].columns[0]
+        names = {e.name for e in frictions}
+        places = [self._terms.of(e.name)[j].columns[0] for e in frictions]
         out = []
         for k, part in enumerate(self._rows):
             # a drift moves no bodies
             at = part.at.under(arm)
-            x = columns(at, self._data, k, self._terms, self._theta, {effect.name})
-            out.append(x[:, j, [place]])
-        return self._weighted(out, j)[:, 0]
+            x = columns(at, self._data, k, self._terms, self._theta, names)
+            out.append(x[:, j, places])
+        return self._weighted(out, j)
 
     def _contribution(self, term: Term, j: int) -> np.ndarray:
         """What a term contributes to joint j at theta_0 [N m], weighted, (M,)."""

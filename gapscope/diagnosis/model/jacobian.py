@@ -18,7 +18,7 @@ from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.model.terms import Term, Terms
 from gapscope.diagnosis.thresholds import LEAST_TORQUE_GAIN, MOST_TORQUE_GAIN
 from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.effect import Effect, Path
+from gapscope.effects.effect import Effect, Path, TorqueLaw
 from gapscope.ident.signals.conditioning import Segment
 
 TORQUE_STEP = 1e-4
@@ -56,11 +56,13 @@ def columns(
     at_once = max(1, MOST_NUMBERS // at.torque.size)
     for start in range(0, len(moves), at_once):
         some = moves[start : start + at_once]
-        changes = data.thin(at.changes([move.arm for move in some]), segment)
-        for move, change in zip(some, np.moveaxis(changes, 1, 0), strict=True):
-            if move.begun is not None:
-                change = change - data.thin(at.changes([move.begun])[:, 0], segment)
-            out[:, move.joints, move.places] = change / move.step
+        begun = [move.begun for move in some if move.begun is not None]
+        arms = [*(move.arm for move in some), *begun]
+        changes = np.moveaxis(data.thin(at.changes(arms), segment), 1, 0)
+        before = iter(changes[len(some) :])
+        for move, change in zip(some, changes, strict=False):
+            own = change if move.begun is None else change - next(before)
+            out[:, move.joints, move.places] = own / move.step
     for place, j, lost in _lost(segment, terms):
         out[:, j, place] = data.thin(lost, segment)
     bodily = bodily_columns(at, segment, bodies, terms, theta, only)
@@ -140,16 +142,15 @@ def moved_arms(
 ) -> tuple[CorrectedArm, CorrectedArm | None] | None:
     """The arm with one coordinate of an effect moved by a step on all joints; ``None`` if no term of it is open.
 
-    Coordinates beyond the first mean nothing of an effect that is off, as the rest of a spring without stiffness: of
-    one that is linear in them they are moved from an arm on which it has begun by a step of the first, which comes
-    second.
+    Coordinates beyond the first mean nothing of a torque law that is off, as the rest of a spring without stiffness:
+    they are moved from an arm on which it has begun by a step of the first, which comes second.
     """
     chosen = [t for t in terms.of(name) if terms.can_choose(t)]
     if not chosen:
         return None
     places = [t.columns[coordinate] for t in chosen]
     own = step[[t.joint - 1 for t in chosen]]
-    if coordinate == 0 or not chosen[0].definition.locally_linear:
+    if coordinate == 0 or not isinstance(chosen[0].definition, TorqueLaw):
         return _stepped(arm, terms, theta, chosen, places, own), None
     on, first = theta.copy(), [t.columns[0] for t in chosen]
     on[first] += np.where(theta[first] == 0, own, 0.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -28,7 +29,7 @@ class Term:
     joint: int
     columns: tuple[int, ...]
 
-    @property
+    @cached_property
     def definition(self) -> Effect:
         """The catalogue's record of its effect."""
         return by_name(self.effect)

@@ -109,6 +109,9 @@ class Evidence:
         samples_per_row = scored.independent / np.maximum(scored.count, 1e-9)
         self.weights = samples_per_row / (scored_mse + scored.expected2)
         self.prior = linearisation.data.prior.at(level)
+        last = linearisation.body.last_link + 1
+        self._loads = frozenset(t for t in self.terms.all if t.is_load)
+        self._last_link = {t for t in self.terms.all if t.changes_link(last)}
         self._usual = usual_sizes(linearisation.data.arm, self.terms)
         self._all, self._without_fold = scored.normals(
             self.weights, self.terms.size, self.prior, self.bounds
@@ -326,10 +329,9 @@ class Evidence:
     def _impossible(self, theta: np.ndarray, terms: frozenset[Term]) -> frozenset[Term]:
         """Terms whose values cannot be, or that say the same as others of the set."""
         impossible = self.terms.impossible(theta, terms, self.lowest)
-        last = self.linear.body.last_link + 1
-        loads = frozenset(t for t in terms if t.is_load)
+        loads = self._loads & terms
         # a load is part of the last link
-        if loads and any(t.changes_link(last) for t in terms):
+        if loads and self._last_link & terms:
             impossible |= loads
         if any(theta[t.columns[0]] < 0 for t in loads):
             laden = CorrectedArm(self.linear.arm, self.terms.effects(theta, loads))
