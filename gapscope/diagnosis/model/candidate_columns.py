@@ -5,7 +5,6 @@ A search scans the latter at every linearisation on what is left there; they are
 
 from __future__ import annotations
 
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -93,10 +92,9 @@ class CandidateColumns:
 
     def __init__(self, data: DecimatedSegments, per_radian: np.ndarray) -> None:
         self._data, self._per_radian = data, per_radian
-        self.series = cache(self._series)
-        self.of = cache(self._of)
+        self._known: dict[Term, Candidates | None] = {}
 
-    def _series(self, j: int) -> JointSeries:
+    def series(self, j: int) -> JointSeries:
         """What a joint, from 0, did in all recordings."""
         segments = self._data.segments
         return JointSeries(
@@ -107,11 +105,16 @@ class CandidateColumns:
             float(self._per_radian[j]),
         )
 
-    def _of(self, term: Term) -> Candidates | None:
+    def of(self, term: Term) -> Candidates | None:
         """First values of a term's nonlinear parameter, with their columns.
 
         ``None`` if its law depends on what the effects of the arm change.
         """
+        if term not in self._known:
+            self._known[term] = self._of(term)
+        return self._known[term]
+
+    def _of(self, term: Term) -> Candidates | None:
         effect, j = term.definition, term.joint - 1
         if effect.fitted.grid is None:
             raise KeyError(f"{effect.name} says no values of its nonlinear parameter")
