@@ -14,7 +14,7 @@ from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.io.atomic_write import atomic_write
 from gapscope.arm.nominal import smooth_sign
-from gapscope.diagnosis.gap.torque_gap import torque_gap, torque_scale
+from gapscope.model.torque_gap import torque_gap, torque_scale
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.identification import IdentificationSettings
 from gapscope.ident.output.identified_arm import effects, sheet, urdf_text

@@ -33,6 +33,7 @@ LAYERS: tuple[set[str], ...] = (
     {"arm"},
     {"effects"},
     {"envs", "ident"},
+    {"model"},
     {"diagnosis"},
     {"inspection", "installation", "archive", "watching"},
     {"provenance", "workers"},

@@ -31,7 +31,7 @@ from experiments.benchmarks.measured_cases import (
 from experiments.benchmarks.point import Point, Settings
 from experiments.benchmarks.row import MEMORY, Row, half_quartiles
 from experiments.benchmarks.simulated_cases import Simulated, simulated_case
-from gapscope.diagnosis.model.terms import Terms
+from gapscope.model.terms import Terms
 
 LENGTHS = (10.0, 30.0, 60.0, 180.0, 600.0, 1800.0, 3600.0)
 """[s]"""

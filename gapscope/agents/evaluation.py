@@ -27,12 +27,12 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import InputError
 from gapscope.arm.motions.named_motions import check_motion_name, draw_motion, workspace
 from gapscope.arm.nominal import NominalArm
-from gapscope.diagnosis.gap.torque_gap import torque_scale
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.envs.position_controller import loop_inertia
 from gapscope.envs.simulated_arm import SimulatedArm
+from gapscope.model.torque_gap import torque_scale
 
 HELD_OUT = 0x6A95
 """Motions come from seeds behind this number, so that no recording has the same."""

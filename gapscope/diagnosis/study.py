@@ -27,8 +27,6 @@ from gapscope.diagnosis.gap.commanded_torque import (
 from gapscope.diagnosis.gap.excerpt import excerpt, folds_of
 from gapscope.diagnosis.gap.plausible_data import check_stamps, check_torque
 from gapscope.diagnosis.gap.plausible_motion import check_moving
-from gapscope.diagnosis.gap.torque_gap import TorqueGap
-from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.search import Selection, search
 from gapscope.diagnosis.selection.undeclared_coupling import (
     UndeclaredCoupling,
@@ -46,6 +44,8 @@ from gapscope.ident.signals.conditioning import (
     condition,
     position_cutoff,
 )
+from gapscope.model.terms import Term
+from gapscope.model.torque_gap import TorqueGap
 
 Progress = Callable[[str], None]
 """Called with a few words at each step."""

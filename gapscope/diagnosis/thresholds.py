@@ -207,8 +207,6 @@ RICHEST_INERTIALS = 0.3  # Relative errors of the inertials then [1]. (physical)
 RICHEST_ROUNDS = 3  # Rounds in which joints are weighed by what is left. (budget)
 
 # --- model: linearisation
-LEAST_TORQUE_GAIN = 0.2  # Recorded over needed torque lies between this [1]... (physical)
-MOST_TORQUE_GAIN = 5.0  # ...and this [1]: a wider finite difference crosses a reversal of friction. (physical)
 PIECE_LENGTH = 1.5  # Length of the pieces of the normal equations, every other of which is a half [s]. (hand)
 MOST_PIECES = 40  # Pieces over all folds; on long logs they grow instead. (budget)
 SENSOR_ZERO = 0.1  # Prior of a sensor's zero, over the normalisation of its joint's torque gap [1]. (hand)

@@ -10,9 +10,9 @@ from gapscope.arm.errors import GapscopeError
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.assessment.replay_gap import attempt
 from gapscope.diagnosis.gap.plausible_data import check_rates
-from gapscope.diagnosis.gap.torque_gap import torque_gap
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import condition, position_cutoff
+from gapscope.model.torque_gap import torque_gap
 
 
 def gap_document(case: Case, corrected: CorrectedArm) -> dict[str, Any]:

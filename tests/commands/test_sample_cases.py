@@ -15,10 +15,10 @@ from gapscope.arm.io.load_recording import load_recording
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.gap.predict import predict_torque
-from gapscope.diagnosis.gap.torque_gap import torque_scale
 from gapscope.diagnosis.result import Diagnosis
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import TRIM, low_pass
+from gapscope.model.torque_gap import torque_scale
 
 pytestmark = pytest.mark.shared_data
 

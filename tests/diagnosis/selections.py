@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from gapscope.diagnosis.model.terms import Term, Terms
 from gapscope.diagnosis.selection.search import Selection
+from gapscope.model.terms import Term, Terms
 
 JOINTS = 2
 TERMS = Terms(JOINTS)

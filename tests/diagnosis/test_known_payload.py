@@ -22,12 +22,8 @@ from gapscope.diagnosis.advice.recorded_data import RecordedData
 from gapscope.diagnosis.diagnose import diagnose
 from gapscope.diagnosis.document.diagnosis_json import validate
 from gapscope.diagnosis.gap.predict import predict_torque
-from gapscope.diagnosis.gap.prediction import Prediction
-from gapscope.diagnosis.gap.torque_gap import torque_gap
 from gapscope.diagnosis.model.compliant_bodies import CompliantBodies
 from gapscope.diagnosis.model.fit_data import FitData
-from gapscope.diagnosis.model.jacobian import columns
-from gapscope.diagnosis.model.terms import Terms
 from gapscope.diagnosis.model.torque_sensor import link_torque
 from gapscope.diagnosis.reference.change import Change
 from gapscope.diagnosis.reference.diagnose_change import diagnose_change
@@ -41,6 +37,10 @@ from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.transmission import BACKLASH, ELASTICITY
 from gapscope.ident.identification import IdentificationSettings, identify
 from gapscope.ident.signals.conditioning import Segment, blocks, condition, thinned
+from gapscope.model.jacobian import columns
+from gapscope.model.prediction import Prediction
+from gapscope.model.terms import Terms
+from gapscope.model.torque_gap import torque_gap
 
 LOAD = KnownLoad(2.0, (0.1, -0.03, 0.05))
 CUTOFF = 10.0

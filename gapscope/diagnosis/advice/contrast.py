@@ -24,7 +24,6 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.advice.hypothesis import Hypothesis
 from gapscope.diagnosis.advice.recorded_data import RecordedData
 from gapscope.diagnosis.gap.noise_floor import sticking_rms, timing_error
-from gapscope.diagnosis.gap.torque_gap import torque_scale
 from gapscope.diagnosis.thresholds import (
     ADVICE_INERTIALS,
     ADVICE_SAMPLE_STEP,
@@ -33,6 +32,7 @@ from gapscope.diagnosis.thresholds import (
 from gapscope.ident.excitation.separation import Separated
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
 from gapscope.ident.signals.effective_samples import band_samples
+from gapscope.model.torque_gap import torque_scale
 
 RIDGE = 1e-9
 """Keeps a parameter that the data do not show at its value [1]."""

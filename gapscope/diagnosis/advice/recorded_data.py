@@ -17,7 +17,6 @@ from gapscope.diagnosis.advice.parameter_vector import (
     vector,
     with_values,
 )
-from gapscope.diagnosis.gap.torque_gap import filtered_torque, torque_scale
 from gapscope.diagnosis.thresholds import ADVICE_RATE, FIT_DRAWS, FIT_STARTS, FIT_STEPS
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.arm_scale import ArmScale
@@ -28,6 +27,7 @@ from gapscope.ident.signals.conditioning import (
     position_cutoff,
     thinned,
 )
+from gapscope.model.torque_gap import filtered_torque, torque_scale
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class RecordedData:
 
     @classmethod
     def of(cls, case: Case, floor: np.ndarray) -> RecordedData:
-        """Of a case whose floor, as a share of ``gapscope.diagnosis.gap.torque_gap.torque_scale``, is given; (n,).
+        """Of a case whose floor, as a share of ``gapscope.model.torque_gap.torque_scale``, is given; (n,).
 
         Raises:
             GapscopeError: no recording has a torque.

@@ -9,7 +9,6 @@ import numpy as np
 
 from gapscope.arm.case import Case
 from gapscope.arm.recording import Recording
-from gapscope.diagnosis.gap.torque_gap import torque_scale
 from gapscope.diagnosis.thresholds import (
     AGREEMENT_SAMPLES,
     AGREEMENT_STRETCH,
@@ -31,6 +30,7 @@ from gapscope.ident.signals.conditioning import (
 )
 from gapscope.ident.signals.effective_samples import variance_inflation
 from gapscope.ident.signals.samples import Band, Samples
+from gapscope.model.torque_gap import torque_scale
 
 LEAST_NOISE = 1e-4
 """Noise of a joint is at least this share of its torque's scale [1]: recordings without noise have finite weights."""

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.moves import near_equivalent_pairs
 from gapscope.diagnosis.selection.search import Selection
 from gapscope.diagnosis.thresholds import (
@@ -21,6 +20,7 @@ from gapscope.diagnosis.thresholds import (
     TEMPER,
 )
 from gapscope.effects.catalogue import effect as by_name
+from gapscope.model.terms import Term
 
 NONE = "none"
 """Name of the alternative that nothing takes the effect's place."""

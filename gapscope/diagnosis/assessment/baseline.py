@@ -12,12 +12,12 @@ from gapscope.arm.case import Case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
-from gapscope.diagnosis.gap.torque_gap import TorqueGap, torque_scale
 from gapscope.diagnosis.model.nuisance_prior import ReferenceErrors
 from gapscope.diagnosis.thresholds import REFERENCE_GAP_GROWTH
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import condition, position_cutoff
+from gapscope.model.torque_gap import TorqueGap, torque_scale
 
 LEAST_SAMPLES = 8
 """Samples that a recording has at least to be interpolated."""

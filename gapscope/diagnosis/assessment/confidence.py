@@ -19,9 +19,9 @@ from gapscope.diagnosis.assessment.calibration import (
 )
 from gapscope.diagnosis.assessment.excess_residual import ExcessResidual
 from gapscope.diagnosis.assessment.held_out_prediction import HeldOutPredictor
-from gapscope.diagnosis.model.terms import Term, count_findings
 from gapscope.diagnosis.selection.search import Selection
 from gapscope.diagnosis.thresholds import ABOVE_FLOOR_NRMSE, CLOSING_JOINTS, TEMPER
+from gapscope.model.terms import Term, count_findings
 
 
 @dataclass(frozen=True)

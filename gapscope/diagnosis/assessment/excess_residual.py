@@ -12,7 +12,6 @@ import numpy as np
 from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
-from gapscope.diagnosis.gap.torque_gap import TorqueGap, torque_scale
 from gapscope.diagnosis.selection.search import Selection
 from gapscope.diagnosis.thresholds import (
     ABOVE_FLOOR_NRMSE,
@@ -25,6 +24,7 @@ from gapscope.diagnosis.thresholds import (
     WIDE_RESIDUAL_NRMSE,
     WIDE_RESIDUAL_SHARE,
 )
+from gapscope.model.torque_gap import TorqueGap, torque_scale
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,11 @@ import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
-from gapscope.diagnosis.gap.torque_gap import TorqueGap, torque_gap
-from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.search import Selection
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import Segment
+from gapscope.model.terms import Term
+from gapscope.model.torque_gap import TorqueGap, torque_gap
 
 SHARE_DRAWS = 200
 """Draws of folds behind the interval of a share."""

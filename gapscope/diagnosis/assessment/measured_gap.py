@@ -15,9 +15,9 @@ from gapscope.diagnosis.assessment.excess_residual import (
 )
 from gapscope.diagnosis.assessment.held_out_prediction import HeldOutPredictor
 from gapscope.diagnosis.gap.noise_floor import noise_floor
-from gapscope.diagnosis.gap.torque_gap import TorqueGap, torque_gap, torque_scale
 from gapscope.diagnosis.selection.search import Selection
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.model.torque_gap import TorqueGap, torque_gap, torque_scale
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ import numpy as np
 from gapscope.diagnosis.assessment.curves import Curve, Variable, curve_of, variables
 from gapscope.diagnosis.assessment.oscillation import amplitudes, predict_oscillation
 from gapscope.diagnosis.assessment.ridge_folds import Folds, predict_held_out
-from gapscope.diagnosis.gap.torque_gap import TorqueGap
 from gapscope.diagnosis.localisation.stacked_rows import MotionRows
 from gapscope.diagnosis.thresholds import (
     FOLD_GUARD,
@@ -27,6 +26,7 @@ from gapscope.diagnosis.thresholds import (
 )
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
 from gapscope.ident.uncertainty.validation import band_correlation, whiteness
+from gapscope.model.torque_gap import TorqueGap
 
 OSCILLATION = "frequency"
 """Name of the oscillation among the variables."""

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gapscope.diagnosis.assessment.held_out_prediction import HeldOutPredictor
-from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.search import Selection
 from gapscope.diagnosis.thresholds import VISIBLE_EFFECT
+from gapscope.model.terms import Term
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,6 @@ import numpy as np
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.diagnosis.assessment.held_out_prediction import HeldOutPredictor
 from gapscope.diagnosis.gap.noise_floor import noise_floor
-from gapscope.diagnosis.gap.torque_gap import (
-    TorqueGap,
-    filtered_torque,
-    torque_scale,
-)
 from gapscope.diagnosis.model.torque_sensor import (
     actuator_floor,
     link_floor,
@@ -32,6 +27,11 @@ from gapscope.diagnosis.thresholds import (
 from gapscope.effects.catalogue import known_effect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, Segment, low_pass
+from gapscope.model.torque_gap import (
+    TorqueGap,
+    filtered_torque,
+    torque_scale,
+)
 
 
 @dataclass(frozen=True)

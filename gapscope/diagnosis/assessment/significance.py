@@ -23,11 +23,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from gapscope.diagnosis.model.normal_equations import NormalEquations, solve
-from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.moves import by_finding
 from gapscope.diagnosis.selection.resampling import alternate_pieces
 from gapscope.diagnosis.selection.search import Selection
 from gapscope.effects.catalogue import explained
+from gapscope.model.terms import Term
 
 
 def log_e_values(selection: Selection) -> dict[str, float]:

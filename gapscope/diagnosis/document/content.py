@@ -20,7 +20,6 @@ from gapscope.diagnosis.document.findings import effect_findings, possible_findi
 from gapscope.diagnosis.document.slide_units import with_slide_units
 from gapscope.diagnosis.document.suggested_recording import suggested_recording
 from gapscope.diagnosis.document.verdict import verdict
-from gapscope.diagnosis.gap.torque_gap import torque_scale
 from gapscope.diagnosis.localisation.regimes import located
 from gapscope.diagnosis.localisation.stacked_rows import MotionRows, stack
 from gapscope.diagnosis.study import Study
@@ -28,6 +27,7 @@ from gapscope.diagnosis.thresholds import (
     PREDICTABLE_SHARE,
     SIGNIFICANT_RESIDUAL_RATIO,
 )
+from gapscope.model.torque_gap import torque_scale
 
 
 def diagnosis_content(study: Study) -> dict[str, Any]:

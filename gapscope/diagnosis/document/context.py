@@ -12,11 +12,11 @@ from gapscope.diagnosis.assessment.rejection import Rejection
 from gapscope.diagnosis.document.wording import effect_name
 from gapscope.diagnosis.gap.commanded_torque import WARNING
 from gapscope.diagnosis.gap.plausible_motion import short_note, still_note
-from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.evidence import Fit
 from gapscope.diagnosis.selection.search import Selection
 from gapscope.diagnosis.study import Study
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF
+from gapscope.model.terms import Term
 
 
 def context(study: Study) -> dict[str, Any]:

@@ -20,13 +20,13 @@ from gapscope.diagnosis.assessment.significance import (
 )
 from gapscope.diagnosis.document.entries import known_numbers, numbers, region_entry
 from gapscope.diagnosis.document.parameters import finding_of, parameters
-from gapscope.diagnosis.gap.torque_gap import TorqueGap
 from gapscope.diagnosis.localisation.regimes import regions
 from gapscope.diagnosis.localisation.stacked_rows import MotionRows
 from gapscope.diagnosis.selection.value_draws import value_draws
 from gapscope.diagnosis.study import Study
 from gapscope.diagnosis.thresholds import FALSE_DISCOVERY_RATE
 from gapscope.effects.applied import AppliedEffect
+from gapscope.model.torque_gap import TorqueGap
 
 LISTED_ALTERNATIVE = 1e-3
 """Alternatives less probable than this are not listed."""

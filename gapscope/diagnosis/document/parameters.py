@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.search import Selection
 from gapscope.diagnosis.thresholds import SKEWS
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.parameter import Parameter
+from gapscope.model.terms import Term
 
 INTERVAL = 1.96
 """Standard deviations to either side of a value in a 95 % interval [1]."""

@@ -13,7 +13,6 @@ from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.joint_units import joint_unit
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.document.wording import worst_joint
-from gapscope.diagnosis.gap.torque_gap import TorqueGap, torque_gap
 from gapscope.diagnosis.localisation.locate import locate
 from gapscope.diagnosis.localisation.stacked_rows import MotionRows, stack
 from gapscope.diagnosis.result import Located, Signature, Spectrum, Trace
@@ -21,6 +20,7 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Effect, Transmission
 from gapscope.ident.signals.conditioning import Segment
+from gapscope.model.torque_gap import TorqueGap, torque_gap
 
 MOST_POINTS = 1500
 """Most points of a curve."""

@@ -12,12 +12,12 @@ from gapscope.arm.case import Case, load_case
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.errors import GapscopeError
 from gapscope.arm.nominal import NominalArm
-from gapscope.diagnosis.gap.torque_gap import torque_gap
 from gapscope.diagnosis.thresholds import ALIKE_NRMSE
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.corrected_file import read_corrected
 from gapscope.ident.signals.conditioning import Segment, condition, position_cutoff
+from gapscope.model.torque_gap import torque_gap
 
 NOMINAL = "nominal"
 """Row of the arm without effects."""

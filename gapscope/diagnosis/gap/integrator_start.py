@@ -21,7 +21,6 @@ import numpy as np
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.arm.recording import Recording
-from gapscope.diagnosis.gap.torque_gap import torque_scale
 from gapscope.diagnosis.setup_faults.nuisance import inertial_prior_std
 from gapscope.diagnosis.thresholds import (
     FAULT_SIGN_WIDTH,
@@ -38,6 +37,7 @@ from gapscope.ident.signals.conditioning import (
     position_cutoff,
 )
 from gapscope.ident.signals.effective_samples import motion_samples
+from gapscope.model.torque_gap import torque_scale
 
 FITS = 3
 """Fits of one choice of columns, each with the weights that the one before it left."""

@@ -9,8 +9,6 @@ import numpy as np
 from scipy.signal import welch
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.diagnosis.gap.prediction import Prediction
-from gapscope.diagnosis.gap.torque_gap import filtered_torque, torque_scale
 from gapscope.diagnosis.thresholds import (
     EFFECT_FORM,
     FRICTION_FORM,
@@ -23,6 +21,8 @@ from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import DryLaw
 from gapscope.ident.signals.conditioning import TORQUE_CUTOFF, Segment, low_pass
+from gapscope.model.prediction import Prediction
+from gapscope.model.torque_gap import filtered_torque, torque_scale
 
 NOISE_BANDS = ((13.0, 25.0), (25.0, 50.0), (50.0, 100.0))
 """Bands above that of the torque gap in which noise is read [Hz]."""

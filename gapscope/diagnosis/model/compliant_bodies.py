@@ -7,11 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
-from gapscope.diagnosis.gap.prediction import moves_bodies
-from gapscope.diagnosis.model.decimated_segments import DecimatedSegments
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.deflection import Matrices
 from gapscope.effects.effect import Transmission
+from gapscope.model.decimated_segments import DecimatedSegments
+from gapscope.model.prediction import moves_bodies
 
 
 class CompliantBodies:

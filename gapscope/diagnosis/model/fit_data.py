@@ -9,11 +9,7 @@ import numpy as np
 from gapscope.arm.dynamics.inertial_scale import inertial_scale
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
-from gapscope.diagnosis.gap.torque_gap import filtered_torque, torque_scale
-from gapscope.diagnosis.model.body_point import Bodies
-from gapscope.diagnosis.model.candidate_columns import CandidateColumns
 from gapscope.diagnosis.model.compliant_bodies import CompliantCandidates
-from gapscope.diagnosis.model.decimated_segments import DecimatedSegments
 from gapscope.diagnosis.model.inertial_errors import inertial_errors
 from gapscope.diagnosis.model.nuisance_prior import (
     NuisancePrior,
@@ -22,6 +18,10 @@ from gapscope.diagnosis.model.nuisance_prior import (
     reference_prior,
 )
 from gapscope.ident.signals.conditioning import Segment
+from gapscope.model.body_point import Bodies
+from gapscope.model.candidate_columns import CandidateColumns
+from gapscope.model.decimated_segments import DecimatedSegments
+from gapscope.model.torque_gap import filtered_torque, torque_scale
 
 
 class FitData(DecimatedSegments):

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gapscope.diagnosis.model.scan import NonlinearParameters
 from gapscope.diagnosis.thresholds import (
     FORCE_WINDOW_BIN,
     FORCE_WINDOW_EDGES,
     FORCE_WINDOW_RIDGE,
     LEAST_FORCE_WINDOW,
 )
+from gapscope.model.scan import NonlinearParameters
 
 
 def force_window(

@@ -13,16 +13,16 @@ import numpy as np
 
 from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.model.force_window import force_window
-from gapscope.diagnosis.model.jacobian import columns
 from gapscope.diagnosis.model.nonlinear_scan import ScannedArm, search_nonlinear
-from gapscope.diagnosis.model.scan import NonlinearParameters, Scan
 from gapscope.diagnosis.model.scan_residual import ScanResidual
 from gapscope.diagnosis.model.segment_rows import SegmentRows
-from gapscope.diagnosis.model.terms import Term, Terms
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Drift, Effect, External
 from gapscope.ident.model.rank import orthonormal_columns
 from gapscope.ident.signals.effective_samples import independent_samples
+from gapscope.model.jacobian import columns
+from gapscope.model.scan import NonlinearParameters, Scan
+from gapscope.model.terms import Term, Terms
 
 DEPENDENT = 1e-3
 """Directions of a basis smaller than this, over the largest one, say nothing of their own [1]."""

@@ -17,19 +17,19 @@ from dataclasses import replace
 import numpy as np
 
 from gapscope.diagnosis.gap.noise_floor import NoiseFloor, noise_floor
-from gapscope.diagnosis.gap.prediction import Prediction
 from gapscope.diagnosis.model.discrepancy import Discrepancy, discrepancy
 from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.model.fold import EquationRows, Fold
 from gapscope.diagnosis.model.gap_scanner import GapScanner
-from gapscope.diagnosis.model.jacobian import columns
-from gapscope.diagnosis.model.scan import NonlinearParameters
 from gapscope.diagnosis.model.segment_rows import SegmentRows
-from gapscope.diagnosis.model.terms import Term, Terms
 from gapscope.diagnosis.model.torque_sensor import LinkRows, link_rows, two_sides
 from gapscope.diagnosis.thresholds import MOST_PIECES, PIECE_LENGTH, SENSOR_ZERO
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import LinkChange
+from gapscope.model.jacobian import columns
+from gapscope.model.prediction import Prediction
+from gapscope.model.scan import NonlinearParameters
+from gapscope.model.terms import Term, Terms
 
 
 class Linearisation:

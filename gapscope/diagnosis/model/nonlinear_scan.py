@@ -12,17 +12,17 @@ from functools import cached_property
 
 import numpy as np
 
-from gapscope.diagnosis.gap.prediction import Prediction
-from gapscope.diagnosis.model.candidate_columns import (
+from gapscope.diagnosis.model.fit_data import FitData
+from gapscope.effects.corrected import CorrectedArm
+from gapscope.effects.effect import Drift
+from gapscope.model.candidate_columns import (
     JointSignals,
     shows_at_rest,
     unit_columns,
 )
-from gapscope.diagnosis.model.fit_data import FitData
-from gapscope.diagnosis.model.scan import NonlinearParameters, Scan
-from gapscope.diagnosis.model.terms import Term
-from gapscope.effects.corrected import CorrectedArm
-from gapscope.effects.effect import Drift
+from gapscope.model.prediction import Prediction
+from gapscope.model.scan import NonlinearParameters, Scan
+from gapscope.model.terms import Term
 
 
 class ScannedArm:

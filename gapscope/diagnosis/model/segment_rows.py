@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gapscope.diagnosis.gap.noise_floor import NoiseFloor
-from gapscope.diagnosis.gap.prediction import Prediction
+from gapscope.model.prediction import Prediction
 
 
 @dataclass(frozen=True)

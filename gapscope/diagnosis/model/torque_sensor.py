@@ -27,11 +27,7 @@ from gapscope.diagnosis.gap.noise_floor import (
     simplified_effect_rms,
     steady_floor,
 )
-from gapscope.diagnosis.gap.prediction import Prediction, without
-from gapscope.diagnosis.model.body_point import Bodies, bodily_columns
 from gapscope.diagnosis.model.fold import EquationRows
-from gapscope.diagnosis.model.jacobian import moved_arms, steps, torque_size
-from gapscope.diagnosis.model.terms import Terms
 from gapscope.diagnosis.thresholds import (
     EFFECT_FORM,
     FRICTION_FORM,
@@ -43,6 +39,10 @@ from gapscope.effects.catalogue import explained
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Signals, TorqueLaw
 from gapscope.ident.signals.conditioning import Segment
+from gapscope.model.body_point import Bodies, bodily_columns
+from gapscope.model.jacobian import moved_arms, steps, torque_size
+from gapscope.model.prediction import Prediction, without
+from gapscope.model.terms import Terms
 
 
 @dataclass(frozen=True)

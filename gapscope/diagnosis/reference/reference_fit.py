@@ -10,7 +10,6 @@ import numpy as np
 from gapscope.arm.case import Case
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.assessment.baseline import back_in_time
-from gapscope.diagnosis.gap.torque_gap import torque_scale
 from gapscope.diagnosis.reference.reference_rows import ReferenceRows, stack
 from gapscope.diagnosis.thresholds import (
     LEAST_REFERENCE_SKEW,
@@ -26,6 +25,7 @@ from gapscope.ident.identification import Identification, examine_fit
 from gapscope.ident.model.rank import orthonormal_columns
 from gapscope.ident.signals.conditioning import position_cutoff
 from gapscope.ident.signals.effective_samples import independent_samples
+from gapscope.model.torque_gap import torque_scale
 
 REWEIGHTINGS = 3
 """Times that the joints are weighed by the residual on held-out stretches."""

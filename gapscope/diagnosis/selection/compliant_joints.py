@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.fitted_model import Model, fit_terms
 from gapscope.diagnosis.selection.refinement import refine
 from gapscope.diagnosis.selection.visibility import closed_between
@@ -27,6 +26,7 @@ from gapscope.diagnosis.thresholds import (
 )
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Transmission
+from gapscope.model.terms import Term
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import numpy as np
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.joint_units import size_per_radian
 from gapscope.arm.nominal import NominalArm
-from gapscope.diagnosis.model.terms import Terms
+from gapscope.model.terms import Terms
 
 
 def lowest_values(arm: NominalArm, body: RigidBody, terms: Terms) -> np.ndarray:

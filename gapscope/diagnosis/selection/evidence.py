@@ -27,11 +27,6 @@ from scipy.stats import chi2
 
 from gapscope.diagnosis.model.linearisation import Linearisation
 from gapscope.diagnosis.model.normal_equations import NormalEquations, solve_positive
-from gapscope.diagnosis.model.terms import (
-    Term,
-    cost,
-    count_findings,
-)
 from gapscope.diagnosis.selection.coordinate_limits import (
     lowest_values,
     stated_bounds,
@@ -47,6 +42,11 @@ from gapscope.diagnosis.thresholds import (
     UNLIKELY_ERRORS,
 )
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.model.terms import (
+    Term,
+    cost,
+    count_findings,
+)
 
 FEWEST_AT_ONCE = 8
 """Sets of terms of one size from which on it pays to fit them at once."""

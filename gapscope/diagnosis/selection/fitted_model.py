@@ -12,10 +12,10 @@ from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.model.linearisation import Linearisation
 from gapscope.diagnosis.model.nuisance_prior import ReferenceErrors
-from gapscope.diagnosis.model.terms import Term, Terms
 from gapscope.diagnosis.selection.evidence import Evidence, Fit, evidences
 from gapscope.diagnosis.thresholds import LINEAR_ENOUGH, RELINEARISATIONS
 from gapscope.ident.signals.conditioning import Segment
+from gapscope.model.terms import Term, Terms
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.fitted_model import Model, fit_terms
 from gapscope.diagnosis.selection.visibility import closed_between
 from gapscope.diagnosis.thresholds import LINK_OVER_PAYLOAD, VISIBLE_EFFECT
 from gapscope.effects.effect import LinkChange
+from gapscope.model.terms import Term
 
 
 def prefer_payload(model: Model) -> Model:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import chain
 
-from gapscope.diagnosis.model.terms import Term, Terms
 from gapscope.effects.catalogue import explained
+from gapscope.model.terms import Term, Terms
 
 
 def neighbours(chosen: frozenset[Term], terms: Terms) -> list[frozenset[Term]]:

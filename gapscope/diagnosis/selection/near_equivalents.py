@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.fitted_model import Model, fit_terms
 from gapscope.diagnosis.selection.moves import near_equivalent_pairs
 from gapscope.diagnosis.selection.visibility import nrmse
@@ -25,6 +24,7 @@ from gapscope.diagnosis.thresholds import (
 from gapscope.effects.catalogue import effect as by_name
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Path
+from gapscope.model.terms import Term
 
 
 class Comparison(NamedTuple):

@@ -13,12 +13,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.fitted_model import Model
 from gapscope.diagnosis.thresholds import PRESLIDING_GAIN
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import DryLaw
 from gapscope.effects.friction import PRESLIDING_DISTANCES
+from gapscope.model.terms import Term
 
 
 def presliding_distances(model: Model) -> np.ndarray:

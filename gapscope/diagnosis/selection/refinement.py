@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.fitted_model import Model, fit_terms
 from gapscope.diagnosis.selection.moves import by_finding, by_term, neighbours
 from gapscope.diagnosis.selection.visibility import closed_by
@@ -15,6 +14,7 @@ from gapscope.diagnosis.thresholds import (
     VISIBLE_EFFECT,
     VISIBLE_TERM,
 )
+from gapscope.model.terms import Term
 
 
 def refine(model: Model) -> Model:

@@ -11,7 +11,6 @@ import numpy as np
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.model.nuisance_prior import ReferenceErrors
-from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.compliant_joints import (
     best_compliant_joint,
     compliant,
@@ -45,6 +44,7 @@ from gapscope.diagnosis.thresholds import (
 )
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import Segment, thinned
+from gapscope.model.terms import Term
 
 Progress = Callable[[str], None]
 Considered = tuple[tuple[Fit, Fit], ...]

@@ -19,7 +19,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.model.value_posterior import Posterior, drawn, posteriors
 from gapscope.diagnosis.selection.evidence import Evidence, columns_of
 from gapscope.diagnosis.thresholds import (
@@ -30,6 +29,7 @@ from gapscope.diagnosis.thresholds import (
     VALUE_DRAWS,
 )
 from gapscope.effects.effect import External, Inertial, Sensing
+from gapscope.model.terms import Term
 
 EXACT = (Inertial, External, Sensing)
 """Kinds of effects whose form is that of mechanics."""

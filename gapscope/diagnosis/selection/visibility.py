@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.fitted_model import Model
 from gapscope.diagnosis.thresholds import VISIBLE_EFFECT, VISIBLE_TERM
+from gapscope.model.terms import Term
 
 
 def visible(model: Model, terms: frozenset[Term]) -> bool:

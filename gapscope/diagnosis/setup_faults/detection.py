@@ -18,7 +18,6 @@ from gapscope.arm.io.plausibility import PLAUSIBLE_RATES
 from gapscope.arm.nominal import NominalArm
 from gapscope.diagnosis.gap.excerpt import excerpt
 from gapscope.diagnosis.gap.plausible_data import check_rates
-from gapscope.diagnosis.gap.torque_gap import torque_gap
 from gapscope.diagnosis.setup_faults.fault_search import faults_by_torque
 from gapscope.diagnosis.setup_faults.found_fault import FoundFault, repaired
 from gapscope.diagnosis.setup_faults.merge import merged
@@ -41,6 +40,7 @@ from gapscope.ident.signals.conditioning import (
     position_cutoff,
     thinned,
 )
+from gapscope.model.torque_gap import torque_gap
 
 
 def find_setup_faults(case: Case) -> tuple[FoundFault, ...]:

@@ -15,9 +15,9 @@ from gapscope.diagnosis.assessment.alternatives import (
     equivalents,
     separated_by,
 )
-from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.thresholds import TEMPER
 from gapscope.effects.catalogue import explained
+from gapscope.model.terms import Term
 
 FRICTION, ROTOR = term("coulomb_friction", 1), term("armature", 2)
 FAR = -1e4

@@ -7,7 +7,7 @@ import pytest
 from selections import TERMS, term
 
 from gapscope.diagnosis.assessment.significance import log_e_value
-from gapscope.diagnosis.model.terms import Term
+from gapscope.model.terms import Term
 
 TESTED, OTHER = term("coulomb_friction", 1), term("viscous_friction", 1)
 

@@ -17,9 +17,9 @@ from gapscope.diagnosis.assessment.excess_residual import (
     excess_residual_set_aside,
     ratio_by_chance,
 )
-from gapscope.diagnosis.gap.torque_gap import TorqueGap
 from gapscope.diagnosis.selection.search import Selection
 from gapscope.diagnosis.thresholds import FALSE_ALARM_RATE
+from gapscope.model.torque_gap import TorqueGap
 
 FRICTION = term("coulomb_friction", 1)
 

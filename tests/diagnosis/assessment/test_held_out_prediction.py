@@ -17,9 +17,9 @@ from gapscope.diagnosis.assessment.held_out_prediction import (
     join_halves,
     shapley_value,
 )
-from gapscope.diagnosis.gap.torque_gap import TorqueGap
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
+from gapscope.model.torque_gap import TorqueGap
 
 A, B = term("coulomb_friction", 1), term("armature", 2)
 

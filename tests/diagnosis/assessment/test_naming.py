@@ -13,8 +13,8 @@ from selections import TableEvidence, term
 
 from gapscope.diagnosis.assessment.excess_residual import ExcessResidual
 from gapscope.diagnosis.assessment.naming import Naming, divide
-from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.search import Selection
+from gapscope.model.terms import Term
 
 FRICTION, ROTOR = term("coulomb_friction", 1), term("armature", 2)
 ALL_EXPLAINED = ExcessResidual(

@@ -10,9 +10,9 @@ import pytest
 
 from gapscope.diagnosis.assessment.predictable_share import Predictable, predictable
 from gapscope.diagnosis.document.diagnosis_json import validate
-from gapscope.diagnosis.gap.torque_gap import TorqueGap
 from gapscope.diagnosis.localisation.stacked_rows import MotionRows
 from gapscope.ident.signals.conditioning import low_pass
+from gapscope.model.torque_gap import TorqueGap
 from gapscope.reports.diagnosis import render
 
 RATE, SECONDS, N = 250.0, 20.0, 6

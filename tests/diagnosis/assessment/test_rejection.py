@@ -11,8 +11,8 @@ import selections
 from selections import term
 
 from gapscope.diagnosis.assessment.rejection import reject
-from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.search import Selection
+from gapscope.model.terms import Term
 
 FRICTION, ROTOR, OFFSET = (
     term("coulomb_friction", 1),

@@ -8,11 +8,11 @@ import pytest
 
 from gapscope.arm.case import Case
 from gapscope.diagnosis.assessment.replay_gap import attempt, replay_gap
-from gapscope.diagnosis.model.terms import Terms
 from gapscope.diagnosis.thresholds import REPLAYED_TICKS
 from gapscope.effects.applied import AppliedEffect
 from gapscope.envs.mystery_arm import iiwa
 from gapscope.envs.session import Plan, record_case
+from gapscope.model.terms import Terms
 
 PAYLOAD = AppliedEffect("payload", (), {"mass": 3.0, "com": [0.0, 0.02, 0.06]})
 WRONG = AppliedEffect("payload", (), {"mass": 30.0, "com": [0.0, 0.02, 0.06]})

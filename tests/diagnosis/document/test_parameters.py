@@ -11,8 +11,8 @@ import selections
 from selections import TERMS, TableEvidence, term
 
 from gapscope.diagnosis.document.parameters import finding_of, parameters
-from gapscope.diagnosis.model.terms import Term
 from gapscope.effects.applied import AppliedEffect
+from gapscope.model.terms import Term
 
 DRAWS = 1001
 QUANTILE = 0.95 / 1.96

@@ -11,10 +11,10 @@ from synthetic import Truth
 
 from gapscope.arm.recording import Recording
 from gapscope.diagnosis.gap.predict import predict_torque
-from gapscope.diagnosis.gap.torque_gap import torque_gap
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import condition, low_pass, position_cutoff
+from gapscope.model.torque_gap import torque_gap
 
 COULOMB = AppliedEffect("coulomb_friction", (2,), {"torque": [2.0]})
 DELAY = AppliedEffect("actuator_delay", (1, 3), {"delay": [0.01, 0.02]})

@@ -6,11 +6,11 @@ import numpy as np
 import synthetic
 
 from gapscope.diagnosis.model.compliant_bodies import CompliantCandidates
-from gapscope.diagnosis.model.decimated_segments import DecimatedSegments
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.transmission import ELASTICITY
 from gapscope.ident.signals.conditioning import condition, thinned
+from gapscope.model.decimated_segments import DecimatedSegments
 
 LOAD = AppliedEffect("payload", (), {"mass": np.array(1.0), "com": np.zeros(3)})
 FRICTION = AppliedEffect("coulomb_friction", (1,), {"torque": np.array([2.0])})

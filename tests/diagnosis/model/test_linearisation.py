@@ -14,17 +14,17 @@ import pytest
 import synthetic
 
 from gapscope.diagnosis.gap.noise_floor import noise_floor
-from gapscope.diagnosis.gap.prediction import Prediction
-from gapscope.diagnosis.model.body_point import Bodies, BodyPoint
 from gapscope.diagnosis.model.fit_data import FitData
 from gapscope.diagnosis.model.linearisation import Linearisation
-from gapscope.diagnosis.model.terms import Term, Terms
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.catalogue import explained
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Effect
 from gapscope.effects.transmission import PLAY_START, PLAY_STEP
 from gapscope.ident.signals.conditioning import Segment, condition, thinned
+from gapscope.model.body_point import Bodies, BodyPoint
+from gapscope.model.prediction import Prediction
+from gapscope.model.terms import Term, Terms
 
 N = synthetic.N
 PLAIN = Terms(N)

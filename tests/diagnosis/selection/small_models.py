@@ -7,7 +7,6 @@ from functools import cache
 import synthetic
 from synthetic import Truth
 
-from gapscope.diagnosis.model.terms import Term
 from gapscope.diagnosis.selection.fitted_model import Model, nominal_model
 from gapscope.diagnosis.selection.search import Selection, search
 from gapscope.ident.signals.conditioning import (
@@ -17,6 +16,7 @@ from gapscope.ident.signals.conditioning import (
     position_cutoff,
     thinned,
 )
+from gapscope.model.terms import Term
 
 
 def _folds(truth: Truth) -> tuple[list[list[Segment]], float]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from gapscope.diagnosis.model.terms import Term, Terms
 from gapscope.diagnosis.selection.moves import (
     by_finding,
     by_term,
@@ -11,6 +10,7 @@ from gapscope.diagnosis.selection.moves import (
     near_equivalent,
     neighbours,
 )
+from gapscope.model.terms import Term, Terms
 
 TERMS = Terms(3)
 

@@ -12,27 +12,28 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gapscope.diagnosis.gap.prediction import Prediction
-from gapscope.diagnosis.model.body_point import acts_on_bodies, bodily_columns
-from gapscope.diagnosis.model.fit_data import FitData
-from gapscope.diagnosis.model.terms import Term, Terms
-from gapscope.diagnosis.thresholds import LEAST_TORQUE_GAIN, MOST_TORQUE_GAIN
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Effect, Path, TorqueLaw
 from gapscope.ident.signals.conditioning import Segment
+from gapscope.model.body_point import acts_on_bodies, bodily_columns
+from gapscope.model.decimated_segments import DecimatedSegments
+from gapscope.model.prediction import Prediction
+from gapscope.model.terms import Term, Terms
 
 TORQUE_STEP = 1e-4
 """Step of coordinates that go with a torque, over the joint's own [1]: friction that depends on the load is no linear
 function of the others, and fingers have a ten-thousandth of the torque of a shoulder."""
 LEAST_TORQUE = 1e-3
 """A joint's torque is taken as no less than this share of the largest [1]."""
+LEAST_TORQUE_GAIN, MOST_TORQUE_GAIN = 0.2, 5.0
+"""Recorded over needed torque lies between these [1]: a wider finite difference crosses a reversal of friction."""
 MOST_NUMBERS = 2_000_000
 """Numbers up to which the torques of moved arms are held at once, so that a long segment costs no more memory."""
 
 
 def columns(
     at: Prediction,
-    data: FitData,
+    data: DecimatedSegments,
     k: int,
     terms: Terms,
     theta: np.ndarray,

@@ -8,6 +8,7 @@ import numpy as np
 
 from gapscope.ident.signals.conditioning import Segment
 from gapscope.ident.signals.decimating_filter import low_passed_rows
+from gapscope.model.body_point import Bodies
 
 UNMEASURED = 1e-3
 """Weight of a row whose torque was not measured [1]: not zero, as each half of a recording needs some rows."""
@@ -19,7 +20,10 @@ class DecimatedSegments:
     Attributes:
         segments: the segments.
         cutoff: cut-off of the filter [Hz].
+        bodies: what the columns need of each segment's bodies.
     """
+
+    bodies: list[Bodies]
 
     def __init__(self, segments: list[Segment], cutoff: float) -> None:
         self.segments, self.cutoff = segments, cutoff

@@ -7,10 +7,10 @@ import pytest
 import synthetic
 
 from gapscope.arm.motions.motion import Motion
-from gapscope.diagnosis.gap.prediction import Prediction, without
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import condition
+from gapscope.model.prediction import Prediction, without
 
 EFFECTS = {
     "viscous_friction": ((1, 3), {"coefficient": [2.0, 1.0]}),

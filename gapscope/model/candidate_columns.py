@@ -9,12 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gapscope.diagnosis.model.decimated_segments import DecimatedSegments
-from gapscope.diagnosis.model.scan import products
-from gapscope.diagnosis.model.terms import Term
 from gapscope.effects.effect import Drift, Effect, Path, Signals, TorqueLaw
 from gapscope.effects.parametrisation import JointSeries
 from gapscope.ident.signals.conditioning import Segment, low_pass
+from gapscope.model.decimated_segments import DecimatedSegments
+from gapscope.model.scan import products
+from gapscope.model.terms import Term
 
 
 class Candidates(NamedTuple):

@@ -8,10 +8,10 @@ import synthetic
 from scipy.signal import butter, sosfiltfilt
 
 from gapscope.diagnosis.gap.noise_floor import noise_floor
-from gapscope.diagnosis.gap.torque_gap import torque_gap, torque_scale
 from gapscope.effects.applied import AppliedEffect
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.ident.signals.conditioning import Segment, condition
+from gapscope.model.torque_gap import torque_gap, torque_scale
 
 
 def segments(truth: synthetic.Truth, rate: float = 250.0) -> list[Segment]:

@@ -10,12 +10,12 @@ import numpy as np
 
 from gapscope.arm.dynamics.rigid_body import RigidBody
 from gapscope.arm.motions.motion import Motion
-from gapscope.diagnosis.gap.prediction import Prediction
-from gapscope.diagnosis.model.terms import Terms
 from gapscope.effects.corrected import CorrectedArm
 from gapscope.effects.effect import Effect, LinkChange, Transmission
 from gapscope.effects.free_play import play_columns
 from gapscope.ident.signals.conditioning import Segment
+from gapscope.model.prediction import Prediction
+from gapscope.model.terms import Terms
 
 
 class Bodies:
